@@ -23,7 +23,7 @@ from benchmarks.processes import measure_disk, run_command
 from benchmarks.spread import PROCESSES, Spread, describe_machine, find_spreads, read_count
 
 ROOT = Path(__file__).parents[1]
-CAMPAIGN = ROOT / "campaigns" / "s_manoeuvre.yaml"
+CAMPAIGN = ROOT / "campaigns" / "harder_vehicle.yaml"
 MISSION = ROOT / "configs" / "mission" / "s_manoeuvre.yaml"
 RESULTS = ROOT / "benchmarks" / "results"
 FIGURE = ROOT / "docs" / "images" / "growth.png"

@@ -31,7 +31,7 @@ from abhv_mc.execution.executor import Executor
 from abhv_mc.execution.setup import Request
 from abhv_mc.simulators.engine import make_engine
 
-CAMPAIGN = Path(__file__).parents[1] / "campaigns" / "s_manoeuvre.yaml"
+CAMPAIGN = Path(__file__).parents[1] / "campaigns" / "harder_vehicle.yaml"
 WORKERS = (1, 2, 8, 32, 64)
 _BLOCK = 8192  # flights of one
 FLIGHT = 1.25e-3  # s of a core for a flight, TLC and LQR mixed

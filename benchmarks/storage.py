@@ -25,7 +25,7 @@ from abhv_mc.flight.fly import fly
 from abhv_mc.simulators.engine import make_engine
 from abhv_mc.simulators.make_plans import make_plans
 
-CAMPAIGN = Path(__file__).parents[1] / "campaigns" / "s_manoeuvre.yaml"
+CAMPAIGN = Path(__file__).parents[1] / "campaigns" / "harder_vehicle.yaml"
 LAWS = ("tlc", "lqr")
 SIZES = {"up to 4096 flights": (1024, 4096), "beyond": (8192, 24_576)}
 BATCH = 1024

@@ -32,7 +32,7 @@ def shown(severity: float) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--campaign", type=Path, default=ROOT / "campaigns/s_manoeuvre.yaml")
+    parser.add_argument("--campaign", type=Path, default=ROOT / "campaigns/harder_vehicle.yaml")
     parser.add_argument("--metric", default="altitude_error_max_m")
     parser.add_argument("--controller", default=None)
     parser.add_argument("--seeds", type=int, default=20)

@@ -1,19 +1,13 @@
-"""What the ensemble says: margins, dispersed flights and the paper's claim, on each member with the printed gains.
+"""What a member of the ensemble says: margins, dispersed flights and the paper's claim, with the printed gains.
 
-    python studies/paper_vehicle_claim.py [--flights N]
-
-Reads studies/paper_vehicle.json, flies each member with the product's own plans under the paper's dispersions, and
-writes studies/paper_vehicle_claim.json. A law is closer in a flight where its rms error is smaller; counted over the
-whole flight, and without each ramp of the bank and 5 s after it.
+Flown by the product's own plans under the paper's dispersions. A law is closer in a flight where its rms error is
+smaller; counted over the whole flight, and without each ramp of the bank and 5 s after it.
 """
 
-import argparse
-import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from experiment import ROOT, Floats, random_parameters
+from experiment import Floats, random_parameters
 from numpy.typing import NDArray
 from paper_vehicle_box import make_mission, make_vehicle
 from paper_vehicle_flights import AXES, CONTROLLERS, LAWS, PERIOD, RECORDED, SHOWN, look_together
@@ -113,19 +107,3 @@ def judge(values: dict[str, float], flights: int) -> dict[str, Any]:
             law: float(np.median(rms(use - use[:, :1]))) for law, use in zip(LAWS, uses, strict=True)
         }
     return result
-
-
-def main() -> None:
-    """Judge each member."""
-    parser = argparse.ArgumentParser(description="Fly the ensemble: margins, dispersed flights, the paper's claim.")
-    parser.add_argument("--flights", type=int, default=200)
-    parser.add_argument("--results", type=Path, default=ROOT / "studies/paper_vehicle.json")
-    arguments = parser.parse_args()
-    ensemble = json.loads(arguments.results.read_text(encoding="utf-8"))["ensemble"]
-    judged = {member["name"]: judge(member["values"], arguments.flights) for member in ensemble}
-    target = arguments.results.with_name("paper_vehicle_claim.json")
-    target.write_text(json.dumps(judged, indent=1) + "\n", encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()

@@ -61,6 +61,8 @@ SHOWN = (
     "equivalence_ratio_command",
     "altitude_m",
     "speed_mps",
+    "latitude_deg",
+    "longitude_deg",
 )
 RECORDED = Recording(round(PERIOD / TICK), tuple(CHANNEL_INDEX[name] for name in SHOWN))
 
@@ -303,8 +305,9 @@ def fly_candidate(values: dict[str, float]) -> Candidate:
     expected = tuple(look(axis, shown) if axis.channels[0] in shown else None for axis in AXES)
     outside = sum(sum(each.misses) for each in expected if each is not None)
     off_node = float(np.abs(NODES - np.rad2deg(column["angle_of_attack"][0])).min())
+    traits = find_traits(vehicle, trim_tables, reference)
     if not trimmed or outside > 2.5:
-        return Candidate(expected=expected, off_node=off_node)
+        return Candidate((), expected, traits, off_node)
     start: dict[str, Any] = dict.fromkeys(TrimPoint._fields, 0.0) | {"fault": ""}
     start |= {name: float(column[name][0]) for name in ("angle_of_attack", "elevator", "equivalence_ratio")}
     parts: dict[str, Any] = {
@@ -324,13 +327,13 @@ def fly_candidate(values: dict[str, float]) -> Candidate:
         )
         block = fly(replace(_base_plan(law), **parts, gains=gains), nominal_parameters(), RECORDED, lanes=1)
         if block.outcome[0] != Outcome.OK:
-            return Candidate(expected=expected, off_node=off_node)
+            return Candidate((), expected, traits, off_node)
         flown[law] = dict(zip(SHOWN, block.history[0].T.astype(np.float64), strict=True))
         # What does not settle by the end: the spread of the surfaces' steps from sample to sample.
         late = [float(np.ptp(np.diff(flown[law][name][-75:]))) for name in ("elevator_deg", "aileron_deg")]
         cycle += max(5.0 * sum(late) - 0.01, 0.0)
     seen = tuple(look_together(axis, flown) for axis in AXES)
-    return Candidate(seen, expected, find_traits(vehicle, trim_tables, reference), off_node, cycle)
+    return Candidate(seen, expected, traits, off_node, cycle)
 
 
 def look_together(axis: Axis, flown: dict[str, dict[str, Floats]]) -> Seen:
@@ -380,8 +383,8 @@ def find_traits(vehicle: Vehicle, trim_tables: Tables, reference: Floats) -> tup
     return tuple(float(x) for x in (*moments, *rise))
 
 
-def apart(first: tuple[float, ...], second: tuple[float, ...]) -> Floats:
-    """For each trait, how far two vehicles differ: 1 where by a factor of 1.5 or in sign; the largest first."""
+def third_trait(first: tuple[float, ...], second: tuple[float, ...]) -> float:
+    """By what factor the third most different trait of two vehicles differs, logarithmic; another sign counts as 2."""
     a, b = np.array(first), np.array(second)
-    ratio = np.abs(np.log(np.abs(a) / np.abs(b))) / np.log(1.5)
-    return np.sort(np.where(a * b > 0.0, ratio, np.maximum(ratio, 1.0)))[::-1]
+    ratio = np.abs(np.log(np.abs(a) / np.abs(b)))
+    return float(np.sort(np.where(a * b > 0.0, ratio, np.log(2.0)))[-3])

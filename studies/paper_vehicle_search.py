@@ -1,9 +1,10 @@
 """One search: from a random vehicle of the box to the nearest one whose flights keep to the paper's axes.
 
-Thirty numbers are free and twenty ends are asked for, so few of them are fixed. Gauss-Newton steps in a trust region
-(scipy's least_squares) change no more than the ends need, and so keep searches from different starts apart, where a
-search for the single best vehicle would bring them together. A search is a file of what has been flown, and goes on
-from it: the method asks for the same candidates when it is given the same answers.
+Thirty numbers are free and twenty ends are asked for, so few of them are fixed; but searches that ask for nothing more
+end near each other. So each seed is drawn to a place of its own, levels of six traits (`LEVELS`), and away from earlier
+members, from which it has to differ, by the same Gauss-Newton steps in a trust region (scipy's least_squares) that
+bring its vehicle to the ends. A search is a file of what has been flown, and goes on from it: the method asks for the
+same candidates when it is given the same answers.
 """
 
 import json
@@ -14,14 +15,27 @@ from pathlib import Path
 import numpy as np
 from experiment import Floats
 from paper_vehicle_box import FREE, first_mean, limits, to_numbers, to_values
-from paper_vehicle_flights import FURTHEST, READING, Candidate, fly_candidate
+from paper_vehicle_flights import FURTHEST, READING, TRAITS, Candidate, fly_candidate, third_trait
 
 ENDS = 18  # of the 20 in their intervals
+DIFFERENT = 1.5  # by this factor or in sign, in three traits, any two members differ
 OFF_NODE = 0.1  # deg, of the trim from a node of the tables
 _DIFFERENCE = 0.03  # of the unit of the search's numbers, for slopes
 _DRAWS = 50
 _STAGES = (("linear", 12), ("soft_l1", 12))  # all ends nearer first; then many in, one or two left out
 _CYCLE = 0.05  # of Candidate.cycle: what counts as settled
+LEVELS = {  # a trait's middle level; the others are STEP times less and more. Moments of roll and yaw go together:
+    # the figures leave their common size free and fix their ratios to 1.5 or so
+    "aileron": 140.0,
+    "rudder": 21.0,
+    "sideslip": 13.5,
+    "elevator": 2.6,
+    "angle_of_attack": 3.7,
+    "rates": 0.8,
+}
+STEP, _AIM, _APART = 1.7, 1.06, 1.55  # nothing pulls within _AIM of a level, or beyond _APART
+_PITCH = ((-1, -1, 0), (0, 0, -1), (1, 1, 1))  # levels of elevator, angle of attack and rates: differ in all three
+_PULL = 0.25
 
 
 @dataclass(frozen=True)
@@ -30,11 +44,31 @@ class Search:
 
     seed: int
     left_out: int = 0
+    others: tuple[tuple[float, ...], ...] = ()  # traits of earlier members
 
     @property
     def name(self) -> str:
         """Of its file."""
         return f"seed-{self.seed}" + (f"-without-{self.left_out}" if self.left_out else "")
+
+    @property
+    def place(self) -> tuple[int, ...]:
+        """The level (-1, 0, 1) of each trait in LEVELS: nine places, any two of them apart in three traits or more."""
+        pitch, size = divmod((self.seed - 1) % 9, 3)
+        return (*(size - 1,) * 3, *_PITCH[pitch])
+
+    def aside(self, traits: tuple[float, ...]) -> Floats:
+        """By which factor each trait in LEVELS lies off its level, logarithmic."""
+        found = dict(zip(TRAITS, traits, strict=True)) if traits else dict.fromkeys(LEVELS, 1.0)
+        off = [np.log(abs(found[name]) / LEVELS[name]) for name in LEVELS]
+        return np.array(off) - np.log(STEP) * np.array(self.place)
+
+    def pulls(self, traits: tuple[float, ...]) -> list[float]:
+        """What draws a vehicle to its place, and away from the member that is nearest in the third of its traits."""
+        aside = self.aside(traits)
+        pull = np.sign(aside) * np.clip(np.abs(aside) - np.log(_AIM), 0.0, 2.0)
+        near = max((np.log(_APART) - third_trait(traits, other) for other in self.others if traits), default=0.0)
+        return [_PULL * float(x) for x in (*pull, max(near, 0.0))]
 
 
 @dataclass
@@ -48,13 +82,15 @@ class Outcome:
 
 
 class _Stop(Exception):
-    """No more time."""
+    """No more time, or nothing more to find."""
 
 
-def rank(candidate: Candidate, left_out: int = 0) -> float:
+def rank(candidate: Candidate, search: Search) -> float:
     """The ends that are not in plus the largest miss; infinite for what cannot be a member."""
-    axes = [each for each in candidate.seen if each.axis.figure != left_out]
+    axes = [each for each in candidate.seen if each.axis.figure != search.left_out]
     if not axes or candidate.off_node < OFF_NODE or candidate.cycle > _CYCLE:
+        return float("inf")
+    if not all(third_trait(candidate.traits, other) >= np.log(DIFFERENT) for other in search.others):
         return float("inf")
     asked = [miss for each in axes if each.axis.counts for miss in each.misses]
     limits_kept = all(max(each.misses) <= READING for each in axes if not each.axis.counts)
@@ -78,13 +114,16 @@ def run(search: Search, folder: Path, go_on: Callable[[], bool]) -> Outcome:
             if not go_on():
                 raise _Stop
             candidate = fly_candidate(values)
-            found = min(rank(candidate, search.left_out), 100.0)
-            residuals = candidate.residuals(search.left_out).tolist()
+            found = min(rank(candidate, search), 100.0)
+            residuals = [*candidate.residuals(search.left_out).tolist(), *search.pulls(candidate.traits)]
             with file.open("a", encoding="utf-8") as stream:
                 stream.write(json.dumps([found, residuals]) + "\n")
         outcome.flown += 1
         if found < min(outcome.rank, 100.0):
             outcome.rank, outcome.values = found, values
+        if found <= READING:
+            outcome.done = True
+            raise _Stop
         return np.array(residuals)
 
     def residuals(numbers: Floats) -> Floats:
@@ -113,7 +152,7 @@ def _draw(seed: int, answer: Callable[[dict[str, float]], Floats]) -> dict[str, 
     best, least = {}, np.inf
     for _ in range(_DRAWS):
         values = first_mean(generator)
-        size = float(np.abs(answer(values)).sum())
+        size = float(np.abs(answer(values)[: -len(LEVELS) - 1]).sum())
         if size < least:
             best, least = values, size
         if least < 0.1 * len(FREE):

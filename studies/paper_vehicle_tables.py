@@ -1,37 +1,44 @@
-"""The tables of docs/explanation/paper.md on the ensemble, printed as Markdown.
+"""The tables of docs/explanation/paper.md on the ensemble, as Markdown."""
 
-    python studies/paper_vehicle_tables.py [MEMBER]
-
-Reads studies/paper_vehicle.json and studies/paper_vehicle_claim.json. The figures are shown for one member, by default
-the best; the claim for all.
-"""
-
-import argparse
-import json
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
-from experiment import ROOT
-from paper_vehicle_flights import AXES, LAWS, READING
+from paper_vehicle_flights import AXES, LAWS, READING, TRAITS, Axis
 
 WORDS = {"angle_of_attack": "angle of attack", "sideslip": "sideslip", "bank": "bank"}
 
 
 def figures(judged: dict[str, Any]) -> Iterator[str]:
-    """A row for each axis: the paper's, ours, in or out by how much, and all dispersed flights."""
-    yield "| figure | the paper's data end in | ours | | dispersed, TLC | dispersed, LQR |"
-    yield "|" + "---|" * 6
+    """A row for each axis: the paper's, ours, in or out by how much, and how far dispersed flights leave it."""
+    yield "| figure | the data end within | ours | | dispersed beyond it, TLC / LQR |"
+    yield "|" + "---|" * 5
     for axis, end in zip(AXES, judged["ends"], strict=True):
         asked = " and ".join(f"{low:g} to {high:g}" for low, high in (axis.lowest, axis.highest))
         out = [f"{100.0 * miss:.1f} % out" for miss in end["misses"] if miss > READING]
-        flown = ["{:.3g} to {:.3g}".format(*end["dispersed"][law]) if law in end["dispersed"] else "" for law in LAWS]
+        beyond = " / ".join(f"{left_by(axis, end, law):.0f} %" for law in LAWS if law in end["dispersed"])
         words = f"{axis.figure} {axis.words}" + (", mirrored" if end["mirrored"] else "")
-        yield (
-            f"| {words} | {asked} | {end['low']:.5g} to {end['high']:.5g} | {', '.join(out) or 'in'} | "
-            + " | ".join(flown)
-            + " |"
-        )
+        shown = f"{end['low']:.5g} to {end['high']:.5g}"
+        yield f"| {words} | {asked} | {shown} | {', '.join(out) or 'in'} | {beyond} |"
+
+
+def left_by(axis: Axis, end: dict[str, Any], law: str) -> float:
+    """How far the furthest dispersed flight goes beyond the axis, percent of its width."""
+    low, high = end["dispersed"][law]
+    if axis.figure == 4:
+        low, high = 180.0 - high, 180.0 - low
+    elif end["mirrored"]:
+        low, high = -high, -low
+    return float(100.0 * max(axis.lowest[0] - low, high - axis.highest[1], 0.0) / axis.width)
+
+
+def vehicles(members: list[dict[str, Any]]) -> Iterator[str]:
+    """A row a member: what it is, and the S on which it shows the figures."""
+    yield "| member | " + " | ".join(TRAITS.values()) + " | length, s | bank_time, s | sharpness |"
+    yield "|" + "---|" * (4 + len(TRAITS))
+    for member in members:
+        numbers = [f"{x:.3g}" for x in member["traits"].values()]
+        numbers += [f"{member['values'][name]:.2f}" for name in ("length", "bank_time", "sharpness")]
+        yield f"| {member['name']} | {' | '.join(numbers)} |"
 
 
 def claim(members: list[dict[str, Any]], judged: dict[str, Any]) -> Iterator[str]:
@@ -65,20 +72,3 @@ def predictions(result: dict[str, Any]) -> Iterator[str]:
             misses = " and ".join(f"{100.0 * miss:.0f} %" for miss in end["misses"])
             shown = f"{end['low']:.4g} to {end['high']:.4g}"
             yield f"| {each['member']} | {each['figure']} {end['axis']} | {shown} | {misses} |"
-
-
-def main() -> None:
-    """Print them."""
-    parser = argparse.ArgumentParser(description="Print the tables on the ensemble.")
-    parser.add_argument("member", nargs="?", help="whose figures are shown; by default the best member's")
-    parser.add_argument("--results", type=Path, default=ROOT / "studies/paper_vehicle.json")
-    arguments = parser.parse_args()
-    result = json.loads(arguments.results.read_text(encoding="utf-8"))
-    judged = json.loads(arguments.results.with_name("paper_vehicle_claim.json").read_text(encoding="utf-8"))
-    shown = arguments.member or result["ensemble"][0]["name"]
-    parts = (figures(judged[shown]), claim(result["ensemble"], judged), predictions(result))
-    print("\n\n".join("\n".join(part) for part in parts))
-
-
-if __name__ == "__main__":
-    main()

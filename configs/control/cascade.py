@@ -18,8 +18,8 @@ GRAVITY = 9.73  # m/s2, at 20 km
 class Settings(NamedTuple):
     """What the YAML file beside this one may set; without it these hold."""
 
-    path: float = 0.6  # 1/s, flight path angle to angle of attack
-    altitude: float = 0.2  # 1/s, altitude to flight path angle
+    path: float = 2.0  # 1/s, flight path angle to angle of attack
+    altitude: float = 0.1  # 1/s, altitude to flight path angle
     heading: float = 0.25  # 1/s, heading to bank
     speed: float = 0.01  # s/m, speed to equivalence ratio
     bank_limit: float = 1.2  # rad

@@ -40,11 +40,11 @@ def replace(path: Path, old: str, new: str) -> None:
 
 def test_everything_wrong_in_every_file_is_said(tmp_path: Path) -> None:
     campaign = copy(tmp_path)
-    replace(tmp_path / "configs/mission/s_manoeuvre.yaml", "name:", "nmae:")
+    replace(tmp_path / "configs/mission/paper_s.yaml", "name:", "nmae:")
     replace(tmp_path / "configs/control/tlc.yaml", "law: tlc", "law: tcl")
     with pytest.raises(InputErrors) as caught:
         check_inputs(campaign)
-    assert {Path(error.file).name for error in caught.value.errors} == {"s_manoeuvre.yaml", "tlc.yaml"}
+    assert {Path(error.file).name for error in caught.value.errors} == {"paper_s.yaml", "tlc.yaml"}
     answer = CliRunner().invoke(app, ["validate", str(campaign)])
     assert isinstance(answer.exception, InputErrors)
 

@@ -17,7 +17,7 @@ def _cell(row):
 
 @pytest.mark.parametrize(
     ("vehicle", "controller", "mission"),
-    [("ghame_x", "tlc_robust", "level"), ("ghame_x", "inversion", "level"), ("winged_cone", "tlc", "level_mach15")],
+    [("abhv", "lqr", "level"), ("ghame_x", "inversion", "level"), ("winged_cone", "tlc", "level_mach15")],
 )
 def test_rows_of_the_table_are_those_of_the_program(repository, vehicle, controller, mission):
     page = (repository / "docs" / "explanation" / "margins.md").read_text("utf-8")

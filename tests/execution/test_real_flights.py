@@ -20,14 +20,14 @@ from abhv_mc.shipped import shipped_campaigns
 from abhv_mc.simulators.stored_plans import read_plan
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 
-CAMPAIGN = shipped_campaigns() / "s_manoeuvre.yaml"
+CAMPAIGN = shipped_campaigns() / "harder_vehicle.yaml"
 VEHICLE = CAMPAIGN.parents[1] / "configs/vehicle/ghame_x.yaml"
 RUNS = 40
 
 
 @pytest.fixture(scope="module")
 def flown(engine, tmp_path_factory):
-    """The default campaign, shortened."""
+    """A shipped campaign, shortened."""
     return run_campaign(Request(CAMPAIGN, tmp_path_factory.mktemp("real") / "a", RUNS, workers=2), engine)
 
 

@@ -13,6 +13,7 @@ from abhv_mc.simulators.make_plans import make_plans
 CAMPAIGNS = {  # which of them it flies
     "f16_gust": False,
     "failures": False,
+    "harder_vehicle": True,
     "paper": True,
     "s_manoeuvre": True,
     "wide": True,

@@ -105,8 +105,21 @@ def test_quick_gains_are_the_product_s() -> None:
 
 def test_how_far_vehicles_are_apart() -> None:
     one = (1.0,) * 8
-    assert flights.apart(one, (1.5, 1 / 1.5, -0.9, *one[3:]))[2] == pytest.approx(1.0)
-    assert flights.apart(one, (1.5, 1.6, 1.4, *one[3:]))[2] < 1.0
+    assert flights.third_trait(one, (1.7, 1 / 1.5, -0.9, *one[3:])) == pytest.approx(np.log(1.5))
+    near = (1.7, 1.6, 1.4, *one[3:])
+    assert flights.third_trait(one, near) == pytest.approx(np.log(1.4))
+    assert searches.Search(1, others=(one,)).pulls(near)[-1] == pytest.approx(0.25 * np.log(1.55 / 1.4))
+
+
+def test_places_are_apart() -> None:
+    """Any two of the nine places differ by a level or more in three traits; a vehicle on its levels is not pulled."""
+    places = [searches.Search(seed).place for seed in range(1, 10)]
+    for i, one in enumerate(places):
+        assert all(sum(a != b for a, b in zip(one, other, strict=True)) >= 3 for other in places[:i])
+    at_five = tuple(-searches.LEVELS.get(name, 1.0) for name in flights.TRAITS)
+    off = searches.Search(5).aside(at_five)
+    np.testing.assert_allclose(off[:5], 0.0, atol=1e-12)
+    assert off[5] == pytest.approx(np.log(1.7))
 
 
 def make_up_a_vehicle(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, float]]:
@@ -125,6 +138,7 @@ def make_up_a_vehicle(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, float]]
         return flights.Candidate(tuple(seen), traits=tuple(values.values())[:8], off_node=1.0)
 
     monkeypatch.setattr(searches, "fly_candidate", fly)
+    monkeypatch.setattr(searches, "_PULL", 0.0)
     monkeypatch.setattr(study, "fly_candidate", fly)
     return flown
 
@@ -134,7 +148,7 @@ def test_a_search_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.M
     flown = make_up_a_vehicle(monkeypatch)
     whole = searches.run(searches.Search(3), tmp_path, lambda: True)
     assert whole.done
-    assert whole.rank < 0.01
+    assert whole.rank <= flights.READING
     count = len(flown)
     answers = iter([True] * 40 + [False])
     (tmp_path / "later").mkdir()

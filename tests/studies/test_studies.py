@@ -8,7 +8,6 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "studies"))
 
-import paper_points as paper
 import tuning_flights
 from experiment import CORNERS, corner_parameters, random_parameters
 
@@ -26,18 +25,6 @@ def test_swings_are_counted_where_they_are_large(amplitude: float, cycles: int, 
 
 def test_a_drift_is_no_swing() -> None:
     assert tuning_flights.count_swings(np.linspace(0.0, 0.4, 100, dtype=np.float32)) == 0
-
-
-def test_verdicts_on_a_range() -> None:
-    point = paper.Point("8", "aileron", "aileron_deg", -1.0, 1.0, "deg", (paper.IN,) * 3, (paper.IN,) * 3, sign=-1.0)
-    times, steps = np.linspace(0.0, 60.0, 601), (0.0, 50.0)
-    values = np.zeros(times.size)
-    assert paper.judge(point, times, values, steps) == paper.IN
-    values[(times >= 50.0) & (times < 54.9)] = 20.0
-    assert paper.judge(point, times, values, steps) == paper.AFTER
-    values[times > 55.5] = 1.2
-    assert paper.judge(point, times, values, steps) == paper.OUT
-    assert paper.spread(point, np.array([-0.5]), np.array([2.0])) == "\N{MINUS SIGN}2.00 to 0.50"
 
 
 def test_the_corners_and_the_draws_are_the_papers() -> None:

@@ -99,8 +99,8 @@ def measure_speed(repetitions: int, flights: int = 64) -> Speed:
 
 
 def make_work(flights: int) -> tuple[dict[str, FlightPlan], Floats]:
-    """The default campaign's plans, and the parameters of its first flights."""
-    campaign = read_campaign(shipped_campaigns() / "s_manoeuvre.yaml")
+    """Plans of `harder_vehicle`, the campaign that speed is recorded of, and the parameters of its first flights."""
+    campaign = read_campaign(shipped_campaigns() / "harder_vehicle.yaml")
     model = campaign.model
     plans = {name: prepare(model.vehicle, model.mission, model.controllers[name], name) for name in CONTROLLERS}
     samples = campaign.make_samples()

@@ -18,7 +18,7 @@ from abhv_mc.topics.figure_style import controller_colors
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
-_SIGN = "The paper plots the mirrored sign (its first bank is positive); its time is ours plus 180 s."
+_SIGN = "The paper does not say which sign is positive; its time is ours plus 180 s."
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class InPaper:
 
     number: int
     shows: str  # what its single flight shows
-    mirrored: bool = False
+    mirrored: bool = False  # whether its sign is open
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ CHANNEL_FIGURES: tuple[ChannelFigure, ...] = (
         "Bank beside the command of its own guidance.",
         (Curve("bank_deg", "bank (deg)", command="bank_command_deg", begins=True),),
         "deg",
-        InPaper(7, "−55 to 55 deg", mirrored=True),
+        InPaper(7, "−50 to 55 deg with TLC, to 60 with LQR"),
     ),
     ChannelFigure(
         "aileron",
@@ -140,7 +140,7 @@ CHANNEL_FIGURES: tuple[ChannelFigure, ...] = (
         "Elevator deflection.",
         (Curve("elevator_deg", "elevator (deg)"),),
         "deg",
-        InPaper(10, "−0.5 to 2.5 deg"),
+        InPaper(10, "−0.5 to 2.5 deg", mirrored=True),
     ),
     ChannelFigure(
         "equivalence_ratio",
