@@ -21,7 +21,7 @@ warnings.simplefilter("always")
 from dataclasses import replace
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.prepare import prepare
-from abhv_mc.jit import compiler
+from abhv_mc.kernel.jit import compiler
 from abhv_mc.shipped import shipped_configs
 configs = shipped_configs()
 plan = prepare(configs / "vehicle/ghame_x.yaml", configs / "mission/level.yaml", configs / "control/tlc.yaml", "tlc")

@@ -28,7 +28,7 @@ def _prepare(controller):
     from abhv_mc.control.controller_file import read_controller
     from abhv_mc.control.mission import read_mission
     from abhv_mc.shipped import shipped_configs
-    from abhv_mc.stability.points import make_steady_plan
+    from abhv_mc.stability.steady import make_steady_plan
     from abhv_mc.user_code.vehicle_functions import load_vehicle
 
     configs = shipped_configs()
@@ -39,7 +39,7 @@ def _prepare(controller):
 
 def _work(controller, flights, seed, ready, go, results):
     from abhv_mc.flight.fly import nominal_parameters
-    from abhv_mc.plant.parameters import PARAMETER_INDEX
+    from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
     from abhv_mc.stability.analysis import margins_of_flights
 
     plan = _prepare(controller)

@@ -65,8 +65,9 @@ def _count_flight(plan: FlightPlan) -> dict[str, float]:
 
 def _use_counted_floats() -> None:
     """Have the flight allocate counted arrays, and its square roots and assembled floats counted."""
-    from abhv_mc.flight import arguments, last_tick, memory
-    from abhv_mc.numerics import float_bits, lane_math
+    from abhv_mc.flight import arguments, last_tick
+    from abhv_mc.kernel.flight import memory
+    from abhv_mc.kernel.numerics import float_bits, lane_math
     from benchmarks.counted import Counted, counted_sqrt, make_counted
 
     def count_in(value: Any) -> Any:

@@ -18,25 +18,26 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.bench.speed import make_work, read_operations
-from abhv_mc.control.laws.lqr import lqr_tick
-from abhv_mc.control.laws.tlc import T_LIFT, nominal_variables, nominal_vehicle, tlc_attitude, tlc_guidance
-from abhv_mc.control.laws.trim_lookup import look_up_trim
-from abhv_mc.flight import observe
 from abhv_mc.flight.arguments import make_kernel_plan
 from abhv_mc.flight.fly import fly
-from abhv_mc.flight.kernel import evaluate, find_active, observe_tick, start_lanes
-from abhv_mc.flight.memory import has_width, make_memory
-from abhv_mc.flight.navigation import navigate
-from abhv_mc.flight.plan import LANES, FlightPlan, Recording
-from abhv_mc.flight.sensors import add_biases, sense
-from abhv_mc.jit import kernel
-from abhv_mc.plant import state as s
-from abhv_mc.plant.actuators import run_actuators, set_actuators
-from abhv_mc.plant.aerodynamics import build_up, find_cells, interpolate_groups
-from abhv_mc.plant.air_data import air_data, deflections
-from abhv_mc.plant.disturbance import calm, disturb
-from abhv_mc.plant.effectors import place_effectors
-from abhv_mc.plant.equations import equations_of_motion, finish_step, runge_kutta_stage
+from abhv_mc.flight.plan import FlightPlan, Recording
+from abhv_mc.kernel.flight import observe
+from abhv_mc.kernel.flight.fly_lanes import evaluate, find_active, observe_tick, start_lanes
+from abhv_mc.kernel.flight.interface import LANES
+from abhv_mc.kernel.flight.memory import has_width, make_memory
+from abhv_mc.kernel.flight.navigation import navigate
+from abhv_mc.kernel.flight.sensors import add_biases, sense
+from abhv_mc.kernel.jit import kernel
+from abhv_mc.kernel.laws.lqr import lqr_tick
+from abhv_mc.kernel.laws.tlc import T_LIFT, nominal_variables, nominal_vehicle, tlc_attitude, tlc_guidance
+from abhv_mc.kernel.laws.trim_lookup import look_up_trim
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.actuators import run_actuators, set_actuators
+from abhv_mc.kernel.plant.aerodynamics import build_up, find_cells, interpolate_groups
+from abhv_mc.kernel.plant.air_data import air_data, deflections
+from abhv_mc.kernel.plant.disturbance import calm, disturb
+from abhv_mc.kernel.plant.effectors import place_effectors
+from abhv_mc.kernel.plant.equations import equations_of_motion, finish_step, runge_kutta_stage
 from benchmarks.document import replace_part, write_json
 from benchmarks.spread import Spread, describe_machine, find_spreads, make_note, make_parser, repeat
 from benchmarks.timing import measure_time

@@ -13,7 +13,8 @@ from abhv_mc.array_types import Floats
 from abhv_mc.bench.figures import find_simd
 from abhv_mc.bench.speed import make_work
 from abhv_mc.flight.fly import fly
-from abhv_mc.flight.plan import LANES, FlightPlan
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.kernel.flight.interface import LANES
 from benchmarks.timing import measure_ratio
 
 LIMITS = {"AVX-512": 2.0, "AVX2": 1.4}
@@ -43,7 +44,7 @@ def main() -> int:
         print(f"{name}: {LANES} flights in a batch are {gain:.2f} times as fast as one at a time ({wanted})")
         slow += [name] if gain < limit else []
     if slow:
-        print(f"too slow: {', '.join(slow)}; see the rules in abhv_mc/jit.py", file=sys.stderr)
+        print(f"too slow: {', '.join(slow)}; see the rules in abhv_mc/kernel/jit.py", file=sys.stderr)
     return 1 if slow else 0
 
 

@@ -14,7 +14,7 @@ from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.flight.prepare import make_plan
-from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 
 ROOT = Path(__file__).parents[1]

@@ -18,9 +18,9 @@ from abhv_mc.control.mission import Mission
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import make_plan
+from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.stability.analysis import margins_of_flights
 from abhv_mc.stability.steady import make_steady_plan
-from abhv_mc.vehicle.model import Vehicle
 
 ERRORS = {  # what the paper's claim names: a channel and its command
     "angle_of_attack": ("angle_of_attack_deg", "angle_of_attack_command_deg"),

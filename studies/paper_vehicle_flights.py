@@ -12,12 +12,11 @@ import numpy as np
 from experiment import ROOT, Floats
 from paper_vehicle_box import BASE, BASE_MISSION, make_mission, make_vehicle
 
-from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.controller_file import LqrController, TlcController, read_controller
 from abhv_mc.control.design.design_model import guidance_rates
 from abhv_mc.control.design.design_tables import table_rows, variables_at
 from abhv_mc.control.design.environment import make_environment, make_places
-from abhv_mc.control.design.guidance_trim import GuidancePoints, trim_along
+from abhv_mc.control.design.guidance_trim import trim_along
 from abhv_mc.control.design.lqr_design import Nominal, attitude_model_rates
 from abhv_mc.control.design.profile import make_profile, ramp_times
 from abhv_mc.control.design.tlc_design import make_tlc_gains
@@ -28,10 +27,11 @@ from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightPlan, Recording
 from abhv_mc.flight.prepare import make_initial_state, make_plan
+from abhv_mc.kernel.laws.columns import REFERENCE
+from abhv_mc.kernel.laws.trim_search import GuidancePoints
+from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.plant.trim import TrimPoint
-from abhv_mc.vehicle.arrays import Tables
-from abhv_mc.vehicle.model import Vehicle
 
 LAWS = ("tlc", "lqr")
 READING = 0.02  # of an axis: what counts as in

@@ -31,7 +31,6 @@ from experiment import ALLOWED, ERRORS, ROOT, USAGE, Floats, columns, corner_par
 from scipy.optimize import differential_evolution, minimize
 from scipy.stats.qmc import Sobol
 
-from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.controller_file import LqrController, read_controller
 from abhv_mc.control.design.lqr_design import gains_of_models, make_lqr_models
 from abhv_mc.control.mission import read_mission
@@ -40,6 +39,7 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.io.documents import write_document
+from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 
 # Varied weights: regulator, states or inputs, name. One input of each regulator keeps the paper's weight.

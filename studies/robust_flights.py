@@ -6,7 +6,6 @@ from itertools import product
 import numpy as np
 from experiment import ALLOWED, DISPERSIONS, ERRORS, ROOT, USAGE, Floats, columns
 
-from abhv_mc.control import columns as ref
 from abhv_mc.control.controller_file import Controller, TlcController, read_controller
 from abhv_mc.control.design.lqr_design import gains_of_models, make_lqr_gains, make_lqr_models
 from abhv_mc.control.design.tlc_design import make_tlc_gains, make_tlc_settings
@@ -15,7 +14,8 @@ from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import make_plan
-from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.kernel.laws import columns as ref
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.stability.analysis import margins_of_flights
 from abhv_mc.stability.steady import make_steady_plan
 from abhv_mc.user_code.vehicle_functions import load_vehicle

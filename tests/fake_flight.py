@@ -11,22 +11,23 @@ from pathlib import Path
 
 import numpy as np
 
-from abhv_mc.control.columns import REFERENCE, TLC_GAINS, TLC_SETTINGS
 from abhv_mc.control.design.trim_tables import rebuild_trim_tables
 from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS
-from abhv_mc.flight.metrics import METRICS, NO_METRICS, Statistic
+from abhv_mc.flight.metrics import METRICS, NO_METRICS
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import NO_SOURCES, FlightBlock, FlightPlan, Limits, Recording, Timing, recording_of
+from abhv_mc.flight.plan import NO_SOURCES, FlightBlock, FlightPlan, Limits, Recording, recording_of
 from abhv_mc.io.input_error import InputError
-from abhv_mc.plant.air_profile import no_profile
+from abhv_mc.kernel.flight.counting import Statistic
+from abhv_mc.kernel.flight.interface import Timing
+from abhv_mc.kernel.laws.columns import REFERENCE, TLC_GAINS, TLC_SETTINGS
+from abhv_mc.kernel.plant.air_profile import no_profile
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.kernel.plant.state import N_STATES
+from abhv_mc.kernel.plant.vehicle import CHUNK, Vehicle
 from abhv_mc.plant.effectiveness import make_effectiveness
-from abhv_mc.plant.parameters import PARAMETER_INDEX
-from abhv_mc.plant.state import N_STATES
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.simulators.engine import Engine
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.vehicle.arrays import CHUNK
-from abhv_mc.vehicle.model import Vehicle
 
 DENSITY, LIFT, DRAG = (PARAMETER_INDEX[name] for name in ("atmosphere.density", "aero.lift", "aero.drag"))
 LOST_BELOW = 0.91

@@ -5,8 +5,8 @@ import numba
 import numpy as np
 import pytest
 
-from abhv_mc import compiler_target, jit
-from abhv_mc.compiler_target import code_folder, find_features
+from abhv_mc.kernel import compiler_target, jit
+from abhv_mc.kernel.compiler_target import code_folder, find_features
 
 
 class Features(dict):

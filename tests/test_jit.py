@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 
 import abhv_mc
-from abhv_mc import jit
 from abhv_mc.flight.fly import compiled_flight, fly, nominal_parameters
-from abhv_mc.flight.plan import LANES
 from abhv_mc.flight.prepare import prepare
-from abhv_mc.jit import kernel, lanes, routine, scalar
+from abhv_mc.kernel import jit
+from abhv_mc.kernel.flight.interface import LANES
+from abhv_mc.kernel.jit import kernel, lanes, routine, scalar
 
 PACKAGE = Path(abhv_mc.__file__).parent
 
@@ -32,11 +32,11 @@ def run(code, source, cache, environment=os.environ):
     return done.stdout.split()
 
 
-ADD_ONE = "from abhv_mc.jit import kernel\n@kernel\ndef call(x):\n    return x + 1.0\n"
+ADD_ONE = "from abhv_mc.kernel.jit import kernel\n@kernel\ndef call(x):\n    return x + 1.0\n"
 CALLER = """
 import contextlib
-from abhv_mc.jit import tell_compiling
-from abhv_mc.world.caller import call
+from abhv_mc.kernel.jit import tell_compiling
+from abhv_mc.kernel.world.caller import call
 tell_compiling(lambda function, elsewhere: contextlib.nullcontext(print("compiling")))
 print(call(1.0), call(2.0))
 """
@@ -44,16 +44,16 @@ print(call(1.0), call(2.0))
 
 @pytest.mark.thorough
 def test_a_change_in_another_file_reaches_cached_code(source, tmp_path):
-    (source / "world" / "called.py").write_text(
-        "from abhv_mc.jit import scalar\n@scalar\ndef add(x):\n    return x + 1.0\n"
+    (source / "kernel" / "world" / "called.py").write_text(
+        "from abhv_mc.kernel.jit import scalar\n@scalar\ndef add(x):\n    return x + 1.0\n"
     )
-    (source / "world" / "caller.py").write_text(
-        "from abhv_mc.jit import kernel\nfrom abhv_mc.world.called import add\n"
+    (source / "kernel" / "world" / "caller.py").write_text(
+        "from abhv_mc.kernel.jit import kernel\nfrom abhv_mc.kernel.world.called import add\n"
         "@kernel\ndef call(x):\n    return add(x)\n"
     )
     assert run(CALLER, source, tmp_path / "cache") == ["compiling", "2.0", "3.0"]
     assert run(CALLER, source, tmp_path / "cache") == ["2.0", "3.0"]  # from the cache, and nothing is announced
-    called = source / "world" / "called.py"
+    called = source / "kernel" / "world" / "called.py"
     called.write_text(called.read_text().replace("1.0", "5.0"))
     assert run(CALLER, source, tmp_path / "cache") == ["compiling", "6.0", "7.0"]
 
@@ -62,7 +62,7 @@ def test_a_change_in_another_file_reaches_cached_code(source, tmp_path):
 @pytest.mark.skipif(jit.compiler() == "public", reason="numba's own cache")
 def test_a_flipped_bit_in_the_cache_is_not_executed(source, tmp_path):
     """It gave other numbers, killed the process or ended in a traceback, at each start until somebody deleted it."""
-    (source / "world" / "caller.py").write_text(ADD_ONE)
+    (source / "kernel" / "world" / "caller.py").write_text(ADD_ONE)
     assert run(CALLER, source, tmp_path / "cache") == ["compiling", "2.0", "3.0"]
     for suffix, place in (("nbi", 0), ("nbc", 0.7), ("sha256", -1)):
         (file,) = (tmp_path / "cache").rglob(f"*call*.{suffix}")
@@ -76,7 +76,7 @@ def test_a_flipped_bit_in_the_cache_is_not_executed(source, tmp_path):
 @pytest.mark.thorough
 @pytest.mark.skipif(jit.compiler() == "public", reason="numba's own cache")
 def test_a_kernel_for_another_kind_of_array_joins_the_first(source, tmp_path):
-    (source / "world" / "caller.py").write_text(ADD_ONE)
+    (source / "kernel" / "world" / "caller.py").write_text(ADD_ONE)
     other = CALLER.replace("call(1.0), call(2.0)", "call(1.0), call(1)")
     assert run(CALLER, source, tmp_path / "cache") == ["compiling", "2.0", "3.0"]
     assert run(other, source, tmp_path / "cache") == ["compiling", "2.0", "2.0"]
@@ -86,9 +86,9 @@ def test_a_kernel_for_another_kind_of_array_joins_the_first(source, tmp_path):
 
 EDITED = """
 import pathlib
-import abhv_mc.world
-from abhv_mc.world.caller import call
-file = pathlib.Path(abhv_mc.world.__file__)
+import abhv_mc.kernel.world
+from abhv_mc.kernel.world.caller import call
+file = pathlib.Path(abhv_mc.kernel.world.__file__)
 file.write_bytes(file.read_bytes() + b"#")
 print(call(1.0))
 """
@@ -96,7 +96,7 @@ print(call(1.0))
 
 @pytest.mark.thorough
 def test_code_of_a_source_edited_meanwhile_is_not_kept(source, tmp_path):
-    (source / "world" / "caller.py").write_text(ADD_ONE)
+    (source / "kernel" / "world" / "caller.py").write_text(ADD_ONE)
     assert run(EDITED, source, tmp_path / "cache") == ["2.0"]
     assert not list((tmp_path / "cache").rglob("caller*.nbi"))
 
@@ -255,11 +255,12 @@ import numba.core.codegen
 {change}
 with warnings.catch_warnings(record=True) as said:
     warnings.simplefilter("always")
-    from abhv_mc import jit
-    from abhv_mc.world.earth import WGS84, radii
+    from abhv_mc.kernel import jit
+    from abhv_mc.kernel.world.earth import WGS84, radii
     print(jit.compiler(), len(said), radii(WGS84, 0.5) == radii.py_func(WGS84, 0.5))
 import subprocess, sys
-subprocess.run([sys.executable, "-W", "error", "-c", "from abhv_mc import jit; print(jit.compiler())"], check=True)
+code = "from abhv_mc.kernel import jit; print(jit.compiler())"
+subprocess.run([sys.executable, "-W", "error", "-c", code], check=True)
 """
 
 

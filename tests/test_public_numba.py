@@ -17,7 +17,7 @@ import abhv_mc
 FLY = """
 import sys
 import numpy as np
-from abhv_mc import jit
+from abhv_mc.kernel import jit
 from abhv_mc.flight.fly import fly
 from short_flights import disperse, short_plan
 parts = {}

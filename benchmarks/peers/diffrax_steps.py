@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.plant.parameters import PARAMETER_INDEX
-from abhv_mc.plant.state import STATES
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.kernel.plant.state import STATES
 from benchmarks.peers.equations import ACTUATORS, make_derivative, make_lqr
 from benchmarks.peers.peer import main
 

@@ -1,6 +1,6 @@
 """The plant and the LQR law in JAX, one flight as scalars: what ``jax.vmap`` turns into a batch.
 
-The equations of ``abhv_mc.plant`` and ``abhv_mc.control.laws.lqr`` with the plan's numbers as constants of the trace.
+The equations of ``abhv_mc.plant`` and ``abhv_mc.kernel.laws.lqr`` with the plan's numbers as constants of the trace.
 Left out, since these flights need none of it: limits of the actuators, gusts, turbulence, sensor errors, metrics.
 """
 
@@ -10,12 +10,11 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from abhv_mc.control import columns as ref
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.plant.parameters import PARAMETER_INDEX
-from abhv_mc.plant.state import STATES
-from abhv_mc.vehicle.arrays import COEFFICIENTS, FIXED_TABLE_ROWS, VARIABLES
-from abhv_mc.vehicle.model import Vehicle
+from abhv_mc.kernel.laws import columns as ref
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.kernel.plant.state import STATES
+from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, FIXED_TABLE_ROWS, VARIABLES, Vehicle
 
 Scalar = Any  # of the trace
 State = dict[str, Scalar]

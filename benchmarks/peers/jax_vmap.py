@@ -9,8 +9,8 @@ import numpy as np
 from scipy.linalg import expm
 
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.plant.parameters import PARAMETER_INDEX
-from abhv_mc.plant.state import STATES
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.kernel.plant.state import STATES
 from benchmarks.peers.equations import ACTUATORS, RIGID, State, make_derivative, make_lqr
 from benchmarks.peers.peer import main
 

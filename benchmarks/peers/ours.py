@@ -2,7 +2,7 @@
 
 from abhv_mc.bench.peak import measure_peak
 from abhv_mc.flight.fly import fly
-from abhv_mc.flight.plan import LANES
+from abhv_mc.kernel.flight.interface import LANES
 from benchmarks.peers.peer import measure, read_work, write_result
 
 ALONE = 16  # flights of a repeat, one at a time

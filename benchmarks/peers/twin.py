@@ -21,13 +21,12 @@ FLAGS = ("-std=c++17", "-O3", "-march=native")
 
 def write_names(path: Path) -> None:
     """A header with the places of every name in the arrays, so that the twin repeats no list of ours."""
-    from abhv_mc.control.columns import LQR_ELEVATOR, LQR_GAINS, LQR_GUIDANCE, LQR_LATERAL, REFERENCE
-    from abhv_mc.plant.actuators import SUBSTEPS
-    from abhv_mc.plant.parameters import PARAMETER_INDEX
-    from abhv_mc.plant.state import STATES
-    from abhv_mc.vehicle.arrays import FIXED_TABLE_ROWS, VARIABLES
-    from abhv_mc.vehicle.model import Constants
-    from abhv_mc.world.earth import Earth
+    from abhv_mc.kernel.laws.columns import LQR_ELEVATOR, LQR_GAINS, LQR_GUIDANCE, LQR_LATERAL, REFERENCE
+    from abhv_mc.kernel.plant.actuators import SUBSTEPS
+    from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+    from abhv_mc.kernel.plant.state import STATES
+    from abhv_mc.kernel.plant.vehicle import FIXED_TABLE_ROWS, VARIABLES, Constants
+    from abhv_mc.kernel.world.earth import Earth
 
     groups: dict[str, tuple[str, ...]] = {
         "constants": Constants._fields,

@@ -8,10 +8,10 @@ import math
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from abhv_mc.control.laws.allocation import solve_3x3
-from abhv_mc.jit import scalar
-from abhv_mc.numerics.angles import clamp, larger, smaller, wrap
-from abhv_mc.numerics.lane_math import acos, asin, atan2, exp, log, power, sincos, tan
+from abhv_mc.kernel.jit import scalar
+from abhv_mc.kernel.laws.allocation import solve_3x3
+from abhv_mc.kernel.numerics.angles import clamp, larger, smaller, wrap
+from abhv_mc.kernel.numerics.lane_math import acos, asin, atan2, exp, log, power, sincos, tan
 from abhv_mc.user_code.law_interface import Coefficients, Command, Inertia, Measured, Moment, Onboard, Reference, Thrust
 from abhv_mc.user_code.module import CHANNEL, CONTROLLER, ChannelMark, ControllerMark
 from abhv_mc.user_code.scattered import Scattered as scattered  # noqa: N813

@@ -3,7 +3,7 @@
 Whatever flies, draws, judges or merges may shape a row, so every package counts but those that only show (``_SHOWN``).
 A process that lives through an edit of its source is still the old code: the hash is of the source when this module was
 imported, and modules that are imported later are held against it. What compiled code is kept under is another, smaller
-hash (:mod:`abhv_mc.cache`): an edit of a table in ``execution`` must not compile the kernels anew.
+hash (:mod:`abhv_mc.kernel.cache`): an edit of a table in ``execution`` must not compile the kernels anew.
 """
 
 import functools

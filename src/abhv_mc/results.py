@@ -6,11 +6,11 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from abhv_mc.bounds import Bounds
 from abhv_mc.folder.hashes import read_checked, refuse_changes
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import COMPLETE
 from abhv_mc.io.documents import InputError, describe, one_of
-from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.one_flight.given import check_mapping
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.io.documents import InputError
-from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 
 LIMIT = 4.9
 DENSITY, LIFT = PARAMETER_INDEX["atmosphere.density"], PARAMETER_INDEX["aero.lift"]

@@ -7,9 +7,10 @@ import pytest
 
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.one_flight.given import make_flight_plan
-from abhv_mc.plant import state as s
-from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.plant.parameters import PARAMETERS
 from benchmarks.peers.twin import compile_twin, fly_twin
 
 FLIGHTS = 4

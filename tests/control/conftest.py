@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.design.reference import make_mission_trim_tables, solve_reference
 from abhv_mc.control.mission import Mission, read_mission
+from abhv_mc.kernel.laws.columns import REFERENCE
+from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.vehicle.arrays import Tables
-from abhv_mc.vehicle.model import Vehicle
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 TICK, TICKS = 0.01, 6000

@@ -16,7 +16,7 @@ from abhv_mc.execution.setup import Request
 from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.folder.results import read_results
 from abhv_mc.io.input_error import InputError
-from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.simulators import corner_margins

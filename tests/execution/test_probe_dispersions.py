@@ -3,7 +3,7 @@ from fake_flight import write_campaign
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.probe_dispersions import make_trials
-from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 
 GUSTS = """{wind.gust_north: {distribution: normal, sigma: 5 m/s},
             wind.gust_start: {distribution: uniform, low: 5 s, high: 45 s}}"""

@@ -15,7 +15,8 @@ from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.folder.plan_file import flatten
 from abhv_mc.io.input_error import InputError
-from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.shipped import shipped_campaigns
 from abhv_mc.simulators.stored_plans import read_plan
 from abhv_mc.user_code.vehicle_functions import load_vehicle

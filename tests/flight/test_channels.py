@@ -2,14 +2,15 @@
 
 import pytest
 
-from abhv_mc.flight import derived, observe
 from abhv_mc.flight.channels import CHANNELS, REFERENCE_CHANNELS, SOURCES
 from abhv_mc.flight.compile_metrics import compile_metrics, known_sources
-from abhv_mc.flight.memory import Z_ROWS
 from abhv_mc.flight.metrics import METRICS
+from abhv_mc.flight.observed import find_factor
 from abhv_mc.flight.outcome import LIMITS, SENTENCES, Outcome
 from abhv_mc.flight.plan import NO_SOURCES
-from abhv_mc.plant import state as s
+from abhv_mc.kernel.flight import derived, observe
+from abhv_mc.kernel.flight.memory import Z_ROWS
+from abhv_mc.kernel.plant import state as s
 
 
 def test_names_are_unique():
@@ -26,9 +27,9 @@ def test_every_source_has_a_row(entry):
 
 
 def test_rows_in_radians_become_degrees_and_derived_ones_stay():
-    assert observe.find_factor("sideslip", "deg") == pytest.approx(57.29578)
-    assert observe.find_factor("roll_rate", "deg/s") == pytest.approx(57.29578)
-    assert observe.find_factor("bank_error_deg", "deg") == observe.find_factor("altitude", "m") == 1.0
+    assert find_factor("sideslip", "deg") == pytest.approx(57.29578)
+    assert find_factor("roll_rate", "deg/s") == pytest.approx(57.29578)
+    assert find_factor("bank_error_deg", "deg") == find_factor("altitude", "m") == 1.0
 
 
 LOST = {Outcome.LAW_FAILED, Outcome.LAW_CRASHED, Outcome.LAW_HUNG}

@@ -10,18 +10,12 @@ from short_flights import short_plan
 from abhv_mc.campaign.file.user_metrics import MetricEntry, declare_metrics
 from abhv_mc.flight.channels import CHANNEL_INDEX, SURFACES
 from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.metrics import (
-    METRIC_INDEX,
-    METRICS,
-    TAKES_LIMIT,
-    Statistic,
-    pack_metrics,
-    unpack_metrics,
-)
+from abhv_mc.flight.metrics import METRIC_INDEX, METRICS, TAKES_LIMIT, pack_metrics, unpack_metrics
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import LANES
 from abhv_mc.io.documents import Document
-from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.kernel.flight.counting import Statistic
+from abhv_mc.kernel.flight.interface import LANES
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 
 TICKS = 800
 
@@ -187,7 +181,7 @@ def test_declared_metrics_do_not_depend_on_lanes(plan, parameters):
 
 def test_thrust_and_heat_flux_channels():
     """Thrust is what the specific force and the drag leave; heat flux is Sutton and Graves' formula."""
-    from abhv_mc.world.atmosphere import atmosphere
+    from abhv_mc.kernel.world.atmosphere import atmosphere
 
     nosed = {"base": "ghame_x", "reference.nose_radius": "0.5 m"}
     block = fly(short_plan(10, "lqr", "level", nosed), nominal_parameters(), 1)

@@ -10,12 +10,12 @@ from abhv_mc.flight.fly import fly, fly_until, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.input_error import InputError
-from abhv_mc.plant import state as s
-from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.kernel.plant.vehicle import VARIABLES
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.stability.linearize import actuator_matrices
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.vehicle.arrays import VARIABLES
 
 CONFIGS = shipped_configs()
 COUNT = 16
@@ -114,7 +114,7 @@ def expected(plan, parameters, ticks):
 
 
 def ref_names():
-    from abhv_mc.control.columns import REFERENCE
+    from abhv_mc.kernel.laws.columns import REFERENCE
 
     return REFERENCE
 

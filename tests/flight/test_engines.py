@@ -7,7 +7,7 @@ from short_flights import rows_of, short_plan
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly
 from abhv_mc.io.input_error import InputError
-from abhv_mc.plant import state as s
+from abhv_mc.kernel.plant import state as s
 from abhv_mc.vehicle.evaluate import evaluate_fixed, make_variables
 
 

@@ -8,12 +8,12 @@ from fake_flight import around
 from short_flights import short_plan
 
 from abhv_mc.flight.channels import CHANNELS
-from abhv_mc.flight.extremes import join_bins
-from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.kernel import COMPACTION
+from abhv_mc.flight.fly import fly, join_bins, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import LANES, Recording
-from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.flight.plan import Recording
+from abhv_mc.kernel.flight.fly_lanes import COMPACTION
+from abhv_mc.kernel.flight.interface import LANES
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 
 TICKS = COMPACTION + 111  # lanes are compacted once, in the middle of a bin of some widths
 FLIGHTS = 2 * LANES + 5

@@ -12,12 +12,12 @@ from abhv_mc.flight.failure_case import failure_cases, failure_times
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.plant import failures
-from abhv_mc.plant import state as s
-from abhv_mc.plant.parameters import FAILURE_TIMES, NEVER
+from abhv_mc.kernel.plant import failures
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.parameter_names import FAILURE_TIMES, NEVER
+from abhv_mc.kernel.plant.vehicle import Inlet
+from abhv_mc.kernel.world.atmosphere import atmosphere
 from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
-from abhv_mc.vehicle.model import Inlet
-from abhv_mc.world.atmosphere import atmosphere
 
 
 @pytest.fixture(scope="module")

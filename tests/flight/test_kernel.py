@@ -10,11 +10,12 @@ import pytest
 from short_flights import cut, short_plan
 
 from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.kernel import COMPACTION
-from abhv_mc.flight.memory import TOGETHER
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import LANES
-from abhv_mc.plant.parameters import FAILURE_TIMES, PARAMETER_INDEX, PARAMETERS
+from abhv_mc.kernel.flight.fly_lanes import COMPACTION
+from abhv_mc.kernel.flight.interface import LANES
+from abhv_mc.kernel.flight.memory import TOGETHER
+from abhv_mc.kernel.plant.parameter_names import FAILURE_TIMES, PARAMETER_INDEX
+from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.simulators.end_sentence import describe_end
 
 FLIGHTS = LANES

@@ -6,7 +6,7 @@ import pytest
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.flight import fly as flying
-from abhv_mc.flight.kernel import make_fly_lanes
+from abhv_mc.kernel.flight.fly_lanes import make_fly_lanes
 from abhv_mc.simulators.engine import make_engine
 from abhv_mc.simulators.make_plans import make_plans
 

@@ -15,13 +15,14 @@ from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import EndBounds, Outcome
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.documents import InputError, read_document, validate
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.kernel.plant.vehicle import LoadBounds
 from abhv_mc.one_flight.given import make_flight_plan
-from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.simulators.engine import make_engine
 from abhv_mc.simulators.make_plans import make_plans
 from abhv_mc.vehicle.document import FlightLimits
-from abhv_mc.vehicle.limits import LoadBounds, tighter
+from abhv_mc.vehicle.limits import tighter
 
 
 @pytest.fixture(scope="module")

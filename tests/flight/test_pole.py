@@ -8,11 +8,12 @@ from verification.independent import FT, World, fly_sphere
 
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightPlan, Timing
+from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.documents import InputErrors
 from abhv_mc.io.input_error import InputError
+from abhv_mc.kernel.flight.interface import Timing
+from abhv_mc.kernel.plant import state as s
 from abhv_mc.one_flight.given import make_flight_plan
-from abhv_mc.plant import state as s
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.verification.nesc_cases import ELLIPSOID

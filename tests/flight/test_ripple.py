@@ -5,12 +5,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from abhv_mc.control import columns as ref
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.plan import Recording
-from abhv_mc.flight.ripple import (
+from abhv_mc.kernel.flight.ripple import (
     FREQUENCY,
     LARGEST,
     N_RIPPLE_ROWS,
@@ -19,8 +18,9 @@ from abhv_mc.flight.ripple import (
     keep_cycle,
     watch_sides,
 )
+from abhv_mc.kernel.laws import columns as ref
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.one_flight.given import make_flight_plan
-from abhv_mc.plant.parameters import PARAMETER_INDEX
 
 TICK = 0.01  # s
 

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 import abhv_mc
-from abhv_mc.control import columns as ref
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.io.documents import InputError
+from abhv_mc.kernel.laws import columns as ref
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.one_flight.given import make_document, make_flight_plan
-from abhv_mc.plant import state as s
-from abhv_mc.plant.parameters import PARAMETER_INDEX
 
 LEVEL = {"base": "level", "duration": "21 s"}
 AIR = {"angle_of_attack": "air", "sideslip": "air"}

@@ -6,8 +6,8 @@ import pytest
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import Outcome
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.one_flight.given import make_flight_plan
-from abhv_mc.plant.parameters import PARAMETER_INDEX
 
 BOX = {"atmosphere.density": 0.10, "aero.lift": 0.10, "aero.drag": 0.15}
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from abhv_mc.folder.order_statistics import select_ranks
+from abhv_mc.kernel.numerics.order_statistics import select_ranks
 
 
 def test_ranks_are_those_of_sorted_values():

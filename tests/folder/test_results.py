@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from report.synthetic import CONTROLLERS, write_campaign
 
+from abhv_mc.bounds import Bounds
 from abhv_mc.flight.metrics import METRICS
 from abhv_mc.folder.manifest import read_manifest, write_manifest
 from abhv_mc.folder.results import read_histories, read_results
 from abhv_mc.io.documents import InputError
-from abhv_mc.numerics.bounds import Bounds
 
 
 def test_a_folder_reads_as_arrays(failing):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from abhv_mc.numerics.bounds import Bounds
+from abhv_mc.bounds import Bounds
 
 VALUES = np.array([2.8, 3.0, 3.1, 49.9, 50.0, 50.1, np.nan])
 

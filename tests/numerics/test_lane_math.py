@@ -13,7 +13,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from abhv_mc.numerics import lane_math
+from abhv_mc.kernel.numerics import lane_math
 
 N = 3000
 mpmath.mp.prec = 160

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from abhv_mc.numerics.lane_memory import aligned_zeros
+from abhv_mc.kernel.numerics.lane_memory import aligned_zeros
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.int64, np.float32])

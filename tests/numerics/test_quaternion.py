@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from abhv_mc.numerics import quaternion
+from abhv_mc.kernel.numerics import quaternion
 
 ANGLES = st.floats(-math.pi, math.pi)
 PITCHES = st.floats(-math.pi / 2, math.pi / 2)

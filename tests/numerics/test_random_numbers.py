@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from abhv_mc.jit import kernel
-from abhv_mc.numerics.random_numbers import modulo, next_uniform, normal_pair, seed_word
+from abhv_mc.kernel.jit import kernel
+from abhv_mc.kernel.numerics.random_numbers import modulo, next_uniform, normal_pair, seed_word
 
 M1, M2 = 4294967087.0, 4294944443.0
 

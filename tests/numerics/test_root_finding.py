@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from abhv_mc.numerics.root_finding import CONVERGED, NO_SIGN_CHANGE, NOT_A_NUMBER, OUT_OF_ITERATIONS, brent
+from abhv_mc.kernel.numerics.root_finding import CONVERGED, NO_SIGN_CHANGE, NOT_A_NUMBER, OUT_OF_ITERATIONS, brent
 
 
 @numba.njit

@@ -8,8 +8,8 @@ from short_flights import short_plan
 
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.plant import state as s
-from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 
 TICKS = 40
 FINE = 2000  # steps of a tick

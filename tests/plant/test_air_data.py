@@ -6,10 +6,10 @@ import mpmath
 import numpy as np
 import pytest
 
-from abhv_mc.jit import kernel
-from abhv_mc.numerics.lane_math import TAN_EIGHTH_PI
-from abhv_mc.plant.air_data import flow_angles, flow_direction
-from abhv_mc.plant.state import COS_ALPHA, COS_BETA, LAW, SIN_ALPHA, SIN_BETA
+from abhv_mc.kernel.jit import kernel
+from abhv_mc.kernel.numerics.lane_math import TAN_EIGHTH_PI
+from abhv_mc.kernel.plant.air_data import flow_angles, flow_direction
+from abhv_mc.kernel.plant.state import COS_ALPHA, COS_BETA, LAW, SIN_ALPHA, SIN_BETA
 
 ALPHA, BETA = 0, 1  # rows that the air data do not need
 

@@ -8,12 +8,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import RegularGridInterpolator
 
-from abhv_mc.jit import kernel
-from abhv_mc.plant import state as s
-from abhv_mc.plant.aerodynamics import build_up, look_up, make_cells
-from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.kernel.jit import kernel
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.aerodynamics import build_up, look_up, make_cells
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.kernel.plant.vehicle import COEFFICIENTS
+from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.vehicle.arrays import COEFFICIENTS
 from abhv_mc.vehicle.evaluate import evaluate_coefficients, make_variables
 
 POINTS = 32

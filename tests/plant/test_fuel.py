@@ -7,9 +7,9 @@ from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import Outcome
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.one_flight.given import make_flight_plan
-from abhv_mc.plant import state as s
-from abhv_mc.plant.parameters import PARAMETER_INDEX
 
 
 def test_without_an_empty_mass_the_engine_runs_and_the_mass_stays():

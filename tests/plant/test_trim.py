@@ -3,10 +3,10 @@ import math
 import numpy as np
 import pytest
 
+from abhv_mc.kernel.world.earth import WGS84
 from abhv_mc.plant.trim import FlightPoint, trim
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
-from abhv_mc.world.earth import WGS84
 
 STILL = WGS84._replace(rotation_rate=0.0)
 LATITUDE = math.radians(29.3)

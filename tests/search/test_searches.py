@@ -8,7 +8,7 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError
-from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.search.rare import RareSettings, find_rare
 from abhv_mc.search.search_flights import SearchRequest
 from abhv_mc.search.worst import WorstSettings, find_worst

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from abhv_mc.control.columns import LQR_GAINS
 from abhv_mc.io.input_error import InputError
+from abhv_mc.kernel.laws.columns import LQR_GAINS
 from abhv_mc.one_flight.given import make_flight_plan
 from abhv_mc.simulators.gain_file import write_gains
 

@@ -8,7 +8,7 @@ from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.prepare import make_plan
-from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.stability.analysis import analyse
 from abhv_mc.stability.disturbed import fly_disturbed

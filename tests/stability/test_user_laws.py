@@ -10,7 +10,7 @@ from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.prepare import make_plan, read_law
 from abhv_mc.io.input_error import InputError
-from abhv_mc.plant import state as s
+from abhv_mc.kernel.plant import state as s
 from abhv_mc.stability.analysis import NO_SLOPES, analyse, margins_of_flights
 from abhv_mc.stability.linearize import linearize
 from abhv_mc.stability.points import flown_points

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from abhv_mc.numerics.bounds import Bounds
+from abhv_mc.bounds import Bounds
 from abhv_mc.statistics.ranking import Criterion, spread, worst_first
 
 

@@ -11,7 +11,7 @@ import fronts
 import fronts_results
 from robust_flights import EFFECTIVENESS, LONGEST_DELAY
 
-from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 
 
 def made_up(errors: list[float], usages: list[list[float]], broken: tuple[int, ...] = ()) -> fronts.Tried:

@@ -11,7 +11,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "studies"))
 import tuning_flights
 from experiment import CORNERS, corner_parameters, random_parameters
 
-from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 
 
 @pytest.mark.parametrize(("amplitude", "cycles", "swings"), [(1.0, 4, 8), (0.2, 9, 0), (0.26, 3, 6)])

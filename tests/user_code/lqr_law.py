@@ -4,10 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abhv_mc.control.columns import LQR_GAINS
 from abhv_mc.control.controller_file import LqrController
 from abhv_mc.control.design.lqr_design import make_lqr_gains
 from abhv_mc.extend import Command, clamp, controller, sincos, wrap
+from abhv_mc.kernel.laws.columns import LQR_GAINS
 
 WEIGHTS = {
     "law": "lqr",

@@ -10,9 +10,9 @@ from pathlib import Path
 import fmpy
 import psutil
 
-from abhv_mc.control.columns import LQR_GAINS, REFERENCE
 from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.plan import LANES
+from abhv_mc.kernel.flight.interface import LANES
+from abhv_mc.kernel.laws.columns import LQR_GAINS, REFERENCE
 from abhv_mc.user_code.c_source import make_header, make_settings_header
 from abhv_mc.user_code.law_interface import COMMAND_FIELDS, Measured
 

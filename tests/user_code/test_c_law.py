@@ -14,10 +14,10 @@ from abhv_mc.control.controller_file import read_controller
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.io.input_error import InputError, InputErrors
-from abhv_mc.numerics.angles import clamp, wrap
-from abhv_mc.numerics.lane_math import sincos
+from abhv_mc.kernel.numerics.angles import clamp, wrap
+from abhv_mc.kernel.numerics.lane_math import sincos
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.one_flight.given import make_flight_plan
-from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.simulators.end_sentence import describe_end
 from abhv_mc.stability.analysis import analyse
 from abhv_mc.stability.linearize import linearize

@@ -5,11 +5,11 @@ import ctypes
 import numpy as np
 import pytest
 
-from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.controller_file import read_controller
-from abhv_mc.flight.memory import Z_ROWS
 from abhv_mc.io.input_error import InputError
-from abhv_mc.plant import state as s
+from abhv_mc.kernel.flight.memory import Z_ROWS
+from abhv_mc.kernel.laws.columns import REFERENCE
+from abhv_mc.kernel.plant import state as s
 from abhv_mc.user_code.closure import check_closure
 from abhv_mc.user_code.compiled import compile_law
 from abhv_mc.user_code.law_source import read_law_source

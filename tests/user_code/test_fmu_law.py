@@ -15,7 +15,7 @@ from user_code.make_fmu import make_fmu, measure_leak, write_controller
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.io.input_error import InputError
-from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.stability.linearize import linearize
 from abhv_mc.stability.points import flown_points
 from abhv_mc.stability.probe import law_memory_rows

@@ -12,15 +12,15 @@ from abhv_mc.control.design.lqr_design import make_nominal
 from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.kernel import COMPACTION
-from abhv_mc.flight.memory import TOGETHER
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import LANES
 from abhv_mc.folder.plan_file import write_plan
 from abhv_mc.io.input_error import InputError
+from abhv_mc.kernel.flight.fly_lanes import COMPACTION
+from abhv_mc.kernel.flight.interface import LANES
+from abhv_mc.kernel.flight.memory import TOGETHER
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.one_flight.given import make_flight_plan
-from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.simulators.stored_plans import read_plan
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 

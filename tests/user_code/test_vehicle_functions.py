@@ -9,14 +9,14 @@ from short_flights import rows_of
 
 from abhv_mc.flight.fly import fly
 from abhv_mc.io.input_error import InputError
+from abhv_mc.kernel.plant.vehicle import VARIABLES
+from abhv_mc.kernel.world.earth import WGS84
 from abhv_mc.one_flight.given import make_flight_plan
 from abhv_mc.plant.trim import FlightPoint, trim
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.vehicle.arrays import VARIABLES
 from abhv_mc.vehicle.evaluate import evaluate_coefficients, make_variables
 from abhv_mc.vehicle.file import read_vehicle_file
-from abhv_mc.world.earth import WGS84
 
 CONFIGS = shipped_configs()
 _FACTOR = {

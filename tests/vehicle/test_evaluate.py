@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
+from abhv_mc.kernel.plant.vehicle import COEFFICIENTS
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.vehicle.arrays import COEFFICIENTS
 from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
 
 CONFIGS = Path(__file__).parents[2] / "configs" / "vehicle"

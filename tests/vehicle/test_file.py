@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from abhv_mc.io.documents import InputError
-from abhv_mc.plant.state import MAX_AXES, MAX_TABLE_ROWS
+from abhv_mc.kernel.plant.state import MAX_AXES, MAX_TABLE_ROWS
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
 from abhv_mc.vehicle.file import read_mass_points, read_vehicle_file

@@ -1,6 +1,6 @@
 import numpy as np
 
-from abhv_mc.vehicle.arrays import FIXED_TABLE_ROWS, VARIABLES
+from abhv_mc.kernel.plant.vehicle import FIXED_TABLE_ROWS, VARIABLES
 from abhv_mc.vehicle.pack import Axis, Table, pack_tables
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from abhv_mc.io.documents import InputError, Refusal
-from abhv_mc.vehicle.arrays import VARIABLES
+from abhv_mc.kernel.plant.vehicle import VARIABLES
 from abhv_mc.vehicle.table_file import Role, parse_role, read_table
 
 GOOD = "mach,alpha_deg,value\n4,-1,1\n4,0,2\n4,2,3\n6,-1,4\n6,0,5\n6,2,6\n"

@@ -5,8 +5,8 @@ import re
 import numpy as np
 import pytest
 
+from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, VARIABLES
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.vehicle.arrays import COEFFICIENTS, VARIABLES
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
 
 

@@ -25,13 +25,12 @@ from verification.nominals import (
 from abhv_mc.array_types import Floats
 from abhv_mc.control.design.trim_tables import trim_elevator
 from abhv_mc.flight.fly import fly_until, nominal_parameters
-from abhv_mc.flight.plan import Timing
+from abhv_mc.kernel.flight.interface import Timing
+from abhv_mc.kernel.plant.vehicle import VARIABLES, BuildUp, Vehicle
+from abhv_mc.kernel.world.earth import WGS84, Earth
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.probe import ask_plant, begin
-from abhv_mc.vehicle.arrays import VARIABLES, BuildUp
-from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.verification.replay import make_replay_plan
-from abhv_mc.world.earth import WGS84, Earth
 
 NOMINALS = 40
 _COORDINATES = [path.GAMMA, path.CHI, path.SPEED, path.ALPHA, path.BETA, path.BANK, path.P, path.Q, path.R]

@@ -13,10 +13,10 @@ from verification.nominals import (
 )
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control.columns import REFERENCE, TLC_ATTITUDE, TLC_K1, TLC_K2, TLC_RATE
 from abhv_mc.control.design.design_model import body_rate_rates
 from abhv_mc.control.design.tlc_design import make_tlc_gains, pd_spectrum
-from abhv_mc.control.laws.tlc_loops import (
+from abhv_mc.kernel.laws.columns import REFERENCE, TLC_ATTITUDE, TLC_K1, TLC_K2, TLC_RATE
+from abhv_mc.kernel.laws.tlc_loops import (
     Inertia,
     Spectrum,
     attitude_gains,

@@ -15,13 +15,12 @@ from abhv_mc.control.design.design_tables import Numbers, slope
 from abhv_mc.control.design.environment import make_environment
 from abhv_mc.control.design.reference import make_mission_trim_tables, solve_reference
 from abhv_mc.control.design.trim_tables import trim_elevator
-from abhv_mc.control.laws.tlc_loops import AttitudePoint, attitude_inverse
 from abhv_mc.control.mission import Mission, read_mission
+from abhv_mc.kernel.laws.tlc_loops import AttitudePoint, attitude_inverse
+from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
+from abhv_mc.kernel.world.earth import WGS84
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.vehicle.arrays import Tables
-from abhv_mc.vehicle.model import Vehicle
-from abhv_mc.world.earth import WGS84
 
 _STILL = (0.0, 0.0, 0.0)
 SPHERE = WGS84._replace(flattening=0.0, j2=0.0, rotation_rate=0.0)

@@ -5,9 +5,9 @@ import pandas as pd
 import pytest
 
 from abhv_mc.io.input_error import InputError
-from abhv_mc.plant import state as s
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.world.earth import WGS84, gravity_ned
 from abhv_mc.verification.ghame6 import CADAC_EARTH, read_recording, verify_ghame6
-from abhv_mc.world.earth import WGS84, gravity_ned
 
 NAME = "sturn50_total_h1e-4.csv.gz"
 

@@ -6,17 +6,17 @@ from verification.shown import check
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.fly import nominal_parameters
-from abhv_mc.flight.plan import Timing
-from abhv_mc.plant import state as s
-from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.kernel.flight.interface import Timing
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.kernel.plant.vehicle import Vehicle
+from abhv_mc.kernel.world.earth import WGS84
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.evaluate import evaluate_fixed, make_variables
-from abhv_mc.vehicle.model import Vehicle
+from abhv_mc.verification.geodesy import ecef_from_geodetic, inertial_from_earth_fixed, ned_from_ecef_matrix
 from abhv_mc.verification.replay import make_replay_plan, make_start, replay
 from abhv_mc.verification.rows import Row
-from abhv_mc.world.earth import WGS84
-from abhv_mc.world.geodesy import ecef_from_geodetic, inertial_from_earth_fixed, ned_from_ecef_matrix
 
 STEP, TICKS = 0.01, 6000
 _RATES = tuple(np.radians((10.0, 20.0, 30.0)))

@@ -8,7 +8,7 @@ from verification.loops import NOMINALS, verify_differentiator, verify_tlc_loops
 from verification.nominals import Design, draw_nominals, make_design
 from verification.shown import check
 
-from abhv_mc.control.laws import tlc_loops
+from abhv_mc.kernel.laws import tlc_loops
 
 
 @pytest.fixture(scope="module")

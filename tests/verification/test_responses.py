@@ -21,11 +21,10 @@ from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.prepare import make_plan
-from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.kernel.plant.vehicle import VARIABLES, BuildUp, Vehicle
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.vehicle.arrays import VARIABLES, BuildUp
-from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.verification.rows import Row
 
 # Sub-loops from inside out; all channels of one are slowed together, and what lies outside it even more.

@@ -7,8 +7,8 @@ from abhv_mc.array_types import Floats
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRICS
 from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.one_flight.given import make_flight_plan
-from abhv_mc.plant.parameters import PARAMETER_INDEX
 from abhv_mc.verification.rows import Row
 
 # Zhu & Shen (2014), section 7: uniform, half widths.

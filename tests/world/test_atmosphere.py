@@ -9,8 +9,8 @@ from ambiance import Atmosphere
 from hypothesis import given
 from hypothesis import strategies as st
 
-from abhv_mc.world import atmosphere as module
-from abhv_mc.world.atmosphere import GAS_CONSTANT, GEOPOTENTIAL_RADIUS, atmosphere
+from abhv_mc.kernel.world import atmosphere as module
+from abhv_mc.kernel.world.atmosphere import GAS_CONSTANT, GEOPOTENTIAL_RADIUS, atmosphere
 
 # NOAA-S/T 76-1562, table I: geometric altitude m, kinetic temperature K, pressure Pa, density kg/m3, sound m/s
 # (the printed digits; sound to 0.01).

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from abhv_mc.world.earth import WGS84, Earth, gravity_ned, radii
+from abhv_mc.kernel.world.earth import WGS84, Earth, gravity_ned, radii
 
 LATITUDES = st.floats(-math.pi / 2, math.pi / 2)
 ALTITUDES = st.floats(-1e3, 2e5)

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from abhv_mc.world.earth import WGS84
-from abhv_mc.world.geodesy import (
+from abhv_mc.kernel.world.earth import WGS84
+from abhv_mc.verification.geodesy import (
     earth_fixed_from_inertial,
     ecef_from_geodetic,
     geodetic_from_ecef,

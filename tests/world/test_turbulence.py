@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from abhv_mc.jit import kernel
-from abhv_mc.world.turbulence import (
+from abhv_mc.kernel.jit import kernel
+from abhv_mc.kernel.world.turbulence import (
     dryden_first,
     dryden_second,
     dryden_second_output,

@@ -1,4 +1,4 @@
-// Multilinear look-up of the packed tables: abhv_mc.numerics.tables.
+// Multilinear look-up of the packed tables: abhv_mc.kernel.numerics.tables.
 #pragma once
 
 #include <array>

@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abhv_mc.control.columns import LQR_GAINS
 from abhv_mc.control.controller_file import LqrController
 from abhv_mc.control.design.lqr_design import make_lqr_gains
+from abhv_mc.kernel.laws.columns import LQR_GAINS
 
 WEIGHTS = {  # the paper's (Zhu and Shen 2014), as in lqr.yaml
     "law": "lqr",

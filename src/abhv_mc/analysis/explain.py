@@ -21,7 +21,8 @@ from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError, one_of
-from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.simulators.end_sentence import describe_end
 from abhv_mc.simulators.engine import Fly
 from abhv_mc.simulators.margin_plans import make_margin_plans

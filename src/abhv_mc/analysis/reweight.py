@@ -15,7 +15,8 @@ from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.campaign.sampling.marginals import ContinuousMarginal, DiscreteMarginal, Marginal, SometimesMarginal
 from abhv_mc.io.document_reader import compose
 from abhv_mc.io.documents import InputError, Refusal, one_of, validate
-from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.statistics.reweight import Unseen, join_unseen, unseen_of_range, unseen_of_values
 
 _SET = "--set"

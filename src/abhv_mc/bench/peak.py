@@ -10,7 +10,7 @@ import time
 
 import numpy as np
 
-from abhv_mc.jit import kernel
+from abhv_mc.kernel.jit import kernel
 
 _NUMBERS = 128
 _OPERATIONS = 16  # on each number in each sweep

@@ -16,8 +16,9 @@ from abhv_mc.bench.peak import measure_peak
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.flight.fly import fly
-from abhv_mc.flight.plan import LANES, FlightPlan
+from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import prepare
+from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.shipped import shipped_campaigns
 
 CONTROLLERS = ("tlc", "lqr")

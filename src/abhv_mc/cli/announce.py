@@ -14,7 +14,7 @@ _PARTS = {"flight": "the flight", "stability": "the stability margins", "control
 
 def announce_compiling() -> None:
     """From here on, tell standard error what is compiled instead of found in the cache, or waited for, and how long."""
-    from abhv_mc.jit import PLAIN, tell_compiling
+    from abhv_mc.kernel.jit import PLAIN, tell_compiling
 
     if PLAIN:
         words = "NUMBA_DISABLE_JIT is set: nothing is compiled, and flights take thousands of times as long"
@@ -25,8 +25,8 @@ def announce_compiling() -> None:
 @contextmanager
 def _tell(function: Any, elsewhere: bool) -> Iterator[None]:
     """While a kernel is compiled, here or by another process that is waited for."""
-    from abhv_mc.cache import user_folder
     from abhv_mc.execution.progress import Waiting
+    from abhv_mc.kernel.cache import user_folder
 
     part = _PARTS.get(function.__module__.split(".")[1], "a part")
     if elsewhere:

@@ -173,7 +173,7 @@ def describe_outcomes(facts: dict[str, Any]) -> str:
 
 def print_requirements(manifest: dict[str, Any]) -> None:
     """A table of the requirements: what each asks of whom, what was counted, the verdict and what it rests on."""
-    from abhv_mc.numerics.bounds import Bounds
+    from abhv_mc.bounds import Bounds
 
     if not manifest["requirements"]:
         return

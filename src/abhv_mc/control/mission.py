@@ -15,9 +15,9 @@ from abhv_mc.control.trajectory_file import read_trajectory
 from abhv_mc.io.documents import File, Refusal, StrictModel, read_document, validate
 from abhv_mc.io.input_files import made_once
 from abhv_mc.io.units import Angle, AngularRate, Length, Mass, Pressure, Speed, Time, parse_in_unit
+from abhv_mc.kernel.world.earth import WGS84, Earth
 from abhv_mc.vehicle.limits import LoadLimits
 from abhv_mc.vehicle.sensing import SensingKeys
-from abhv_mc.world.earth import WGS84, Earth
 
 Positive = Field(gt=0.0)
 _NORTHMOST = math.radians(89.99001)
@@ -294,7 +294,7 @@ class Mission(StrictModel):
         return found
 
     def make_air(self) -> NDArray[np.float64]:
-        """The nominal air ``[knot, column]``, see :mod:`abhv_mc.plant.air_profile`. Raises InputError."""
+        """The nominal air ``[knot, column]``, see :mod:`abhv_mc.kernel.plant.air_profile`. Raises InputError."""
         wind = None if isinstance(self.wind, str) else read_air_table(self.wind.file, WIND)
         density = None if isinstance(self.density, str) else read_air_table(self.density.file, DENSITY)
         return join_air(wind, density)

@@ -7,7 +7,8 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.execution.fly_batches import AT_ONCE
-from abhv_mc.flight.plan import LANES, FlightBlock, FlightPlan
+from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.simulators.engine import Fly, Recorded
 
 _MOST_PLAIN = 8192  # flights of a block that records nothing, some ten seconds of work: what a kill costs a worker

@@ -16,7 +16,8 @@ from abhv_mc.execution.retry import time_limit
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.io.documents import InputError, InputErrors
-from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.simulators.engine import Fly
 from abhv_mc.user_code.run_in_thread import run_in_thread
 

@@ -1,1 +1,1 @@
-"""The flight: signals, outcomes, metrics and the compiled kernel that flies them in batched lanes."""
+"""The flight: signals, outcomes, metrics, plans, and the one place that enters the compiled flight."""

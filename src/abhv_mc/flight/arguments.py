@@ -13,23 +13,17 @@ from typing import Any, NamedTuple, get_args, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats, Ints
-from abhv_mc.control.columns import LQR_GAINS, LQR_SETTINGS, REFERENCE, TLC_GAINS, TLC_SETTINGS
-from abhv_mc.control.laws.recorded import RECORDED_GAINS
+from abhv_mc.array_types import Floats
 from abhv_mc.flight.compile_metrics import compile_metrics, known_sources
-from abhv_mc.flight.counting import Counted
-from abhv_mc.flight.memory import SAVED_ROWS, Memory
-from abhv_mc.flight.observe import Observed, make_observed
-from abhv_mc.flight.plan import FlightPlan, Recording, Timing
-from abhv_mc.plant.air_profile import PROFILE
-from abhv_mc.plant.effectiveness import Effectiveness
-from abhv_mc.plant.state import N_PARAMETERS, N_STATES
-from abhv_mc.vehicle.arrays import Tables
-from abhv_mc.vehicle.model import Vehicle
-from abhv_mc.world.earth import Earth
+from abhv_mc.flight.observed import make_observed
+from abhv_mc.flight.plan import FlightPlan, Recording
+from abhv_mc.kernel.flight.interface import LQR, PYTHON, RECORDED, TLC, KernelPlan, KernelResults
+from abhv_mc.kernel.flight.memory import SAVED_ROWS, Memory
+from abhv_mc.kernel.laws.columns import LQR_GAINS, LQR_SETTINGS, REFERENCE, TLC_GAINS, TLC_SETTINGS
+from abhv_mc.kernel.laws.recorded import RECORDED_GAINS
+from abhv_mc.kernel.plant.air_profile import PROFILE
+from abhv_mc.kernel.plant.state import N_PARAMETERS, N_STATES
 
-# Which law flies: the integers that the kernel compares.
-TLC, LQR, RECORDED, PYTHON = range(4)
 LAWS = {"tlc": TLC, "lqr": LQR, "recorded": RECORDED, "python": PYTHON, "c": PYTHON, "fmu": PYTHON}
 _COLUMNS = {  # of the gains and of the settings
     "tlc": (len(TLC_GAINS), len(TLC_SETTINGS)),
@@ -41,60 +35,11 @@ _COLUMNS = {  # of the gains and of the settings
 }
 
 
-class UserCode(NamedTuple):
-    """A law of the user's own, as the kernel calls it."""
-
-    address: int  # of its machine code, 0 for none
-    onboard: int  # 1 where it wants the nominal vehicle
-    channels: int  # address of the user's own channels, 0 for none
-    more: int  # 1 where it may ask for more than the ten measured values
-    context: int = 0  # address of what the law's machine code works on, 0 for none
-    aerodynamics: int = 0  # addresses of the vehicle's own functions, 0 for tables
-    propulsion: int = 0
-
-
-class KernelPlan(NamedTuple):
-    """What is flown, only read."""
-
-    law: int
-    vehicle: Vehicle
-    trim_tables: Tables
-    effectiveness: Effectiveness
-    earth: Earth
-    timing: Timing
-    record_every: int  # control ticks between samples, 0 for no history
-    observed: Observed
-    unit_factors: Ints  # [term] the parameter that is 1, for the nominal vehicle
-    initial_state: Floats  # [state]
-    reference: Floats  # [tick, column]
-    gains: Floats  # [tick, gain]
-    settings: Floats  # [setting]
-    profile: Floats  # [knot, column] nominal air, see abhv_mc.plant.air_profile; no knots: still standard air
-    parameters: Floats  # [flight, parameter]
-    counted: Counted
-    first_tick: int  # at which the flights start
-    start: Floats  # [flight, row] their memories then, see abhv_mc.flight.fly; no flights: the mission's start
-    user_code: UserCode = UserCode(0, 0, 0, 0)
-
-
-class KernelResults(NamedTuple):
-    """What the compiled flight fills."""
-
-    metrics: Floats  # [flight, metric]
-    outcome: NDArray[np.int64]  # [flight]
-    end_tick: NDArray[np.int64]  # [flight]
-    history: NDArray[np.float32]  # [flight, sample, channel]
-    states: Floats  # [flight, sample, state]; no samples where not asked for
-    low: Floats  # [sample, channel] least and greatest values of all flights, from the sample to the tick before the
-    high: Floats  # next, the first above the second where nobody flew; no samples where not asked for
-    kept: Floats  # [flight, row] memories before the last tick; no rows where not asked for
-
-
 class Kept(NamedTuple):
     """Flights at a control tick, before its measurement: all that the kernel carries from tick to tick."""
 
     tick: int
-    rows: Floats  # [flight, row] rows of the lane memory (abhv_mc.plant.state), then the observer's
+    rows: Floats  # [flight, row] rows of the lane memory (abhv_mc.kernel.plant.state), then the observer's
 
 
 def make_results(

@@ -13,13 +13,23 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.control.laws.user import CHANNEL, MAX_CHANNELS
 from abhv_mc.flight.channels import SOURCES
-from abhv_mc.flight.counting import MAX_LEAN, MAX_PROGRAMS, MAX_REGISTERS, Counted, Lean, Operation, Programs
-from abhv_mc.flight.metrics import Metric, Statistic
-from abhv_mc.flight.observe import find_factor, find_row
+from abhv_mc.flight.metrics import Metric
+from abhv_mc.flight.observed import find_factor
 from abhv_mc.io.input_error import Refusal, describe, one_of
 from abhv_mc.io.unit_pattern import NUMBER
+from abhv_mc.kernel.flight.counting import (
+    MAX_LEAN,
+    MAX_PROGRAMS,
+    MAX_REGISTERS,
+    Counted,
+    Lean,
+    Operation,
+    Programs,
+    Statistic,
+)
+from abhv_mc.kernel.flight.observe import find_row
+from abhv_mc.kernel.laws.user import CHANNEL, MAX_CHANNELS
 
 _LEAN_EMPTY = {  # what the accumulator of a lean metric starts from
     Statistic.MIN: math.inf,

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.plant.parameters import FAILURE_TIMES
+from abhv_mc.kernel.plant.parameter_names import FAILURE_TIMES
 
 NO_FAILURE = "none"
 UNSTART = "engine unstart"  # by the vehicle's own condition, at no drawn time

@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.array_types import Floats
-from abhv_mc.flight.arguments import Kept, KernelResults, check_written, make_kernel_plan, make_results
-from abhv_mc.flight.extremes import join_bins
-from abhv_mc.flight.kernel import make_fly_lanes
+from abhv_mc.array_types import Floats, Singles
+from abhv_mc.flight.arguments import Kept, check_written, make_kernel_plan, make_results
 from abhv_mc.flight.last_tick import open_memory
 from abhv_mc.flight.lost import fly_in_child
-from abhv_mc.flight.memory import Memory, make_memory
-from abhv_mc.flight.plan import LANES, NOT_LEAN, FlightBlock, FlightPlan, Recording, recording_of
+from abhv_mc.flight.plan import NOT_LEAN, FlightBlock, FlightPlan, Recording, recording_of
 from abhv_mc.flight.user_law import must_fly_elsewhere, open_law
-from abhv_mc.jit import is_kept
+from abhv_mc.kernel.flight.fly_lanes import make_fly_lanes
+from abhv_mc.kernel.flight.interface import LANES, KernelResults
+from abhv_mc.kernel.flight.memory import Memory, make_memory
+from abhv_mc.kernel.jit import is_kept
 from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.user_code.child import in_child
 
@@ -118,3 +118,22 @@ def fly_in_memory(
     in_rows = memory_in_rows or start is not None
     with open_law(plan, width, memory_in_rows=in_rows, flights=len(parameters)) as user_code:
         choose_flight(width, plan.lean)(kernel_plan._replace(user_code=user_code), memory, results)
+
+
+def join_bins(low: Floats, high: Floats, history: Singles) -> tuple[Singles, Singles]:
+    """Extremes ``[sample, channel]`` from the sample before to the one after each, NaN where nobody flew.
+
+    low, high: of each bin [sample, channel], the first above the second where there was no value; history:
+    the samples [flight, sample, channel]. Bands are drawn from sample to sample: no flight leaves these. -0 is 0.
+    """
+    seen = low <= high
+    return _join(np.where(seen, low, np.nan), history, np.fmin), _join(np.where(seen, high, np.nan), history, np.fmax)
+
+
+def _join(bins: Floats, history: Singles, extreme: np.ufunc) -> Singles:
+    after = bins.astype(np.float32)
+    found = after.copy()
+    if len(history):
+        found[:-1] = extreme(after[:-1], extreme.reduce(history[:, 1:], axis=0))
+    found[1:] = extreme(found[1:], after[:-1])
+    return np.asarray(found + np.float32(0.0), np.float32)

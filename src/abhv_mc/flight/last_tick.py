@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from abhv_mc.compiler_target import code_folder
-from abhv_mc.flight import observe
-from abhv_mc.flight.memory import O_ROWS, Z_ROWS, Memory, make_memory
-from abhv_mc.flight.plan import LANES
-from abhv_mc.jit import compiler
-from abhv_mc.plant import state as s
+from abhv_mc.kernel.compiler_target import code_folder
+from abhv_mc.kernel.flight import observe
+from abhv_mc.kernel.flight.interface import LANES
+from abhv_mc.kernel.flight.memory import O_ROWS, Z_ROWS, Memory, make_memory
+from abhv_mc.kernel.jit import compiler
+from abhv_mc.kernel.plant import state as s
 from abhv_mc.user_code.child import may_run_here
 from abhv_mc.user_code.law_interface import Measured, find_unit
 

@@ -10,7 +10,7 @@ from abhv_mc.flight.arguments import Kept
 from abhv_mc.flight.last_tick import describe_last_tick
 from abhv_mc.flight.outcome import Outcome, find_lost_outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, Recording, join_blocks
-from abhv_mc.plant.state import N_STATES
+from abhv_mc.kernel.plant.state import N_STATES
 from abhv_mc.user_code.child import LostError, in_child
 
 _LIMIT = 60.0  # s for up to 16 flights

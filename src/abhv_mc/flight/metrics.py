@@ -7,41 +7,17 @@ linearized loop of a flight and not from its control ticks. A new metric is an e
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
-from enum import IntEnum
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.bounds import Bounds
 from abhv_mc.flight.channels import SURFACES, Signal
-from abhv_mc.numerics.bounds import Bounds
+from abhv_mc.kernel.flight.counting import Statistic
 
 Bad = Literal["high", "low", "size"]  # large values, small values, large absolute values
 Group = Literal["tracking", "usage", "loads", "stability", "user"]
-
-
-class Statistic(IntEnum):
-    """What a metric makes of its value over the control ticks of its window."""
-
-    MIN = 0
-    MAX = 1
-    MAX_ABS = 2
-    MEAN = 3
-    RMS = 4
-    FINAL = 5
-    INTEGRAL = 6  # trapezoidal, over time
-    PEAK_TO_PEAK = 7
-    TRAVEL = 8  # sum of the absolute changes
-    TIME_OUTSIDE = 9  # s in which the size of the value is above the limit
-    LAST_OUTSIDE = 10  # s; the window's start where it never was
-    FIRST_OUTSIDE = 11  # s; the end of the window or of the flight where it never was
-    REVERSALS = 12  # times that it turned back by more than the limit
-    SUM = 13  # over the ticks
-
-    @property
-    def word(self) -> str:
-        """As campaign files name it."""
-        return self.name.lower()
 
 
 NEEDS_LIMIT = (Statistic.TIME_OUTSIDE, Statistic.LAST_OUTSIDE, Statistic.FIRST_OUTSIDE)

@@ -10,15 +10,15 @@ from dataclasses import replace
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.compiler_target import code_folder
 from abhv_mc.flight.fly import fly, fly_until, nominal_parameters
 from abhv_mc.flight.last_tick import describe_last_tick
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.user_law import hidden_memory
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.input_error import InputError
-from abhv_mc.jit import compiler
-from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.kernel.compiler_target import code_folder
+from abhv_mc.kernel.jit import compiler
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.user_code.child import LostError, in_child
 
 _TICKS = 50

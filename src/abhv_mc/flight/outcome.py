@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
-from abhv_mc.vehicle.limits import LoadBounds
+from abhv_mc.kernel.laws import user
+from abhv_mc.kernel.plant.vehicle import LoadBounds
 
 
 class Outcome(IntEnum):
@@ -16,7 +17,7 @@ class Outcome(IntEnum):
     ALTITUDE_LIMIT = 1
     ANGLE_OF_ATTACK_LIMIT = 2
     SIDESLIP_LIMIT = 3
-    NOT_FINITE = 4
+    NOT_FINITE = int(user.NOT_FINITE)  # the kernel's
     FAILED_TO_RUN = 5
     DYNAMIC_PRESSURE_LIMIT = 6
     LOAD_FACTOR_LIMIT = 7

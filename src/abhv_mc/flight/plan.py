@@ -12,18 +12,19 @@ from abhv_mc.flight import outcome
 from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.metrics import METRICS, NO_METRICS, Metric, unpack_metrics
 from abhv_mc.identity import Flyer
-from abhv_mc.plant.air_profile import no_profile
-from abhv_mc.plant.effectiveness import Effectiveness
+from abhv_mc.kernel.flight.interface import Timing
+from abhv_mc.kernel.flight.sensors import MAX_DELAY_TICKS
+from abhv_mc.kernel.plant.air_profile import no_profile
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.kernel.plant.slopes import Effectiveness
+from abhv_mc.kernel.plant.vehicle import DRIVEN, Tables, Vehicle
+from abhv_mc.kernel.world.earth import Earth
 from abhv_mc.user_code.source import UserSource
-from abhv_mc.vehicle.arrays import Tables
 from abhv_mc.vehicle.foreign import VehicleCode
-from abhv_mc.vehicle.model import DRIVEN, Vehicle
-from abhv_mc.world.earth import Earth
 
 Limits = outcome.Limits
 
 NO_SOURCES: NDArray[np.str_] = np.empty((0, 2), dtype=np.str_)
-LANES = 32  # flights of a group: batched lanes
 
 
 class Recording(NamedTuple):
@@ -43,26 +44,20 @@ def recording_of(asked: Recording | int | None) -> Recording:
     return asked if isinstance(asked, Recording) else Recording(asked or 0)
 
 
-class Timing(NamedTuple):
-    """The clock of a flight. Control ticks are 0..ticks; a tick holds ``steps_per_tick`` RK4 steps."""
-
-    step: float  # s
-    steps_per_tick: int
-    ticks: int
-
-    @property
-    def tick(self) -> float:
-        """Control period, s."""
-        return self.step * self.steps_per_tick
-
-    @property
-    def duration(self) -> float:
-        """Length of the flight, s."""
-        return self.tick * self.ticks
-
-
 # Beginnings of the names of dispersions that a lean flight does not know.
 NOT_LEAN = ("wind.", "sensor.", "failure.", "atmosphere.density_at_")
+
+
+def find_late(parameters: Floats, tick: float) -> str:
+    """The delay among ``parameters`` [flight, parameter] that is out of range at a control period (s); '' for none."""
+    delay = parameters[:, PARAMETER_INDEX["sensor.delay"]]
+    wrong = delay[(delay < 0.0) | (delay > (MAX_DELAY_TICKS + 0.5) * tick)]
+    return f"sensor.delay of {1e3 * wrong[0]:g} ms" if wrong.size else ""
+
+
+def delays_known(tick: float) -> str:
+    """The range of delays at a control period (s), in words."""
+    return f"0 to {1e3 * MAX_DELAY_TICKS * tick:g} ms, {MAX_DELAY_TICKS} control periods"
 
 
 @dataclass(frozen=True)
@@ -77,11 +72,13 @@ class FlightPlan:
     earth: Earth
     timing: Timing
     limits: Limits
-    initial_state: Floats  # [state] nominal start, see abhv_mc.plant.state
-    reference: Floats  # [tick, column] see abhv_mc.control.columns
+    initial_state: Floats  # [state] nominal start, see abhv_mc.kernel.plant.state
+    reference: Floats  # [tick, column] see abhv_mc.kernel.laws.columns
     gains: Floats  # [tick, gain] columns as the law names them
     settings: Floats  # the law's constants (differentiator bandwidths, command limits)
-    profile: Floats = field(default_factory=no_profile)  # [knot, column] nominal air, see abhv_mc.plant.air_profile
+    profile: Floats = field(
+        default_factory=no_profile
+    )  # [knot, column] nominal air, see abhv_mc.kernel.plant.air_profile
     warnings: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))  # sentences for the user
     gain_names: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))  # of a user law
     declared: NDArray[np.str_] = field(default_factory=NO_METRICS.copy)  # metrics of a campaign, as pack_metrics gives

@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control.columns import ANGLE_OF_ATTACK, BANK, MASS, TIME
 from abhv_mc.control.controller_file import (
     Controller,
     LqrController,
@@ -24,12 +23,16 @@ from abhv_mc.control.law_file import USER_LAWS, CController, PythonController, U
 from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.flight.native_check import check_native
 from abhv_mc.flight.outcome import EndBounds
-from abhv_mc.flight.plan import LANES, FlightPlan, Limits, Timing
-from abhv_mc.flight.start import multiply
+from abhv_mc.flight.plan import FlightPlan, Limits
 from abhv_mc.flight.user_law import NATIVE, load_plan_parts, open_law
 from abhv_mc.io.documents import InputError
-from abhv_mc.numerics.quaternion import from_euler, rotate_to_body
-from abhv_mc.plant import state as s
+from abhv_mc.kernel.flight.interface import LANES, Timing
+from abhv_mc.kernel.flight.start import multiply
+from abhv_mc.kernel.laws.columns import ANGLE_OF_ATTACK, BANK, MASS, TIME
+from abhv_mc.kernel.numerics.quaternion import from_euler, rotate_to_body
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.vehicle import Vehicle
+from abhv_mc.kernel.world.earth import Earth, radii
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.plant.trim import GRAVITY, TrimPoint
 from abhv_mc.user_code.closure import check_closure, watched_design
@@ -43,10 +46,8 @@ from abhv_mc.user_code.native import NativeLaw
 from abhv_mc.user_code.settings import NO_COMMANDS, CommandSteps, make_commands, make_user_settings
 from abhv_mc.user_code.vehicle_functions import find_code, load_vehicle
 from abhv_mc.vehicle.limits import tighter
-from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.vehicle.sensing import choose_sensing
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
-from abhv_mc.world.earth import Earth, radii
 
 _LEAST_FUEL = 1e-9  # kg: below it there is none
 _ALPHA_OF_AUTHORITY = np.deg2rad(1.2)  # a small angle inside of most tables' cells

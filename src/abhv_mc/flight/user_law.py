@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from typing import Any
 
 from abhv_mc.control.law_file import USER_LAWS
-from abhv_mc.control.laws.user import MAX_MEMORY, MEMORY
-from abhv_mc.flight.arguments import UserCode
-from abhv_mc.flight.memory import TOGETHER
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.input_error import InputError
-from abhv_mc.plant import state as s
+from abhv_mc.kernel.flight.interface import UserCode
+from abhv_mc.kernel.flight.memory import TOGETHER
+from abhv_mc.kernel.laws.user import MAX_MEMORY, MEMORY
+from abhv_mc.kernel.plant import state as s
 from abhv_mc.user_code.channels import compile_channels
 from abhv_mc.user_code.check import is_number
 from abhv_mc.user_code.child import in_child, may_run_here

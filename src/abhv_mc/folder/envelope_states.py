@@ -20,8 +20,8 @@ from abhv_mc.folder.arrays import read_array, write_array
 from abhv_mc.folder.envelopes import QUANTILES, EnvelopeTable
 from abhv_mc.folder.flights import DamagedFileError, parse_block_name
 from abhv_mc.folder.layout import write_whole
-from abhv_mc.folder.order_statistics import select_ranks
 from abhv_mc.io.input_error import InputError
+from abhv_mc.kernel.numerics.order_statistics import select_ranks
 
 ENVELOPE_FLIGHTS = 4096
 _SLAB = 4_000_000  # values sorted at once

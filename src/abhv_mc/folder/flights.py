@@ -18,7 +18,8 @@ from abhv_mc.flight.outcome import SENTENCES, Outcome
 from abhv_mc.folder.digest import Digest, digest_rows
 from abhv_mc.folder.layout import write_whole
 from abhv_mc.io.parquet_columns import column_values
-from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.plant.parameters import PARAMETERS
 
 END_TIME = Signal("end_time_s", "s", "time at which the flight ended")
 VALUES = (*METRICS, END_TIME)  # the columns after the samples, and before them a campaign's own metrics

@@ -25,7 +25,7 @@ def find_versions() -> dict[str, str]:
 
 def find_compiler() -> str:
     """Which interface of numba compiled the flight: ``private`` or ``public``."""
-    from abhv_mc.jit import compiler  # which loads numba
+    from abhv_mc.kernel.jit import compiler  # which loads numba
 
     return compiler()
 

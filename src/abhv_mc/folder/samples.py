@@ -12,7 +12,8 @@ from abhv_mc.array_types import Floats
 from abhv_mc.folder.flights import make_field
 from abhv_mc.folder.layout import write_whole
 from abhv_mc.io.parquet_columns import column_values
-from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.plant.parameters import PARAMETERS
 
 ROW_GROUP = 65536  # flights drawn, written and read at once
 

@@ -120,7 +120,8 @@ def _check_felt(plan: "FlightPlan", parameters: "NDArray[np.float64]", names: It
 
     from abhv_mc.execution.probe_dispersions import differs
     from abhv_mc.flight.fly import fly
-    from abhv_mc.plant.parameters import NEVER, PARAMETER_INDEX, PARAMETERS
+    from abhv_mc.kernel.plant.parameter_names import NEVER, PARAMETER_INDEX
+    from abhv_mc.plant.parameters import PARAMETERS
 
     at = [PARAMETER_INDEX[name] for name in names]
     at = [i for i in at if parameters[0, i] != PARAMETERS[i].nominal]

@@ -95,7 +95,8 @@ def make_flight_plan(mission: Input, vehicle: Input = "ghame_x", controller: Inp
 def make_parameters(dispersions: Mapping[str, Quantity] | None) -> "NDArray[np.float64]":
     """One row of all parameters [1, parameter], those named replaced. Raises InputError for an unknown one."""
     from abhv_mc.flight.fly import nominal_parameters
-    from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+    from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+    from abhv_mc.plant.parameters import PARAMETERS
 
     row = nominal_parameters()
     for name, value in check_mapping({} if dispersions is None else dispersions, "dispersions").items():
@@ -111,14 +112,15 @@ def make_parameters(dispersions: Mapping[str, Quantity] | None) -> "NDArray[np.f
 
 def check_dispersed(plan: "FlightPlan", parameters: "NDArray[np.float64]") -> None:
     """Raise InputError for measurements later than the lanes remember, and for a limit on oscillation in moving air."""
-    from abhv_mc.flight.sensors import delays_known, find_late
-    from abhv_mc.plant.parameters import DISTURBANCES, PARAMETER_INDEX
-    from abhv_mc.vehicle.limits import STILL_AIR
+    from abhv_mc.flight.plan import delays_known, find_late
+    from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+    from abhv_mc.plant.parameters import DISTURBANCES
+    from abhv_mc.vehicle.limits import STILL_AIR, refuse_oscillation
 
     if late := find_late(parameters, plan.timing.tick):
         raise InputError("dispersions", late, delays_known(plan.timing.tick))
     moving = [name for name in DISTURBANCES if parameters[:, PARAMETER_INDEX[name]].any()]
-    if refused := plan.limits.loads.refuse_in(moving):
+    if refused := refuse_oscillation(plan.limits.loads, moving):
         raise InputError("dispersions", refused, STILL_AIR)
 
 

@@ -80,10 +80,10 @@ def trim(
     """
     import pandas as pd
 
+    from abhv_mc.kernel.world.earth import WGS84
     from abhv_mc.plant.trim import FlightPoint
     from abhv_mc.plant.trim import trim as balance
     from abhv_mc.user_code.vehicle_functions import load_vehicle
-    from abhv_mc.world.earth import WGS84
 
     document: Any = make_document("vehicle", vehicle)
     banks = [bank] if isinstance(bank, str | int | float | Real) else list(bank)

@@ -1,1 +1,1 @@
-"""What a campaign may disperse, the state, the equations of motion and trim."""
+"""What a campaign may disperse, slopes for control allocation, and trim."""

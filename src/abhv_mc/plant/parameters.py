@@ -1,13 +1,20 @@
-"""Every quantity that a campaign may disperse: one line each.
+"""What a campaign may disperse: unit, nominal value and words of each of the kernel's parameters.
 
-A flight's parameters are one column of an array ``[parameter, flight]`` in this order.
-Adding one is a line here and its use in the plant. Nominal values leave the flight unchanged.
+Adding one is its name there (:mod:`abhv_mc.kernel.plant.parameter_names`, whose order PARAMETERS has), a line here and
+its use in the plant. Nominal values leave the flight unchanged.
 """
 
-import math
 from dataclasses import dataclass
 
-from abhv_mc.vehicle.arrays import MAX_EFFECTORS, MAX_ENGINES
+from abhv_mc.kernel.plant.parameter_names import (
+    AXES,
+    DENSITY_KNOTS_KM,
+    EFFECTORS,
+    ENGINES,
+    NEVER,
+    PARAMETER_NAMES,
+    SENSOR_NOISES,
+)
 
 
 @dataclass(frozen=True)
@@ -60,92 +67,36 @@ _NAVIGATION = {
 
 _GUST_AXES = {"forward": "along the body", "right": "across it", "down": "down in body axes"}
 
-DENSITY_KNOTS_KM = (10, 15, 20, 25, 30, 35, 40)
 
-NEVER = math.inf  # time of a failure that does not happen
-# What may fail: the three axis deflections, and the vehicle's own effectors by their place in its file.
-AXES = ("aileron", "rudder", "elevator")
-EFFECTORS = tuple(f"effector_{i}" for i in range(MAX_EFFECTORS))
-_FIRST_EFFECTORS = EFFECTORS[:4]  # whose places in the table came first
-ENGINES = tuple(f"engine_{i}" for i in range(MAX_ENGINES))
-SENSORS = tuple(_NAVIGATION)
-
-
-def _surface_words(name: str) -> str:
-    return f"the vehicle's effector {name.split('_')[1]}" if name in EFFECTORS else f"the {name}"
-
-
-def _surface_times(surfaces: tuple[str, ...]) -> list[Parameter]:
-    return [
-        Parameter(f"failure.{name}.{kind}_time", "s", NEVER, f"time at which {_surface_words(name)} {text}")
-        for name in surfaces
-        for kind, text in (("stuck", "sticks"), ("loss", "loses effectiveness"), ("slow", "becomes slow"))
-    ]
-
-
-def _surface_failures(surfaces: tuple[str, ...]) -> list[Parameter]:
-    return [
-        parameter
-        for name in surfaces
-        for words in (_surface_words(name),)
-        for parameter in (
-            Parameter(f"failure.{name}.stuck_at", "rad", NEVER, f"deflection that {words} sticks at; inf: where it is"),
-            _error(f"failure.{name}.effectiveness", "-", f"effectiveness of {words} after its loss"),
-            Parameter(f"failure.{name}.rate_limit", "-", 0.1, f"factor on the rate limit of {words} once slow"),
-        )
-    ]
-
-
-def _failures() -> tuple[Parameter, ...]:
-    """Failures at drawn times: first all times, so that one search finds whether any of them is used."""
-    surfaces = (*AXES, *_FIRST_EFFECTORS)
-    times = _surface_times(surfaces)
-    times.append(Parameter("failure.engine.time", "s", NEVER, "time at which the engine fails"))
-    times += [
-        Parameter(
-            f"failure.sensor.{name}.time", "s", NEVER, f"time at which the measured {name.replace('_', ' ')} fails"
-        )
-        for name in SENSORS
-    ]
-    how = _surface_failures(surfaces)
-    how += [
-        Parameter("failure.engine.duration", "s", NEVER, "how long the engine has failed; inf: for good"),
-        _error("failure.engine.thrust", "-", "factor on thrust and fuel flow of the failed engine; 0: flame-out"),
-        _error("failure.engine.drag_increment", "-", "added to the drag coefficient while the engine has failed"),
-        _error(
-            "failure.engine.pitching_moment_increment",
-            "-",
-            "added to the pitching-moment coefficient while the engine has failed",
-        ),
-    ]
-    how += [
-        _error(
-            f"failure.sensor.{name}.bias",
-            unit,
-            f"error of the failed measured {name.replace('_', ' ')}; 0: it stays what it was",
-        )
-        for name, unit in _NAVIGATION.items()
-    ]
-    return (*times, *how)
-
-
-def _more_failures() -> tuple[Parameter, ...]:
-    """Of further effectors, and of single engines."""
-    more = EFFECTORS[len(_FIRST_EFFECTORS) :]
-    words = {name: f"the vehicle's engine {name.split('_')[1]}" for name in ENGINES}
+def _failing(name: str, words: str) -> tuple[Parameter, ...]:
+    """Failures of a surface, an axis deflection or an effector."""
     return (
-        *_surface_times(more),
-        *(Parameter(f"failure.{name}.time", "s", NEVER, f"time at which {words[name]} fails") for name in ENGINES),
-        *_surface_failures(more),
-        *(
-            Parameter(f"failure.{name}.duration", "s", NEVER, f"how long {words[name]} has failed; inf: for good")
-            for name in ENGINES
-        ),
-        *(_error(f"failure.{name}.thrust", "-", f"factor on the thrust of {words[name]} failed") for name in ENGINES),
+        Parameter(f"failure.{name}.stuck_time", "s", NEVER, f"time at which {words} sticks"),
+        Parameter(f"failure.{name}.loss_time", "s", NEVER, f"time at which {words} loses effectiveness"),
+        Parameter(f"failure.{name}.slow_time", "s", NEVER, f"time at which {words} becomes slow"),
+        Parameter(f"failure.{name}.stuck_at", "rad", NEVER, f"deflection that {words} sticks at; inf: where it is"),
+        _error(f"failure.{name}.effectiveness", "-", f"effectiveness of {words} after its loss"),
+        Parameter(f"failure.{name}.rate_limit", "-", 0.1, f"factor on the rate limit of {words} once slow"),
     )
 
 
-PARAMETERS: tuple[Parameter, ...] = (
+def _failing_engine(name: str, words: str) -> tuple[Parameter, ...]:
+    return (
+        Parameter(f"failure.{name}.time", "s", NEVER, f"time at which {words} fails"),
+        Parameter(f"failure.{name}.duration", "s", NEVER, f"how long {words} has failed; inf: for good"),
+        _error(f"failure.{name}.thrust", "-", f"factor on the thrust of {words} failed"),
+    )
+
+
+def _failing_sensor(name: str, unit: str) -> tuple[Parameter, ...]:
+    words = name.replace("_", " ")
+    return (
+        Parameter(f"failure.sensor.{name}.time", "s", NEVER, f"time at which the measured {words} fails"),
+        _error(f"failure.sensor.{name}.bias", unit, f"error of the failed measured {words}; 0: it stays what it was"),
+    )
+
+
+_TABLE: tuple[Parameter, ...] = (
     _factor("one", "not dispersible: the factor of a term that no parameter touches"),
     _factor("atmosphere.density", "air density, at every altitude"),
     _error("wind.north", "m/s", "steady wind blowing towards the north"),
@@ -189,7 +140,6 @@ PARAMETERS: tuple[Parameter, ...] = (
         _error(f"sensor.{name}_bias", unit, f"constant error of the measured {name.replace('_', ' ')}")
         for name, unit in _NAVIGATION.items()
     ),
-    # New parameters go to the end: the dimension of a Sobol or Halton sequence is the place in this table.
     _factor("engine.equivalence_ratio_limit", "upper limit of the equivalence ratio"),
     *(
         _factor(
@@ -211,7 +161,19 @@ PARAMETERS: tuple[Parameter, ...] = (
     ),
     Parameter("sensor.noise_seed", "-", 0.5, "which sensor noise a flight meets, 0..1: draw it uniformly"),
     _error("sensor.delay", "s", "age of every measurement, in whole control periods, at most 25 of them"),
-    *_failures(),
+    *(entry for name in AXES for entry in _failing(name, f"the {name}")),
+    *(entry for i, name in enumerate(EFFECTORS) for entry in _failing(name, f"the vehicle's effector {i}")),
+    *(entry for i, name in enumerate(ENGINES) for entry in _failing_engine(name, f"the vehicle's engine {i}")),
+    *(entry for name, unit in _NAVIGATION.items() for entry in _failing_sensor(name, unit)),
+    Parameter("failure.engine.time", "s", NEVER, "time at which the engine fails"),
+    Parameter("failure.engine.duration", "s", NEVER, "how long the engine has failed; inf: for good"),
+    _error("failure.engine.thrust", "-", "factor on thrust and fuel flow of the failed engine; 0: flame-out"),
+    _error("failure.engine.drag_increment", "-", "added to the drag coefficient while the engine has failed"),
+    _error(
+        "failure.engine.pitching_moment_increment",
+        "-",
+        "added to the pitching-moment coefficient while the engine has failed",
+    ),
     *(
         _factor(f"wind.turbulence_{axis}", f"Dryden turbulence: rms {words}, of that of wind.turbulence")
         for axis, words in _GUST_AXES.items()
@@ -221,17 +183,11 @@ PARAMETERS: tuple[Parameter, ...] = (
         for axis, words in _GUST_AXES.items()
     ),
     _error("wind.turbulence_rotary", "-", "rotary gusts p, q, r of Dryden turbulence: 1 on, 0 off"),
-    *_more_failures(),
 )
 
-SENSOR_NOISES = tuple(f"sensor.{name}_noise" for name in _NAVIGATION)
+_ENTRIES = {entry.name: entry for entry in _TABLE}
+PARAMETERS: tuple[Parameter, ...] = tuple(_ENTRIES.pop(name) for name in PARAMETER_NAMES)
+assert not _ENTRIES, f"parameters that the kernel does not know: {', '.join(_ENTRIES)}"  # noqa: S101
+
 # What swings an angle without a limit cycle.
 DISTURBANCES = ("wind.gust_north", "wind.gust_east", "wind.gust_down", "wind.turbulence", *SENSOR_NOISES)
-
-FAILURE_TIMES = tuple(
-    parameter.name
-    for parameter in PARAMETERS
-    if parameter.name.startswith("failure.") and parameter.nominal == NEVER and parameter.name.endswith("time")
-)
-
-PARAMETER_INDEX: dict[str, int] = {parameter.name: i for i, parameter in enumerate(PARAMETERS)}

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Floats
+from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.config import THREADS
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.tuning import Aim, Limit, Tune
@@ -24,7 +25,6 @@ from abhv_mc.folder.layout import write_whole
 from abhv_mc.folder.lock import hold_lock
 from abhv_mc.io.documents import Document, InputError, read_document, validate
 from abhv_mc.io.input_files import reading_once
-from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.search.methods.tune import Scores, Tuning, Validation, tune
 from abhv_mc.search.methods.tune import validate as validate_gain
 from abhv_mc.search.search_flights import find_metric, read_searched

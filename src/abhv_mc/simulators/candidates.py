@@ -16,6 +16,7 @@ from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import user_parts_of
 from abhv_mc.io.documents import InputError
+from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.simulators.controller_numbers import ControllerNumbers
 from abhv_mc.simulators.engine import Engine
 from abhv_mc.simulators.make_plans import declare
@@ -23,7 +24,6 @@ from abhv_mc.stability.analysis import margins_of_flights
 from abhv_mc.stability.fly_with_margins import add_margins
 from abhv_mc.stability.steady import make_steady_plan
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.vehicle.model import Vehicle
 
 Time = Literal["trim"] | float  # s
 

@@ -102,7 +102,7 @@ def _rounded(row: dict[str, Any]) -> dict[str, Any]:
 
 def is_compiled() -> bool:
     """Whether what finds margins was compiled on this machine before."""
-    from abhv_mc.jit import is_kept
-    from abhv_mc.stability.structured import LAST_COMPILED
+    from abhv_mc.kernel.jit import is_kept
+    from abhv_mc.kernel.stability.structured import LAST_COMPILED
 
     return is_kept(LAST_COMPILED)

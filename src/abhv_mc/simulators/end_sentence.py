@@ -6,11 +6,12 @@ from abhv_mc.array_types import Floats
 from abhv_mc.flight.arguments import make_results
 from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.fly import fly_in_memory
-from abhv_mc.flight.memory import make_memory
 from abhv_mc.flight.outcome import SENTENCES, Outcome
-from abhv_mc.flight.plan import LANES, FlightPlan, Recording
+from abhv_mc.flight.plan import FlightPlan, Recording
 from abhv_mc.flight.user_law import must_fly_elsewhere
-from abhv_mc.plant import state as s
+from abhv_mc.kernel.flight.interface import LANES
+from abhv_mc.kernel.flight.memory import make_memory
+from abhv_mc.kernel.plant import state as s
 from abhv_mc.user_code.child import in_child
 from abhv_mc.vehicle.model import name_effectors
 

@@ -12,10 +12,9 @@ from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.marginals import ContinuousMarginal
 from abhv_mc.flight.metrics import BUILT_IN
 from abhv_mc.io.documents import InputError
-from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, FIXED_TABLE_ROWS, Vehicle
 from abhv_mc.statistics.evidence import flights_to_pass
-from abhv_mc.vehicle.arrays import COEFFICIENTS, FIXED_TABLE_ROWS
-from abhv_mc.vehicle.model import Vehicle
 
 # Without a meaning at or below zero. A factor on a coefficient has one: the part is absent or turned around.
 _ABOVE_ZERO = re.compile(

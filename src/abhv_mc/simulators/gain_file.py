@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
-from abhv_mc.control.columns import LQR_GAINS, TIME, TLC_GAINS
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.input_error import InputError
+from abhv_mc.kernel.laws.columns import LQR_GAINS, TIME, TLC_GAINS
 
 FORMATS = (".mat", ".csv", ".h")
 _BUILT_IN = {"tlc": TLC_GAINS, "lqr": LQR_GAINS}

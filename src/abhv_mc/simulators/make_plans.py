@@ -13,13 +13,14 @@ from abhv_mc.control.design.reference import COLUMN_INDEX
 from abhv_mc.flight.channels import REFERENCE_CHANNELS
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.metrics import pack_metrics
-from abhv_mc.flight.plan import LANES, FlightPlan
-from abhv_mc.flight.sensors import delays_known, find_late
+from abhv_mc.flight.plan import FlightPlan, delays_known, find_late
 from abhv_mc.folder.hashes import read_checked
 from abhv_mc.folder.inputs import FolderInputs
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.documents import Document, InputError
-from abhv_mc.plant.parameters import DISTURBANCES, PARAMETER_INDEX
+from abhv_mc.kernel.flight.interface import LANES
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.plant.parameters import DISTURBANCES
 from abhv_mc.simulators.campaign_code import check_user_code
 from abhv_mc.simulators.engine import Engine, check_source
 from abhv_mc.simulators.feasibility import asked_in_vain
@@ -27,8 +28,8 @@ from abhv_mc.simulators.stored_plans import read_trusted_plan
 from abhv_mc.user_code.channels import compile_channels
 from abhv_mc.user_code.closure import check_closure
 from abhv_mc.user_code.source import read_source
-from abhv_mc.vehicle.limits import STILL_AIR
-from abhv_mc.vehicle.sensing import IN_WIND
+from abhv_mc.vehicle.limits import STILL_AIR, refuse_oscillation
+from abhv_mc.vehicle.sensing import IN_WIND, describe_sensing
 
 _RARELY = 1e-6  # probability that a law may have beyond a bound
 
@@ -78,7 +79,7 @@ def _check_oscillation(campaign: Experiment, plans: Iterable[FlightPlan]) -> Non
     """Raise InputError for a limit on oscillation where gusts, turbulence or noise swing the angles."""
     moving = [name for name in DISTURBANCES if name in campaign.names]
     for plan in plans:
-        if refused := plan.limits.loads.refuse_in(moving):
+        if refused := refuse_oscillation(plan.limits.loads, moving):
             place = ("dispersions", moving[0]) if campaign.sample_file is None else ("sampling",)
             raise campaign.document.key_error(place, refused, STILL_AIR)
 
@@ -123,7 +124,7 @@ def _sensing(plans: dict[str, FlightPlan], campaign: Experiment) -> list[str]:
     """Where there is wind, what the instruments measure."""
     plan = next(iter(plans.values()))
     windy = any(name.startswith("wind.") for name in campaign.names) or plan.profile[:, 1:3].any()
-    return [f"{IN_WIND} {plan.vehicle.constants.sensing.words}"] if windy else []
+    return [f"{IN_WIND} {describe_sensing(plan.vehicle.constants.sensing)}"] if windy else []
 
 
 def reference_of(plan: FlightPlan, stride: int) -> dict[str, Floats]:

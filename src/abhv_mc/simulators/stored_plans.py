@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.control.columns import LQR_GAINS, LQR_SETTINGS, REFERENCE, TLC_GAINS, TLC_SETTINGS
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.design.trim_tables import rebuild_trim_tables
 from abhv_mc.control.law_file import UserController
@@ -15,9 +14,11 @@ from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.plan_file import WISH, flatten, read_stored_parts, rebuild
 from abhv_mc.io.input_error import InputError
-from abhv_mc.plant.air_profile import PROFILE
+from abhv_mc.kernel.laws.columns import LQR_GAINS, LQR_SETTINGS, REFERENCE, TLC_GAINS, TLC_SETTINGS
+from abhv_mc.kernel.plant.air_profile import PROFILE
+from abhv_mc.kernel.plant.state import N_STATES
+from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.plant.effectiveness import make_effectiveness
-from abhv_mc.plant.state import N_STATES
 from abhv_mc.stability.fly_with_margins import MarginPlan
 from abhv_mc.user_code.c_source import with_library
 from abhv_mc.user_code.law_source import read_law_source
@@ -25,7 +26,6 @@ from abhv_mc.user_code.source import UserSource, read_source
 from abhv_mc.user_code.trust import check_trusted
 from abhv_mc.user_code.vehicle_functions import check_vehicle_trusted, find_code, load_vehicle
 from abhv_mc.vehicle.foreign import VehicleCode
-from abhv_mc.vehicle.model import Vehicle
 
 Code = tuple[UserSource | None, UserSource | None, VehicleCode | None]  # of a law, of channels, of a vehicle
 _COLUMNS = {"tlc": (len(TLC_GAINS), len(TLC_SETTINGS)), "lqr": (len(LQR_GAINS), len(LQR_SETTINGS))}

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats, Ints
-from abhv_mc.vehicle.arrays import Tables
+from abhv_mc.kernel.plant.vehicle import Tables
 
 # Offsets in steps, their weights, and the weight of the point itself.
 _CENTRAL = (np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 12.0, 0.0)

@@ -6,7 +6,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.flight.arguments import Kept
 from abhv_mc.flight.fly import fly_until
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.plant import state as s
+from abhv_mc.kernel.plant import state as s
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.probe import begin, law_at, law_memory_rows
 

@@ -10,13 +10,13 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Ints
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.flight.sensors import MAX_DELAY_TICKS
-from abhv_mc.plant import state as s
-from abhv_mc.plant.parameters import NEVER
+from abhv_mc.kernel.flight.sensors import MAX_DELAY_TICKS
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.parameter_names import NEVER
+from abhv_mc.kernel.plant.vehicle import MAX_EFFECTORS, VARIABLES
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.differences import Slopes, cells_of, differentiate
 from abhv_mc.stability.probe import ask_plant, check_linear, law_memory_rows, law_tick
-from abhv_mc.vehicle.arrays import MAX_EFFECTORS, VARIABLES
 from abhv_mc.vehicle.model import drive_axes
 
 INPUTS = ("aileron", "rudder", "elevator", "equivalence_ratio")

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from abhv_mc.array_types import Complexes, Floats, Ints
+from abhv_mc.kernel.stability.structured import peak_of_structured_singular_values, structured_singular_values
 from abhv_mc.stability.search import changes_of_sign, refine_crossings, refine_peaks
-from abhv_mc.stability.structured import peak_of_structured_singular_values, structured_singular_values
 
 # Loop gains [point, input, input] of systems [point] at frequencies [point], rad/s.
 Response = Callable[[Ints, Floats], Complexes]

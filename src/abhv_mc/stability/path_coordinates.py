@@ -8,7 +8,7 @@ and about the y axis by the angle of attack. SI and radians; points stand in the
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.plant import state as s
+from abhv_mc.kernel.plant import state as s
 
 COORDINATES = (
     "altitude",

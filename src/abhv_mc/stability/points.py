@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.control.law_file import USER_LAWS
 from abhv_mc.flight.fly import fly_until
-from abhv_mc.flight.memory import Z_ROWS
-from abhv_mc.flight.observe import ALIVE
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.user_law import measured_count
-from abhv_mc.plant import state as s
-from abhv_mc.plant.parameters import NEVER
+from abhv_mc.kernel.flight.memory import Z_ROWS
+from abhv_mc.kernel.flight.observe import ALIVE
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.parameter_names import NEVER
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.linearize import Points
 from abhv_mc.stability.probe import begin, law_at, law_tick

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control import columns as ref
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.plant import state as s
-from abhv_mc.plant.parameters import NEVER
+from abhv_mc.kernel.laws import columns as ref
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.parameter_names import NEVER
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.differences import Slopes
 from abhv_mc.stability.linearize import Points, law_slopes, plant_slopes

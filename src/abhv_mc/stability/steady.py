@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control import columns as ref
 from abhv_mc.control.controller_file import Controller
-from abhv_mc.control.design.guidance_trim import GuidancePoints, GuidanceTrim, trim_along
+from abhv_mc.control.design.guidance_trim import GuidanceTrim, trim_along
 from abhv_mc.control.design.reference import make_mission_trim_tables
 from abhv_mc.control.law_file import USER_LAWS
 from abhv_mc.control.mission import Level, Mission
@@ -17,15 +16,17 @@ from abhv_mc.flight.fly import fly_until, nominal_parameters
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import UserParts, make_gains, make_plan
 from abhv_mc.io.input_error import InputError
-from abhv_mc.plant import state as s
-from abhv_mc.plant.parameters import NEVER, PARAMETER_INDEX
+from abhv_mc.kernel.laws import columns as ref
+from abhv_mc.kernel.laws.trim_search import GuidancePoints
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.parameter_names import NEVER, PARAMETER_INDEX
+from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.linearize import Points, law_slopes, memory_count, plant_slopes
 from abhv_mc.stability.points import AT_LIMIT, Found
 from abhv_mc.stability.probe import begin, check_linear, law_memory_rows
 from abhv_mc.stability.rest import leave_limits
 from abhv_mc.user_code.design import DesignModel
-from abhv_mc.vehicle.model import Vehicle
 
 _ITERATIONS = 25
 _AT_REST = 1e-12  # what the law's memory at a trim may change by in a tick

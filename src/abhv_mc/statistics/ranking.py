@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.numerics.bounds import Bounds
+from abhv_mc.bounds import Bounds
 from abhv_mc.statistics.estimates import Sense, severity
 
 _SPREAD = (5.0, 95.0)  # percentiles of all flights

@@ -5,11 +5,11 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.results import Results
-from abhv_mc.numerics.bounds import Bounds
 
 EARLY = "ended early"
 

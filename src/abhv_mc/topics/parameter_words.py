@@ -2,7 +2,8 @@
 
 import math
 
-from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.topics.words import fixed, significant
 
 _UNSPOKEN = ("aero", "atmosphere", "control", "mass", "propulsion")  # groups that go without saying

@@ -15,12 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control.columns import REFERENCE
-from abhv_mc.control.laws.user import FAULT, MAX_MEMORY, MEMORY
 from abhv_mc.io.input_error import InputError
-from abhv_mc.jit_pointer import address_of, call_c, floats_at
-from abhv_mc.numerics.lane_memory import aligned_zeros
-from abhv_mc.plant import state as s
+from abhv_mc.kernel.jit_pointer import address_of, call_c, floats_at
+from abhv_mc.kernel.laws.columns import REFERENCE
+from abhv_mc.kernel.laws.user import FAULT, MAX_MEMORY, MEMORY
+from abhv_mc.kernel.numerics.lane_memory import aligned_zeros
+from abhv_mc.kernel.plant import state as s
 from abhv_mc.user_code.c_source import describe_layout, interface, recipe_of, refuse_platform
 from abhv_mc.user_code.child import may_run_here
 from abhv_mc.user_code.compiled import COMMAND_ROWS, build_loop

@@ -13,13 +13,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from abhv_mc.compiler_target import code_folder
-from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.law_file import CController, Layout, find_files
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.input_error import InputError
-from abhv_mc.jit import compiler
-from abhv_mc.numerics.lane_math import COS, HALF_PI, SIN
+from abhv_mc.kernel.compiler_target import code_folder
+from abhv_mc.kernel.jit import compiler
+from abhv_mc.kernel.laws.columns import REFERENCE
+from abhv_mc.kernel.numerics.lane_math import COS, HALF_PI, SIN
 from abhv_mc.user_code.law_interface import COMMAND_FIELDS, Measured
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import BUILT

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.control.laws.user import MAX_MEMORY
 from abhv_mc.io.input_error import InputError, Refusal, one_of
 from abhv_mc.io.units import parse_unit
+from abhv_mc.kernel.laws.user import MAX_MEMORY
 from abhv_mc.user_code.effector_commands import parse_law
 from abhv_mc.user_code.law_interface import ARGUMENTS, CLASSES, GIVEN
 from abhv_mc.user_code.module import Law

@@ -10,10 +10,10 @@ from types import FunctionType
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.compiler_target import code_folder
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.input_error import InputError
-from abhv_mc.jit import compiler
+from abhv_mc.kernel.compiler_target import code_folder
+from abhv_mc.kernel.jit import compiler
 from abhv_mc.user_code.child import LostError, in_child
 from abhv_mc.user_code.compiled import own_hash
 from abhv_mc.user_code.design import DesignModel, design_gains

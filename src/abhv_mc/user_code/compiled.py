@@ -10,15 +10,15 @@ from collections import namedtuple
 from pathlib import Path
 from typing import Any
 
-from abhv_mc.cache import one_compiles
-from abhv_mc.compiler_target import code_folder
-from abhv_mc.control.columns import REFERENCE
-from abhv_mc.control.laws.user import MEMORY, ONBOARD
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.input_error import InputError
-from abhv_mc.jit import compiler, scalar
-from abhv_mc.jit_pointer import Uncompilable, compile_pointer
-from abhv_mc.plant import state as s
+from abhv_mc.kernel.cache import one_compiles
+from abhv_mc.kernel.compiler_target import code_folder
+from abhv_mc.kernel.jit import compiler, scalar
+from abhv_mc.kernel.jit_pointer import Uncompilable, compile_pointer
+from abhv_mc.kernel.laws.columns import REFERENCE
+from abhv_mc.kernel.laws.user import MEMORY, ONBOARD
+from abhv_mc.kernel.plant import state as s
 from abhv_mc.user_code.effector_commands import find_commanded, tuple_codes
 from abhv_mc.user_code.law_interface import (
     COMMAND_FIELDS,

@@ -6,19 +6,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.design.design_model import attitude_rates, body_rate_rates, wrench_at
 from abhv_mc.control.design.design_tables import Numbers, slope
 from abhv_mc.control.design.lqr_design import Nominal, make_nominal
 from abhv_mc.control.mission import Mission
 from abhv_mc.io.input_error import InputError
+from abhv_mc.kernel.laws.columns import REFERENCE
+from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
+from abhv_mc.kernel.world.earth import Earth
 from abhv_mc.user_code.compiled import make_gains_class
 from abhv_mc.user_code.law_interface import Reference
 from abhv_mc.user_code.module import refuse_in_words
 from abhv_mc.user_code.source import UserSource
-from abhv_mc.vehicle.arrays import Tables
-from abhv_mc.vehicle.model import Vehicle
-from abhv_mc.world.earth import Earth
 
 STATES = ("altitude", "speed", "flight_path_angle", "heading", "angle_of_attack", "sideslip", "bank", "roll_rate",
           "pitch_rate", "yaw_rate")  # fmt: skip
@@ -54,7 +53,7 @@ class DesignModel:
 
     def __init__(self, vehicle: Vehicle, mission: Mission, reference: Floats, trim_tables: Tables) -> None:
         self.vehicle, self.mission, self.trim_tables = vehicle, mission, trim_tables
-        self.table = reference  # [tick, column] in the order of abhv_mc.control.columns.REFERENCE
+        self.table = reference  # [tick, column] in the order of abhv_mc.kernel.laws.columns.REFERENCE
 
     @property
     def earth(self) -> Earth:

@@ -8,8 +8,9 @@ import types
 from typing import Any
 
 from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.user_code.source import UserSource
-from abhv_mc.vehicle.model import Vehicle, drive_all, name_effectors
+from abhv_mc.vehicle.model import drive_all, name_effectors
 
 _EXPECTED = 'Command(..., effectors={"name": ...}), the same names in each Command of the law'
 

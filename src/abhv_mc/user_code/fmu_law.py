@@ -18,11 +18,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from abhv_mc.compiler_target import code_folder
-from abhv_mc.control.laws.user import MAX_MEMORY
 from abhv_mc.io.input_error import InputError, Refusal, one_of
 from abhv_mc.io.units import parse_any, parse_unit, unit_of
-from abhv_mc.jit import compiler
+from abhv_mc.kernel.compiler_target import code_folder
+from abhv_mc.kernel.jit import compiler
+from abhv_mc.kernel.laws.user import MAX_MEMORY
 from abhv_mc.user_code.c_source import recipe_of, refuse_platform
 from abhv_mc.user_code.child import may_run_here
 from abhv_mc.user_code.fmu_loop import FLAGS, Wire, compile_fmu_adapter

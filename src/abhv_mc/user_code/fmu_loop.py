@@ -5,11 +5,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from abhv_mc.control.columns import REFERENCE
-from abhv_mc.control.laws.user import FAULT, MEMORY
-from abhv_mc.jit_pointer import call_c, floats_at
-from abhv_mc.numerics.float_bits import float_bits
-from abhv_mc.plant import state as s
+from abhv_mc.kernel.jit_pointer import call_c, floats_at
+from abhv_mc.kernel.laws.columns import REFERENCE
+from abhv_mc.kernel.laws.user import FAULT, MEMORY
+from abhv_mc.kernel.numerics.float_bits import float_bits
+from abhv_mc.kernel.plant import state as s
 from abhv_mc.user_code.compiled import COMMAND_ROWS, build_loop
 from abhv_mc.user_code.law_interface import COMMAND_FIELDS, NOT_GIVEN, Measured
 from abhv_mc.user_code.plain import LAW_FAILED

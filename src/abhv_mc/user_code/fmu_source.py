@@ -2,9 +2,9 @@
 
 from typing import Any
 
-from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.law_file import FmuController, find_files
 from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.user_code.c_source import describe_platform, find_name, read_native_source
 from abhv_mc.user_code.law_interface import COMMAND_FIELDS, Measured
 from abhv_mc.user_code.source import UserSource

@@ -2,7 +2,7 @@
 
 from typing import Any, NamedTuple
 
-from abhv_mc.control.columns import REFERENCE
+from abhv_mc.kernel.laws.columns import REFERENCE
 
 NOT_GIVEN = float("inf")  # of an optional command: then the reference's
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control.columns import REFERENCE
-from abhv_mc.control.laws.user import FAULT, MEMORY, N_ONBOARD, ONBOARD
-from abhv_mc.plant import state as s
+from abhv_mc.kernel.laws.columns import REFERENCE
+from abhv_mc.kernel.laws.user import FAULT, MEMORY, N_ONBOARD, ONBOARD
+from abhv_mc.kernel.plant import state as s
 from abhv_mc.user_code.compiled import COMMAND_ROWS, make_gains_class, split_columns
 from abhv_mc.user_code.law_interface import Command, Measured, Onboard, Reference, command_rows
 from abhv_mc.user_code.module import Law

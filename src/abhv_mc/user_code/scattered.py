@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abhv_mc.io.input_error import Refusal
-from abhv_mc.jit import scalar
+from abhv_mc.kernel.jit import scalar
 
 _INSIDE = -1e-12  # of a barycentric coordinate: rounding on a face
 

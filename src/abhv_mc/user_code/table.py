@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abhv_mc.io.input_error import Refusal, one_of
-from abhv_mc.jit import scalar
+from abhv_mc.kernel.jit import scalar
 
 ENDS = {"neither": (False, False), "min": (True, False), "max": (False, True), "both": (True, True)}
 

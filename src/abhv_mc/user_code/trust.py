@@ -5,8 +5,8 @@ A file in a campaign's folder is nobody's own: it may come from anywhere.
 
 from pathlib import Path
 
-from abhv_mc.cache import user_folder
 from abhv_mc.io.input_error import InputError
+from abhv_mc.kernel.cache import user_folder
 from abhv_mc.user_code.source import UserSource
 
 _SIGNS = ("manifest.json", "campaign.yaml")  # a campaign's folder holds both

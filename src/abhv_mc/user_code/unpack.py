@@ -12,8 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
-from abhv_mc.compiler_target import code_folder
-from abhv_mc.jit import compiler
+from abhv_mc.kernel.compiler_target import code_folder
+from abhv_mc.kernel.jit import compiler
 from abhv_mc.user_code.source import UserSource
 
 BUILT = "abhv_built_law.so"  # name of the library that is built of a law's sources

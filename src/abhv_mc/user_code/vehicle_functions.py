@@ -14,22 +14,21 @@ from abhv_mc.array_types import Floats
 from abhv_mc.io.input_error import InputError, Refusal, one_of
 from abhv_mc.io.input_files import made_once
 from abhv_mc.io.units import parse_in_unit
-from abhv_mc.numerics.lane_math import sincos
-from abhv_mc.numerics.lane_memory import aligned_zeros
-from abhv_mc.plant import state as s
+from abhv_mc.kernel.numerics.lane_math import sincos
+from abhv_mc.kernel.numerics.lane_memory import aligned_zeros
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.kernel.plant.state import variable_row
+from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, VARIABLES, Foreign, Vehicle
 from abhv_mc.plant.effectiveness import count_rows
-from abhv_mc.plant.parameters import PARAMETER_INDEX
-from abhv_mc.plant.state import variable_row
 from abhv_mc.user_code.check import check_functions, is_number
 from abhv_mc.user_code.compiled import build, compiled_names
 from abhv_mc.user_code.law_interface import Air, Rates
 from abhv_mc.user_code.module import Module, refuse_in_words, run_module
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.trust import check_trusted, is_in_a_folder
-from abhv_mc.vehicle.arrays import COEFFICIENTS, VARIABLES
 from abhv_mc.vehicle.file import pack_vehicle, read_vehicle_file
 from abhv_mc.vehicle.foreign import N_THRUST, FunctionCode, VehicleCode, register
-from abhv_mc.vehicle.model import Foreign, Vehicle
 
 WIDTH = 32  # points of a call on the launching side
 WANTED = "floats, named tuples and functions of them"

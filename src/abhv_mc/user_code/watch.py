@@ -16,10 +16,10 @@ from types import FrameType
 from typing import Any
 
 import abhv_mc
-from abhv_mc.cache import user_folder
-from abhv_mc.compiler_target import code_folder
 from abhv_mc.io.input_error import InputError
-from abhv_mc.jit import compiler
+from abhv_mc.kernel.cache import user_folder
+from abhv_mc.kernel.compiler_target import code_folder
+from abhv_mc.kernel.jit import compiler
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import unpack
 

@@ -18,7 +18,7 @@ from abhv_mc.io.units import (
     Mass,
     parse_unit,
 )
-from abhv_mc.vehicle.arrays import COEFFICIENTS, MAX_EFFECTORS
+from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, MAX_EFFECTORS
 from abhv_mc.vehicle.limits import LoadLimits, Positive
 from abhv_mc.vehicle.propulsion_keys import PROPULSION_TABLES, Propulsion, PythonFunction
 from abhv_mc.vehicle.sensing import SensingKeys

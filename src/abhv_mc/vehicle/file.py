@@ -13,14 +13,23 @@ from abhv_mc.array_types import Ints
 from abhv_mc.io.documents import Document, Refusal, read_document, validate
 from abhv_mc.io.input_error import one_of
 from abhv_mc.io.units import parse_unit
-from abhv_mc.vehicle.arrays import COEFFICIENTS, VARIABLES, BuildUp
+from abhv_mc.kernel.plant.vehicle import (
+    COEFFICIENTS,
+    DRIVEN,
+    VARIABLES,
+    BuildUp,
+    Constants,
+    Inlet,
+    LoadBounds,
+    Sensing,
+    Vehicle,
+    no_functions,
+)
 from abhv_mc.vehicle.document import REDUCED_RATES, AerodynamicsFunction, MassPoint, VehicleDocument, check_inertia
 from abhv_mc.vehicle.foreign import VehicleCode, make_code, reference_point
-from abhv_mc.vehicle.limits import LoadBounds
-from abhv_mc.vehicle.model import DRIVEN, Constants, Inlet, Vehicle, no_functions
 from abhv_mc.vehicle.pack import Axis, Table, make_constant, pack_tables
 from abhv_mc.vehicle.propulsion_keys import PROPULSION_TABLES, Capture, ThrustFunction, engine_rows
-from abhv_mc.vehicle.sensing import Sensing, choose_sensing
+from abhv_mc.vehicle.sensing import choose_sensing
 from abhv_mc.vehicle.surface_keys import AXIS_DEFLECTIONS, IdealSurfaces, Surfaces
 from abhv_mc.vehicle.table_file import parse_role, read_rows, read_table
 

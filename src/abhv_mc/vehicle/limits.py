@@ -2,32 +2,16 @@
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
 
 from abhv_mc.io.documents import StrictModel
 from abhv_mc.io.units import Angle, HeatFlux, Pressure
+from abhv_mc.kernel.plant.vehicle import LoadBounds
 
 Positive = Field(gt=0.0)
 STILL_AIR = "still air and no noise: they swing an angle where nothing cycles"
-
-
-class LoadBounds(NamedTuple):
-    """Greatest values in a flight, SI and radians; infinite where there is no limit."""
-
-    dynamic_pressure: float = math.inf  # Pa
-    load_factor: float = math.inf  # g
-    heat_flux: float = math.inf  # W/m2
-    bank: float = math.inf  # rad, to either side
-    bank_ripple: float = math.inf  # rad, see abhv_mc.flight.ripple
-    angle_of_attack_ripple: float = math.inf
-    sideslip_ripple: float = math.inf
-
-    def refuse_in(self, disturbances: Sequence[str]) -> str:
-        """Why a flight with these gusts, turbulence or noise has no limit on oscillation; '' where it may."""
-        limited = min(self.bank_ripple, self.angle_of_attack_ripple, self.sideslip_ripple) < math.inf
-        return f"'{disturbances[0]}' with 'limits: {{oscillation}}'" if limited and disturbances else ""
 
 
 class Oscillation(StrictModel):
@@ -77,3 +61,9 @@ class LoadLimits(StrictModel):
 def tighter(one: LoadBounds, other: LoadBounds) -> LoadBounds:
     """The smaller of two bounds, each."""
     return LoadBounds(*map(min, one, other))
+
+
+def refuse_oscillation(loads: LoadBounds, disturbances: Sequence[str]) -> str:
+    """Why a flight with these gusts, turbulence or noise has no limit on oscillation; '' where it may."""
+    limited = min(loads.bank_ripple, loads.angle_of_attack_ripple, loads.sideslip_ripple) < math.inf
+    return f"'{disturbances[0]}' with 'limits: {{oscillation}}'" if limited and disturbances else ""

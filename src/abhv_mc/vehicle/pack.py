@@ -1,4 +1,4 @@
-"""Lay a vehicle's tables out as the arrays of :mod:`abhv_mc.vehicle.arrays`."""
+"""Lay a vehicle's tables out as the arrays of :mod:`abhv_mc.kernel.plant.vehicle`."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from abhv_mc.array_types import Floats, Ints
-from abhv_mc.vehicle.arrays import CHUNK, FIXED_TABLE_ROWS, MAX_DIMENSIONS, VARIABLES, Tables
+from abhv_mc.kernel.plant.vehicle import CHUNK, FIXED_TABLE_ROWS, MAX_DIMENSIONS, VARIABLES, Tables
 
 # What a vehicle without such a table has: no thrust, no offset, and an impulse that fuel flow may be divided by.
 _ABSENT = {name: 1.0 if name == "specific_impulse" else 0.0 for name in FIXED_TABLE_ROWS}

@@ -11,9 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.vehicle.arrays import COEFFICIENTS, VARIABLES
+from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, VARIABLES, Vehicle
 from abhv_mc.vehicle.evaluate import evaluate_coefficients, make_variables
-from abhv_mc.vehicle.model import Vehicle
 
 _STEP = 0.02  # rad, and of a dimensionless rate
 _SMALL_ANGLES = (-0.05, 0.2)  # rad of angle of attack

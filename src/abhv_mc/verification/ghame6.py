@@ -7,20 +7,20 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.fly import nominal_parameters
-from abhv_mc.flight.plan import Timing
 from abhv_mc.io.input_error import InputError
-from abhv_mc.numerics.quaternion import from_matrix
-from abhv_mc.plant import state as s
-from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.kernel.flight.interface import Timing
+from abhv_mc.kernel.numerics.quaternion import from_matrix
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.kernel.plant.vehicle import Vehicle
+from abhv_mc.kernel.world.atmosphere import atmosphere
+from abhv_mc.kernel.world.earth import Earth
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.vehicle.model import Vehicle
+from abhv_mc.verification.geodesy import earth_fixed_from_inertial, geodetic_from_ecef, ned_from_ecef_matrix
 from abhv_mc.verification.recording import check_times, read_columns, stack_columns
 from abhv_mc.verification.replay import make_motion, make_replay_plan, replay, wrap_degrees
 from abhv_mc.verification.rows import Row
-from abhv_mc.world.atmosphere import atmosphere
-from abhv_mc.world.earth import Earth
-from abhv_mc.world.geodesy import earth_fixed_from_inertial, geodetic_from_ecef, ned_from_ecef_matrix
 
 # CADAC++'s Earth: its own flattening; J2 from the normalised C20. Its gravity pulls along the meridian away from the
 # equator: the accelerations in its output show the right size of J2's meridional part with the wrong sign.

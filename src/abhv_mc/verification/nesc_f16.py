@@ -8,15 +8,18 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control import columns as ref
-from abhv_mc.control.columns import REFERENCE
 from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.plan import FlightPlan, Timing
+from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import local_frame_rate
 from abhv_mc.io.documents import StrictModel, read_document, validate
 from abhv_mc.io.units import Angle, Length, Speed, Time, parse_in_unit
-from abhv_mc.numerics.quaternion import from_euler, rotate_to_body
-from abhv_mc.plant import state as s
+from abhv_mc.kernel.flight.interface import Timing
+from abhv_mc.kernel.laws import columns as ref
+from abhv_mc.kernel.laws.columns import REFERENCE
+from abhv_mc.kernel.numerics.quaternion import from_euler, rotate_to_body
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.vehicle import Vehicle
+from abhv_mc.kernel.world.atmosphere import atmosphere
 from abhv_mc.plant.trim import FlightPoint, trim
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.user_code.law_interface import Measured
@@ -25,10 +28,8 @@ from abhv_mc.user_code.module import Law
 from abhv_mc.user_code.settings import CommandSteps
 from abhv_mc.user_code.source import read_source
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.vehicle.model import Vehicle
 from abhv_mc.verification.nesc_cases import ELLIPSOID
 from abhv_mc.verification.replay import make_replay_plan, replay
-from abhv_mc.world.atmosphere import atmosphere
 
 RATE = 500.0  # Hz of the autopilot, which in the cases is continuous
 _TRIM_STEP = 1e-3  # s, of the accelerations that the trim makes zero

@@ -6,16 +6,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control.columns import REFERENCE
-from abhv_mc.control.laws.recorded import RECORDED_GAINS
 from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.plan import FlightPlan, Limits, Timing
-from abhv_mc.numerics.quaternion import from_euler, rotate_to_body
-from abhv_mc.plant import state as s
+from abhv_mc.flight.plan import FlightPlan, Limits
+from abhv_mc.kernel.flight.interface import Timing
+from abhv_mc.kernel.laws.columns import REFERENCE
+from abhv_mc.kernel.laws.recorded import RECORDED_GAINS
+from abhv_mc.kernel.numerics.quaternion import from_euler, rotate_to_body
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.vehicle import Vehicle
+from abhv_mc.kernel.world.earth import Earth
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.user_code.vehicle_functions import find_code
-from abhv_mc.vehicle.model import Vehicle, follow_axes
-from abhv_mc.world.earth import Earth
+from abhv_mc.vehicle.model import follow_axes
 
 _INF = math.inf
 _NO_LIMITS = Limits(-_INF, _INF, -_INF, _INF, _INF)

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 from fake_flight import write_campaign
 
+from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.io.input_error import InputError
-from abhv_mc.numerics.bounds import Bounds
 
 TABLE = """\
 id,text,source,metric,below,above,probability,consumer_risk,controllers

@@ -8,7 +8,8 @@ from scipy import stats
 from abhv_mc.campaign.sampling.designs import Design
 from abhv_mc.campaign.sampling.distributions import Distribution
 from abhv_mc.io.documents import Refusal
-from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.plant.parameters import PARAMETERS
 
 DENSITY = PARAMETERS[PARAMETER_INDEX["atmosphere.density"]]
 ALTITUDE = PARAMETERS[PARAMETER_INDEX["initial.altitude"]]

@@ -10,7 +10,8 @@ from fake_flight import write_campaign
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.sampling.distributions import Normal, Uniform
 from abhv_mc.io.documents import InputError
-from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.plant.parameters import PARAMETERS
 
 _LIFT = PARAMETERS[PARAMETER_INDEX["aero.lift"]]
 _STUCK = PARAMETERS[PARAMETER_INDEX["failure.elevator.stuck_time"]]

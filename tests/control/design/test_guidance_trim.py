@@ -4,16 +4,10 @@ import numpy as np
 import pytest
 
 from abhv_mc.control.design.design_model import Environment, guidance_rates
-from abhv_mc.control.design.guidance_trim import (
-    NO_ANGLE_OF_ATTACK,
-    NO_BANK,
-    NO_EQUIVALENCE_RATIO,
-    GuidancePoints,
-    trim_along,
-    trim_faults,
-)
+from abhv_mc.control.design.guidance_trim import trim_along, trim_faults
+from abhv_mc.kernel.laws.trim_search import NO_ANGLE_OF_ATTACK, NO_BANK, NO_EQUIVALENCE_RATIO, GuidancePoints
+from abhv_mc.kernel.world.earth import WGS84
 from abhv_mc.plant.trim import FlightPoint, trim
-from abhv_mc.world.earth import WGS84
 
 AROUND = Environment(20e3, 0.08891, 295.07, 9.757, 6.376e6, 0.511)
 MASS = 1372.0

@@ -6,7 +6,6 @@ import control
 import numpy as np
 import pytest
 
-from abhv_mc.control.columns import LQR_ELEVATOR, LQR_GAINS, LQR_GUIDANCE, LQR_LATERAL
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.design.lqr_design import (
     attitude_slopes,
@@ -19,10 +18,11 @@ from abhv_mc.control.design.lqr_design import (
     make_models,
     make_nominal,
 )
+from abhv_mc.kernel.laws.columns import LQR_ELEVATOR, LQR_GAINS, LQR_GUIDANCE, LQR_LATERAL
+from abhv_mc.kernel.world.earth import WGS84
 from abhv_mc.plant.trim import FlightPoint, trim
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
-from abhv_mc.world.earth import WGS84
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 

@@ -8,14 +8,13 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.design.design_model import Environment, guidance_rates
 from abhv_mc.control.design.guidance_trim import trim_faults
 from abhv_mc.control.design.reference import make_mission_trim_tables, make_start_trim, solve_reference
 from abhv_mc.control.mission import Mission, read_mission
+from abhv_mc.kernel.laws.columns import REFERENCE
+from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.vehicle.arrays import Tables
-from abhv_mc.vehicle.model import Vehicle
 
 Floats = NDArray[np.float64]
 CONFIGS = Path(__file__).parents[3] / "configs"

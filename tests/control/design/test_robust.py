@@ -12,7 +12,7 @@ from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import make_plan
-from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.stability.analysis import margins_of_flights
 from abhv_mc.stability.steady import make_steady_plan
 from abhv_mc.user_code.vehicle_functions import load_vehicle

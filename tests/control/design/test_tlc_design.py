@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from abhv_mc.control.columns import TLC_ATTITUDE, TLC_GAINS, TLC_RATE, TLC_SETTINGS
 from abhv_mc.control.controller_file import Channel, TlcController, read_controller
 from abhv_mc.control.design.tlc_design import make_tlc_gains, make_tlc_settings, pd_spectrum
-from abhv_mc.vehicle.arrays import Tables
-from abhv_mc.vehicle.model import Vehicle
+from abhv_mc.kernel.laws.columns import TLC_ATTITUDE, TLC_GAINS, TLC_RATE, TLC_SETTINGS
+from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 
 Floats = NDArray[np.float64]
 CONFIGS = Path(__file__).parents[3] / "configs"

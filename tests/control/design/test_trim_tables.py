@@ -7,10 +7,11 @@ import pytest
 
 from abhv_mc.control.design.design_model import Environment
 from abhv_mc.control.design.design_tables import table_rows, variables_at
-from abhv_mc.control.design.trim_tables import TRIM_ROWS, make_trim_tables, trim_elevator
+from abhv_mc.control.design.trim_tables import make_trim_tables, trim_elevator
+from abhv_mc.kernel.laws.trim_lookup import TRIM_ROWS
+from abhv_mc.kernel.plant.vehicle import Vehicle
+from abhv_mc.kernel.world.atmosphere import atmosphere
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.vehicle.model import Vehicle
-from abhv_mc.world.atmosphere import atmosphere
 
 ALTITUDE = 20e3
 VEHICLES = Path(__file__).parents[3] / "configs" / "vehicle"

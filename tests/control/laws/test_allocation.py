@@ -10,17 +10,18 @@ import pytest
 from abhv_mc.array_types import Floats, Ints
 from abhv_mc.control.design.design_model import Environment, Wrench, wrench_at
 from abhv_mc.control.design.design_tables import slope
-from abhv_mc.control.laws.allocation import moment_slope, nominal_moment, side_force_slope
-from abhv_mc.control.laws.tlc import N_ROWS, SLOPES, nominal_vehicle
-from abhv_mc.flight.arguments import UserCode
-from abhv_mc.jit import kernel
-from abhv_mc.plant import state as s
-from abhv_mc.plant.aerodynamics import TableCells, make_cells
-from abhv_mc.plant.effectiveness import INPUTS, N_INPUTS, Effectiveness, make_effectiveness
-from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.kernel.flight.interface import UserCode
+from abhv_mc.kernel.jit import kernel
+from abhv_mc.kernel.laws.allocation import moment_slope, nominal_moment, side_force_slope
+from abhv_mc.kernel.laws.tlc import N_ROWS, SLOPES, nominal_vehicle
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.aerodynamics import TableCells, make_cells
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.kernel.plant.slopes import INPUTS, N_INPUTS, Effectiveness
+from abhv_mc.kernel.plant.vehicle import Vehicle
+from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.vehicle.evaluate import make_variables
 from abhv_mc.vehicle.file import pack_vehicle, read_vehicle_file
-from abhv_mc.vehicle.model import Vehicle
 
 
 class Plan(NamedTuple):

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
-from abhv_mc.control.design.trim_tables import TRIM_ROWS, make_trim_tables
-from abhv_mc.control.laws.trim_lookup import look_up_trim, make_trim_cells
-from abhv_mc.jit import kernel
-from abhv_mc.plant import state as s
-from abhv_mc.plant.state import variable_row
+from abhv_mc.control.design.trim_tables import make_trim_tables
+from abhv_mc.kernel.jit import kernel
+from abhv_mc.kernel.laws.trim_lookup import TRIM_ROWS, look_up_trim, make_trim_cells
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.state import variable_row
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 
 WIDTH = 12

@@ -34,7 +34,8 @@ from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile, read_sample_file
 from abhv_mc.flight.metrics import MARGINS, METRICS, Metric
 from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of, read_document, validate
-from abhv_mc.plant.parameters import EFFECTORS, ENGINES, PARAMETER_INDEX, PARAMETERS
+from abhv_mc.kernel.plant.parameter_names import EFFECTORS, ENGINES, PARAMETER_INDEX
+from abhv_mc.plant.parameters import PARAMETERS
 
 DISPERSIBLE = tuple(parameter.name for parameter in PARAMETERS[1:])
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from abhv_mc.array_types import Floats
+from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.campaign.file.keep import BY_REQUIREMENTS
 from abhv_mc.campaign.sampling.correlation import Copula
@@ -19,7 +20,6 @@ from abhv_mc.campaign.sampling.seeds import Seeds, find_seeds
 from abhv_mc.flight.metrics import MARGINS, Metric
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.documents import Document
-from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.statistics.ranking import Criterion
 
 _MIDDLE = 0.6  # of its extent, where a dispersion stands in other trials: no nominal value of a symmetric law

@@ -4,6 +4,7 @@ import json
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.config import TRACED, Campaign
 from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
@@ -11,7 +12,6 @@ from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.metrics import MARGINS, Metric
 from abhv_mc.io.documents import Document, InputError, Refusal, one_of
 from abhv_mc.io.units import dimension_of, parse_quantity, parse_unit
-from abhv_mc.numerics.bounds import Bounds
 
 _MARGIN_METRICS = tuple(signal.name for signal in MARGINS)
 

@@ -12,7 +12,6 @@ from pydantic import BeforeValidator, Field, RootModel, model_validator
 
 from abhv_mc.flight.channels import SOURCES
 from abhv_mc.flight.compile_metrics import FUNCTIONS, Known, compile_expression, known_sources
-from abhv_mc.flight.counting import MAX_PROGRAMS
 from abhv_mc.flight.metrics import (
     BUILT_IN,
     MARGIN_FAULTS,
@@ -20,7 +19,6 @@ from abhv_mc.flight.metrics import (
     TAKES_LIMIT,
     Bad,
     Metric,
-    Statistic,
     default_bad,
     is_never_negative,
     label_of,
@@ -28,6 +26,7 @@ from abhv_mc.flight.metrics import (
 )
 from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, describe, one_of, read_document, validate
 from abhv_mc.io.units import Time
+from abhv_mc.kernel.flight.counting import MAX_PROGRAMS, Statistic
 from abhv_mc.user_code.source import compile_text, read_source
 
 STATISTICS = tuple(statistic.word for statistic in Statistic)

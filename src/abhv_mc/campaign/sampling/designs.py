@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.streams import draw_uniforms, make_generator, stream_key
-from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 
 INDEPENDENT = "random"  # the design whose flights are independent draws, so that binomial statistics hold
 EXTENSIBLE = frozenset({"random", "sobol", "halton"})

@@ -12,7 +12,8 @@ from abhv_mc.campaign.sampling.designs import FACTORIAL, NOMINAL, Design
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile
 from abhv_mc.campaign.sampling.seeds import Seeds
-from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.plant.parameters import PARAMETERS
 
 
 class SampleSource(Protocol):

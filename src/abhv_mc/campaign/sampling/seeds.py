@@ -11,7 +11,8 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.designs import FACTORIAL
 from abhv_mc.campaign.sampling.streams import draw_uniforms, stream_key
-from abhv_mc.plant.parameters import PARAMETERS, SENSOR_NOISES
+from abhv_mc.kernel.plant.parameter_names import SENSOR_NOISES
+from abhv_mc.plant.parameters import PARAMETERS
 
 NOISE_OF_SEED = {"wind.turbulence_seed": ("wind.turbulence",), "sensor.noise_seed": SENSOR_NOISES}
 """By seed, the parameters that make the noise that it belongs to."""

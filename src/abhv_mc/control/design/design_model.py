@@ -18,8 +18,7 @@ from abhv_mc.control.design.design_tables import (
     thrust_at,
     variables_at,
 )
-from abhv_mc.vehicle.arrays import Tables
-from abhv_mc.vehicle.model import Vehicle
+from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 
 
 class Environment(NamedTuple):

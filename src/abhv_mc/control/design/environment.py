@@ -6,8 +6,8 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.control.design.design_model import Environment
-from abhv_mc.world.atmosphere import atmosphere
-from abhv_mc.world.earth import Earth, gravity_ned, radii
+from abhv_mc.kernel.world.atmosphere import atmosphere
+from abhv_mc.kernel.world.earth import Earth, gravity_ned, radii
 
 _RISE = 1.0  # m, half step of the slopes over altitude
 
@@ -22,7 +22,7 @@ class Places(NamedTuple):
 
 
 def density_factor(air: Floats, altitude: Floats) -> Floats:
-    """Factor on the standard density of a mission's nominal air (:mod:`abhv_mc.plant.air_profile`)."""
+    """Factor on the standard density of a mission's nominal air (:mod:`abhv_mc.kernel.plant.air_profile`)."""
     return np.interp(altitude, air[:, 0], air[:, 3]) if len(air) else np.ones_like(altitude)
 
 

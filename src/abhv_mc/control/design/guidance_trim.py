@@ -13,40 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control.design.trim_tables import TRIM_ROWS
-from abhv_mc.jit import kernel, routine, scalar
-from abhv_mc.numerics.root_finding import NO_SIGN_CHANGE, brent
-from abhv_mc.numerics.tables import bracket
-from abhv_mc.vehicle.arrays import VARIABLES, Tables
-from abhv_mc.vehicle.model import Vehicle
-
-ELEVATOR, LIFT, DRAG, THRUST, IMPULSE, UNTRIMMED = range(len(TRIM_ROWS))
-
-BANK_LIMIT = np.deg2rad(85.0)
-X_TOLERANCE = 1e-11  # rad and equivalence ratio
-MAX_ITERATIONS = 100
-
-# Half widths of the shortened brackets about the last solution.
-_NEAR_ALPHA, _NEAR_ETA = np.deg2rad(0.25), 0.02
-
-# A status is the sum of these; zero: all three equations hold.
-NO_EQUIVALENCE_RATIO, NO_ANGLE_OF_ATTACK, NO_BANK, NO_ELEVATOR = 1, 2, 4, 8
-
-
-class GuidancePoints(NamedTuple):
-    """Where and what to trim for, each ``[point]``, SI and radians."""
-
-    speed: Floats
-    density: Floats
-    sound_speed: Floats
-    gravity: Floats
-    radius: Floats  # r of V / r
-    latitude: Floats
-    flight_path_angle: Floats
-    heading: Floats
-    axial: Floats  # N_a = V'
-    longitudinal: Floats  # N_longi = V gamma'
-    lateral: Floats  # N_lati = V chi'
+from abhv_mc.kernel.laws.trim_lookup import TRIM_ROWS
+from abhv_mc.kernel.laws.trim_search import (
+    BANK_LIMIT,
+    NO_ANGLE_OF_ATTACK,
+    NO_BANK,
+    NO_ELEVATOR,
+    NO_EQUIVALENCE_RATIO,
+    Cut,
+    GuidancePoints,
+    SearchBounds,
+    fill_trim,
+)
+from abhv_mc.kernel.plant.vehicle import VARIABLES, Tables, Vehicle
 
 
 class GuidanceTrim(NamedTuple):
@@ -59,205 +38,6 @@ class GuidanceTrim(NamedTuple):
     mass: Floats  # fuel burnt up to the point counted
     status: NDArray[np.int64]  # 0, or a sum of NO_EQUIVALENCE_RATIO, ...: then at the nearest end of the interval
     iterations: NDArray[np.int64]  # of the outermost search
-
-
-class _Bounds(NamedTuple):
-    alpha_low: float
-    alpha_high: float
-    eta_low: float
-    eta_high: float
-    alpha_near: float  # last solution
-    alpha_margin: float
-    searches: int  # 2: a shortened bracket may fail once; a constant here would be unrolled and compile for long
-
-
-class _Wanted(NamedTuple):
-    mach: float
-    q_area: float  # dynamic pressure times reference area, N
-    axial: float  # N, along the velocity: T cos - D
-    vertical: float  # N, (L + T sin) cos(bank)
-    lateral: float  # N, (L + T sin) sin(bank)
-    thrust_cos: float
-    thrust_sin: float
-
-
-class _Cut(NamedTuple):
-    """The trim tables at one Mach number, and of that at one equivalence ratio: so searches compile and run fast."""
-
-    alpha: Floats  # nodes
-    eta: Floats  # nodes
-    plane: Floats  # [eta, alpha, TRIM_ROWS]
-    line: Floats  # [alpha, TRIM_ROWS]
-
-
-@routine
-def _cut_at_mach(tables, mach, cut):
-    """Interpolate the trim tables in Mach, into ``cut.plane``."""
-    start, length = tables.axis_start[0], tables.axis_length[0]
-    nodes, inverse_step = tables.grid[start : start + length], tables.inverse_step[start : start + length]
-    i, s = bracket(nodes, inverse_step, length, 0, mach)
-    s0, s1, s2 = tables.group_stride[0, 0], tables.group_stride[0, 1], tables.group_stride[0, 2]
-    for j in range(cut.alpha.size):
-        for k in range(cut.eta.size):
-            corner = tables.group_start[0] + i * s0 + j * s1 + k * s2
-            for row in range(cut.line.shape[1]):
-                cut.plane[k, j, row] = (1.0 - s) * tables.data[corner + row] + s * tables.data[corner + s0 + row]
-
-
-@scalar
-def _place(nodes, x):
-    """Cell and fraction of ``x`` among the nodes, held at the ends."""
-    low, high = 0, nodes.size - 1
-    while high - low > 1:
-        middle = (low + high) // 2
-        if x < nodes[middle]:
-            high = middle
-        else:
-            low = middle
-    return low, min(max((x - nodes[low]) / (nodes[low + 1] - nodes[low]), 0.0), 1.0)
-
-
-@routine
-def _cut_at_eta(eta, cut):
-    """Interpolate ``cut.plane`` in the equivalence ratio, into ``cut.line``."""
-    k, u = _place(cut.eta, eta)
-    for j in range(cut.alpha.size):
-        for row in range(cut.line.shape[1]):
-            cut.line[j, row] = (1.0 - u) * cut.plane[k, j, row] + u * cut.plane[k + 1, j, row]
-
-
-@routine
-def _look_up(alpha, row, cut):
-    """One of TRIM_ROWS on the line."""
-    j, t = _place(cut.alpha, alpha)
-    return (1.0 - t) * cut.line[j, row] + t * cut.line[j + 1, row]
-
-
-# One compiled search per level: numba takes a search inside a search for a recursion.
-_brent_alpha = scalar(brent.py_func)  # type: ignore[attr-defined]
-_brent_eta = scalar(brent.py_func)  # type: ignore[attr-defined]
-
-
-@scalar
-def _sin_bank_of(normal, lateral):
-    """Third equation, which is explicit: sine of the bank, nearest end where there is none."""
-    limit = np.sin(BANK_LIMIT)
-    sine = lateral / normal if normal > 0.0 else np.copysign(limit, lateral)
-    return min(max(sine, -limit), limit)
-
-
-@routine
-def _normal_force(alpha, cut, expected):
-    """N = L + T sin(alpha + e), N."""
-    j, t = _place(cut.alpha, alpha)
-    lift = (1.0 - t) * cut.line[j, LIFT] + t * cut.line[j + 1, LIFT]
-    thrust = (1.0 - t) * cut.line[j, THRUST] + t * cut.line[j + 1, THRUST]
-    return expected.q_area * (
-        lift + thrust * (np.sin(alpha) * expected.thrust_cos + np.cos(alpha) * expected.thrust_sin)
-    )
-
-
-@routine
-def _alpha_residual(alpha, cut, expected):
-    normal = _normal_force(alpha, cut, expected)
-    sine = _sin_bank_of(normal, expected.lateral)
-    return normal * np.sqrt(1.0 - sine * sine) - expected.vertical
-
-
-@routine
-def _alpha_of(eta, cut, expected, bounds):
-    """Second equation with the third inside it: (angle of attack, status); leaves the cut at ``eta``."""
-    _cut_at_eta(eta, cut)
-    near, margin = bounds.alpha_near, bounds.alpha_margin
-    low, high = max(bounds.alpha_low, near - margin), min(bounds.alpha_high, near + margin)
-    root, status = near, NO_SIGN_CHANGE
-    for _ in range(bounds.searches):
-        root, _, status = _brent_alpha(_alpha_residual, (cut, expected), low, high, X_TOLERANCE, MAX_ITERATIONS)
-        if status != NO_SIGN_CHANGE:
-            break
-        low, high = bounds.alpha_low, bounds.alpha_high
-    return root, status
-
-
-@routine
-def _eta_residual(eta, cut, expected, bounds):
-    alpha, _ = _alpha_of(eta, cut, expected, bounds)
-    cos_thrust = np.cos(alpha) * expected.thrust_cos - np.sin(alpha) * expected.thrust_sin
-    return expected.q_area * (_look_up(alpha, THRUST, cut) * cos_thrust - _look_up(alpha, DRAG, cut)) - expected.axial
-
-
-@routine
-def _eta_of(near, margin, cut, expected, bounds):
-    """First equation with the others inside it: (equivalence ratio, iterations, status)."""
-    low, high = max(bounds.eta_low, near - margin), min(bounds.eta_high, near + margin)
-    root, iterations, status = near, 0, NO_SIGN_CHANGE
-    for _ in range(bounds.searches):
-        root, iterations, status = _brent_eta(
-            _eta_residual, (cut, expected, bounds), low, high, X_TOLERANCE, MAX_ITERATIONS
-        )
-        if status != NO_SIGN_CHANGE:
-            break
-        low, high = bounds.eta_low, bounds.eta_high
-    return root, iterations, status
-
-
-@kernel
-def _trim_along(tables, constants, points, mass, tick, held_eta, warm, bounds, cut, solution):
-    """Fill ``solution[point, 7]``; see :func:`trim_along`."""
-    near_eta = 0.5 * (bounds.eta_low + bounds.eta_high)
-    eta_margin = bounds.eta_high - bounds.eta_low
-    for k in range(points.speed.size):
-        speed, gamma, chi = points.speed[k], points.flight_path_angle[k], points.heading[k]
-        gravity, radius = points.gravity[k], points.radius[k]
-        cos_gamma = np.cos(gamma)
-        turn = speed * speed * cos_gamma * np.sin(chi) * np.tan(points.latitude[k]) / radius
-        expected = _Wanted(
-            speed / points.sound_speed[k],
-            0.5 * points.density[k] * speed * speed * constants.area,
-            mass * (points.axial[k] + gravity * np.sin(gamma)),
-            mass * (points.longitudinal[k] - (speed * speed / radius - gravity) * cos_gamma),
-            mass * (points.lateral[k] - turn) * cos_gamma,
-            constants.thrust_cos,
-            constants.thrust_sin,
-        )
-        _cut_at_mach(tables, expected.mach, cut)
-        status = 0
-        iterations = 0
-        if held_eta >= 0.0:
-            eta = held_eta
-        else:
-            eta, iterations, found = _eta_of(near_eta, eta_margin, cut, expected, bounds)
-            status += NO_EQUIVALENCE_RATIO if found != 0 else 0
-        alpha, found = _alpha_of(eta, cut, expected, bounds)
-        status += NO_ANGLE_OF_ATTACK if found != 0 else 0
-        normal = _normal_force(alpha, cut, expected)
-        sine = _sin_bank_of(normal, expected.lateral)
-        status += NO_BANK if abs(normal * sine - expected.lateral) > 1e-9 * abs(normal) else 0
-        status += NO_ELEVATOR if _look_up(alpha, UNTRIMMED, cut) > 0.0 else 0
-        solution[k, 0] = alpha
-        solution[k, 1] = np.arcsin(sine)
-        solution[k, 2] = eta
-        solution[k, 3] = _look_up(alpha, ELEVATOR, cut)
-        solution[k, 4] = mass
-        solution[k, 5] = status
-        solution[k, 6] = iterations
-        if warm:
-            near_eta, eta_margin = eta, _NEAR_ETA
-            bounds = _Bounds(
-                bounds.alpha_low,
-                bounds.alpha_high,
-                bounds.eta_low,
-                bounds.eta_high,
-                alpha,
-                _NEAR_ALPHA,
-                bounds.searches,
-            )
-        if tick > 0.0:
-            thrust = expected.q_area * _look_up(alpha, THRUST, cut)
-            impulse = _look_up(alpha, IMPULSE, cut)  # zero where an engine does not run
-            burns = impulse > 0.0 and constants.burns_fuel > 0.0
-            burnt = thrust / (constants.standard_gravity * impulse) * tick if burns else 0.0
-            mass = max(mass - burnt, constants.mass_empty)
 
 
 def trim_along(
@@ -286,7 +66,7 @@ def trim_along(
         for first, length in zip(trim_tables.axis_start[1:3], trim_tables.axis_length[1:3], strict=True)
     )
     alpha_low, alpha_high = float(alpha_nodes[0]), float(alpha_nodes[-1])
-    bounds = _Bounds(
+    bounds = SearchBounds(
         alpha_low,
         alpha_high,
         eta_low,
@@ -300,8 +80,8 @@ def trim_along(
     held = -1.0 if held_equivalence_ratio is None else held_equivalence_ratio
     rows = len(TRIM_ROWS)
     line = np.empty((alpha_nodes.size, rows))
-    cut = _Cut(alpha_nodes, eta_nodes, np.empty((eta_nodes.size, alpha_nodes.size, rows)), line)
-    _trim_along(trim_tables, constants, points, mass, tick, held, warm_start, bounds, cut, solution)
+    cut = Cut(alpha_nodes, eta_nodes, np.empty((eta_nodes.size, alpha_nodes.size, rows)), line)
+    fill_trim(trim_tables, constants, points, mass, tick, held, warm_start, bounds, cut, solution)
     alpha, bank, eta, elevator, masses, status, iterations = np.ascontiguousarray(solution.T)
     return GuidanceTrim(alpha, bank, eta, elevator, masses, status.astype(np.int64), iterations.astype(np.int64))
 

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control.columns import LQR_GAINS, REFERENCE
 from abhv_mc.control.controller_file import (
     GuidanceWeights,
     LateralWeights,
@@ -28,8 +27,8 @@ from abhv_mc.control.design.design_tables import Numbers, slope
 from abhv_mc.control.design.environment import make_environment
 from abhv_mc.control.design.profile import ramp_times
 from abhv_mc.control.mission import Mission
-from abhv_mc.vehicle.arrays import Tables
-from abhv_mc.vehicle.model import Vehicle
+from abhv_mc.kernel.laws.columns import LQR_GAINS, REFERENCE
+from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 
 _DEGREE = np.pi / 180.0
 _RAMP_SPACING = 0.1  # s between the knots in the ramps of the bank

@@ -3,16 +3,16 @@
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.design.environment import density_factor, make_places
-from abhv_mc.control.design.guidance_trim import GuidancePoints, GuidanceTrim, trim_along
+from abhv_mc.control.design.guidance_trim import GuidanceTrim, trim_along
 from abhv_mc.control.design.profile import Profile, make_profile, ramp_times
 from abhv_mc.control.design.trim_tables import make_trim_tables
 from abhv_mc.control.mission import Mission
+from abhv_mc.kernel.laws.columns import REFERENCE
+from abhv_mc.kernel.laws.trim_search import GuidancePoints
+from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
+from abhv_mc.kernel.world.earth import Earth, radii
 from abhv_mc.plant.trim import FlightPoint, TrimPoint, trim
-from abhv_mc.vehicle.arrays import Tables
-from abhv_mc.vehicle.model import Vehicle
-from abhv_mc.world.earth import Earth, radii
 
 COLUMN_INDEX = {name: i for i, name in enumerate(REFERENCE)}
 

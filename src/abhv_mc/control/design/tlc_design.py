@@ -1,7 +1,7 @@
 """TLC's gains along the reference: sub-loops 1 and 2 whole, and the PD spectra of sub-loops 3 and 4.
 
 Zhu and Shen 2014: equations (5)-(11) and (20). Sub-loops 1 and 2 depend on the reference and its stored controls only,
-so their gains are known before flight; :mod:`abhv_mc.control.laws.tlc_loops` does sub-loops 3 and 4 in flight.
+so their gains are known before flight; :mod:`abhv_mc.kernel.laws.tlc_loops` does sub-loops 3 and 4 in flight.
 """
 
 from typing import Any
@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control.columns import REFERENCE
 from abhv_mc.control.controller_file import Channel, Schedule, TlcController
 from abhv_mc.control.design.design_tables import Numbers, table_rows, variables_at
-from abhv_mc.vehicle.arrays import Tables
-from abhv_mc.vehicle.model import Vehicle
+from abhv_mc.kernel.laws.columns import REFERENCE
+from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 
 GUIDANCE_STATES = ("flight_path_angle", "heading", "speed")
 ATTITUDE_CHANNELS = ("angle_of_attack", "sideslip", "bank")

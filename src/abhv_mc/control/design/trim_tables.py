@@ -20,13 +20,11 @@ from abhv_mc.control.design.design_tables import (
     thrust_at,
     variables_at,
 )
-from abhv_mc.vehicle.arrays import CHUNK, FIXED_TABLE_ROWS, VARIABLES, Tables
-from abhv_mc.vehicle.model import Vehicle, deflection_range
+from abhv_mc.kernel.laws.trim_lookup import TRIM_ROWS
+from abhv_mc.kernel.plant.vehicle import CHUNK, FIXED_TABLE_ROWS, VARIABLES, Tables, Vehicle
+from abhv_mc.kernel.world.atmosphere import atmosphere
+from abhv_mc.vehicle.model import deflection_range
 from abhv_mc.vehicle.pack import Axis, Table, pack_tables
-from abhv_mc.world.atmosphere import atmosphere
-
-# Rows of the trim tables: rad, -, -, T / (q_bar S), s; and 1 at the nodes that have no trim, else 0.
-TRIM_ROWS = ("elevator", "lift", "drag", "thrust", "specific_impulse", "untrimmed")
 
 # Longest cells, in Mach, radians and equivalence ratio. With them interpolation errs on the shipped vehicles by less
 # than 0.0005 deg of angle of attack, 0.01 deg of elevator and, above a ratio of 0.25, 0.001 of equivalence ratio.

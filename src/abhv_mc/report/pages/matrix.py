@@ -6,9 +6,9 @@ from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
+from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.config import TRACED
 from abhv_mc.flight.metrics import Metric
-from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.topics.verdicts.model import Verdicts
 
 _COLUMNS = (

@@ -15,7 +15,7 @@ from abhv_mc.flight.failure_case import NO_FAILURE, failure_cases, failure_times
 from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.results import Results
-from abhv_mc.plant.parameters import FAILURE_TIMES
+from abhv_mc.kernel.plant.parameter_names import FAILURE_TIMES
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.statistics.judgement import Pair, judge_pairs

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from abhv_mc.array_types import Floats
+from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.results import Results
-from abhv_mc.numerics.bounds import Bounds
 from abhv_mc.statistics.binomial import success_lower_bound
 from abhv_mc.statistics.judgement import Pair, hold_family, judge_pairs
 from abhv_mc.statistics.ranking import spread

@@ -1,0 +1,1 @@
+"""A flight from its start to its end: measurement, law, plant, metrics, samples."""

@@ -1,0 +1,327 @@
+"""Metrics counted at every control tick as data, in two loops that :mod:`abhv_mc.flight.compile_metrics` fills.
+
+The lean loop holds metrics that are one row of the lane memory, one accumulator each. All others are small programs,
+then a statistic of what they give in a window: an instruction puts one number of every lane into a register, a row of
+the lane memory, a constant, or what an operation makes of other registers. Registers are rows of the memory of the
+tables, which nothing else uses at that moment.
+"""
+
+import math
+from enum import IntEnum
+from typing import NamedTuple
+
+from abhv_mc.array_types import Floats, Ints
+from abhv_mc.kernel.jit import lanes
+from abhv_mc.kernel.laws import columns as ref
+from abhv_mc.kernel.numerics.angles import larger, smaller
+from abhv_mc.kernel.numerics.lane_math import sincos
+from abhv_mc.kernel.numerics.tables import natural
+from abhv_mc.kernel.plant import state as s
+
+MAX_LEAN = 42  # as many as the program's own metrics
+MAX_PROGRAMS = 48
+MAX_REGISTERS = 16
+
+
+class Statistic(IntEnum):
+    """What a metric makes of its value over the control ticks of its window."""
+
+    MIN = 0
+    MAX = 1
+    MAX_ABS = 2
+    MEAN = 3
+    RMS = 4
+    FINAL = 5
+    INTEGRAL = 6  # trapezoidal, over time
+    PEAK_TO_PEAK = 7
+    TRAVEL = 8  # sum of the absolute changes
+    TIME_OUTSIDE = 9  # s in which the size of the value is above the limit
+    LAST_OUTSIDE = 10  # s; the window's start where it never was
+    FIRST_OUTSIDE = 11  # s; the end of the window or of the flight where it never was
+    REVERSALS = 12  # times that it turned back by more than the limit
+    SUM = 13  # over the ticks
+
+    @property
+    def word(self) -> str:
+        """As campaign files name it."""
+        return self.name.lower()
+
+
+class Operation(IntEnum):
+    """What an instruction does."""
+
+    LOAD = 0  # a row of the lane memory, times the constant
+    CONSTANT = 1
+    ADD = 2
+    SUBTRACT = 3
+    MULTIPLY = 4
+    DIVIDE = 5
+    MINIMUM = 6
+    MAXIMUM = 7
+    ABSOLUTE = 8
+    ROOT = 9
+    SINE = 10
+    COSINE = 11
+
+
+class Lean(NamedTuple):
+    """Metrics that are one row over the whole flight."""
+
+    row: Ints  # [metric] of the lane memory
+    factor: Floats  # [metric]
+    statistic: Ints  # [metric]
+    empty: Floats  # [metric] value where nothing counted, which the accumulator starts from
+    settled: Ints  # [metric] 1 where only settled stretches count
+    place: Ints  # [metric] among the flight's metrics
+
+
+class Programs(NamedTuple):
+    """All other metrics."""
+
+    code: Ints  # [instruction, 4] operation, register, and its operands: a row or registers
+    constant: Floats  # [instruction]
+    first: Ints  # [metric + 1] its first instruction
+    factor: Floats  # [metric] of the changes that TRAVEL sums up
+    statistic: Ints  # [metric]
+    limit: Floats  # [metric]
+    start: Floats  # [metric] s
+    end: Floats  # [metric] s
+    settled: Ints  # [metric] 1 where only settled stretches count
+    empty: Floats  # [metric] value where nothing counted
+    place: Ints  # [metric] among the flight's metrics
+
+
+class Counted(NamedTuple):
+    """All metrics of a flight."""
+
+    lean: Lean
+    programs: Programs
+
+
+# Rows of the observer's memory that each program keeps: two accumulators, the last value (or the turning sense), the
+# last tick that counted (from 1), and how many did: not-a-number from the first on that was not one, as is the metric
+# then. Before them one row for each lean metric.
+_A, _B, _C, _TICK, _COUNT = range(5)
+ROWS = 5
+N_ROWS = MAX_LEAN + ROWS * MAX_PROGRAMS
+
+_LOAD, _CONSTANT, _ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _MINIMUM, _MAXIMUM, _ABSOLUTE, _ROOT, _SINE, _COSINE = map(
+    int, Operation
+)
+_MIN, _MAX, _MAX_ABS, _MEAN, _RMS, _FINAL, _INTEGRAL, _PEAK, _TRAVEL, _TIME, _LAST, _FIRST, _REVERSALS, _SUM = map(
+    int, Statistic
+)
+
+
+@lanes
+def start_counting(O, width, counted, first_row):
+    """Every accumulator at its beginning; the rows of O begin at ``first_row``."""
+    for i in range(N_ROWS):
+        for lane in range(width):
+            O[first_row + i, lane] = 0.0
+    for m in range(counted.lean.empty.size):
+        for lane in range(width):
+            O[natural(first_row + m), lane] = counted.lean.empty[m]
+
+
+@lanes
+def count_tick(memory, width, plan, tick, first_row):
+    """Add the tick to the metrics of the flights that count; their rows of O begin at ``first_row``."""
+    Z, T, O, lean, programs = memory.Z, memory.T, memory.O, plan.counted.lean, plan.counted.programs
+    dt = plan.timing.step * plan.timing.steps_per_tick
+    now = tick * dt
+    settled = plan.reference[tick, ref.SETTLED] > 0.0
+    for m in range(lean.row.size):
+        if settled or lean.settled[m] == 0:
+            count_row(
+                O[natural(first_row + m)],
+                Z[natural(lean.row[m])],
+                lean.factor[m],
+                lean.statistic[m],
+                dt,
+                Z[s.COUNTED],
+                width,
+            )
+    for m in range(programs.statistic.size):
+        inside = now >= programs.start[m] - 1e-9 and now <= programs.end[m] + 1e-9
+        if inside and (settled or programs.settled[m] == 0):
+            value = 0
+            for i in range(programs.first[m], programs.first[m + 1]):
+                value = natural(programs.code[i, 1])
+                calculate(Z, T, programs.code[i], programs.constant[i], width)
+            row = natural(first_row + MAX_LEAN + ROWS * m)
+            count_value(
+                O,
+                row,
+                T[value],
+                Z[s.COUNTED],
+                programs.statistic[m],
+                programs.limit[m],
+                programs.factor[m],
+                tick,
+                dt,
+                width,
+            )
+
+
+@lanes
+def count_row(out, row, factor, statistic, dt, counted, width):
+    """One sample of one lean metric, in the lanes that count."""
+    if statistic == _RMS:
+        for lane in range(width):
+            value = row[lane] * factor
+            out[lane] += value * value if counted[lane] > 0.0 else 0.0
+    elif statistic == _MAX_ABS:
+        for lane in range(width):
+            out[lane] = larger(out[lane], abs(row[lane] * factor)) if counted[lane] > 0.0 else out[lane]
+    elif statistic == _MIN:
+        for lane in range(width):
+            out[lane] = smaller(out[lane], row[lane] * factor) if counted[lane] > 0.0 else out[lane]
+    elif statistic == _MAX:
+        for lane in range(width):
+            out[lane] = larger(out[lane], row[lane] * factor) if counted[lane] > 0.0 else out[lane]
+    elif statistic == _FINAL:
+        for lane in range(width):
+            out[lane] = row[lane] * factor if counted[lane] > 0.0 else out[lane]
+    elif statistic == _SUM:
+        for lane in range(width):
+            out[lane] += row[lane] * factor if counted[lane] > 0.0 else 0.0
+    else:  # _TIME, of what is never negative, above zero
+        for lane in range(width):
+            out[lane] += dt if counted[lane] > 0.0 and row[lane] > 0.0 else 0.0
+
+
+@lanes
+def calculate(Z, T, code, constant, width):
+    """One instruction in all lanes."""
+    operation, out = code[0], T[natural(code[1])]
+    if operation == _LOAD:
+        row = Z[natural(code[2])]
+        for lane in range(width):
+            out[lane] = row[lane] * constant
+    elif operation == _CONSTANT:
+        for lane in range(width):
+            out[lane] = constant
+    else:
+        a, b = T[natural(code[2])], T[natural(code[3])]
+        if operation == _ADD:
+            for lane in range(width):
+                out[lane] = a[lane] + b[lane]
+        elif operation == _SUBTRACT:
+            for lane in range(width):
+                out[lane] = a[lane] - b[lane]
+        elif operation == _MULTIPLY:
+            for lane in range(width):
+                out[lane] = a[lane] * b[lane]
+        elif operation == _DIVIDE:
+            for lane in range(width):
+                out[lane] = a[lane] / b[lane]
+        elif operation == _MINIMUM:  # not-a-number where one of both is
+            for lane in range(width):
+                out[lane] = b[lane] if b[lane] < a[lane] or b[lane] != b[lane] else a[lane]
+        elif operation == _MAXIMUM:
+            for lane in range(width):
+                out[lane] = b[lane] if b[lane] > a[lane] or b[lane] != b[lane] else a[lane]
+        elif operation == _ABSOLUTE:
+            for lane in range(width):
+                out[lane] = abs(a[lane])
+        elif operation == _ROOT:
+            for lane in range(width):
+                x = a[lane]
+                out[lane] = math.sqrt(x) if x >= 0.0 else math.nan
+        else:
+            for lane in range(width):
+                sine, cosine = sincos(a[lane])
+                out[lane] = sine if operation == _SINE else cosine
+
+
+@lanes
+def count_value(O, row, value, counted, statistic, limit, factor, tick, dt, width):
+    """One sample of one program's value, in the lanes that count."""
+    a, b, c, last, count = O[row], O[row + _B], O[row + _C], O[row + _TICK], O[row + _COUNT]
+    now = float(tick)
+    if statistic in (_MIN, _MAX, _PEAK):
+        for lane in range(width):
+            x, begins = value[lane], count[lane] == 0.0
+            low = x if begins else smaller(a[lane], x)
+            high = x if begins else larger(b[lane], x)
+            a[lane] = low if counted[lane] > 0.0 else a[lane]
+            b[lane] = high if counted[lane] > 0.0 else b[lane]
+    elif statistic == _MAX_ABS:
+        for lane in range(width):
+            a[lane] = larger(a[lane], abs(value[lane])) if counted[lane] > 0.0 else a[lane]
+    elif statistic in (_MEAN, _RMS, _SUM):
+        power = statistic == _RMS
+        for lane in range(width):
+            x = value[lane]
+            a[lane] += (x * x if power else x) if counted[lane] > 0.0 else 0.0
+    elif statistic == _FINAL:
+        for lane in range(width):
+            a[lane] = value[lane] if counted[lane] > 0.0 else a[lane]
+    elif statistic in (_INTEGRAL, _TRAVEL):  # nothing across a gap between settled stretches
+        for lane in range(width):
+            x = value[lane]
+            follows = counted[lane] > 0.0 and count[lane] > 0.0 and last[lane] == now
+            step = abs(x - c[lane]) * factor if statistic == _TRAVEL else 0.5 * dt * (x + c[lane])
+            a[lane] += step if follows else 0.0
+            c[lane] = x
+    elif statistic in (_TIME, _LAST, _FIRST):
+        for lane in range(width):
+            outside = counted[lane] > 0.0 and abs(value[lane]) > limit
+            before = a[lane]
+            latest = now * dt if statistic == _LAST or b[lane] == 0.0 else before
+            after = before + dt if statistic == _TIME else latest
+            a[lane] = after if outside else before
+            b[lane] = 1.0 if outside else b[lane]
+    else:  # _REVERSALS: b is the turning point so far, c the sense in which it moves
+        for lane in range(width):
+            x = value[lane]
+            begins = count[lane] == 0.0
+            turn, sense = (x if begins else b[lane]), c[lane]
+            moved = x - turn
+            starts = sense == 0.0 and abs(moved) > limit
+            turns = moved * sense < 0.0 and abs(moved) > limit
+            follows = starts or turns or moved * sense > 0.0
+            counts = counted[lane] > 0.0
+            a[lane] += 1.0 if turns and counts else 0.0
+            b[lane] = (x if follows else turn) if counts else b[lane]
+            c[lane] = (1.0 if moved > 0.0 else -1.0) if counts and (starts or turns) else sense
+    for lane in range(width):
+        last[lane] = now + 1.0 if counted[lane] > 0.0 else last[lane]
+        ticks = counted[lane] if value[lane] == value[lane] else math.nan
+        count[lane] += ticks if counted[lane] > 0.0 else 0.0
+
+
+@lanes
+def finish_counting(O, lane, counted, samples, dt, first_row, out):
+    """The metrics of one lane, ``out`` [metric], of a flight with so many ``samples`` that counted."""
+    lean, programs = counted.lean, counted.programs
+    for m in range(lean.row.size):
+        a = O[natural(first_row + m), lane]
+        out[lean.place[m]] = finish_value(lean.statistic[m], a, a, samples, 0.0, 0.0, lean.empty[m])
+    for m in range(programs.statistic.size):
+        row = natural(first_row + MAX_LEAN + ROWS * m)
+        a, b, count = O[row, lane], O[row + _B, lane], O[row + _COUNT, lane]
+        last = (O[row + _TICK, lane] - 1.0) * dt
+        found = finish_value(programs.statistic[m], a, b, count, programs.start[m], last, programs.empty[m])
+        out[programs.place[m]] = found
+
+
+@lanes
+def finish_value(statistic, a, b, count, start, last, empty):
+    """A metric from its accumulators: ``start`` of its window and the ``last`` time that counted, s."""
+    inverse = 1.0 / larger(1.0, count)
+    value = a
+    if statistic == _MAX:
+        value = b
+    elif statistic == _PEAK:
+        value = b - a
+    elif statistic == _MEAN:
+        value = a * inverse
+    elif statistic == _RMS:
+        value = math.sqrt(a * inverse)
+    elif statistic == _LAST and b == 0.0:
+        value = start
+    elif statistic == _FIRST and b == 0.0:
+        value = last
+    return value if count > 0.0 else empty if count == 0.0 else math.nan

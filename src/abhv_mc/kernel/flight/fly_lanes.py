@@ -1,0 +1,355 @@
+"""The compiled flight: ``width`` flights side by side, tick by tick, from the start to the end of the mission.
+
+One kernel serves every vehicle, mission, controller and gain: they are arguments. A lane never looks at another lane,
+so a flight is the same bit for bit whichever flights are in the lanes beside it. A kernel's arguments are three named
+tuples: the plan, which is only read (:class:`abhv_mc.kernel.flight.interface.KernelPlan`), the working memory
+(:class:`abhv_mc.kernel.flight.memory.Memory`) and the results (:class:`abhv_mc.kernel.flight.interface.KernelResults`).
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from abhv_mc.kernel.flight import observe
+from abhv_mc.kernel.flight.counting import count_tick, finish_counting
+from abhv_mc.kernel.flight.extremes import follow_extremes, keep_extremes
+from abhv_mc.kernel.flight.interface import LQR, PYTHON, RECORDED, TLC
+from abhv_mc.kernel.flight.memory import Z_ROWS, has_width, restore_lanes, save_lane
+from abhv_mc.kernel.flight.navigation import measure_air, measure_more, navigate
+from abhv_mc.kernel.flight.observe import check_limits, derive, finish_flights, record, record_states, start_observing
+from abhv_mc.kernel.flight.sensors import SensorErrors, active_sensor_errors, add_biases, sense
+from abhv_mc.kernel.flight.start import face_air, start_flights
+from abhv_mc.kernel.jit import kernel, lanes
+from abhv_mc.kernel.jit_pointer import call_address
+from abhv_mc.kernel.laws.lqr import lqr_tick
+from abhv_mc.kernel.laws.recorded import recorded_tick
+from abhv_mc.kernel.laws.tlc import tlc_tick
+from abhv_mc.kernel.laws.user import own_tick
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.actuators import command_ideal, pass_commands, prepare_actuators, run_actuators, set_actuators
+from abhv_mc.kernel.plant.aerodynamics import build_up, look_up
+from abhv_mc.kernel.plant.air_data import air_data, deflections, move_air
+from abhv_mc.kernel.plant.air_profile import nominal_density, nominal_wind
+from abhv_mc.kernel.plant.disturbance import Disturbances, active_disturbances, any_lane, calm, disturb
+from abhv_mc.kernel.plant.effectors import (
+    any_driven,
+    end_effectors,
+    finish_effectors,
+    leave_effectors,
+    move_ideal_effectors,
+    place_effectors,
+    run_effectors,
+    set_effectors,
+    start_effectors,
+)
+from abhv_mc.kernel.plant.equations import equations_of_motion, finish_step, runge_kutta_stage
+from abhv_mc.kernel.plant.failures import (
+    Failures,
+    fail_plant,
+    fail_sensors,
+    possible_failures,
+    start_failures,
+    watch_inlet,
+)
+from abhv_mc.kernel.plant.foreign import (
+    add_engines_out,
+    add_thrust,
+    find_dispersed,
+    foreign_coefficients,
+    foreign_thrust,
+)
+
+COMPACTION = 500  # ticks after which lanes of flights that have ended are given to others
+
+
+class Active(NamedTuple):
+    """What any lane meets in its flight; the rest is never computed.
+
+    Where a function takes ``active``, None stands for still air, a whole vehicle of tables alone that moves its
+    surfaces together, ideal measurements and a law of the program: what else there is is then not even compiled.
+    """
+
+    disturbances: Disturbances
+    sensor_errors: SensorErrors
+    failures: Failures
+    windy: bool  # the air moves
+
+
+@lanes
+def find_active(Z, width, plan):
+    """From the parameters, which are constant over a flight, the vehicle and the mission."""
+    disturbances = active_disturbances(Z, width)
+    return Active(
+        disturbances,
+        active_sensor_errors(Z, width),
+        possible_failures(Z, width, plan.vehicle.constants),
+        disturbances.windy or plan.profile.shape[0] > 0,
+    )
+
+
+@lanes
+def nothing_active(Z, width, plan):
+    """In place of :func:`find_active`, for the lean flight."""
+    return None
+
+
+@lanes
+def instruments(plan, Z, width, active, tick):
+    """What is measured against the air, and what the user's own law asks for besides."""
+    sensing, more = plan.vehicle.constants.sensing, plan.user_code.more > 0
+    against_air = active.windy and sensing.angle_of_attack + sensing.sideslip + sensing.speed > 0
+    if active.windy and (against_air or more):
+        move_air(Z, width)
+        nominal_wind(Z, width, plan.profile)
+    if against_air:
+        measure_air(Z, width, sensing)
+    if more:
+        measure_more(Z, width, plan.reference, tick)
+
+
+@lanes
+def begin_tick(plan, memory, width, active, tick):
+    """Motion, air and measurement at a control tick."""
+    Z, tick_length = memory.Z, plan.timing.step * plan.timing.steps_per_tick
+    navigate(Z, width, tick_length, tick == 0)
+    calm(Z, width)
+    if active is not None:
+        span = plan.vehicle.constants.span
+        disturb(Z, width, span, active.disturbances, tick * tick_length, tick_length, tick == 0)
+        nominal_density(Z, width, plan.profile)
+        instruments(plan, Z, width, active, tick)
+    add_biases(Z, width)
+    if active is not None:
+        sense(Z, width, active.sensor_errors, tick_length, tick)
+        if active.failures.sensors:
+            fail_sensors(Z, width, tick * tick_length)
+
+
+@lanes
+def evaluate(plan, memory, width, stage, active):
+    """One Runge-Kutta stage at ``XS``."""
+    Z, T, vehicle = memory.Z, memory.T, plan.vehicle
+    if active is not None and active.windy:
+        move_air(Z, width)
+        nominal_wind(Z, width, plan.profile)
+    air_data(Z, width, vehicle, plan.earth)
+    deflections(Z, width)
+    if active is None:
+        set_effectors(Z, width, vehicle.effector_mix)
+    else:
+        place_effectors(Z, memory.A, width, vehicle, active.failures.effectors)
+    look_up(Z, T, width, vehicle.tables, memory.cells)
+    if active is not None and plan.user_code.aerodynamics != 0:
+        foreign_coefficients(Z, memory.A, width, vehicle, plan.user_code, active.failures.effectors)
+    else:
+        build_up(Z, T, width, vehicle.build_up, vehicle.build_up.factor)
+    if active is not None and plan.user_code.propulsion != 0:
+        foreign_thrust(Z, width, vehicle, plan.user_code)
+    equations_of_motion(Z, width, vehicle, plan.earth, stage)
+    if active is not None and plan.user_code.propulsion != 0:
+        add_thrust(Z, width, vehicle, stage)
+    if active is not None and active.failures.engines:
+        add_engines_out(Z, width, vehicle, plan.user_code, stage)
+
+
+@lanes
+def control(plan, memory, width, law, active, tick):
+    """The commands of the plan's law at a control tick."""
+    if law == TLC:
+        tlc_tick(plan, memory, width, active, tick)
+    elif law == LQR or active is None:
+        lqr_tick(plan, memory, width, tick)
+    elif law == PYTHON:
+        own_tick(plan, memory, width, tick)
+    else:
+        recorded_tick(plan, memory, width, tick)
+
+
+@lanes
+def observe_tick(plan, memory, width, active, tick):
+    """Limits and metrics at a control tick."""
+    inlet = plan.vehicle.constants.inlet
+    if active is not None and inlet.unstarts > 0.0:
+        watch_inlet(memory.Z, width, inlet, tick * plan.timing.step * plan.timing.steps_per_tick)
+    derive(memory.Z, width, plan, tick)
+    if active is not None and plan.user_code.channels != 0:
+        dt = plan.timing.step * plan.timing.steps_per_tick
+        call_address(plan.user_code.channels, 0, memory.Z, plan.reference, plan.gains, plan.settings, tick, dt)
+    ended = check_limits(memory.Z, memory.O, width, plan.observed, tick)
+    if ended > 0.0 or tick == plan.timing.ticks:
+        finish_flights(memory.Z, memory.O, width, plan, tick)
+    count_tick(memory, width, plan, tick, observe.FIRST_METRIC)
+
+
+@lanes
+def record_tick(plan, memory, results, flights, n, tick):
+    """The sample of a control tick that is recorded, of the ``flights`` in the first ``n`` lanes."""
+    if plan.record_every > 0 and tick % plan.record_every == 0:
+        sample = tick // plan.record_every
+        record(memory.Z, plan.observed, results.history, flights, n, sample)
+        if results.states.shape[1] > 0:
+            record_states(memory.Z, results.states, flights, n, sample)
+
+
+@lanes
+def bin_tick(plan, memory, results, width, tick, first, last):
+    """Extremes at a control tick, where asked for; ``first`` and ``last``: of those that the lanes fly together."""
+    every = plan.record_every
+    if results.low.shape[0] > 0:
+        follow_extremes(memory.Z, memory.E, plan.observed, width, first or tick % every == 0)
+        if last or (tick + 1) % every == 0:
+            keep_extremes(memory.E, plan.observed, results.low[tick // every], results.high[tick // every], width)
+
+
+@lanes
+def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flights, n):
+    """One group of flights from ``first_tick`` to before tick ``end``, or until all of them have ended."""
+    Z, O, A, step, steps_per_tick = memory.Z, memory.O, memory.A, plan.timing.step, plan.timing.steps_per_tick
+    effectors = plan.vehicle.effectors
+    tick_length = step * steps_per_tick
+    for tick in range(first_tick, end):
+        begin_tick(plan, memory, width, active, tick)
+        control(plan, memory, width, law, active, tick)
+        pass_commands(Z, width)
+        if active is not None:
+            fail_plant(Z, A, width, active.failures, plan.vehicle, tick * tick_length, tick_length)
+        if law != RECORDED:
+            command_ideal(Z, width, plan.vehicle.constants)
+        if active is not None:
+            move_ideal_effectors(A, width, effectors)
+        flying = True
+        for evaluation in range(4 * steps_per_tick):  # one loop, so that its code is there once
+            stage = evaluation % 4
+            evaluate(plan, memory, width, runge_kutta_stage(stage, step), active)
+            if evaluation == 0:
+                observe_tick(plan, memory, width, active, tick)
+                record_tick(plan, memory, results, flights, n, tick)
+                flying = tick < plan.timing.ticks and any_lane(O, width, observe.ALIVE, 1, 0.0)
+                bin_tick(plan, memory, results, width, tick, tick == first_tick, not flying or tick + 1 == end)
+                if not flying:
+                    break
+            if stage == 0:
+                run_actuators(Z, width, plan.vehicle.constants, step, law == RECORDED)
+                if active is not None:
+                    run_effectors(Z, A, width, plan.vehicle, step)
+            elif stage == 2:
+                set_actuators(Z, width)
+                if active is not None:
+                    end_effectors(A, width, effectors)
+            elif stage == 3:
+                finish_step(Z, width, step, O[observe.ALIVE])
+                if active is not None:
+                    finish_effectors(A, width, effectors, O[observe.ALIVE])
+        if not flying:
+            break
+
+
+@lanes
+def fly_groups(plan, memory, results, width, law, find, first_flight, last_flight):
+    """Flights from ``first_flight`` to before ``last_flight``, in groups of ``width`` lanes.
+
+    They start at the mission's start, or from the plan's kept memories; where the results are to keep memories, they
+    fly up to the last tick, whose measurement is left to whoever goes on from there.
+    As many flights as the memory can save fly some ticks group by group; then the lanes are compacted: those of flights
+    that have ended go to flights that still fly.
+    """
+    saved, order, keeps = memory.saved, memory.order, results.kept.shape[1] > 0
+    driven = any_driven(plan.vehicle)
+    start, last = plan.first_tick, plan.timing.ticks if keeps else plan.timing.ticks + 1
+    compacted = 1 < width < last_flight - first_flight  # otherwise there is one group, or no lane to give away
+    for first in range(first_flight, last_flight, saved.shape[0]):
+        flying = min(saved.shape[0], last_flight - first)
+        for i in range(flying):
+            order[i] = first + i
+        for first_tick in range(start, max(last, start + 1), COMPACTION if compacted else max(last, 1)):
+            end = min(first_tick + COMPACTION, last) if compacted else last
+            still_flying = 0
+            for group in range(0, flying, width):
+                n = min(width, flying - group)
+                flights = order[group : group + n]
+                if first_tick > start:
+                    restore_lanes(memory, width, saved, group, n, driven)
+                elif plan.start.shape[0] > 0:
+                    restore_lanes(memory, width, plan.start, first + group, n, driven)
+                else:
+                    start_lanes(plan, memory, width, find, flights, n)
+                active = find(memory.Z, width, plan)
+                fly_ticks(plan, memory, results, width, law, active, first_tick, end, flights, n)
+                for lane in range(n):
+                    flight = flights[lane]
+                    if memory.O[observe.ALIVE, lane] > 0.0 and end < last:
+                        save_lane(
+                            memory, lane, saved[still_flying], driven
+                        )  # at or before its own place, already restored
+                        order[still_flying] = flight
+                        still_flying += 1
+                    else:
+                        finish_counting(
+                            memory.O,
+                            lane,
+                            plan.counted,
+                            memory.O[observe.SAMPLES, lane],
+                            plan.timing.step * plan.timing.steps_per_tick,
+                            observe.FIRST_METRIC,
+                            results.metrics[flight],
+                        )
+                        results.outcome[flight] = int(memory.O[observe.OUTCOME, lane])
+                        results.end_tick[flight] = int(memory.O[observe.END, lane])
+                        if keeps:
+                            save_lane(memory, lane, results.kept[flight], driven)
+            flying = still_flying
+
+
+@lanes
+def start_lanes(plan, memory, width, find, flights, n):
+    """Every lane at the start of its flight; spare lanes repeat the last flight, unseen."""
+    Z = memory.Z
+    for i in range(Z_ROWS):
+        for lane in range(width):
+            Z[i, lane] = 0.0
+    for lane in range(width):
+        flight = flights[min(lane, n - 1)]
+        for i in range(s.N_PARAMETERS):
+            Z[s.P + i, lane] = plan.parameters[flight, i]
+    start_flights(Z, width, plan.initial_state)
+    start_failures(Z, width)
+    prepare_actuators(Z, width, plan.vehicle.constants, plan.timing.step)
+    leave_effectors(Z, width, plan.vehicle.effectors)
+    start_active(plan, memory, width, find(Z, width, plan))
+    start_observing(Z, memory.O, width, plan.counted)
+
+
+@lanes
+def start_active(plan, memory, width, active):
+    """What only some flights have at their start."""
+    Z = memory.Z
+    if active is not None:
+        if active.windy and plan.vehicle.constants.sensing.sideslip > 0:
+            move_air(Z, width)
+            nominal_wind(Z, width, plan.profile)
+            face_air(Z, width)
+        if plan.user_code.aerodynamics != 0:
+            find_dispersed(Z, width)
+        start_effectors(Z, memory.A, width, plan.vehicle, plan.timing.step)
+
+
+def make_fly_lanes(capacity: int, lean: bool = False) -> Callable[..., None]:
+    """The compiled flight for ``capacity`` lanes (compiled at its first call, kept on disk).
+
+    A ``lean`` one takes half as long to compile and flies what :class:`Active` says of None, with the same bits.
+
+    The number of lanes is a constant of the machine code, but for numba a number as any other: functions for each
+    constant would be optimized each by itself, and small loops unrolled into scalar code before they became vectors.
+    """
+
+    def fly_lanes(plan, memory, results):
+        """Fly every row of the plan's parameters in a memory for ``capacity`` lanes; fill the results."""
+        if has_width(memory, capacity):  # checked where Python enters, and a constant to LLVM from here on
+            width, flights = memory.Z.shape[1], plan.parameters.shape[0]
+            if lean:
+                fly_groups(plan, memory, results, width, plan.law, nothing_active, 0, flights)
+            else:
+                fly_groups(plan, memory, results, width, plan.law, find_active, 0, flights)
+
+    fly_lanes.__name__ += "_lean" if lean else ""  # the cache knows them by name
+    fly_lanes.__qualname__ += "_lean" if lean else ""
+    return kernel(fly_lanes)

@@ -1,0 +1,255 @@
+"""The only place that decorates compiled code.
+
+Rules for compiled functions (measured; the benchmark ``abhv-mc bench`` holds the result):
+
+- strict floating point everywhere, so that batched lanes equal one flight at a time bit for bit;
+- a ``scalar`` function takes and returns floats, named tuples of floats and nothing that allocates;
+- a ``lanes`` function loops over the lanes of blocks that its caller allocated;
+- arrays that a function takes do not overlap where it writes to one: the compiler relies on that;
+- no libm call inside a lane loop: use :mod:`abhv_mc.kernel.numerics.lane_math`;
+- data (tables, gains, references) are arguments, never globals: numba freezes globals silently.
+
+numba's own passes compile, its disk cache keeps kernels. Subclasses of its private classes tell it that all functions
+are inlined into a few kernels (``docs/explanation/performance.md``); its public interface makes the same bits, slower.
+"""
+
+import contextlib
+import functools
+import gc
+import os
+import signal
+import threading
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from pathlib import Path
+from pickle import UnpicklingError
+from typing import Any, TypeVar
+
+import numba
+import numpy as np
+from numba.core import event
+
+from abhv_mc.kernel.cache import is_noted, one_compiles, source_unchanged
+from abhv_mc.kernel.compiler_target import choose_target, code_folder
+
+F = TypeVar("F", bound=Callable[..., Any])
+_PUBLIC = "ABHV_MC_PUBLIC_NUMBA"
+_MOST_ARRAYS = 40  # of a function's arguments: more than a vehicle's, fewer than a plan's
+
+# Plain Python throughout, as numba itself does it: for counting operations.
+PLAIN = bool(numba.config.DISABLE_JIT)  # type: ignore[attr-defined]
+
+
+def scalar(function: F) -> F:
+    """Compile a pure function of scalars; inlined into the lane loop that calls it, callable from Python too."""
+    return _decorate(_inlined, function, error_model="numpy", forceinline=True)
+
+
+def lanes(function: F) -> F:
+    """Compile a function that loops over lanes; inlined, so that the loop sees where its blocks live."""
+    return _decorate(_inlined, function, error_model="numpy", forceinline=True)
+
+
+def routine(function: F) -> F:
+    """Compile a function that kernels call in many places: not inlined."""
+    return _decorate(_inlined, function, error_model="numpy")
+
+
+def kernel(function: F) -> F:
+    """Compile an entry point called from Python: cached on disk, releases the interpreter's lock.
+
+    Made inside a function, it may use numbers from there but no functions: numba's cache would never find it again.
+    """
+    return _decorate(_kernel, function, error_model="numpy", nogil=True)
+
+
+def _decorate(make: Callable[..., Any], function: Any, **options: Any) -> Any:
+    if PLAIN:
+        function.py_func = function
+        return function
+    return make(function, **options)
+
+
+def compiler() -> str:
+    """Which interface of numba compiles: ``private`` or ``public``."""
+    return _mode
+
+
+def is_kept(function: Any) -> bool:
+    """Whether the cache has a kernel."""
+    folder = None if PLAIN else function.stats.cache_path
+    return folder is not None and is_noted(Path(folder), function.py_func.__name__)
+
+
+class _Kernels(event.Listener):
+    def on_start(self, event: Any) -> None:
+        if event.data["dispatcher"].targetoptions.get("nogil"):  # which only kernels have
+            self._told = _tell(event.data["dispatcher"].py_func, False)
+            self._told.__enter__()
+
+    def on_end(self, event: Any) -> None:
+        if event.data["dispatcher"].targetoptions.get("nogil"):
+            self._told.__exit__(None, None, None)
+
+
+def _say_nothing(function: Any, elsewhere: bool) -> AbstractContextManager[None]:
+    return contextlib.nullcontext()
+
+
+_tell: Callable[[Any, bool], AbstractContextManager[None]] = _say_nothing
+
+
+def tell_compiling(told: Callable[[Any, bool], AbstractContextManager[None]]) -> None:
+    """Have a context entered for each kernel that the cache lacks: while it is compiled here, or is waited for.
+
+    ``told`` gets its function, and whether another process compiles it.
+    """
+    global _tell  # noqa: PLW0603  one listener for all kernels
+    if _tell is _say_nothing:
+        event.register("numba:compile", _Kernels())
+    _tell = told
+
+
+@contextlib.contextmanager
+def _interrupts_kept() -> Iterator[None]:
+    """An interrupt inside is one outside: numba and LLVM may lose it in a callback, and end with another error."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    seen: list[int] = []
+
+    def note(number: int, frame: Any) -> None:
+        seen.append(number)
+        raise KeyboardInterrupt
+
+    before = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM) if callable(signal.getsignal(n))}
+    for number in before:
+        signal.signal(number, note)
+    try:
+        yield
+    except Exception:
+        if seen:
+            raise KeyboardInterrupt from None
+        raise
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if seen:
+        raise KeyboardInterrupt
+
+
+def _make_private() -> tuple[Any, Any]:
+    """What makes a function that kernels call, and what makes a kernel, with numba's private classes."""
+    from llvmlite.binding import parse_assembly
+    from numba.core import types
+    from numba.core.caching import NullCache
+    from numba.core.codegen import JITCodeLibrary
+    from numba.core.compiler import Compiler
+    from numba.core.registry import CPUDispatcher
+
+    def count_arrays(kinds: Any) -> int:
+        tuples = [kind for kind in kinds if isinstance(kind, types.BaseTuple)]
+        return sum(isinstance(kind, types.Array) for kind in kinds) + sum(map(count_arrays, tuples))
+
+    class InlinedLibrary(JITCodeLibrary):
+        """Code that only becomes part of a kernel's: neither optimized by itself nor made machine code."""
+
+        def _optimize_final_module(self) -> None:
+            pass
+
+        def _finalize_final_module(self) -> None:
+            self._finalized = True
+
+    class InlinedCompiler(Compiler):
+        def compile_extra(self, function: Any) -> Any:
+            library = InlinedLibrary(self.state.targetctx.codegen(), function.__qualname__)
+            self.state["library"] = library
+            self.state.flags.no_compile = True
+            # No checks for overlap before a loop over lanes is vectorized. But each load and store that is inlined
+            # names all arrays that it does not touch: those of a whole plan are most of what LLVM would work on.
+            self.state.flags.noalias = count_arrays(self.state.args) <= _MOST_ARRAYS
+            result = super().compile_extra(function)
+            entry = set[Any]().remove  # never called: numba knows a function by a builtin of its own
+            result.target_context.insert_user_function(entry, result.fndesc, [library])
+            return result._replace(entry_point=entry)
+
+    class Inlined(CPUDispatcher):
+        def __init__(self, function: Any, **options: Any) -> None:
+            # No reference counting (_nrt): an atomic count on each array in each lane costs three times the physics.
+            options |= {"nopython": True, "_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+            super().__init__(function, targetoptions=options, pipeline_class=InlinedCompiler)
+
+        def get_call_template(self, args: Any, kws: Any) -> Any:  # once for all constants, each a type to numba
+            return super().get_call_template(tuple(map(types.unliteral, args)), kws)
+
+        @functools.cached_property
+        def kernel(self) -> Any:
+            return Kernel(self.py_func, **{**self.targetoptions, "no_cpython_wrapper": False})
+
+        def __call__(self, *arguments: Any) -> Any:
+            return self.kernel(*arguments)
+
+    class KernelLibrary(JITCodeLibrary):
+        """Machine code that nothing links: it is kept with its names alone, without the code that it was made from."""
+
+        def serialize_using_object_code(self) -> Any:
+            names = [f.name for f in self._final_module.functions if not f.is_declaration]
+            stubs = parse_assembly("\n".join(f'@"{name}" = global i8 0' for name in names))
+            return self.name, "object", (self._get_compiled_object(), stubs.as_bitcode())
+
+    class KernelCompiler(Compiler):
+        def compile_extra(self, function: Any) -> Any:
+            self.state["library"] = library = KernelLibrary(self.state.targetctx.codegen(), function.__qualname__)
+            library.enable_object_caching()
+            return super().compile_extra(function)
+
+    class Kernel(CPUDispatcher):
+        def __init__(self, function: Any, **options: Any) -> None:
+            options |= {"nopython": True, "no_cfunc_wrapper": True}
+            super().__init__(function, targetoptions=options, pipeline_class=KernelCompiler)
+            self.enable_caching()
+
+        def compile(self, sig: Any) -> Any:
+            if not source_unchanged():  # keep nothing under the name of a source that was edited meanwhile
+                self._cache = NullCache()
+            with contextlib.ExitStack() as stack:
+                stack.enter_context(_interrupts_kept())
+                waiting = functools.partial(_tell, self.py_func, True)
+                stack.enter_context(one_compiles(self.stats.cache_path, self.py_func.__name__, waiting))
+                if gc.isenabled():
+                    gc.disable()
+                    stack.callback(gc.enable)
+                try:
+                    return super().compile(sig)
+                except (OSError, EOFError, UnpicklingError):  # a full disk, or a damaged file of the cache
+                    with contextlib.suppress(OSError):
+                        self._cache.flush()
+                    return super().compile(sig)
+
+    return Inlined, Kernel
+
+
+def _probe_dispersions(row: Any) -> None:
+    row[0] = _twice(row[0])
+
+
+choose_target()
+# numba decides on its cache's place when it decorates, so that is set before any function is made.
+_mode = "public" if PLAIN or os.environ.get(_PUBLIC, "0") not in ("", "0") else "private"
+numba.config.CACHE_DIR = str(code_folder(_mode))  # type: ignore[attr-defined]
+if _mode == "private":
+    try:
+        _inlined, _kernel = _make_private()
+        _twice = scalar(lambda x: x + x)
+        if not (tried := code_folder(_mode) / "tried").exists():  # half a second; numba's version is in the name
+            kernel(_probe_dispersions)(np.ones(2))
+            with contextlib.suppress(OSError):
+                tried.touch()
+    except Exception as error:
+        what = f"the private part of numba {numba.__version__} is another than known ({type(error).__name__}: {error})"
+        warnings.warn(f"{what}: its public interface makes the same flights, slower", RuntimeWarning, stacklevel=2)
+        os.environ[_PUBLIC], _mode = "1", "public"  # processes that this one starts need not find out again
+        numba.config.CACHE_DIR = str(code_folder(_mode))  # type: ignore[attr-defined]
+if _mode == "public":
+    _inlined, _kernel = numba.njit, functools.partial(numba.njit, cache=True)

@@ -1,0 +1,121 @@
+"""Control allocation (19): the nominal vehicle's moment and its slopes with the three axis deflections.
+
+Moments are about the centre of gravity. Coefficients are about the moment reference, so that a deflection's force
+counts with its arm too; forces enter through the same axes as in the equations of motion.
+"""
+
+from abhv_mc.kernel.jit import lanes, scalar
+from abhv_mc.kernel.numerics.lane_math import sincos
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.equations import aerodynamic_force, thrust
+from abhv_mc.kernel.plant.slopes import N_INPUTS
+from abhv_mc.kernel.plant.state import variable_row
+
+_ALPHA = variable_row("angle_of_attack")
+_BETA = variable_row("sideslip")
+_ETA = variable_row("equivalence_ratio")
+
+
+@scalar
+def moment_about_cg(constants, q_s, cg_x, cg_z, roll, pitch, yaw, fx, fy, fz):
+    """Moment (N m) of moment coefficients and of a force (N) at the moment reference, or of their slopes alike."""
+    return (
+        q_s * constants.span * roll + cg_z * fy,
+        q_s * constants.chord * pitch + cg_x * fz - cg_z * fx,
+        q_s * constants.span * yaw - cg_x * fy,
+    )
+
+
+@scalar
+def side_force_slope(constants, q_s, side_by_sideslip, drag):
+    """Slope of the wind axes' side force with sideslip at none, N/rad: drag given in stability axes turns into it."""
+    return q_s * side_by_sideslip + (0.0 if constants.drag_in_wind_axes > 0.0 else q_s * drag)
+
+
+@lanes
+def nominal_moment(Z, lane, constants, density, q_bar, speed):
+    """Moment of the nominal vehicle about its centre of gravity at the measured state and the last commands, N m."""
+    sin_a, cos_a = sincos(Z[_ALPHA, lane])
+    sin_b, cos_b = sincos(Z[_BETA, lane])
+    fx, fy, fz = aerodynamic_force(
+        constants, q_bar, Z[s.COEF, lane], Z[s.COEF + 1, lane], Z[s.COEF + 2, lane], sin_a, cos_a, sin_b, cos_b
+    )
+    t = thrust(
+        constants,
+        Z[_ETA, lane],
+        density,
+        speed,
+        q_bar,
+        Z[s.CAPTURE, lane],
+        Z[s.ISP, lane],
+        Z[s.THRUST_AREA, lane],
+    )
+    tx, tz = t * constants.thrust_cos, -t * constants.thrust_sin
+    f_x, f_y, f_z = Z[s.F_THRUST, lane], Z[s.F_THRUST + 1, lane], Z[s.F_THRUST + 2, lane]  # of an engine function
+    m_x, m_y, m_z = moment_about_cg(
+        constants,
+        q_bar * constants.area,
+        Z[s.CG_X, lane],
+        Z[s.CG_Z, lane],
+        Z[s.COEF + 3, lane],
+        Z[s.COEF + 4, lane],
+        Z[s.COEF + 5, lane],
+        fx + tx + f_x,
+        fy + f_y,
+        fz + tz + f_z,
+    )
+    return (
+        m_x + Z[s.F_MOMENT, lane],
+        m_y + constants.thrust_offset_z * tx + Z[s.F_MOMENT + 1, lane],
+        m_z + Z[s.F_MOMENT + 2, lane],
+    )
+
+
+@lanes
+def moment_slope(Z, lane, constants, q_bar, first_slope, deflection):
+    """Slope of :func:`nominal_moment` with one deflection (0 aileron, 1 rudder, 2 elevator), N m/rad.
+
+    ``first_slope``: row of the coefficients' slopes, see :func:`abhv_mc.kernel.plant.slopes.slopes_of_coefficients`.
+    """
+    sin_a, cos_a = sincos(Z[_ALPHA, lane])
+    sin_b, cos_b = sincos(Z[_BETA, lane])
+    row = first_slope + deflection
+    fx, fy, fz = aerodynamic_force(
+        constants,
+        q_bar,
+        Z[row, lane],
+        Z[row + N_INPUTS, lane],
+        Z[row + 2 * N_INPUTS, lane],
+        sin_a,
+        cos_a,
+        sin_b,
+        cos_b,
+    )
+    return moment_about_cg(
+        constants,
+        q_bar * constants.area,
+        Z[s.CG_X, lane],
+        Z[s.CG_Z, lane],
+        Z[row + 3 * N_INPUTS, lane],
+        Z[row + 4 * N_INPUTS, lane],
+        Z[row + 5 * N_INPUTS, lane],
+        fx,
+        fy,
+        fz,
+    )
+
+
+@scalar
+def solve_3x3(a, b, c, d, e, f, g, h, i, x, y, z):
+    """Solution of [[a, b, c], [d, e, f], [g, h, i]] u = (x, y, z); zero where the matrix is singular."""
+    c_0 = e * i - f * h
+    c_1 = f * g - d * i
+    c_2 = d * h - e * g
+    determinant = a * c_0 + b * c_1 + c * c_2
+    inverse = 1.0 / (determinant if determinant != 0.0 else 1.0)
+    inverse = inverse if determinant != 0.0 else 0.0
+    return (
+        inverse * (c_0 * x + (c * h - b * i) * y + (b * f - c * e) * z),
+        inverse * (c_1 * x + (a * i - c * g) * y + (c * d - a * f) * z),
+        inverse * (c_2 * x + (b * g - a * h) * y + (a * e - b * d) * z),
+    )

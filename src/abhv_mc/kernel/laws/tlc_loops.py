@@ -1,0 +1,159 @@
+"""Sub-loops 3 and 4 of TLC as pure scalar functions: inverses and time-varying PI gains.
+
+Zhu and Shen 2014, equations (13)-(18), in FRD axes (x forward, y right, z down); there the paper's matrix element
+Jxy is J13: ``Hx = Jx p + J13 r``, ``Hz = Jz r + J13 p``. Each gain K (3 x 6, row by row, a state's integral before
+the state) makes the linearized closed loop equal to the wanted one: ``B K = A - A_c`` with the rows of ``A_c``
+``[-a1, -a2]`` for each channel. SI and radians.
+"""
+
+from typing import NamedTuple
+
+from abhv_mc.kernel.jit import scalar
+
+
+class Spectrum(NamedTuple):
+    """PD spectrum of a sub-loop's three channels, equation (20)."""
+
+    a1_0: float  # wn^2
+    a2_0: float  # 2 zeta wn - wn'/wn
+    a1_1: float
+    a2_1: float
+    a1_2: float
+    a2_2: float
+
+
+class AttitudePoint(NamedTuple):
+    """The nominal of sub-loop 3: commanded angle of attack and bank, no sideslip, and the forces there."""
+
+    mass_speed: float  # m V, kg m/s
+    gravity_speed: float  # g / V, 1/s
+    sin_alpha: float
+    cos_alpha: float
+    sin_bank: float
+    cos_bank: float
+    cos_gamma: float
+    tan_gamma: float
+    normal_force: float  # N = L + T sin(alpha + e), e the thrust line's inclination
+    normal_force_slope: float  # N_alpha = L_alpha + T_alpha sin(alpha + e) + T cos(alpha + e)
+    axial_thrust: float  # T cos(alpha + e)
+    side_force: float  # Y, wind axes
+    side_force_slope: float  # Y_beta, wind axes: for drag given in stability axes, q S CY_beta + D
+
+
+class Inertia(NamedTuple):
+    """Moments of inertia and the matrix element 13, kg m2."""
+
+    xx: float
+    yy: float
+    zz: float
+    e13: float
+
+
+@scalar
+def attitude_inverse(point, alpha_dot, beta_dot, bank_dot):
+    """Body rates (p, q, r) that give the wanted rates of the aero-angles at zero sideslip: (13) inverted."""
+    about_velocity = bank_dot - point.tan_gamma * (
+        (point.normal_force * point.sin_bank + point.side_force * point.cos_bank) / point.mass_speed
+    )
+    sideways = beta_dot - point.side_force / point.mass_speed - point.gravity_speed * point.cos_gamma * point.sin_bank
+    p = about_velocity * point.cos_alpha + sideways * point.sin_alpha
+    q = alpha_dot + point.normal_force / point.mass_speed - point.gravity_speed * point.cos_gamma * point.cos_bank
+    r = about_velocity * point.sin_alpha - sideways * point.cos_alpha
+    return p, q, r
+
+
+@scalar
+def attitude_gains(point, p, r, spectrum):
+    """K3: (p, q, r) from (int alpha, alpha, int beta, beta, int bank, bank); 18 numbers, row by row.
+
+    ``p`` and ``r`` are the nominal rates of :func:`attitude_inverse`.
+    """
+    sa, ca, ss, cs = point.sin_alpha, point.cos_alpha, point.sin_bank, point.cos_bank
+    roll = p * ca + r * sa
+    gravity = point.gravity_speed * point.cos_gamma
+    slope = point.normal_force_slope / point.mass_speed
+    normal = point.normal_force / point.mass_speed
+    side = point.side_force / point.mass_speed
+    side_slope = (point.side_force_slope - point.axial_thrust) / point.mass_speed
+
+    alpha_by_alpha = -slope + spectrum.a2_0
+    alpha_by_beta = -roll
+    alpha_by_bank = -gravity * ss
+    beta_by_alpha = roll
+    beta_by_beta = side_slope + spectrum.a2_1
+    beta_by_bank = gravity * cs
+    bank_by_alpha = r * ca - p * sa + point.tan_gamma * slope * ss
+    bank_by_beta = normal - gravity * cs + point.tan_gamma * cs * side_slope
+    bank_by_bank = point.tan_gamma * (normal * cs - side * ss) + spectrum.a2_2
+
+    # B = [[0, 1, 0], [sin a, 0, -cos a], [cos a, 0, sin a]]: p and r turn the rows of beta and bank by alpha.
+    return (
+        0.0,
+        sa * beta_by_alpha + ca * bank_by_alpha,
+        sa * spectrum.a1_1,
+        sa * beta_by_beta + ca * bank_by_beta,
+        ca * spectrum.a1_2,
+        sa * beta_by_bank + ca * bank_by_bank,
+        spectrum.a1_0,
+        alpha_by_alpha,
+        0.0,
+        alpha_by_beta,
+        0.0,
+        alpha_by_bank,
+        0.0,
+        sa * bank_by_alpha - ca * beta_by_alpha,
+        -ca * spectrum.a1_1,
+        sa * bank_by_beta - ca * beta_by_beta,
+        sa * spectrum.a1_2,
+        sa * bank_by_bank - ca * beta_by_bank,
+    )
+
+
+@scalar
+def moment_inverse(inertia, p, q, r, p_dot, q_dot, r_dot):
+    """Moments that give the wanted rates of the body rates: ``J w' + w x J w``, (17)."""
+    hx = inertia.xx * p + inertia.e13 * r
+    hy = inertia.yy * q
+    hz = inertia.zz * r + inertia.e13 * p
+    roll = inertia.xx * p_dot + inertia.e13 * r_dot + q * hz - r * hy
+    pitch = inertia.yy * q_dot + r * hx - p * hz
+    yaw = inertia.zz * r_dot + inertia.e13 * p_dot + p * hy - q * hx
+    return roll, pitch, yaw
+
+
+@scalar
+def rate_gains(inertia, p, q, r, spectrum):
+    """K4: moments from (int p, p, int q, q, int r, r) at the nominal rates; 18 numbers, row by row, (18)."""
+    jx, jy, jz, j13 = inertia.xx, inertia.yy, inertia.zz, inertia.e13
+    return (
+        jx * spectrum.a1_0,
+        jx * spectrum.a2_0 - j13 * q,
+        0.0,
+        -(jz - jy) * r - j13 * p,
+        j13 * spectrum.a1_2,
+        j13 * spectrum.a2_2 - (jz - jy) * q,
+        0.0,
+        -(jx - jz) * r + 2.0 * j13 * p,
+        jy * spectrum.a1_1,
+        jy * spectrum.a2_1,
+        0.0,
+        -(jx - jz) * p - 2.0 * j13 * r,
+        j13 * spectrum.a1_0,
+        j13 * spectrum.a2_0 - (jy - jx) * q,
+        0.0,
+        -(jy - jx) * p + j13 * r,
+        jz * spectrum.a1_2,
+        jz * spectrum.a2_2 + j13 * q,
+    )
+
+
+@scalar
+def differentiator_output(bandwidth, state, command):
+    """Output of the pseudo-differentiator (21), ``wd (u - x)`` with ``x' = wd (u - x)``."""
+    return bandwidth * (command - state)
+
+
+@scalar
+def differentiator_next(decay, state, command):
+    """State one control period on, exact for a held input: ``x + (1 - decay)(u - x)``, ``decay = exp(-wd tick)``."""
+    return command + decay * (state - command)

@@ -1,0 +1,104 @@
+"""Look-up of the trim tables in lanes: each lane keeps its own cell from tick to tick."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from abhv_mc.array_types import Floats, Ints
+from abhv_mc.kernel.jit import lanes, scalar
+from abhv_mc.kernel.numerics.lane_memory import aligned_zeros
+from abhv_mc.kernel.numerics.tables import bracket, natural
+from abhv_mc.kernel.plant.state import variable_row
+from abhv_mc.kernel.plant.vehicle import CHUNK
+
+AXES = 3  # Mach, angle of attack, equivalence ratio
+_MACH_AXIS, _ALPHA_AXIS, _ETA_AXIS = range(AXES)
+_MACH = variable_row("mach")
+
+# Rows of the trim tables: rad, -, -, T / (q_bar S), s; and 1 at the nodes that have no trim, else 0.
+TRIM_ROWS = ("elevator", "lift", "drag", "thrust", "specific_impulse", "untrimmed")
+ELEVATOR, LIFT, DRAG, THRUST, IMPULSE, UNTRIMMED = range(len(TRIM_ROWS))
+
+
+class TrimCells(NamedTuple):
+    """Each lane's cell on each axis, and buffers for the interpolated values."""
+
+    cell: Ints  # [axis, lane]
+    low: Floats  # [axis, lane] the cell's ends, between which a command mostly stays
+    high: Floats  # [axis, lane]
+    per_step: Floats  # [axis, lane] 1 / length
+    fraction: Floats  # [axis, lane] of the length
+    value: Floats  # [CHUNK]
+    slope: Floats  # [CHUNK]
+
+
+def make_trim_cells(width: int) -> TrimCells:
+    """Memory of ``width`` lanes before their first look-up: empty intervals, so that it searches every axis."""
+    return TrimCells(
+        aligned_zeros((AXES, width), np.int64),
+        aligned_zeros((AXES, width)),
+        aligned_zeros((AXES, width)),
+        aligned_zeros((AXES, width)),
+        aligned_zeros((AXES, width)),
+        aligned_zeros(CHUNK),
+        aligned_zeros(CHUNK),
+    )
+
+
+@lanes
+def follow(Z, W, row, tables, axis, cells):
+    """Cell and fraction of every lane on one axis; searched only when a lane has left its cell."""
+    left = False
+    for lane in range(W):
+        x, low = Z[row, lane], cells.low[axis, lane]
+        left |= not (low <= x < cells.high[axis, lane])
+        cells.fraction[axis, lane] = (x - low) * cells.per_step[axis, lane]
+    if left:
+        start = natural(tables.axis_start[axis])
+        end = start + natural(tables.axis_length[axis])
+        grid, inverse_step = tables.grid[start:end], tables.inverse_step[start:end]
+        for lane in range(W):
+            i, t = bracket(grid, inverse_step, grid.size, cells.cell[axis, lane], Z[row, lane])
+            cells.cell[axis, lane] = i
+            cells.low[axis, lane] = grid[i]
+            cells.high[axis, lane] = grid[i + 1]
+            cells.per_step[axis, lane] = inverse_step[i]
+            cells.fraction[axis, lane] = t
+
+
+@scalar
+def blend(data, corner, s0, s1, s2, t0, t1, t2, per_step, value, slope):
+    """A cell's tables, side by side as one vector, and their slopes with the middle axis."""
+    w00, w10 = (1.0 - t0) * (1.0 - t2), t0 * (1.0 - t2)
+    w01, w11 = (1.0 - t0) * t2, t0 * t2
+    a, b = natural(corner), natural(corner + s0)
+    c, d = natural(corner + s2), natural(corner + s0 + s2)
+    e, f = natural(corner + s1), natural(corner + s1 + s0)
+    g, h = natural(corner + s1 + s2), natural(corner + s1 + s0 + s2)
+    for k in range(CHUNK):
+        low = w00 * data[a + k] + w10 * data[b + k] + w01 * data[c + k] + w11 * data[d + k]
+        high = w00 * data[e + k] + w10 * data[f + k] + w01 * data[g + k] + w11 * data[h + k]
+        value[k] = (1.0 - t1) * low + t1 * high
+        slope[k] = (high - low) * per_step
+
+
+@lanes
+def look_up_trim(Z, W, trim, cells, alpha_row, eta_row, first_row):
+    """Trimmed lift, drag and thrust at (Mach, angle of attack, equivalence ratio), and slopes of lift and thrust.
+
+    The five go to the rows from ``first_row``; the slopes are those with the angle of attack.
+    """
+    follow(Z, W, _MACH, trim, _MACH_AXIS, cells)
+    follow(Z, W, alpha_row, trim, _ALPHA_AXIS, cells)
+    follow(Z, W, eta_row, trim, _ETA_AXIS, cells)
+    s0, s1, s2 = trim.group_stride[0, 0], trim.group_stride[0, 1], trim.group_stride[0, 2]
+    start = trim.group_start[0]
+    for lane in range(W):
+        corner = start + cells.cell[0, lane] * s0 + cells.cell[1, lane] * s1 + cells.cell[2, lane] * s2
+        t0, t1, t2 = cells.fraction[0, lane], cells.fraction[1, lane], cells.fraction[2, lane]
+        blend(trim.data, corner, s0, s1, s2, t0, t1, t2, cells.per_step[1, lane], cells.value, cells.slope)
+        Z[first_row, lane] = cells.value[LIFT]
+        Z[first_row + 1, lane] = cells.value[DRAG]
+        Z[first_row + 2, lane] = cells.value[THRUST]
+        Z[first_row + 3, lane] = cells.slope[LIFT]
+        Z[first_row + 4, lane] = cells.slope[THRUST]

@@ -1,0 +1,137 @@
+"""A law of the user's own, one control tick in lanes: what it needs, the call of its compiled code, its commands.
+
+Its code is compiled apart from the flight (:mod:`abhv_mc.user_code`) and called once a tick for all lanes through an
+address that the plan holds, so that the flight's machine code serves every law.
+"""
+
+import math
+
+from abhv_mc.kernel.jit import lanes
+from abhv_mc.kernel.jit_pointer import call_address
+from abhv_mc.kernel.laws import columns as ref
+from abhv_mc.kernel.laws.allocation import moment_slope, nominal_moment
+from abhv_mc.kernel.laws.tlc import N_ROWS as N_TLC_ROWS
+from abhv_mc.kernel.laws.tlc import RHO_NOM, SLOPES, nominal_forces, nominal_variables, nominal_vehicle
+from abhv_mc.kernel.numerics.angles import clamp
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.equations import thrust
+from abhv_mc.kernel.plant.state import LAW, variable_row
+
+MAX_MEMORY = 64  # numbers that a law may keep between ticks
+
+# Rows of the lane memory, behind TLC's, whose rows of the nominal vehicle serve here, too.
+FAULT = LAW + N_TLC_ROWS  # outcome with which the law ends the flight, 0 for none
+MEMORY = FAULT + 1
+ONBOARD = MEMORY + MAX_MEMORY  # in the order of abhv_mc.user_code.law_interface.Onboard
+_MOMENT, _LIFT, _SLOPES, _INERTIA = ONBOARD + 3, ONBOARD + 15, ONBOARD + 18, ONBOARD + 24
+N_ONBOARD = 28
+CHANNEL = ONBOARD + N_ONBOARD  # the user's own channels
+MAX_CHANNELS = 16
+N_ROWS = CHANNEL + MAX_CHANNELS - LAW
+
+NOT_FINITE = 4.0  # what abhv_mc.flight.outcome calls so
+
+_MACH = variable_row("mach")
+_ALPHA = variable_row("angle_of_attack")
+_ETA = variable_row("equivalence_ratio")
+_STEP = 1e-6  # rad, and of the equivalence ratio: tables are linear in a cell, so that it need not be tuned
+
+
+@lanes
+def own_tick(plan, memory, width, tick):
+    """Commands from the measurement at a control tick."""
+    Z, user_code = memory.Z, plan.user_code
+    dt = plan.timing.step * plan.timing.steps_per_tick
+    if user_code.onboard > 0:
+        nominal_onboard(plan, memory, width, tick)
+    effectors = plan.vehicle.effectors.shape[0]
+    for i in range(effectors):
+        for lane in range(width):
+            Z[s.EFFECTOR_COMMAND + i, lane] = math.inf
+    if user_code.address != 0:
+        call_address(user_code.address, user_code.context, Z, plan.reference, plan.gains, plan.settings, tick, dt)
+    finish_commands(Z, width, plan.vehicle.constants, effectors, plan.reference, tick)
+
+
+@lanes
+def finish_commands(Z, width, constants, effectors, reference, tick):
+    """Commands within the vehicle's limits; a law that gives what is not a number ends its flight."""
+    limit = constants.surface_limit
+    for lane in range(width):
+        path, alpha, bank = Z[s.GAMMA_CMD, lane], Z[s.ALPHA_CMD, lane], Z[s.BANK_CMD, lane]
+        path = reference[tick, ref.FLIGHT_PATH_ANGLE] if path == math.inf else path
+        alpha = reference[tick, ref.ANGLE_OF_ATTACK] if alpha == math.inf else alpha
+        bank = reference[tick, ref.BANK] if bank == math.inf else bank
+        aileron = clamp(Z[s.CMD_AILERON, lane], -limit, limit)
+        rudder = clamp(Z[s.CMD_RUDDER, lane], -limit, limit)
+        elevator = clamp(Z[s.CMD_ELEVATOR, lane], -limit, limit)
+        eta = Z[s.CMD_ETA, lane]
+        eta = constants.equivalence_ratio_min if eta == math.inf else eta
+        eta = clamp(eta, constants.equivalence_ratio_min, constants.equivalence_ratio_max)
+        total = aileron + rudder + elevator + eta + path + alpha + bank
+        for i in range(effectors):
+            given = Z[s.EFFECTOR_COMMAND + i, lane]
+            total += 0.0 if given == math.inf else given
+        finite = total - total == 0.0
+        fault = Z[FAULT, lane]
+        Z[FAULT, lane] = NOT_FINITE if fault == 0.0 and not finite else fault
+        Z[s.GAMMA_CMD, lane] = path
+        Z[s.ALPHA_CMD, lane] = alpha
+        Z[s.BANK_CMD, lane] = bank
+        Z[s.CMD_AILERON, lane] = aileron
+        Z[s.CMD_RUDDER, lane] = rudder
+        Z[s.CMD_ELEVATOR, lane] = elevator
+        Z[s.CMD_ETA, lane] = eta
+
+
+@lanes
+def nominal_onboard(plan, memory, width, tick):
+    """The nominal vehicle at the measured state and the last commands: the rows from ``ONBOARD``."""
+    Z, vehicle = memory.Z, plan.vehicle
+    constants = vehicle.constants
+    nominal_variables(Z, width, vehicle, plan.reference, tick)
+    for probe in range(3):  # there, at another angle of attack, at another equivalence ratio
+        for lane in range(width):
+            eta = Z[s.CMD_ETA, lane]
+            eta_step = _STEP if eta + _STEP < constants.equivalence_ratio_max else -_STEP
+            Z[_ALPHA, lane] = Z[s.M_ALPHA, lane] + (_STEP if probe == 1 else 0.0)
+            Z[_ETA, lane] = eta + (eta_step if probe == 2 else 0.0)
+        if probe == 0:
+            nominal_vehicle(plan, memory, width, plan.user_code)
+        else:
+            nominal_forces(plan, memory, width, plan.user_code)
+        for lane in range(width):
+            speed, density = Z[s.M_SPEED, lane], Z[RHO_NOM, lane]
+            q_bar = 0.5 * density * speed * speed
+            lift = q_bar * constants.area * Z[s.COEF, lane]
+            drag = q_bar * constants.area * Z[s.COEF + 1, lane]
+            force = thrust(
+                constants,
+                Z[_ETA, lane],
+                density,
+                speed,
+                q_bar,
+                Z[s.CAPTURE, lane],
+                Z[s.ISP, lane],
+                Z[s.THRUST_AREA, lane],
+            )
+            force += Z[s.F_THRUST, lane]  # of an engine function
+            if probe == 0:
+                Z[ONBOARD, lane] = Z[_MACH, lane]
+                Z[ONBOARD + 1, lane] = density
+                Z[ONBOARD + 2, lane] = q_bar
+                m_x, m_y, m_z = nominal_moment(Z, lane, constants, density, q_bar, speed)
+                Z[_MOMENT, lane], Z[_MOMENT + 1, lane], Z[_MOMENT + 2, lane] = m_x, m_y, m_z
+                for i in range(3):
+                    m_x, m_y, m_z = moment_slope(Z, lane, constants, q_bar, SLOPES, i)
+                    row = _MOMENT + 3 + 3 * i
+                    Z[row, lane], Z[row + 1, lane], Z[row + 2, lane] = m_x, m_y, m_z
+                Z[_LIFT, lane], Z[_LIFT + 1, lane], Z[_LIFT + 2, lane] = lift, drag, force
+                Z[_INERTIA, lane], Z[_INERTIA + 1, lane] = Z[s.INERTIA_XX, lane], Z[s.INERTIA_YY, lane]
+                Z[_INERTIA + 2, lane], Z[_INERTIA + 3, lane] = Z[s.INERTIA_ZZ, lane], Z[s.INERTIA_13, lane]
+            else:
+                step = Z[_ALPHA, lane] - Z[s.M_ALPHA, lane] if probe == 1 else Z[_ETA, lane] - Z[s.CMD_ETA, lane]
+                row = _SLOPES + 3 * (probe - 1)
+                Z[row, lane] = (lift - Z[_LIFT, lane]) / step
+                Z[row + 1, lane] = (drag - Z[_LIFT + 1, lane]) / step
+                Z[row + 2, lane] = (force - Z[_LIFT + 2, lane]) / step

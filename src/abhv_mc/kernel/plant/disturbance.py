@@ -1,0 +1,207 @@
+"""Once a tick: gusts, turbulence and the density profile around each flight.
+
+Held over the control period. A flight without them gets exact zeros and ones, which leave its bits unchanged.
+"""
+
+import math
+from typing import NamedTuple
+
+from abhv_mc.kernel.jit import lanes
+from abhv_mc.kernel.numerics.quaternion import rotate_to_body
+from abhv_mc.kernel.numerics.random_numbers import N_STREAM_ROWS, next_uniform, normal_pair, seed_word
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.parameter_names import DENSITY_KNOTS_KM
+from abhv_mc.kernel.plant.state import FILTERS, TURBULENCE, X, parameter_row
+from abhv_mc.kernel.world.turbulence import (
+    dryden_first,
+    dryden_second,
+    dryden_second_output,
+    dryden_second_start,
+    follow,
+    one_minus_cosine,
+    roll_gust_sigma,
+)
+
+_GUST = parameter_row("wind.gust_north")  # then east and down
+_GUST_START = parameter_row("wind.gust_start")
+_GUST_LENGTH = parameter_row("wind.gust_length")
+_WIND = parameter_row("wind.north")  # then east, and both shears
+_SIGMA = parameter_row("wind.turbulence")
+_LENGTH = parameter_row("wind.turbulence_length")
+_AXIS_SIGMA = parameter_row("wind.turbulence_forward")  # then right and down
+_AXIS_LENGTH = parameter_row("wind.turbulence_length_forward")
+_ROTARY = parameter_row("wind.turbulence_rotary")
+_SEED = parameter_row("wind.turbulence_seed")
+_PROFILE = parameter_row(f"atmosphere.density_at_{DENSITY_KNOTS_KM[0]}km")
+_KNOTS = len(DENSITY_KNOTS_KM)
+_FIRST_KNOT = 1000.0 * DENSITY_KNOTS_KM[0]
+_KNOT_STEP = 1000.0 * (DENSITY_KNOTS_KM[1] - DENSITY_KNOTS_KM[0])
+_M1 = 4294967087.0
+_M2 = 4294944443.0
+
+
+@lanes
+def any_lane(Z, width, first, rows, value):
+    """Whether any of ``rows`` rows from ``first`` differs from a value in any lane."""
+    different = 0
+    for row in range(first, first + rows):
+        for lane in range(width):
+            different += Z[row, lane] != value
+    return different > 0
+
+
+@lanes
+def seed_stream(Z, width, first_row, seed_row):
+    """Start a stream of random numbers in six rows from the flight's seed."""
+    for word in range(N_STREAM_ROWS):
+        modulus = _M1 if word < 3 else _M2
+        for lane in range(width):
+            Z[first_row + word, lane] = seed_word(Z[seed_row, lane], float(word), modulus)
+    for _ in range(8):  # away from the start, which is a plain function of the seed
+        for lane in range(width):
+            draw(Z, lane, first_row)
+
+
+@lanes
+def draw(Z, lane, r):
+    """The next uniform number of a lane's stream."""
+    u, s0, s1, s2, s3, s4, s5 = next_uniform(
+        Z[r, lane], Z[r + 1, lane], Z[r + 2, lane], Z[r + 3, lane], Z[r + 4, lane], Z[r + 5, lane]
+    )
+    Z[r, lane] = s0
+    Z[r + 1, lane] = s1
+    Z[r + 2, lane] = s2
+    Z[r + 3, lane] = s3
+    Z[r + 4, lane] = s4
+    Z[r + 5, lane] = s5
+    return u
+
+
+@lanes
+def draw_normals(Z, lane, r):
+    """Two standard normal numbers of a lane's stream."""
+    u1 = draw(Z, lane, r)
+    u2 = draw(Z, lane, r)
+    return normal_pair(u1, u2)
+
+
+class Disturbances(NamedTuple):
+    """Disturbances active in any lane; the others are never computed."""
+
+    gusty: bool
+    turbulent: bool
+    profiled: bool  # a density profile
+    windy: bool  # the air moves: any wind, a gust or turbulence
+
+
+@lanes
+def active_disturbances(Z, width):
+    """From the parameters, which are constant over a flight."""
+    gusty, turbulent = any_lane(Z, width, _GUST, 3, 0.0), any_lane(Z, width, _SIGMA, 1, 0.0)
+    windy = gusty or turbulent or any_lane(Z, width, _WIND, 4, 0.0)
+    return Disturbances(gusty, turbulent, any_lane(Z, width, _PROFILE, _KNOTS, 1.0), windy)
+
+
+@lanes
+def calm(Z, width):
+    """No gust, and the standard density."""
+    for lane in range(width):
+        Z[s.GUST_P, lane] = 0.0
+        Z[s.GUST_Q, lane] = 0.0
+        Z[s.GUST_R, lane] = 0.0
+        Z[s.GUST_U, lane] = 0.0
+        Z[s.GUST_V, lane] = 0.0
+        Z[s.GUST_W, lane] = 0.0
+        Z[s.DENSITY_PROFILE, lane] = 1.0
+
+
+@lanes
+def disturb(Z, width, span, active, time, dt, first):
+    """Gusts in body axes and density factor of the tick that begins at ``time`` (s), where it was calm."""
+    if active.gusty:
+        gust(Z, width, time)
+    if active.turbulent:
+        turbulence(Z, width, span, dt, first)
+    if active.profiled:
+        density_profile(Z, width)
+
+
+@lanes
+def gust(Z, width, time):
+    """The discrete 1-cosine gust, built up along the distance flown."""
+    for lane in range(width):
+        distance = Z[s.SPEED, lane] * (time - Z[_GUST_START, lane])
+        share = one_minus_cosine(distance, Z[_GUST_LENGTH, lane])
+        u, v, w = rotate_to_body(
+            Z[X + s.Q0, lane],
+            Z[X + s.Q1, lane],
+            Z[X + s.Q2, lane],
+            Z[X + s.Q3, lane],
+            share * Z[_GUST, lane],
+            share * Z[_GUST + 1, lane],
+            share * Z[_GUST + 2, lane],
+        )
+        Z[s.GUST_U, lane] += u
+        Z[s.GUST_V, lane] += v
+        Z[s.GUST_W, lane] += w
+
+
+@lanes
+def turbulence(Z, width, span, dt, first):
+    """Dryden turbulence along and about body axes; its states start in their stationary distribution.
+
+    The air turns as the gusts' slopes along the path say, q = -dw/dx and r = dv/dx, each behind a lag of the span's.
+    """
+    if first:
+        seed_stream(Z, width, TURBULENCE, _SEED)
+    for lane in range(width):
+        speed, length = Z[s.SPEED, lane], Z[_LENGTH, lane]
+        a = speed / (length * Z[_AXIS_LENGTH, lane])
+        a_v, a_w = speed / (length * Z[_AXIS_LENGTH + 1, lane]), speed / (length * Z[_AXIS_LENGTH + 2, lane])
+        n0, n1 = draw_normals(Z, lane, TURBULENCE)
+        n2, n3 = draw_normals(Z, lane, TURBULENCE)
+        n4, n5 = draw_normals(Z, lane, TURBULENCE)
+        u = n0 if first else dryden_first(Z[FILTERS, lane], a, dt, n0)
+        v1_new, v2_new = dryden_second(Z[FILTERS + 1, lane], Z[FILTERS + 2, lane], a_v, dt, n1, n2)
+        w1_new, w2_new = dryden_second(Z[FILTERS + 3, lane], Z[FILTERS + 4, lane], a_w, dt, n3, n4)
+        v1_start, v2_start = dryden_second_start(a_v, n1, n2)
+        w1_start, w2_start = dryden_second_start(a_w, n3, n4)
+        v1 = v1_start if first else v1_new
+        v2 = v2_start if first else v2_new
+        w1 = w1_start if first else w1_new
+        w2 = w2_start if first else w2_new
+        Z[FILTERS, lane] = u
+        Z[FILTERS + 1, lane] = v1
+        Z[FILTERS + 2, lane] = v2
+        Z[FILTERS + 3, lane] = w1
+        Z[FILTERS + 4, lane] = w2
+        sigma = Z[_SIGMA, lane]
+        sigma_w = sigma * Z[_AXIS_SIGMA + 2, lane]
+        across = sigma * Z[_AXIS_SIGMA + 1, lane] * dryden_second_output(v1, v2, a_v)
+        down = sigma_w * dryden_second_output(w1, w2, a_w)
+        Z[s.GUST_U, lane] += sigma * Z[_AXIS_SIGMA, lane] * u
+        Z[s.GUST_V, lane] += across
+        Z[s.GUST_W, lane] += down
+        per_span = 0.25 * math.pi / span
+        p = n5 if first else dryden_first(Z[FILTERS + 5, lane], speed * per_span, dt, n5)
+        late_v = across if first else follow(Z[FILTERS + 6, lane], across, 4.0 / 3.0 * speed * per_span, dt)
+        late_w = down if first else follow(Z[FILTERS + 7, lane], down, speed * per_span, dt)
+        Z[FILTERS + 5, lane], Z[FILTERS + 6, lane], Z[FILTERS + 7, lane] = p, late_v, late_w
+        rotary = Z[_ROTARY, lane]
+        Z[s.GUST_P, lane] = rotary * sigma_w * roll_gust_sigma(length * Z[_AXIS_LENGTH + 2, lane], span) * p
+        Z[s.GUST_Q, lane] = rotary * per_span * (late_w - down)
+        Z[s.GUST_R, lane] = rotary * 4.0 / 3.0 * per_span * (across - late_v)
+
+
+@lanes
+def density_profile(Z, width):
+    """Factor on the density: linear in altitude between the knots, constant beyond them."""
+    for lane in range(width):
+        x = (Z[X + s.ALTITUDE, lane] - _FIRST_KNOT) / _KNOT_STEP
+        x = 0.0 if x < 0.0 else x
+        x = _KNOTS - 1.0 if x > _KNOTS - 1.0 else x
+        factor = 1.0
+        for knot in range(_KNOTS):
+            near = 1.0 - abs(x - knot)
+            factor += (Z[_PROFILE + knot, lane] - 1.0) * (near if near > 0.0 else 0.0)
+        Z[s.DENSITY_PROFILE, lane] = factor

@@ -1,0 +1,225 @@
+"""Last loop of a stage: forces and moments, the derivatives of the 22 states, and the integrator's sums.
+
+Body axes forward-right-down, local frame north-east-down, rotating ellipsoid; Zhu & Shen (2014), eqs. (2)-(4)
+with the axes above; moments about the centre of gravity.
+"""
+
+import math
+from typing import NamedTuple
+
+from abhv_mc.kernel.jit import lanes, scalar
+from abhv_mc.kernel.numerics.lane_math import reciprocals
+from abhv_mc.kernel.numerics.quaternion import quaternion_rate, rotate_meridional, rotate_to_body, rotate_to_ned
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.state import SUM, XS, X, parameter_row
+from abhv_mc.kernel.world.earth import gravity_ned, radii
+
+_LIFT, _DRAG, _SIDE_FORCE, _ROLL, _PITCH, _YAW = range(s.COEF, s.COEF + 6)
+
+_K_LIFT = parameter_row("aero.lift")
+_K_DRAG = parameter_row("aero.drag")
+_K_SIDE_FORCE = parameter_row("aero.side_force")
+_K_ROLL = parameter_row("aero.rolling_moment")
+_K_PITCH = parameter_row("aero.pitching_moment")
+_K_YAW = parameter_row("aero.yawing_moment")
+_D_LIFT = parameter_row("aero.lift.increment")
+_D_DRAG = parameter_row("aero.drag.increment")
+_D_PITCH = parameter_row("aero.pitching_moment.increment")
+_K_THRUST = parameter_row("propulsion.thrust")
+_K_ISP = parameter_row("propulsion.specific_impulse")
+_K_MASS = parameter_row("mass.total")
+_K_XX = parameter_row("mass.inertia_xx")
+_K_YY = parameter_row("mass.inertia_yy")
+_K_ZZ = parameter_row("mass.inertia_zz")
+_K_13 = parameter_row("mass.inertia_13")
+_CG_X = parameter_row("mass.center_of_gravity_x")
+_CG_Y = parameter_row("mass.center_of_gravity_y")
+_CG_Z = parameter_row("mass.center_of_gravity_z")
+
+
+@scalar
+def thrust(constants, eta, rho, airspeed, q_bar, capture, isp, thrust_area):
+    """Thrust, N: captured air times specific impulse, or dynamic pressure times a thrust area."""
+    return constants.capture_thrust * eta * rho * airspeed * capture * isp + q_bar * thrust_area
+
+
+@scalar
+def aerodynamic_force(constants, q_bar, lift, drag, side, sin_a, cos_a, sin_b, cos_b):
+    """Aerodynamic force in body axes, N, from coefficients in stability (or wind) axes."""
+    q_s = q_bar * constants.area
+    in_wind = constants.drag_in_wind_axes > 0.0
+    drag_plane = drag * cos_b if in_wind else drag
+    side_total = side - drag * sin_b if in_wind else side
+    return (
+        q_s * (lift * sin_a - drag_plane * cos_a),
+        q_s * side_total,
+        q_s * (-lift * cos_a - drag_plane * sin_a),
+    )
+
+
+@scalar
+def angular_acceleration(ixx, iyy, izz, i13, p, q, r, mx, my, mz):
+    """J^-1 (M - w x J w) with the product of inertia as matrix element 13 (eq. (3))."""
+    hx = ixx * p + i13 * r
+    hy = iyy * q
+    hz = izz * r + i13 * p
+    tx = mx - (q * hz - r * hy)
+    ty = my - (r * hx - p * hz)
+    tz = mz - (p * hy - q * hx)
+    inverse, per_iyy = reciprocals(ixx * izz - i13 * i13, iyy)
+    return (izz * tx - i13 * tz) * inverse, ty * per_iyy, (ixx * tz - i13 * tx) * inverse
+
+
+class Stage(NamedTuple):
+    """One stage of the integrator: ``sum = sum + weight k``, next stage's state ``x + ahead k``."""
+
+    weight: float
+    ahead: float  # s
+
+
+@scalar
+def runge_kutta_stage(stage, step):
+    """The four stages of the classical method of order 4; :func:`finish_step` makes the step of their sum."""
+    return Stage(
+        2.0 if abs(stage - 1.5) < 1.0 else 1.0,  # the two in the middle
+        step if stage == 2 else 0.5 * step,
+    )
+
+
+@lanes
+def accumulate(Z, lane, i, derivative, stage):
+    """Put one derivative into the Runge-Kutta sum and into the next state."""
+    Z[SUM + i, lane] += stage.weight * derivative
+    Z[XS + i, lane] = Z[X + i, lane] + stage.ahead * derivative
+
+
+@lanes
+def equations_of_motion(Z, width, vehicle, earth, stage):
+    """Derivatives at the stage's state ``XS``, which becomes the state of the next stage; the actuators run apart."""
+    constants = vehicle.constants
+    for lane in range(width):
+        altitude = Z[XS + s.ALTITUDE, lane]
+        u, v, w = Z[XS + s.U, lane], Z[XS + s.V, lane], Z[XS + s.W, lane]
+        q0, q1, q2, q3 = Z[XS + s.Q0, lane], Z[XS + s.Q1, lane], Z[XS + s.Q2, lane], Z[XS + s.Q3, lane]
+        p, q, r = Z[XS + s.ROLL_RATE, lane], Z[XS + s.PITCH_RATE, lane], Z[XS + s.YAW_RATE, lane]
+        mass = Z[XS + s.MASS, lane]
+        q_bar = Z[s.Q_BAR, lane]
+
+        # Forces and moments about the centre of gravity.
+        lift = Z[_K_LIFT, lane] * Z[_LIFT, lane] + Z[_D_LIFT, lane]
+        drag = Z[_K_DRAG, lane] * Z[_DRAG, lane] + Z[_D_DRAG, lane] + Z[s.ENGINE_DRAG, lane]
+        side = Z[_K_SIDE_FORCE, lane] * Z[_SIDE_FORCE, lane]
+        fx, fy, fz = aerodynamic_force(
+            constants,
+            q_bar,
+            lift,
+            drag,
+            side,
+            Z[s.SIN_ALPHA, lane],
+            Z[s.COS_ALPHA, lane],
+            Z[s.SIN_BETA, lane],
+            Z[s.COS_BETA, lane],
+        )
+        isp = Z[s.ISP, lane]
+        # A vehicle without an empty mass keeps its mass and its engine.
+        fuel_left = mass > constants.mass_empty * Z[_K_MASS, lane] or constants.burns_fuel == 0.0
+        nominal_thrust = thrust(
+            constants,
+            Z[XS + s.ETA, lane],
+            Z[s.RHO, lane],
+            Z[s.AIRSPEED, lane],
+            q_bar,
+            Z[s.CAPTURE, lane],
+            isp,
+            Z[s.THRUST_AREA, lane],
+        )
+        nominal_thrust = nominal_thrust * Z[s.ENGINE_THRUST, lane] if fuel_left else 0.0
+        t = Z[_K_THRUST, lane] * nominal_thrust
+        Z[s.THRUST, lane] = t
+        fuel_divisor = constants.standard_gravity * isp * Z[_K_ISP, lane]
+        per_mass, per_fuel = reciprocals(mass, fuel_divisor if fuel_divisor > 0.0 else 1.0)
+        # The thrust factor is thrust at the same fuel flow.
+        fuel_flow = nominal_thrust * per_fuel if fuel_divisor > 0.0 and constants.burns_fuel > 0.0 else 0.0
+        tx = t * constants.thrust_cos
+        tz = -t * constants.thrust_sin
+        cg_x = Z[s.CG_X, lane] + Z[_CG_X, lane]
+        cg_y = Z[_CG_Y, lane]
+        cg_z = Z[s.CG_Z, lane] + Z[_CG_Z, lane]
+        arm = constants.thrust_offset_z - cg_z
+        q_s = q_bar * constants.area
+        mx = q_s * constants.span * Z[_K_ROLL, lane] * Z[_ROLL, lane] - cg_y * (fz + tz) + cg_z * fy
+        my = (
+            q_s * constants.chord * (Z[_K_PITCH, lane] * Z[_PITCH, lane] + Z[_D_PITCH, lane] + Z[s.ENGINE_PITCH, lane])
+            + cg_x * (fz + tz)
+            - cg_z * fx
+            + arm * tx
+        )
+        mz = q_s * constants.span * Z[_K_YAW, lane] * Z[_YAW, lane] - cg_x * fy + cg_y * (fx + tx)
+
+        # Rotation.
+        ixx = Z[s.INERTIA_XX, lane] * Z[_K_XX, lane]
+        iyy = Z[s.INERTIA_YY, lane] * Z[_K_YY, lane]
+        izz = Z[s.INERTIA_ZZ, lane] * Z[_K_ZZ, lane]
+        i13 = Z[s.INERTIA_13, lane] * Z[_K_13, lane]
+        p_dot, q_dot, r_dot = angular_acceleration(ixx, iyy, izz, i13, p, q, r, mx, my, mz)
+        accumulate(Z, lane, s.ROLL_RATE, p_dot, stage)
+        accumulate(Z, lane, s.PITCH_RATE, q_dot, stage)
+        accumulate(Z, lane, s.YAW_RATE, r_dot, stage)
+
+        # Translation over the ellipsoid.
+        sin_lat, cos_lat = Z[s.SIN_LAT, lane], Z[s.COS_LAT, lane]
+        meridian, vertical = radii(earth, sin_lat)
+        v_n, v_e, v_d = rotate_to_ned(q0, q1, q2, q3, u, v, w)
+        g_n, g_d = gravity_ned(earth, altitude, sin_lat, cos_lat)
+        g_x, g_y, g_z = rotate_meridional(q0, q1, q2, q3, g_n, g_d)
+        we_x, we_y, we_z = Z[s.EARTH_X, lane], Z[s.EARTH_Y, lane], Z[s.EARTH_Z, lane]
+        # Body rate to inertial plus Earth rate: transport and Coriolis terms together.
+        a, b, c = p + we_x, q + we_y, r + we_z
+        specific_x, specific_y, specific_z = (fx + tx) * per_mass, fy * per_mass, (fz + tz) * per_mass
+        Z[s.SPECIFIC_X, lane], Z[s.SPECIFIC_Y, lane], Z[s.SPECIFIC_Z, lane] = specific_x, specific_y, specific_z
+        accumulate(Z, lane, s.U, specific_x + g_x - (b * w - c * v), stage)
+        accumulate(Z, lane, s.V, specific_y + g_y - (c * u - a * w), stage)
+        accumulate(Z, lane, s.W, specific_z + g_z - (a * v - b * u), stage)
+        per_north, per_east = reciprocals(meridian + altitude, (vertical + altitude) * cos_lat)
+        lat_rate, lon_rate = v_n * per_north, v_e * per_east
+        accumulate(Z, lane, s.ALTITUDE, -v_d, stage)
+        accumulate(Z, lane, s.LATITUDE, lat_rate, stage)
+        accumulate(Z, lane, s.LONGITUDE, lon_rate, stage)
+
+        # Attitude: body rate to the local frame, which itself turns with the Earth and with the flight over it.
+        n_x, n_y, n_z = rotate_to_body(q0, q1, q2, q3, lon_rate * cos_lat, -lat_rate, -lon_rate * sin_lat)
+        d0, d1, d2, d3 = quaternion_rate(q0, q1, q2, q3, p - we_x - n_x, q - we_y - n_y, r - we_z - n_z)
+        accumulate(Z, lane, s.Q0, d0, stage)
+        accumulate(Z, lane, s.Q1, d1, stage)
+        accumulate(Z, lane, s.Q2, d2, stage)
+        accumulate(Z, lane, s.Q3, d3, stage)
+        accumulate(Z, lane, s.MASS, -fuel_flow, stage)
+
+
+@lanes
+def finish_step(Z, width, step, alive):
+    """The new state from the sum of the stages, with a unit quaternion; the sum is zero again.
+
+    A flight that has ended (``alive`` 0) keeps its state.
+    """
+    sixth = step / 6.0
+    for i in range(s.AILERON):  # the actuators after it have run
+        for lane in range(width):
+            Z[XS + i, lane] = Z[X + i, lane] + sixth * Z[SUM + i, lane]
+            Z[SUM + i, lane] = 0.0
+    for lane in range(width):
+        q0, q1, q2, q3 = Z[XS + s.Q0, lane], Z[XS + s.Q1, lane], Z[XS + s.Q2, lane], Z[XS + s.Q3, lane]
+        norm = 1.0 / math.sqrt(q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
+        Z[XS + s.Q0, lane] = q0 * norm
+        Z[XS + s.Q1, lane] = q1 * norm
+        Z[XS + s.Q2, lane] = q2 * norm
+        Z[XS + s.Q3, lane] = q3 * norm
+        longitude = Z[XS + s.LONGITUDE, lane]
+        turn = -2.0 * math.pi if longitude > math.pi else (2.0 * math.pi if longitude < -math.pi else 0.0)
+        Z[XS + s.LONGITUDE, lane] = longitude + turn
+    for i in range(s.N_STATES):
+        for lane in range(width):
+            before, after = Z[X + i, lane], Z[XS + i, lane]
+            kept = after if alive[lane] > 0.0 else before
+            Z[X + i, lane] = kept
+            Z[XS + i, lane] = kept

@@ -1,0 +1,252 @@
+"""A vehicle's own functions in the flight: coefficients and thrust of all lanes by one call each.
+
+Dispersions act as with tables. What scales a part of a coefficient that goes with a variable, or the effectiveness of a
+deflection, scales ``f(x) - f(x with that variable 0)``, by one more evaluation for each that is dispersed.
+"""
+
+from abhv_mc.kernel.jit import lanes
+from abhv_mc.kernel.jit_pointer import call_address
+from abhv_mc.kernel.numerics.lane_math import reciprocals
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.disturbance import any_lane
+from abhv_mc.kernel.plant.effectors import place_effectors, set_effectors
+from abhv_mc.kernel.plant.equations import angular_acceleration
+from abhv_mc.kernel.plant.slopes import N_INPUTS
+from abhv_mc.kernel.plant.state import N_COEFFICIENTS, XS, parameter_row, variable_row
+
+STEP = 1e-5  # rad: slopes by central differences
+_K_PART = parameter_row("aero.lift.sideslip")  # seven of each coefficient, in the order of these variables
+_VARIABLES = ("sideslip", "roll_rate_hat", "pitch_rate_hat", "yaw_rate_hat", "aileron", "rudder", "elevator")
+N_PARTS = len(_VARIABLES)
+_BETA, _P_HAT, _Q_HAT, _R_HAT = (variable_row(name) for name in _VARIABLES[:4])
+_DELTA = variable_row("aileron")  # then rudder and elevator
+_K_THRUST = parameter_row("propulsion.thrust")
+_K_ISP = parameter_row("propulsion.specific_impulse")
+_K_MASS = parameter_row("mass.total")
+_K_XX = parameter_row("mass.inertia_xx")
+_K_YY = parameter_row("mass.inertia_yy")
+_K_ZZ = parameter_row("mass.inertia_zz")
+_K_13 = parameter_row("mass.inertia_13")
+_CG_X = parameter_row("mass.center_of_gravity_x")
+_CG_Y = parameter_row("mass.center_of_gravity_y")
+_CG_Z = parameter_row("mass.center_of_gravity_z")
+
+
+@lanes
+def find_dispersed(Z, width):
+    """Whether parts of a flight's coefficients are dispersed, which stays so."""
+    for lane in range(width):
+        Z[s.F_DISPERSED, lane] = 0.0
+    for i in range(N_COEFFICIENTS * N_PARTS):
+        for lane in range(width):
+            Z[s.F_DISPERSED, lane] += 0.0 if Z[_K_PART + i, lane] == 1.0 else 1.0
+
+
+@lanes
+def call_aerodynamics(Z, foreign, user_code):
+    """Coefficients at the variables, in stability axes."""
+    given = foreign.aerodynamics_settings
+    call_address(user_code.aerodynamics, 0, Z, given, given, given, 0, 0.0)
+
+
+@lanes
+def part_row(part):
+    """Row of the variable of a part."""
+    return _BETA if part == 0 else _P_HAT + part - 1 if part < 4 else _DELTA + part - 4
+
+
+@lanes
+def foreign_coefficients(Z, A, width, vehicle, user_code, failing):
+    """Coefficients of the stage with their dispersions; the deflections are those of the surfaces themselves."""
+    for lane in range(width):
+        Z[s.F_DENSITY, lane], Z[s.F_AIRSPEED, lane] = Z[s.RHO, lane], Z[s.AIRSPEED, lane]
+    for i in range(3):
+        for lane in range(width):
+            Z[_DELTA + i, lane] = Z[XS + s.AILERON + i, lane]
+    place_effectors(Z, A, width, vehicle, failing)
+    call_aerodynamics(Z, vehicle.foreign, user_code)
+    if not (any_lane(Z, width, s.F_DISPERSED, 1, 0.0) or any_lane(Z, width, s.EFFECT, 3, 1.0)):
+        return
+    for c in range(N_COEFFICIENTS):
+        for lane in range(width):
+            Z[s.F_COEF + c, lane] = Z[s.COEF + c, lane]
+    for part in range(N_PARTS):
+        used = part >= 4 and any_lane(Z, width, s.EFFECT + part - 4, 1, 1.0)
+        for c in range(N_COEFFICIENTS):
+            used |= any_lane(Z, width, _K_PART + c * N_PARTS + part, 1, 1.0)
+        if used:
+            add_part(Z, A, width, vehicle, user_code, failing, part)
+    for c in range(N_COEFFICIENTS):
+        for lane in range(width):
+            Z[s.COEF + c, lane] = Z[s.F_COEF + c, lane]
+
+
+@lanes
+def add_part(Z, A, width, vehicle, user_code, failing, part):
+    """Add to the rows ``F_COEF`` what one variable's dispersions change. ``Z[COEF]`` is as it was found afterwards."""
+    row = part_row(part)
+    for lane in range(width):
+        Z[s.F_MASS, lane] = Z[row, lane]
+        Z[row, lane] = 0.0
+    if part >= 4:
+        place_effectors(Z, A, width, vehicle, failing)
+    base = s.F_BASE  # of the coefficients, undispersed
+    for c in range(N_COEFFICIENTS):
+        for lane in range(width):
+            Z[base + c, lane] = Z[s.COEF + c, lane]
+    call_aerodynamics(Z, vehicle.foreign, user_code)
+    for lane in range(width):
+        Z[row, lane] = Z[s.F_MASS, lane]
+    if part >= 4:
+        place_effectors(Z, A, width, vehicle, failing)
+    for c in range(N_COEFFICIENTS):
+        for lane in range(width):
+            felt = Z[s.EFFECT + max(part - 4, 0), lane] if part >= 4 else 1.0
+            factor = Z[_K_PART + c * N_PARTS + part, lane] * felt - 1.0
+            whole = Z[base + c, lane]
+            Z[s.F_COEF + c, lane] += factor * (whole - Z[s.COEF + c, lane])
+            Z[s.COEF + c, lane] = whole
+
+
+@lanes
+def nominal_coefficients(Z, width, vehicle, user_code, density_row, speed_row):
+    """Coefficients of the nominal vehicle at the variables, at a density and a speed."""
+    for lane in range(width):
+        Z[s.F_DENSITY, lane], Z[s.F_AIRSPEED, lane] = Z[density_row, lane], Z[speed_row, lane]
+    call_aerodynamics(Z, vehicle.foreign, user_code)
+
+
+@lanes
+def nominal_slopes(Z, width, vehicle, user_code, first_row):
+    """Rows ``first_row + coefficient * N_INPUTS + input``: slopes with aileron, rudder, elevator and sideslip.
+
+    ``Z[COEF]`` and the variables are as they were found afterwards.
+    """
+    for c in range(N_COEFFICIENTS):
+        for lane in range(width):
+            Z[s.F_COEF + c, lane] = Z[s.COEF + c, lane]
+    for i in range(N_INPUTS):
+        row = _DELTA + i if i < 3 else _BETA
+        for lane in range(width):
+            Z[s.F_MASS, lane] = Z[row, lane]
+        for side in range(2):
+            for lane in range(width):
+                Z[row, lane] = Z[s.F_MASS, lane] + (STEP if side == 0 else -STEP)
+            set_effectors(Z, width, vehicle.effector_mix)
+            call_aerodynamics(Z, vehicle.foreign, user_code)
+            for c in range(N_COEFFICIENTS):
+                slope = first_row + c * N_INPUTS + i
+                for lane in range(width):
+                    value = Z[s.COEF + c, lane]
+                    Z[slope, lane] = value if side == 0 else (Z[slope, lane] - value) * (0.5 / STEP)
+        for lane in range(width):
+            Z[row, lane] = Z[s.F_MASS, lane]
+    set_effectors(Z, width, vehicle.effector_mix)
+    for c in range(N_COEFFICIENTS):
+        for lane in range(width):
+            Z[s.COEF + c, lane] = Z[s.F_COEF + c, lane]
+
+
+@lanes
+def nominal_thrust(Z, width, vehicle, user_code, density_row, speed_row):
+    """Thrust, moment and fuel flow of the nominal engine: the rows from ``F_THRUST``.
+
+    The moment is about the point about which the aerodynamics' is.
+    """
+    for lane in range(width):
+        Z[s.F_DENSITY, lane], Z[s.F_AIRSPEED, lane] = Z[density_row, lane], Z[speed_row, lane]
+    given = vehicle.foreign.propulsion_settings
+    call_address(user_code.propulsion, 0, Z, given, given, given, 0, 0.0)
+    x, z = vehicle.foreign.engine_x, vehicle.foreign.engine_z
+    if x != 0.0 or z != 0.0:
+        for lane in range(width):
+            fx, fy, fz = Z[s.F_THRUST, lane], Z[s.F_THRUST + 1, lane], Z[s.F_THRUST + 2, lane]
+            Z[s.F_MOMENT, lane] -= z * fy
+            Z[s.F_MOMENT + 1, lane] += z * fx - x * fz
+            Z[s.F_MOMENT + 2, lane] += x * fy
+
+
+@lanes
+def foreign_thrust(Z, width, vehicle, user_code):
+    """The engine function's thrust at the stage's state, for :func:`add_thrust`."""
+    nominal_thrust(Z, width, vehicle, user_code, s.RHO, s.AIRSPEED)
+    for lane in range(width):
+        Z[s.F_MASS, lane] = Z[XS + s.MASS, lane]
+
+
+@lanes
+def add_thrust(Z, width, vehicle, stage):
+    """Add that thrust to the derivatives, which are linear in force and moment; the next stage's state is there."""
+    constants = vehicle.constants
+    for lane in range(width):
+        mass = Z[s.F_MASS, lane]
+        runs = Z[s.ENGINE_THRUST, lane] if has_fuel(Z, lane, constants) else 0.0
+        factor = Z[_K_THRUST, lane] * runs
+        tx, ty, tz = factor * Z[s.F_THRUST, lane], factor * Z[s.F_THRUST + 1, lane], factor * Z[s.F_THRUST + 2, lane]
+        arm_x = -Z[s.CG_X, lane] - Z[_CG_X, lane]
+        arm_y = -Z[_CG_Y, lane]
+        arm_z = -Z[s.CG_Z, lane] - Z[_CG_Z, lane]
+        mx = factor * Z[s.F_MOMENT, lane] + arm_y * tz - arm_z * ty
+        my = factor * Z[s.F_MOMENT + 1, lane] + arm_z * tx - arm_x * tz
+        mz = factor * Z[s.F_MOMENT + 2, lane] + arm_x * ty - arm_y * tx
+        add_moment(Z, lane, (mx, my, mz), stage)
+        per_mass, per_isp = reciprocals(mass, Z[_K_ISP, lane])
+        Z[s.THRUST, lane] = tx
+        Z[s.SPECIFIC_X, lane] += tx * per_mass
+        Z[s.SPECIFIC_Y, lane] += ty * per_mass
+        Z[s.SPECIFIC_Z, lane] += tz * per_mass
+        add_derivative(Z, lane, s.U, tx * per_mass, stage)
+        add_derivative(Z, lane, s.V, ty * per_mass, stage)
+        add_derivative(Z, lane, s.W, tz * per_mass, stage)
+        burnt = runs * Z[s.F_FUEL_FLOW, lane] * per_isp if constants.burns_fuel > 0.0 else 0.0
+        add_derivative(Z, lane, s.MASS, -burnt, stage)
+
+
+@lanes
+def add_engines_out(Z, width, vehicle, user_code, stage):
+    """Add the moment of thrust that acts off the line of the whole, because single engines have failed."""
+    constants = vehicle.constants
+    for lane in range(width):
+        fx, fy, fz = Z[s.THRUST, lane] * constants.thrust_cos, 0.0, -Z[s.THRUST, lane] * constants.thrust_sin
+        if user_code.propulsion != 0:
+            factor = Z[_K_THRUST, lane] * (Z[s.ENGINE_THRUST, lane] if has_fuel(Z, lane, constants) else 0.0)
+            fx, fy, fz = (
+                factor * Z[s.F_THRUST, lane],
+                factor * Z[s.F_THRUST + 1, lane],
+                factor * Z[s.F_THRUST + 2, lane],
+            )
+        x, y, z = Z[s.ENGINE_ARM, lane], Z[s.ENGINE_ARM + 1, lane], Z[s.ENGINE_ARM + 2, lane]
+        add_moment(Z, lane, (y * fz - z * fy, z * fx - x * fz, x * fy - y * fx), stage)
+
+
+@lanes
+def has_fuel(Z, lane, constants):
+    """Whether there is fuel at the stage whose mass was stored; a vehicle without an empty mass keeps its engine."""
+    return Z[s.F_MASS, lane] > constants.mass_empty * Z[_K_MASS, lane] or constants.burns_fuel == 0.0
+
+
+@lanes
+def add_moment(Z, lane, moment, stage):
+    """Add a moment about the centre of gravity to the derivatives, which are linear in it."""
+    p_dot, q_dot, r_dot = angular_acceleration(
+        Z[s.INERTIA_XX, lane] * Z[_K_XX, lane],
+        Z[s.INERTIA_YY, lane] * Z[_K_YY, lane],
+        Z[s.INERTIA_ZZ, lane] * Z[_K_ZZ, lane],
+        Z[s.INERTIA_13, lane] * Z[_K_13, lane],
+        0.0,
+        0.0,
+        0.0,
+        moment[0],
+        moment[1],
+        moment[2],
+    )
+    add_derivative(Z, lane, s.ROLL_RATE, p_dot, stage)
+    add_derivative(Z, lane, s.PITCH_RATE, q_dot, stage)
+    add_derivative(Z, lane, s.YAW_RATE, r_dot, stage)
+
+
+@lanes
+def add_derivative(Z, lane, i, derivative, stage):
+    """Add to what :func:`abhv_mc.kernel.plant.equations.accumulate` has put there."""
+    Z[s.SUM + i, lane] += stage.weight * derivative
+    Z[XS + i, lane] += stage.ahead * derivative

@@ -1,0 +1,129 @@
+"""Where a lane keeps its numbers: the rows of the one block ``Z[row, lane]`` of a kernel's memory.
+
+One block with constant rows lets the compiler see that nothing overlaps, which is what makes the
+lane loops vector code.
+"""
+
+from abhv_mc.kernel.numerics.random_numbers import N_STREAM_ROWS
+from abhv_mc.kernel.plant.actuator_step import N_ACTUATOR_ROWS
+from abhv_mc.kernel.plant.parameter_names import ENGINES, PARAMETER_INDEX, PARAMETER_NAMES
+from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, FIXED_TABLE_ROWS, MAX_EFFECTORS, VARIABLES
+from abhv_mc.kernel.world.turbulence import N_FILTER_STATES
+
+# The state, in this order: geodetic altitude, longitude, latitude, body velocity u v w (Earth-relative),
+# attitude quaternion body -> NED, inertial body rates, mass, surface deflections and rates, engine.
+STATES = (
+    "altitude",
+    "longitude",
+    "latitude",
+    "u",
+    "v",
+    "w",
+    "q0",
+    "q1",
+    "q2",
+    "q3",
+    "roll_rate",
+    "pitch_rate",
+    "yaw_rate",
+    "mass",
+    "aileron",
+    "rudder",
+    "elevator",
+    "aileron_rate",
+    "rudder_rate",
+    "elevator_rate",
+    "equivalence_ratio",
+    "equivalence_ratio_rate",
+)
+N_STATES = len(STATES)
+STATE_INDEX = {name: i for i, name in enumerate(STATES)}
+
+ALTITUDE, LONGITUDE, LATITUDE, U, V, W, Q0, Q1, Q2, Q3 = range(10)
+ROLL_RATE, PITCH_RATE, YAW_RATE, MASS, AILERON, RUDDER, ELEVATOR = range(10, 17)
+AILERON_RATE, RUDDER_RATE, ELEVATOR_RATE, ETA, ETA_RATE = range(17, 22)
+
+# Room of a lane for any vehicle; load_vehicle refuses one that needs more. What a vehicle does not use costs nothing.
+MAX_TABLE_ROWS = 1024  # tables and their slopes with the deflections, spare rows of the padding counted
+MAX_AXES = 64  # different grids
+
+# Blocks of the lane memory Z, one after another. The owner of a block says how many rows it has; rows that have names
+# are counted by them, as unpacking a range of another length fails.
+X = 0  # the state at the beginning of the step
+XS = X + N_STATES  # the state at the stage of the integrator
+SUM = XS + N_STATES  # weighted sum of the stages' derivatives
+P = SUM + N_STATES  # parameters
+VAR = P + len(PARAMETER_NAMES)  # variables of the tables and of the build-up
+COEF = VAR + len(VARIABLES)  # coefficients
+CMD = COEF + len(COEFFICIENTS)  # commands held over the tick
+AIR = CMD + 4  # air data of the stage
+FIXED = AIR + 20  # the fixed quantities of the tables, in the order of FIXED_TABLE_ROWS
+NAV = FIXED + len(FIXED_TABLE_ROWS)  # the true motion relative to the Earth
+MEASURED = NAV + 8  # the measurement, which the control laws see
+N_MEASURED = 10
+N_SEEN = N_MEASURED + 12  # with what laws of the user's own may ask for besides
+COUNTED = MEASURED + N_SEEN  # 1 where the sample of this tick counts
+COMMANDS = COUNTED + 1  # what the guidance commands of the attitude loop
+GUST = COMMANDS + 3  # gust and turbulence of the tick in body axes, and the profile's factor on the density
+TURBULENCE = GUST + 7  # random numbers, then the forming filters
+FILTERS = TURBULENCE + N_STREAM_ROWS
+PER_MASS_FACTOR = FILTERS + N_FILTER_STATES  # 1 / the dispersion of the mass, by flight
+ACTUATORS = PER_MASS_FACTOR + 1  # surfaces, then engine: what they need for a step, by flight
+LIMITS = ACTUATORS + 2 * N_ACTUATOR_ROWS  # of the actuator at work: lowest, highest, fastest
+FAILURE = LIMITS + 3  # what has failed at the tick, and what failures remember
+FOREIGN = FAILURE + 20 + 4 * MAX_EFFECTORS + N_MEASURED  # what functions of the vehicle's own are given and give
+EFFECTOR_COMMAND = FOREIGN + 23  # what a law commands of the vehicle's effectors themselves, infinite where nothing
+EFFECTOR_AT_LIMIT = EFFECTOR_COMMAND + MAX_EFFECTORS  # 1 where one that is driven is asked for more than its limits
+ENGINE_WHOLE = EFFECTOR_AT_LIMIT + 1  # factor on the thrust of all engines, then of each; where the rest of it acts
+LAW = ENGINE_WHOLE + 1 + len(ENGINES) + 3  # the rows of control and flight follow: the law's own memory first
+
+CMD_AILERON, CMD_RUDDER, CMD_ELEVATOR, CMD_ETA = range(CMD, AIR)
+
+# Air data: density, dynamic pressure, flow; latitude and the Earth's rotation in body axes; velocity of the air and
+# specific force in body axes, thrust.
+_FLOW, _EARTH, _AIR_VELOCITY, _SPECIFIC_FORCE = AIR, AIR + 8, AIR + 13, AIR + 16
+RHO, Q_BAR, AIRSPEED, SIN_ALPHA, COS_ALPHA, SIN_BETA, COS_BETA, OUTSIDE = range(_FLOW, _EARTH)
+SIN_LAT, COS_LAT, EARTH_X, EARTH_Y, EARTH_Z = range(_EARTH, _AIR_VELOCITY)
+AIR_U, AIR_V, AIR_W = range(_AIR_VELOCITY, _SPECIFIC_FORCE)
+SPECIFIC_X, SPECIFIC_Y, SPECIFIC_Z, THRUST = range(_SPECIFIC_FORCE, FIXED)
+
+CAPTURE, ISP, THRUST_AREA, INERTIA_XX, INERTIA_YY, INERTIA_ZZ, INERTIA_13, CG_X, CG_Z = range(FIXED, NAV)
+SPEED, GAMMA, CHI, BANK, NORTH, EAST, V_NORTH_LAST, V_EAST_LAST = range(NAV, MEASURED)
+M_ALTITUDE, M_SPEED, M_GAMMA, M_CHI, M_ALPHA, M_BETA, M_BANK, M_P, M_Q, M_R = range(MEASURED, MEASURED + N_MEASURED)
+M_AIRSPEED, M_MACH, M_LOAD_FACTOR, M_PITCH, M_ROLL, M_YAW, M_LATITUDE, M_LONGITUDE, M_NORTH, M_EAST = range(
+    MEASURED + N_MEASURED, COUNTED - 2
+)
+M_EQUIVALENT_AIRSPEED, M_CROSS_TRACK = COUNTED - 2, COUNTED - 1
+GAMMA_CMD, ALPHA_CMD, BANK_CMD = range(COMMANDS, GUST)
+GUST_U, GUST_V, GUST_W, DENSITY_PROFILE, GUST_P, GUST_Q, GUST_R = range(GUST, TURBULENCE)
+# Commands that the actuators get; factors on the three surfaces' rates and effectiveness; of the engine: factor on
+# thrust, increments of drag and pitching moment, whether it has failed; the deflections that surfaces stick at; of the
+# inlet: whether it has unstarted and the last time it was outside its range; the last time that the engine had failed;
+# of the vehicle's effectors: gain and offset, the deflections that they stick at, slow ones; then frozen measurements.
+ACTUATED, RATE_FACTOR, EFFECT = FAILURE, FAILURE + 4, FAILURE + 7
+ENGINE_THRUST, ENGINE_DRAG, ENGINE_PITCH, ENGINE_FAILED = range(FAILURE + 10, FAILURE + 14)
+STUCK_SURFACE, UNSTARTED, UNSTART_TIME, FAILED_TIME = FAILURE + 14, FAILURE + 17, FAILURE + 18, FAILURE + 19
+EFFECTOR_GAIN, EFFECTOR_OFFSET, STUCK_EFFECTOR, SLOW_EFFECTOR, FROZEN = (
+    FAILURE + 20 + i * MAX_EFFECTORS for i in range(5)
+)
+ENGINE_RUNS, ENGINE_ARM = ENGINE_WHOLE + 1, ENGINE_WHOLE + 1 + len(ENGINES)
+
+# Density and airspeed that they are given; thrust, moment and fuel flow; coefficients with their dispersions and
+# without; the mass at the stage, or a variable stored for later; whether parts of them are dispersed.
+F_DENSITY, F_AIRSPEED = FOREIGN, FOREIGN + 1
+F_THRUST, F_MOMENT, F_FUEL_FLOW, F_COEF = FOREIGN + 2, FOREIGN + 5, FOREIGN + 8, FOREIGN + 9
+F_BASE, F_MASS, F_DISPERSED = FOREIGN + 15, FOREIGN + 21, FOREIGN + 22
+
+N_VARIABLES = len(VARIABLES)
+N_COEFFICIENTS = len(COEFFICIENTS)
+N_PARAMETERS = len(PARAMETER_NAMES)
+
+
+def parameter_row(name: str) -> int:
+    """Row of a parameter in the lane memory."""
+    return P + PARAMETER_INDEX[name]
+
+
+def variable_row(name: str) -> int:
+    """Row of a variable in the lane memory."""
+    return VAR + VARIABLES.index(name)

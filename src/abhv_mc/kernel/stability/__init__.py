@@ -1,0 +1,1 @@
+"""What stability margins compile: the plant and laws at single points, loop gains, structured singular values."""

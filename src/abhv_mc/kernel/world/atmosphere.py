@@ -1,0 +1,143 @@
+"""U.S. Standard Atmosphere 1976 up to 86 km, written for lanes: selects, one log and one exp.
+
+"U.S. Standard Atmosphere, 1976", NOAA-S/T 76-1562, part 1: defining constants (table 2), layers (table 4),
+pressure eqs. 33a and 33b, density eq. 42, speed of sound eq. 50. The temperature is the molecular-scale
+temperature, which is what density and speed of sound need; it is the kinetic temperature up to 80 km
+and exceeds it by 0.04 % at 86 km.
+"""
+
+import math
+from typing import NamedTuple
+
+from abhv_mc.kernel.jit import lanes, scalar
+from abhv_mc.kernel.numerics.lane_math import exp, log
+
+GEOPOTENTIAL_RADIUS = 6356766.0  # m, r0: geopotential altitude H = r0 Z / (r0 + Z)
+GAS_CONSTANT = 8314.32 / 28.9644  # J/(kg K), R* / M0: the standard's own R*
+HEAT_CAPACITY_RATIO = 1.4
+
+# One entry per layer. Above 86 km the temperature stays (the standard's, to 91 km) and the pressure falls on.
+_BASE = (0.0, 11000.0, 20000.0, 32000.0, 47000.0, 51000.0, 71000.0, 84852.04584490575)  # m, geopotential
+_TEMPERATURE = (288.15, 216.65, 216.65, 228.65, 270.65, 270.65, 214.65, 186.9459083101885)  # K, at the base
+# lapse rate / base temperature, 1/m, of -6.5, 0, 1, 2.8, 0, -2.8, -2, 0 K/km
+_RELATIVE_LAPSE = (
+    -2.2557695644629534e-05,
+    0.0,
+    4.615739672282483e-06,
+    1.2245790509512356e-05,
+    0.0,
+    -1.0345464622205801e-05,
+    -9.317493594223155e-06,
+    0.0,
+)
+# log(p / p_base) is this times log(T / T_base), or in an isothermal layer times the height above its base:
+# -g0 M0 / (R* lapse), or -g0 M0 / (R* T), 1/m
+_RATE = (
+    5.255876113278518,
+    -0.00015768841327629986,
+    -34.163194736310366,
+    -12.201140977253703,
+    -0.0001262264723307237,
+    12.201140977253703,
+    17.081597368155183,
+    -0.00018274374146571507,
+)
+_PRESSURE = (  # Pa, at the base
+    101325.0,
+    22632.06397346293,
+    5474.88866967778,
+    868.0186847552274,
+    110.90630555496588,
+    66.93887311868727,
+    3.9564204280407287,
+    0.3733804618310579,
+)
+
+
+class Layer(NamedTuple):
+    """One layer of the standard atmosphere."""
+
+    base: float  # geopotential height, m
+    top: float
+    temperature: float  # K, at the base
+    relative_lapse: float  # 1/m
+    rate: float
+    pressure: float  # Pa, at the base
+
+
+@scalar
+def geopotential_height(altitude: float) -> float:
+    """Geopotential height, m, of a geometric altitude in metres."""
+    return GEOPOTENTIAL_RADIUS * altitude / (GEOPOTENTIAL_RADIUS + altitude)
+
+
+@scalar
+def layer_at(height: float) -> Layer:
+    """The layer of a geopotential height in metres; the lowest goes on below 0 m and for NaN."""
+    base, top = _BASE[0], _BASE[1]
+    base_temperature = _TEMPERATURE[0]
+    relative_lapse = _RELATIVE_LAPSE[0]
+    rate = _RATE[0]
+    base_pressure = _PRESSURE[0]
+    for i in range(1, 8):
+        above = height >= _BASE[i]
+        base = _BASE[i] if above else base
+        top = (_BASE[i + 1] if i < 7 else math.inf) if above else top
+        base_temperature = _TEMPERATURE[i] if above else base_temperature
+        relative_lapse = _RELATIVE_LAPSE[i] if above else relative_lapse
+        rate = _RATE[i] if above else rate
+        base_pressure = _PRESSURE[i] if above else base_pressure
+    return Layer(base, top, base_temperature, relative_lapse, rate, base_pressure)
+
+
+@scalar
+def air_in_layer(layer: Layer, height: float, isothermal: bool) -> tuple[float, float, float, float]:
+    """Density, pressure, temperature and 1 / speed of sound; ``isothermal`` spares the logarithm where it is true.
+
+    It may be False for any layer.
+    """
+    above_base = height - layer.base
+    ratio = 1.0 if isothermal else 1.0 + layer.relative_lapse * above_base
+    temperature = layer.temperature * ratio
+    along = above_base if isothermal else (log(ratio) if layer.relative_lapse != 0.0 else above_base)
+    pressure = layer.pressure * exp(layer.rate * along)
+    per_sound_speed = 1.0 / math.sqrt((HEAT_CAPACITY_RATIO * GAS_CONSTANT) * temperature)
+    density = pressure * (HEAT_CAPACITY_RATIO * (per_sound_speed * per_sound_speed))  # p / (R T)
+    return density, pressure, temperature, per_sound_speed
+
+
+@scalar
+def atmosphere(altitude: float) -> tuple[float, float, float, float]:
+    """(density kg/m3, pressure Pa, temperature K, speed of sound m/s) at a geometric altitude in metres.
+
+    Below 0 m the lowest layer goes on; above 86 km the air is isothermal. NaN in, NaN out.
+    """
+    height = geopotential_height(altitude)
+    density, pressure, temperature, per_sound_speed = air_in_layer(layer_at(height), height, False)
+    return density, pressure, temperature, 1.0 / per_sound_speed
+
+
+@lanes
+def atmosphere_lanes(Z, width, altitude_row, density_row, per_sound_row):
+    """Density and 1 / speed of sound of every lane.
+
+    Flights of one campaign mostly share a layer: then its numbers are plain numbers, and an isothermal one needs no
+    logarithm.
+    """
+    for lane in range(width):
+        Z[density_row, lane] = geopotential_height(Z[altitude_row, lane])
+    layer = layer_at(Z[density_row, 0])
+    elsewhere = 0
+    for lane in range(width):
+        height = Z[density_row, lane]
+        elsewhere += 0 if layer.base <= height < layer.top else 1
+    if elsewhere > 0:
+        for lane in range(width):
+            height = Z[density_row, lane]
+            Z[density_row, lane], _, _, Z[per_sound_row, lane] = air_in_layer(layer_at(height), height, False)
+    elif layer.relative_lapse == 0.0:
+        for lane in range(width):
+            Z[density_row, lane], _, _, Z[per_sound_row, lane] = air_in_layer(layer, Z[density_row, lane], True)
+    else:
+        for lane in range(width):
+            Z[density_row, lane], _, _, Z[per_sound_row, lane] = air_in_layer(layer, Z[density_row, lane], False)

@@ -1,0 +1,54 @@
+"""The Earth as numbers: figure, gravity and rotation. A sphere or a still Earth is a choice of numbers."""
+
+import math
+from typing import NamedTuple
+
+from abhv_mc.kernel.jit import scalar
+
+
+class Earth(NamedTuple):
+    """Figure, gravity and rotation of the Earth, SI."""
+
+    equatorial_radius: float  # m
+    flattening: float  # 0 for a sphere
+    gravitational_parameter: float  # GM, m3/s2
+    j2: float  # 0 for a central field
+    rotation_rate: float  # rad/s, 0 for a still Earth
+    j2_meridional: float = 1.0  # factor of J2's pull towards the equator; other than 1 only to replay a faulty model
+
+
+WGS84 = Earth(6378137.0, 1.0 / 298.257223563, 3.986004418e14, 1.08262982e-3, 7.292115e-5)
+
+
+@scalar
+def radii(earth: Earth, sin_lat: float) -> tuple[float, float]:
+    """Radii of curvature of the ellipsoid, m: (in the meridian M, in the prime vertical N)."""
+    e2 = earth.flattening * (2.0 - earth.flattening)
+    w2 = 1.0 - e2 * sin_lat * sin_lat
+    per_w = 1.0 / math.sqrt(w2)
+    prime_vertical = earth.equatorial_radius * per_w
+    return prime_vertical * ((1.0 - e2) * (per_w * per_w)), prime_vertical
+
+
+@scalar
+def gravity_ned(earth: Earth, altitude: float, sin_lat: float, cos_lat: float) -> tuple[float, float]:
+    """Gravity (north, down), m/s2: central and J2 attraction plus the centrifugal acceleration.
+
+    ``altitude`` (m) and latitude are geodetic. The attraction is the exact gradient of the potential
+    -(GM/r) (1 - J2 (a/r)^2 P2(z/r)) at that point, resolved along the ellipsoid's normal; there is no east part.
+    On the WGS-84 ellipsoid normal gravity, which has the other even zonals too, differs by at most 1.2e-4 m/s2.
+    """
+    e2 = earth.flattening * (2.0 - earth.flattening)
+    w2 = 1.0 - e2 * sin_lat * sin_lat
+    prime_vertical = earth.equatorial_radius * (1.0 / math.sqrt(w2))
+    rho = (prime_vertical + altitude) * cos_lat  # distance from the axis
+    z = (prime_vertical * (1.0 - e2) + altitude) * sin_lat  # from the equatorial plane
+    inverse_square = 1.0 / (rho * rho + z * z)
+    central = earth.gravitational_parameter * inverse_square * math.sqrt(inverse_square)
+    j2_term = 1.5 * earth.j2 * earth.equatorial_radius * earth.equatorial_radius * inverse_square
+    # Along the meridian the attraction is -2 j2_term central rho z / r: what the factor takes of it, or adds.
+    taken = 2.0 * (1.0 - earth.j2_meridional)
+    tilt = (5.0 - taken) * (z * z * inverse_square)
+    g_rho = (earth.rotation_rate * earth.rotation_rate - central * (1.0 + j2_term * (1.0 - tilt))) * rho
+    g_z = -central * (1.0 + j2_term * (3.0 - taken - tilt)) * z
+    return g_z * cos_lat - g_rho * sin_lat, -(g_rho * cos_lat + g_z * sin_lat)

@@ -1,0 +1,75 @@
+"""Gusts of MIL-F-8785C: the discrete 1-cosine gust, and Dryden turbulence as exactly discretised forming filters."""
+
+import math
+
+from abhv_mc.kernel.jit import scalar
+from abhv_mc.kernel.numerics.lane_math import exp, log, sincos
+
+# One longitudinal, two lateral, two vertical; then the roll gust, and the lateral and vertical gusts of late.
+N_FILTER_STATES = 8
+
+_ROOT3 = math.sqrt(3.0)
+_THIRD = 1.0 / 3.0
+
+
+@scalar
+def one_minus_cosine(distance, length):
+    """Share 0..1 of the gust's amplitude after ``distance`` m into a gust that is ``length`` m long (half a wave)."""
+    x = distance / length
+    x = 0.0 if x < 0.0 else x
+    x = 1.0 if x > 1.0 else x
+    _, cosine = sincos(math.pi * x)
+    return 0.5 * (1.0 - cosine)
+
+
+@scalar
+def dryden_first(x, a, dt, noise):
+    """Next state of the longitudinal filter, unit variance: spectrum 2 / (a pi) 1 / (1 + (w / a)^2), a = V / L."""
+    e = exp(-a * dt)
+    return e * x + math.sqrt(1.0 - e * e) * noise
+
+
+@scalar
+def dryden_second(x1, x2, a, dt, noise1, noise2):
+    """Next states of the lateral or vertical filter driven by unit white noise: x1' = -a x1 + w, x2' = -a x2 + x1."""
+    e = exp(-a * dt)
+    e2 = e * e
+    t = a * dt
+    q11 = (1.0 - e2) / (2.0 * a)
+    q12 = (1.0 - e2 * (1.0 + 2.0 * t)) / (4.0 * a * a)
+    q22 = (1.0 - e2 * (1.0 + 2.0 * t + 2.0 * t * t)) / (4.0 * a * a * a)
+    l11 = math.sqrt(q11)
+    l21 = q12 / l11
+    rest = q22 - l21 * l21
+    l22 = math.sqrt(rest if rest > 0.0 else 0.0)
+    return e * x1 + l11 * noise1, e * (x2 + dt * x1) + l21 * noise1 + l22 * noise2
+
+
+@scalar
+def dryden_second_output(x1, x2, a):
+    """Gust velocity of unit variance: spectrum 1 / (a pi) (1 + 3 (w / a)^2) / (1 + (w / a)^2)^2."""
+    return (_ROOT3 * a * x1 + a * a * (1.0 - _ROOT3) * x2) / math.sqrt(a)
+
+
+@scalar
+def roll_gust_sigma(length, span):
+    """Rms of the roll gust, rad/s, where that of the vertical gust is 1 m/s.
+
+    Of the spectrum 0.8 (pi L / 4 b)^(1/3) / (L V (1 + (4 b w / pi V)^2)) over 0 < w, b the span (m), L the length (m).
+    """
+    return math.sqrt(0.8 * exp(_THIRD * log(math.pi * length / (4.0 * span))) * math.pi**2 / (8.0 * span * length))
+
+
+@scalar
+def follow(late, value, rate, dt):
+    """A first-order lag behind a value that is held over ``dt``."""
+    return value + exp(-rate * dt) * (late - value)
+
+
+@scalar
+def dryden_second_start(a, noise1, noise2):
+    """States drawn from the filter's stationary distribution."""
+    l11 = math.sqrt(0.5 / a)
+    l21 = 0.25 / (a * a * l11)
+    rest = 0.25 / (a * a * a) - l21 * l21
+    return l11 * noise1, l21 * noise1 + math.sqrt(rest if rest > 0.0 else 0.0) * noise2
