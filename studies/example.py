@@ -8,7 +8,6 @@ machine's linear algebra may change, are left out, and numbers are kept to nine 
 """
 
 import json
-import re
 import shutil
 import subprocess
 import sys
@@ -18,16 +17,17 @@ from typing import Any
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "reports/example"
+SHOWN = ("verdicts", "comparison", "drivers", "failures")
 HASHES = {"digest", "digests", "files", "key", "pages", "pictures"}
-_ROW_OF_ONE_MACHINE = re.compile(
-    r"^\| (started|wall time s|command|commit|compiler|flown by|(source|manifest) hash"
-    r"|(machine|versions|digests?)\b.*?) \|"
-)
 
 
-def keep_text(report: str) -> str:
-    """The report in Markdown without the rows that belong to one machine and one day."""
-    return "".join(line for line in report.splitlines(keepends=True) if not _ROW_OF_ONE_MACHINE.match(line))
+def in_words(numbers: dict[str, Any], shown: dict[str, str]) -> str:
+    """The first screen, and what ``show`` prints of each topic."""
+    parts = [f"# {numbers['provenance']['question']}", "![The first screen](../../docs/images/report.png)"]
+    for topic, printed in shown.items():
+        lines = "\n".join(line.rstrip() for line in printed.strip("\n").splitlines())
+        parts.append(f"`abhv-mc show {topic} reports/s_manoeuvre`:\n\n```text\n{lines}\n```")
+    return "\n\n".join(parts) + "\n"
 
 
 def keep_numbers(numbers: dict[str, Any]) -> dict[str, Any]:
@@ -35,12 +35,13 @@ def keep_numbers(numbers: dict[str, Any]) -> dict[str, Any]:
 
     def rounded(value: Any) -> Any:
         if isinstance(value, dict):
-            return {key: rounded(item) for key, item in value.items()}
+            return {key: rounded(item) for key, item in value.items() if key not in HASHES}
         if isinstance(value, list):
             return [rounded(item) for item in value]
         return float(f"{value:.9g}") if isinstance(value, float) else value
 
-    return {key: rounded(value) for key, value in numbers.items() if key not in HASHES}
+    kept: dict[str, Any] = rounded(numbers)
+    return kept
 
 
 def take_picture(page: Path) -> None:
@@ -64,19 +65,20 @@ def main(target: Path) -> None:
     """Fly, report, keep."""
     with tempfile.TemporaryDirectory() as temporary:
 
-        def abhv_mc(*words: str) -> None:
-            subprocess.run([sys.executable, "-m", "abhv_mc", *words], check=True, cwd=temporary)  # noqa: S603
+        def abhv_mc(*words: str) -> str:
+            told = subprocess.run([sys.executable, "-m", "abhv_mc", *words], check=True, cwd=temporary,  # noqa: S603
+                                  stdout=subprocess.PIPE, text=True)  # fmt: skip
+            return told.stdout
 
         flown = Path("reports/s_manoeuvre")  # relative, so that the commands in the report name no machine's folder
         abhv_mc("run", "s_manoeuvre", "-o", flown.as_posix())
-        abhv_mc("report", flown.as_posix(), "--format", "md")
         folder = Path(temporary) / flown
         shutil.rmtree(target, ignore_errors=True)
         shutil.copytree(folder / "figures", target / "figures")
-        report = (folder / "report.md").read_text(encoding="utf-8")
-        (target / "report.md").write_text(keep_text(report), encoding="utf-8")
         numbers = keep_numbers(json.loads((folder / "report.json").read_text(encoding="utf-8")))
         (target / "report.json").write_text(json.dumps(numbers, indent=1) + "\n", encoding="utf-8")
+        shown = {topic: abhv_mc("show", topic, flown.as_posix()) for topic in SHOWN}
+        (target / "README.md").write_text(in_words(numbers, shown), encoding="utf-8")
         if target == EXAMPLE:
             take_picture(folder / "report.html")
 

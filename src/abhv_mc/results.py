@@ -97,10 +97,9 @@ class Results:
     @property
     def summary(self) -> list[str]:
         """The campaign in sentences, as the report begins."""
-        from abhv_mc.report.numbers.confidence import confidence_sentence
-        from abhv_mc.report.numbers.summary import summary_sentences
+        from abhv_mc.report.numbers.summary import confidence_sentence, summary_sentences
 
-        return [*summary_sentences(self._models, self.numbers), confidence_sentence(self._models, self.numbers)]
+        return [*summary_sentences(self._models), confidence_sentence(self._models)]
 
     @property
     def verdicts(self) -> "pd.DataFrame":
@@ -121,12 +120,13 @@ class Results:
         """Quantiles of each metric with their 95 % intervals, by metric, controller and level."""
         import pandas as pd
 
+        from abhv_mc.topics.metrics import METRICS
+
         rows = [
-            {"metric": metric, "controller": name, "level": level, **cell}
-            for metric, entry in self.numbers["metrics"].items()
-            for name, cells in entry["controllers"].items()
-            for level, cell in cells.items()
-            if isinstance(cell, dict)
+            {"metric": metric, "controller": name, "level": level, **vars(interval)}
+            for metric, entry in self._models[METRICS].table.items()
+            for name, found in entry.controllers.items()
+            for level, interval in found.quantiles.items()
         ]
         return pd.DataFrame(rows).set_index(["metric", "controller", "level"])
 
@@ -134,7 +134,7 @@ class Results:
     def _figures(self) -> "dict[str, Figure]":
         from abhv_mc.report.pages.gallery import make_figures
 
-        made = make_figures(self._models, self.numbers).values()
+        made = make_figures(self._models).values()
         figures = {text.name: figure for part in made for text, figure in part}
         refuse_changes(self._paths, self.manifest)
         return figures
@@ -172,12 +172,12 @@ class Results:
                 found[name].attrs["units"] = units[name]
         return found.assign_attrs(campaign=self.manifest["name"], digest=self.manifest["digest"])
 
-    def make_report(self, format: Literal["html", "md"] = "html") -> Path:  # noqa: A002
+    def make_report(self) -> Path:
         """Write the report into the folder and give the path of the page."""
         from abhv_mc.report.pages.build import build_report
 
         refuse_changes(self._paths, self.manifest)
-        return build_report(self.folder, format)
+        return build_report(self.folder)
 
     def query(self, sql: str) -> "pd.DataFrame":
         """The answer to SQL over the tables flights, samples, histories, envelopes, nominal and reference.

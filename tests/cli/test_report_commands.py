@@ -20,16 +20,16 @@ def run(*words):
 
 
 def test_report_and_its_verification(folder):
-    made = run("report", folder, "--format", "md")
+    made = run("report", folder)
     assert made.exit_code == 0
-    assert made.stdout.split() == [str(folder / "report.md")]
+    assert made.stdout.split() == [str(folder / "report.html")]
     assert run("verify", "campaign", folder).exit_code == 0
     numbers = json.loads((folder / "report.json").read_text(encoding="utf-8"))
-    numbers["flights"]["tlc"]["flown"] = 13
+    numbers["flights"]["counts"]["tlc"]["flown"] = 13
     (folder / "report.json").write_text(json.dumps(numbers), encoding="utf-8")
     told = run("verify", "campaign", folder)
     assert told.exit_code == 1
-    assert told.stdout == "flights.tlc.flown: 13 in the report, 12 from the data\n"
+    assert told.stdout == "flights.counts.tlc.flown: 13 in the report, 12 from the data\n"
 
 
 def test_compare(folder, tmp_path):

@@ -6,20 +6,18 @@ from pathlib import Path
 import pytest
 
 from abhv_mc.report.pages import gallery
-from abhv_mc.report.pages.build import Format, build_report
+from abhv_mc.report.pages.build import build_report
 
 
-def build_with(
-    folder: Path, *figures: str, page: Format = "html", baseline: Path | None = None, svg: bool = False
-) -> Path:
+def build_with(folder: Path, *figures: str, baseline: Path | None = None, svg: bool = False) -> Path:
     """Build a campaign's report with these of its figures only."""
     make_figures = gallery.make_figures
 
-    def make_few(results, numbers):
+    def make_few(models):
         missing = set(figures)
 
         def few():
-            for text, figure in itertools.chain.from_iterable(make_figures(results, numbers).values()):
+            for text, figure in itertools.chain.from_iterable(make_figures(models).values()):
                 if text.name in missing:
                     missing.remove(text.name)
                     yield text, figure
@@ -31,4 +29,4 @@ def build_with(
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(gallery, "make_figures", make_few)
-        return build_report(folder, page, baseline=baseline, svg=svg)
+        return build_report(folder, baseline=baseline, svg=svg)

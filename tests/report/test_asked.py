@@ -52,22 +52,22 @@ def flown(repository, tmp_path_factory):
 
 def test_it_heads_the_answer_and_its_smallest_value_is_the_worst(flown):
     _, page, numbers = flown
-    assert numbers["asked"] == [LOW] and next(iter(numbers["metrics"])) == LOW
+    assert numbers["metrics"]["asked"] == [LOW] and next(iter(numbers["metrics"]["table"])) == LOW
     assert numbers["verdicts"]["requirements"][0]["controllers"]["tlc"]["failures"] == 17
-    cell = numbers["metrics"][LOW]["controllers"]["tlc"]
+    cell = numbers["metrics"]["table"][LOW]["controllers"]["tlc"]
     assert cell["worst_flight"] == 10 and cell["worst"] == pytest.approx(19980.69, abs=0.01)
-    assert numbers["paired"]["tlc - lqr"]["metrics"][LOW]["winner"] == "lqr"
+    assert numbers["comparison"]["pairs"]["tlc - lqr"]["metrics"][LOW]["winner"] == "lqr"
     assert page.index("Altitude low (m)") < page.index("Aileron, rms (deg)") and "small is bad" in page
 
 
 def test_the_worst_flights_are_those_that_are_kept(flown):
     out, _, numbers = flown
-    for name, listed in numbers["worst"].items():
+    for name, listed in numbers["flights"]["worst"].items():
         kept = pq.read_table(out / "histories", filters=[("controller", "=", name)], partitioning=None)["flight"]
         assert {entry["flight"] for entry in listed} == set(kept.to_pylist()) and len(listed) == 20
         values = [entry["metrics"][LOW] for entry in listed]
         assert values == sorted(values)
-    assert numbers["worst"]["tlc"][0]["flight"] == 10
+    assert numbers["flights"]["worst"]["tlc"][0]["flight"] == 10
 
 
 def test_the_folder_says_what_is_bad_and_follows_from_itself(flown):

@@ -63,6 +63,6 @@ def test_the_report_ranks_and_bounds_by_the_distance_outside(flown):
     assert found["room"] == pytest.approx(-found["tolerance_limit"] / 0.95)
     cell = numbers["verdicts"]["glance"][0]["cells"]["one"]
     assert cell["median"] == pytest.approx(np.percentile(outside, 50.0, method="nearest"))
-    listed = [item["flight"] for item in numbers["worst"]["one"]]
+    listed = [item["flight"] for item in numbers["flights"]["worst"]["one"]]
     assert [outside[flight] for flight in listed] == np.sort(outside)[::-1][:40].tolist()
     assert not list(verify_campaign(out))

@@ -6,12 +6,12 @@ import pytest
 from PIL import Image
 
 from abhv_mc.folder.results import BANDS
-from abhv_mc.report.figures.distributions import Spread, plot_distributions
 from abhv_mc.report.pages import gallery
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.gallery import make_figures
 from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, plot_envelopes
 from abhv_mc.topics.figure_style import BLUE, VERMILION, write_png
+from abhv_mc.topics.metrics.figures import Spread, plot_distributions
 from abhv_mc.topics.topic import Models
 
 FILES = [
@@ -86,9 +86,9 @@ def test_a_zoomed_row_takes_its_limits_from_inside():
 
 
 @pytest.fixture(scope="module")
-def figures(failing, failing_numbers):
+def figures(failing):
     """Every figure of a report by its name."""
-    made = make_figures(Models(failing), failing_numbers).values()
+    made = make_figures(Models(failing)).values()
     return {text.name: figure for part in made for text, figure in part}
 
 

@@ -109,7 +109,7 @@ def test_axe_finds_nothing(page, name, request):
     assert [(rule["id"], node["target"], node["failureSummary"]) for rule in found for node in rule["nodes"]] == []
 
 
-LISTED = "[...document.querySelectorAll('#worst [data-show]')].map((link) => link.dataset.show)"
+LISTED = "[...document.querySelectorAll('#flights details [data-show]')].map((link) => link.dataset.show)"
 SHOWN = """({ title: document.getElementById("flight-title").textContent,
   drawn: !document.getElementById("flight-plots").hidden
     && document.querySelectorAll("#flight-history .scatterlayer .trace").length,
@@ -119,13 +119,13 @@ SHOWN = """({ title: document.getElementById("flight-title").textContent,
 def test_a_click_on_a_worst_flight_draws_it(page, report_folder, report_json):
     page.show(report_folder / "report.html")
     listed = page.ask(LISTED)
-    worst = {name: [entry["flight"] for entry in flights] for name, flights in report_json["worst"].items()}
+    worst = {name: [entry["flight"] for entry in flights] for name, flights in report_json["flights"]["worst"].items()}
     assert listed == [f"{name} {flight}" for name, flights in worst.items() for flight in flights]
     for k, entry in enumerate(listed):
-        page.ask(f"document.querySelectorAll('#worst [data-show]')[{k}].click()")
+        page.ask(f"document.querySelectorAll('#flights details [data-show]')[{k}].click()")
         name, flight = entry.split()
         found = page.ask(SHOWN)
-        assert found["title"].startswith(f"{report_json['campaign']['labels'][name]}, flight {flight}:")
+        assert found["title"].startswith(f"{report_json['provenance']['labels'][name]}, flight {flight}:")
         assert found["drawn"]
         assert shlex.split(found["command"])[2:] == [str(report_folder), "--flight", flight, "--controller", name]
 

@@ -1,7 +1,7 @@
 """``abhv-mc report``: make the report of a flown campaign again."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
@@ -12,7 +12,6 @@ from abhv_mc.cli.printing import say
 
 def command(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a campaign, or its address.")],
-    format: Annotated[Literal["html", "md"], typer.Option(help="One HTML file, or Markdown.")] = "html",  # noqa: A002
     out: Annotated[Path | None, output(output_folder, "DIR", "Where to.", "DIR; reports/NAME for an address")] = None,
     baseline: Baseline = None,
     svg: Annotated[bool, typer.Option("--svg", help="Write each figure as SVG, too.")] = False,
@@ -27,7 +26,7 @@ def command(
     from abhv_mc.report.pages.build import build_report
 
     with fetched(folder) as source:
-        page = build_report(source, format, baseline, svg)
+        page = build_report(source, baseline, svg)
         if out is None and local_path(folder) is None:
             out = output_folder(Path("reports") / read_manifest(CampaignFolder(source).manifest)["name"])
         if out is not None:

@@ -33,6 +33,10 @@ class Interval:
         ends = sorted((self.low * factor, self.high * factor))
         return Interval(self.value * factor, ends[0], ends[1])
 
+    def in_sense(self, sense: Sense) -> "Interval":
+        """The interval of a severity as one of the metric itself: small values are bad in the sense "low"."""
+        return self.scaled(-1.0) if sense == "low" else self
+
 
 def severity(values: Floats, sense: Sense, failed: NDArray[np.bool_] | None = None) -> Floats:
     """Values turned so that larger is worse; those of failed flights (and not-a-number) become +infinity."""

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from functools import wraps
 from io import BytesIO
 from pathlib import Path
-from typing import Any, ParamSpec
+from typing import Any, Literal, ParamSpec
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,6 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.style import context
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from abhv_mc.array_types import Floats
 from abhv_mc.folder.layout import write_bytes
@@ -195,3 +196,20 @@ def write_svg(figure: Figure, path: Path) -> None:
     with context(["default", _RC, {"svg.hashsalt": "abhv-mc", "svg.fonttype": "none"}]):
         FigureCanvasSVG(figure).print_svg(file, metadata={"Date": None, "Creator": None})
     write_bytes(path, file.getvalue())
+
+
+def log_if_wide(axes: Axes, way: Literal["x", "y"], values: Sequence[Floats]) -> bool:
+    """Make an axis logarithmic where all but the smallest values span more than 20 to 1."""
+    finite = np.concatenate([v[np.isfinite(v)] for v in values])
+    if not finite.size or finite.min() <= 0.0:
+        return False
+    low, high = float(np.quantile(finite, 0.02)), float(finite.max())
+    if high <= 20.0 * low:
+        return False
+    axis = axes.xaxis if way == "x" else axes.yaxis
+    axes.set(**{f"{way}scale": "log"})
+    subs = (1.0, 2.0, 5.0) if high < 50.0 * low else (1.0, 3.0) if high < 500.0 * low else (1.0,)
+    axis.set_major_locator(LogLocator(base=10.0, subs=subs, numticks=12))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+    return True

@@ -4,18 +4,23 @@ from importlib.metadata import entry_points
 from typing import Any
 
 from abhv_mc.io.input_error import InputError, describe, one_of
+from abhv_mc.topics.comparison import COMPARISON
 from abhv_mc.topics.convergence import CONVERGENCE
 from abhv_mc.topics.drivers import DRIVERS
 from abhv_mc.topics.envelopes import ENVELOPES
 from abhv_mc.topics.failure_cases import FAILURE_CASES
 from abhv_mc.topics.failures import FAILURES
+from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.margins import MARGINS
+from abhv_mc.topics.metrics import METRICS
+from abhv_mc.topics.provenance import PROVENANCE
 from abhv_mc.topics.topic import Topic
 from abhv_mc.topics.verdicts import VERDICTS
 
 GROUP = "abhv_mc.topics"  # of entry points: name = "package.module:TOPIC"
 BUILT_IN: tuple[Topic[Any], ...] = (
-    VERDICTS, FAILURE_CASES, FAILURES, DRIVERS, ENVELOPES, MARGINS, CONVERGENCE,
+    VERDICTS, COMPARISON, METRICS, FLIGHTS, FAILURE_CASES, FAILURES, DRIVERS, ENVELOPES, MARGINS, CONVERGENCE,
+    PROVENANCE,
 )  # fmt: skip
 _registered: dict[str, Topic[Any]] = {}
 
@@ -39,8 +44,9 @@ def user_topics() -> tuple[Topic[Any], ...]:
 
 
 def all_topics() -> tuple[Topic[Any], ...]:
-    """Every topic, built-in ones first."""
-    return (*BUILT_IN, *user_topics())
+    """Every topic in the order of a page: how sure the numbers are and where they come from stand last."""
+    *first, sure, origin = BUILT_IN
+    return (*first, *user_topics(), sure, origin)
 
 
 def find_topic(name: str) -> Topic[Any]:

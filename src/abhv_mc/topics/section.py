@@ -4,7 +4,11 @@ In every text, what stands between backticks is typed as it stands: a command, a
 """
 
 from dataclasses import dataclass, field
+from math import isfinite
 from typing import TypeAlias
+
+from abhv_mc.statistics.estimates import Interval
+from abhv_mc.topics.words import bounds, estimate
 
 
 @dataclass(frozen=True)
@@ -19,6 +23,11 @@ class Cell:
     verdict: bool = False  # whether it is one of PASS, FAIL, NOT SHOWN, ESTIMATE
     flight: tuple[str, int] | None = None  # controller and number of the flight that the page shows at a click
     hint: str = ""  # what it means, for whoever points at it
+
+
+def interval_cell(interval: Interval) -> Cell:
+    """An estimate with its interval; says where too many flights were lost for one."""
+    return Cell(estimate(interval), bounds(interval)) if isfinite(interval.value) else Cell("not reached")
 
 
 Row: TypeAlias = tuple[Cell, ...]
@@ -127,6 +136,7 @@ class Section:
 
     title: str
     items: tuple[Item, ...] = field(default=())
+    part: bool = False  # whether it stands under the heading of the section before
 
     def tables(self) -> list[Table]:
         """Its tables, folded ones too."""

@@ -16,10 +16,10 @@ def test_a_campaign_against_itself_is_a_draw(failing_folder):
 
 def test_controllers_can_be_crossed(failing_folder, failing_numbers):
     (pair,) = compare(failing_folder, failing_folder, ("tlc", "lqr"))["paired"]
-    inside = failing_numbers["paired"]["tlc - lqr"]
+    inside = failing_numbers["comparison"]["pairs"]["tlc - lqr"]
     assert pair["requirements"] == inside["requirements"]
     metric = "bank_error_rms_deg"
-    assert pair["metrics"][metric]["q95"] == inside["metrics"][metric]["q95"]
+    assert pair["metrics"][metric]["quantile_differences"] == inside["metrics"][metric]["quantile_differences"]
 
 
 def test_other_samples_are_refused_at_the_first_that_differs(failing_folder, tmp_path):

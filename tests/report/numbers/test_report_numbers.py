@@ -6,9 +6,11 @@ import pytest
 from report.synthetic import write_campaign
 
 from abhv_mc.folder.results import read_results
-from abhv_mc.report.numbers.findings import finding_sentences
 from abhv_mc.report.numbers.report_numbers import make_numbers
+from abhv_mc.report.numbers.summary import finding_sentences
 from abhv_mc.report.pages.first_screen import cards
+from abhv_mc.topics.flights import FLIGHTS
+from abhv_mc.topics.plain import plain
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
 
@@ -18,39 +20,6 @@ GUSTS = {"wind.gust_east": np.zeros(100)}
 def test_the_same_folder_gives_the_same_numbers(failing_folder, failing_numbers):
     again = json.dumps(make_numbers(Models(read_results(failing_folder))), allow_nan=False)
     assert again == json.dumps(failing_numbers, allow_nan=False)
-
-
-def test_quantiles_count_failed_flights_as_worst(failing, failing_numbers):
-    found = failing_numbers["metrics"]["altitude_error_max_m"]["controllers"]
-    values = failing.flights["tlc"].metrics["altitude_error_max_m"]
-    assert found["tlc"]["q95"]["value"] == pytest.approx(np.quantile(values, 0.95))
-    assert found["lqr"]["q95"]["value"] is None  # 12 of 100 failed
-    assert found["lqr"]["q50"]["value"] is not None
-
-
-def test_small_is_bad_for_the_least_angle_of_attack(failing, failing_numbers):
-    values = failing.flights["tlc"].metrics["angle_of_attack_min_deg"]
-    found = failing_numbers["metrics"]["angle_of_attack_min_deg"]["controllers"]["tlc"]
-    assert found["q95"]["value"] == pytest.approx(np.quantile(values, 0.05))
-    assert found["worst"] == values.min()
-    assert found["q95"]["low"] <= found["q95"]["value"] <= found["q95"]["high"]
-
-
-def test_duel_counts_every_pair(failing_numbers):
-    pair = failing_numbers["paired"]["tlc - lqr"]
-    assert pair["pairs"] == 100
-    assert pair["ended_early"]["only_b"] == 12
-    sideslip = pair["metrics"]["sideslip_max_deg"]
-    assert (sideslip["a_better"], sideslip["winner"]) == (100, "tlc")
-    assert pair["metrics"]["angle_of_attack_error_rms_deg"]["winner"] is None  # nobody asked
-
-
-def test_worst_flights_begin_with_those_that_ended_early(failing_numbers):
-    worst = failing_numbers["worst"]["lqr"]
-    assert len(worst) == 20
-    assert [entry["outcome"] for entry in worst] == ["sideslip_limit"] * 12 + ["ok"] * 8
-    beyond = [entry["beyond"] for entry in failing_numbers["worst"]["tlc"]]
-    assert beyond == sorted(beyond, reverse=True)
 
 
 def test_the_planted_driver_and_rule_are_found(failing_numbers):
@@ -66,14 +35,17 @@ def test_the_planted_driver_and_rule_are_found(failing_numbers):
 def test_dependent_designs_get_estimates(tmp_path):
     models = Models(read_results(write_campaign(tmp_path / "c", runs=16, sampling="lhs")))
     assert {models[VERDICTS].statuses(name)[0] for name in models.names.controllers} == {"ESTIMATE"}
-    assert make_numbers(models)["flights"]["tlc"]["failure_share"] == {"value": 0.0, "low": None, "high": None}
+    assert plain(models[FLIGHTS].counts["tlc"].failure_share) == {"value": 0.0, "low": None, "high": None}
 
 
 def test_convergence_ends_with_the_table(failing_numbers):
     trace = failing_numbers["convergence"]["controllers"]["tlc"]
     assert trace["flights"][-1] == 100
     last = trace["metrics"]["speed_error_max_mps"]["q95"]["value"][-1]
-    assert last == failing_numbers["metrics"]["speed_error_max_mps"]["controllers"]["tlc"]["q95"]["value"]
+    assert (
+        last
+        == failing_numbers["metrics"]["table"]["speed_error_max_mps"]["controllers"]["tlc"]["quantiles"]["q95"]["value"]
+    )
 
 
 @pytest.mark.parametrize(
@@ -85,6 +57,5 @@ def test_a_cycle_in_gusts_turbulence_or_noise_is_called_a_swing(failing, air, ca
         for name, found in failing.flights.items()
     }
     models = Models(replace(failing, flights=flights, samples={**failing.samples, **air}))
-    numbers = make_numbers(models)
-    assert finding in " ".join(finding_sentences(models, numbers))
-    assert f" {card}" in " ".join(cards(models, numbers, dict.fromkeys(flights, "#000"))[0].notes)
+    assert finding in " ".join(finding_sentences(models))
+    assert f" {card}" in " ".join(cards(models, dict.fromkeys(flights, "#000"))[0].notes)

@@ -50,7 +50,10 @@ def agree(found, fresh, metrics=("altitude_error_max_m", "speed_error_max_mps", 
     for name, part in found["controllers"].items():
         for metric in metrics:
             for level in ("q50", "q95"):
-                after, there = part["metrics"][metric][level]["after"], numbers["metrics"][metric]["controllers"][name]
+                after, there = (
+                    part["metrics"][metric][level]["after"],
+                    numbers["metrics"]["table"][metric]["controllers"][name]["quantiles"],
+                )
                 assert after["low"] <= there[level]["high"] and there[level]["low"] <= after["high"], (metric, level)
             assert after != part["metrics"][metric]["q95"]["before"]
         share, verdict = (

@@ -15,10 +15,10 @@ from abhv_mc.folder.results import read_results
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.figures.paired import DifferencePanel, plot_differences
 from abhv_mc.report.numbers.compare import check_baseline
-from abhv_mc.report.numbers.paired import metric_differences
 from abhv_mc.report.pages.build import is_up_to_date
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.shipped import find_input
+from abhv_mc.topics.comparison.model import metric_differences
 
 
 def run(*words):

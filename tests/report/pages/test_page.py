@@ -14,8 +14,8 @@ from report.pages.test_packed import unpack
 from report.synthetic import write_campaign
 
 from abhv_mc.folder.results import read_results
-from abhv_mc.report.numbers.report_numbers import make_numbers
-from abhv_mc.report.pages.page import make_markdown, make_page
+from abhv_mc.report.pages.page import make_page
+from abhv_mc.topics.flights.worst import worst_flights
 from abhv_mc.topics.topic import Models
 
 VOID = {"area", "base", "br", "col", "embed", "hr", "img", "input", "link", "meta", "source", "track", "wbr"}
@@ -82,8 +82,7 @@ def test_what_a_campaign_says_is_text_only(tmp_path):
     evil = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
     results = read_results(write_campaign(tmp_path / "c", runs=12))
     results = dataclasses.replace(results, campaign=asking(results.campaign, f"{evil} Does it?"))
-    numbers = {**make_numbers(Models(results)), "files": {}}
-    page = make_page(Models(results), numbers, [])
+    page = make_page(Models(results), [])
     assert evil not in page
     assert "&lt;img src=x onerror=alert(1)&gt;" in page
 
@@ -132,7 +131,7 @@ def test_every_flight_is_a_point_and_the_worst_that_are_listed_have_their_histor
     drawn = arrays[f"column:{metric}"][lqr]
     np.testing.assert_allclose(drawn, flown.metrics[metric], atol=1e-4 * np.ptp(arrays[f"column:{metric}"]))
     kept = {rows["flight"][i] for i in lqr if rows["history"][i] >= 0}
-    assert kept and kept <= {entry["flight"] for entry in make_numbers(Models(results))["worst"]["lqr"]}
+    assert kept and kept <= {each.flight for each in worst_flights(results)["lqr"]}
 
 
 def test_only_the_pages_own_scripts_may_run(report_page):
@@ -143,18 +142,3 @@ def test_only_the_pages_own_scripts_may_run(report_page):
         hashlib.sha256(re.search(r"<script>(.*?)</script>", report_page, re.S)[1].encode()).digest()
     )
     assert f"'sha256-{digest.decode()}'" in scripts and scripts.count("sha256-") == 2
-
-
-HOSTILE = "a|b <script>alert(1)</script> `c` [x](javascript:1) *d*\nnext"
-
-
-def test_markdown_shows_any_text_as_text(tmp_path):
-    folder = write_campaign(tmp_path / "c", runs=8)
-    results = read_results(folder)
-    campaign = asking(results.campaign, HOSTILE)
-    results = dataclasses.replace(results, campaign=campaign, manifest=results.manifest | {"commit": HOSTILE})
-    markdown = make_markdown(Models(results), make_numbers(Models(results)), [])
-    shown = r"a\|b &lt;script>alert(1)&lt;/script> \`c\` \[x\](javascript:1) \*d\* next"
-    assert markdown.startswith(f"# {shown}\n")
-    assert f"| commit | {shown} |" in markdown
-    assert "<script" not in markdown

@@ -10,7 +10,6 @@ from abhv_mc.folder.results import read_results
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.topics.margins import MARGINS
 from abhv_mc.topics.margins.sentences import margin_words
-from abhv_mc.topics.section_text import as_markdown
 from abhv_mc.topics.topic import Models
 
 LOOPS = ("aileron", "rudder", "elevator", "equivalence_ratio")
@@ -66,16 +65,16 @@ def test_the_answer_names_the_unstable_controller_with_its_poles_and_the_weak_on
     assert lqr == "unstable in steady, level flight (poles at +0.120 \N{PLUS-MINUS SIGN} 2.78j per second)"
     assert retuned.startswith("least margins in steady, level flight 12.0 dB")
     page = (folder / "report.html").read_text(encoding="utf-8")
-    assert page.index("unstable in steady, level flight") < page.index('id="each-flight"')
+    assert page.index("unstable in steady, level flight") < page.index('<section id="flights"')
 
 
 def test_the_section_has_each_loop_and_the_report_follows_from_the_data(folder):
     page = (folder / "report.html").read_text(encoding="utf-8")
-    section = page[page.index('<section id="margins"') : page.index('<section id="settled"')]
+    section = page[page.index('<section id="margins"') : page.index('<section id="convergence"')]
     assert section.count("throttle") == 2  # of the two stable controllers
     assert "all 8 corners" in section and "\N{MINUS SIGN}9.0 / 0.7" in section
     assert list(verify_campaign(folder)) == []
     models = Models(read_results(folder))
-    words = as_markdown(models.section(MARGINS))
-    assert "| TLC | rudder | \N{MINUS SIGN}20.0 / 0.8 | \N{MINUS SIGN}9.0 / 0.7 | 40 | 33 | 50 | 44 |" in words
-    assert "| LQR | no margins: unstable" in words
+    rows = models.section(MARGINS).tables()[0].plain_rows()
+    assert ["TLC", "rudder", "\N{MINUS SIGN}20.0 / 0.8", "\N{MINUS SIGN}9.0 / 0.7", "40", "33", "50", "44"] in rows
+    assert any(row[0] == "LQR" and row[1].startswith("no margins: unstable") for row in rows)

@@ -14,8 +14,8 @@ from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.results import Results, read_results
 from abhv_mc.io.documents import InputError, Refusal, one_of
 from abhv_mc.io.units import parse_in_unit
-from abhv_mc.report.numbers.paired import compare_any_failures, pair_numbers
 from abhv_mc.statistics.gate import judge_change
+from abhv_mc.topics.comparison.model import compare_any_failures, compare_pair
 from abhv_mc.topics.failed_flights import requirement_failures, requirement_words
 from abhv_mc.topics.plain import plain
 from abhv_mc.topics.words import percent, significant
@@ -100,13 +100,13 @@ def compare_results(
     for one, other in _pairs(a, b, controllers):
         flights = sides(a, b, one, other)
         names = (f"{a.folder}: {one}", f"{b.folder}: {other}")
-        found = pair_numbers(*flights, names, metrics, compared, requirements, independent=independent)
+        found = compare_pair(*flights, names, metrics, compared, requirements, independent=independent)
         if found is not None:
             gates = {
                 metric: _gate(*flights, metric, margin, requirements) for metric, margin in (margins or {}).items()
             }
-            failed = compare_any_failures(*flights, requirements)
-            pairs.append({**found, "controllers": [one, other], "any_failure": failed, "not_worse": gates})
+            failed = plain(compare_any_failures(*flights, requirements))
+            pairs.append({**plain(found), "controllers": [one, other], "any_failure": failed, "not_worse": gates})
     if not pairs:
         raise InputError(b.folder, "no flight that both campaigns flew", f"flights of {a.folder}")
     return {

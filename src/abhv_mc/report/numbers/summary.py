@@ -1,190 +1,119 @@
-"""The campaign's answer in sentences: flights lost, who wins and by how much, verdicts, why."""
+"""What joins the topics of a campaign, in sentences: the answer, what endangers each controller, and how sure it is."""
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
 
-from abhv_mc.report.numbers.findings import finding_sentences
+from abhv_mc.folder.seeds import name_siblings
+from abhv_mc.report.numbers.report_numbers import warnings_of
+from abhv_mc.topics.comparison import COMPARISON
+from abhv_mc.topics.comparison.sentences import pair_sentences, survival_sentences
+from abhv_mc.topics.convergence import CONVERGENCE
 from abhv_mc.topics.drivers import DRIVERS
+from abhv_mc.topics.failed_flights import EARLY
 from abhv_mc.topics.failure_cases import FAILURE_CASES
+from abhv_mc.topics.failures import FAILURES
+from abhv_mc.topics.failures.model import Failures
+from abhv_mc.topics.flights import FLIGHTS
+from abhv_mc.topics.flights.model import Findings, FlightCounts
+from abhv_mc.topics.margins import MARGINS
+from abhv_mc.topics.margins.sentences import margin_words
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
-from abhv_mc.topics.words import fixed, joined, p_value, percent, significant
-
-_OPEN = 2  # rivals told one by one, of whom no difference in lost flights is shown
-_LOST_RISK = 0.05  # of saying that one controller loses more flights where both are as good
+from abhv_mc.topics.words import count_of, fixed, joined, percent
+from abhv_mc.vehicle.sensing import IN_WIND
 
 
-def _label(numbers: Mapping[str, Any], name: str) -> str:
-    return str(numbers["campaign"]["labels"][name])
-
-
-def _phrase(numbers: Mapping[str, Any], metric: str) -> str:
-    return str(numbers["metrics"][metric]["phrase"])
-
-
-def _standing(pair: Mapping[str, Any], numbers: Mapping[str, Any], full: bool = False) -> dict[str, list[str]]:
-    """What of what is asked the first controller of a pair is better in, worse in, mixed, and what is open.
-
-    In ``full``, the shares of flights that were tested stand beside what one is better in.
-    """
-    found: dict[str, list[str]] = {"better": [], "worse": [], "mixed": [], "open": []}
-    for metric in numbers["asked"]:
-        if metric in pair["metrics"]:
-            entry = pair["metrics"][metric]
-            won = {pair["a"]: "better", pair["b"]: "worse"}.get(entry["winner"], "open")
-            words = _phrase(numbers, metric)
-            if entry["mixed"]:
-                won = "mixed"
-                words += f" ({_contradiction(entry, numbers)})" if full else ""
-            elif full and won != "open":
-                words += _counts(pair, metric, numbers)
-            found[won].append(words)
-    return found
-
-
-def _counts(pair: Mapping[str, Any], metric: str, numbers: Mapping[str, Any]) -> str:
-    """' (closer on 83 %, further on 17 %; worst 0.2 and 0.9 deg)', what was tested first."""
-    entry, of = pair["metrics"][metric], pair["pairs"]
-    shares = [("closer", entry["a_better"]), ("further", entry["b_better"])]
-    words = [f"{word} on {percent(count / of, 2)}" for word, count in shares]
-    words += [f"equal on {percent(entry['ties'] / of, 2)}"] if entry["ties"] else []
-    unit = numbers["metrics"][metric]["unit"].removeprefix("-")
-    return f" ({', '.join(words)}; worst {' and '.join(map(significant, entry['worst']))} {unit})".replace(" )", ")")
-
-
-def _contradiction(entry: Mapping[str, Any], numbers: Mapping[str, Any]) -> str:
-    """Why the controller that is closer on more flights is no winner."""
-    closer = _label(numbers, entry["closer"]) if entry.get("closer") else "one"
-    reasons = [f"a worse {100.0 * level:.4g} % quantile" for level in entry.get("worse_tails", [])[:1]]
-    reasons += ["more flights lost"] if entry.get("loses_more") else []
-    return f"{closer} is closer on more flights but has {joined(reasons)}"
-
-
-def _verdict_of(pair: Mapping[str, Any], numbers: Mapping[str, Any]) -> str:
-    """'better', 'worse', 'mixed' or 'open' over all errors of a pair, lost flights among them."""
-    found, lost = _standing(pair, numbers), pair["ended_early"]
-    sides = {side for side in ("better", "worse") if found[side]}
-    if found["mixed"] or len(sides) == 2:
-        return "mixed"
-    if lost["p_value"] <= _LOST_RISK and lost["only_a"] != lost["only_b"]:
-        sides.add("worse" if lost["only_a"] > lost["only_b"] else "better")
-    return "mixed" if len(sides) == 2 else next(iter(sides), "open")
-
-
-def _by_strength(models: Models, numbers: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """The pairs, the rival first against which the first controller stands worst; of equals the one that fails less."""
-    order = {"worse": 0, "mixed": 1, "open": 2, "better": 3}
-
-    def strength(pair: Mapping[str, Any]) -> tuple[int, int, int]:
-        found = _standing(pair, numbers)
-        failed = models[VERDICTS].statuses(pair["b"]).count("FAIL")
-        return order[_verdict_of(pair, numbers)], len(found["better"]) - len(found["worse"]), failed
-
-    return sorted(numbers["paired"].values(), key=strength)
-
-
-def _pair_sentences(models: Models, numbers: Mapping[str, Any]) -> list[str]:
-    """Against each rival, the strongest first; the first sentence begins with the answer over all rivals."""
-    pairs = [pair for pair in _by_strength(models, numbers) if any(_standing(pair, numbers).values())]
-    if not pairs:
-        return []
-    if not numbers["campaign"]["independent_flights"]:
-        design = numbers["campaign"]["sampling"]
-        return [f"No winner is named: the flights of a {design} design are not independent draws."]
-    verdicts = {_verdict_of(pair, numbers) for pair in pairs}
-    name = _label(numbers, pairs[0]["a"])
-    overall = {"better": f"{name} is better: ", "worse": f"{name} is worse: ", "open": "No difference is shown: "}
-    head = overall.get(next(iter(verdicts)), "Mixed: ") if len(verdicts) == 1 else "Mixed: "
-    sentences = [_pair_sentence(pair, numbers) for pair in pairs]
-    return [f"{head}{sentences[0]}", *(f"{text[0].upper()}{text[1:]}" for text in sentences[1:])]
-
-
-def _pair_sentence(pair: Mapping[str, Any], numbers: Mapping[str, Any]) -> str:
-    found, first = _standing(pair, numbers, full=True), _label(numbers, pair["a"])
-    words = {
-        "better": "it is better on more flights in",
-        "worse": "it is worse on more flights in",
-        "mixed": "undecided in",
-        "open": "no difference is shown in",
-    }
-    parts = [f"{words[side]} {joined(found[side])}" for side in words if found[side]]
-    text = "; ".join(parts).replace("it is", f"{first} is", 1) + _tails_words(pair, numbers)
-    flights = f"on the same {fixed(pair['pairs'], 0)} flights"
-    return f"against {_label(numbers, pair['b'])}, {flights}, {text}{_usage_words(pair, first)}."
-
-
-def _tails_words(pair: Mapping[str, Any], numbers: Mapping[str, Any]) -> str:
-    """'; tails not compared ...' where the flights are too few to compare the tails of an error with a winner."""
-    metrics = [m for m in numbers["asked"] if m in pair["metrics"]]
-    entries = [pair["metrics"][m] for m in metrics if pair["metrics"][m]["winner"]]
-    levels = sorted({level for entry in entries for level in entry.get("uncompared_tails", [])})
-    if not levels:
-        return ""
-    shown = joined([f"{100.0 * level:.4g} %" for level in levels])
-    return f"; tails not compared at {shown} (too few flights)"
-
-
-def _usage_words(pair: Mapping[str, Any], first: str) -> str:
-    """'; TLC uses 1.2 times the aileron, as much rudder and 0.3 times the elevator', from the medians of the ratios."""
-    parts = []
-    for metric, ratio in pair["surfaces"].items():
-        if ratio is None:
-            continue
-        surface = metric.split("_", 1)[0]
-        value = ratio["value"]
-        if abs(value - 1.0) < 0.01:
-            parts.append(f"as much {surface}")
-        elif abs(value - 1.0) < 0.2:
-            parts.append(f"{percent(abs(value - 1.0), 2)} {'more' if value > 1.0 else 'less'} {surface}")
-        else:
-            parts.append(f"{significant(value, 2)} times the {surface}")
-    return f"; {first} uses {joined(parts)} (rms, median of the flights' ratios)" if parts else ""
-
-
-def _survival_sentences(numbers: Mapping[str, Any]) -> list[str]:
-    """Which controller of each pair loses fewer flights, as far as the flights show it."""
-    sentences: list[str] = []
-    open_: dict[str, str] = {}  # rival -> the sentence that no difference is shown
-    for pair in numbers["paired"].values():
-        found, (a, b) = pair["ended_early"], (_label(numbers, pair[side]) for side in ("a", "b"))
-        alone = found["only_a"], found["only_b"]
-        if not any(alone):
-            continue
-        lost = [fixed(found["both"] + count, 0) for count in alone]
-        rest = (
-            f"{lost[0]} of {fixed(pair['pairs'], 0)} ended early against {lost[1]} ({fixed(alone[0], 0)} under "
-            f"{a} alone, {fixed(alone[1], 0)} under {b} alone; the chance of such a split were both as good: "
-            f"{p_value(found['p_value'])})."
-        )
-        if found["p_value"] <= _LOST_RISK and alone[0] != alone[1]:
-            sentences.append(f"{a} loses {'fewer' if alone[0] < alone[1] else 'more'} flights than {b}: {rest}")
-        else:
-            open_[b] = f"No difference is shown between {a} and {b} in lost flights: {rest}"
-    if len(open_) > _OPEN:
-        first = _label(numbers, numbers["campaign"]["controllers"][0])
-        return [*sentences, f"No difference in lost flights is shown between {first} and {joined(list(open_))}."]
-    return [*sentences, *open_.values()]
-
-
-class SummaryParts(NamedTuple):
-    """Sentences by the question that they answer."""
-
-    lost: list[str]  # who loses fewer flights
-    wins: list[str]  # who is better, against the strongest rival first
-    known: list[str]  # verdicts, and what endangers each controller's flights
-    drivers: list[str]  # why
-
-
-def summary_parts(models: Models, numbers: Mapping[str, Any]) -> SummaryParts:
-    """The sentences of :func:`summary_sentences`, for a page to put below its headings."""
-    lost = [*models.sentences(FAILURE_CASES), *_survival_sentences(numbers)]
-    known = [*models.sentences(VERDICTS), *finding_sentences(models, numbers)]
-    return SummaryParts(lost, _pair_sentences(models, numbers), known, [*models.sentences(DRIVERS)])
-
-
-def summary_sentences(models: Models, numbers: Mapping[str, Any]) -> list[str]:
+def summary_sentences(models: Models) -> list[str]:
     """What a reader with two minutes should know, most important first: lost flights, the answer against the
     strongest rival, the requirements, what endangers each controller's flights, the other rivals, then why.
     """
-    lost, wins, known, drivers = summary_parts(models, numbers)
-    return lost + wins[:1] + known + wins[1:] + drivers
+    comparison = models[COMPARISON], models.names
+    wins = pair_sentences(*comparison)
+    known = [*models.sentences(VERDICTS), *finding_sentences(models)]
+    lost = [*models.sentences(FAILURE_CASES), *survival_sentences(*comparison)]
+    return [*lost, *wins[:1], *known, *wins[1:], *models.sentences(DRIVERS)]
+
+
+def section_leads(models: Models, warnings: Sequence[str] = ()) -> Mapping[str, Sequence[str]]:
+    """Sentences that stand first in a topic's section on the page, by its name: what takes other topics to say.
+
+    ``warnings``: what else is missing.
+    """
+    siblings, command = name_siblings(models.results.folder, models.results.manifest)
+    beside = [f"{siblings} All judged together: `{command}`"] if siblings else []
+    return {
+        VERDICTS.name: [*models.sentences(VERDICTS), *finding_sentences(models), *beside],
+        CONVERGENCE.name: [confidence_sentence(models, warnings)],
+    }
+
+
+def finding_sentences(models: Models) -> Iterator[str]:
+    """One of each controller: flights not computed, its loops, flights that cycle or end early, saturated surfaces,
+    tables left."""
+    yield from (f"{words[:1].upper()}{words[1:]}." for words in warnings_of(models) if words.startswith(IN_WIND))
+    flights, margins = models[FLIGHTS], models[MARGINS]
+    for name, count in flights.left_out.items():
+        yield f"{name}: the machine could compute none of {count} flights, so it is not in this report; it met nothing."
+    for name, part in flights.findings.items():
+        counts = flights.counts[name]
+        known = (
+            _in("the machine could not compute", counts.not_computed, counts.flown + counts.not_computed),
+            margin_words(margins, name), _cycles(part), _early(models[FAILURES], counts, name),
+            _in("surfaces reach a limit of deflection or rate in", part.saturated, part.flown),
+            _in("the vehicle's tables are left in", part.outside_tables, part.flown),
+        )  # fmt: skip
+        words = [text for text in known if text]
+        if words:
+            yield f"{models.names.label(name)}: {'; '.join(words)}."
+
+
+def _in(words: str, count: int | None, flown: int) -> str:
+    return f"{words} {count_of(count, flown, 'flights')}" if count else ""
+
+
+def _cycles(part: Findings) -> str:
+    found = [
+        f"{channel.replace('_', ' ')} in {count_of(count, part.flown, 'flights')}"
+        for channel, count in part.cycling.items()
+        if count
+    ]
+    what = "swings, in gusts, turbulence or noise," if part.disturbed else "limit cycle"
+    return f"{what} (> {part.ripple_deg:g} deg) in {joined(found)}" if found else ""
+
+
+def _early(failures: Failures, counts: FlightCounts, name: str) -> str:
+    """'3 of 40 flights ended early, 70 % of them where lift > +8 % (and 3 % of the others)'."""
+    if not counts.failed:
+        return ""
+    text = f"{count_of(counts.failed, counts.flown, 'flights')} ended early"
+    rules = next((kind.rules for kind in failures.controllers.get(name, ()) if kind.kind == EARLY), ())
+    if not rules:
+        return text
+    first = rules[0]
+    inside, others = first.failures_inside / first.failures, first.others_inside / first.others
+    return f"{text}, {percent(inside, 2)} of them where {first.where} (and {percent(others, 2)} of the others)"
+
+
+def confidence_sentence(models: Models, warnings: Sequence[str] = ()) -> str:
+    """What the intervals and verdicts rest on; ``warnings``: what else is missing."""
+    campaign, names, requirements = models.results.campaign, models.names, models[VERDICTS].requirements
+    flights = joined([fixed(count, 0) for count in sorted({each.flown for each in models[FLIGHTS].counts.values()})])
+    text = f"Based on {flights} flights of each controller, the same dispersions for all"
+    text += "; intervals are 95 %." if names.independent else "."
+    if not names.independent:
+        text += (
+            f" The flights of a {names.design} design are not independent draws: exact binomial statistics do "
+            "not hold, so quantiles, differences and their intervals are estimates and no verdict is given."
+        )
+    elif requirements:
+        largest = max(entry.asked.consumer_risk for entry in requirements)
+        text += (
+            f" A system that just misses a requirement would ever PASS with a probability of at most "
+            f"{percent(largest, 2)}, however often one looks or extends the campaign; the intervals are for one look."
+        )
+        if campaign.stops_when_proven:
+            text += f" The campaign stops when proven, after at most {fixed(campaign.runs, 0)} flights."
+    for warning in (*warnings_of(models), *warnings):
+        text += f" Note: {warning}."
+    if models.results.manifest.get("state") != "complete":
+        text += " The campaign is not complete; all numbers are preliminary."
+    return text

@@ -6,16 +6,13 @@ import json
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any
 
 from abhv_mc.folder.hashes import data_files
 from abhv_mc.folder.layout import CampaignFolder, hash_file
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.results import read_results
 from abhv_mc.folder.seeds import name_siblings
-from abhv_mc.io.input_error import InputError, describe, one_of
-
-Format = Literal["html", "md"]
 
 
 def hash_files(folder: Path) -> dict[str, str]:
@@ -34,18 +31,6 @@ def write_json(numbers: dict[str, Any]) -> str:
 def hash_pages(folder: Path, names: Iterable[str]) -> dict[str, str | None]:
     """SHA-256 of written pages; None for one that is gone."""
     return {name: hash_file(folder / name) if (folder / name).is_file() else None for name in names}
-
-
-def _read_pages(path: Path, numbers: dict[str, Any]) -> dict[str, Any]:
-    """The pages that an earlier report with the same numbers names."""
-    try:
-        held = json.loads(path.read_text(encoding="utf-8"))
-        pages: dict[str, Any] = held.pop("pages", {})
-        for name in ("pictures", "key"):
-            held.pop(name, None)
-    except (OSError, ValueError, AttributeError, TypeError, RecursionError):
-        return {}
-    return pages if isinstance(pages, dict) and held == json.loads(json.dumps(numbers)) else {}
 
 
 def make_key(folder: Path, baseline: Path | None = None) -> str:
@@ -96,27 +81,20 @@ def _seldom_collecting() -> Iterator[None]:
 
 
 @_seldom_collecting()
-def build_report(
-    folder: Path,
-    format: Format = "html",  # noqa: A002
-    baseline: Path | None = None,
-    svg: bool = False,
-) -> Path:
-    """Write `report.json`, `figures/*.png` and `report.html` (or `report.md`) into a campaign's folder.
+def build_report(folder: Path, baseline: Path | None = None, svg: bool = False) -> Path:
+    """Write `report.json`, `figures/*.png` and `report.html` into a campaign's folder.
 
     ``svg``: each figure as `figures/*.svg`, too.
 
     Needs nothing but what the campaign wrote there, and the folder of a ``baseline`` to compare it with. Returns the
     path of the page.
-    Raises InputError where a file is missing or unreadable, and for another format.
+    Raises InputError where a file is missing or unreadable.
     """
-    if format not in get_args(Format):
-        raise InputError("format", describe(format), one_of(get_args(Format)))
     from abhv_mc.folder.layout import write_text
     from abhv_mc.report.numbers.report_numbers import make_numbers
     from abhv_mc.report.pages.gallery import make_figures
     from abhv_mc.report.pages.matrix import make_matrix
-    from abhv_mc.report.pages.page import PageFigure, make_markdown, make_page
+    from abhv_mc.report.pages.page import PageFigure, make_page
     from abhv_mc.report.pages.searched import refuse_search
     from abhv_mc.topics.figure_style import write_png, write_svg
     from abhv_mc.topics.topic import Models
@@ -130,7 +108,7 @@ def build_report(
     figures_folder = folder / "figures"
     figures_folder.mkdir(exist_ok=True)
     figures, failed = [], []
-    for shown, made in make_figures(models, numbers).items():
+    for shown, made in make_figures(models).items():
         try:
             for text, figure in made:
                 path = figures_folder / f"{text.name}.png"
@@ -145,17 +123,15 @@ def build_report(
     for stale in [*figures_folder.glob("*.png"), *figures_folder.glob("*.svg")]:
         if stale not in kept:
             stale.unlink(missing_ok=True)  # another report of this folder may do the same
-    page = folder / f"report.{format}"
-    make = make_page if format == "html" else make_markdown
-    write_text(page, make(models, {**numbers, "warnings": [*numbers["warnings"], *failed]}, figures))
+    page = folder / "report.html"
+    write_text(page, make_page(models, figures, failed, numbers.get("baseline")))
     if results.campaign.requirements:
         write_text(CampaignFolder(folder).matrix, make_matrix(models[VERDICTS], results.campaign.metrics))
     report = folder / "report.json"
-    names = [*_read_pages(report, numbers), page.name]
     pictures = [path.relative_to(folder).as_posix() for path in sorted(kept)]
     numbers = {
         **numbers,
-        "pages": hash_pages(folder, dict.fromkeys(names)),
+        "pages": hash_pages(folder, [page.name]),
         "pictures": hash_pages(folder, pictures),
         "key": key,
     }

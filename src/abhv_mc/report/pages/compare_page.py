@@ -9,8 +9,8 @@ from abhv_mc.flight.metrics import SURFACE_USAGE
 from abhv_mc.folder.results import Results
 from abhv_mc.report.figures.paired import DifferencePanel, plot_differences
 from abhv_mc.report.numbers.compare import gate_words, sides
-from abhv_mc.report.numbers.paired import metric_differences
 from abhv_mc.report.pages.summary_page import CODE, LONG, SHORT, Shown, Table, write_answer_page
+from abhv_mc.topics.comparison.model import metric_differences
 from abhv_mc.topics.figure_style import CYCLE
 from abhv_mc.topics.labels import controller_label
 from abhv_mc.topics.words import bounds, count_of, estimate, fixed, joined, p_value, significant
@@ -142,7 +142,8 @@ def _tables(
     rows = []
     for metric, entry in sorted(pair["metrics"].items(), key=lambda item: not item[1]["compared"]):
         won = "mixed" if entry["mixed"] else {pair["a"]: a, pair["b"]: b}.get(entry["winner"], "neither")
-        levels = [_with_bounds(entry[key]) for key in ("median_difference", "q95")]
+        ends = entry["median_difference"], entry["quantile_differences"]["q95"]
+        levels = [_with_bounds(each) for each in ends]
         counts = [fixed(entry[key], 0) for key in ("a_better", "b_better")]
         gain = entry["pairing_gain"]
         counts.append(f"{significant(gain, 2)} times" if gain and gain >= 1.05 else "none")

@@ -7,8 +7,13 @@ from typing import Any
 
 from abhv_mc.flight.metrics import GAIN_MARGIN, SURFACE_USAGE
 from abhv_mc.report.pages.flights_view import mark_of
+from abhv_mc.topics.comparison import COMPARISON
+from abhv_mc.topics.comparison.sentences import asked_of
+from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.margins import MARGINS
 from abhv_mc.topics.margins.model import corners_unstable, least_margins
+from abhv_mc.topics.metrics import METRICS
+from abhv_mc.topics.names import Names
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
 from abhv_mc.topics.verdicts.model import GlanceCell, GlanceRow, Verdicts
@@ -125,30 +130,31 @@ def _bar_words(entry: GlanceRow, label: str, cell: GlanceCell) -> str:
     return f"{label}: median {median}, 5 to 95 % {low} to {high}{tolerance} {entry.unit}".strip()
 
 
-def cards(models: Models, numbers: Mapping[str, Any], colors: Mapping[str, str]) -> list[Card]:
+def cards(models: Models, colors: Mapping[str, str]) -> list[Card]:
     """A card for each controller."""
-    return [_card(models, numbers, name, colors[name]) for name in numbers["campaign"]["controllers"]]
+    return [_card(models, name, colors[name]) for name in models.names.controllers]
 
 
-def _card(models: Models, numbers: Mapping[str, Any], name: str, color: str) -> Card:
-    found, counts = numbers["findings"][name], numbers["flights"][name]
+def _card(models: Models, name: str, color: str) -> Card:
+    flights, table = models[FLIGHTS], models[METRICS].table
+    found, counts = flights.findings[name], flights.counts[name]
     margin, poor = _margin(models, name)
-    cycling = max((count or 0 for count in found["cycling"].values()), default=0)
+    cycling = max(found.cycling.values(), default=0)
     corners, steady = corners_unstable(models[MARGINS], name)
     notes = [
         f"unstable at {corners} of {steady} corners" if corners and margin != "unstable" else "",
-        f"{count_of(found['saturated'], found['flown'])} saturate" if found["saturated"] else "",
-        f"{count_of(cycling, found['flown'])} {'swing' if found['disturbed'] else 'cycle'}" if cycling else "",
-        f"{counts['not_computed']} not computed" if counts["not_computed"] else "",
+        f"{count_of(found.saturated, found.flown)} saturate" if found.saturated else "",
+        f"{count_of(cycling, found.flown)} {'swing' if found.disturbed else 'cycle'}" if cycling else "",
+        f"{counts.not_computed} not computed" if counts.not_computed else "",
     ]
     used = [
-        significant(numbers["metrics"][metric]["controllers"][name]["q50"]["value"], 2)
+        significant(table[metric].controllers[name].quantiles["q50"].value, 2)
         for metric in SURFACE_USAGE
-        if metric in numbers["metrics"]
+        if metric in table
     ]
     return Card(
-        name, numbers["campaign"]["labels"][name], color, met_words(models[VERDICTS], name),
-        f"{fixed(counts['failed'], 0)} of {fixed(counts['flown'], 0)} lost", margin, poor,
+        name, models.names.label(name), color, met_words(models[VERDICTS], name),
+        f"{fixed(counts.failed, 0)} of {fixed(counts.flown, 0)} lost", margin, poor,
         tuple(filter(None, notes)), f"{' / '.join(used)} deg" if len(used) == len(SURFACE_USAGE) else "",
     )  # fmt: skip
 
@@ -177,78 +183,78 @@ def _margin(models: Models, name: str) -> tuple[str, bool]:
     return ", ".join(parts), found.little
 
 
-def sentences(models: Models, numbers: Mapping[str, Any]) -> list[str]:
+def sentences(models: Models, baseline: bool = False) -> list[str]:
     """One for each of the two controllers that matter, the pair of them, and the third or how many more there are."""
-    first, *rivals = numbers["campaign"]["controllers"]
-    rivals = sorted(rivals, key=lambda name: _strength(models, numbers, name), reverse=True)
-    found = [_sentence(models, numbers, name) for name in (first, *rivals[: _SENTENCES - 1])]
-    found += [_pair_sentence(numbers, first, name) for name in rivals[: _SENTENCES - 1]]
+    first, *rivals = models.names.controllers
+    rivals = sorted(rivals, key=lambda name: _strength(models, name), reverse=True)
+    found = [_sentence(models, name) for name in (first, *rivals[: _SENTENCES - 1])]
+    found += [_pair_sentence(models, first, name) for name in rivals[: _SENTENCES - 1]]
     rest = rivals[_SENTENCES - 1 :]
-    if len(rest) == 1 and numbers.get("baseline") is None:
-        found.append(_sentence(models, numbers, rest[0]))
+    if len(rest) == 1 and not baseline:
+        found.append(_sentence(models, rest[0]))
     elif rest:
         found.append(f"{len(rest)} more below.")
     return [*filter(None, found)]
 
 
-def _pair_sentence(numbers: Mapping[str, Any], first: str, rival: str) -> str:
+def _pair_sentence(models: Models, first: str, rival: str) -> str:
     """'Flight by flight, TLC is better in 3 and worse in 2 of 5 metrics against LQR.'; '' where nothing tells."""
-    pair = numbers["paired"].get(f"{first} - {rival}")
-    if pair is None or not numbers["campaign"]["independent_flights"]:
+    pair, names = models[COMPARISON].pairs.get(f"{first} - {rival}"), models.names
+    if pair is None or not names.independent:
         return ""
-    labels = numbers["campaign"]["labels"]
-    found = _standing(pair, numbers["asked"])
-    who = "" if found.startswith("no difference") else f"{labels[first]} is "
-    return f"Flight by flight, {who}{found} against {labels[rival]}." if found else ""
+    entries = asked_of(pair, names).values()
+    winners = [(entry.winner, entry.mixed) for entry in entries]
+    found = _standing(winners, pair.a, pair.b)
+    who = "" if found.startswith("no difference") else f"{names.label(first)} is "
+    return f"Flight by flight, {who}{found} against {names.label(rival)}." if found else ""
 
 
-def _standing(pair: Mapping[str, Any], asked: Sequence[str]) -> str:
-    """'better in 3 and worse in 2 of 5 metrics'."""
-    entries = [pair["metrics"][metric] for metric in asked if metric in pair["metrics"]]
+def _standing(winners: Sequence[tuple[str | None, bool]], a: str, b: str) -> str:
+    """'better in 3 and worse in 2 of 5 metrics', from the winner of each and whether it is mixed."""
     counts = [
-        (sum(entry["winner"] == pair["a"] for entry in entries), "better"),
-        (sum(entry["winner"] == pair["b"] for entry in entries), "worse"),
-        (sum(entry["mixed"] for entry in entries), "undecided"),
+        (sum(winner == a for winner, _ in winners), "better"),
+        (sum(winner == b for winner, _ in winners), "worse"),
+        (sum(mixed for _, mixed in winners), "undecided"),
     ]
     words = joined([f"{word} in {count}" for count, word in counts if count])
-    of = f"{len(entries)} metric{'s' if len(entries) != 1 else ''}"
-    if not entries:
+    of = f"{len(winners)} metric{'s' if len(winners) != 1 else ''}"
+    if not winners:
         return ""
     return f"{words} of {of}" if words else f"no difference shown in {of}"
 
 
-def _strength(models: Models, numbers: Mapping[str, Any], name: str) -> tuple[int, int, bool]:
+def _strength(models: Models, name: str) -> tuple[int, int, bool]:
     """Verdicts passed, flights not lost, and whether it is stable."""
     passed = models[VERDICTS].statuses(name).count("PASS")
     margin = least_margins(models[MARGINS], name)
-    return passed, -numbers["flights"][name]["failed"], margin is None or margin.stable
+    return passed, -models[FLIGHTS].counts[name].failed, margin is None or margin.stable
 
 
-def _sentence(models: Models, numbers: Mapping[str, Any], name: str) -> str:
-    label, counts = numbers["campaign"]["labels"][name], numbers["flights"][name]
+def _sentence(models: Models, name: str) -> str:
+    counts = models[FLIGHTS].counts[name]
     found = models[VERDICTS].statuses(name)
     parts = []
     if found and "ESTIMATE" not in found:
-        parts.append(f"meets {found.count('PASS')} of {len(found)}{_usage_against_first(numbers, name)}")
-    if counts["failed"]:
-        parts.append(f"loses {fixed(counts['failed'], 0)} of {fixed(counts['flown'], 0)} flights")
+        parts.append(f"meets {found.count('PASS')} of {len(found)}{_usage_against_first(models, name)}")
+    if counts.failed:
+        parts.append(f"loses {fixed(counts.failed, 0)} of {fixed(counts.flown, 0)} flights")
     margin = least_margins(models[MARGINS], name)
     if margin is not None and not margin.stable:
         parts.append("is unstable in steady flight")
-    text = f"{label} {joined(parts or ['loses no flight'])}"
+    text = f"{models.names.label(name)} {joined(parts or ['loses no flight'])}"
     if margin is not None and margin.stable and margin.gain < GAIN_MARGIN.customary:
         text += f", with {fixed(margin.gain, 1)} dB of {margin.gain_loop} margin"
     return f"{text}."
 
 
-def _usage_against_first(numbers: Mapping[str, Any], name: str) -> str:
+def _usage_against_first(models: Models, name: str) -> str:
     """' at 0.34 times TLC's surface usage', of a rival of the first controller."""
-    first = numbers["campaign"]["controllers"][0]
-    pair = numbers["paired"].get(f"{first} - {name}")
-    ratios = [entry["usage_ratio"]["value"] for entry in (pair["usage"].values() if pair else ()) if entry]
-    if not ratios or not ratios[0] or abs(ratios[0] - 1.0) < _SAME_USAGE:
+    first = next(iter(models.names.controllers))
+    pair = models[COMPARISON].pairs.get(f"{first} - {name}")
+    ratios = [entry.usage_ratio.value for entry in (pair.usage.values() if pair else ()) if entry]
+    if not ratios or not ratios[0] or not math.isfinite(ratios[0]) or abs(ratios[0] - 1.0) < _SAME_USAGE:
         return ""
-    return f" at {significant(1.0 / ratios[0], 2)} times {numbers['campaign']['labels'][first]}'s surface usage"
+    return f" at {significant(1.0 / ratios[0], 2)} times {models.names.label(first)}'s surface usage"
 
 
 def confidence_line(verdicts: Verdicts, state: str) -> str:
@@ -273,15 +279,15 @@ def more_words(entries: Sequence[Any]) -> str:
     return f"{len(entries) - _ROWS} more below" if len(entries) > _ROWS else ""
 
 
-def baseline_line(numbers: Mapping[str, Any]) -> str:
+def baseline_line(held: Mapping[str, Any] | None, names: Names) -> str:
     """What changed against the baseline, of the first two controllers; '' without one."""
-    held = numbers.get("baseline")
     if held is None:
         return ""
     parts = []
     for pair in held["paired"][:_SENTENCES]:
-        failed = pair["any_failure"]
-        text = f"{numbers['campaign']['labels'][pair['controllers'][0]]} {_standing(pair, numbers['asked'])}"
+        failed, entries = pair["any_failure"], [pair["metrics"][m] for m in names.asked if m in pair["metrics"]]
+        standing = _standing([(entry["winner"], entry["mixed"]) for entry in entries], pair["a"], pair["b"])
+        text = f"{names.label(pair['controllers'][0])} {standing}"
         if failed["only_a"] or failed["only_b"]:
             text += f", newly failed {fixed(failed['only_a'], 0)}, no longer {fixed(failed['only_b'], 0)}"
         parts.append(text)

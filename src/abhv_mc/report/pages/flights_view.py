@@ -13,9 +13,9 @@ from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.results import Results, read_histories
 from abhv_mc.topics.failed_flights import requirement_failures, requirement_words
+from abhv_mc.topics.flights.worst import listed_worst
 from abhv_mc.topics.parameter_words import axis_unit, spoken_name
 from abhv_mc.topics.words import fixed
-from abhv_mc.topics.worst_flights import listed_worst
 
 MOST_FLIGHTS = 6000  # points of the view, of all controllers together
 LISTED = 100  # rows of the table

@@ -108,7 +108,7 @@ def _section(found: Convergence, _names: Names) -> Section:
     words = "How each statistic converged. `report.json` holds these curves for every metric and requirement."
     if all(len(part.flights) < 2 for part in found.controllers.values()):
         words = "Too few flights to show how the numbers settled."
-    return Section("How the numbers settled", (Text(words), Picture("convergence")))
+    return Section("How sure", (Text(words), Picture("convergence")))
 
 
 CONVERGENCE = Topic("convergence", Convergence, compute_convergence, _section, figures=_figures)

@@ -3,11 +3,11 @@
 from collections.abc import Iterator, Sequence
 
 from abhv_mc.statistics.estimates import Interval
-from abhv_mc.topics.drivers.model import ControllerDrivers, Driver, Drivers, Ends, MetricDrivers, otherwise_words
+from abhv_mc.topics.drivers.model import ControllerDrivers, Driver, Drivers, MetricDrivers, otherwise_words
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.parameter_words import parameter_doc, spoken_name
-from abhv_mc.topics.section import Bullets, Cell, Row, Section, Table, Text
-from abhv_mc.topics.words import bounds, estimate, joined, percent
+from abhv_mc.topics.section import Bullets, Cell, Row, Section, Table, Text, interval_cell
+from abhv_mc.topics.words import joined, percent
 
 _NAMED = 2  # drivers of an error in a sentence
 _LISTED = 4  # in the table
@@ -47,7 +47,7 @@ def driver_section(drivers: Drivers, names: Names) -> Section:
     )
     title = "What moves the errors"
     if not groups:
-        return Section(title, (Text("Too few flights, or nothing dispersed: no drivers can be told."),))
+        return Section(title, (Text("Too few flights, or nothing dispersed: no drivers can be told."),), part=True)
     rate = percent(drivers.false_discovery_rate, 1)
     method = (
         "Which dispersed parameters move each error: standardized rank regression coefficients (SRRC) and partial "
@@ -61,7 +61,8 @@ def driver_section(drivers: Drivers, names: Names) -> Section:
     )
     heads = ("Controller", "Error", "Explained", "Driver", "SRRC", "PRCC")
     sentences = Bullets(tuple(driver_sentences(drivers, names)))
-    return Section(title, (sentences, Text(method), Table("Drivers of the errors", heads, groups, caption)))
+    table = Table("Drivers of the errors", heads, groups, caption)
+    return Section(title, (sentences, Text(method), table), part=True)
 
 
 def _group(label: str, error: str, entry: MetricDrivers) -> Iterator[tuple[Row, ...]]:
@@ -80,12 +81,7 @@ def _driver_row(driver: Driver) -> Row:
     words = spoken_name(driver.parameter) + (", high or low" if driver.either_way else "")
     note = f"moves with {spoken_name(driver.moves_with)}" if driver.moves_with else ""
     name = Cell(words, note, hint=f"{driver.parameter}: {parameter_doc(driver.parameter)}")
-    return name, _interval(driver.srrc), _interval(driver.prcc)
-
-
-def _interval(ends: Ends) -> Cell:
-    interval = Interval(*ends)
-    return Cell(estimate(interval), bounds(interval))
+    return name, interval_cell(Interval(*driver.srrc)), interval_cell(Interval(*driver.prcc))
 
 
 def _otherwise(entry: MetricDrivers) -> str:

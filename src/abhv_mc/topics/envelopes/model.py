@@ -69,5 +69,5 @@ def envelope_section(found: Envelopes, _names: Names) -> Section:
     what = "The channels over the flights"
     if campaign.figures == "paper":
         what = "The paper's Figures 2 to 11 (Zhu and Shen 2014), here over the flights"
-    words = f"{what}, then the distributions of the metrics. They lie beside this page in `figures/`, fit for print."
+    words = f"{what}. They lie beside this page in `figures/`, fit for print."
     return Section("Bands over time", (*items, Widget("bands"), Heading("Figures"), Text(words), Gallery()))

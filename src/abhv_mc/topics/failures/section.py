@@ -10,6 +10,7 @@ from abhv_mc.topics.parameter_words import shown_value, spoken_name
 from abhv_mc.topics.section import Bullets, Cell, Heading, Item, Row, Section, Table, Text
 from abhv_mc.topics.words import count_of, fixed, joined, percent
 
+TITLE = "Why flights fail"
 _LISTED = 5  # rules of a kind
 
 
@@ -23,7 +24,8 @@ def failure_section(failures: Failures, names: Names) -> Section:
         "median (least to largest). Each again: "
         + ", ".join(f"`abhv-mc replay {names.folder} --controller {name} --flight NUMBER`" for name in failures.map)
     )
-    return Section("What each failed flight takes to fail", (text, map_table(failures.map, names)))
+    items = Heading("What each failed flight takes to fail"), text, map_table(failures.map, names)
+    return Section(TITLE, items)
 
 
 def map_table(found: Mapping[str, ControllerFailures], names: Names) -> Table:
@@ -78,7 +80,7 @@ def _rules_section(failures: Failures, names: Names) -> Section:
             sentences = [words for kind in kinds for words in _sentences(kind, failures.fewest_failures)]
             items += [Heading(names.label(name)), Bullets(tuple(sentences))]
     if not items:
-        return Section("Where failures live", (Text("No flight failed."),))
+        return Section(TITLE, (Text("No flight failed."),))
     command = (
         f"`abhv-mc explain {names.folder} --all` finds for the failed flights the smallest sets of dispersions that "
     )
@@ -87,7 +89,7 @@ def _rules_section(failures: Failures, names: Names) -> Section:
         f"Rules of one parameter or two at deciles of the samples, tested exactly, at a false-discovery rate of {rate}"
     )
     notes = Text(f"{command}with which they still fail; this page then shows them."), Text(f"{note}.")
-    return Section("Where failures live", (*items, *notes))
+    return Section(TITLE, (*items, *notes))
 
 
 def _sentences(kind: FailureKind, fewest: int) -> list[str]:

@@ -192,7 +192,7 @@ const flightsView = (data, numbers, style) => {
       draw();
     });
   }
-  at("flights").hidden = false;
+  at("flights-view").hidden = false;
   draw();
   at("scatter").on("plotly_click", (event) => show(event.points[0].customdata));
   at("scatter").on("plotly_selected", (event) => {
@@ -208,7 +208,7 @@ const flightsView = (data, numbers, style) => {
       at("scatter").scrollIntoView({ block: "center" });
     });
   }
-  for (const table of document.querySelectorAll("#worst tbody")) oneStop(table)();
+  for (const table of document.querySelectorAll("#flights details tbody")) oneStop(table)();
   // Other places of the page name flights: data-show="controller flight".
   for (const link of document.querySelectorAll("[data-show]")) {
     link.addEventListener("click", () => {

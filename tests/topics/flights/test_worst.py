@@ -13,37 +13,41 @@ from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.results import read_results
-from abhv_mc.report.numbers.report_numbers import make_numbers
-from abhv_mc.report.numbers.tables import worst_tables
+from abhv_mc.topics.flights import FLIGHTS
+from abhv_mc.topics.flights.worst import worst_flights
 from abhv_mc.topics.topic import Models
-from abhv_mc.topics.worst_flights import worst_numbers
 
 
 def test_worst_flights_have_their_three_largest_dispersions_in_sigma(tmp_path):
     """All of them stood in one narrow cell: 24 in a campaign with so many."""
-    numbers = make_numbers(Models(read_results(write_campaign(tmp_path / "c", runs=30))))
+    models = Models(read_results(write_campaign(tmp_path / "c", runs=30)))
     widths = {"atmosphere.density": 0.1, "aero.lift": 0.1, "aero.drag": 0.15}
-    samples = read_results(tmp_path / "c").samples
-    for entry in (entry for flights in numbers["worst"].values() for entry in flights):
-        told = entry["largest"]
-        assert len(told) <= 3 and [abs(e["sigma"]) for e in told] == sorted(
-            (abs(e["sigma"]) for e in told), reverse=True
-        )
-        for each in told:
-            column = samples[each["parameter"]]
-            assert each["sigma"] == pytest.approx((each["value"] - column.mean()) / column.std())
-            assert abs(each["value"] - 1.0) <= widths[each["parameter"]]
-    (row, *_) = worst_tables(numbers, "x")[0]["rows"]
-    assert row["samples"].count(" sigma)") == 3
+    samples = models.results.samples
+    for entry in (entry for flights in models[FLIGHTS].worst.values() for entry in flights):
+        sigmas = [abs(each.sigma) for each in entry.largest]
+        assert len(sigmas) <= 3 and sigmas == sorted(sigmas, reverse=True)
+        for each in entry.largest:
+            column = samples[each.parameter]
+            assert each.sigma == pytest.approx((each.value - column.mean()) / column.std())
+            assert abs(each.value - 1.0) <= widths[each.parameter]
+    table = next(table for table in models.section(FLIGHTS).tables() if table.title.startswith("Worst"))
+    assert table.plain_rows()[0][-1].count(" sigma)") == 3
+
+
+def test_worst_flights_begin_with_those_that_ended_early(failing):
+    worst = worst_flights(failing)
+    assert [entry.outcome for entry in worst["lqr"]] == ["sideslip_limit"] * 12 + ["ok"] * 8
+    beyond = [entry.beyond for entry in worst["tlc"]]
+    assert beyond == sorted(beyond, reverse=True)
 
 
 def test_the_flights_that_are_listed_are_those_with_histories(tmp_path):
     keep = "{histories: {flights: [every 40], rate: 10 Hz}, envelopes: {rate: 5 Hz}}"
     run_campaign(Request(write_fake(tmp_path / "f", keep=keep), tmp_path / "out"), ENGINE)
-    listed = worst_numbers(read_results(tmp_path / "out"))
+    listed = worst_flights(read_results(tmp_path / "out"))
     for entries in listed.values():
-        assert sorted(entry["flight"] for entry in entries) == list(range(0, 300, 40))
-        beyond = [entry["beyond"] for entry in entries if entry["outcome"] == "ok"]
+        assert sorted(entry.flight for entry in entries) == list(range(0, 300, 40))
+        beyond = [entry.beyond for entry in entries if entry.outcome == "ok"]
         assert beyond == sorted(beyond, reverse=True)
 
 
@@ -58,8 +62,9 @@ def test_a_settled_error_of_a_flight_lost_before_anything_settled_is_none(tmp_pa
 
     def found(outcome):
         each = replace(flights, metrics={**flights.metrics, metric: values}, outcome=np.full(values.size, outcome))
-        (entries, *_) = worst_numbers(replace(results, flights={"tlc": each})).values()
-        return {(entry["flight"] % 2, entry["metrics"][metric]) for entry in entries}
+        (entries, *_) = worst_flights(replace(results, flights={"tlc": each})).values()
+        return {(entry.flight % 2, entry.metrics[metric]) for entry in entries}
 
     assert found(Outcome.OK) <= {(0, 1.5), (1, 0.0)}
-    assert found(Outcome.BANK_LIMIT) == {(0, 1.5), (1, None)}
+    lost = found(Outcome.BANK_LIMIT)
+    assert (0, 1.5) in lost and {number % 2 for number, value in lost if np.isnan(value)} == {1}

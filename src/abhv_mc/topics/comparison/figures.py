@@ -1,0 +1,78 @@
+"""What tracking costs in control."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from abhv_mc.array_types import Floats
+from abhv_mc.flight.metrics import SURFACE_USAGE
+from abhv_mc.topics.comparison.model import Comparison, total_usage
+from abhv_mc.topics.figure_style import MARKERS, controller_colors, legend_below, log_if_wide, new_panels, styled
+from abhv_mc.topics.names import Names
+from abhv_mc.topics.section import FigureText
+
+_MOST_POINTS = 1000  # of a controller in a scatter plot
+_MOST_TRADES = 3
+
+
+def comparison_figures(found: Comparison, names: Names) -> Iterator[tuple[FigureText, Figure]]:
+    """Tracking errors that stand first, against usage."""
+    results, records = found.source, names.metrics
+    errors = [metric for metric in names.asked if records[metric].group == "tracking"][:_MOST_TRADES]
+    if not results or not errors or not set(SURFACE_USAGE) <= set(results.metrics):
+        return
+    flights = {name: results.flights[name] for name in names.controllers}
+    flown = {name: ~table.failed for name, table in flights.items()}
+    usage = {name: total_usage(table.metrics)[flown[name]] for name, table in flights.items()}
+    trades = [
+        Trade(records[m].label_with_unit, {name: table.metrics[m][flown[name]] for name, table in flights.items()})
+        for m in errors
+    ]
+    text = FigureText(
+        "error_against_usage",
+        "Tracking error against control usage",
+        "Each small mark is one flight, each large one a controller's median. Usage is the root of the summed squares "
+        "of the rms deflections of aileron, rudder and elevator from their trim. Lower is better at equal usage.",
+    )
+    colors = controller_colors(tuple(names.controllers))
+    yield text, plot_error_against_usage(usage, trades, "surface usage, rms (deg)", names.controllers, colors)
+
+
+@dataclass(frozen=True)
+class Trade:
+    """One tracking error of every controller."""
+
+    label: str
+    errors: Mapping[str, Floats]  # controller -> [flight]
+
+
+@styled
+def plot_error_against_usage(
+    usage: Mapping[str, Floats],
+    trades: Sequence[Trade],
+    usage_label: str,
+    labels: Mapping[str, str],
+    colors: Mapping[str, str],
+) -> Figure:
+    """Each flight as a point: how far it strayed against how much it moved its surfaces; medians marked large."""
+    figure, grid = new_panels(len(trades), len(trades), 2.0, top=0.12, sharex=True)
+    for axes, trade in zip(grid[0], trades, strict=True):
+        for i, (name, errors) in enumerate(trade.errors.items()):
+            x, y = usage[name], errors
+            keep = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+            if not keep.size:
+                continue
+            marker = MARKERS[i % len(MARKERS)]
+            few = keep[:: max(1, keep.size // _MOST_POINTS)]
+            small = {"markersize": 1.6, "alpha": 0.35, "markeredgewidth": 0, "rasterized": True}
+            large = {"markersize": 7, "markeredgecolor": "white", "label": labels[name], "zorder": 5}
+            axes.plot(x[few], y[few], marker, color=colors[name], **small)
+            axes.plot(np.median(x[keep]), np.median(y[keep]), marker, color=colors[name], **large)
+        if not log_if_wide(axes, "y", list(trade.errors.values())):
+            axes.set_ylim(bottom=0.0)
+        axes.set_xlabel(usage_label)
+        axes.set_ylabel(trade.label)
+    legend_below(figure, grid[0, 0])
+    return figure

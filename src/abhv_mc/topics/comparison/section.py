@@ -1,0 +1,119 @@
+"""Which controller, and by how much: medians, differences, and what each pair shows."""
+
+from collections.abc import Iterator
+
+from abhv_mc.topics.comparison.model import Comparison, ControllerPair, ListedFailures
+from abhv_mc.topics.comparison.sentences import comparison_sentences
+from abhv_mc.topics.failed_flights import requirement_words
+from abhv_mc.topics.names import Names
+from abhv_mc.topics.section import Bullets, Cell, Fold, Item, Picture, Row, Section, Table, Text, interval_cell
+from abhv_mc.topics.words import count_of, fixed, p_value, percent, significant
+
+_DASH = "\N{EM DASH}"
+_BETTER = (
+    "Medians, and the median of the flight-by-flight difference with its 95 % interval. Better: significant after "
+    "correction for multiple comparisons (5 % over all rows and rivals, at any number of flights), and no worse in the "
+    "tails or in lost flights."
+)
+
+
+def comparison_section(found: Comparison, names: Names) -> Section | None:
+    """The metrics that stand first and the control usage, then each pair; None without a rival."""
+    if not found.pairs:
+        return None
+    first = names.label(next(iter(names.controllers)))
+    heads = ("Metric", "Controller", "Median", f"{first} minus this", "Better")
+    pairs = [
+        Fold(f"{names.label(pair.a)} against {names.label(pair.b)}", tuple(_pair_items(pair, names)))
+        for pair in found.pairs.values()
+    ]
+    asked, usage = (
+        tuple(tuple(_metric_rows(found, m, names)) for m in found.compared if (m in names.asked) == first_ones)
+        for first_ones in (True, False)
+    )
+    items = (
+        Bullets(tuple(comparison_sentences(found, names))),
+        Text(_BETTER),
+        Table("Who wins, by how much", heads, asked),
+        Fold("Control usage, by how much", (Table("Control usage, by how much", heads, usage),)),
+        Picture("error_against_usage"),
+    )
+    return Section("Which controller, and by how much", (*items, *pairs))
+
+
+def _metric_rows(found: Comparison, metric: str, names: Names) -> Iterator[Row]:
+    first = next(iter(names.controllers))
+    head = Cell(names.metrics[metric].label_with_unit, rows=len(names.controllers), head=True)
+    for name, label in names.controllers.items():
+        pair = found.pairs.get(f"{first} - {name}")
+        cells: Row = (Cell(label, head=True), Cell(interval_cell(found.medians[metric][name]).text))
+        if pair is None:
+            cells = (*cells, Cell(""), Cell(""))
+        else:
+            entry = pair.metrics[metric]
+            winner = "mixed" if entry.mixed else names.label(entry.winner) if entry.winner else "neither"
+            cells = (*cells, interval_cell(entry.median_difference), Cell(winner))
+        yield (head, *cells) if name == first else cells
+
+
+def _pair_items(pair: ControllerPair, names: Names) -> Iterator[Item]:
+    a, b = names.label(pair.a), names.label(pair.b)
+    usage = tuple(
+        (
+            Cell(names.metrics[metric].label, head=True),
+            interval_cell(each.error_ratio),
+            interval_cell(each.usage_ratio),
+            *(
+                Cell(percent(count / each.pairs, 2))
+                for count in (each.less_error_less_usage, each.less_error_more_usage,
+                              each.more_error_less_usage, each.more_error_more_usage)
+            ),
+        )
+        for metric, each in pair.usage.items()
+        if each
+    )  # fmt: skip
+    if usage:
+        yield Table(
+            f"Tracking error against control usage, {a} against {b}",
+            ("Error", "Error ratio", "Usage ratio", f"{a}: less error, no more usage", "less error, more usage",
+             "more error, no more usage", "more error, more usage"),
+            (usage,),
+            f"Tracking error against control usage: median ratios {a} to {b} with 95 % intervals, and shares of the "
+            "flights",
+        )  # fmt: skip
+    compared = [(metric, entry) for metric, entry in pair.metrics.items() if entry.compared or metric in names.asked]
+    levels = tuple(
+        (
+            Cell(names.metrics[metric].label_with_unit, head=True),
+            *map(interval_cell, entry.quantile_differences.values()),
+            Cell(count_of(entry.a_better, pair.pairs)),
+            Cell(f"{significant(gain, 2)} times" if (gain := entry.pairing_gain) and gain >= 1.05 else "none"),
+        )
+        for metric, entry in compared
+    )
+    yield Table(
+        f"Quantile differences, {a} minus {b}",
+        ("Metric", "Median", "95 %", "99.73 %", f"{a} better in", "Pairing gain"),
+        (levels,),
+        f"Quantiles of {a} minus quantiles of {b}, with 95 % intervals, open where so few flights bound nothing. "
+        "Pairing gain: an unpaired comparison of the means would need this many times the flights",
+    )
+    words = [requirement_words(item, names.metrics) for item in names.requirements]
+    missed = zip([*words, "Reached the end of the mission"], [*pair.requirements, pair.ended_early], strict=True)
+    yield Table(
+        f"Failures of one controller only, {a} against {b}",
+        ("Requirement", "Both failed", f"Only {a}", f"Only {b}", "Neither", "p-value",
+         f"Flights, only {a}", f"Flights, only {b}"),
+        (tuple(_failure_row(words, each) for words, each in missed),),
+        "Failures on the same flights, with the exact test of McNemar",
+    )  # fmt: skip
+
+
+def _failure_row(label: str, found: ListedFailures) -> Row:
+    def flights(listed: tuple[int, ...], count: int) -> str:
+        more = "" if count == len(listed) else ", \N{HORIZONTAL ELLIPSIS}"
+        return ", ".join(map(str, listed)) + more if listed else _DASH
+
+    counts = (fixed(count, 0) for count in (found.both, found.only_a, found.only_b, found.neither))
+    only = flights(found.flights_only_a, found.only_a), flights(found.flights_only_b, found.only_b)
+    return (Cell(label, head=True), *map(Cell, (*counts, p_value(found.p_value), *only)))

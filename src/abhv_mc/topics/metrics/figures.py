@@ -1,0 +1,84 @@
+"""How the metrics of the controllers are spread."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import PercentFormatter
+
+from abhv_mc.array_types import Floats
+from abhv_mc.folder.results import Results
+from abhv_mc.topics.figure_style import (
+    INK,
+    controller_colors,
+    distribution_steps,
+    legend_below,
+    log_if_wide,
+    new_panels,
+    styled,
+)
+from abhv_mc.topics.metrics.model import Metrics
+from abhv_mc.topics.names import Names
+from abhv_mc.topics.section import FigureText
+
+
+@dataclass(frozen=True)
+class Spread:
+    """One metric of every controller."""
+
+    label: str
+    values: Mapping[str, Floats]  # controller -> [flight]; infinite where the flight failed
+    limits: Sequence[float] = field(default=())  # of requirements
+
+
+@styled
+def plot_distributions(spreads: Sequence[Spread], labels: Mapping[str, str], colors: Mapping[str, str]) -> Figure:
+    """Share of flights at or below each value, one panel a metric, one line a controller."""
+    columns = 3 if len(spreads) > 4 else 2
+    figure, grid = new_panels(len(spreads), columns, 1.2, between=(0.25, 0.55), top=0.12, sharey=True)
+    dashes = ("-", (0, (5, 1.5)), (0, (1.5, 1)), (0, (5, 1, 1, 1)))
+    for axes, spread in zip(grid.flat, spreads, strict=False):
+        for i, (name, values) in enumerate(spread.values.items()):
+            look = {"color": colors[name], "linestyle": dashes[i % 4], "label": labels[name]}
+            axes.step(*distribution_steps(values), where="post", **look)
+        if log_if_wide(axes, "x", list(spread.values.values())):
+            finite = np.concatenate(list(spread.values.values()))
+            axes.set_xlim(left=0.5 * float(np.quantile(finite[np.isfinite(finite)], 0.02)))
+        far = []
+        for limit in spread.limits:
+            low, high = axes.get_xlim()
+            if low - 0.5 * (high - low) <= limit <= high + 0.5 * (high - low):
+                axes.axvline(limit, color=INK, linewidth=0.8, linestyle=(0, (1, 1)), label="required limit")
+            else:
+                far.append(f"limit {limit:g} {'right' if limit > high else 'left'} of here")
+        axes.set_xlabel("\n".join([spread.label, *far]))
+        axes.set_ylim(-0.02, 1.02)
+        axes.yaxis.set_major_formatter(PercentFormatter(1.0))
+    for row in grid:
+        row[0].set_ylabel("share of flights")
+    legend_below(figure, *grid.flat)
+    return figure
+
+
+_TEXT = FigureText(
+    "distribution_asked",
+    "What is asked, over the flights",
+    "Share of flights at or below each value. A curve that ends below 100 % had flights that ended early; where small "
+    "values are bad, one that begins above 0 %.",
+)
+
+
+def metric_figures(found: Metrics, names: Names) -> Iterator[tuple[FigureText, Figure]]:
+    """The distributions of the metrics that stand first."""
+    if names.asked and found.source:
+        spreads = [_spread(found.source, metric) for metric in names.asked]
+        yield _TEXT, plot_distributions(spreads, names.controllers, controller_colors(tuple(names.controllers)))
+
+
+def _spread(results: Results, metric: str) -> Spread:
+    record = results.campaign.metrics[metric]
+    lost = -np.inf if record.bad == "low" else np.inf
+    flown = {name: results.flights[name] for name in results.controllers}
+    values = {name: np.where(flights.failed, lost, flights.metrics[metric]) for name, flights in flown.items()}
+    return Spread(record.label_with_unit, values, results.campaign.limits_of(metric))

@@ -1,0 +1,97 @@
+"""How a campaign is flown again: what was asked, which program and machine flew it, and its bytes."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+from abhv_mc.folder.results import Results
+from abhv_mc.topics.labels import full_labels
+from abhv_mc.topics.names import Names
+from abhv_mc.topics.plain import DRAWN
+from abhv_mc.topics.section import Cell, Fold, Section, Table, Text
+from abhv_mc.topics.topic import Topic
+from abhv_mc.topics.words import significant
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """What the campaign is called and asks, and where its numbers come from."""
+
+    name: str
+    question: str
+    runs: int
+    seed: int
+    sampling: str
+    controllers: tuple[str, ...]
+    labels: Mapping[str, str]
+    stops_when_proven: bool
+    pooled_seeds: tuple[int, ...]  # of the flights that a merge joined
+    independent_flights: bool
+    digests: Mapping[str, str]  # by controller
+    manifest: Mapping[str, str] = field(metadata={DRAWN: True})  # the rest of it, in words
+    files: Mapping[str, str] = field(metadata={DRAWN: True})  # SHA-256 by path
+
+
+def compute_provenance(results: Results) -> Provenance:
+    """What the campaign file and the manifest say."""
+    campaign, manifest = results.campaign, results.manifest
+    return Provenance(
+        **{key: getattr(campaign, key) for key in ("name", "question", "runs", "seed", "sampling")},
+        controllers=results.controllers,
+        labels=full_labels(results.folder, results.controllers),
+        stops_when_proven=campaign.stops_when_proven,
+        pooled_seeds=campaign.pooled_seeds,
+        independent_flights=campaign.independent,
+        digests=manifest.get("digests") or {},
+        manifest=dict(_rows(manifest)),
+        files=manifest.get("files") or {},
+    )
+
+
+_TOLD_ELSEWHERE = ("controllers", "requirements", "requirements_shown", "files", "inputs")
+
+
+def _rows(manifest: Mapping[str, object]) -> Iterator[tuple[str, str]]:
+    """What the manifest says, flat, as pairs of words."""
+    for key, value in manifest.items():
+        if key in _TOLD_ELSEWHERE:
+            continue
+        label = "question hash" if key == "question" else key.replace("_", " ")
+        if isinstance(value, dict):
+            yield from ((f"{label}: {inner.replace('_', ' ')}", _words(item)) for inner, item in value.items())
+        else:
+            yield label, _words(value)
+
+
+def _words(value: object) -> str:
+    if isinstance(value, float):
+        return significant(value, 4)
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_words(item)}" for key, item in value.items())
+    if isinstance(value, list | tuple):
+        return " ".join(map(_words, value)) or "none"
+    return "\N{EM DASH}" if value is None else str(value)
+
+
+def _section(found: Provenance, names: Names) -> Section:
+    text = (
+        f"To fly it again: `abhv-mc run {names.folder}/campaign.yaml -o ANOTHER_FOLDER`; the digest below must come "
+        f"out the same. To make this page again: `abhv-mc report {names.folder}`. To check every number on it against "
+        f"the data: `abhv-mc verify campaign {names.folder}`. `report.json` beside this page holds every number "
+        "unrounded."
+    )
+    made, files = (
+        tuple((Cell(key, head=True), Cell(value)) for key, value in rows.items())
+        for rows in (found.manifest, found.files)
+    )
+    return Section(
+        "How to fly it again",
+        (
+            Text(text),
+            Fold("Provenance", (Table("Provenance", ("What", "Value"), (made,), numbers=False),)),
+            Fold("Files and their SHA-256", (Table("Files and their hashes", ("File", "SHA-256"), (files,),
+                                                   "Files of the campaign", numbers=False),)),
+        ),
+    )  # fmt: skip
+
+
+PROVENANCE = Topic("provenance", Provenance, compute_provenance, _section)

@@ -1,0 +1,75 @@
+"""The answer in sentences: who is better, against the strongest rival first."""
+
+from dataclasses import replace
+
+import pytest
+
+from abhv_mc.topics.comparison import COMPARISON
+from abhv_mc.topics.comparison.sentences import comparison_sentences
+from abhv_mc.topics.metrics import METRICS
+from abhv_mc.topics.topic import Models
+from abhv_mc.topics.words import significant
+
+
+@pytest.fixture(scope="module")
+def models(tmp_path_factory):
+    from report.synthetic import write_campaign
+
+    from abhv_mc.folder.results import read_results
+
+    return Models(read_results(write_campaign(tmp_path_factory.mktemp("answer") / "c", runs=80)))
+
+
+def said(models, changes):
+    """The sentences where metrics of pairs are other ones: pair -> metric -> fields."""
+    found = models[COMPARISON]
+    pairs = {
+        name: replace(
+            pair, metrics={m: replace(e, **changes.get(name, {}).get(m, {})) for m, e in pair.metrics.items()}
+        )
+        for name, pair in found.pairs.items()
+    }
+    return comparison_sentences(replace(found, pairs=pairs), models.names)
+
+
+def test_the_first_sentence_says_who_wins_and_at_what_usage(models):
+    first = next(text for text in said(models, {}) if "gainst LQR, on" in text)
+    cells = models[METRICS].table["speed_error_max_mps"].controllers
+    worst = " and ".join(significant(cells[name].worst) for name in ("tlc", "lqr"))
+    assert "TLC is better on more flights in max speed error (closer on" in first
+    assert f"; worst {worst} m/s)" in first
+    assert "no difference is shown in max altitude error" in first
+    usage = "TLC uses 10\u202f% more aileron, 10\u202f% more elevator and 10\u202f% more rudder"
+    assert f"{usage} (rms, median of the flights' ratios)" in first
+    assert said(models, {})[0].startswith("TLC is better: against LQR")
+
+
+def test_tails_and_lost_flights_that_contradict_the_median_make_no_winner(models):
+    contradicted = {"winner": None, "mixed": True, "closer": "tlc", "loses_more": True}
+    first = said(models, {key: {"sideslip_max_deg": contradicted} for key in models[COMPARISON].pairs})[0]
+    assert first.startswith("Mixed: ")
+    assert "undecided in max sideslip (TLC is closer on more flights but has more flights lost)" in first
+    assert "no difference is shown in max altitude error" in first
+
+
+def test_the_strongest_rival_comes_first(models):
+    """The page began with the weakest rival: 'TLC is better', where a tuned LQR beats it in some errors."""
+    won = {key: {"winner": "lqr_retuned", "mixed": False} for key in ("sideslip_max_deg", "speed_error_max_mps")}
+    sentences = said(models, {"tlc - lqr_retuned": won})
+    assert sentences[0].startswith("Mixed: against LQR retuned") and "worse on more flights in" in sentences[0]
+    assert any(text.startswith("Against LQR, on the same") for text in sentences[1:])
+
+
+def test_of_rivals_that_stand_alike_the_one_that_fails_less_comes_first(models):
+    """The default campaign began with an unstable LQR where a sound one stood as well against TLC."""
+    found = models[COMPARISON]
+    alike = {m: {"winner": "tlc" if m == "sideslip_max_deg" else None, "mixed": False} for m in models.names.asked}
+    pairs = {
+        name: replace(
+            pair, requirements=tuple(replace(e, both=40 * (pair.b == "lqr"), only_b=0) for e in pair.requirements)
+        )
+        for name, pair in found.pairs.items()
+    }
+    held = Models(models.results)
+    held._held[COMPARISON.name] = replace(found, pairs=pairs)
+    assert said(held, dict.fromkeys(pairs, alike))[0].startswith("TLC is better: against LQR retuned")
