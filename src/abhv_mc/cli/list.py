@@ -92,17 +92,20 @@ def schemas(
     kind: Annotated[str | None, typer.Argument(metavar="[KIND]", help="Print the schema of this kind of file.")] = None,
     json: Json = None,
 ) -> None:
-    """List the kinds of input file, or print the JSON Schema of one of them, for editors."""
+    """List the kinds of input file and the report, or print the JSON Schema of one of them."""
+    from functools import partial
+
     from abhv_mc.campaign.file.kinds import MODELS
     from abhv_mc.campaign.file.schema import make_schema
+    from abhv_mc.topics.report_schema import report_schema
 
+    known = {name: partial(make_schema, name) for name in MODELS} | {"report": report_schema}
     if kind is None:
-        rows = [{"name": name, "doc": f"JSON Schema of a {name} file"} for name in MODELS]
-        _show_records(rows, json)
+        _show_records([{"name": name, "doc": f"JSON Schema of a {name} file"} for name in known], json)
         return
-    if kind not in MODELS:
-        raise InputError("list schemas", f"'{kind}'", one_of(MODELS, kind))
-    show(make_schema(kind), json or Path("-"), lambda: None)
+    if kind not in known:
+        raise InputError("list schemas", f"'{kind}'", one_of(known, kind))
+    show(known[kind](), json or Path("-"), lambda: None)
 
 
 def _show_records(records: list[dict[str, Any]], json: Path | None) -> None:

@@ -45,7 +45,7 @@ class Flights:
     """The flights of each controller."""
 
     parameters: tuple[str, ...]  # that were dispersed
-    dispersions: Mapping[str, Mapping[str, str | float]]  # as the campaign writes them
+    dispersions: Mapping[str, Mapping[str, object]]  # as the campaign writes them
     counts: Mapping[str, FlightCounts]
     left_out: Mapping[str, int]  # controllers of which the machine computed none, with their flights
     findings: Mapping[str, Findings]

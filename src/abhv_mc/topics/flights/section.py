@@ -63,7 +63,7 @@ def _flown(found: Flights, campaign: Experiment, names: Names) -> str:
     )
 
 
-def _dispersion(name: str, entry: dict[str, str | float]) -> Row:
+def _dispersion(name: str, entry: dict[str, object]) -> Row:
     law = str(entry.pop("distribution", "")).replace("_", " ")
     settings = ", ".join(f"{key.replace('_', ' ')} {value}" for key, value in entry.items())
     return Cell(f"`{name}`", head=True), Cell(parameter_doc(name)), Cell(law), Cell(settings)
