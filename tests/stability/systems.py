@@ -12,8 +12,9 @@ from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.stability.analysis import analyse
 from abhv_mc.stability.disturbed import fly_disturbed
-from abhv_mc.stability.linearize import PLANT_STATES, closed_loop, linearize, memory_count
+from abhv_mc.stability.linearize import PLANT_STATES, closed_loop, linearize
 from abhv_mc.stability.points import flown_points
+from abhv_mc.stability.probe import law_memory_rows
 from abhv_mc.stability.steady import make_steady_plan, trim_points
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 
@@ -76,7 +77,7 @@ CHANGE = {
 def assert_predicted(plan, dispersions, first, ticks, every=1):
     """The product of the ticks' linear maps against a full flight from the kept state, 0.2 % of each state's swing."""
     delay = round(dispersions[0, PARAMETER_INDEX["sensor.delay"]] / plan.timing.tick)
-    change = np.zeros(18 + memory_count(plan))
+    change = np.zeros(18 + len(law_memory_rows(plan)))
     change[[PLANT_STATES.index(name) for name in CHANGE]] = list(CHANGE.values())
     flown = fly_disturbed(plan, dispersions, first, change, ticks)
     flown -= fly_disturbed(plan, dispersions, first, 0.0 * change, ticks)

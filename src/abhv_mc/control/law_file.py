@@ -14,6 +14,7 @@ from abhv_mc.io.units import Frequency, parse_any, parse_in_unit, parse_unit
 
 Rate = Annotated[Frequency, Field(gt=0.0)]
 _RATE = "control ticks per second"
+_PERIOD = "control ticks after which the law does the same again, for margins: checked; 0 has them found"
 _FILES = "data and modules beside the law that it reads: names, patterns such as tables/*.csv, folders"
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
@@ -33,6 +34,7 @@ class PythonController(ControllerModel):
     file: File = Field(description="the law, see abhv_mc.extend")
     files: tuple[str, ...] = Field((), description=_FILES)
     rate: Rate = Field(100.0, description=_RATE)
+    period: Annotated[int, Field(ge=0, le=100)] = Field(0, description=_PERIOD)
     settings: dict[str, Any] = Field({}, description="of the file's class Settings; with units where the file says so")
     commands: dict[str, Any] = Field(
         {}, description="of the file's class Commands: a value, or values from times on, as {0 s: 100 m, 5 s: 130 m}"
@@ -54,6 +56,7 @@ class CController(ControllerModel):
     design: File | None = Field(None, description="gains: a Python file with design(), or a CSV file over time")
     files: tuple[str, ...] = Field((), description=_FILES)
     rate: Rate = Field(100.0, description=_RATE)
+    period: Annotated[int, Field(ge=0, le=100)] = Field(0, description=_PERIOD)
     settings: dict[str, Any] = Field(
         {}, description="numbers or lists of numbers, with units: the struct abhv_settings"
     )
@@ -102,6 +105,7 @@ class FmuController(ControllerModel):
     design: File | None = Field(None, description="gains: a Python file with design(), or a CSV file over time")
     files: tuple[str, ...] = Field((), description=_FILES)
     rate: Rate = Field(100.0, description=_RATE)
+    period: Annotated[int, Field(ge=0, le=100)] = Field(0, description=_PERIOD)
 
     @model_validator(mode="after")
     def _check(self) -> "FmuController":

@@ -83,6 +83,7 @@ class FlightPlan:
     gain_names: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))  # of a user law
     declared: NDArray[np.str_] = field(default_factory=NO_METRICS.copy)  # metrics of a campaign, as pack_metrics gives
     user_sources: NDArray[np.str_] = field(default_factory=NO_SOURCES.copy)  # [channel, 2] name and unit
+    period: int = 0  # ticks after which a user law says that it does the same again; 0 where it does not say
     source_hash: str = ""  # of its text, "" for the laws of the program
     channels_hash: str = ""  # of the text of user channels
     source: UserSource | None = field(default=None, metadata={"stored": False})  # its text: travels, is not stored

@@ -195,6 +195,7 @@ def make_plan(
         profile=mission.make_air(),
         warnings=np.array(warnings, dtype=np.str_),
         gain_names=np.array(names, dtype=np.str_),
+        period=controller.period if isinstance(controller, UserController) else 0,
         source_hash=user_code.law.source.hash if user_code else "",
         source=user_code.law.source if user_code else None,
         vehicle_code=find_code(vehicle),

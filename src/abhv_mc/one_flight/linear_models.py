@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
     from abhv_mc.flight.plan import FlightPlan
     from abhv_mc.stability.analysis import Stability, Time
-    from abhv_mc.stability.linearize import Linear, Points
+    from abhv_mc.stability.linearize import Linear
+    from abhv_mc.stability.slopes import Points
 
 _MARGIN_UNITS = {
     "gain_margin_low_db": "dB",
@@ -87,7 +88,8 @@ def take_point(
     from abhv_mc.control.mission import read_mission
     from abhv_mc.flight.prepare import prepare, read_law
     from abhv_mc.stability.nodes import near_nodes
-    from abhv_mc.stability.points import flown_points
+    from abhv_mc.stability.periods import find_period
+    from abhv_mc.stability.points import AT_LIMIT, flown_points
     from abhv_mc.stability.steady import make_steady_plan, trim_points
     from abhv_mc.user_code.vehicle_functions import load_vehicle
 
@@ -123,12 +125,14 @@ def take_point(
         if not 0.0 <= time <= plan.timing.duration:
             raise InputError("at", f"{time:g} s", f"a time of the mission, 0 to {plan.timing.duration:g} s")
         taken = flown_points(plan, parameters, time)
-        if taken.faults[0].startswith("the flight"):
-            raise InputError("at", f"{time:g} s: {taken.faults[0]}", f"a time at which {name} still flies")
+        if taken.faults[0] not in ("", AT_LIMIT):
+            expected = f"a time at which {name} still flies, and has slopes"
+            raise InputError("at", f"{time:g} s: {taken.faults[0]}", expected)
         if taken.faults[0]:
             warnings.append(f"{name} at {time:g} s: {taken.faults[0]}; what is linearized knows no limits")
     check_dispersed(plan, parameters)
     warnings += [f"{name}: {words}" for words in near_nodes(plan, taken.points)]
+    warnings += [f"{name}: linearized with {mode}, as small changes leave it" for mode in find_period(plan).modes]
     return Place(plan, taken.points, warnings)
 
 

@@ -16,6 +16,7 @@ def make_margin_plans(campaign: Experiment, plans: dict[str, FlightPlan]) -> dic
     from abhv_mc.control.controller_file import read_controller
     from abhv_mc.control.mission import read_mission
     from abhv_mc.flight.prepare import user_parts_of
+    from abhv_mc.stability.periods import find_period
     from abhv_mc.stability.steady import make_steady_plan
     from abhv_mc.user_code.vehicle_functions import load_vehicle
 
@@ -23,13 +24,13 @@ def make_margin_plans(campaign: Experiment, plans: dict[str, FlightPlan]) -> dic
     if vehicle.constants.surface_limit == 0.0 or vehicle.constants.equivalence_ratio_max == 0.0:
         found = "margins of a vehicle without control surfaces or engine"
         raise InputError(model.vehicle, found, "one with both")
-    laws = {name: read_controller(model.controllers[name]) for name in plans}
-    return {
-        name: add_margins(
-            plan, make_steady_plan(vehicle, mission, laws[name], name, user_code=user_parts_of(plan)), model.margins.at
-        )
-        for name, plan in plans.items()
-    }
+    made: dict[str, FlightPlan] = {}
+    for name, plan in plans.items():
+        law = read_controller(model.controllers[name])
+        steady = make_steady_plan(vehicle, mission, law, name, user_code=user_parts_of(plan))
+        find_period(steady)  # a law that has none is refused before anything flies
+        made[name] = add_margins(plan, steady, model.margins.at)
+    return made
 
 
 def count_metrics(plan: FlightPlan) -> int:

@@ -44,6 +44,7 @@ def read_plan(path: Path, vehicle: Vehicle) -> FlightPlan:
 
 def _rebuild_plan(stored: dict[str, np.ndarray], vehicle: Vehicle) -> FlightPlan:
     flat = {name: value for name, value in stored.items() if value.ndim == 0 or value.dtype.kind in "fU"}
+    flat.setdefault("period", np.array(0))  # of a folder from before laws had one
     for name, value in flatten(vehicle, "vehicle").items():
         if value.dtype.kind == "f":
             _check_shape(name, flat[name], value.shape)

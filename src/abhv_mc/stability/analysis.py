@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats, Ints
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.stability.linearize import Linear, closed_loop, linearize
+from abhv_mc.stability.lifted import find_lifted_margins
+from abhv_mc.stability.linearize import Linear, closed_period, linearize
 from abhv_mc.stability.margins import Margins, find_margins
 from abhv_mc.stability.points import AT_LIMIT, Found, flown_points
 from abhv_mc.stability.responses import loop_gains, make_loops
@@ -54,16 +55,20 @@ class FlightMargins(NamedTuple):
 
 def analyse(linear: Linear, frequencies: int = FREQUENCIES) -> Stability:
     """Poles of the closed loops and margins of those that are stable."""
-    discrete = _closed_poles(linear)
+    discrete, span = _closed_poles(linear), linear.period * max(len(linear.phases), 1)
     with np.errstate(divide="ignore"):
-        poles = [np.log(z[z != 0.0].astype(np.complex128)) / linear.period for z in discrete]
+        poles = [np.log(z[z != 0.0].astype(np.complex128)) / span for z in discrete]
     poles = [each[np.argsort(-each.real)] for each in poles]
     stable = np.array([each.size > 0 and each[0].real < GROWTH for each in poles])
     margins = Margins(*(np.full(shape, np.nan) for shape in _shapes(len(poles), linear.law_D.shape[1])))
     chosen = np.flatnonzero(stable)
-    if chosen.size:
-        loops = make_loops(linear._replace(**{name: getattr(linear, name)[chosen] for name in Linear._fields[1:]}))
-        grid = frequency_grid([discrete[i] for i in chosen], linear.period, frequencies)
+    grid = frequency_grid([discrete[i] for i in chosen], span, frequencies)
+    if linear.phases:
+        for i, omega in zip(chosen, grid, strict=True):
+            for into, value in zip(margins, find_lifted_margins(linear, int(i), omega), strict=True):
+                into[i] = value[0]
+    elif chosen.size:
+        loops = make_loops(linear._replace(**{name: getattr(linear, name)[chosen] for name in Linear._fields[1:-1]}))
         found = find_margins(lambda i, w: loop_gains(loops, i, w), grid, linear.period)
         for into, value in zip(margins, found, strict=True):
             into[chosen] = value
@@ -75,16 +80,18 @@ def _shapes(systems: int, inputs: int) -> list[tuple[int, ...]]:
 
 
 def _closed_poles(linear: Linear) -> list[NDArray[np.complex128]]:
-    """Eigenvalues of the sampled closed loops, those of one delay together.
+    """Eigenvalues of the sampled closed loops over the law's period, those of one delay together.
 
     None where the law has no slopes, or the loop is not finite.
     """
     poles: list[NDArray[np.complex128]] = [np.empty(0, np.complex128)] * len(linear.A)
-    known = np.isfinite(linear.law_D).all(axis=(1, 2)) & np.isfinite(linear.law_A).all(axis=(1, 2))
-    known &= np.isfinite(linear.law_B).all(axis=(1, 2)) & np.isfinite(linear.law_C).all(axis=(1, 2))
+    known = np.ones(len(linear.A), bool)
+    for law in linear.phases or (linear,):
+        for matrices in (law.law_A, law.law_B, law.law_C, law.law_D):
+            known &= np.isfinite(matrices).all(axis=(1, 2))
     for delay in np.unique(linear.delay[known]):
         systems = np.flatnonzero(known & (linear.delay == delay))
-        loops = np.stack([closed_loop(linear, int(i)) for i in systems])
+        loops = np.stack([closed_period(linear, int(i)) for i in systems])
         finite = np.isfinite(loops).all(axis=(1, 2))  # not where a dispersion left all that has a meaning
         for i, each in zip(systems[finite], np.linalg.eigvals(loops[finite]), strict=True):
             poles[i] = each

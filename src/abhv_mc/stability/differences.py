@@ -17,6 +17,9 @@ from abhv_mc.kernel.plant.vehicle import Tables
 _CENTRAL = (np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 12.0, 0.0)
 _RIGHT = (np.array([1.0, 2.0, 3.0, 4.0]), np.array([48.0, -36.0, 16.0, -3.0]) / 12.0, -25.0 / 12.0)
 
+_UNEVEN = 0.01  # of a change, what it may differ by to the other side
+_ROUNDED = 1e-10  # a change of a value that rounding may leave
+
 # What is differentiated: values [point, value] and cells [point, axis] of points [point, coordinate] whose
 # originals are numbered by the second argument [point].
 Function = Callable[[Floats, Ints], tuple[Floats, Ints]]
@@ -27,6 +30,9 @@ class Slopes(NamedTuple):
 
     value: Floats  # [point, value]
     slope: Floats  # [point, value, coordinate]
+    uneven: NDArray[
+        np.bool_
+    ]  # [point, value, coordinate] it is another to the left than to the right, by more than 1 %
 
 
 def cells_of(tables: Tables, variables: Floats) -> Ints:
@@ -49,13 +55,24 @@ def differentiate(function: Function, points: Floats, steps: Floats) -> Slopes:
     inside = (near == cells[:, None, None, :]).all(axis=-1)
     slope[:] = np.einsum("pcov,o->pvc", answer, _CENTRAL[1]) / steps[:, None, :]
     crossed = ~inside.all(axis=-1)
+    uneven = _is_uneven(answer - value[:, None, None, :]) & ~crossed[:, None, :]
     if crossed.any():
         side = np.where(inside[..., 2] & inside[..., 3] | inside[..., 2], 1.0, -1.0)
         answer, _ = _ask(function, points, steps, crossed, side[..., None] * _RIGHT[0])
         one_sided = np.einsum("pcov,o->pvc", answer, _RIGHT[1]) + _RIGHT[2] * value[..., None]
         one_sided *= (side / steps)[:, None, :]
         slope = np.where(crossed[:, None, :], one_sided, slope)
-    return Slopes(value, slope)
+    return Slopes(value, slope, uneven)
+
+
+def _is_uneven(change: Floats) -> NDArray[np.bool_]:
+    """Whether slopes left and right differ, [point, value, coordinate], by changes [point, coordinate, offset, value].
+
+    A curve's difference grows fourfold with twice the step, a kink's twofold, a jump's not at all.
+    """
+    _, left, right, _ = np.abs(np.moveaxis(change, 2, 0)).swapaxes(2, 3)
+    near, far = (np.abs(change[:, :, i] + change[:, :, 3 - i]).swapaxes(1, 2) for i in (1, 0))
+    return np.asarray((near > _UNEVEN * np.maximum(left, right)) & (near > _ROUNDED) & (far < 3.0 * near))
 
 
 def _ask(

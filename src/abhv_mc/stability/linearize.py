@@ -13,22 +13,17 @@ from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.kernel.flight.sensors import MAX_DELAY_TICKS
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import NEVER
-from abhv_mc.kernel.plant.vehicle import MAX_EFFECTORS, VARIABLES
+from abhv_mc.kernel.plant.vehicle import MAX_EFFECTORS
 from abhv_mc.stability import path_coordinates as path
-from abhv_mc.stability.differences import Slopes, cells_of, differentiate
-from abhv_mc.stability.probe import ask_plant, check_linear, law_memory_rows, law_tick
+from abhv_mc.stability.periods import law_phases
+from abhv_mc.stability.probe import check_linear
+from abhv_mc.stability.slopes import Points, plant_slopes
 from abhv_mc.vehicle.model import drive_axes
 
 INPUTS = ("aileron", "rudder", "elevator", "equivalence_ratio")
 ACTUATOR_STATES = tuple(f"{name}{part}" for name in INPUTS for part in ("", "_rate"))
 PLANT_STATES = (*path.COORDINATES, *ACTUATOR_STATES)
-_STEPS = np.array([0.5, 0.02, *[2e-5] * 8, *[2e-5] * 4])  # of the path coordinates and the actuators' positions
-# Of what laws of the user's own may ask for besides: m/s, -, g, rad (attitude, position), m, m/s, m.
-_MORE_STEPS = np.array([0.02, 1e-5, 1e-4, *[2e-5] * 3, *[1e-7] * 2, 0.5, 0.5, 0.02, 0.5])
-_CHANGE = 2e-5  # rad: what a step in the law's memory is to change in a command
-_NO_CHANGE = 1e-14  # of one that the memory changes at a later tick only
 _N_PATH = len(path.COORDINATES)
-_TURNING = (path.CHI, path.BANK)  # measured between -180 and 180 deg
 _AIR_SIDESLIP = _N_PATH  # behind the rates, in what plant_slopes gives
 _WHOLE = 1e-7  # how near to a whole number a slope of the measurement is taken for one
 _AT_ONCE = 1e5  # rad/s: of an ideal actuator, with a damping of 1: 0.02 ms late
@@ -37,19 +32,6 @@ _FELT = 1e-8  # slope of a rate over a control, of which rounding leaves some
 # Why an input has no loop.
 STUCK, NO_EFFECT = 1, 2
 REASONS = {STUCK: "stuck", NO_EFFECT: "no effect"}
-
-
-class Points(NamedTuple):
-    """Where the flights are linearized, one row each, SI and radians."""
-
-    path: Floats  # [point, 10] path coordinates of the truth
-    controls: Floats  # [point, 4] positions of surfaces and engine
-    latitude: Floats  # [point]
-    mass: Floats  # [point]
-    measured: Floats  # [point, 10] what the law sees
-    memory: Floats  # [point, memory] of the law before its tick
-    lane: Floats  # [point, row] the kernel's memory in the tick: dispersions, wind, what has failed
-    tick: int  # row of the reference and of the gains
 
 
 class Linear(NamedTuple):
@@ -67,6 +49,7 @@ class Linear(NamedTuple):
     delay: Ints  # [point] age of the measurement, control periods
     sense: Floats  # [point, 10, 18] measurement, delay apart; a frozen one is a row of zeros
     cut: Ints  # [point, 4] STUCK or NO_EFFECT where an input has no loop, else 0
+    phases: "tuple[Linear, ...]" = ()  # of a law of several rates: the models of each tick of its period, from this one
 
 
 def linearize(plan: FlightPlan, points: Points) -> Linear:
@@ -86,23 +69,26 @@ def linearize(plan: FlightPlan, points: Points) -> Linear:
         here = stuck[:, i] & (points.lane[:, s.parameter_row(f"failure.{name}.stuck_at")] == NEVER)
         B[stuck[:, i], :, i] = 0.0
         A[here, :, 11 + 2 * i] = 0.0  # its rate is taken from it at every tick
-    law = law_slopes(plan, points)
     m, n = points.memory.shape[1], points.measured.shape[1]
     age = (points.lane[:, s.parameter_row("sensor.delay")] / plan.timing.tick + 0.5).astype(np.int64)
-    return Linear(
-        plan.timing.tick,
-        plant_A,
-        plant_B,
-        A,
-        B,
-        law.slope[:, :m, n:],
-        law.slope[:, :m, :n],
-        law.slope[:, m:, n:],
-        law.slope[:, m:, :n],
-        np.minimum(age, MAX_DELAY_TICKS),
-        _sensing(plant.slope[:, _AIR_SIDESLIP + 1 :]),
-        cut,
+    phases = tuple(
+        Linear(
+            plan.timing.tick,
+            plant_A,
+            plant_B,
+            A,
+            B,
+            law.slope[:, :m, n:],
+            law.slope[:, :m, :n],
+            law.slope[:, m:, n:],
+            law.slope[:, m:, :n],
+            np.minimum(age, MAX_DELAY_TICKS),
+            _sensing(plant.slope[:, _AIR_SIDESLIP + 1 :]),
+            cut,
+        )
+        for law in law_phases(plan, points)
     )
+    return phases[0]._replace(phases=phases if len(phases) > 1 else ())
 
 
 def _sensing(slope: Floats) -> Floats:
@@ -112,64 +98,6 @@ def _sensing(slope: Floats) -> Floats:
     sense = np.zeros((*slope.shape[:2], 18))
     sense[:, :, :10], sense[:, :, 10::2] = clean[:, :, :10], clean[:, :, 10:]
     return sense
-
-
-def plant_slopes(plan: FlightPlan, points: Points, held: bool = False) -> Slopes:
-    """Rates of the path coordinates, sideslip to the air and measurement [point, 10 + 1 + 10], and their slopes.
-
-    Slopes [point, 21, 14] are over the path coordinates and the controls; ``held`` as in
-    :func:`abhv_mc.stability.probe.ask_plant`.
-    """
-
-    def rates(x: Floats, point: Ints) -> tuple[Floats, Ints]:
-        states = path.make_states(x[:, :10], x[:, 10:], points.latitude[point], points.mass[point])
-        answer = ask_plant(plan, points.lane, points.tick, point, states, held)
-        measured = answer.measured
-        for angle in _TURNING:  # without the step at half a turn
-            measured[:, angle] = x[:, angle] + _wrapped(measured[:, angle] - x[:, angle])
-        sideslip = answer.variables[:, [VARIABLES.index("sideslip")]]
-        values = np.hstack([path.path_rates(states, answer.rates), sideslip, measured])
-        return values, cells_of(plan.vehicle.tables, answer.variables)
-
-    at = np.hstack([points.path, points.controls])
-    return differentiate(rates, at, np.broadcast_to(_STEPS, at.shape))
-
-
-def _wrapped(angle: Floats) -> Floats:
-    return np.asarray(angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi)))
-
-
-def law_slopes(plan: FlightPlan, points: Points) -> Slopes:
-    """The law's memory after its tick and its commands, and their slopes over the measurement and the memory."""
-    n = points.measured.shape[1]
-
-    def tick(x: Floats, point: Ints) -> tuple[Floats, Ints]:
-        answer = law_tick(plan, points.tick, x[:, :n], x[:, n:])
-        trimmed = answer.variables.copy()  # guidance looks the trim up where it sends the vehicle to
-        trimmed[:, VARIABLES.index("angle_of_attack")] = answer.guidance[:, 1]
-        trimmed[:, VARIABLES.index("equivalence_ratio")] = answer.command[:, 3]
-        cells = [cells_of(plan.vehicle.tables, answer.variables), cells_of(plan.trim_tables, trimmed)]
-        return np.hstack([answer.memory, answer.command]), np.hstack(cells)
-
-    at = np.hstack([points.measured, points.memory])
-    steps = np.broadcast_to(np.append(_STEPS[:10], _MORE_STEPS)[:n], points.measured.shape)
-    return differentiate(tick, at, np.hstack([steps, memory_steps(plan, points)]))
-
-
-def memory_steps(plan: FlightPlan, points: Points) -> Floats:
-    """Steps [point, memory] of the law's memory with about the same effect on its commands, whatever its units."""
-    count = points.memory.shape[1]
-    steps = 1e-6 * np.maximum(1.0, np.abs(points.memory))
-    if count == 0:
-        return steps
-    base = law_tick(plan, points.tick, points.measured, points.memory)
-    moved = points.memory[:, None, :] + steps[:, None, :] * np.eye(count)
-    measured = np.repeat(points.measured, count, axis=0)
-    answer = law_tick(plan, points.tick, measured, moved.reshape(-1, count))
-    before, after = (np.hstack([each.guidance, each.command]) for each in (base, answer))
-    change = np.abs(after.reshape(len(before), count, -1) - before[:, None, :]).max(axis=-1)
-    factor = np.clip(_CHANGE / np.maximum(change, _NO_CHANGE), 1e-3, 1e6)
-    return np.asarray(np.where(change > _NO_CHANGE, steps * factor, steps))
 
 
 def actuator_matrices(plan: FlightPlan, lane: Floats) -> tuple[Floats, Floats]:
@@ -250,6 +178,7 @@ def closed_loop(linear: Linear, point: int) -> Floats:
     return A - B @ C
 
 
-def memory_count(plan: FlightPlan) -> int:
-    """How many numbers the plan's law remembers."""
-    return len(law_memory_rows(plan))
+def closed_period(linear: Linear, point: int) -> Floats:
+    """The map of a whole period of the law: the product of those of its ticks, the first one rightmost."""
+    maps = [closed_loop(each, point) for each in linear.phases or (linear,)]
+    return maps[0] if len(maps) == 1 else np.linalg.multi_dot(maps[::-1])

@@ -90,7 +90,7 @@ def find_margins(response: Response, omega: Floats, period: float) -> Margins:
         rows = np.arange(loop.size)
         return Closed(found.L[rows, loop % inputs], found.S[rows, loop % inputs])
 
-    low, low_at, high, high_at = _gain_margins(at, grid, gains, period)
+    low, low_at, high, high_at = gain_margins(at, grid, gains, period)
     phase, crossover, delay = _phase_margins(at, grid, gains)
     sensitivity, disk = (_largest(at, grid, own, centre) for centre in (0.0, 0.5))
     mu, mu_at = _largest_mu(response, omega, S)
@@ -106,7 +106,8 @@ def _largest(at: Single, grid: Floats, own: Complexes, centre: float) -> Floats:
     return found
 
 
-def _gain_margins(at: Single, grid: Floats, gains: Complexes, period: float) -> tuple[Floats, Floats, Floats, Floats]:
+def gain_margins(at: Single, grid: Floats, gains: Complexes, period: float) -> tuple[Floats, Floats, Floats, Floats]:
+    """Gains [row] below and above 1 that are nearest to it and make a loop neutral, each with its frequency."""
     turned = np.sin(np.angle(gains))
     loop, interval = changes_of_sign(turned)
     where = refine_crossings(lambda i, w: np.sin(np.angle(at(i, w).L)), turned, grid, loop, interval)
@@ -134,9 +135,9 @@ def _gain_margins(at: Single, grid: Floats, gains: Complexes, period: float) -> 
 
 
 def _phase_margins(at: Single, grid: Floats, gains: Complexes) -> tuple[Floats, Floats, Floats]:
-    size = _log_size(gains)
+    size = log_size(gains)
     loop, interval = changes_of_sign(size)
-    where = refine_crossings(lambda i, w: _log_size(at(i, w).L), size, grid, loop, interval)
+    where = refine_crossings(lambda i, w: log_size(at(i, w).L), size, grid, loop, interval)
     angle = np.angle(at(loop, where).L) + np.pi  # 0 .. 2 pi
     phase, delay = np.full(len(grid), np.inf), np.full(len(grid), np.inf)
     crossover = np.full(len(grid), np.nan)
@@ -148,7 +149,7 @@ def _phase_margins(at: Single, grid: Floats, gains: Complexes) -> tuple[Floats, 
     return phase, crossover, delay
 
 
-def _log_size(gains: Complexes) -> Floats:
+def log_size(gains: Complexes) -> Floats:
     """Where there is no loop, its gain is zero."""
     return np.asarray(np.log(np.maximum(np.abs(gains), 1e-300)))
 

@@ -11,8 +11,17 @@ from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.input_error import InputError
 from abhv_mc.stability import path_coordinates as path
-from abhv_mc.stability.linearize import INPUTS, PLANT_STATES, Linear, Points, actuator_matrices, closed_loop, open_loop
+from abhv_mc.stability.linearize import (
+    INPUTS,
+    PLANT_STATES,
+    Linear,
+    actuator_matrices,
+    closed_loop,
+    closed_period,
+    open_loop,
+)
 from abhv_mc.stability.probe import law_memory_rows
+from abhv_mc.stability.slopes import Points
 
 FORMATS = (".npz", ".mat", ".json")
 _INPUT_UNITS = ("rad", "rad", "rad", "-")
@@ -24,7 +33,8 @@ def make_model(plan: FlightPlan, points: Points, linear: Linear) -> dict[str, An
 
     ``plant``: measurement from commands; ``loop``: minus the law's commands from what goes into the actuators, all
     loops cut there; ``closed``: truth and commands from disturbances of the commands. ``plant_continuous`` has the
-    actuators' commands as inputs. All but that one are sampled with ``period``.
+    actuators' commands as inputs. All but that one are sampled with ``period``. Of a law that repeats after several
+    ``ticks`` they are those of the point's tick, and ``closed_over_ticks`` is the map of all of its ticks.
     """
     m, d = linear.law_A.shape[1], int(linear.delay[0])
     memory = [f"law_{name}" for name in law_memory_rows(plan)]
@@ -38,7 +48,8 @@ def make_model(plan: FlightPlan, points: Points, linear: Linear) -> dict[str, An
     n = len(loop_A)
     states = [*PLANT_STATES, *memory, *old]
     units = [*path.UNITS, *_ACTUATOR_UNITS, *[""] * m, *path.UNITS * d]
-    return {
+    several = {"ticks": len(linear.phases), "closed_over_ticks": {"A": closed_period(linear, 0), "states": states}}
+    return (several if linear.phases else {}) | {
         "period_s": linear.period,
         "measurement_delay_periods": d,
         "plant_continuous": {

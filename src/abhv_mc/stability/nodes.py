@@ -6,8 +6,8 @@ from abhv_mc.array_types import Floats
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.kernel.plant.vehicle import VARIABLES, Tables
 from abhv_mc.stability import path_coordinates as path
-from abhv_mc.stability.linearize import Points
 from abhv_mc.stability.probe import ask_plant, law_tick
+from abhv_mc.stability.slopes import Points
 
 _NEAR = 0.02  # of the cell's length
 _DEGREES = ("angle_of_attack", "sideslip", "aileron", "rudder", "elevator")

@@ -15,8 +15,9 @@ from abhv_mc.kernel.flight.observe import ALIVE
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import NEVER
 from abhv_mc.stability import path_coordinates as path
-from abhv_mc.stability.linearize import Points
+from abhv_mc.stability.periods import SWITCHES, law_phases, over_period, switching
 from abhv_mc.stability.probe import begin, law_at, law_tick
+from abhv_mc.stability.slopes import Points
 
 AT_LIMIT = "a command stands at a limit"
 
@@ -53,9 +54,12 @@ def flown_points(plan: FlightPlan, parameters: Floats, time: float) -> Found:
         tick,
     )
     limited = behind_limit(plan, points)
+    switches = np.zeros(len(ended), bool)
+    if plan.law in USER_LAWS:
+        switches = switching(plan, over_period(law_phases(plan, points)))
     faults = [
-        f"the flight has ended before {time:g} s" if e else AT_LIMIT if b else ""
-        for e, b in zip(ended.tolist(), limited.tolist(), strict=True)
+        f"the flight has ended before {time:g} s" if e else SWITCHES if w else AT_LIMIT if b else ""
+        for e, b, w in zip(ended.tolist(), limited.tolist(), switches.tolist(), strict=True)
     ]
     return Found(points, faults)
 

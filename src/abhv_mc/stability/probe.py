@@ -131,7 +131,7 @@ def law_tick(plan: FlightPlan, tick: int, measured: Floats, memory: Floats) -> L
     rows = np.array([*range(s.MEASURED, s.MEASURED + count), *law_memory_rows(plan).values(), FAULT], np.int64)
     free, later = _without_limits(plan, tick), max(tick, 1)
     before = np.hstack([measured, memory, np.zeros((len(measured), 1))])
-    after, seen = _run_law(free, later, rows, before)
+    (after,), (seen,) = _run_law(free, later, rows, before)
     variables, guidance, command = np.split(seen, [len(VARIABLES), len(VARIABLES) + 3], axis=1)
     command[after[:, -1] > 0.0] = np.nan
     return LawTick(after[:, count:-1], command, variables, guidance)
@@ -151,21 +151,37 @@ def law_at(plan: FlightPlan, sensed: Floats, tick: int) -> Floats:
     rows = np.arange(Z_ROWS)
     resting = [name.startswith("differentiator") for name in kept]
     if any(resting):
-        memory[:, resting] = _run_law(plan, 0, rows, sensed)[0][:, list(kept.values())][:, resting]
+        memory[:, resting] = _run_law(plan, 0, rows, sensed)[0][0][:, list(kept.values())][:, resting]
     return memory
 
 
-def _run_law(plan: FlightPlan, tick: int, rows: Ints, before: Floats) -> tuple[Floats, Floats]:
+def run_law(plan: FlightPlan, tick: int, start: Floats, ticks: int, follow: Ints, change: Floats) -> Floats:
+    """The law's memory after each of some ticks and its commands there, [tick, point, memory + 4], its limits off.
+
+    ``start`` [point, measured + memory]; each point goes on with what point ``follow`` [point] has after the tick, plus
+    ``change`` [point, measured + memory].
+    """
+    count = start.shape[1] - len(law_memory_rows(plan))
+    rows = np.array([*range(s.MEASURED, s.MEASURED + count), *law_memory_rows(plan).values(), FAULT], np.int64)
+    start, change = (np.pad(each, ((0, 0), (0, 1))) for each in (start, change))
+    after, seen = _run_law(_without_limits(plan, 1), tick, rows, start, ticks, (follow, change))
+    return np.concatenate([after[:, :, count:-1], seen[:, :, -4:]], axis=2)
+
+
+def _run_law(
+    plan: FlightPlan, tick: int, rows: Ints, before: Floats, ticks: int = 1, goes_on: tuple[Ints, Floats] | None = None
+) -> tuple[Floats, Floats]:
+    """Memory rows [tick, point, row] after each tick, and what the law saw and gave; ``goes_on`` as of run_law."""
     if must_fly_elsewhere(plan):
-        return in_child(_run_law, plan, tick, rows, before, limit=_LONGEST)
-    after, seen = np.empty_like(before), np.empty((len(before), _N_SEEN))
+        return in_child(_run_law, plan, tick, rows, before, ticks, goes_on, limit=_LONGEST)
+    after, seen = np.empty((ticks, *before.shape)), np.empty((ticks, len(before), _N_SEEN))
     with open_law(plan, LANES, memory_in_rows=True) as user_code:
-        arguments = (
-            make_kernel_plan(plan, nominal_parameters(), Recording(0))._replace(user_code=user_code),
-            make_memory(LANES),
-            tick,
-        )
-        probe_law(*arguments, rows, np.arange(len(before)), np.ascontiguousarray(before), after, seen)
+        kernel_plan = make_kernel_plan(plan, nominal_parameters(), Recording(0))._replace(user_code=user_code)
+        memory, numbers = make_memory(LANES), np.arange(len(before))
+        for i in range(ticks):
+            if i and goes_on is not None:
+                before = after[i - 1][goes_on[0]] + goes_on[1]
+            probe_law(kernel_plan, memory, tick + i, rows, numbers, np.ascontiguousarray(before), after[i], seen[i])
     return after, seen
 
 

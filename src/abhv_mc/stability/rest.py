@@ -14,8 +14,8 @@ from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import NEVER
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.differences import Slopes
-from abhv_mc.stability.linearize import Points, law_slopes, plant_slopes
-from abhv_mc.stability.probe import law_tick
+from abhv_mc.stability.periods import law_phases, over_period, pass_period
+from abhv_mc.stability.slopes import Points, plant_slopes
 
 _ITERATIONS = 40
 _AT_REST = 1e-8  # of all rates, of the memory's change in a tick and of what commands and controls differ by
@@ -30,13 +30,13 @@ def leave_limits(plan: FlightPlan, points: Points, at_errors_zero: Floats) -> tu
     A command is behind a limit where speed, or angles and rates, no longer move it as they do at the measurement
     ``at_errors_zero`` [point, measured] of the nominal vehicle.
     """
-    free = law_slopes(plan, points._replace(measured=at_errors_zero))
+    free = over_period(law_phases(plan, points._replace(measured=at_errors_zero)))
     limited = _limited(plan, points, free)
     rows = np.flatnonzero(limited)
     if not rows.size:
         return points, limited
     some = points._replace(**{name: getattr(points, name)[rows] for name in Points._fields[:-1]})
-    free = Slopes(free.value[rows], free.slope[rows])
+    free = Slopes(free.value[rows], free.slope[rows], free.uneven[rows])
     found, at_rest = _come_to_rest(plan, some, free)
     at_rest &= ~_limited(plan, found, free)
     for name in ("path", "controls", "measured", "memory"):
@@ -52,7 +52,8 @@ def _moves(points: Points) -> NDArray[np.bool_]:
 
 
 def _limited(plan: FlightPlan, points: Points, free: Slopes) -> NDArray[np.bool_]:
-    here, at_zero = (_strengths(each.slope[:, points.memory.shape[1] :]) for each in (law_slopes(plan, points), free))
+    now = over_period(law_phases(plan, points))
+    here, at_zero = (_strengths(each.slope[:, points.memory.shape[1] :]) for each in (now, free))
     lost = (at_zero > _ROUNDING) & (here < _LOST * at_zero)
     return np.asarray((lost.any(axis=2) & _moves(points)).any(axis=1))
 
@@ -76,11 +77,11 @@ def _come_to_rest(plan: FlightPlan, points: Points, free: Slopes) -> tuple[Point
         frozen = (plant.slope[:, _MEASURED:] == 0.0).all(axis=2)
         measured = np.where(frozen, points.measured, plant.value[:, _MEASURED:])
         points = points._replace(measured=measured)
-        law = law_tick(plan, points.tick, measured, points.memory)
+        memory, command = pass_period(plan, points)
         rates = plant.value[:, :10].copy()
         rates[:, path.CHI] -= plan.reference[0, ref.HEADING_RATE]
-        apart = np.where(moves, law.command - points.controls, 0.0)
-        left = np.hstack([rates, law.memory - points.memory, apart])
+        apart = np.where(moves, command - points.controls, 0.0)
+        left = np.hstack([rates, memory - points.memory, apart])
         at_rest = np.asarray(np.abs(left).max(axis=1) < _AT_REST)
         if iteration == _ITERATIONS or at_rest.all():
             break

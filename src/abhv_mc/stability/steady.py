@@ -22,14 +22,16 @@ from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import NEVER, PARAMETER_INDEX
 from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.stability import path_coordinates as path
-from abhv_mc.stability.linearize import Points, law_slopes, memory_count, plant_slopes
+from abhv_mc.stability.periods import SWITCHES, find_period, law_phases, over_period, switching
 from abhv_mc.stability.points import AT_LIMIT, Found
 from abhv_mc.stability.probe import begin, check_linear, law_memory_rows
 from abhv_mc.stability.rest import leave_limits
+from abhv_mc.stability.slopes import Points, plant_slopes
 from abhv_mc.user_code.design import DesignModel
 
 _ITERATIONS = 25
 _AT_REST = 1e-12  # what the law's memory at a trim may change by in a tick
+_STILL = 1e-10  # a step of the memory after which it is no nearer
 _GROWS = 1e-7  # what it changes by where the law finds no equilibrium: a sideslip of 6e-4 deg, integrated
 _RESTING = 1e5  # how much more that counts than the controls, where not both can be met
 _BALANCED = 1e-9  # rad/s2 and so on: what a trim may leave of any rate
@@ -160,13 +162,23 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
     frozen = (found.slope[:, _EXPECTED.stop :] == 0.0).all(axis=2)
     measured[:, :10][frozen[:, :10]] = at[:, :10][frozen[:, :10]]  # it failed in this steady flight
     points = points._replace(path=at[:, :10], controls=at[:, 10:], measured=measured)
-    memory, grows = _memory_at_rest(plan, points)
+    memory, grows, switches = _memory_at_rest(plan, points)
     points = points._replace(memory=memory)
     points, limited = leave_limits(plan, points, at_errors_zero) if user_law else (points, np.zeros(count, bool))
     beta = np.rad2deg(measured[:, path.BETA])
     faults = [
-        "no trim was found" if o else _BEYOND if b else _unsettled(plan.controller, angle) if g else AT_LIMIT * l
-        for o, b, g, l, angle in zip(*(each.tolist() for each in (off, beyond, grows, limited, beta)), strict=True)
+        "no trim was found"
+        if o
+        else _BEYOND
+        if b
+        else SWITCHES
+        if w
+        else _unsettled(plan.controller, angle)
+        if g
+        else AT_LIMIT * l
+        for o, b, w, g, l, angle in zip(
+            *(each.tolist() for each in (off, beyond, switches, grows, limited, beta)), strict=True
+        )
     ]
     return Found(points, faults)
 
@@ -176,19 +188,26 @@ def _unsettled(controller: str, sideslip: float) -> str:
     return f"{words} (it measures {sideslip:.3g} deg of sideslip)" if abs(sideslip) > 1e-4 else words
 
 
-def _memory_at_rest(plan: FlightPlan, points: Points) -> tuple[Floats, NDArray[np.bool_]]:
+def _memory_at_rest(plan: FlightPlan, points: Points) -> tuple[Floats, NDArray[np.bool_], NDArray[np.bool_]]:
     """The law's memory [point, memory] that stays as it is and whose commands are the points' controls.
 
     Where no memory does both, as of a law without integrals, it stays as it is and comes closest to the controls.
-    Also whether no memory stays as it is, [point].
+    Also whether no memory stays as it is, and whether the law switches there, [point]. Over the law's period: what it
+    carries runs on, and the command is the period's mean.
     """
-    count = memory_count(plan)
+    period, count = find_period(plan), len(law_memory_rows(plan))
     memory, grows = np.zeros((len(points.path), count)), np.zeros(len(points.path), bool)
+    memory[:, period.carried] = period.start[period.carried]
+    uneven = grows
     last = [s.CMD <= row < s.CMD + 4 for row in law_memory_rows(plan).values()]
     memory[:, last] = points.controls[:, : sum(last)]
-    for _ in range(8 if count else 0):
-        law = law_slopes(plan, points._replace(memory=memory))
+    for _ in range(8 if count else int(plan.law in USER_LAWS)):
+        law = over_period(law_phases(plan, points._replace(memory=memory)))
+        uneven = switching(plan, law)
+        if not count:
+            break
         left = law.value - np.hstack([memory, points.controls])
+        left[:, :count][:, period.carried] = 0.0
         grows = np.abs(left[:, :count]).max(axis=1) > _GROWS
         if np.abs(left).max() < _AT_REST:
             break
@@ -197,5 +216,8 @@ def _memory_at_rest(plan: FlightPlan, points: Points) -> tuple[Floats, NDArray[n
         left[:, :count] *= _RESTING
         J[:, :count] *= _RESTING
         known = np.isfinite(J).all(axis=(1, 2)) & np.isfinite(left).all(axis=1)  # a law of the user's own may fail
-        memory[known] -= np.einsum("pij,pj->pi", np.linalg.pinv(J[known], rcond=1e-13), left[known])
-    return memory, grows
+        step = np.einsum("pij,pj->pi", np.linalg.pinv(J[known], rcond=1e-13), left[known])
+        memory[known] -= step
+        if period.ticks > 1 and np.abs(step).max(initial=0.0) < _STILL:
+            break
+    return memory, grows, uneven

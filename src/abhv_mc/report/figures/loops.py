@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
+from abhv_mc.stability.lifted import fundamental_gains
 from abhv_mc.stability.linearize import INPUTS, Linear
 from abhv_mc.stability.margins import close
 from abhv_mc.stability.responses import loop_gains, make_loops
@@ -19,8 +20,11 @@ _POINTS = 1500
 def write_loop_figures(folder: Path, stem: str, linear: Linear) -> Iterator[Path]:
     """Write ``bode_STEM.png`` and ``nichols_STEM.png`` of the first system; name what was written."""
     omega = np.geomspace(1e-2, np.pi / linear.period, _POINTS)
-    _, closed = close(loop_gains(make_loops(linear), np.zeros(_POINTS, np.int64), omega))
-    for name, figure in (("bode", plot_bode(omega, closed.L)), ("nichols", plot_nichols(closed.L))):
+    if linear.phases:
+        gains = fundamental_gains(linear, omega)
+    else:
+        gains = close(loop_gains(make_loops(linear), np.zeros(_POINTS, np.int64), omega))[1].L
+    for name, figure in (("bode", plot_bode(omega, gains)), ("nichols", plot_nichols(gains))):
         path = folder / f"{name}_{stem}.png"
         write_png(figure, path)
         yield path

@@ -1,0 +1,156 @@
+"""Laws of several rates: the period is found, and the linear model of a period is one computed apart."""
+
+import numpy as np
+import pytest
+from stability.systems import decibels, parameters, read
+
+from abhv_mc.flight.prepare import make_plan, read_law
+from abhv_mc.io.input_error import InputError
+from abhv_mc.stability.analysis import analyse, margins_of_flights
+from abhv_mc.stability.linearize import closed_period, linearize
+from abhv_mc.stability.periods import SWITCHES, find_period
+from abhv_mc.stability.points import flown_points
+from abhv_mc.stability.steady import make_steady_plan, trim_points
+
+# Path and throttle at rates of their own over attitude and body rates at every tick.
+LAW = """\
+from typing import NamedTuple
+from abhv_mc.extend import Command, controller
+
+class Memory(NamedTuple):
+    clock: float = 0.0
+    mode: float = 0.0
+    integral: float = 0.0
+    alpha: float = 0.0
+    eta: float = 0.0
+
+@controller(compiled=False)
+def law(measured, reference, memory, time, dt):
+    clock, mode, integral, alpha, eta = memory
+    speed = measured.speed - reference.speed
+    path = throttle = True
+    {rates}
+    if path:
+        alpha = reference.angle_of_attack - 0.9 * (measured.flight_path_angle - reference.flight_path_angle)
+        alpha -= 1e-4 * (measured.altitude - reference.altitude)
+    if throttle:
+        eta = reference.equivalence_ratio - (0.02 + 0.01 * mode) * speed - 0.001 * integral
+        integral += 0.1 * speed
+    elevator = reference.elevator + 2.0 * (measured.angle_of_attack - alpha) + 1.5 * measured.pitch_rate
+    bank, beta, p, r = measured.bank - reference.bank, measured.sideslip, measured.roll_rate, measured.yaw_rate
+    aileron, rudder = -0.26 * bank - 1.2 * beta - 0.08 * p + 0.06 * r, -0.04 * bank - 0.2 * beta - 0.01 * p + 0.04 * r
+    return Command(aileron, rudder, elevator, eta, angle_of_attack=alpha), Memory(clock, mode, integral, alpha, eta)
+"""
+COUNTER = "path = throttle = clock == 0.0; clock = (clock + 1.0) % 10.0"
+HYSTERESIS = COUNTER + "; mode = 1.0 if speed > {0} else 0.0 if speed < -{0} else mode"
+
+
+def plan_of(folder, rates, declared=0):
+    (folder / "law.py").write_text(LAW.format(rates=rates))
+    (folder / "law.yaml").write_text(f"law: python\nfile: law.py\nrate: 100 Hz\nperiod: {declared}\n")
+    vehicle, mission, _ = read("lqr")
+    controller, user_code = read_law(folder / "law.yaml")
+    return make_steady_plan(vehicle, mission, controller, "law", user_code=user_code)
+
+
+def apart(linear, ticks):
+    """The map over ``ticks`` [(path, throttle)] of the law above, written by hand about the linear plant."""
+    product = np.eye(18 + 3)
+    sense = linear.sense[0]
+    for path, throttle in ticks:
+        A, B = np.eye(3), np.zeros((3, len(sense)))  # integral, alpha, eta
+        if path:
+            A[1], B[1, 2], B[1, 0] = 0.0, -0.9, -1e-4
+        if throttle:
+            B[0, 1] = 0.1
+            A[2] = -0.001, 0.0, 0.0
+            B[2, 1] = -0.02
+        C, D = np.zeros((4, 3)), np.zeros((4, len(sense)))
+        D[0, [6, 5, 7, 9]], D[1, [6, 5, 7, 9]] = (-0.26, -1.2, -0.08, 0.06), (-0.04, -0.2, -0.01, 0.04)
+        D[2, [4, 8]] = 2.0, 1.5
+        C[2], D[2] = C[2] - 2.0 * A[1], D[2] - 2.0 * B[1]
+        C[3], D[3] = A[2], B[2]
+        tick = np.block([[linear.A[0] + linear.B[0] @ D @ sense, linear.B[0] @ C], [B @ sense, A]])
+        product = tick @ product
+    return product
+
+
+SUM = "clock += dt; path = throttle = clock >= 0.1; clock = 0.0 if path else clock"  # ten 0.01 s are less than 0.1 s
+THREE = "path, throttle = clock % 4.0 == 0.0, clock % 10.0 == 0.0; clock = (clock + 1.0) % 20.0"
+
+
+@pytest.mark.parametrize(
+    ("rates", "ticks", "path", "throttle"),  # of the period, and the ticks after which each is at work again
+    [
+        ("pass", 1, 1, 1),
+        (COUNTER, 10, 10, 10),
+        pytest.param("path = throttle = clock % 10.0 == 0.0; clock += 1.0", 10, 10, 10, marks=pytest.mark.thorough),
+        ("throttle = round(time / dt) % 3 == 0", 3, 1, 3),
+        pytest.param(SUM, 11, 11, 11, marks=pytest.mark.thorough),
+        pytest.param(THREE, 20, 4, 10, marks=pytest.mark.thorough),
+        pytest.param(HYSTERESIS.format(5.0), 10, 10, 10, marks=pytest.mark.thorough),
+    ],
+    ids=["one rate", "counter", "endless counter", "time", "sum of dt", "three rates", "mode"],
+)
+def test_the_map_of_a_period_is_one_computed_apart(tmp_path, rates, ticks, path, throttle):
+    plan = plan_of(tmp_path, rates)
+    found = trim_points(plan, parameters())
+    assert found.faults == [""]
+    assert find_period(plan).ticks == ticks
+    linear = linearize(plan, found.points)
+    by_hand = apart(linear, [(k % path == 0, k % throttle == 0) for k in range(ticks)])
+    poles, others = (np.linalg.eigvals(each) for each in (closed_period(linear, 0), by_hand))
+    for pole in others[np.abs(others) > 1e-6]:
+        assert np.abs(poles - pole).min() < 1e-8
+
+
+def test_a_mode_that_stays_is_named(tmp_path):
+    assert find_period(plan_of(tmp_path, HYSTERESIS.format(5.0))).modes == ("mode 0",)
+
+
+@pytest.mark.parametrize(
+    ("rates", "declared", "words"),
+    [
+        ("path = throttle = clock == 0.0; clock = (clock + 1.0) % 150.0", 0, "does not repeat within 100 ticks"),
+        (SUM, 10, "after 11 ticks, not 10"),
+    ],
+)
+def test_a_law_without_the_period_is_refused(tmp_path, rates, declared, words):
+    with pytest.raises(InputError, match=words):
+        find_period(plan_of(tmp_path, rates, declared))
+
+
+def test_a_law_that_switches_at_its_rest_has_no_margins(tmp_path):
+    plan = plan_of(tmp_path, HYSTERESIS.format(1e-3))
+    assert margins_of_flights(plan, plan, parameters(), ["trim"]).faults == [[SWITCHES]]
+
+
+def test_a_law_of_one_rate_has_the_same_margins_over_ten_ticks(tmp_path):
+    found = []
+    for declared in (0, 10):
+        plan = plan_of(tmp_path, "pass", declared)
+        linear = linearize(plan, trim_points(plan, parameters(sensor__delay=0.02)).points)
+        found.append(analyse(linear))
+    for pole in found[0].poles[0][np.abs(found[0].poles[0]) < 10.0]:
+        assert np.abs(found[1].poles[0] - pole).min() < 1e-6
+    one, ten = (each.margins for each in found)
+    assert np.isfinite(one.phase[0, [0, 2, 3]]).all() and len(linear.phases) == 10
+    for name in ("gain_low", "gain_high"):
+        np.testing.assert_allclose(decibels(getattr(ten, name)), decibels(getattr(one, name)), atol=0.01)
+    for name, unit in (("phase", 180.0 / np.pi), ("delay", 1e3), ("all_delay", 1e3)):
+        np.testing.assert_allclose(getattr(ten, name) * unit, getattr(one, name) * unit, atol=0.01)
+    for name in ("sensitivity", "disk", "all_disk", "crossover", "gain_high_frequency"):
+        np.testing.assert_allclose(getattr(ten, name), getattr(one, name), rtol=1e-3)
+
+
+def test_a_period_may_begin_at_any_tick_of_a_flight(tmp_path):
+    plan_of(tmp_path, COUNTER)
+    vehicle, mission, _ = read("lqr")
+    controller, user_code = read_law(tmp_path / "law.yaml")
+    short = mission.model_copy(update={"duration": 2.0})
+    plan = make_plan(vehicle, short, controller, "law", user_code=user_code)
+    poles = []
+    for time in (1.0, 1.01):
+        linear = linearize(plan, flown_points(plan, parameters(), time).points)
+        poles.append(np.sort_complex(np.linalg.eigvals(closed_period(linear, 0))))
+    np.testing.assert_allclose(poles[0], poles[1], atol=2e-4)
