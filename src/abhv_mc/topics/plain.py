@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.statistics.estimates import Interval
-
 DRAWN = "drawn"  # of a field's metadata: it serves figures alone, and JSON holds none of it
 
 
@@ -27,18 +25,6 @@ def plain(value: Any) -> Any:
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def interval_in_sense(interval: Interval, sense: str) -> dict[str, Any]:
-    """An interval of a severity as one of the metric itself (small values are bad in the sense "low")."""
-    turned: dict[str, Any] = plain(interval.scaled(-1.0) if sense == "low" else interval)
-    return turned
-
-
-def interval_at(table: Any, kind: str, row: int, column: int) -> list[float | None]:
-    """Value, low and high end in one place of the arrays ``kind``, ``kind_low`` and ``kind_high`` of a table."""
-    ends: list[float | None] = plain([getattr(table, kind + end)[row, column] for end in ("", "_low", "_high")])
-    return ends
 
 
 def level_name(level: float) -> str:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from types import NoneType, UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeAlias, Union, get_args, get_origin, get_type_hints
 
 from abhv_mc.topics.plain import DRAWN
 from abhv_mc.topics.registry import BUILT_IN, user_topics
@@ -12,9 +12,12 @@ _PLAIN = {str: "string", int: "integer", bool: "boolean", NoneType: "null"}
 _HASHES = {"type": "object", "additionalProperties": {"type": ["string", "null"]}}
 
 
-def report_schema() -> dict[str, Any]:
+Schema: TypeAlias = dict[str, Any]
+
+
+def report_schema() -> Schema:
     """What stands in report.json; an infinite or missing number is null."""
-    defs: dict[str, Any] = {}
+    defs: dict[str, Schema] = {}
     held = {topic.name: _schema(topic.model, defs) for topic in BUILT_IN}
     users = {topic.name: _schema(topic.model, defs) for topic in user_topics()}
     text = {"type": ["string", "null"]}
@@ -34,7 +37,7 @@ def report_schema() -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _schema(hint: Any, defs: dict[str, Any]) -> dict[str, Any]:
+def _schema(hint: Any, defs: dict[str, Schema]) -> Schema:
     """The schema of a type as :func:`abhv_mc.topics.plain.plain` writes its values; classes go to ``defs``."""
     origin, arguments = get_origin(hint), get_args(hint)
     if hint in _PLAIN:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
 from abhv_mc.folder.results import Results
@@ -22,6 +23,15 @@ def _no_sentences(_model: Any, _names: Names) -> Sequence[str]:
 
 def _no_figures(_model: Any, _names: Names) -> Iterator[Drawn]:
     return iter(())
+
+
+def figures_of(module: str, name: str) -> Callable[[Any, Names], Iterator[Drawn]]:
+    """A room's figures by the name of their function: its module, and matplotlib, is imported when they are drawn."""
+
+    def draw(model: Any, names: Names) -> Iterator[Drawn]:
+        yield from getattr(import_module(module), name)(model, names)
+
+    return draw
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantile
 from abhv_mc.statistics.reweight import Unseen, effective_size, weighted_quantile, weighted_share
 from abhv_mc.topics.failed_flights import requirement_failures, requirement_words
-from abhv_mc.topics.plain import interval_in_sense, level_name, plain
+from abhv_mc.topics.plain import level_name, plain
 
 FEWEST_EFFECTIVE = 100.0  # flights
 MOST_UNSEEN = 0.01  # probability of values that no flight had
@@ -92,8 +92,8 @@ def _metrics(results: Results, flights: ControllerFlights, weights: Floats, unse
         values, sense = severities(flights, metric), flights.records[metric].bad
         table[metric] = {
             level_name(level): {
-                "before": interval_in_sense(quantile(values, level), sense),
-                "after": interval_in_sense(weighted_quantile(values, weights, level, unseen), sense),
+                "before": plain(quantile(values, level).in_sense(sense)),
+                "after": plain(weighted_quantile(values, weights, level, unseen).in_sense(sense)),
             }
             for level in LEVELS
         }

@@ -47,7 +47,6 @@ class Bar:
     edge: str  # said right of it: the tolerance limit off its scale, or 'lost' where the median is
     words: str  # the same for those who cannot see it
     status: str
-    failures: str
 
 
 @dataclass(frozen=True)
@@ -109,7 +108,7 @@ def chart_rows(entries: Sequence[GlanceRow], labels: Mapping[str, str], colors: 
                     median=None if median == 100.0 else median, tolerance=None if off_scale else tolerance,
                     beyond=not {None, 100.0}.isdisjoint((low, high)),
                     edge=edge if math.isfinite(cell.median) else "lost",
-                    words=_bar_words(entry, labels[name], cell), status=cell.status, failures=cell.failures,
+                    words=_bar_words(entry, labels[name], cell), status=cell.status,
                 )
             )  # fmt: skip
         rows.append(Row(entry.metric, entry.label, entry.text, tuple(bars)))

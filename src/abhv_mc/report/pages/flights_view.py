@@ -3,7 +3,6 @@
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,9 +29,10 @@ _MARKS = ("circle", "square", "triangle-up", "diamond", "triangle-down")
 class FlightsView:
     """Plain data for the page's script, and the arrays that travel packed."""
 
-    data: dict[str, Any]
+    data: dict[str, object]
     arrays: dict[str, Floats]
     strips: tuple[tuple[str, str], ...]  # dispersions drawn: name and words
+    headed: tuple[str, ...]  # metrics in the table
 
 
 def make_flights_view(results: Results, labels: Mapping[str, str], colors: Mapping[str, str]) -> FlightsView:
@@ -106,7 +106,7 @@ def make_flights_view(results: Results, labels: Mapping[str, str], colors: Mappi
         },
     }
     strips = tuple((entry["name"], entry["label"]) for entry in dispersions[:_STRIPS])
-    return FlightsView(data, arrays, strips)
+    return FlightsView(data, arrays, strips, headed)
 
 
 def mark_of(number: int) -> str:
@@ -134,7 +134,7 @@ def _add_histories(
     places: Mapping[tuple[str, int], int],
     history: NDArray[np.int64],
     arrays: dict[str, Floats],
-) -> tuple[list[dict[str, Any]], int]:
+) -> tuple[list[dict[str, str | None]], int]:
     """Put the kept histories into ``arrays`` (``history:CHANNEL`` [flight, time]) and their numbers into ``history``.
 
     The channels that all of them have, and how many flights these are.
@@ -164,7 +164,7 @@ def _add_histories(
     return [_channel(signal.name, signal.unit, {s.name for s in held}) for signal in held], len(found)
 
 
-def _channel(name: str, unit: str, held: set[str]) -> dict[str, Any]:
+def _channel(name: str, unit: str, held: set[str]) -> dict[str, str | None]:
     stem, _, end = name.rpartition("_") if unit != "-" else (name, "", "")
     command = f"{stem}_command_{end}".rstrip("_")
     words = _capital(stem.replace("_", " "))

@@ -1,7 +1,6 @@
 """What the page's interactive envelopes show: words for the script, and the curves, which travel packed."""
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -30,7 +29,7 @@ def _label(name: str, unit: str) -> str:
 
 def envelope_data(
     results: Results, labels: Mapping[str, str], colors: Mapping[str, str]
-) -> tuple[dict[str, Any], dict[str, Floats]]:
+) -> tuple[dict[str, object], dict[str, Floats]]:
     """Channels and controllers; and arrays: ``time:CONTROLLER`` and ``CHANNEL:CONTROLLER`` [band, time], the bands in
     their order and the nominal flight behind them, and ``reference:CHANNEL``, each [time]."""
     names = results.controllers

@@ -3,7 +3,6 @@
 import base64
 import gzip
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,14 +11,14 @@ _MISSING = 0xFFFF
 _STEPS = _MISSING - 1
 
 
-def pack_arrays(arrays: Mapping[str, ArrayLike]) -> tuple[dict[str, Any], str]:
+def pack_arrays(arrays: Mapping[str, ArrayLike]) -> tuple[dict[str, object], str]:
     """Where each array lies and what its numbers mean, and all of them as base64 of gzip.
 
     A number is ``low + (high - low) * n / 65534`` with ``n`` in 16 bits; 65535 is a missing or infinite one. So a value
     is off by at most 1/131068 of its array's range. Along the last axis each ``n`` is stored as its difference to the
     one before, modulo 65536: smooth curves take half the bytes then. All low bytes come first, then all high ones.
     """
-    places: dict[str, Any] = {}
+    places: dict[str, object] = {}
     parts: list[NDArray[np.uint16]] = []
     start = 0
     for name, given in arrays.items():

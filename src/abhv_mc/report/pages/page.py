@@ -46,7 +46,7 @@ class PageFigure:
     height: int
 
 
-def _embedded(figure: PageFigure) -> dict[str, Any]:
+def _embedded(figure: PageFigure) -> dict[str, object]:
     image = base64.b64encode(figure.path.read_bytes()).decode("ascii")
     return {
         "name": figure.text.name,
@@ -61,7 +61,7 @@ def _embedded(figure: PageFigure) -> dict[str, Any]:
     }
 
 
-def _script_json(data: Any) -> Markup:
+def _script_json(data: object) -> Markup:
     """JSON that cannot end the script element which holds it."""
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
     return Markup(text.replace("<", "\\u003c"))  # noqa: S704  no markup is left
@@ -145,7 +145,7 @@ def make_page(
             packed=Markup(packed),  # noqa: S704  letters of base64 only
             data=_script_json({"envelopes": envelopes, "flights": view.data, "places": places}),
             strips=view.strips,
-            flight_heads=[names.metrics[name].label_with_unit for name in view.data["headed"]],
+            flight_heads=[names.metrics[name].label_with_unit for name in view.headed],
             chart=chart_rows(verdicts.glance, names.controllers, colors),
             required=bool(verdicts.requirements),
             cards=cards(models, colors),

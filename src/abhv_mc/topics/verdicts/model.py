@@ -15,7 +15,7 @@ from abhv_mc.statistics.judgement import Pair, hold_family, judge_pairs
 from abhv_mc.statistics.ranking import spread
 from abhv_mc.statistics.verdicts import Verdict, advice_words, tolerance_limit, verdict_words
 from abhv_mc.topics.failed_flights import requirement_failures, requirement_words
-from abhv_mc.topics.words import count_of, significant
+from abhv_mc.topics.words import significant
 
 FAMILY_RISK = 0.10  # at which the report asks which PASSes would stand together
 _SHARES = (5.0, 50.0, 95.0)  # percent of the flights
@@ -67,7 +67,6 @@ class GlanceCell:
     high: float
     tolerance: float | None = None
     status: str = ""
-    failures: str = ""
 
 
 @dataclass(frozen=True)
@@ -183,7 +182,6 @@ def _glance(results: Results, entry: JudgedRequirement) -> GlanceRow:
             *_quantiles(results, name, item.metric, limits),
             tolerance=verdict.tolerance_limit,
             status=verdict.status,
-            failures=count_of(verdict.failures, verdict.flights),
         )
         for name, verdict in entry.controllers.items()
     }
