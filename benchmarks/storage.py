@@ -47,7 +47,7 @@ def main() -> None:
     rounds = parser.parse_args().rounds
     campaign = read_campaign(CAMPAIGN, BATCH, None, LAWS)
     samples = campaign.make_samples()
-    parameters = full_rows(samples.names, samples.draw(0, BATCH))
+    parameters = full_rows(samples.names, samples.draw(0, BATCH), ())
     plans = make_plans(campaign, LAWS, make_engine())
 
     def kernel() -> float:

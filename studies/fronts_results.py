@@ -36,7 +36,6 @@ from fronts import (
 from robust_flights import CORNER, NOMINAL, Flown, random_flights, search_flights
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.control.controller_file import Controller, read_controller
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.prepare import make_plan
@@ -258,7 +257,7 @@ def count_early_design(judge: Judge) -> dict[str, list[int]]:
     """Lost and cycling flights of ``campaigns/wide.yaml``'s dispersions, by controller; each lasts LONG."""
     campaign = read_campaign(ROOT / "campaigns/wide.yaml")
     samples = campaign.make_samples()
-    rows, found = full_rows(samples.names, samples.draw(0, campaign.runs)), {}
+    rows, found = campaign.rows(samples.draw(0, campaign.runs)), {}
     for name in ("tlc", "lqr", "tlc_robust", "lqr_robust"):
         controller = read_controller(ROOT / f"configs/control/{name}.yaml")
         flown = judge.duel.fly(make_plan(judge.duel.vehicle, judge.duel.long, controller, name), rows)

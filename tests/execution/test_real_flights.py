@@ -74,7 +74,7 @@ def test_kept_histories_are_the_replayed_ones(flown, engine):
 def test_no_flight_leaves_the_band_of_all_flights_at_any_tick(flown, engine):
     """Bands were of samples a tenth of a second apart, and TLC's surfaces saturate in between."""
     samples = pq.read_table(flown.folder / "samples.parquet").drop_columns(["flight"])
-    rows = full_rows(samples.column_names, np.column_stack([column.to_numpy() for column in samples.columns]))
+    rows = full_rows(samples.column_names, np.column_stack([column.to_numpy() for column in samples.columns]), ())
     bands = pq.read_table(flown.folder / "envelopes.parquet").to_pandas().set_index(["controller", "channel"])
     block = engine.fly(read_plan(flown.folder / "plans/tlc.npz", load_vehicle(VEHICLE)), rows, 1)
     between = 0

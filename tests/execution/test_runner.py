@@ -301,7 +301,7 @@ def fly_rows(drag):
 
     from abhv_mc.campaign.sampling.samples import full_rows
 
-    block = fly(make_plan("one"), full_rows(("aero.drag",), np.array(drag)[:, None]))
+    block = fly(make_plan("one"), full_rows(("aero.drag",), np.array(drag)[:, None], ()))
     return block.metrics[:, METRIC_INDEX["altitude_error_max_m"]].tolist()
 
 

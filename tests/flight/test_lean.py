@@ -29,7 +29,7 @@ def test_lean_flights_have_the_same_bits(name, repository, monkeypatch):
     plans = make_plans(campaign, campaign.model.controllers, make_engine())
     assert {plan.lean for plan in plans.values()} == {CAMPAIGNS[name]}
     source = campaign.make_samples()
-    rows = full_rows(source.names, source.draw(0, 64))
+    rows = full_rows(source.names, source.draw(0, 64), ())
     for plan in plans.values() if CAMPAIGNS[name] else ():
         blocks = []
         for lean in (True, False):
@@ -42,6 +42,6 @@ def test_lean_flights_have_the_same_bits(name, repository, monkeypatch):
 def test_a_lean_flight_refuses_what_it_does_not_know(repository):
     campaign = read_campaign(repository / "campaigns" / "s_manoeuvre.yaml", 1, None, None)
     (plan, *_) = make_plans(campaign, ["tlc"], make_engine()).values()
-    rows = full_rows(("wind.north",), np.array([[10.0]]))
+    rows = full_rows(("wind.north",), np.array([[10.0]]), ())
     with pytest.raises(ValueError, match="lean"):
         flying.fly(plan, rows)

@@ -30,6 +30,15 @@ def test_what_comes_with_a_probability_has_the_box_of_what_it_is_when_it_comes(t
     assert abs((drawn[:, drag] == 1.0).mean() - 0.7) < 0.03
 
 
+def test_a_mixtures_box_has_the_ends_of_its_parts_however_rare(tmp_path):
+    parts = "[{distribution: normal, sigma: 2 %}, {distribution: normal, mean: 1.5, sigma: 1 %},"
+    parts += " {distribution: uniform, low: 0.9, high: 1}]"
+    law = f"{{distribution: mixture, parts: {parts}, weights: [1, 1e-9, 1]}}"
+    space = make_space(read_campaign(write_campaign(tmp_path, dispersions=f"{{aero.drag: {law}}}", requirements="[]")))
+    np.testing.assert_allclose(space.bounds(3.0), [[0.9, 1.53]], rtol=1e-9)
+    np.testing.assert_allclose(space.bounds(6.0), [[0.88, 1.56]], rtol=1e-9)
+
+
 def test_a_box_in_which_no_random_flight_lies_is_refused(tmp_path):
     """The search flew, and then drew for ever."""
     names = ("aero.lift", "aero.drag", "aero.side_force", "mass.total", "mass.inertia_xx", "mass.inertia_yy")

@@ -102,7 +102,8 @@ def explain_flight(
     values, seeds = row.samples[0, : len(names)], row.samples[:, len(names) :]  # the noise stays as it was flown
 
     def spread(rows: Floats) -> Floats:
-        return full_rows(row.names, np.column_stack([rows, np.repeat(seeds, len(rows), axis=0)]))
+        together = np.column_stack([rows, np.repeat(seeds, len(rows), axis=0)])
+        return full_rows(row.names, together, campaign.derived)
 
     def severity(keep: NDArray[np.bool_]) -> Floats:
         block = fly(plan, spread(np.where(keep, values, nominal)), None)

@@ -119,7 +119,8 @@ def _map_controller(
 
     def severity(owners: NDArray[np.intp], keep: Mask) -> Floats:
         dispersed = np.where(keep, values[owners], nominal)
-        return _severity(failures, owners, fly(full_rows(rows[0].names, np.column_stack([dispersed, seeds[owners]]))))
+        together = np.column_stack([dispersed, seeds[owners]])
+        return _severity(failures, owners, fly(full_rows(rows[0].names, together, campaign.derived)))
 
     reader = SampleReader(folder.samples)
     found = shrink_together(len(names), severity, [mildest_first(reader, each) for each in values], _BUDGET)

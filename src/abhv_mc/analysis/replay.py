@@ -51,9 +51,10 @@ def replay_flight(
         raise InputError(root, f"no controller '{controller}'", one_of(names, controller))
     row = find_row(folder, controller, flight)
     read_checked(folder, [folder.campaign, folder.plan(controller), *folder.input_files()])
-    plan = read_trusted_plan(folder, read_folder_campaign(folder), controller, trust_code)
+    campaign = read_folder_campaign(folder)
+    plan = read_trusted_plan(folder, campaign, controller, trust_code)
     reader = SampleReader(folder.samples)
-    parameters = full_rows(reader.names, row.samples)
+    parameters = full_rows(reader.names, row.samples, campaign.derived)
     block = fly(plan, parameters, every)
     values = np.append(block.metrics[0], block.end_time[0])
     differences = [

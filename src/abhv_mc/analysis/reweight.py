@@ -1,5 +1,6 @@
 """Other distributions for the dispersions of flown flights: the ratio of densities by which each flight counts then."""
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +13,13 @@ from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.correlation import Copula
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
-from abhv_mc.campaign.sampling.marginals import ContinuousMarginal, DiscreteMarginal, Marginal, SometimesMarginal
+from abhv_mc.campaign.sampling.marginals import (
+    ContinuousMarginal,
+    DiscreteMarginal,
+    Marginal,
+    MixtureMarginal,
+    SometimesMarginal,
+)
 from abhv_mc.io.document_reader import compose
 from abhv_mc.io.documents import InputError, Refusal, one_of, validate
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
@@ -70,10 +77,18 @@ def make_change(campaign: Experiment, settings: Mapping[str, Mapping[str, Any]])
     mixed = [campaign.names[column] for column in campaign.copula.columns]
     for name, marginal in marginals.items():
         _check_support(name, campaign.marginals[name], marginal)
-        if name in mixed and any(isinstance(campaign.marginals[other], DiscreteMarginal) for other in mixed):
+        if name in mixed and any(map(_has_choice, (campaign.marginals[other] for other in mixed))):
             found = f"'{name}', correlated with a discrete choice"
             raise InputError(_SET, found, "a parameter without such a correlation")
     return Change({name: dict(entries[name]) for name in after}, after, marginals)
+
+
+def _parts(marginal: Marginal) -> tuple[Marginal, ...]:
+    return marginal.parts if isinstance(marginal, MixtureMarginal) else (marginal,)
+
+
+def _has_choice(marginal: Marginal) -> bool:
+    return any(isinstance(part, DiscreteMarginal) for part in _parts(marginal))
 
 
 def _check_support(name: str, old: Marginal, new: Marginal) -> None:
@@ -84,6 +99,20 @@ def _check_support(name: str, old: Marginal, new: Marginal) -> None:
     if isinstance(old, SometimesMarginal) != isinstance(new, SometimesMarginal):
         found = f"{name} with a probability in one case and always in the other"
         raise InputError(_SET, found, "a probability below 1 in both, or in none")
+    if isinstance(old, MixtureMarginal) or isinstance(new, MixtureMarginal):
+        if _has_choice(old) or _has_choice(new):
+            raise InputError(
+                _SET, f"{name} as a mixture with a discrete choice", "continuous parts, or a fresh campaign"
+            )
+        for part in _parts(new):  # each within what one part has flown
+            *others, last = _parts(old)
+            for flown in others:
+                with contextlib.suppress(InputError):
+                    _check_support(name, flown, part)
+                    break
+            else:
+                _check_support(name, last, part)
+        return
     if isinstance(old, DiscreteMarginal) and isinstance(new, DiscreteMarginal):
         missing = np.setdiff1d(new.values, old.values)
         if missing.size:

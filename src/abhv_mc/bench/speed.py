@@ -14,7 +14,6 @@ from statistics import median
 from abhv_mc.array_types import Floats
 from abhv_mc.bench.peak import measure_peak
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import prepare
@@ -105,7 +104,7 @@ def make_work(flights: int) -> tuple[dict[str, FlightPlan], Floats]:
     model = campaign.model
     plans = {name: prepare(model.vehicle, model.mission, model.controllers[name], name) for name in CONTROLLERS}
     samples = campaign.make_samples()
-    return plans, full_rows(samples.names, samples.draw(0, flights))
+    return plans, campaign.rows(samples.draw(0, flights))
 
 
 def _time(plan: FlightPlan, parameters: Floats, lanes: int) -> float:

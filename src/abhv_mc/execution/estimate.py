@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.blocks import choose_batch
 from abhv_mc.execution.flight_counts import FlightCounts, make_flight_counts
 from abhv_mc.execution.probe_dispersions import fly_probes
@@ -60,7 +59,7 @@ def estimate_campaign(campaign: Experiment, engine: Engine, workers: int | None 
     source = campaign.make_samples()
     number = min(TRIAL_FLIGHTS, campaign.runs)
     values = source.draw(0, number)
-    parameters = full_rows(source.names, values)
+    parameters = campaign.rows(values)
     seconds, rows_size, histories_size = [], 0, 0
     with tempfile.TemporaryDirectory() as folder:
         for name, plan in plans.items():

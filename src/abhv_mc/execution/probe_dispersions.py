@@ -39,7 +39,7 @@ def make_trials(campaign: Experiment) -> Floats:
     values[0] = nominal
     for i in range(len(names)):
         values[1 + _ROWS * i : 1 + _ROWS * (i + 1), i] = nominal[i], quantiles[i, 0], quantiles[i, 2]
-    return full_rows(names, values)
+    return full_rows(names, values, campaign.derived)
 
 
 def fly_probes(campaign: Experiment, plans: dict[str, FlightPlan], fly: Fly, every: int) -> dict[str, FlightBlock]:

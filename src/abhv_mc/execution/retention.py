@@ -10,10 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.backpressure import Backpressure, closing_quietly
 from abhv_mc.execution.flight_counts import FlightCounts
 from abhv_mc.execution.progress import Progress
@@ -106,7 +104,8 @@ def write_kept_histories(
     def fly_again(part: int) -> tuple[int, FlightBlock]:
         plan = plans[missing[part].controller]
         every = round(1.0 / (keep.rate * plan.timing.tick))
-        return part, fly(plan, _parameters(samples, missing[part].flights), every)
+        rows = np.concatenate([samples.rows(flight, flight + 1) for flight in missing[part].flights])
+        return part, fly(plan, campaign.rows(rows), every)
 
     pool = Parallel(n_jobs=workers, backend="threading", return_as="generator_unordered", pre_dispatch="2*n_jobs")
     backpressure = Backpressure(2 * workers)
@@ -128,8 +127,3 @@ def write_kept_histories(
         path.unlink()
         hashes.forget(path)
     return failed
-
-
-def _parameters(samples: SampleReader, flights: list[int]) -> NDArray[np.float64]:
-    values = np.concatenate([samples.rows(flight, flight + 1) for flight in flights])
-    return full_rows(samples.names, values)

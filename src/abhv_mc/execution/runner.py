@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Mask
-from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.backpressure import Backpressure, closing_quietly
 from abhv_mc.execution.blocks import Block, choose_batch, choose_plain, cut_blocks, fly_block
 from abhv_mc.execution.cluster import connect_cluster
@@ -147,7 +146,7 @@ class _Run:
         return whole and self.files.knows(self.folder.envelopes)
 
     def _parameters(self, first: int, stop: int) -> NDArray[np.float64]:
-        return full_rows(self.samples.names, self.samples.rows(first, stop))
+        return self.campaign.rows(self.samples.rows(first, stop))
 
     def _fly(self) -> None:
         """Fly what is missing, step by step where the campaign stops when proven."""

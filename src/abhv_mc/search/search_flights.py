@@ -172,7 +172,7 @@ class SearchFlights:
 
     def _fly(self, first: int, samples: Floats) -> FlightRows:
         names, count = self.space.columns, len(self.plan.metrics)
-        flown = self.executor.fly_side_by_side(self.flown_by, full_rows(names, samples))
+        flown = self.executor.fly_side_by_side(self.flown_by, self.space.rows(samples))
         outcome = tuple(Outcome(code).code for code in flown.outcome)
         values = np.column_stack([flown.metrics[:, :count], flown.end_time, flown.metrics[:, count:]])
         return FlightRows(self.plan.controller, first, names, samples, outcome, values, self.columns)
@@ -186,8 +186,8 @@ class SearchFlights:
         numbers = rank_distinct(
             severities, rows.samples[: len(severities), : len(self.space.names)], _DRAWN, DRAWN_APART
         )
-        nominal = full_rows((), np.empty((1, 0)))
-        worst = full_rows(rows.names, rows.samples[numbers])
+        nominal = full_rows((), np.empty((1, 0)), ())
+        worst = self.space.rows(rows.samples[numbers])
         every = max(1, round(_DRAWN_STEP / self.plan.timing.tick))
         block = self.executor.fly(self.plan, np.concatenate([nominal, worst]), every)
         return DrawnFlights(tuple(numbers), block.times, block.history)

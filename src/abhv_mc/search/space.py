@@ -8,7 +8,9 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.correlation import Copula
-from abhv_mc.campaign.sampling.marginals import DiscreteMarginal, Marginal, SometimesMarginal
+from abhv_mc.campaign.sampling.derived import Derived
+from abhv_mc.campaign.sampling.marginals import DiscreteMarginal, Marginal, MixtureMarginal, SometimesMarginal
+from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.campaign.sampling.streams import draw_uniforms, stream_key
 from abhv_mc.io.documents import InputError
 
@@ -25,6 +27,7 @@ class Space:
     seeds: tuple[str, ...]  # seed-like parameters, columns after the dimensions
     marginals: tuple[Marginal, ...]
     copula: Copula
+    derived: Derived
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -62,13 +65,15 @@ class Space:
         from scipy.special import ndtr
 
         found = []
+        tails = np.array([ndtr(-box), ndtr(box)])
         for marginal in self.marginals:
-            law = _when_it_comes(marginal)
-            ends = law.at_fraction(np.array([0.0, 1.0]))
-            tails = np.array([ndtr(-box), ndtr(box)])
-            probable = law.ppf(tails)
-            bounded = law.cdf(ends) - np.array([0.0, 1.0])
-            found.append(np.where(np.abs(bounded) < 1e-12, ends, probable))
+            whole = _when_it_comes(marginal)
+            sides = []
+            for law in whole.parts if isinstance(whole, MixtureMarginal) else (whole,):
+                ends = law.at_fraction(np.array([0.0, 1.0]))
+                bounded = law.cdf(ends) - np.array([0.0, 1.0])
+                sides.append(np.where(np.abs(bounded) < 1e-12, ends, law.ppf(tails)))
+            found.append((np.min(sides, axis=0)[0], np.max(sides, axis=0)[1]))
         return np.array(found)
 
     def from_box(self, points: Floats, bounds: Floats) -> Floats:
@@ -106,6 +111,10 @@ class Space:
         absent = np.array([m.nominal if isinstance(m, SometimesMarginal) else np.nan for m in self.marginals])
         return np.all((drawn >= bounds[:, 0]) & (drawn <= bounds[:, 1]) | (drawn == absent), axis=1)
 
+    def rows(self, values: Floats) -> Floats:
+        """Full rows ``[flight, parameter]`` of values in the order of :attr:`columns`."""
+        return full_rows(self.columns, values, self.derived)
+
     def complete(self, values: Floats, seed: int, first: int | None) -> Floats:
         """Values with the seeds' columns: of the flights from ``first`` on, or one for all where it is None."""
         columns = []
@@ -130,12 +139,13 @@ def make_space(campaign: Experiment) -> Space:
     names = tuple(name for name in campaign.names if name not in _SEEDS)
     if not names:
         raise document.error((), "no dispersions", "something to vary")
+    moved = (*names, *(each.name for each in campaign.derived))
     seeds = tuple(
-        seed for seed, cause in _SEEDS.items() if seed in campaign.names or any(n.endswith(cause) for n in names)
+        seed for seed, cause in _SEEDS.items() if seed in campaign.names or any(n.endswith(cause) for n in moved)
     )
     place = {campaign.names[column]: row for row, column in enumerate(campaign.copula.columns)}
     chosen = [name for name in names if name in place]
     if len(chosen) < len(place):
         raise document.error(("correlations",), "a seed that is correlated", "seeds that belong to themselves")
     copula = Copula(tuple(names.index(name) for name in chosen), campaign.copula.factor)
-    return Space(names, seeds, tuple(campaign.marginals[name] for name in names), copula)
+    return Space(names, seeds, tuple(campaign.marginals[name] for name in names), copula, campaign.derived)

@@ -44,11 +44,11 @@ def cornered_vehicles(space: Space, block: Tune) -> Floats:
     """Parameter rows ``[vehicle, parameter]`` whose margins the limits ask for: nominal, then corners."""
     asked = [limit.vehicles or "nominal" for limit in block.limits if limit.is_margin]
     names, bounds = space.names, space.bounds(_BOX)
-    nominal = full_rows((), np.empty((1 if asked else 0, 0)))
+    nominal = full_rows((), np.empty((1 if asked else 0, 0)), ())
     if "corners" not in asked:
         return nominal
     corners = np.array(list(product(*bounds.tolist())))
-    return np.concatenate([nominal, full_rows(names, corners)])
+    return np.concatenate([nominal, full_rows(names, corners, space.derived)])
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Trials:
         """Parameter rows ``[flight, parameter]`` that all candidates fly."""
         design = Design(INDEPENDENT, seed, self.space.names, flights, 2)
         values = DrawnSamples(design, self.space.marginals, self.space.copula).draw(0, flights)
-        return full_rows(self.space.columns, self.space.complete(values, seed, 0))
+        return self.space.rows(self.space.complete(values, seed, 0))
 
     def measure(self, points: Floats, parameters: Floats) -> list[Trial]:
         """The trial of each candidate ``[candidate, dimension]``."""

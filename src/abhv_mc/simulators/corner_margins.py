@@ -27,7 +27,7 @@ def make_corners(campaign: Experiment) -> Floats:
         sides = np.random.default_rng(campaign.model.seed).integers(0, 2, (_SOME, count))
     values = ends[np.arange(count), sides]
     nominal = nominal_parameters()
-    return np.vstack([nominal, full_rows(campaign.names, values)]) if count else nominal
+    return np.vstack([nominal, full_rows(campaign.names, values, campaign.derived)]) if count else nominal
 
 
 def describe_stability(campaign: Experiment, plans: Mapping[str, FlightPlan]) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.sampling.marginals import ContinuousMarginal
+from abhv_mc.campaign.sampling.marginals import ContinuousMarginal, MixtureMarginal
 from abhv_mc.flight.metrics import BUILT_IN
 from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
@@ -22,11 +22,12 @@ _ABOVE_ZERO = re.compile(
     r"|aero\.(lift|drag)$|propulsion\.thrust$|wind\.(turbulence|gust)_length$)"
 )
 _MOST_BELOW_ZERO = 1e-6  # probability that an unbounded law may have there
+_FIRST = 1000  # flights whose derived inputs are looked at
 
 
 def find_impossible(campaign: Experiment, vehicle: Vehicle | None = None) -> list[InputError]:
     """Everything of that kind, each with its place in the file; with ``vehicle`` also what that has nothing of."""
-    found = [*_requirements(campaign), *_laws(campaign)]
+    found = [*_requirements(campaign), *_laws(campaign), *_derived(campaign)]
     return found if vehicle is None else [*found, *_lacking(campaign, vehicle)]
 
 
@@ -77,8 +78,8 @@ def _laws(campaign: Experiment) -> Iterator[InputError]:
                 yield campaign.document.error(("sampling",), found, "values above zero: below it has no meaning")
             continue
         marginal = campaign.marginals[name]
-        if isinstance(marginal, ContinuousMarginal):
-            least = float(marginal.frozen.support()[0])
+        if isinstance(marginal, ContinuousMarginal | MixtureMarginal):
+            least = float(marginal.frozen.support()[0]) if isinstance(marginal, ContinuousMarginal) else -np.inf
             if not np.isfinite(least):
                 below = float(marginal.cdf(np.zeros(1))[0])
                 if below > _MOST_BELOW_ZERO:
@@ -97,13 +98,30 @@ def _laws(campaign: Experiment) -> Iterator[InputError]:
             )
 
 
+def _derived(campaign: Experiment) -> Iterator[InputError]:
+    """Derived inputs that some of the first flights have without a meaning."""
+    if not campaign.derived:
+        return
+    rows = campaign.rows(campaign.make_samples().draw(0, min(campaign.runs, _FIRST)))
+    for each in campaign.derived:
+        values = rows[:, PARAMETER_INDEX[each.name]]
+        least = float(values.min())
+        if np.isnan(least):
+            yield campaign.document.error(("derived", each.name), "an expression that is no number", "one that is")
+        elif least <= 0.0 and _ABOVE_ZERO.search(each.name):
+            found = f"'{each.name}' down to {least:g}"
+            wish = "values above zero: at or below it has no meaning"
+            yield campaign.document.error(("derived", each.name), found, wish)
+
+
 def _lacking(campaign: Experiment, vehicle: Vehicle) -> Iterator[InputError]:
     """Dispersions of parts that the vehicle does not have, and that would leave every flight as it is."""
     where = ("sampling",) if campaign.sample_file is not None else ("dispersions",)
-    for name in campaign.names:
+    for name in campaign.varied:
         if _has(vehicle, name):
             continue
-        place = where if campaign.sample_file is not None else (*where, name)
+        drawn = name in campaign.names
+        place = (*where, name) if drawn and campaign.sample_file is None else where if drawn else ("derived", name)
         found = f"'{name}' of a vehicle that has no such part"
         yield campaign.document.key_error(place, found, "a dispersion that matters to this vehicle")
 

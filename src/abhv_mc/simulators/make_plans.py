@@ -32,6 +32,7 @@ from abhv_mc.vehicle.limits import STILL_AIR, refuse_oscillation
 from abhv_mc.vehicle.sensing import IN_WIND, describe_sensing
 
 _RARELY = 1e-6  # probability that a law may have beyond a bound
+_FIRST = 1000  # flights whose derived delays are looked at
 
 
 def record_every(document: Document, plan: FlightPlan, rate: float, kind: str) -> int:
@@ -60,10 +61,14 @@ def make_plans(campaign: Experiment, names: Iterable[str], engine: Engine) -> di
 
 def _check_delays(campaign: Experiment, plans: Iterable[FlightPlan]) -> None:
     """Raise InputError for measurements later than flights remember, or from the future, by more than one in 1e6."""
-    if "sensor.delay" not in campaign.names:
+    if "sensor.delay" not in campaign.varied:
         return
-    if campaign.sample_file is not None:
-        place: tuple[str, ...] = ("sampling",)
+    if "sensor.delay" not in campaign.names:
+        place: tuple[str, ...] = ("derived", "sensor.delay")
+        values = campaign.make_samples().draw(0, min(campaign.runs, _FIRST))
+        drawn = campaign.rows(values)[:, PARAMETER_INDEX["sensor.delay"]]
+    elif campaign.sample_file is not None:
+        place = ("sampling",)
         drawn = campaign.sample_file.values[:, campaign.names.index("sensor.delay")]
     else:
         place = ("dispersions", "sensor.delay")
@@ -77,7 +82,7 @@ def _check_delays(campaign: Experiment, plans: Iterable[FlightPlan]) -> None:
 
 def _check_oscillation(campaign: Experiment, plans: Iterable[FlightPlan]) -> None:
     """Raise InputError for a limit on oscillation where gusts, turbulence or noise swing the angles."""
-    moving = [name for name in DISTURBANCES if name in campaign.names]
+    moving = [name for name in DISTURBANCES if name in campaign.varied]
     for plan in plans:
         if refused := refuse_oscillation(plan.limits.loads, moving):
             place = ("dispersions", moving[0]) if campaign.sample_file is None else ("sampling",)
@@ -95,7 +100,7 @@ def declare(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
 
 def _declare(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
     declared, sources = pack_metrics(campaign.declared), pack_sources(campaign.user_sources)
-    return replace(plan, declared=declared, user_sources=sources).lean_for(campaign.names)
+    return replace(plan, declared=declared, user_sources=sources).lean_for(campaign.varied)
 
 
 def take_plans(
@@ -123,7 +128,7 @@ def find_warnings(plans: dict[str, FlightPlan], campaign: Experiment) -> list[st
 def _sensing(plans: dict[str, FlightPlan], campaign: Experiment) -> list[str]:
     """Where there is wind, what the instruments measure."""
     plan = next(iter(plans.values()))
-    windy = any(name.startswith("wind.") for name in campaign.names) or plan.profile[:, 1:3].any()
+    windy = any(name.startswith("wind.") for name in campaign.varied) or plan.profile[:, 1:3].any()
     return [f"{IN_WIND} {describe_sensing(plan.vehicle.constants.sensing)}"] if windy else []
 
 

@@ -90,7 +90,7 @@ def read_trusted_plan(
         place = folder.inputs / "channels"
         sources = map(read_source, sorted(place.rglob("*.py")))
         plan = dataclasses.replace(plan, channels_source=_take(sources, place, plan.channels_hash, trusted))
-    return dataclasses.replace(plan, vehicle_code=find_code(plan.vehicle)).lean_for(campaign.names)
+    return dataclasses.replace(plan, vehicle_code=find_code(plan.vehicle)).lean_for(campaign.varied)
 
 
 def _read_laws(place: Path) -> Iterator[UserSource]:

@@ -60,7 +60,7 @@ def test_histories_of_flights_with_turbulence_are_not_the_same(repository, tmp_p
     controller = configs / "control/tlc.yaml"
     plan = prepare(configs / "vehicle/ghame_x.yaml", configs / "mission/s_manoeuvre.yaml", controller, "tlc")
     source = samples(tmp_path, dispersions="{wind.turbulence: {distribution: uniform, low: 1 m/s, high: 1.1 m/s}}")
-    block = fly(plan, full_rows(source.names, source.draw(0, 8)), 5)
+    block = fly(plan, full_rows(source.names, source.draw(0, 8), ()), 5)
     gusts = block.history[:, 200:, CHANNEL_INDEX["angle_of_attack_deg"]].astype(np.float64)
     gusts -= gusts.mean(axis=0)
     correlation = np.corrcoef(gusts)

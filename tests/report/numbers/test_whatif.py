@@ -142,3 +142,27 @@ def test_the_command(flown):
     assert shown.exit_code == 0 and "Altitude error, max < 1.85" in shown.stdout
     assert "sigma 5 %  ->  distribution normal, sigma 4%" in shown.stdout
     assert json.loads(CliRunner().invoke(app, [*words, "--json", "-"]).stdout)["controllers"].keys() == {"one", "two"}
+
+
+def test_the_weights_of_a_mixture_change(tmp_path):
+    """Flights of one mixture, weighed as those of another: the mean of lift is what the new weights make of it."""
+    parts = "[{distribution: normal, mean: 0.95, sigma: 2 %}, {distribution: uniform, low: 1.0, high: 1.1}]"
+    law = f"{{distribution: mixture, parts: {parts}}}"
+    campaign = read_campaign(write_campaign(tmp_path, runs="20000", dispersions=f"{{aero.lift: {law}}}"))
+    samples = campaign.make_samples().draw(0, 20000)
+    weights = weigh_flights(campaign, make_change(campaign, parse_settings(["aero.lift.weights=[3, 1]"])), samples)
+    assert weights.mean() == pytest.approx(1.0, abs=0.01)
+    expected = 0.75 * 0.95 + 0.25 * 1.05
+    assert np.average(samples[:, 0], weights=weights) == pytest.approx(expected, abs=0.002)
+    make_change(campaign, parse_settings([f"aero.lift.parts={parts.replace('low: 1.0', 'low: 1.02')}"]))
+
+
+def test_each_part_of_a_mixture_lies_within_one_that_was_flown(tmp_path):
+    parts = "[{distribution: uniform, low: 0.9, high: 0.95}, {distribution: uniform, low: 1.0, high: 1.1}]"
+    law = f"{{distribution: mixture, parts: {parts}}}"
+    campaign = read_campaign(write_campaign(tmp_path, dispersions=f"{{aero.lift: {law}}}"))
+    with pytest.raises(InputError, match=r"aero.lift from 0.9 to 1.1, beyond what was flown"):
+        make_change(campaign, parse_settings([f"aero.lift.parts={parts.replace('high: 0.95', 'high: 1.1')}"]))
+    choice = parts.replace("uniform, low: 0.9, high: 0.95", "discrete, values: [0.9, 0.95]")
+    with pytest.raises(InputError, match=r"mixture with a discrete choice"):
+        make_change(campaign, parse_settings([f"aero.lift.parts={choice}"]))

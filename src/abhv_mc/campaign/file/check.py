@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.campaign.file.config import Campaign
+from abhv_mc.campaign.file.derived import check_derived
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.keep import BY_REQUIREMENTS
 from abhv_mc.campaign.file.kinds import find_kind, find_wrong_kinds
@@ -25,6 +26,7 @@ from abhv_mc.campaign.file.user_metrics import (
     read_metrics_file,
 )
 from abhv_mc.campaign.sampling.correlation import Copula, make_copula, normal_correlation
+from abhv_mc.campaign.sampling.derived import DOTTED
 from abhv_mc.campaign.sampling.designs import (
     FACTORIAL,
     INDEPENDENT,
@@ -78,6 +80,7 @@ def _check(document: Document, model: Campaign) -> Experiment:
     sample_file = read_sample_file(model.sampling.path, DISPERSIBLE) if model.sampling.path else None
     names = sample_file.names if sample_file else tuple(model.dispersions)
     copula = _make_copula(document, model, names, errors)
+    derived = check_derived(document, model, errors)
     user_channels = find_user_channels(model.channels) if model.channels else ()
     declared, written = _declare_metrics(document, model, user_channels, errors)
     metrics = {metric.name: metric for metric in (*METRICS, *declared)}
@@ -100,7 +103,7 @@ def _check(document: Document, model: Campaign) -> Experiment:
     if errors:
         raise InputErrors(sorted(errors, key=lambda error: (error.line or 0, error.column or 0)))
     shared = document, model, number, marginals, copula, sample_file, requirements
-    return Experiment(*shared, tuple(metrics.values()), declared, user_channels)
+    return Experiment(*shared, tuple(metrics.values()), declared, user_channels, derived=derived)
 
 
 def name_effectors(document: Document) -> Document:
@@ -113,7 +116,9 @@ def name_effectors(document: Document) -> Document:
     held, vehicle = data.get("dispersions"), data.get("vehicle")
     if not isinstance(held, dict) or not isinstance(vehicle, str):
         return document
-    asked = [name for name in held if isinstance(name, str) and name.startswith("failure.") and name not in DISPERSIBLE]
+    texts = data["derived"] if isinstance(data.get("derived"), dict) else {}
+    named = [*map(str, held), *(name for pair in texts.items() for text in pair for name in DOTTED.findall(str(text)))]
+    asked = [name for name in named if name.startswith("failure.") and name not in DISPERSIBLE]
     try:
         content = read_document(document.path.parent / vehicle).data if asked else None
     except InputError:
@@ -138,6 +143,11 @@ def name_effectors(document: Document) -> Document:
     changed = {**data, "dispersions": {renamed(name): value for name, value in held.items()}}
     if correlations:
         changed["correlations"] = correlations
+    if texts:
+        changed["derived"] = {
+            renamed(str(name)): DOTTED.sub(lambda found: renamed(found[0]), text) if isinstance(text, str) else text
+            for name, text in texts.items()
+        }
     return replace(document, data=changed) if asked else document
 
 

@@ -201,6 +201,9 @@ class Campaign(StrictModel):
     )
     dispersions: dict[str, Distribution] = Field({}, description="distributions by the parameter that they disperse")
     correlations: tuple[Correlation, ...] = Field((), description="pairs of parameters that vary together")
+    derived: dict[str, str] = Field(
+        {}, description="parameters that follow from others of their flight: expressions of parameters, in SI"
+    )
     channels: File | None = Field(None, description="Python file of user channels, relative to this file")
     metrics: Annotated[
         Annotated[dict[MetricName, MetricEntry], Tag("entries")] | Annotated[File, Tag("file")],

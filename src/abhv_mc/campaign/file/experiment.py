@@ -12,10 +12,18 @@ from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.campaign.file.keep import BY_REQUIREMENTS
 from abhv_mc.campaign.sampling.correlation import Copula
+from abhv_mc.campaign.sampling.derived import Derived
 from abhv_mc.campaign.sampling.designs import EXTENSIBLE, INDEPENDENT, Design
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile
-from abhv_mc.campaign.sampling.samples import DrawnSamples, GivenSamples, PooledSamples, SampleSource, SeededSamples
+from abhv_mc.campaign.sampling.samples import (
+    DrawnSamples,
+    GivenSamples,
+    PooledSamples,
+    SampleSource,
+    SeededSamples,
+    full_rows,
+)
 from abhv_mc.campaign.sampling.seeds import Seeds, find_seeds
 from abhv_mc.flight.metrics import MARGINS, Metric
 from abhv_mc.flight.plan import FlightPlan
@@ -63,6 +71,7 @@ class Experiment:
     user_sources: tuple[tuple[str, str], ...] = ()  # name and unit of the channels of its own file
     systems: Mapping[str, System] = field(default_factory=dict)  # by controller, where they are ready to fly
     columns: tuple[str, ...] | None = None  # of the rows that fly, where they are not the campaign's own
+    derived: Derived = ()  # parameters that follow from the others of their row
 
     @property
     def name(self) -> str:
@@ -130,9 +139,14 @@ class Experiment:
         return self.sample_file.names if self.sample_file else tuple(self.marginals)
 
     @property
+    def varied(self) -> tuple[str, ...]:
+        """The parameters that differ from flight to flight."""
+        return (*self.names, *(each.name for each in self.derived))
+
+    @property
     def inputs(self) -> tuple[str, ...]:
         """The columns of the rows that fly: the dispersed parameters, then the seeds that the flights' noise needs."""
-        return self.columns if self.columns is not None else (*self.names, *find_seeds(self.names))
+        return self.columns if self.columns is not None else (*self.names, *find_seeds(self.varied))
 
     @property
     def extensible(self) -> bool:
@@ -198,6 +212,10 @@ class Experiment:
             return PooledSamples(tuple(sources), tuple(part.runs for part in self.model.pooled), self.runs)
         return self._samples_of(self.model.seed, self.runs)
 
+    def rows(self, values: Floats) -> Floats:
+        """Full rows ``[flight, parameter]`` of rows of its inputs."""
+        return full_rows(self.inputs, values, self.derived)
+
     def _samples_of(self, seed: int, runs: int) -> SampleSource:
         sampling = self.model.sampling
         source: SampleSource
@@ -206,7 +224,7 @@ class Experiment:
         else:
             design = Design(sampling.design, seed, self.names, runs, sampling.levels)
             source = DrawnSamples(design, tuple(self.marginals.values()), self.copula)
-        seeds = find_seeds(self.names)
+        seeds = find_seeds(self.varied)
         if not seeds:
             return source
         return SeededSamples(source, Seeds(seeds, seed, sampling.design))

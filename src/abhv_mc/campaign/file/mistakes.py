@@ -11,6 +11,7 @@ Place = tuple[int, int]
 _RESTS_ON = {
     "dispersions": ("sampling",),
     "correlations": ("dispersions", "sampling"),
+    "derived": ("dispersions",),
     "metrics": ("channels",),
     "requirements": ("metrics", "channels"),
     "stop": ("requirements", "runs", "sampling"),

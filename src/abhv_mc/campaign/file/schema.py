@@ -86,7 +86,8 @@ def _enumerate(campaign: Schema) -> None:
     campaign["then"] = {"properties": {"requirements": {"items": {"properties": {"metric": metrics}}}}}
 
     names = {"enum": [parameter.name for parameter in PARAMETERS if "." in parameter.name]}
-    campaign["properties"]["dispersions"]["propertyNames"] = {"anyOf": [names, {"pattern": _FAILURE}]}
+    for key in ("dispersions", "derived"):
+        campaign["properties"][key]["propertyNames"] = {"anyOf": [names, {"pattern": _FAILURE}]}
     parts["Correlation"]["properties"]["between"]["prefixItems"] = [{"type": "string", **names}] * 2
     for keep in ("KeepHistories", "KeepEnvelopes"):
         one: Schema = {"type": "string", "anyOf": [{"enum": ["all", *CHANNEL_INDEX]}, own]}

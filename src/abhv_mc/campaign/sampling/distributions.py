@@ -10,7 +10,13 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from abhv_mc.campaign.sampling.marginals import ContinuousMarginal, DiscreteMarginal, Marginal, SometimesMarginal
+from abhv_mc.campaign.sampling.marginals import (
+    ContinuousMarginal,
+    DiscreteMarginal,
+    Marginal,
+    MixtureMarginal,
+    SometimesMarginal,
+)
 from abhv_mc.io.documents import Refusal, StrictModel, one_of
 from abhv_mc.io.units import Fraction, parse_in_unit
 from abhv_mc.plant.parameters import Parameter
@@ -215,8 +221,45 @@ class Scipy(_Distribution):
         return marginal
 
 
-Distribution = Annotated[
+_Part = Annotated[
     Uniform | Normal | TruncatedNormal | Triangular | Lognormal | Beta | Discrete | Scipy,
+    Field(discriminator="distribution"),
+]
+
+
+class Mixture(_Distribution):
+    """One of several distributions, all alike or by weight."""
+
+    distribution: Literal["mixture"] = Field(description=_KIND)
+    parts: Annotated[tuple[_Part, ...], Field(min_length=2)] = Field(description="the distributions that it mixes")
+    weights: tuple[Annotated[float, Field(gt=0.0)], ...] | None = Field(
+        None, description="one for each part; left out: all alike"
+    )
+
+    def draw_from(self, parameter: Parameter) -> Marginal:
+        import numpy as np
+
+        weights = np.array(self.weights if self.weights is not None else np.ones(len(self.parts)))
+        if len(weights) != len(self.parts):
+            raise Refusal(f"{len(weights)} weights", f"{len(self.parts)}, one for each part", ("weights",))
+        weights, drawn = weights / weights.sum(), []
+        for i, part in enumerate(self.parts):
+            if part.probability < 1.0:
+                raise Refusal("a part with a probability", "a weight, or a probability of the mixture", ("parts", i))
+            try:
+                drawn.append(part.draw_from(parameter))
+            except Refusal as refusal:
+                raise Refusal(refusal.found, refusal.expected, ("parts", i, *refusal.keys)) from None
+        choices = [part for part in drawn if isinstance(part, DiscreteMarginal)]
+        if len(choices) < len(drawn):
+            return MixtureMarginal(tuple(drawn), tuple(weights.tolist()))
+        values = np.unique(np.concatenate([part.values for part in choices]))
+        cumulative = np.cumsum(sum(w * part.density(values) for w, part in zip(weights, choices, strict=True)))
+        return DiscreteMarginal(values, np.append(cumulative[:-1], 1.0))
+
+
+Distribution = Annotated[
+    Uniform | Normal | TruncatedNormal | Triangular | Lognormal | Beta | Discrete | Scipy | Mixture,
     Field(discriminator="distribution"),
 ]
 

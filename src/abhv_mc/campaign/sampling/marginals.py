@@ -1,6 +1,6 @@
 """Marginal distributions in SI: what a design's probabilities are turned into values by."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
@@ -11,6 +11,7 @@ from abhv_mc.array_types import Floats
 
 # Corners, grid and trial flights take an unbounded distribution between these probabilities: +-3 sigma of a normal.
 TAIL_PROBABILITY = 0.0013498980316301
+_HALVINGS = 64  # of a mixture's bracket
 
 
 class Marginal(Protocol):
@@ -125,6 +126,53 @@ class DiscreteMarginal:
 
     def at_fraction(self, fraction: Floats) -> Floats:
         return self.values[np.rint(fraction * (len(self.values) - 1)).astype(np.int64)]
+
+
+@dataclass(frozen=True)
+class MixtureMarginal:
+    """Each part with its weight; at least one part is continuous."""
+
+    parts: tuple[Marginal, ...]
+    weights: tuple[float, ...]  # sum 1
+
+    def ppf(self, probability: Floats) -> Floats:
+        """The least values that are reached with the probabilities, by bisection between those of the parts."""
+        ends = np.stack([part.ppf(probability) for part in self.parts])
+        low, high = ends.min(axis=0), ends.max(axis=0)
+        for _ in range(_HALVINGS):  # a value's last step changes nothing: none depends on the others of its batch
+            middle = low + 0.5 * (high - low)
+            if np.all((middle == low) | (middle == high)):
+                break
+            reached = self.cdf(middle) >= probability
+            low, high = np.where(reached, low, middle), np.where(reached, middle, high)
+        for atom in self._atoms():
+            above = self.cdf(np.array([atom]))[0]
+            below = above - self.density(np.array([atom]))[0]
+            high = np.where((below < probability) & (probability <= above), atom, high)
+        return high
+
+    def cdf(self, value: Floats) -> Floats:
+        return np.asarray(sum(weight * part.cdf(value) for weight, part in self._weighed()))
+
+    def density(self, value: Floats) -> Floats:
+        """Density of the continuous parts; at a discrete part's value its probability."""
+        mass, density = np.zeros(np.shape(value)), np.zeros(np.shape(value))
+        for weight, part in self._weighed():
+            total = mass if isinstance(part, DiscreteMarginal) else density
+            total += weight * part.density(value)
+        return np.where(mass > 0.0, mass, density)
+
+    def at_fraction(self, fraction: Floats) -> Floats:
+        ends = np.array([part.at_fraction(np.array([0.0, 1.0])) for part in self.parts])
+        low, high = ends[:, 0].min(), ends[:, 1].max()
+        return np.asarray(low + (high - low) * fraction)
+
+    def _weighed(self) -> Iterator[tuple[float, Marginal]]:
+        return zip(self.weights, self.parts, strict=True)
+
+    def _atoms(self) -> list[float]:
+        found = [part.values for part in self.parts if isinstance(part, DiscreteMarginal)]
+        return np.unique(np.concatenate(found)).tolist() if found else []
 
 
 @dataclass(frozen=True)

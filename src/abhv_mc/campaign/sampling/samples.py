@@ -8,6 +8,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.correlation import Copula
+from abhv_mc.campaign.sampling.derived import Derived, derive
 from abhv_mc.campaign.sampling.designs import FACTORIAL, NOMINAL, Design
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile
@@ -117,8 +118,9 @@ class PooledSamples:
         return np.concatenate(pieces)
 
 
-def full_rows(names: Sequence[str], values: Floats) -> Floats:
-    """Full rows ``[flight, parameter]`` in the order of PARAMETERS: nominal but for the sampled columns."""
+def full_rows(names: Sequence[str], values: Floats, derived: Derived) -> Floats:
+    """Full rows ``[flight, parameter]`` in the order of PARAMETERS: nominal but for sampled and derived columns."""
     rows = np.tile([parameter.nominal for parameter in PARAMETERS], (len(values), 1))
     rows[:, [PARAMETER_INDEX[name] for name in names]] = values
+    derive(rows, derived)
     return rows

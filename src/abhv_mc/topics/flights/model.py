@@ -46,6 +46,7 @@ class Flights:
 
     parameters: tuple[str, ...]  # that were dispersed
     dispersions: Mapping[str, Mapping[str, object]]  # as the campaign writes them
+    derived: Mapping[str, str]  # parameters that follow from others: their expressions
     counts: Mapping[str, FlightCounts]
     left_out: Mapping[str, int]  # controllers of which the machine computed none, with their flights
     findings: Mapping[str, Findings]
@@ -56,10 +57,11 @@ class Flights:
 def compute_flights(results: Results) -> Flights:
     """Everything of all controllers."""
     names = results.controllers
-    disturbed = not set(DISTURBANCES).isdisjoint(results.samples)
+    disturbed = not set(DISTURBANCES).isdisjoint(results.campaign.varied)
     return Flights(
         results.dispersed,
         results.campaign.dispersions,
+        dict(results.campaign.model.derived),
         {name: _counts(results.flights[name], results.campaign.independent) for name in names},
         _left_out(results),
         {name: _findings(results.flights[name], disturbed) for name in names},

@@ -1,6 +1,7 @@
 """What was flown and how it ended, the linked view of the flights, and tables of the worst ones."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.topics.flights.model import FlightCounts, Flights
@@ -22,8 +23,9 @@ def _items(found: Flights, names: Names) -> Iterator[Item]:
     if found.source:
         yield Text(_flown(found, found.source.campaign, names))
     if found.dispersions:
-        rows = tuple(_dispersion(name, dict(entry)) for name, entry in found.dispersions.items())
-        yield Table("Dispersions", ("Parameter", "Meaning", "Distribution", "Settings"), (rows,), numbers=False)
+        rows = [_dispersion(name, _law(entry), _settings(entry)) for name, entry in found.dispersions.items()]
+        rows += [_dispersion(name, "derived", text) for name, text in found.derived.items()]
+        yield Table("Dispersions", ("Parameter", "Meaning", "Distribution", "Settings"), (tuple(rows),), numbers=False)
     heads = ("Controller", "Flown", "Ended early", "Not computed", "Outcomes")
     counts = tuple(_counts(names.label(name), entry) for name, entry in found.counts.items())
     yield Table("How the flights ended", heads, (counts,), numbers=False)
@@ -63,9 +65,17 @@ def _flown(found: Flights, campaign: Experiment, names: Names) -> str:
     )
 
 
-def _dispersion(name: str, entry: dict[str, object]) -> Row:
-    law = str(entry.pop("distribution", "")).replace("_", " ")
-    settings = ", ".join(f"{key.replace('_', ' ')} {value}" for key, value in entry.items())
+def _law(entry: Mapping[str, Any]) -> str:
+    return str(entry.get("distribution", "")).replace("_", " ")
+
+
+def _settings(entry: Mapping[str, Any]) -> str:
+    rest = {key: value for key, value in entry.items() if key not in ("distribution", "parts")}
+    parts = [f"{_law(part)} ({_settings(part)})" for part in entry.get("parts", ())]  # of a mixture
+    return ", ".join([*parts, *(f"{key.replace('_', ' ')} {value}" for key, value in rest.items())])
+
+
+def _dispersion(name: str, law: str, settings: str) -> Row:
     return Cell(f"`{name}`", head=True), Cell(parameter_doc(name)), Cell(law), Cell(settings)
 
 
