@@ -12,6 +12,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,8 @@ def in_words(numbers: dict[str, Any], shown: dict[str, str]) -> str:
     """The first screen, and what ``show`` prints of each topic."""
     parts = [f"# {numbers['provenance']['question']}", "![The first screen](../../docs/images/report.png)"]
     for topic, printed in shown.items():
-        lines = "\n".join(line.rstrip() for line in printed.strip("\n").splitlines())
+        told = (line.rstrip() for line in printed.strip("\n").splitlines())
+        lines = "\n".join(line if line.startswith(" ") else textwrap.fill(line, 120) for line in told)
         parts.append(f"`abhv-mc show {topic} reports/s_manoeuvre`:\n\n```text\n{lines}\n```")
     return "\n\n".join(parts) + "\n"
 
