@@ -60,7 +60,7 @@ class CampaignFolder:
     @property
     def report(self) -> tuple[Path, ...]:
         """What a report writes."""
-        pages = (self.root / f"report.{kind}" for kind in ("html", "md", "json"))
+        pages = (self.root / f"report.{kind}" for kind in ("html", "json"))
         return (*pages, self.matrix, self.root / "figures")
 
     @property
