@@ -43,7 +43,9 @@ the paper's sentence holds for sideslip; for bank on the first two at a budget o
 used alike (`ghame`, below) LQR is closer in bank; for angle of attack on `ghame` alone.
 
 Zhu and Shen (2014) close with: "with nearly the same amount of control surface usage, TLC has a better performance \
-in tracking angle of attack, sideslip angle and bank angle commands".
+in tracking angle of attack, sideslip angle and bank angle commands". With the gains as printed, on vehicles that show \
+what the paper's figures show, it has, bank in the ramps apart ([the paper](paper.md)). This page is about laws tuned \
+alike, on vehicles that those figures do not fit.
 
 ## Pairs of the same usage of every surface
 
