@@ -19,13 +19,13 @@ from pathlib import Path
 import numpy as np
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.prepare import prepare
-from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.plant.parameters import PARAMETERS
 
 configs, law = Path(sys.argv[1]), sys.argv[2]
 files = (configs / "vehicle/ghame_x.yaml", configs / "mission/s_manoeuvre.yaml", configs / f"control/{law}.yaml")
 plan, parameters, draw = prepare(*files, law), nominal_parameters(64), np.random.default_rng(1)
 for name, width in (("atmosphere.density", 0.1), ("aero.lift", 0.1), ("aero.drag", 0.15)):
-    parameters[:, PARAMETER_INDEX[name]] = 1.0 + draw.uniform(-width, width, 64)
+    parameters[:, [one.name for one in PARAMETERS].index(name)] = 1.0 + draw.uniform(-width, width, 64)
 fly(plan, parameters)
 times = []
 for _ in range(7):
