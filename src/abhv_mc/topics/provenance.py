@@ -43,10 +43,11 @@ def compute_provenance(results: Results) -> Provenance:
         independent_flights=campaign.independent,
         digests=manifest.get("digests") or {},
         manifest=dict(_rows(manifest)),
-        files=manifest.get("files") or {},
+        files={name: text for name, text in (manifest.get("files") or {}).items() if not name.startswith(_NOT_READ)},
     )
 
 
+_NOT_READ = ("inputs/", "plans/")  # by a report
 _TOLD_ELSEWHERE = ("controllers", "requirements", "requirements_shown", "files", "inputs")
 
 
@@ -89,7 +90,7 @@ def _section(found: Provenance, names: Names) -> Section:
             Text(text),
             Fold("Provenance", (Table("Provenance", ("What", "Value"), (made,), numbers=False),)),
             Fold("Files and their SHA-256", (Table("Files and their hashes", ("File", "SHA-256"), (files,),
-                                                   "Files of the campaign", numbers=False),)),
+                                                   "Files that this page was made from", numbers=False),)),
         ),
     )  # fmt: skip
 
