@@ -1,17 +1,14 @@
 """``abhv-mc compare``: two campaigns on the same samples, flight by flight."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import Json, parse_names
 from abhv_mc.cli.outputs import output, output_folder
-from abhv_mc.cli.printing import beside, new_table, print_table, say, show
-
-if TYPE_CHECKING:
-    from abhv_mc.report.pages.summary_page import Table
+from abhv_mc.cli.printing import beside, print_section, say, show
 
 
 def command(
@@ -41,30 +38,14 @@ def command(
     margins = parse_margins(fail_if_worse or [])
     a, b = read_compared(folder_a, folder_b)
     found = compare_results(a, b, named, margins)
-    answers, tables, _ = make_comparison(a, b, found)
     page = None
     if out is not None:
         page = write_compare_page(a, b, found, out)
     for results in (a, b):
         results.refuse_changes()
-    show(found, json, lambda: _print(answers, tables))
+    show(found, json, lambda: print_section(make_comparison(a, b, found)))
     if page is not None:
         say(f"report    {page}", file=beside(json))
     gates = [gate for pair in found["paired"] for gate in pair["not_worse"].values()]
     if not all(gate["shown"] for gate in gates):
         raise typer.Exit(ExitCode.FAILED)
-
-
-def _print(answers: list[str], tables: "list[Table]") -> None:
-    """What the page says, without the commands that replay single flights."""
-    from abhv_mc.report.pages.summary_page import CODE
-
-    for sentence in answers:
-        say(sentence)
-    for table in tables:
-        kept = [k for k, kind in enumerate(table.kinds) if kind != CODE]
-        heads = [table.heads[k] for k in kept]
-        drawn = new_table(heads[:1], heads[1:], table.title)
-        for row in table.rows:
-            drawn.add_row(*(row[k] for k in kept))
-        print_table(drawn)

@@ -10,6 +10,7 @@ from abhv_mc.io.input_error import printable
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from abhv_mc.topics.section import Section
     from abhv_mc.topics.section import Table as SectionTable
 
 
@@ -73,8 +74,21 @@ def print_table(table: "Table", **options: Any) -> None:
 
 
 def print_section_table(table: "SectionTable") -> None:
-    """Print a table of a topic's section."""
-    drawn = new_table(table.heads, (), table.caption or table.title)
-    for row in table.plain_rows():
-        drawn.add_row(*row)
+    """Print a table of a topic's section, without its commands: they are wider than a terminal."""
+    rows = table.plain_rows()
+    kept = [k for k in range(len(table.heads)) if not (rows and all(row[k].startswith("`") for row in rows))]
+    drawn = new_table([table.heads[k] for k in kept], (), table.caption or table.title)
+    for row in rows:
+        drawn.add_row(*(row[k] for k in kept))
     print_table(drawn)
+
+
+def print_section(section: "Section") -> None:
+    """Print the sentences and tables of a section but those that it folds."""
+    from abhv_mc.topics.section import Bullets, Table
+
+    for item in section.items:
+        if isinstance(item, Bullets):
+            say(*item.sentences, sep="\n")
+        elif isinstance(item, Table):
+            print_section_table(item)

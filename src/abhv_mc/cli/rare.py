@@ -9,7 +9,7 @@ import typer
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import CampaignFile, Controller, Fresh, Json, Scheduler, Seed, Workers
 from abhv_mc.cli.outputs import campaign_folder, output
-from abhv_mc.cli.printing import say, show
+from abhv_mc.cli.printing import beside, print_section, say, show
 
 
 def command(
@@ -34,25 +34,16 @@ def command(
     """
     from abhv_mc.api import rare
     from abhv_mc.cli.announce import announce_compiling
+    from abhv_mc.report.pages.rare_page import make_rare_answer
 
     announce_compiling()
     found = rare(campaign, out, requirement, controller, target_cov, flights, seed, workers, fresh, scheduler)
-    numbers = found.numbers()
-    estimate = found.estimate
-
-    def in_words() -> None:
-        if estimate.refusal is None:
-            interval = f"{estimate.low:.1e} .. {estimate.high:.1e}"
-            value = f"{estimate.probability:.1e}, 95 % interval {interval}{found.unwarned}"
-            say(f"estimate  P(failure) of {found.controller} {value}")
-        say(f"check     {found.second_opinion}")
-        say(f"flights   {estimate.flights}, {found.failures} of them failures")
-        say(f"report    {out / 'report.html'}")
-
-    show(numbers, json, in_words)
-    if estimate.refusal is not None:
-        say(f"no trustworthy estimate: {estimate.refusal}", file=sys.stderr)
+    show(found.numbers(), json, lambda: print_section(make_rare_answer(found, out).section))
+    say(f"report    {out / 'report.html'}", file=beside(json))
+    refusal = found.estimate.refusal
+    if refusal is not None:
+        say(f"no trustworthy estimate: {refusal}", file=sys.stderr)
     if found.failed_to_run:
         raise typer.Exit(ExitCode.INCOMPLETE)
-    if estimate.refusal is not None:
+    if refusal is not None:
         raise typer.Exit(ExitCode.FAILED)

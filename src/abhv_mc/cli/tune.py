@@ -9,7 +9,7 @@ import typer
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import CampaignFile, Controller, Json, Scheduler, Seed, Workers
 from abhv_mc.cli.outputs import output, output_file
-from abhv_mc.cli.printing import beside, say, show
+from abhv_mc.cli.printing import beside, print_section, say, show
 
 if TYPE_CHECKING:
     from abhv_mc.search.tune import TuneFound
@@ -38,9 +38,10 @@ def command(
     output_file(page)
     announce_compiling()
     from abhv_mc.api import tune
+    from abhv_mc.report.pages.tune_page import make_tune_answer
 
     def tell(found: "TuneFound") -> None:
-        show(found.as_json(), json, lambda: _print(found))
+        show(found.as_json(), json, lambda: print_section(make_tune_answer(found).section))
 
     found = tune(campaign, out, controller, block, seed, workers, scheduler, tell)
     told = beside(json)
@@ -49,14 +50,3 @@ def command(
         say("not shown to be better within the limits: no file is written", file=sys.stderr)
         raise typer.Exit(ExitCode.FAILED)
     say(f"controller {out}", file=told)
-
-
-def _print(found: "TuneFound") -> None:
-    gain = found.difference
-    for side in found.sides:
-        bound = "" if side.limit is None else f"  (limit {side.limit:.5g}{'' if side.keeps else ', broken'})"
-        say(f"{side.words}: {side.start:.5g} -> {side.best:.5g}{bound}")
-    say(f"difference {gain.value:.5g}, 95 % interval {gain.low:.5g} .. {gain.high:.5g}, on fresh flights")
-    ends = found.numbers.at_ends(found.tuning.place)
-    for key, value in found.numbers.values(found.tuning.place).items():
-        say(f"  {key:<40} {value}{'  (at the end of its range)' if key in ends else ''}")

@@ -8,7 +8,7 @@ import typer
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import CampaignFile, Controller, Fresh, Json, Scheduler, Seed, Workers
 from abhv_mc.cli.outputs import campaign_folder, output
-from abhv_mc.cli.printing import say, show
+from abhv_mc.cli.printing import beside, print_section, say, show
 from abhv_mc.io.input_error import InputError
 
 
@@ -38,23 +38,11 @@ def command(
         raise InputError("--below", "both --above and --below", "one of them")
     announce_compiling()
     from abhv_mc.api import worst
+    from abhv_mc.report.pages.worst_page import make_worst_answer
 
     bad: Literal["high", "low"] | None = "high" if above else "low" if below else None
     found = worst(campaign, out, metric, controller, bad, flights, box, seed, workers, fresh, scheduler)
-    numbers = found.numbers()
-
-    def in_words() -> None:
-        ended = "" if numbers["outcome"] == "ok" else f" (ended early: {numbers['outcome']})"
-        beside = "" if numbers["random_outcome"] == "ok" else f" (ended early: {numbers['random_outcome']})"
-        say(f"worst     {metric} {numbers['value']:.6g} of {found.controller}, flight {found.worst}{ended}")
-        say(f"random    {numbers['random_worst']:.6g} in as many random flights of the same box{beside}")
-        for name, value in numbers["parameters"].items():
-            say(f"  {name:<40} {value:.6g}{'  (at its bound)' if name in found.at_bounds else ''}")
-        say(f"flights   {found.searched} searched, {found.flights.stop - found.searched} random")
-        for name, share in found.probabilities.items():
-            say(f"in all flights of the search, though its probability is {share:.6g}: {name}")
-        say(f"report    {out / 'report.html'}")
-
-    show(numbers, json, in_words)
+    show(found.numbers(), json, lambda: print_section(make_worst_answer(found, out).section))
+    say(f"report    {out / 'report.html'}", file=beside(json))
     if found.failed_to_run:
         raise typer.Exit(ExitCode.INCOMPLETE)

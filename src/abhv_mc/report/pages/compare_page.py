@@ -2,6 +2,7 @@
 
 import shlex
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +10,12 @@ from abhv_mc.flight.metrics import SURFACE_USAGE
 from abhv_mc.folder.results import Results
 from abhv_mc.report.figures.paired import DifferencePanel, plot_differences
 from abhv_mc.report.numbers.compare import gate_words, sides
-from abhv_mc.report.pages.summary_page import CODE, LONG, SHORT, Shown, Table, write_answer_page
+from abhv_mc.report.pages.answer_page import Answer, make_table, write_answer_page
 from abhv_mc.topics.comparison.model import metric_differences
 from abhv_mc.topics.figure_style import CYCLE
 from abhv_mc.topics.labels import controller_label
+from abhv_mc.topics.section import Bullets, FigureText, Item, Picture, Section, Table
+from abhv_mc.topics.topic import Drawn
 from abhv_mc.topics.words import bounds, count_of, estimate, fixed, joined, p_value, significant
 
 _EARLY = "reached the end of the mission"
@@ -22,24 +25,23 @@ Labels = tuple[str, str, str]  # how the pair, its first and its second one are 
 
 def write_compare_page(a: Results, b: Results, found: Mapping[str, Any], folder: Path) -> Path:
     """Write `report.html` and `figures/differences.png` of what :func:`compare_results` found into ``folder``."""
-    answers, tables, parts = make_comparison(a, b, found)
+    parts = [(_labels(a, b, pair), pair) for pair in found["paired"]]
     named = [labels for labels, _ in parts]
     one, other = ("", "") if a.folder == b.folder else _folder_names(a, b)
     title = f"{one} against {other}" if one else joined([labels[0] for labels in named])
     question = a.campaign.question or a.campaign.name.replace("_", " ")
-    shown = _figures(a, b, found, [part for part in parts if not _is_same(part[1])])
-    tables.append(_provenance(a, b, found, folder))
-    return write_answer_page(folder / "report.html", title, f"Paired comparison · {question}", answers, shown, tables)
+    drawn = _figures(a, b, found, [part for part in parts if not _is_same(part[1])])
+    section = make_comparison(a, b, found)
+    section = replace(section, items=(*section.items, _provenance(a, b, found, folder)))
+    return write_answer_page(Answer(title, f"Paired comparison · {question}", section), drawn, folder / "report.html")
 
 
-def make_comparison(
-    a: Results, b: Results, found: Mapping[str, Any]
-) -> tuple[list[str], list[Table], list[tuple[Labels, Mapping[str, Any]]]]:
-    """Sentences and tables of what :func:`compare_results` found, and its pairs with what they are called."""
-    parts = [(_labels(a, b, pair), pair) for pair in found["paired"]]
+def make_comparison(a: Results, b: Results, found: Mapping[str, Any]) -> Section:
+    """Sentences and tables of what :func:`compare_results` found."""
     answers: list[str] = []
-    tables: list[Table] = []
-    for labels, pair in parts:
+    tables: list[Item] = []
+    for pair in found["paired"]:
+        labels = _labels(a, b, pair)
         answers += _sentences(pair, found, labels, a.campaign.independent)
         if not _is_same(pair):
             tables += _tables(pair, found, labels, (a.folder, b.folder))
@@ -47,7 +49,7 @@ def make_comparison(
         "Differences are of the same flights, the first minus the second, with 95 % intervals; a flight that ended "
         "early counts as worse than any that did not."
     )
-    return answers, tables, parts
+    return Section("Answer", (Bullets(tuple(answers)), Picture("differences"), *tables))
 
 
 def _is_same(pair: Mapping[str, Any]) -> bool:
@@ -69,7 +71,7 @@ def _provenance(a: Results, b: Results, found: Mapping[str, Any], folder: Path) 
         for metric, gate in pair["not_worse"].items():
             words += ["--fail-if-worse", f"{metric}={100.0 * gate['margin']:g}%"]
     heads = ("folder", "seed", "flights", "digest of its flights")
-    return Table("What was compared", f"This page again: {shlex.join(words)}", heads, rows, (LONG, SHORT, SHORT, CODE))
+    return make_table("What was compared", f"This page again: `{shlex.join(words)}`", heads, rows)
 
 
 def _folder_names(a: Results, b: Results) -> tuple[str, str]:
@@ -155,12 +157,12 @@ def _tables(
         "quantile. A winner is named in what is asked and in control usage, allowing for all of these. Pairing gain: "
         "an unpaired comparison of the means would need this many times the flights."
     )
-    yield Table(f"{title}: differences", caption, heads, rows, (LONG, *(SHORT,) * (len(heads) - 1)))
+    yield make_table(f"{title}: differences", caption, heads, rows)
     yield _failure_table(pair, found["requirements"], labels)
     if lost := _lost_rows(pair, found["requirements"], labels, folders):
         caption = "Of each requirement and side the first ten; each is flown again, bit for bit, by the command."
         columns = ("flight", "fails under", "and not under", "what", "flown again by")
-        yield Table(f"{title}: flights that only one fails", caption, columns, lost, (SHORT, SHORT, SHORT, LONG, CODE))
+        yield make_table(f"{title}: flights that only one fails", caption, columns, lost)
     usage = [
         [
             words[metric]["label"],
@@ -175,7 +177,7 @@ def _tables(
             f"Median ratios {a} to {b} with 95 % intervals, and in how many flights less error came with more use."
         )
         columns = ("metric", "error ratio", "usage ratio", "less error, no more use", "less error, more use")
-        yield Table(f"{title}: error against surface usage", caption, columns, usage, (SHORT,) * len(columns))
+        yield make_table(f"{title}: error against surface usage", caption, columns, usage)
 
 
 def _failure_table(pair: Mapping[str, Any], requirements: list[str], labels: Labels) -> Table:
@@ -186,7 +188,7 @@ def _failure_table(pair: Mapping[str, Any], requirements: list[str], labels: Lab
     ]
     heads = ("requirement", f"only {a} fails", f"only {b} fails", "both", "neither", "p (McNemar)")
     caption = "Failures of the same flights, with McNemar's exact test."
-    return Table(f"{title}: failures", caption, heads, rows, (SHORT,) * len(heads))
+    return make_table(f"{title}: failures", caption, heads, rows)
 
 
 def _lost_rows(
@@ -201,8 +203,8 @@ def _lost_rows(
     return [
         [
             str(flight), labels[1 + side], labels[2 - side], "; ".join(words),
-            shlex.join(["abhv-mc", "replay", str(folders[side]), "--flight", str(flight), "--controller",
-                        pair["controllers"][side]]),
+            "`" + shlex.join(["abhv-mc", "replay", str(folders[side]), "--flight", str(flight), "--controller",
+                              pair["controllers"][side]]) + "`",
         ]
         for (side, flight), words in sorted(missed.items())
     ]  # fmt: skip
@@ -210,7 +212,7 @@ def _lost_rows(
 
 def _figures(
     a: Results, b: Results, found: Mapping[str, Any], parts: list[tuple[Labels, Mapping[str, Any]]]
-) -> list[Shown]:
+) -> list[Drawn]:
     """What is asked and how much each surface was used; metrics in which no flight differs are left out."""
     pairs = {labels[0]: pair for labels, pair in parts}
     flights = {name: sides(a, b, *pair["controllers"]) for name, pair in pairs.items()}
@@ -236,4 +238,4 @@ def _figures(
     caption += f" The same in every flight: {joined(equal)}." if equal else ""
     colors = {name: CYCLE[i % len(CYCLE)] for i, name in enumerate(pairs)}
     figure = plot_differences(panels, {name: name for name in pairs}, colors, "no difference")
-    return [Shown("differences", "Paired differences", caption, figure)]
+    return [(FigureText("differences", "Paired differences", caption), figure)]

@@ -46,7 +46,8 @@ class PageFigure:
     height: int
 
 
-def _embedded(figure: PageFigure) -> dict[str, object]:
+def embed(figure: PageFigure) -> dict[str, object]:
+    """A figure as the template of a section draws it."""
     image = base64.b64encode(figure.path.read_bytes()).decode("ascii")
     return {
         "name": figure.text.name,
@@ -73,7 +74,8 @@ def _script_hashes(*scripts: str) -> Markup:
     return Markup(" ".join(f"'sha256-{value}'" for value in hashes))  # noqa: S704  letters of base64 only
 
 
-def _environment() -> Environment:
+def make_environment() -> Environment:
+    """What the templates of pages need."""
     environment = Environment(
         loader=PackageLoader("abhv_mc.report.pages", "template"),
         autoescape=True,
@@ -129,7 +131,7 @@ def make_page(
     flown = fixed(next(iter(models[FLIGHTS].counts.values())).flown, 0)
     title = campaign.name.replace("_", " ")
     return (
-        _environment()
+        make_environment()
         .get_template("page.html.j2")
         .render(
             title=title,
@@ -137,7 +139,7 @@ def make_page(
             question=campaign.question or f"What does the campaign {campaign.name} show?",
             state=state,
             sections=page_sections(models, warnings),
-            figure_of={figure.text.name: _embedded(figure) for figure in figures},
+            figure_of={figure.text.name: embed(figure) for figure in figures},
             style=Markup((template / "style.css").read_text("utf-8")),  # noqa: S704  our own files
             script=Markup(script),  # noqa: S704
             script_hashes=_script_hashes(script, gzip.decompress(packed_library).decode()),

@@ -1,42 +1,55 @@
 """The page of a rare failure's probability: the estimate or its refusal, levels, chains, and where failures live."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from abhv_mc.report.figures.searches import plot_failures, plot_levels, plot_mixing
+from abhv_mc.report.pages.answer_page import Answer, make_table, write_answer_page
 from abhv_mc.report.pages.searched_flights import drawn_figure, flights_table
-from abhv_mc.report.pages.summary_page import LONG, SHORT, Shown, Table, write_answer_page
 from abhv_mc.search.methods import second_look
 from abhv_mc.search.methods.subset import ACCEPTANCE
 from abhv_mc.search.rare import RareFound
 from abhv_mc.search.severity import ENDED_EARLY
 from abhv_mc.topics.labels import controller_label
+from abhv_mc.topics.section import Bullets, FigureText, Picture, Section, Table
+from abhv_mc.topics.topic import Drawn
+
+
+def make_rare_answer(found: RareFound, folder: Path) -> Answer:
+    """What an estimate of a rare failure says; its flights lie in ``folder``."""
+    metric, dimensions = found.metric, len(found.space.names)
+    asked = f"{metric.phrase} {metric.with_unit(str(found.requirement.limits))}"
+    flights = flights_table(found.flights, found.severities, dimensions, metric, found.controller, folder)
+    items = (
+        Bullets(tuple(_answers(found, asked))),
+        *map(Picture, ("levels", "mixing", "failures", "flights")),
+        *((_combinations(found),) if found.strata else ()),
+        flights,
+    )
+    title = f"Probability that {controller_label(found.controller)} breaks: {asked}"
+    return Answer(title, "Rare event", Section("Answer", items))
 
 
 def write_rare_page(found: RareFound, path: Path) -> Path:
     """Write the page of an estimate of a rare failure and its figures beside it."""
-    metric, failures = found.metric, found.estimate.failures
-    asked = f"{metric.phrase} {metric.with_unit(str(found.requirement.limits))}"
-    shown = [_levels(found), _mixing(found)] if found.estimate.repetitions else []
+    return write_answer_page(make_rare_answer(found, path.parent), _draw(found), path)
+
+
+def _draw(found: RareFound) -> Iterator[Drawn]:
+    if found.estimate.repetitions:
+        yield _levels(found)
+        yield _mixing(found)
+    failures = found.estimate.failures
     if len(failures):
         caption = (
             "Each parameter as the standard normal number behind it, among failures, beside all flights of a campaign. "
             "A parameter whose failures look like all flights does not matter by itself. The numbers are those before "
             "correlations are applied."
         )
-        shown.append(Shown("failures", "Where failures live", caption, plot_failures(found.space.names, failures)))
-    shown.append(drawn_figure(found.drawn))
-    names = found.space.names
-    flights = flights_table(found.flights, found.severities, len(names), metric, found.controller, path.parent)
-    return write_answer_page(
-        path,
-        f"Probability that {controller_label(found.controller)} breaks: {asked}",
-        "Rare event",
-        _answers(found, asked),
-        shown,
-        [*([_combinations(found)] if found.strata else []), flights],
-    )
+        yield FigureText("failures", "Where failures live", caption), plot_failures(found.space.names, failures)
+    yield drawn_figure(found.drawn)
 
 
 def _answers(found: RareFound, asked: str) -> list[str]:
@@ -76,10 +89,10 @@ def _combinations(found: RareFound) -> Table:
         "breaks the requirement then, with its 95 % interval, and what that adds to the sum."
     )
     heads = ("What comes", "Probability", "P(breaks)", "Adds", "Flights")
-    return Table("Combinations", caption, heads, rows, (LONG, SHORT, SHORT, SHORT, SHORT))
+    return make_table("Combinations", caption, heads, rows)
 
 
-def _levels(found: RareFound) -> Shown:
+def _levels(found: RareFound) -> Drawn:
     asked, ways = found.requirement.limits, []
     for one in found.estimate.repetitions:
         limits = np.array([level.threshold for level in one.levels])
@@ -92,10 +105,10 @@ def _levels(found: RareFound) -> Shown:
     if any(np.isnan(limits).any() for limits, _ in ways):
         caption += " A line ends where the next threshold is an early end, which has no value of the metric."
     label = f"{'distance outside the limits of ' if asked.both else ''}{found.metric.label_with_unit}"
-    return Shown("levels", "Levels", caption, plot_levels(label, asked.sign * asked.limit, ways))
+    return FigureText("levels", "Levels", caption), plot_levels(label, asked.sign * asked.limit, ways)
 
 
-def _mixing(found: RareFound) -> Shown:
+def _mixing(found: RareFound) -> Drawn:
     later = [one.levels[1:] for one in found.estimate.repetitions]
     caption = (
         f"Share of accepted moves ({ACCEPTANCE:g} is aimed at, dashed) and size of the moves at each level, a line for "
@@ -104,7 +117,7 @@ def _mixing(found: RareFound) -> Shown:
     rates, sizes = (
         [np.array([getattr(level, key) for level in levels]) for levels in later] for key in ("acceptance", "spread")
     )
-    return Shown("mixing", "How the chains mix", caption, plot_mixing(rates, sizes, ACCEPTANCE))
+    return FigureText("mixing", "How the chains mix", caption), plot_mixing(rates, sizes, ACCEPTANCE)
 
 
 def _plain_flights(found: RareFound) -> int:

@@ -11,11 +11,13 @@ from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.report.figures.searches import plot_flights
-from abhv_mc.report.pages.summary_page import CODE, LONG, SHORT, Shown, Table
+from abhv_mc.report.pages.answer_page import make_table
 from abhv_mc.search.search_flights import DRAWN_APART, DrawnFlights
 from abhv_mc.search.severity import rank_distinct
 from abhv_mc.topics.labels import FLIGHT_PANELS
 from abhv_mc.topics.parameter_words import shown_value
+from abhv_mc.topics.section import FigureText, Fold
+from abhv_mc.topics.topic import Drawn
 
 _LISTED = 10
 _ELSEWHERE = (
@@ -29,7 +31,7 @@ def with_unit(value: float, metric: Metric) -> str:
     return metric.with_unit(f"{value:.5g}")
 
 
-def drawn_figure(drawn: DrawnFlights) -> Shown:
+def drawn_figure(drawn: DrawnFlights) -> Drawn:
     """The drawn flights beside the nominal one."""
     panels = {
         label: drawn.history[:, :, CHANNEL_INDEX[name]].astype(np.float64) * scale
@@ -37,13 +39,13 @@ def drawn_figure(drawn: DrawnFlights) -> Shown:
     }
     labels = ["nominal", *(f"flight {number}" for number in drawn.numbers)]
     caption = f"{_ELSEWHERE[:1].upper()}{_ELSEWHERE[1:]}; beside the nominal one. A line ends where its flight ended."
-    return Shown("flights", "The worst flights", caption, plot_flights(drawn.times, panels, labels))
+    return FigureText("flights", "The worst flights", caption), plot_flights(drawn.times, panels, labels)
 
 
 def flights_table(
     flights: FlightRows, severities: Floats, dimensions: int, metric: Metric, controller: str, folder: Path
-) -> Table:
-    """The worst flights, and how each is flown again."""
+) -> Fold:
+    """The worst flights, and how each is flown again: wider than a terminal."""
     numbers: Sequence[int] = rank_distinct(
         severities, flights.samples[: len(severities), :dimensions], _LISTED, DRAWN_APART
     )
@@ -56,10 +58,10 @@ def flights_table(
                 f"{name} {shown_value(name, x)}"
                 for name, x in zip(flights.names[:dimensions], flights.samples[k].tolist(), strict=False)
             ),
-            shlex.join(["abhv-mc", "replay", str(folder), "--flight", str(k), "--controller", controller]),
+            f"`{shlex.join(['abhv-mc', 'replay', str(folder), '--flight', str(k), '--controller', controller])}`",
         ]
         for k in numbers
     ]
     heads = ("flight", metric.label_with_unit, "ended", "parameters", "flown again, bit for bit, by")
     caption = f"{_ELSEWHERE[:1].upper()}{_ELSEWHERE[1:]}."
-    return Table("Worst flights", caption, heads, rows, (SHORT, SHORT, SHORT, LONG, CODE))
+    return Fold("The worst flights, and how each is flown again", (make_table("Worst flights", caption, heads, rows),))

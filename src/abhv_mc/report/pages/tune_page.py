@@ -5,9 +5,17 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.report.figures.searches import plot_front, plot_gains
-from abhv_mc.report.pages.summary_page import LONG, SHORT, Shown, Table, write_answer_page
+from abhv_mc.report.pages.answer_page import Answer, make_table, write_answer_page
 from abhv_mc.search.tune import TuneFound
 from abhv_mc.topics.labels import controller_label
+from abhv_mc.topics.section import Bullets, FigureText, Picture, Section, Table
+
+
+def make_tune_answer(found: TuneFound) -> Answer:
+    """What tuning says."""
+    items = Bullets(tuple(_answers(found))), Picture("front"), Picture("gains"), _sides(found), _numbers(found)
+    title = f"{controller_label(found.controller)} tuned for {found.aim.phrase}"
+    return Answer(title, "Tuning", Section("Answer", items))
 
 
 def write_tune_page(found: TuneFound, path: Path) -> Path:
@@ -17,27 +25,24 @@ def write_tune_page(found: TuneFound, path: Path) -> Path:
         f"{found.metrics[entry.metric].label_with_unit}, {100 * entry.quantile:g} %"
         for entry in (block.minimise, block.usage)
     )
-    shown = [
-        Shown(
-            "front",
-            "Error against usage",
-            "Every candidate on the common flights. The Pareto front joins those within all limits that no other such "
-            "candidate beats in both. Candidates far outside are not drawn.",
-            plot_front(
-                (usage, aim), (scores.usage, scores.objective, scores.allowed), found.tuning.front, found.tuning.best
-            ),
-        ),
-        Shown(
-            "gains",
-            "How the search went",
-            "The error of each candidate on the common flights, the start first. The search fits itself to these "
-            "flights: what it gains is judged on the fresh ones above.",
-            plot_gains(aim, scores.objective, scores.allowed),
-        ),
-    ]
-    title = f"{controller_label(found.controller)} tuned for {found.aim.phrase}"
-    folder = path.with_suffix(".tuning") / "figures"
-    return write_answer_page(path, title, "Tuning", _answers(found), shown, [_sides(found), _numbers(found)], folder)
+    front = FigureText(
+        "front",
+        "Error against usage",
+        "Every candidate on the common flights. The Pareto front joins those within all limits that no other such "
+        "candidate beats in both. Candidates far outside are not drawn.",
+    )
+    gains = FigureText(
+        "gains",
+        "How the search went",
+        "The error of each candidate on the common flights, the start first. The search fits itself to these "
+        "flights: what it gains is judged on the fresh ones above.",
+    )
+    points = scores.usage, scores.objective, scores.allowed
+    drawn = (
+        (front, plot_front((usage, aim), points, found.tuning.front, found.tuning.best)),
+        (gains, plot_gains(aim, scores.objective, scores.allowed)),
+    )
+    return write_answer_page(make_tune_answer(found), drawn, path, path.with_suffix(".tuning") / "figures")
 
 
 def _answers(found: TuneFound) -> list[str]:
@@ -90,7 +95,7 @@ def _sides(found: TuneFound) -> Table:
         "margins are the least over all loops and points."
     )
     heads = ("what", "start", "result", "limit", "kept")
-    return Table("Start and result", caption, heads, rows, (LONG, SHORT, SHORT, SHORT, SHORT))
+    return make_table("Start and result", caption, heads, rows)
 
 
 def _numbers(found: TuneFound) -> Table:
@@ -103,4 +108,4 @@ def _numbers(found: TuneFound) -> Table:
         [key, *(str(column[key]) for column in columns), "at the end of its range" if key in ends else ""]
         for key in columns[0]
     ]
-    return Table("Free numbers", caption, heads, rows, (SHORT,) * 6)
+    return make_table("Free numbers", caption, heads, rows)

@@ -6,28 +6,32 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.report.figures.searches import plot_convergence, plot_place
+from abhv_mc.report.pages.answer_page import Answer, make_table, write_answer_page
 from abhv_mc.report.pages.searched_flights import drawn_figure, flights_table, with_unit
-from abhv_mc.report.pages.summary_page import SHORT, Shown, Table, write_answer_page
 from abhv_mc.search.severity import ENDED_EARLY
 from abhv_mc.search.worst import WorstFound
 from abhv_mc.topics.labels import controller_label
 from abhv_mc.topics.parameter_words import shown_value
+from abhv_mc.topics.section import Bullets, FigureText, Item, Picture, Section, Table
+from abhv_mc.topics.topic import Drawn
 from abhv_mc.topics.words import percent
+
+
+def make_worst_answer(found: WorstFound, folder: Path) -> Answer:
+    """What a worst-case search says; its flights lie in ``folder``."""
+    metric = found.metric
+    searched = found.severities[: found.searched]
+    flights = flights_table(found.flights, searched, len(found.names), metric, found.controller, folder)
+    pictures = (Picture(name) for name in ("convergence", "place", "flights"))
+    title = f"Worst case of {controller_label(found.controller)}: {metric.phrase}"
+    items: tuple[Item, ...] = (Bullets(tuple(_answers(found))), *pictures, _range_table(found), flights)
+    return Answer(title, "Worst-case search", Section("Answer", items))
 
 
 def write_worst_page(found: WorstFound, path: Path) -> Path:
     """Write the page of a worst-case search and its figures beside it."""
-    metric = found.metric
-    searched = found.severities[: found.searched]
-    table = flights_table(found.flights, searched, len(found.names), metric, found.controller, path.parent)
-    return write_answer_page(
-        path,
-        f"Worst case of {controller_label(found.controller)}: {metric.phrase}",
-        "Worst-case search",
-        _answers(found),
-        [_convergence(found), _place(found), drawn_figure(found.drawn)],
-        [table, _range_table(found)],
-    )
+    drawn = (_convergence(found), _place(found), drawn_figure(found.drawn))
+    return write_answer_page(make_worst_answer(found, path.parent), drawn, path)
 
 
 def _answers(found: WorstFound) -> list[str]:
@@ -72,7 +76,7 @@ def _words(found: WorstFound, flight: int) -> str:
     return with_unit(found.value(flight), found.metric)
 
 
-def _convergence(found: WorstFound) -> Shown:
+def _convergence(found: WorstFound) -> Drawn:
     stages: list[tuple[int, str]] = []
     last = 0
     for step in found.case.history:
@@ -86,7 +90,7 @@ def _convergence(found: WorstFound) -> Shown:
         parts = np.split(found.severities - ENDED_EARLY, [found.searched])
         curves["earliest end (s)"] = [found.duration - _left(part) for part in parts]
         caption += " A line ends with the first flight that ended early, which is worse; below, the earliest such end."
-    return Shown("convergence", "Convergence", caption, plot_convergence(curves, stages))
+    return FigureText("convergence", "Convergence", caption), plot_convergence(curves, stages)
 
 
 def _so_far(severities: Floats, sign: float) -> Floats:
@@ -101,21 +105,20 @@ def _left(seconds: Floats) -> Floats:
     return np.where(most >= 0.0, most, np.nan)
 
 
-def _place(found: WorstFound) -> Shown:
+def _place(found: WorstFound) -> Drawn:
     change = np.where(np.abs(found.case.sensitivity) < 0.5 * ENDED_EARLY, found.case.sensitivity, np.nan)
     if _ended_early(found, found.worst):
         what, change, gap = "time of the end (s)", -change, "the flight does not end early"
     else:
         what, gap = found.metric.label_with_unit, "the flight ended early"
         change = found.sign * change
-    return Shown(
-        "place",
-        "Where it is, and what matters there",
+    caption = (
         "Left: each parameter at the worst flight within its range. Right: by how much the value changes when one "
         f"parameter is moved by a twentieth of its range and the others stay; no bar where a bound is in the way or "
-        f"{gap}.",
-        plot_place(found.names, found.case.place, change, what),
+        f"{gap}."
     )
+    text = FigureText("place", "Where it is, and what matters there", caption)
+    return text, plot_place(found.names, found.case.place, change, what)
 
 
 def _range_table(found: WorstFound) -> Table:
@@ -129,4 +132,4 @@ def _range_table(found: WorstFound) -> Table:
         for i, (name, (low, high)) in enumerate(zip(found.names, found.bounds.tolist(), strict=True))
     ]
     caption = f"Bounded laws span their range, unbounded ones {found.settings.box:g} standard deviations either way."
-    return Table("The box", caption, ("parameter", "low end", "worst", "high end"), rows, (SHORT,) * 4)
+    return make_table("The box", caption, ("parameter", "low end", "worst", "high end"), rows)
