@@ -8,11 +8,13 @@ Everything is a number in SI and radians. See docs/tutorials/own-controller.md.
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import solve_continuous_are
 from scipy.signal import place_poles
 
 from abhv_mc.extend import Command, clamp, controller, cos, wrap
 
 GRAVITY = 9.73  # m/s2, at 20 km
+WEIGHTS = np.diag([1.0, 10.0, 0.1, 0.1])  # of bank, sideslip, roll and yaw rate; aileron and rudder have 10 each
 
 
 class Settings(NamedTuple):
@@ -20,7 +22,7 @@ class Settings(NamedTuple):
 
     path: float = 2.0  # 1/s, flight path angle to angle of attack
     altitude: float = 0.1  # 1/s, altitude to flight path angle
-    heading: float = 0.25  # 1/s, heading to bank
+    heading: float = 0.2  # 1/s, heading to bank
     speed: float = 0.01  # s/m, speed to equivalence ratio
     bank_limit: float = 1.2  # rad
 
@@ -56,7 +58,7 @@ def design(model, settings):
         A, B = plant.take(("angle_of_attack", "pitch_rate"), ("elevator",))
         pitch = place_poles(A, B, [-2.5 + 2.0j, -2.5 - 2.0j]).gain_matrix
         A, B = plant.take(("bank", "sideslip", "roll_rate", "yaw_rate"), ("aileron", "rudder"))
-        lateral = place_poles(A, B, [-1.5, -2.0 + 2.5j, -2.0 - 2.5j, -4.0]).gain_matrix
+        lateral = B.T @ solve_continuous_are(A, B, WEIGHTS, 10.0 * np.eye(2)) / 10.0  # an LQR, for its margins
         rows.append([*pitch.ravel(), *lateral.ravel()])
     return Gains(*(np.interp(model.time, times, column) for column in np.transpose(rows)))
 
