@@ -57,6 +57,9 @@ def test_a_law_of_ones_own_comes_with_a_campaign_that_asks_about_it_and_flies(tm
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 def test_a_law_in_c_flies_as_the_same_law_in_python_and_builds_by_its_makefile(tmp_path: Path) -> None:
     python, c = (write_new_campaign(tmp_path / law, law=law)[0].parent / "control" for law in ("python", "c"))
+    code = (c / "my_law.c").read_text()
+    assert code.count("#define EVERY 10 ") == 1
+    (c / "my_law.c").write_text(code.replace("#define EVERY 10 ", "#define EVERY 1 "))  # guidance at every tick, too
     flights = [abhv_mc.fly("level", controller=folder / "my_law.yaml", every=100) for folder in (python, c)]
     assert flights[1].attrs["outcome"] == "ok"
     assert flights[1].equals(flights[0])
