@@ -14,10 +14,8 @@ from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.io.documents import InputError
-from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 
 LIMIT = 4.9
-DENSITY, LIFT = PARAMETER_INDEX["atmosphere.density"], PARAMETER_INDEX["aero.lift"]
 
 
 @pytest.fixture(scope="module")
@@ -38,8 +36,8 @@ def test_an_early_end_is_explained_by_the_density(flown, table):
     found = explain_flight(flown, "two", flight, fly)
     assert found.causes == ("atmosphere.density",) and found.smallest and not found.others
     assert found.failure.words == "ended early" and found.samples["atmosphere.density"] < LOST_BELOW
-    nominal, alone, whole = found.parameters
-    assert (alone[DENSITY], alone[LIFT]) == (whole[DENSITY], nominal[LIFT])
+    nominal, alone, whole = (dict(zip(found.samples, row, strict=True)) for row in found.rows)
+    assert alone == nominal | {"atmosphere.density": whole["atmosphere.density"]} and whole == found.samples
     assert found.block.history.shape[0] == 3 and list(found.block.outcome) == [0, 3, 3]
 
 

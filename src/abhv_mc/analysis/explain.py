@@ -16,8 +16,6 @@ from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder.flights import END_TIME, FlightRows
-from abhv_mc.folder.hashes import read_checked
-from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError, one_of
@@ -25,8 +23,8 @@ from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.simulators.end_sentence import describe_end
 from abhv_mc.simulators.engine import Fly
-from abhv_mc.simulators.margin_plans import make_margin_plans
-from abhv_mc.simulators.stored_plans import read_trusted_plan
+from abhv_mc.simulators.simulate import make_ready, simulate
+from abhv_mc.simulators.stored_plans import open_flown
 
 _MOST_SAMPLES = 10_000  # flights that tell how unusual a value is
 
@@ -43,6 +41,11 @@ class Failure:
         if self.requirement is None:
             return "ended early"
         return f"missed {self.requirement.metric} {self.requirement.limits}"
+
+    @property
+    def of_margin(self) -> bool:
+        """Whether it is a stability margin that was missed."""
+        return self.requirement is not None and self.requirement.metric in MARGIN_NAMES
 
     def severity(self, outcome: NDArray[np.int64], end_time: Floats, metrics: Floats) -> Floats:
         """How badly flights fail, larger being worse; -inf where they do not. ``metrics`` is [flight, metric]."""
@@ -68,7 +71,7 @@ class Explanation:
     others: tuple[tuple[str, ...], ...]  # other sets of the same size that fail
     smallest: bool  # no smaller set fails; else: none of the causes can be left out
     tried: int  # flights flown to find it
-    parameters: Floats  # [flight, parameter] nominal, with the causes alone, as flown
+    rows: Floats  # [flight, dispersion] nominal, with the causes alone, as flown
     block: FlightBlock  # those three flights
 
 
@@ -87,26 +90,22 @@ def explain_flight(
     else the first requirement that it missed. Raises InputError for a flight that is not there or did not fail.
     """
     folder = CampaignFolder(root)
-    read_checked(folder, [folder.campaign, *folder.input_files()])
-    campaign = read_folder_campaign(folder)
-    if controller not in campaign.model.controllers:
-        raise InputError(root, f"no controller '{controller}'", one_of(campaign.model.controllers))
+    campaign = open_flown(folder, [controller], trust_code)
     row = find_row(folder, controller, flight)
     failure = find_failure(root, campaign, row, requirement)
-    read_checked(folder, [folder.plan(controller)])
-    plan = read_trusted_plan(folder, campaign, controller, trust_code)
-    if failure.requirement is not None and failure.requirement.metric in MARGIN_NAMES:
-        plan = make_margin_plans(campaign, {controller: plan})[controller]
+    plan, margins = campaign.systems[controller].plan, failure.of_margin
+    if margins:
+        campaign = make_ready(campaign, {controller: plan}, margins=True)
     names = campaign.names
     nominal = nominal_values(names)
     values, seeds = row.samples[0, : len(names)], row.samples[:, len(names) :]  # the noise stays as it was flown
 
-    def spread(rows: Floats) -> Floats:
-        together = np.column_stack([rows, np.repeat(seeds, len(rows), axis=0)])
-        return full_rows(row.names, together, campaign.derived)
+    def fly_rows(rows: Floats, recorded: int | None = None) -> FlightBlock:
+        whole = np.column_stack([rows, np.repeat(seeds, len(rows), axis=0)])
+        return simulate(campaign, controller, whole, recorded, fly, margins)
 
     def severity(keep: NDArray[np.bool_]) -> Floats:
-        block = fly(plan, spread(np.where(keep, values, nominal)), None)
+        block = fly_rows(np.where(keep, values, nominal))
         return failure.severity(block.outcome, block.end_time, block.metrics)
 
     samples = SampleReader(folder.samples)
@@ -117,19 +116,20 @@ def explain_flight(
         raise InputError(root, f"a flight {flight} that does not fail when flown again", wish) from None
     sets = [tuple(names[i] for i in members) for members in found.sets]
     alone = np.isin(names, sets[0])
-    parameters = spread(np.stack([nominal, np.where(alone, values, nominal), values]))
+    flown = next(outcome for outcome in Outcome if outcome.code == row.outcome[0])
+    rows = np.stack([nominal, np.where(alone, values, nominal), values])
     return Explanation(
         controller,
         flight,
         failure,
-        describe_end(plan, parameters[2:], next(o for o in Outcome if o.code == row.outcome[0])),
+        describe_end(plan, full_rows(campaign.inputs, row.samples, campaign.derived), flown),
         dict(zip(names, values.tolist(), strict=True)),
         sets[0],
         tuple(sets[1:]),
         found.smallest,
         found.tried,
-        parameters,
-        fly(plan, parameters, every),
+        rows,
+        fly_rows(rows, every),
     )
 
 

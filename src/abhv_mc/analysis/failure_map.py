@@ -15,18 +15,16 @@ from abhv_mc.analysis.replay import find_rows
 from abhv_mc.analysis.shrink import Shrunk, shrink_together
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.executor import open_executor
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
-from abhv_mc.folder.hashes import read_checked
-from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder, write_bytes
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError
 from abhv_mc.simulators.engine import Engine
-from abhv_mc.simulators.stored_plans import read_trusted_plan
+from abhv_mc.simulators.simulate import simulate
+from abhv_mc.simulators.stored_plans import open_flown
 
 MOST_FLIGHTS = 50  # of a controller
 _BUDGET = 400  # sets tried in order of size for a flight: all pairs of up to 27 dispersions
@@ -90,14 +88,12 @@ def map_failures(
     The first ``MOST_FLIGHTS`` of each controller are looked at. Raises InputError for a flight that did not fail.
     """
     folder = CampaignFolder(root)
-    read_checked(folder, [folder.campaign, folder.samples, *folder.input_files()])
-    campaign = read_folder_campaign(folder)
+    campaign = open_flown(folder, failed, trust_code)
     found = {}
     with open_executor(engine, campaign.model.execution, None, None) as executor:
         for name, flights in failed.items():
-            read_checked(folder, [folder.plan(name)])
-            plan = read_trusted_plan(folder, campaign, name, trust_code)
-            found[name] = _map_controller(folder, campaign, name, flights, partial(executor.fly_side_by_side, plan))
+            fly = partial(simulate, campaign, name, executor=executor.fly_side_by_side)
+            found[name] = _map_controller(folder, campaign, name, flights, fly)
     return FailureMap(str(read_manifest(folder.manifest).get("digest")), found)
 
 
@@ -119,8 +115,7 @@ def _map_controller(
 
     def severity(owners: NDArray[np.intp], keep: Mask) -> Floats:
         dispersed = np.where(keep, values[owners], nominal)
-        together = np.column_stack([dispersed, seeds[owners]])
-        return _severity(failures, owners, fly(full_rows(rows[0].names, together, campaign.derived)))
+        return _severity(failures, owners, fly(np.column_stack([dispersed, seeds[owners]])))
 
     reader = SampleReader(folder.samples)
     found = shrink_together(len(names), severity, [mildest_first(reader, each) for each in values], _BUDGET)

@@ -11,14 +11,13 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder.flights import DamagedFileError, FlightRows, parse_block_name, read_pieces
 from abhv_mc.folder.hashes import read_checked
-from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.samples import SampleReader
-from abhv_mc.io.documents import InputError, one_of
+from abhv_mc.io.documents import InputError
 from abhv_mc.simulators.end_sentence import describe_end
 from abhv_mc.simulators.engine import Fly
-from abhv_mc.simulators.stored_plans import read_trusted_plan
+from abhv_mc.simulators.simulate import simulate
+from abhv_mc.simulators.stored_plans import open_flown
 
 
 @dataclass(frozen=True)
@@ -46,16 +45,9 @@ def replay_flight(
     Raises InputError for a flight that the folder does not hold.
     """
     folder = CampaignFolder(root)
-    names = list(read_manifest(folder.manifest)["controllers"])
-    if controller not in names:
-        raise InputError(root, f"no controller '{controller}'", one_of(names, controller))
+    experiment = open_flown(folder, [controller], trust_code)
     row = find_row(folder, controller, flight)
-    read_checked(folder, [folder.campaign, folder.plan(controller), *folder.input_files()])
-    campaign = read_folder_campaign(folder)
-    plan = read_trusted_plan(folder, campaign, controller, trust_code)
-    reader = SampleReader(folder.samples)
-    parameters = full_rows(reader.names, row.samples, campaign.derived)
-    block = fly(plan, parameters, every)
+    block = simulate(experiment, controller, row.samples, every, fly)
     values = np.append(block.metrics[0], block.end_time[0])
     differences = [
         f"{name}: {new!r} instead of {old!r}"
@@ -65,9 +57,9 @@ def replay_flight(
     outcome = Outcome(int(block.outcome[0]))
     if outcome.code != row.outcome[0]:
         differences.append(f"outcome: {outcome.code} instead of {row.outcome[0]}")
-    samples = dict(zip(reader.names, row.samples[0].tolist(), strict=True))
+    samples = dict(zip(experiment.inputs, row.samples[0].tolist(), strict=True))
     metrics = dict(zip(row.columns, values.tolist(), strict=False))
-    end = describe_end(plan, parameters, outcome)
+    end = describe_end(experiment.systems[controller].plan, full_rows(experiment.inputs, row.samples, experiment.derived), outcome)
     return Replay(controller, flight, block, samples, metrics, tuple(differences), end)
 
 

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.execution.fly_batches import AT_ONCE
-from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.simulators.engine import Fly, Recorded
+from abhv_mc.simulators.simulate import simulate
 
 _MOST_PLAIN = 8192  # flights of a block that records nothing, some ten seconds of work: what a kill costs a worker
 
@@ -80,7 +82,7 @@ def _uniform_runs(
 
 
 def fly_block(
-    fly: Fly, plan: FlightPlan, block: Block, parameters: Floats, recorded: Recorded
+    experiment: Experiment, block: Block, rows: Floats, recorded: Recorded, fly: Fly, margins: bool
 ) -> tuple[Block, FlightBlock]:
     """A block and its flights, from a thread of the launching process that hands it to whoever flies blocks."""
-    return block, fly(plan, parameters, recorded if block.envelope else None)
+    return block, simulate(experiment, block.controller, rows, recorded if block.envelope else None, fly, margins)

@@ -19,6 +19,7 @@ from abhv_mc.folder.histories import write_histories
 from abhv_mc.folder.provenance import count_cores
 from abhv_mc.simulators.engine import Engine
 from abhv_mc.simulators.make_plans import find_warnings, make_plans, record_every
+from abhv_mc.simulators.simulate import make_ready, simulate
 
 TRIAL_FLIGHTS = 64
 
@@ -55,16 +56,16 @@ def estimate_campaign(campaign: Experiment, engine: Engine, workers: int | None 
     first = next(iter(plans.values()))
     every = record_every(campaign.document, first, model.keep.envelopes.rate, "envelopes")
     history_every = record_every(campaign.document, first, model.keep.histories.rate, "histories")
-    fly_probes(campaign, plans, engine.fly, every)
+    campaign = make_ready(campaign, plans)
+    fly_probes(campaign, engine.fly, every)
     source = campaign.make_samples()
     number = min(TRIAL_FLIGHTS, campaign.runs)
     values = source.draw(0, number)
-    parameters = campaign.rows(values)
     seconds, rows_size, histories_size = [], 0, 0
     with tempfile.TemporaryDirectory() as folder:
         for name, plan in plans.items():
             start = time.perf_counter()
-            block = engine.fly(plan, parameters, every)
+            block = simulate(campaign, name, values, every, engine.fly)
             seconds.append((time.perf_counter() - start) / number)
             outcomes = tuple(Outcome(code).code for code in block.outcome)
             table = np.column_stack([block.metrics, block.end_time])
@@ -72,7 +73,7 @@ def estimate_campaign(campaign: Experiment, engine: Engine, workers: int | None 
             rows = FlightRows(name, 0, tuple(source.names), values, outcomes, table, columns)
             write_block(Path(folder), rows, flights_schema(source.names, {}, (*plan.metrics, END_TIME)))
             rows_size += next(Path(folder).glob(f"{name}-*")).stat().st_size
-            block = engine.fly(plan, parameters[:16], history_every)
+            block = simulate(campaign, name, values[:16], history_every, engine.fly)
             path = Path(folder) / "history.parquet"
             channels = model.keep.histories.channels
             write_histories(path, name, range(len(block.outcome)), block.times, block.history, channels)

@@ -29,12 +29,12 @@ class Executor:
     fly: Fly  # threads may call it side by side; gives ``failed_to_run`` for what cannot be computed
     workers: int  # calls to have under way
 
-    def fly_side_by_side(self, plan: FlightPlan, parameters: Floats) -> FlightBlock:
-        """Flights ``[flight, parameter]`` without histories, a share of them with each worker."""
+    def fly_side_by_side(self, plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
+        """Flights ``[flight, parameter]``, a share of them with each worker."""
         share = choose_batch(len(parameters), self.workers)
         pieces = [parameters[start : start + share] for start in range(0, len(parameters), share)]
         with ThreadPoolExecutor(self.workers) as threads:
-            return join_blocks(list(threads.map(lambda piece: self.fly(plan, piece, None), pieces)))
+            return join_blocks(list(threads.map(lambda piece: self.fly(plan, piece, recorded), pieces)))
 
 
 @contextlib.contextmanager

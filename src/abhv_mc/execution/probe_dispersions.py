@@ -11,14 +11,14 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.retry import time_limit
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.io.documents import InputError, InputErrors
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.simulators.engine import Fly
+from abhv_mc.simulators.simulate import simulate
 from abhv_mc.user_code.run_in_thread import run_in_thread
 
 _ROWS = 3  # trials of each dispersion
@@ -27,7 +27,7 @@ _COMPILING = 1800.0  # s at most, before they fly: on a busy machine more than 6
 
 
 def make_trials(campaign: Experiment) -> Floats:
-    """Parameter rows: the nominal flight, then for each dispersion its nominal value and both ends of its range.
+    """Rows [trial, input]: the nominal flight, then for each dispersion its nominal value and both ends of its range.
 
     The others stand a little above their middles meanwhile: a gust's start matters only where there is a gust, and a
     gust that blows either way alike has none in its middle.
@@ -39,10 +39,11 @@ def make_trials(campaign: Experiment) -> Floats:
     values[0] = nominal
     for i in range(len(names)):
         values[1 + _ROWS * i : 1 + _ROWS * (i + 1), i] = nominal[i], quantiles[i, 0], quantiles[i, 2]
-    return full_rows(names, values, campaign.derived)
+    seeds = [PARAMETERS[PARAMETER_INDEX[name]].nominal for name in campaign.inputs[len(names) :]]
+    return np.column_stack([values, np.tile(seeds, (len(values), 1))])
 
 
-def fly_probes(campaign: Experiment, plans: dict[str, FlightPlan], fly: Fly, every: int) -> dict[str, FlightBlock]:
+def fly_probes(campaign: Experiment, fly: Fly, every: int) -> dict[str, FlightBlock]:
     """Fly the trials of every controller; the first flight of each block is the nominal one.
 
     Raises InputError for a dispersion that changes no controller's flight, for a metric that is no finite number in a
@@ -50,12 +51,12 @@ def fly_probes(campaign: Experiment, plans: dict[str, FlightPlan], fly: Fly, eve
     """
     trials = make_trials(campaign)
     limit = _COMPILING + time_limit(len(trials), campaign.model.execution.flight_time_limit or _USUAL)
-    flown = {name: _fly_temporary(fly, plan, trials, every, limit) for name, plan in plans.items()}
-    errors = list(_find_not_finite(campaign, plans, flown))
+    flown = {name: _fly_temporary(campaign, name, trials, every, fly, limit) for name in campaign.systems}
+    errors = list(_find_not_finite(campaign, flown))
     for i, name in enumerate(campaign.names):
         unchanged, *rows = range(1 + _ROWS * i, 1 + _ROWS * (i + 1))
         if not any(differs(block, row, unchanged) for block in flown.values() for row in rows):
-            low, high = trials[rows, PARAMETER_INDEX[name]]
+            low, high = trials[rows, i]
             where = ("sampling",) if campaign.sample_file is not None else ("dispersions", name)
             found = f"'{name}' from {low:g} to {high:g}, which changes no controller's flight"
             errors.append(campaign.document.key_error(where, found, "a dispersion that matters to this vehicle"))
@@ -64,18 +65,16 @@ def fly_probes(campaign: Experiment, plans: dict[str, FlightPlan], fly: Fly, eve
     return flown
 
 
-def _fly_temporary(fly: Fly, plan: FlightPlan, trials: Floats, every: int, limit: float) -> FlightBlock:
+def _fly_temporary(campaign: Experiment, name: str, trials: Floats, every: int, fly: Fly, limit: float) -> FlightBlock:
     try:
-        return run_in_thread(lambda: fly(plan, trials, every), limit)
+        return run_in_thread(lambda: simulate(campaign, name, trials, every, fly), limit)
     except TimeoutError:
-        found = f"first flights of '{plan.controller}' that are not done in {limit:g} s"
+        found = f"first flights of '{name}' that are not done in {limit:g} s"
         wish = "a law whose loops end, or a longer 'flight_time_limit'"
         raise InputError("controllers", found, wish) from None
 
 
-def _find_not_finite(
-    campaign: Experiment, plans: dict[str, FlightPlan], flown: dict[str, FlightBlock]
-) -> Iterator[InputError]:
+def _find_not_finite(campaign: Experiment, flown: dict[str, FlightBlock]) -> Iterator[InputError]:
     told = set()
     for controller, block in flown.items():
         for metric, value in zip(campaign.measured, block.metrics[0].tolist(), strict=False):
@@ -87,7 +86,7 @@ def _find_not_finite(
                 f"'{name}', which is {'not a number' if math.isnan(value) else value} in {controller}'s nominal flight"
             )
             wish = "a number at each tick of its window ('empty' says what it is without one)"
-            if "heat_flux" in metric.of and plans[controller].vehicle.constants.nose_radius == 0.0:
+            if "heat_flux" in metric.of and campaign.systems[controller].plan.vehicle.constants.nose_radius == 0.0:
                 wish = "reference.nose_radius in the vehicle's file"
             yield campaign.document.key_error(("metrics", name), found, wish)
 

@@ -16,13 +16,14 @@ from abhv_mc.execution.backpressure import Backpressure, closing_quietly
 from abhv_mc.execution.flight_counts import FlightCounts
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder.hashes import FileHashes
 from abhv_mc.folder.histories import history_metadata, write_histories
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.ranking import read_worst
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.simulators.engine import Fly
+from abhv_mc.simulators.simulate import simulate
 
 _FLIGHTS_PER_FILE = 128
 _UNCOMPUTED = Outcome.FAILED_TO_RUN.code
@@ -87,7 +88,6 @@ def list_histories(
 def write_kept_histories(
     folder: CampaignFolder,
     campaign: Experiment,
-    plans: Mapping[str, FlightPlan],
     expected: Sequence[HistoryFile],
     samples: SampleReader,
     fly: Fly,
@@ -102,10 +102,10 @@ def write_kept_histories(
     missing = [file for file in expected if not file.whole]
 
     def fly_again(part: int) -> tuple[int, FlightBlock]:
-        plan = plans[missing[part].controller]
-        every = round(1.0 / (keep.rate * plan.timing.tick))
+        name = missing[part].controller
+        every = round(1.0 / (keep.rate * campaign.systems[name].plan.timing.tick))
         rows = np.concatenate([samples.rows(flight, flight + 1) for flight in missing[part].flights])
-        return part, fly(plan, campaign.rows(rows), every)
+        return part, simulate(campaign, name, rows, every, fly)
 
     pool = Parallel(n_jobs=workers, backend="threading", return_as="generator_unordered", pre_dispatch="2*n_jobs")
     backpressure = Backpressure(2 * workers)

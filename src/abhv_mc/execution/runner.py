@@ -26,7 +26,7 @@ from abhv_mc.execution.setup import OpenCampaign, Request, open_campaign
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder import envelope_states
 from abhv_mc.folder.blocks import read_flown_blocks
 from abhv_mc.folder.compact import find_joins, join_files
@@ -93,7 +93,6 @@ class _Run:
         values = flight_values(self.campaign)
         self.columns = tuple(signal.name for signal in values)
         self.schema = flights_schema(self.samples.names, provenance, values)
-        self.margin_plans = opened.margin_plans
         self.with_margins = model.margins.of(self.campaign.runs) if model.margins else 0
         self.start, self.wall_before = time.monotonic(), float(self.manifest.get("wall_time_s", 0.0))
 
@@ -145,9 +144,6 @@ class _Run:
         whole = all(mask[self.completion.first : last].all() for mask in self.completion.done.values())
         return whole and self.files.knows(self.folder.envelopes)
 
-    def _parameters(self, first: int, stop: int) -> NDArray[np.float64]:
-        return self.campaign.rows(self.samples.rows(first, stop))
-
     def _fly(self) -> None:
         """Fly what is missing, step by step where the campaign stops when proven."""
         self.cells = self._make_cells()
@@ -156,10 +152,6 @@ class _Run:
             self.collectors = {name: Collector(states, name, runs, self.cells) for name in self.plans}
         while missing := self.completion.find_missing(self.collectors):
             self._fly_missing(missing)
-
-    def _plan_of(self, controller: str, flight: int) -> FlightPlan:
-        """The plan of a flight's row: with margins where the flight is to have them."""
-        return (self.margin_plans if flight < self.with_margins else self.plans)[controller]
 
     def _fly_missing(self, missing: dict[str, tuple[Mask, Mask]]) -> None:
         from joblib import Parallel, delayed
@@ -174,11 +166,12 @@ class _Run:
         tasks = (
             delayed(backpressure.call)(
                 fly_block,
-                self.fly,
-                self._plan_of(block.controller, block.first) if block.rows else self.plans[block.controller],
+                self.campaign,
                 block,
-                self._parameters(block.first, block.stop),
+                self.samples.rows(block.first, block.stop),
                 self.cells.recording,
+                self.fly,
+                block.rows and block.first < self.with_margins,
             )
             for block in cut_blocks(missing, self.batch, self.with_margins, plain)
         )
@@ -246,7 +239,7 @@ class _Run:
             write_envelopes(self.folder.envelopes, self.cells.times, self.cells.channels, tables, number)
         try:
             failed = write_kept_histories(
-                self.folder, self.campaign, self.plans, histories, self.samples, self.fly, self.workers, self.files
+                self.folder, self.campaign, histories, self.samples, self.fly, self.workers, self.files
             )
         except (ArithmeticError, LookupError, TypeError, ValueError) as error:
             failed = [f"not all histories are kept ({type(error).__name__}: {error})"]

@@ -29,7 +29,7 @@ from abhv_mc.simulators.campaign_code import check_user_code
 from abhv_mc.simulators.corner_margins import is_compiled
 from abhv_mc.simulators.engine import Engine, check_source
 from abhv_mc.simulators.make_plans import find_warnings, make_plans, record_every, reference_of, take_plans
-from abhv_mc.simulators.margin_plans import make_margin_plans
+from abhv_mc.simulators.simulate import make_ready
 from abhv_mc.simulators.stored_plans import read_trusted_plan
 from abhv_mc.user_code.child import called_beside
 from abhv_mc.user_code.packages import find_package_versions
@@ -59,12 +59,15 @@ class OpenCampaign:
     """A campaign whose folder is ready to fly, and locked."""
 
     folder: CampaignFolder
-    campaign: Experiment  # as the folder holds it
-    plans: dict[str, FlightPlan]
+    campaign: Experiment  # as the folder holds it, ready to fly
     manifest: dict[str, Any]
     to_fly: tuple[str, ...]  # controllers
     files: FileHashes
-    margin_plans: dict[str, FlightPlan]  # where the campaign asks for margins
+
+    @property
+    def plans(self) -> dict[str, FlightPlan]:
+        """Of the controllers."""
+        return {name: system.plan for name, system in self.campaign.systems.items()}
 
     @property
     def part(self) -> tuple[int, int]:
@@ -94,7 +97,7 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     if request.shard is None:
         _compile_margins(requested, plans, engine, stack)
     nominal = _fly_nominal(requested, plans, engine)
-    margin_plans = make_margin_plans(requested, plans)
+    ready = make_ready(requested, plans, margins=True)
     files = begin_folder(folder, inputs, plans, stack)
     _write_samples(folder, requested)
     _write_nominal(folder, requested, plans, nominal)
@@ -103,7 +106,7 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
         manifest["shard"] = list(request.shard)
     manifest["files"] = files.listed()
     write_manifest(folder.manifest, manifest)
-    return OpenCampaign(folder, requested, plans, manifest, tuple(plans), files, margin_plans)
+    return OpenCampaign(folder, ready, manifest, tuple(plans), files)
 
 
 def _start_workers(request: Request, engine: Engine) -> None:
@@ -165,8 +168,8 @@ def _resume(
     if manifest["files"] != files.listed():
         manifest["files"] = files.listed()
         write_manifest(folder.manifest, manifest)
-    margin_plans = make_margin_plans(campaign, plans)
-    return OpenCampaign(folder, campaign, plans, manifest, tuple(requested.model.controllers), files, margin_plans)
+    ready = make_ready(campaign, plans, margins=True)
+    return OpenCampaign(folder, ready, manifest, requested.controllers, files)
 
 
 def _join(requested: Experiment, inputs: FolderInputs, merged: FolderInputs) -> Experiment:
@@ -203,7 +206,7 @@ def _fly_nominal(
     first = next(iter(plans.values()))
     record_every(campaign.document, first, campaign.model.keep.envelopes.rate, "envelopes")
     every = record_every(campaign.document, first, campaign.model.keep.histories.rate, "histories")
-    flown = fly_probes(campaign, plans, engine.fly, every)
+    flown = fly_probes(make_ready(campaign, plans), engine.fly, every)
     return {name: (block.times, block.history[0]) for name, block in flown.items()}
 
 

@@ -9,7 +9,7 @@ import contextlib
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +19,12 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.cluster import connect_cluster
 from abhv_mc.execution.executor import Executor, open_executor
 from abhv_mc.execution.probe_dispersions import fly_probes
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.metrics import MARGIN_NAMES, MARGIN_VALUES, Metric
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.folder.blocks import read_own_block
 from abhv_mc.folder.flights import END_TIME, DamagedFileError, FlightRows, block_path, flights_schema, write_block
 from abhv_mc.folder.inputs import FolderInputs, collect_inputs, read_folder_inputs
@@ -37,12 +35,13 @@ from abhv_mc.folder.provenance import find_commit, find_machine, find_versions
 from abhv_mc.folder.samples import write_samples
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.io.input_files import reading_once
+from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
 from abhv_mc.search.severity import not_computed, rank_distinct
 from abhv_mc.search.space import Space, make_space
 from abhv_mc.simulators.campaign_code import check_user_code
 from abhv_mc.simulators.engine import Engine, check_source
 from abhv_mc.simulators.make_plans import make_plans
-from abhv_mc.simulators.margin_plans import make_margin_plans
+from abhv_mc.simulators.simulate import make_ready, simulate
 from abhv_mc.simulators.stored_plans import read_trusted_plan
 from abhv_mc.user_code.trust import trust
 
@@ -102,23 +101,23 @@ class SearchFlights:
         self,
         flown: FlownFolder,
         campaign: Experiment,
-        plan: FlightPlan,
         executor: Executor,
         writer: ThreadPoolExecutor,
-        margins: FlightPlan | None = None,
+        margins: bool,
     ) -> None:
-        """``writer``: a thread that writes a block while the next one flies.
+        """``campaign``: with the one controller ready to fly that is searched, ``margins`` with stability margins.
 
-        ``margins``: the plan of flights whose stability margins are found.
+        ``writer``: a thread that writes a block while the next one flies.
         """
         self._writer, self._writing = writer, Future[Any]()
         self._writing.set_result(None)
         self.folder, self.manifest, self.files = flown.folder, flown.manifest, flown.files
-        self.campaign, self.plan, self.executor = campaign, plan, executor
-        self.flown_by = margins or plan
-        signals = (*plan.metrics, END_TIME, *(MARGIN_VALUES if margins else ()))
-        self.columns = tuple(signal.name for signal in signals)
         self.space: Space = make_space(campaign)
+        self.campaign, self.executor = replace(campaign, columns=self.space.columns), executor
+        ((self.controller, (self.plan, _)),) = campaign.systems.items()
+        self.margins = margins
+        signals = (*self.plan.metrics, END_TIME, *(MARGIN_VALUES if margins else ()))
+        self.columns = tuple(signal.name for signal in signals)
         self.seed = campaign.model.seed
         provenance = {"seed": str(self.seed), "campaign_hash": self.manifest["campaign_hash"]}
         self.schema = flights_schema(self.space.columns, provenance, signals)
@@ -172,7 +171,7 @@ class SearchFlights:
 
     def _fly(self, first: int, samples: Floats) -> FlightRows:
         names, count = self.space.columns, len(self.plan.metrics)
-        flown = self.executor.fly_side_by_side(self.flown_by, self.space.rows(samples))
+        flown = simulate(self.campaign, self.controller, samples, None, self.executor.fly_side_by_side, self.margins)
         outcome = tuple(Outcome(code).code for code in flown.outcome)
         values = np.column_stack([flown.metrics[:, :count], flown.end_time, flown.metrics[:, count:]])
         return FlightRows(self.plan.controller, first, names, samples, outcome, values, self.columns)
@@ -186,10 +185,10 @@ class SearchFlights:
         numbers = rank_distinct(
             severities, rows.samples[: len(severities), : len(self.space.names)], _DRAWN, DRAWN_APART
         )
-        nominal = full_rows((), np.empty((1, 0)), ())
-        worst = self.space.rows(rows.samples[numbers])
+        nominal = [[PARAMETERS[PARAMETER_INDEX[name]].nominal for name in rows.names]]
+        drawn = np.concatenate([nominal, rows.samples[numbers]])
         every = max(1, round(_DRAWN_STEP / self.plan.timing.tick))
-        block = self.executor.fly(self.plan, np.concatenate([nominal, worst]), every)
+        block = simulate(self.campaign, self.controller, drawn, every, self.executor.fly)
         return DrawnFlights(tuple(numbers), block.times, block.history)
 
     def finish(self, result: dict[str, Any]) -> None:
@@ -252,7 +251,7 @@ def open_search(
             plan = read_trusted_plan(folder, campaign, name)
         else:
             plan = make_plans(campaign, [name], engine)[name]
-            fly_probes(campaign, {name: plan}, engine.fly, plan.timing.ticks)
+            fly_probes(make_ready(campaign, {name: plan}), engine.fly, plan.timing.ticks)
             files = begin_folder(folder, inputs, {name: plan}, stack)
             manifest = {
                 "name": campaign.model.name,
@@ -271,8 +270,8 @@ def open_search(
         cluster = stack.enter_context(connect_cluster(request.scheduler, engine)) if request.scheduler else None
         executor = stack.enter_context(open_executor(engine, campaign.model.execution, request.workers, cluster))
         writer = stack.enter_context(ThreadPoolExecutor(1))
-        margins = make_margin_plans(campaign, {name: plan})[name] if with_margins else None
-        search = SearchFlights(FlownFolder(folder, manifest, files), campaign, plan, executor, writer, margins)
+        ready = make_ready(campaign, {name: plan}, with_margins)
+        search = SearchFlights(FlownFolder(folder, manifest, files), ready, executor, writer, with_margins)
         with Progress("flights", flights) as search.progress:
             try:
                 yield search

@@ -4,14 +4,14 @@ import functools
 import hashlib
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.campaign.file.experiment import Experiment, System
 from abhv_mc.campaign.file.tuning import Tune
 from abhv_mc.campaign.sampling.designs import INDEPENDENT, Design
 from abhv_mc.campaign.sampling.samples import DrawnSamples, full_rows
@@ -21,6 +21,7 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.arrays import read_array, write_array
 from abhv_mc.search.space import Space
 from abhv_mc.simulators.candidates import Candidate, Candidates, Time
+from abhv_mc.simulators.simulate import simulate
 
 MOST_CORNERED = 7  # dispersions whose corners' margins are found: 128 vehicles
 _BLOCK = 128  # flights of one call
@@ -66,10 +67,10 @@ class Trials:
     flights_at: tuple[Time, ...] = ()  # where margins of each flight are found; none: nowhere
 
     def draw(self, seed: int, flights: int) -> Floats:
-        """Parameter rows ``[flight, parameter]`` that all candidates fly."""
+        """Rows ``[flight, column]`` of the space that all candidates fly."""
         design = Design(INDEPENDENT, seed, self.space.names, flights, 2)
         values = DrawnSamples(design, self.space.marginals, self.space.copula).draw(0, flights)
-        return self.space.rows(self.space.complete(values, seed, 0))
+        return self.space.complete(values, seed, 0)
 
     def measure(self, points: Floats, parameters: Floats) -> list[Trial]:
         """The trial of each candidate ``[candidate, dimension]``."""
@@ -106,8 +107,12 @@ class Trials:
         if candidate is None:
             return np.full((len(parameters), len(self.columns)), np.nan)
         plan = candidate.with_margins(self.flights_at) if self.flights_at else candidate.plan
+        name = self.candidates.name
+        experiment = replace(self.campaign, systems={name: System(plan)}, columns=self.space.columns)
         starts = range(0, len(parameters), _BLOCK)
-        pieces = [self.executor.fly(plan, parameters[start : start + _BLOCK], None) for start in starts]
+        pieces = [
+            simulate(experiment, name, parameters[start : start + _BLOCK], None, self.executor.fly) for start in starts
+        ]
         metrics = np.concatenate([piece.metrics for piece in pieces])
         none = len(self.columns) - metrics.shape[1]  # no steady flight: no margin
         metrics = np.hstack([metrics, np.zeros((len(metrics), none))])

@@ -1,5 +1,7 @@
 """Plans of the flights whose stability margins a campaign asks for."""
 
+from collections.abc import Mapping
+
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.plan import FlightPlan
@@ -7,7 +9,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.stability.fly_with_margins import MarginPlan, add_margins
 
 
-def make_margin_plans(campaign: Experiment, plans: dict[str, FlightPlan]) -> dict[str, FlightPlan]:
+def make_margin_plans(campaign: Experiment, plans: Mapping[str, FlightPlan]) -> dict[str, FlightPlan]:
     """The plans with margins; none where the campaign asks for none. Raises InputError where there can be none."""
     model = campaign.model
     if model.margins is None:

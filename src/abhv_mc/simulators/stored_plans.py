@@ -11,14 +11,20 @@ from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.design.trim_tables import rebuild_trim_tables
 from abhv_mc.control.law_file import UserController
 from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.folder.hashes import read_checked
+from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.plan_file import WISH, flatten, read_stored_parts, rebuild
+from abhv_mc.folder.samples import SampleReader
+from abhv_mc.io.documents import one_of
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.laws.columns import LQR_GAINS, LQR_SETTINGS, REFERENCE, TLC_GAINS, TLC_SETTINGS
 from abhv_mc.kernel.plant.air_profile import PROFILE
 from abhv_mc.kernel.plant.state import N_STATES
 from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.plant.effectiveness import make_effectiveness
+from abhv_mc.simulators.simulate import make_ready
 from abhv_mc.stability.fly_with_margins import MarginPlan
 from abhv_mc.user_code.c_source import with_library
 from abhv_mc.user_code.law_source import read_law_source
@@ -91,6 +97,22 @@ def read_trusted_plan(
         sources = map(read_source, sorted(place.rglob("*.py")))
         plan = dataclasses.replace(plan, channels_source=_take(sources, place, plan.channels_hash, trusted))
     return dataclasses.replace(plan, vehicle_code=find_code(plan.vehicle)).lean_for(campaign.varied)
+
+
+def open_flown(folder: CampaignFolder, controllers: Iterable[str], trusted: bool = False) -> Experiment:
+    """The experiment of a folder with some of its controllers ready to fly again, its files proven whole.
+
+    Raises InputError for another controller, and where code is not in the user's list of what he has flown.
+    """
+    read_checked(folder, [folder.campaign, folder.samples, *folder.input_files()])
+    experiment, flown = read_folder_campaign(folder), list(read_manifest(folder.manifest)["controllers"])
+    plans = {}
+    for name in controllers:
+        if name not in flown:
+            raise InputError(folder.root, f"no controller '{name}'", one_of(flown, name))
+        read_checked(folder, [folder.plan(name)])
+        plans[name] = read_trusted_plan(folder, experiment, name, trusted)
+    return dataclasses.replace(make_ready(experiment, plans), columns=SampleReader(folder.samples).names)
 
 
 def _read_laws(place: Path) -> Iterator[UserSource]:
