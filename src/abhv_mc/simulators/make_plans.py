@@ -89,6 +89,15 @@ def _check_oscillation(campaign: Experiment, plans: Iterable[FlightPlan]) -> Non
             raise campaign.document.key_error(place, refused, STILL_AIR)
 
 
+def check_rows(plan: FlightPlan, parameters: Floats) -> None:
+    """Raise InputError for dispersions of these rows [flight, parameter] that this plan's flights cannot have."""
+    if late := find_late(parameters, plan.timing.tick):
+        raise InputError("dispersions", late, delays_known(plan.timing.tick))
+    moving = [name for name in DISTURBANCES if parameters[:, PARAMETER_INDEX[name]].any()]
+    if refused := plan.limits.loads.refuse_in(moving):
+        raise InputError("dispersions", refused, STILL_AIR)
+
+
 def declare(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
     """The plan with the metrics and channels that the campaign itself declares: no file of plans holds them."""
     if campaign.model.channels is not None:

@@ -1,0 +1,82 @@
+"""Flights of a table of inputs, in memory: no folder is written."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.campaign.sampling.samples import full_rows
+from abhv_mc.execution.executor import open_executor
+from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import Recording
+from abhv_mc.folder.flights import END_TIME
+from abhv_mc.io.documents import InputError, one_of
+from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.simulators.engine import Engine, make_engine
+from abhv_mc.simulators.make_plans import check_rows, make_plans, record_every
+from abhv_mc.simulators.simulate import make_ready, simulate
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+
+def simulate_table(
+    experiment: Experiment,
+    inputs: "pd.DataFrame",
+    controllers: Sequence[str] | None = None,
+    channels: Sequence[str] = (),
+    engine: Engine | None = None,
+) -> "xr.Dataset":
+    """Fly a row of ``inputs`` a flight with each controller; see :func:`abhv_mc.simulate`. Raises InputError."""
+    try:
+        import xarray as xr
+    except ImportError:
+        raise InputError("simulate", "no xarray here", "pip install 'abhv-mc[xarray]'") from None
+    names = tuple(map(str, inputs.columns))
+    flying = experiment.controllers if controllers is None else tuple(controllers)
+    for kind, given, known in (
+        ("inputs", names, tuple(PARAMETER_INDEX)[1:]),
+        ("controllers", flying, experiment.controllers),
+        ("channels", channels, tuple(CHANNEL_INDEX)),
+    ):
+        for name in given:
+            if name not in known or list(given).count(name) > 1:
+                raise InputError(kind, f"'{name}'" + " twice" * (name in known), one_of(known, name))
+    try:
+        rows = inputs.to_numpy(np.float64)
+    except (TypeError, ValueError):
+        raise InputError("inputs", "entries that are no numbers", "numbers, SI") from None
+    if np.isnan(rows).any() or not (rows.size or len(rows)) or not flying:
+        raise InputError("inputs", "an empty table, or cells without a number", "a number for each flight and input")
+    engine = engine or make_engine()
+    plans = make_plans(experiment, flying, engine)
+    plans = {name: plan.lean_for({*experiment.names, *names}) for name, plan in plans.items()}
+    for plan in plans.values():
+        check_rows(plan, full_rows(names, rows))
+    ready = replace(make_ready(experiment, plans), columns=names)
+    first = next(iter(plans.values()))
+    rate = experiment.model.keep.histories.rate
+    every = record_every(experiment.document, first, rate, "histories") if channels else 0
+    recording = Recording(every, tuple(CHANNEL_INDEX[name] for name in channels))
+    with open_executor(engine, experiment.model.execution, None, None) as executor:
+        blocks = [simulate(ready, name, rows, recording, executor.fly_side_by_side) for name in flying]
+    flown = ("controller", "flight")
+    variables: dict[str, Any] = {
+        metric.name: (flown, np.stack([block.metrics[:, i] for block in blocks]), {"units": metric.unit})
+        for i, metric in enumerate(experiment.measured)
+    }
+    variables[END_TIME.name] = flown, np.stack([block.end_time for block in blocks]), {"units": END_TIME.unit}
+    for i, name in enumerate(channels):
+        history = np.stack([block.history[:, :, i] for block in blocks])
+        variables[name] = (*flown, "time"), history, {"units": CHANNELS[CHANNEL_INDEX[name]].unit}
+    codes = {int(outcome): outcome.code for outcome in Outcome}
+    outcomes = [[codes[code] for code in block.outcome.tolist()] for block in blocks]
+    coordinates = {"controller": list(flying), "flight": inputs.index.to_numpy()}
+    if channels:
+        coordinates["time"] = blocks[0].times
+    found = xr.Dataset({"outcome": (flown, np.array(outcomes, object)), **variables}, coordinates)
+    return found.assign_attrs(campaign=experiment.name)
