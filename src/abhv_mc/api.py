@@ -24,6 +24,7 @@ from abhv_mc.shipped import find_input
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
 
     from abhv_mc.search.rare import RareFound
     from abhv_mc.search.search_flights import SearchRequest
@@ -44,6 +45,7 @@ __all__ = [
     "margins",
     "open_results",
     "rare",
+    "simulate",
     "trim",
     "tune",
     "worst",
@@ -290,6 +292,42 @@ def tune(
         write_tune_page(found, out.with_suffix(".html"))
 
     return tune_controller(TuneRequest(_path(campaign), out, controller, given, seed, workers, scheduler), tell=finish)
+
+
+def simulate(
+    campaign: Campaign | Paths,
+    inputs: "pd.DataFrame",
+    controllers: Sequence[str] | None = None,
+    channels: Sequence[str] = (),
+) -> "xr.Dataset":
+    """Fly a table of inputs with a campaign's controllers, in memory: nothing is written (needs the extra ``xarray``).
+
+    Parameters
+    ----------
+    campaign
+        Whose vehicle, mission, controllers and metrics fly.
+    inputs
+        A row a flight, a column a parameter, SI; parameters without a column are nominal. The rows of
+        :meth:`Campaign.draw_samples` give the campaign's flights, bit for bit. The index numbers the flights.
+    controllers
+        Some of the campaign's; all by default.
+    channels
+        Channels to record, at the rate of the campaign's histories.
+
+    Returns
+    -------
+    xarray.Dataset
+        With the axes controller and flight: ``outcome``, ``end_time_s`` and each metric; the channels over time, too,
+        not-a-number after a flight's end. ``attrs["units"]`` of each.
+
+    Raises
+    ------
+    InputError
+        For a table that cannot fly.
+    """
+    from abhv_mc.execution.in_memory import simulate_table
+
+    return simulate_table(read_campaign(_path(campaign)), inputs, controllers, channels)
 
 
 def compare(

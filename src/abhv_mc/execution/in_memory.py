@@ -14,7 +14,7 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import Recording
 from abhv_mc.folder.flights import END_TIME
 from abhv_mc.io.documents import InputError, one_of
-from abhv_mc.plant.parameters import PARAMETER_INDEX
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.simulators.engine import Engine, make_engine
 from abhv_mc.simulators.make_plans import check_rows, make_plans, record_every
 from abhv_mc.simulators.simulate import make_ready, simulate

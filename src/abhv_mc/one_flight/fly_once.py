@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.io.documents import InputError
-from abhv_mc.one_flight.given import Input, Quantity, check_count, check_dispersed, make_flight_plan, make_parameters
+from abhv_mc.one_flight.given import Input, Quantity, check_count, make_flight_plan, make_parameters
 
 if TYPE_CHECKING:
     import numpy as np
@@ -52,10 +52,11 @@ def fly_once(
     """Fly one flight and record it ``every`` control ticks; see :func:`abhv_mc.fly`. Raises InputError."""
     from abhv_mc.flight.fly import fly
     from abhv_mc.simulators.end_sentence import describe_end
+    from abhv_mc.simulators.make_plans import check_rows
 
     plan = make_flight_plan(mission, vehicle, controller).lean_for(dispersions or ())
     parameters = make_parameters(dispersions)
-    check_dispersed(plan, parameters)
+    check_rows(plan, parameters)
     _check_felt(plan, parameters, dispersions or ())
     block = fly(plan, parameters, min(every, plan.timing.ticks + 1))
     return OneFlight(plan, block, describe_end(plan, parameters, Outcome(int(block.outcome[0]))))

@@ -110,20 +110,6 @@ def make_parameters(dispersions: Mapping[str, Quantity] | None) -> "NDArray[np.f
     return row
 
 
-def check_dispersed(plan: "FlightPlan", parameters: "NDArray[np.float64]") -> None:
-    """Raise InputError for measurements later than the lanes remember, and for a limit on oscillation in moving air."""
-    from abhv_mc.flight.plan import delays_known, find_late
-    from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
-    from abhv_mc.plant.parameters import DISTURBANCES
-    from abhv_mc.vehicle.limits import STILL_AIR, refuse_oscillation
-
-    if late := find_late(parameters, plan.timing.tick):
-        raise InputError("dispersions", late, delays_known(plan.timing.tick))
-    moving = [name for name in DISTURBANCES if parameters[:, PARAMETER_INDEX[name]].any()]
-    if refused := refuse_oscillation(plan.limits.loads, moving):
-        raise InputError("dispersions", refused, STILL_AIR)
-
-
 def check_count(value: int, least: int, name: str, most: int | None = None) -> int:
     """A whole number that is not below ``least`` or above ``most``. Raises InputError, which calls it ``name``."""
     whole = isinstance(value, Integral) and not isinstance(value, bool)

@@ -9,7 +9,6 @@ from abhv_mc.io.units import ANGLE, TIME
 from abhv_mc.one_flight.given import (
     Input,
     Quantity,
-    check_dispersed,
     make_document,
     make_flight_plan,
     make_parameters,
@@ -87,6 +86,7 @@ def take_point(
 
     from abhv_mc.control.mission import read_mission
     from abhv_mc.flight.prepare import prepare, read_law
+    from abhv_mc.simulators.make_plans import check_rows
     from abhv_mc.stability.nodes import near_nodes
     from abhv_mc.stability.periods import find_period
     from abhv_mc.stability.points import AT_LIMIT, flown_points
@@ -130,7 +130,7 @@ def take_point(
             raise InputError("at", f"{time:g} s: {taken.faults[0]}", expected)
         if taken.faults[0]:
             warnings.append(f"{name} at {time:g} s: {taken.faults[0]}; what is linearized knows no limits")
-    check_dispersed(plan, parameters)
+    check_rows(plan, parameters)
     warnings += [f"{name}: {words}" for words in near_nodes(plan, taken.points)]
     warnings += [f"{name}: linearized with {mode}, as small changes leave it" for mode in find_period(plan).modes]
     return Place(plan, taken.points, warnings)
@@ -282,6 +282,7 @@ def fly_on(
     import numpy as np
     import pandas as pd
 
+    from abhv_mc.simulators.make_plans import check_rows
     from abhv_mc.stability.disturbed import fly_disturbed
     from abhv_mc.stability.linearize import PLANT_STATES
     from abhv_mc.stability.probe import law_memory_rows
@@ -299,7 +300,7 @@ def fly_on(
     if not 0 <= tick <= plan.timing.ticks:
         raise InputError("at", f"{at}", f"a time of the mission, 0 to {plan.timing.duration:g} s")
     parameters = make_parameters(dispersions)
-    check_dispersed(plan, parameters)
+    check_rows(plan, parameters)
     states = fly_disturbed(plan, parameters, tick, change, ticks)
     times = (tick + np.arange(len(states))) * plan.timing.tick
     return pd.DataFrame(states, columns=names, index=pd.Index(times, name="time"))

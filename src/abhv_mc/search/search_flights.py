@@ -35,7 +35,8 @@ from abhv_mc.folder.provenance import find_commit, find_machine, find_versions
 from abhv_mc.folder.samples import write_samples
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.io.input_files import reading_once
-from abhv_mc.plant.parameters import PARAMETER_INDEX, PARAMETERS
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.search.severity import not_computed, rank_distinct
 from abhv_mc.search.space import Space, make_space
 from abhv_mc.simulators.campaign_code import check_user_code

@@ -94,7 +94,7 @@ def check_rows(plan: FlightPlan, parameters: Floats) -> None:
     if late := find_late(parameters, plan.timing.tick):
         raise InputError("dispersions", late, delays_known(plan.timing.tick))
     moving = [name for name in DISTURBANCES if parameters[:, PARAMETER_INDEX[name]].any()]
-    if refused := plan.limits.loads.refuse_in(moving):
+    if refused := refuse_oscillation(plan.limits.loads, moving):
         raise InputError("dispersions", refused, STILL_AIR)
 
 
