@@ -22,8 +22,8 @@ _MODULES = ("extend", "plots", "statistics", "topics")  # public as they are
 _RENAMED = {"CampaignResults": "Results"}  # old names, which warn
 __all__ = [
     "Campaign", "InputError", "InputErrors", "LinearModel", "Results", "StateSpace", "__version__", "compare", "extend",
-    "fly", "fly_on", "linearize", "margins", "open_results", "plots", "rare", "simulate", "statistics", "topics", "trim",
-    "tune", "worst",
+    "fly", "fly_on", "linearize", "margins", "open_results", "plots", "rare", "simulate", "statistics", "topics",
+    "trim", "tune", "worst",
 ]  # fmt: skip
 
 

@@ -59,7 +59,8 @@ def replay_flight(
         differences.append(f"outcome: {outcome.code} instead of {row.outcome[0]}")
     samples = dict(zip(experiment.inputs, row.samples[0].tolist(), strict=True))
     metrics = dict(zip(row.columns, values.tolist(), strict=False))
-    end = describe_end(experiment.systems[controller].plan, full_rows(experiment.inputs, row.samples, experiment.derived), outcome)
+    parameters = full_rows(experiment.inputs, row.samples, experiment.derived)
+    end = describe_end(experiment.systems[controller].plan, parameters, outcome)
     return Replay(controller, flight, block, samples, metrics, tuple(differences), end)
 
 

@@ -56,7 +56,7 @@ def simulate_table(
     plans = make_plans(experiment, flying, engine)
     plans = {name: plan.lean_for({*experiment.names, *names}) for name, plan in plans.items()}
     for plan in plans.values():
-        check_rows(plan, full_rows(names, rows))
+        check_rows(plan, full_rows(names, rows, experiment.derived))
     ready = replace(make_ready(experiment, plans), columns=names)
     first = next(iter(plans.values()))
     rate = experiment.model.keep.histories.rate
