@@ -9,6 +9,7 @@ from fake_flight import ENGINE, fly, interrupted_after, make_plan, write_campaig
 
 from abhv_mc.analysis.explain import explain_flight
 from abhv_mc.analysis.replay import replay_flight
+from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.flight.fly import nominal_parameters
@@ -65,9 +66,10 @@ def test_interrupted_and_in_other_blocks_it_has_the_same_bits(flown, tmp_path):
 def test_a_failure_is_explained_by_what_was_drawn(flown):
     table = pq.read_table(flown.folder / "flights").to_pandas().query("controller == 'two' and outcome != 'ok'")
     found = [explain_flight(flown.folder, "two", int(flight), fly) for flight in table["flight"][:10]]
+    asked = read_results(flown.folder).campaign
     assert found and {cause for each in found for cause in each.causes} <= {"atmosphere.density", "aero.lift"}
     for each in found:
-        _, _, whole = each.parameters
+        _, _, whole = full_rows(asked.names, each.rows, asked.derived)
         lift = whole[PARAMETER_INDEX["aero.lift"]]
         assert whole[PARAMETER_INDEX["aero.drag"]] == 1.0 + 2.0 * (lift - 1.0)
 
