@@ -46,7 +46,7 @@ def keep_numbers(numbers: dict[str, Any]) -> dict[str, Any]:
     return kept
 
 
-def take_picture(page: Path) -> None:
+def take_picture(page: Path, profile: Path) -> None:
     """The page's first screen as a PNG, where a browser is there."""
     browser = shutil.which("chromium") or shutil.which("google-chrome")
     if browser is None:
@@ -59,6 +59,10 @@ def take_picture(page: Path) -> None:
         "--hide-scrollbars",
         "--window-size=1200,900",
         "--virtual-time-budget=9000",
+        "--disable-gpu",
+        "--no-first-run",
+        "--disable-background-networking",
+        f"--user-data-dir={profile}",
     ]
     subprocess.run([browser, *options, f"--screenshot={picture}", page.as_uri()], check=True)  # noqa: S603
 
@@ -82,7 +86,7 @@ def main(target: Path) -> None:
         shown = {topic: abhv_mc("show", topic, flown.as_posix()) for topic in SHOWN}
         (target / "README.md").write_text(in_words(numbers, shown), encoding="utf-8")
         if target == EXAMPLE:
-            take_picture(folder / "report.html")
+            take_picture(folder / "report.html", Path(temporary) / "profile")
 
 
 if __name__ == "__main__":

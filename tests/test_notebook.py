@@ -121,7 +121,7 @@ def test_figures_are_those_of_the_report(flown):
     assert results.figure("distribution_asked", dpi=72).get_dpi() == 72
     page = results.make_report()
     assert {path.stem for path in (results.folder / "figures").iterdir()} == set(results.figure_names)
-    assert page.read_text(encoding="utf-8").startswith("# ")
+    assert page.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
 
 
 def test_flights_again(flown, fake):

@@ -27,15 +27,15 @@ def comparison_section(found: Comparison, names: Names) -> Section | None:
         Fold(f"{names.label(pair.a)} against {names.label(pair.b)}", tuple(_pair_items(pair, names)))
         for pair in found.pairs.values()
     ]
-    asked, usage = (
-        tuple(tuple(_metric_rows(found, m, names)) for m in found.compared if (m in names.asked) == first_ones)
-        for first_ones in (True, False)
-    )
+    asked = tuple(tuple(_metric_rows(found, m, names)) for m in found.compared if m in names.asked)
+    usage = tuple(_usage_row(found, m, names) for m in found.compared if m not in names.asked)
+    labels = names.controllers.values()
+    usage_heads = ("Metric", *labels, *(f"{first} minus {label}" for label in list(labels)[1:]))
     items = (
         Bullets(tuple(comparison_sentences(found, names))),
         Text(_BETTER),
         Table("Who wins, by how much", heads, asked),
-        Fold("Control usage, by how much", (Table("Control usage, by how much", heads, usage),)),
+        Fold("Control usage, by how much", (Table("Control usage, by how much", usage_heads, (usage,)),)),
         Picture("error_against_usage"),
     )
     return Section("Which controller, and by how much", (*items, *pairs))
@@ -54,6 +54,17 @@ def _metric_rows(found: Comparison, metric: str, names: Names) -> Iterator[Row]:
             winner = "mixed" if entry.mixed else names.label(entry.winner) if entry.winner else "neither"
             cells = (*cells, interval_cell(entry.median_difference), Cell(winner))
         yield (head, *cells) if name == first else cells
+
+
+def _usage_row(found: Comparison, metric: str, names: Names) -> Row:
+    """Medians of all controllers, then the first one's differences from each other: one line on paper."""
+    first, *others = names.controllers
+    pairs = [found.pairs.get(f"{first} - {name}") for name in others]
+    return (
+        Cell(names.metrics[metric].label_with_unit, head=True),
+        *(Cell(interval_cell(found.medians[metric][name]).text) for name in names.controllers),
+        *(interval_cell(pair.metrics[metric].median_difference) if pair else Cell("") for pair in pairs),
+    )
 
 
 def _pair_items(pair: ControllerPair, names: Names) -> Iterator[Item]:
