@@ -90,8 +90,8 @@ def fake_engine(monkeypatch, tmp_path):
     """Commands fly cheap flights, in a folder of their own."""
     from fake_flight import ENGINE
 
-    for place in ("runner", "merge", "engine"):
-        monkeypatch.setattr(f"abhv_mc.execution.{place}.make_engine", lambda: ENGINE)
+    for place in ("execution.runner", "execution.merge", "simulators.engine"):
+        monkeypatch.setattr(f"abhv_mc.{place}.make_engine", lambda: ENGINE)
     monkeypatch.chdir(tmp_path)
 
 
