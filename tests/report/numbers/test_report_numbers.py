@@ -14,8 +14,6 @@ from abhv_mc.topics.plain import plain
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
 
-GUSTS = {"wind.gust_east": np.zeros(100)}
-
 
 def test_the_same_folder_gives_the_same_numbers(failing_folder, failing_numbers):
     again = json.dumps(make_numbers(Models(read_results(failing_folder))), allow_nan=False)
@@ -49,13 +47,15 @@ def test_convergence_ends_with_the_table(failing_numbers):
 
 
 @pytest.mark.parametrize(
-    ("air", "card", "finding"), [({}, "cycle", "limit cycle"), (GUSTS, "swing", "swings, in gusts")]
+    ("varied", "card", "finding"),
+    [(("aero.lift",), "cycle", "limit cycle"), (("wind.gust_east",), "swing", "swings, in gusts")],
 )
-def test_a_cycle_in_gusts_turbulence_or_noise_is_called_a_swing(failing, air, card, finding):
+def test_a_cycle_in_gusts_turbulence_or_noise_is_called_a_swing(failing, varied, card, finding, monkeypatch):
+    monkeypatch.setattr(type(failing.campaign), "varied", varied)
     flights = {
         name: replace(found, metrics={**found.metrics, "bank_ripple_deg": np.full(found.flight.size, 9.0)})
         for name, found in failing.flights.items()
     }
-    models = Models(replace(failing, flights=flights, samples={**failing.samples, **air}))
+    models = Models(replace(failing, flights=flights))
     assert finding in " ".join(finding_sentences(models))
     assert f" {card}" in " ".join(cards(models, dict.fromkeys(flights, "#000"))[0].notes)
