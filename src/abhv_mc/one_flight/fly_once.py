@@ -126,6 +126,8 @@ def _check_felt(plan: "FlightPlan", parameters: "NDArray[np.float64]", names: It
 
     at = [PARAMETER_INDEX[name] for name in names]
     at = [i for i in at if parameters[0, i] != PARAMETERS[i].nominal]
+    if not at:
+        return
     for farther in (False, True):
         rows = np.tile(parameters, (1 + len(at), 1))
         for row, i in zip(rows[1:], at, strict=True):
