@@ -9,7 +9,7 @@ from typing import Any
 from abhv_mc.cli.printing import say
 
 _TIMES = "compiled.json"  # beside the folders of compiled code: seconds that each took last time on this machine
-_PARTS = {"flight": "the flight", "stability": "the stability margins", "control": "the reference"}
+_PARTS = {"flight": "the flight", "stability": "the stability margins", "laws": "the reference"}
 
 
 def announce_compiling() -> None:
@@ -28,7 +28,7 @@ def _tell(function: Any, elsewhere: bool) -> Iterator[None]:
     from abhv_mc.execution.progress import Waiting
     from abhv_mc.kernel.cache import user_folder
 
-    part = _PARTS.get(function.__module__.split(".")[1], "a part")
+    part = _PARTS.get(function.__module__.removeprefix("abhv_mc.kernel.").split(".")[0], "a part")
     if elsewhere:
         with Waiting(f"waiting for another process, which compiles {part}"):
             yield
