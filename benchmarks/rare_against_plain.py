@@ -66,7 +66,7 @@ def main() -> None:
     parser.add_argument("--figure", type=Path, default=None)
     arguments = parser.parse_args()
     manifest = read_manifest(arguments.rare / "manifest.json")
-    result = manifest["result"]
+    result = manifest.result
     if result["refusal"]:
         raise SystemExit(f"no trustworthy estimate: {result['refusal']}")
     metric, limit = result["requirement"], result["below"]

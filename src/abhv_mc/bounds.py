@@ -1,7 +1,6 @@
 """The limits of a requirement: who fails it and by how much, said once for counting, ranking, reports and searches."""
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,13 +13,8 @@ class Bounds(NamedTuple):
     low: float | None = None
     high: float | None = None
 
-    @classmethod
-    def of(cls, entry: Mapping[str, Any]) -> "Bounds":
-        """Those of an entry of a campaign, a manifest or a report's numbers."""
-        return cls(entry.get("above"), entry.get("below"))
-
     def as_entry(self) -> dict[str, float]:
-        """The keys of such an entry."""
+        """The keys of an entry of a campaign or a matrix."""
         return {key: value for key, value in zip(("above", "below"), self, strict=True) if value is not None}
 
     def __str__(self) -> str:

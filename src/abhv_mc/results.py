@@ -6,10 +6,8 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from abhv_mc.bounds import Bounds
 from abhv_mc.folder.hashes import read_checked, refuse_changes
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.manifest import COMPLETE
 from abhv_mc.io.documents import InputError, describe, one_of
 from abhv_mc.one_flight.given import check_mapping
 
@@ -45,7 +43,7 @@ class Results:
     @property
     def complete(self) -> bool:
         """Whether everything was flown."""
-        return bool(self.manifest["state"] == COMPLETE)
+        return self.manifest.complete
 
     @property
     def controllers(self) -> tuple[str, ...]:
@@ -170,7 +168,7 @@ class Results:
         for name in found.variables:
             if name in units:
                 found[name].attrs["units"] = units[name]
-        return found.assign_attrs(campaign=self.manifest["name"], digest=self.manifest["digest"])
+        return found.assign_attrs(campaign=self.manifest.name, digest=self.manifest.digest)
 
     def make_report(self) -> Path:
         """Write the report into the folder and give the path of the page."""
@@ -299,20 +297,18 @@ class Results:
 
     def __repr__(self) -> str:
         facts = self.manifest
-        flights = f"{facts['runs_done']} of {facts['runs_planned']} flights"
-        return f"<Results {facts['name']}: {flights}, {facts['state']}>"
+        return f"<Results {facts.name}: {facts.runs_done} of {facts.runs_planned} flights, {facts.state}>"
 
     def _repr_html_(self) -> str:
         """What a notebook shows: how the flights ended and the verdicts, from the manifest alone."""
         facts = self.manifest
-        head = f"{facts['name']}: {facts['runs_done']} of {facts['runs_planned']} flights each, {facts['state']}"
+        head = f"{facts.name}: {facts.runs_done} of {facts.runs_planned} flights each, {facts.state}"
         rows = [
-            (name, ", ".join(f"{count} {outcome}" for outcome, count in part["outcomes"].items()), "")
-            for name, part in facts["controllers"].items()
+            (name, ", ".join(f"{count} {outcome}" for outcome, count in part.outcomes.items()), "")
+            for name, part in facts.controllers.items()
         ]
-        for entry in (*facts["requirements"], *facts.get("requirements_shown", ())):
-            asked = f"{entry['metric']} {Bounds.of(entry)} in {100 * entry['probability']:g} %"
-            rows.append((entry["controller"], asked, entry["verdict"]))
+        for entry in (*facts.requirements, *facts.requirements_shown):
+            rows.append((entry.controller, f"{entry.asked} in {100 * entry.probability:g} %", entry.verdict))
         return as_html(head, rows)
 
 

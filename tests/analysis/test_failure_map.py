@@ -56,7 +56,7 @@ def test_an_early_end_is_the_low_density_and_nothing_else(flown, mapped):
 
 
 def test_a_map_is_kept_for_its_flights_alone(flown, mapped):
-    digest = read_manifest(CampaignFolder(flown).manifest)["digest"]
+    digest = read_manifest(CampaignFolder(flown).manifest).digest
     path = write_map(flown, mapped[1])
     assert read_map(flown, digest) == mapped[1] and read_map(flown, "another") is None
     held = path.read_text(encoding="utf-8")

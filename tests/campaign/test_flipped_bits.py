@@ -65,7 +65,7 @@ def flips(folder):
 
 def test_the_manifest_names_every_file(flown):
     _, folder = flown
-    listed = open_results(folder).manifest["files"]
+    listed = open_results(folder).manifest.files
     assert sorted(listed) == [file.as_posix() for file in files_of(folder) if file.name != "manifest.json"]
 
 
@@ -119,7 +119,7 @@ WORST = WorstSettings("altitude_error_max_m", flights=160)
 
 def test_readers_refuse_any_flipped_bit_of_a_searchs_folder(searched):
     folder = searched.out
-    assert sorted(open_results(folder).manifest["files"]) == [
+    assert sorted(open_results(folder).manifest.files) == [
         file.as_posix() for file in files_of(folder) if file.name != "manifest.json"
     ]
     for file, place, bit in flips(folder):

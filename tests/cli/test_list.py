@@ -29,7 +29,7 @@ def test_a_schema_is_printed_as_it_is(kind: str) -> None:
         ("parameters", [parameter.name for parameter in PARAMETERS if parameter.name != "one"]),
         ("channels", [channel.name for channel in CHANNELS]),
         ("metrics", [signal.name for signal in BUILT_IN.values()]),
-        ("schemas", ["campaign", "vehicle", "mission", "controller", "report"]),
+        ("schemas", ["campaign", "vehicle", "mission", "controller", "report", "manifest"]),
     ],
 )
 def test_everything_is_listed_in_words_and_as_json(kind: str, names: list[str]) -> None:

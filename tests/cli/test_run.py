@@ -16,7 +16,7 @@ from fake_flight import DENSITY, ENGINE, fly, interrupted_after, write_campaign
 from abhv_mc.cli.run import finish
 from abhv_mc.execution.runner import RunResult
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.folder.manifest import write_manifest
+from abhv_mc.folder.manifest import ControllerCount, Manifest, RequirementVerdict, read_manifest, write_manifest
 
 pytestmark = pytest.mark.usefixtures("fake_engine")
 
@@ -80,8 +80,7 @@ def test_status_and_list(abhv_mc, flown):
 
 
 def test_a_killed_campaign_is_not_called_running(abhv_mc, flown):
-    manifest = json.loads((flown / "manifest.json").read_text()) | {"state": "running"}
-    write_manifest(flown / "manifest.json", manifest)
+    write_manifest(flown / "manifest.json", replace(read_manifest(flown / "manifest.json"), state="running"))
     assert json.loads(abhv_mc("status", flown, "--json", "-")[1])["state"] == "interrupted"
 
 
@@ -130,7 +129,7 @@ INTERRUPTED = """
 import os, signal, sys, threading
 from contextlib import contextmanager
 from abhv_mc.cli.app import main
-from abhv_mc.folder.manifest import write_manifest
+from abhv_mc.folder.manifest import ControllerCount, Manifest, RequirementVerdict, read_manifest, write_manifest
 from abhv_mc.folder import sql
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in a background job
@@ -202,9 +201,9 @@ def test_a_campaign_of_which_no_flight_was_computed_is_told_and_no_success(abhv_
 @pytest.mark.parametrize(("lost", "verdict", "code"), [(0, "PASS", 0), (0, "FAIL", 1), (2, "PASS", 3), (2, "FAIL", 3)])
 def test_flights_that_could_not_be_computed_outrank_a_failed_requirement(tmp_path, lost, verdict, code, capsys):
     outcomes = {"ok": 300 - lost} | ({"failed_to_run": lost} if lost else {})
-    entry = {"metric": "a", "below": 1.0, "probability": 0.9, "controller": "one", "verdict": verdict, "words": verdict}
-    manifest = {"state": "complete", "runs_done": 300 - lost, "runs_planned": 300, "digest": "", "warnings": []}
-    manifest |= {"question": "q", "seed": 1, "controllers": {"one": {"outcomes": outcomes}}, "requirements": [entry]}
+    entry = RequirementVerdict("a", 0.9, "one", verdict, verdict, below=1.0)
+    manifest = Manifest("fake", "complete", 1, "", "", 300, 300 - lost, requirements=(entry,),
+                        controllers={"one": ControllerCount(outcomes)})  # fmt: skip
     with pytest.raises(typer.Exit) if code else contextlib.nullcontext() as end:
         finish(RunResult(tmp_path, manifest), no_report=True)
     assert (end.value.exit_code if code else 0) == code

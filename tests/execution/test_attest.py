@@ -51,10 +51,10 @@ def test_processors_of_one_kind_are_not_flown_again(capfd):
 def test_the_manifest_names_who_flew_what(tmp_path):
     campaign = write_campaign(tmp_path / "f")
     manifest = run_campaign(Request(campaign, tmp_path / "out"), CHECKED).manifest
-    (entry,) = manifest["flown_by"]
+    (entry,) = manifest.flown_by
     flyer = this_flyer()
-    assert (entry["code"], entry["host"], entry["versions"]) == (flyer.code, flyer.host, flyer.versions)
-    assert entry["blocks"] == {"one": [[0, 300]], "two": [[0, 300]]}
+    assert (entry.code, entry.host, entry.versions) == (flyer.code, flyer.host, flyer.versions)
+    assert entry.blocks == {"one": ((0, 300),), "two": ((0, 300),)}
 
 
 def test_flights_belong_to_who_flew_them_last():
@@ -62,10 +62,10 @@ def test_flights_belong_to_who_flew_them_last():
     entries = note_flyers([], (here,), "one", 0, 64)
     entries = note_flyers(entries, (here._replace(process=1),), "one", 64, 128)
     entries = note_flyers(entries, (there,), "one", 32, 96)
-    assert [(entry["host"], entry["blocks"]["one"]) for entry in entries] == [
-        (here.host, [[0, 32], [96, 128]]),
-        ("node7", [[32, 96]]),
+    assert [(entry.host, entry.blocks["one"]) for entry in entries] == [
+        (here.host, ((0, 32), (96, 128))),
+        ("node7", ((32, 96),)),
     ]
-    joined = join_flyers([entries, note_flyers([], (there,), "one", 128, 160)])
-    assert [entry["blocks"]["one"] for entry in joined] == [[[0, 32], [96, 128]], [[32, 96], [128, 160]]]
-    assert note_flyers(joined, (here,), "one", 0, 160)[0]["blocks"] == {"one": [[0, 160]]}
+    joined = join_flyers([*entries, *note_flyers([], (there,), "one", 128, 160)])
+    assert [entry.blocks["one"] for entry in joined] == [((0, 32), (96, 128)), ((32, 96), (128, 160))]
+    assert note_flyers(joined, (here,), "one", 0, 160)[0].blocks == {"one": ((0, 160),)}

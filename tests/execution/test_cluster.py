@@ -184,7 +184,7 @@ def test_compiled_flights_stand_a_killed_worker_and_a_late_one(local, dask, tmp_
     flown = run_campaign(request, replace(make_engine(), fly=fly_compiled_when_let)).manifest
     meddler.join()
     assert 3 <= seen[0] < RUNS // 16
-    assert (flown["state"], flown["runs_failed"], flown["digest"]) == ("complete", 0, local)
+    assert (flown.state, flown.runs_failed, flown.digest) == ("complete", 0, local)
 
 
 def test_a_plan_that_waits_on_a_killed_worker_is_held_anew(dask):
@@ -234,7 +234,7 @@ def test_a_scheduler_that_dies_ends_the_campaign_in_words_and_the_same_command_g
     kept = sum(1 for _ in (out / "flights").glob("*.parquet"))
     assert 5 <= kept < 76 and json.loads((out / "manifest.json").read_text())["state"] == "interrupted"
     whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
-    assert run_campaign(Request(campaign, out), ENGINE).manifest["digest"] == whole["digest"]
+    assert run_campaign(Request(campaign, out), ENGINE).manifest.digest == whole.digest
 
 
 def test_a_flight_that_hangs_costs_its_row_there_too(dask, tmp_path):
@@ -244,10 +244,8 @@ def test_a_flight_that_hangs_costs_its_row_there_too(dask, tmp_path):
     request = Request(campaign, tmp_path / "out", workers=1, scheduler=dask.address)
     manifest = run_campaign(request, replace(ENGINE, fly=fly_hanging)).manifest
     density = pq.read_table(tmp_path / "out/samples.parquet")["atmosphere.density"].to_numpy()
-    assert (
-        manifest["controllers"]["one"]["failed_to_run"] == np.flatnonzero((density > 1.0) & (density < 1.01)).tolist()
-    )
-    assert (manifest["runs_done"], manifest["runs_failed"]) == (15, 1)
+    assert manifest.controllers["one"].failed_to_run == tuple(np.flatnonzero((density > 1.0) & (density < 1.01)))
+    assert (manifest.runs_done, manifest.runs_failed) == (15, 1)
 
 
 def test_workers_with_other_code_stop_the_campaign(dask, tmp_path):

@@ -46,7 +46,7 @@ def test_flights_are_flown_again_and_other_damage_is_named(tmp_path, complete, d
         elif file.parts[0] in ("flights", "envelope_states", ".lock"):
             again.add(file.parts[0])
             result = run_campaign(Request(campaign, out), ENGINE)
-            assert result.complete and result.manifest["digest"] == whole["digest"], file
+            assert result.complete and result.manifest.digest == whole.digest, file
             for name in ("envelopes.parquet", "histories/one-000000.parquet"):
                 assert pq.read_table(out / name).equals(pq.read_table(tmp_path / "whole" / name)), (file, name)
         else:
@@ -54,7 +54,7 @@ def test_flights_are_flown_again_and_other_damage_is_named(tmp_path, complete, d
                 run_campaign(Request(campaign, out), ENGINE)
             with pytest.raises(InputError, match=str(file)):
                 read_checked(CampaignFolder(out))
-            assert run_campaign(Request(campaign, out, fresh=True), ENGINE).manifest["digest"] == whole["digest"]
+            assert run_campaign(Request(campaign, out, fresh=True), ENGINE).manifest.digest == whole.digest
         shutil.rmtree(out)
     assert again == {"flights", ".lock"} | (set() if complete else {"envelope_states"})
 
@@ -69,9 +69,9 @@ def test_a_block_with_a_flight_that_could_not_be_computed_is_flown_again(tmp_pat
     campaign = write_campaign(tmp_path / "f", runs="60", keep=KEEP, execution="{batch: 30}")
     whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
     first = run_campaign(Request(campaign, tmp_path / "out"), replace(ENGINE, fly=fail)).manifest
-    assert first["runs_failed"] == 2 and first["digest"] != whole["digest"]
+    assert first.runs_failed == 2 and first.digest != whole.digest
     again = run_campaign(Request(campaign, tmp_path / "out"), ENGINE).manifest
-    assert again["runs_failed"] == 0 and again["digest"] == whole["digest"]
+    assert again.runs_failed == 0 and again.digest == whole.digest
     assert pq.read_table(tmp_path / "out/envelopes.parquet").equals(pq.read_table(tmp_path / "whole/envelopes.parquet"))
 
 

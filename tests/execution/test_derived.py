@@ -54,7 +54,7 @@ def test_flights_are_those_of_the_derived_rows_and_the_table_holds_what_was_draw
 def test_interrupted_and_in_other_blocks_it_has_the_same_bits(flown, tmp_path):
     run(tmp_path, "resumed", interrupted_after(6))
     resumed = run(tmp_path, "resumed", execution="{workers: 1, batch: 17}")
-    assert resumed.complete and resumed.manifest["digest"] == flown.manifest["digest"]
+    assert resumed.complete and resumed.manifest.digest == flown.manifest.digest
     for controller, flight in (("one", 3), ("two", 299)):
         assert replay_flight(flown.folder, controller, flight, fly).differences == ()
     for history in ("histories/one-000000.parquet", "envelopes.parquet"):

@@ -54,9 +54,9 @@ def test_what_flies_is_what_was_read(campaign, tmp_path, name, when):
     whole = run_campaign(Request(campaign, tmp_path / "whole"), replace(ENGINE, find_stability=find_stability))
     flown = run_campaign(Request(campaign, tmp_path / "out"), editing(campaign.parent / name, when))
     assert "edited" in (campaign.parent / name).read_text()
-    assert flown.manifest["digest"] == whole.manifest["digest"]
-    assert flown.manifest["inputs"] == whole.manifest["inputs"]
-    assert read_checked(CampaignFolder(tmp_path / "out"))["files"] == flown.manifest["files"]
+    assert flown.manifest.digest == whole.manifest.digest
+    assert flown.manifest.inputs == whole.manifest.inputs
+    assert read_checked(CampaignFolder(tmp_path / "out")).files == flown.manifest.files
     assert (tmp_path / "out/margins.json").read_bytes() == (tmp_path / "whole/margins.json").read_bytes()
 
 

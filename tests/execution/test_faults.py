@@ -2,7 +2,6 @@
 
 import ctypes
 import functools
-import json
 import multiprocessing
 import os
 import random
@@ -104,14 +103,14 @@ def test_a_bad_flight_costs_its_row(tmp_path, function, isolation, reason, capfd
     assert flawed.complete and reason in capfd.readouterr().err
     assert np.array_equal(np.array(rows[1]["outcome"].to_pylist()) == "failed_to_run", bad)
     assert rows[1].filter(~bad).equals(rows[0].filter(~bad))
-    manifest = json.loads((tmp_path / "b/manifest.json").read_text())
-    assert manifest["runs_failed"] == bad.sum() and manifest["runs_done"] == 300 - bad.sum()
-    assert manifest["controllers"]["one"]["failed_to_run"] == np.flatnonzero(bad).tolist()
-    assert manifest["digest"] != whole.manifest["digest"]
+    manifest = flawed.manifest
+    assert manifest.runs_failed == bad.sum() and manifest.runs_done == 300 - bad.sum()
+    assert manifest.controllers["one"].failed_to_run == tuple(np.flatnonzero(bad))
+    assert manifest.digest != whole.manifest.digest
     counts = pq.read_table(tmp_path / "b/envelopes.parquet")["count"].to_pylist()
     assert max(counts) == 300 - bad.sum()
     again = run_campaign(Request(campaign, tmp_path / "b"), engine_of(function)).manifest
-    assert again["controllers"] == manifest["controllers"] and again["digest"] == manifest["digest"]
+    assert again.controllers == manifest.controllers and again.digest == manifest.digest
 
 
 def test_a_machine_that_flies_nothing_stops_the_campaign(tmp_path, capfd):
@@ -129,7 +128,7 @@ def test_starts_that_are_killed_are_tried_again_and_cost_no_flight(tmp_path, cap
     fly_late = functools.partial(fly_after_killed_starts, tmp_path / "started")
     flown = run_campaign(Request(campaign, tmp_path / "b"), engine_of(fly_late)).manifest
     assert len(list((tmp_path / "started").iterdir())) > 10
-    assert flown["digest"] == whole["digest"] and flown["runs_failed"] == 0
+    assert flown.digest == whole.digest and flown.runs_failed == 0
 
 
 def test_killed_workers_lose_nothing(tmp_path, capfd):
@@ -152,6 +151,6 @@ def test_killed_workers_lose_nothing(tmp_path, capfd):
         ended.set()
         killer.join()
     assert len(kills) >= 5
-    assert flown["digest"] == whole["digest"] and flown["runs_failed"] == 0
+    assert flown.digest == whole.digest and flown.runs_failed == 0
     for name in ("envelopes.parquet", "histories/one-000000.parquet"):
         assert pq.read_table(tmp_path / "a" / name).equals(pq.read_table(tmp_path / "b" / name))

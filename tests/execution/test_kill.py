@@ -111,8 +111,8 @@ def test_random_kills_lose_nothing(tmp_path, seed, monkeypatch, capfd):
         said = f"seed {seed}, kills: {campaign.kills}"
         assert code == 0, said
         done = run_campaign(Request(campaign.file, out), ENGINE)  # complete: reads and proves every block
-        assert done.complete and done.manifest["runs_failed"] == 0, said
-        assert done.manifest["digest"] == whole["digest"], said
+        assert done.complete and done.manifest.runs_failed == 0, said
+        assert done.manifest.digest == whole.digest, said
         for name in ("samples.parquet", "envelopes.parquet", "histories/one-000000.parquet"):
             assert pq.read_table(out / name).equals(pq.read_table(tmp_path / "whole" / name)), said
         assert not list(out.rglob("*.temporary")), said
@@ -147,8 +147,8 @@ def test_runs_that_start_in_one_new_folder_at_the_same_moment(tmp_path, capfd):
             child.join()
         assert 0 in [child.exitcode for child in children]
         done = run_campaign(Request(campaign, out), ENGINE)
-        assert done.complete and done.manifest["digest"] == whole["digest"]
-        assert sorted(done.manifest["files"]) == sorted(whole["files"])
+        assert done.complete and done.manifest.digest == whole.digest
+        assert sorted(done.manifest.files) == sorted(whole.files)
 
 
 def fly_within(campaign, out, size):
@@ -174,4 +174,4 @@ def test_a_disk_that_fills_up_anywhere_loses_nothing(tmp_path, capfd):
         assert not list((tmp_path / "out").rglob("*.temporary"))
     assert codes.count(3) > 5 and set(codes) <= {0, 3}
     done = run_campaign(Request(campaign, tmp_path / "out"), ENGINE)
-    assert done.complete and done.manifest["digest"] == whole["digest"]
+    assert done.complete and done.manifest.digest == whole.digest

@@ -62,7 +62,7 @@ def test_the_first_flights_have_them_whatever_flies_the_blocks(engine, tmp_path)
     cut = run_campaign(Request(other, tmp_path / "b", workers=1), interrupted_after(4, engine))
     assert not cut.complete
     second = run_campaign(Request(other, tmp_path / "b", workers=1), engine)
-    assert second.manifest["digest"] == first.manifest["digest"]
+    assert second.manifest.digest == first.manifest.digest
     tlc, lqr = _table(first.folder, "tlc"), _table(first.folder, "lqr")
     assert np.isnan(tlc["gain_margin_min_db"][12:]).all() and np.isfinite(tlc["disk_margin_min"][:12]).all()
     rudder = tlc["control.rudder_effectiveness"][:12]
@@ -97,7 +97,7 @@ def test_no_dispersion_and_no_margin_costs_a_flown_campaign(engine, tmp_path, se
     text = f"{head}{entries}requirements{rest.partition('requirements')[2]}"
     path.write_text(text.replace(f", lqr: {shipped_configs()}/control/lqr.yaml", ""), encoding="utf-8")
     manifest = run_campaign(Request(path, tmp_path / "c", runs=6, workers=1), engine).manifest
-    assert manifest["state"] == "complete" and manifest["runs_failed"] == 0
+    assert manifest.state == "complete" and manifest.runs_failed == 0
     stability = json.loads((tmp_path / "c/margins.json").read_text(encoding="utf-8"))["controllers"]
     assert not any("not computed" in entry.get("fault", "") for entry in stability.values())
 
@@ -131,9 +131,9 @@ def required(engine, tmp_path_factory):
 
 
 def test_they_can_be_required_of_all_flights(required):
-    (judged,) = required.manifest["requirements"]
+    (judged,) = required.manifest.requirements
     values = _table(required.folder, "tlc")["gain_margin_min_db"]
-    assert judged["failures"] == int((values <= 0.1).sum()) and judged["flights"] == 12
+    assert judged.failures == int((values <= 0.1).sum()) and judged.flights == 12
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 import contextlib
 import errno
-import json
 import random
 import shutil
 from dataclasses import replace
@@ -16,7 +15,7 @@ from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.folder import envelope_states as collector
 from abhv_mc.folder.layout import StorageFullError
-from abhv_mc.folder.manifest import write_manifest
+from abhv_mc.folder.manifest import read_manifest, write_manifest
 from abhv_mc.io.input_error import InputError
 from abhv_mc.results import open_results
 
@@ -37,9 +36,9 @@ def test_merged_shards_are_the_whole_campaign(tmp_path, number, sampling, monkey
     campaign, parts = fly_shards(tmp_path, sampling=sampling, execution="{batch: 33}")
     whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
     merged = merge_campaign([parts[2], parts[0], parts[1]], tmp_path / "merged", ENGINE)
-    assert merged.complete and merged.manifest["digest"] == whole["digest"]
-    assert merged.manifest["runs_done"] == 300 and merged.manifest["requirements"] == whole["requirements"]
-    assert merged.manifest["campaign_hash"] == whole["campaign_hash"]
+    assert merged.complete and merged.manifest.digest == whole.digest
+    assert merged.manifest.runs_done == 300 and merged.manifest.requirements == whole.requirements
+    assert merged.manifest.campaign_hash == whole.campaign_hash
     for name in FILES:
         assert pq.read_table(tmp_path / "whole" / name).equals(pq.read_table(tmp_path / "merged" / name))
 
@@ -54,9 +53,9 @@ def test_a_shard_holds_its_flights_only_and_resumes(tmp_path):
             run_campaign(Request(campaign, parts[1], shard=shard), ENGINE)
 
 
-def spoil(parts, manifest):
+def spoil(parts, changes):
     path = parts[1] / "manifest.json"
-    write_manifest(path, json.loads(path.read_text()) | manifest)
+    write_manifest(path, replace(read_manifest(path), **changes))
 
 
 @pytest.mark.parametrize(
@@ -98,7 +97,7 @@ def test_a_flipped_bit_in_a_part_is_told_or_its_flights_flown_again(tmp_path):
             assert str(file) in str(error), (file, place)  # noqa: PT017  # others may be flown again
         else:
             again.append(file.parent.name)
-            assert merged.complete and merged.manifest["digest"] == whole["digest"], (file, place)
+            assert merged.complete and merged.manifest.digest == whole.digest, (file, place)
             for name in (*FILES[:3], "margins.json"):
                 assert (out / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), (file, place, name)
             assert open_results(out).complete
@@ -133,7 +132,7 @@ def test_a_merge_that_was_interrupted_goes_on(tmp_path, monkeypatch, fault):
     with contextlib.suppress(KeyboardInterrupt, StorageFullError, OSError):
         assert not merge_campaign(parts, out, replace(ENGINE, find_stability=fail)).complete
     merged = merge_campaign(parts, out, ENGINE)
-    assert merged.complete and merged.manifest["digest"] == whole["digest"]
+    assert merged.complete and merged.manifest.digest == whole.digest
     for name in FILES[:2]:
         assert (out / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
     with pytest.raises(InputError, match="not empty"):

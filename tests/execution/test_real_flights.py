@@ -40,9 +40,9 @@ def test_the_digest_is_the_same_however_it_is_flown(flown, engine, tmp_path):
     first = run_campaign(Request(other, tmp_path / "b", RUNS, workers=1), stopped)
     assert not first.complete
     second = run_campaign(Request(other, tmp_path / "b", RUNS, workers=1), engine)
-    assert second.manifest["digest"] == flown.manifest["digest"]
+    assert second.manifest.digest == flown.manifest.digest
     alone = run_campaign(Request(CAMPAIGN, tmp_path / "c", RUNS, controllers=("tlc",)), engine)
-    assert alone.manifest["digests"]["tlc"] == flown.manifest["digests"]["tlc"]
+    assert alone.manifest.digests["tlc"] == flown.manifest.digests["tlc"]
     tables = [pq.read_table(folder / "envelopes.parquet") for folder in (flown.folder, tmp_path / "b")]
     assert tables[0].equals(tables[1])
 

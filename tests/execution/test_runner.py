@@ -43,7 +43,7 @@ def flights(folder):
 
 def test_what_a_folder_holds(campaign, tmp_path):
     result = run(campaign, tmp_path / "out")
-    assert result.complete and result.manifest["runs_done"] == 300
+    assert result.complete and result.manifest.runs_done == 300
     table = flights(tmp_path / "out")
     assert table.num_rows == 600
     leading = ["flight", "controller", "outcome", "failure.case", "atmosphere.density", "aero.lift"]
@@ -52,11 +52,11 @@ def test_what_a_folder_holds(campaign, tmp_path):
     for name in ("atmosphere.density", "aero.lift"):
         np.testing.assert_array_equal(table[name].to_numpy()[:300], samples[name].to_numpy())
     assert table.schema.field("speed_error_max_mps").metadata[b"unit"] == b"m/s"
-    outcomes = result.manifest["controllers"]["one"]["outcomes"]
+    outcomes = result.manifest.controllers["one"].outcomes
     lost = int((samples["atmosphere.density"].to_numpy() < 0.91).sum())
     assert outcomes == {"ok": 300 - lost, "sideslip_limit": lost}
-    requirement = result.manifest["requirements"][0]
-    assert (requirement["failures"], requirement["failures_ended_early"], requirement["failures_measured"]) == (
+    requirement = result.manifest.requirements[0]
+    assert (requirement.failures, requirement.failures_ended_early, requirement.failures_measured) == (
         lost,
         lost,
         0,
@@ -67,9 +67,9 @@ def test_what_a_folder_holds(campaign, tmp_path):
 def test_digest_does_not_depend_on_how_it_is_flown(campaign, tmp_path, options):
     whole = run(campaign, tmp_path / "a").manifest
     other = run(campaign, tmp_path / "b", **options).manifest
-    assert other["digests"]["two"] == whole["digests"]["two"]
+    assert other.digests["two"] == whole.digests["two"]
     if "controllers" not in options:
-        assert other["digest"] == whole["digest"]
+        assert other.digest == whole.digest
 
 
 @pytest.mark.parametrize("batch", [16, 1000])
@@ -78,7 +78,7 @@ def test_block_size_changes_neither_digest_nor_envelopes(tmp_path, batch, number
     monkeypatch.setattr(collector, "ENVELOPE_FLIGHTS", number)
     one = run(write_campaign(tmp_path / "f1"), tmp_path / "a")
     two = run(write_campaign(tmp_path / "f2", execution=f"{{batch: {batch}}}"), tmp_path / "b")
-    assert one.manifest["digest"] == two.manifest["digest"]
+    assert one.manifest.digest == two.manifest.digest
     tables = [pq.read_table(r.folder / "envelopes.parquet") for r in (one, two)]
     assert tables[0].equals(tables[1])
 
@@ -86,12 +86,12 @@ def test_block_size_changes_neither_digest_nor_envelopes(tmp_path, batch, number
 def test_interrupt_keeps_what_landed_and_resume_completes_it(campaign, tmp_path):
     whole = run(campaign, tmp_path / "a")
     first = run(campaign, tmp_path / "b", interrupted_after(6), workers=1)
-    assert first.manifest["state"] == "interrupted"
-    kept = sum(facts["flights_done"] for facts in first.manifest["controllers"].values())
+    assert first.manifest.state == "interrupted"
+    kept = sum(facts.flights_done for facts in first.manifest.controllers.values())
     assert 128 <= kept < 600
     before = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "b/flights").iterdir()}
     second = run(campaign, tmp_path / "b")
-    assert second.complete and second.manifest["digest"] == whole.manifest["digest"]
+    assert second.complete and second.manifest.digest == whole.manifest.digest
     after = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "b/flights").iterdir()}
     assert before.items() <= after.items()  # nothing was flown twice
     names = ["envelopes.parquet", *(f"histories/{name}-000000.parquet" for name in ("one", "two"))]
@@ -118,7 +118,7 @@ def test_extending_keeps_flights_bit_for_bit(campaign, tmp_path):
     mask = np.tile(np.arange(300) < 100, 2)
     assert after.filter(mask).equals(before)
     whole = run(campaign, tmp_path / "other", runs=300)
-    assert result.manifest["digest"] == whole.manifest["digest"]
+    assert result.manifest.digest == whole.manifest.digest
     assert pq.read_table(tmp_path / "out/envelopes.parquet").equals(pq.read_table(tmp_path / "other/envelopes.parquet"))
 
 
@@ -143,7 +143,7 @@ def test_requirements_of_controllers_that_are_flown_one_after_the_other(tmp_path
     whole = run(campaign, tmp_path / "whole").manifest
 
     def pairs(manifest):
-        return sorted(json.dumps(entry, sort_keys=True) for entry in manifest["requirements"])
+        return sorted(repr(entry) for entry in manifest.requirements)
 
     orders = ([("one",), None], [("two",), None], [("one",), ("two",), ("one",), None], [("two",), ("one",), ("two",)])
     for i, order in enumerate(orders):
@@ -152,7 +152,7 @@ def test_requirements_of_controllers_that_are_flown_one_after_the_other(tmp_path
             flown = run(campaign, out, controllers=names)
             assert flown.complete
         assert pairs(flown.manifest) == pairs(whole), order
-        assert flown.manifest["digest"] == whole["digest"]
+        assert flown.manifest.digest == whole.digest
     assert run(campaign, tmp_path / "0", runs=90).complete
 
 
@@ -162,7 +162,7 @@ def test_requirements_without_controllers_follow_the_first_of_the_file(campaign,
     def judged(file, out, **options):
         result = run(file, tmp_path / out, **options)
         assert result.complete
-        return [entry["controller"] for entry in result.manifest["requirements"]]
+        return [entry.controller for entry in result.manifest.requirements]
 
     turned = write_campaign(tmp_path / "turned", controllers="{two: two.yaml, one: one.yaml}")
     assert judged(campaign, "a") == ["one"]
@@ -211,7 +211,7 @@ def test_the_resolved_campaign_flies_the_same(campaign, tmp_path):
         if path.is_file():
             path.unlink()
     second = run(tmp_path / "a/campaign.yaml", tmp_path / "b").manifest
-    assert second["digest"] == first["digest"] and second["campaign_hash"] == first["campaign_hash"]
+    assert second.digest == first.digest and second.campaign_hash == first.campaign_hash
 
 
 def test_two_processes_do_not_share_a_folder(campaign, tmp_path):
@@ -221,7 +221,7 @@ def test_two_processes_do_not_share_a_folder(campaign, tmp_path):
 
 
 def test_a_full_disk_keeps_what_was_flown(campaign, tmp_path, monkeypatch):
-    digest = run(campaign, tmp_path / "a").manifest["digest"]
+    digest = run(campaign, tmp_path / "a").manifest.digest
     write, count = runner.write_block, iter(range(1000))
 
     def full(*arguments):
@@ -239,7 +239,7 @@ def test_a_full_disk_keeps_what_was_flown(campaign, tmp_path, monkeypatch):
         assert json.loads((tmp_path / "b/manifest.json").read_text())["state"] == "interrupted"
         assert not list((tmp_path / "b").rglob("*.temporary"))
     monkeypatch.undo()
-    assert run(campaign, tmp_path / "b").manifest["digest"] == digest
+    assert run(campaign, tmp_path / "b").manifest.digest == digest
 
 
 def test_a_folder_of_somebody_else_is_left_alone(campaign, tmp_path):
@@ -281,8 +281,8 @@ def test_every_design_flies(tmp_path, sampling):
     keep = "{histories: {flights: every 3}}"
     manifest = run(write_campaign(tmp_path / "files", sampling=sampling, keep=keep, **extra), tmp_path / "out").manifest
     expected = {"corners": 4, GRID: 9, "one_at_a_time": 5}.get(sampling, 64)
-    assert manifest["runs_done"] == manifest["runs_planned"] == expected
-    assert manifest["requirements"][0]["verdict"] == "ESTIMATE"
+    assert manifest.runs_done == manifest.runs_planned == expected
+    assert manifest.requirements[0].verdict == "ESTIMATE"
 
 
 def test_samples_from_a_file_fly_as_they_are(tmp_path):
@@ -327,7 +327,7 @@ def test_fresh_from_the_folders_own_campaign_file(campaign, tmp_path):
     """Its inputs are deleted with the folder's content; they must have been read before."""
     first = run(campaign, tmp_path / "out").manifest
     again = run(tmp_path / "out/campaign.yaml", tmp_path / "out", fresh=True)
-    assert again.complete and again.manifest["digest"] == first["digest"]
+    assert again.complete and again.manifest.digest == first.digest
     assert (tmp_path / "out/inputs/vehicle/tables/cl.csv").exists()
 
 

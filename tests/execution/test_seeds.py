@@ -32,14 +32,14 @@ def fly(tmp_path, seeds, **entries):
 def test_a_merge_is_judged_by_the_counts_of_all(tmp_path):
     _, parts = fly(tmp_path, (1, 2, 3))
     merged = merge_campaign([tmp_path / f"seed{s}" for s in (1, 2, 3)], tmp_path / "all", ENGINE)
-    (entry,) = merged.manifest["requirements"]
-    assert merged.complete and entry["flights"] == 600
-    assert entry["failures"] == sum(part["requirements"][0]["failures"] for part in parts)
-    verdict = judge(entry["failures"], 600, 0.93, entry["consumer_risk"])
-    assert (entry["verdict"], entry["words"]) == (verdict.status, verdict_words(verdict))
-    assert merged.manifest["question"] == parts[0]["question"]
+    (entry,) = merged.manifest.requirements
+    assert merged.complete and entry.flights == 600
+    assert entry.failures == sum(part.requirements[0].failures for part in parts)
+    verdict = judge(entry.failures, 600, 0.93, entry.consumer_risk)
+    assert (entry.verdict, entry.words) == (verdict.status, verdict_words(verdict))
+    assert merged.manifest.question == parts[0].question
     found = compute_verdicts(read_results(tmp_path / "all")).requirements[0].controllers["one"]
-    assert (found.flights, found.failures, found.status) == (600, entry["failures"], entry["verdict"])
+    assert (found.flights, found.failures, found.status) == (600, entry.failures, entry.verdict)
 
 
 def test_each_flight_keeps_its_seed_and_number(tmp_path):
@@ -61,12 +61,12 @@ def test_each_flight_keeps_its_seed_and_number(tmp_path):
 def test_a_merge_goes_on_and_can_be_merged_and_extended(tmp_path):
     fly(tmp_path, (1, 2, 3))
     first = [tmp_path / "seed1", tmp_path / "seed2"]
-    one = merge_campaign(first, tmp_path / "two", ENGINE).manifest["digest"]
-    assert merge_campaign(first, tmp_path / "two", ENGINE).manifest["digest"] == one
+    one = merge_campaign(first, tmp_path / "two", ENGINE).manifest.digest
+    assert merge_campaign(first, tmp_path / "two", ENGINE).manifest.digest == one
     three = merge_campaign([tmp_path / "two", tmp_path / "seed3"], tmp_path / "three", ENGINE)
-    assert three.manifest["requirements"][0]["flights"] == 600
+    assert three.manifest.requirements[0].flights == 600
     longer = run_campaign(Request(tmp_path / "three/campaign.yaml", tmp_path / "three", runs=650), ENGINE)
-    assert longer.complete and longer.manifest["requirements"][0]["flights"] == 650
+    assert longer.complete and longer.manifest.requirements[0].flights == 650
 
 
 @pytest.mark.parametrize(

@@ -33,11 +33,11 @@ def run(campaign, out, engine=ENGINE, **options):
 
 def test_it_stops_once_everything_has_its_verdict(tmp_path):
     manifest = run(make(tmp_path / "f"), tmp_path / "out").manifest
-    stop = manifest["stopped_at"]
-    assert manifest["state"] == "complete" and 64 <= stop < 2000
-    assert manifest["runs_done"] == stop
-    assert [entry["verdict"] for entry in manifest["requirements"]] == ["PASS", "FAIL"]
-    assert {entry["flights"] for entry in manifest["requirements"]} == {stop}
+    stop = manifest.stopped_at
+    assert manifest.state == "complete" and 64 <= stop < 2000
+    assert manifest.runs_done == stop
+    assert [entry.verdict for entry in manifest.requirements] == ["PASS", "FAIL"]
+    assert {entry.flights for entry in manifest.requirements} == {stop}
     flights = pq.read_table(tmp_path / "out/flights")
     assert sorted(flights["flight"].to_pylist()) == sorted([*range(stop), *range(stop)])
     assert max(pq.read_table(tmp_path / "out/envelopes.parquet")["count"].to_pylist()) == stop
@@ -48,7 +48,7 @@ def test_the_result_does_not_depend_on_how_it_is_flown(tmp_path, options):
     whole = run(make(tmp_path / "f"), tmp_path / "a").manifest
     execution = f"{{workers: {options['workers']}, batch: {options.get('batch', 'auto')}}}"
     other = run(make(tmp_path / "g", execution=execution), tmp_path / "b").manifest
-    assert other["digest"] == whole["digest"] and other["stopped_at"] == whole["stopped_at"]
+    assert other.digest == whole.digest and other.stopped_at == whole.stopped_at
     for name in FILES:
         assert pq.read_table(tmp_path / "a" / name).equals(pq.read_table(tmp_path / "b" / name))
 
@@ -65,10 +65,10 @@ def test_what_lies_beyond_the_look_at_which_it_stops_is_tried_again_too(tmp_path
     campaign = make(tmp_path / "f", requirements=PROVEN)
     whole = run(make(tmp_path / "g", requirements=PROVEN), tmp_path / "whole").manifest
     weak = run(campaign, tmp_path / "out", replace(ENGINE, fly=fail)).manifest
-    assert weak["runs_failed"] and weak["runs_done"] + weak["runs_failed"] > whole["stopped_at"]
+    assert weak.runs_failed and weak.runs_done + weak.runs_failed > whole.stopped_at
     again = run(campaign, tmp_path / "out").manifest
-    assert again["runs_failed"] == 0
-    assert [entry["verdict"] for entry in again["requirements"]] == ["PASS"]
+    assert again.runs_failed == 0
+    assert [entry.verdict for entry in again.requirements] == ["PASS"]
 
 
 @pytest.mark.parametrize("blocks", [1, 6])
@@ -77,26 +77,26 @@ def test_nor_on_interruptions(tmp_path, blocks):
     whole = run(campaign, tmp_path / "a").manifest
     assert not run(campaign, tmp_path / "b", interrupted_after(blocks + 2)).complete
     second = run(campaign, tmp_path / "b").manifest
-    assert second["digest"] == whole["digest"] and second["requirements"] == whole["requirements"]
+    assert second.digest == whole.digest and second.requirements == whole.requirements
 
 
 def test_a_proven_campaign_flies_nothing_more(tmp_path):
     campaign = make(tmp_path / "f")
-    stop = run(campaign, tmp_path / "out").manifest["stopped_at"]
+    stop = run(campaign, tmp_path / "out").manifest.stopped_at
 
     def never(*_):
         raise AssertionError("flown again")
 
     assert run(campaign, tmp_path / "out", replace(ENGINE, fly=never)).complete
     again = run(tmp_path / "out/campaign.yaml", tmp_path / "again").manifest
-    assert again["campaign_hash"] == json.loads((tmp_path / "out/manifest.json").read_text())["campaign_hash"]
-    assert run(campaign, tmp_path / "out", runs=4000).manifest["stopped_at"] == stop
+    assert again.campaign_hash == json.loads((tmp_path / "out/manifest.json").read_text())["campaign_hash"]
+    assert run(campaign, tmp_path / "out", runs=4000).manifest.stopped_at == stop
 
 
 def test_what_is_not_settled_flies_to_the_end(tmp_path):
     close = "[{metric: altitude_error_max_m, below: 50, probability: 0.97}]"
     manifest = run(make(tmp_path / "f", runs="60", requirements=close), tmp_path / "out").manifest
-    assert (manifest["stopped_at"], manifest["requirements"][0]["verdict"]) == (60, "NOT SHOWN")
+    assert (manifest.stopped_at, manifest.requirements[0].verdict) == (60, "NOT SHOWN")
 
 
 def test_the_report_gives_the_same_verdicts(tmp_path):
@@ -104,7 +104,7 @@ def test_the_report_gives_the_same_verdicts(tmp_path):
     manifest = run(make(tmp_path / "f"), out).manifest
     first, second = (entry.controllers for entry in compute_verdicts(read_results(out)).requirements)
     assert first["one"].status == "PASS" and second["two"].status == "FAIL"
-    assert first["one"].flights == second["two"].flights == manifest["stopped_at"]
+    assert first["one"].flights == second["two"].flights == manifest.stopped_at
     assert first["one"].room > 0.0 > (second["two"].room or -1.0)
 
 

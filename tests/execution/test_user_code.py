@@ -98,17 +98,17 @@ def test_workers_resume_and_replay_give_the_same_digest(study, tmp_path):
     vehicle = write_ghame_x(tmp_path, "body")
     one = run_campaign(Request(study(40, vehicle), tmp_path / "one", workers=1), threads()).manifest
     two = run_campaign(Request(study(24, vehicle), tmp_path / "two"), make_engine()).manifest  # processes
-    assert two["digest"] != one["digest"]
+    assert two.digest != one.digest
     two = run_campaign(Request(study(40, vehicle), tmp_path / "two"), make_engine()).manifest
-    assert two["digest"] == one["digest"]
+    assert two.digest == one.digest
     own = {"inputs/controllers/mine/law.py", "inputs/channels/channels.py", "inputs/vehicle/own.py"}
-    assert own <= set(two["inputs"])
+    assert own <= set(two.inputs)
     assert replay_flight(tmp_path / "two", "mine", 7, fly).differences == ()
     results = read_results(tmp_path / "two")
     assert {"late_bank_swing_deg", "twist_max"} <= set(results.metrics)
     assert results.flights["mine"].metrics["twist_max"].min() > 0.0
-    entry = read_manifest(tmp_path / "two" / "manifest.json")["requirements"][0]
-    assert (entry["metric"], entry["verdict"]) == ("late_bank_swing_deg", "PASS")
+    entry = read_manifest(tmp_path / "two" / "manifest.json").requirements[0]
+    assert (entry.metric, entry.verdict) == ("late_bank_swing_deg", "PASS")
     assert "Late bank swing" in build_with(tmp_path / "two").read_text()
 
 
@@ -133,8 +133,8 @@ def test_a_law_that_hangs_on_one_parameter_set_loses_that_flight_alone(study, tm
         .replace("gains, dt)", "gains, dt, time)")
     )
     flown = run_campaign(Request(file, tmp_path / "out", workers=1), make_engine()).manifest
-    assert flown["controllers"]["mine"]["failed_to_run"] == [17]
-    assert (flown["runs_done"], flown["runs_failed"]) == (23, 1)
+    assert flown.controllers["mine"].failed_to_run == (17,)
+    assert (flown.runs_done, flown.runs_failed) == (23, 1)
     assert "not done in 0.5 s" in capfd.readouterr().err
 
 
@@ -147,7 +147,7 @@ def test_shards_give_the_same_digest(study, tmp_path, capfd):
     for i, part in enumerate(parts, 1):
         run_campaign(Request(file, part, shard=(i, 2), workers=1), threads())
     merged = merge_campaign(parts, tmp_path / "merged", threads())
-    assert merged.manifest["digest"] == whole["digest"]
+    assert merged.manifest.digest == whole.digest
     stability = [json.loads((tmp_path / name / "margins.json").read_text()) for name in ("whole", "merged")]
     assert stability[0] == stability[1] and set(stability[0]["controllers"]) == {"mine", "lqr"}
     assert stability[0]["controllers"]["mine"]["nominal"][0]["stable"]
@@ -162,7 +162,7 @@ def test_plans_of_a_campaign_with_other_metrics_fly_the_metrics_that_are_asked_f
     file.write_text(asked)
     alone = run_campaign(Request(file, tmp_path / "alone", workers=1), threads()).manifest
     request = Request(file, tmp_path / "taken", workers=1, plans_from=tmp_path / "other")
-    assert run_campaign(request, threads()).manifest["digest"] == alone["digest"]
+    assert run_campaign(request, threads()).manifest.digest == alone.digest
 
 
 def write_c_law(repository, folder, *lines):
@@ -197,8 +197,8 @@ def test_a_crash_and_a_hang_in_c_cost_a_flight_each_of_a_campaign_that_ends_and_
     lines = f"if ({crash}) *(volatile int *)0 = 1;", f"if ({hang}) for (volatile int on = 1; on;) {{}}"
     request = write_c_law(repository, tmp_path, *lines)
     found = run_campaign(request, make_engine()).manifest
-    assert found["state"] == "complete"
-    assert found["controllers"]["mine"]["outcomes"] == {"law_crashed": 1, "law_hung": 1, "ok": 138}
+    assert found.state == "complete"
+    assert found.controllers["mine"].outcomes == {"law_crashed": 1, "law_hung": 1, "ok": 138}
     flown = read_results(request.out).flights
     assert [Outcome(code).code for code in flown["mine"].outcome[[61, 137]]] == ["law_hung", "law_crashed"]
     rest = flown["mine"].outcome == Outcome.OK
@@ -224,7 +224,7 @@ def test_a_law_in_c_flies_on_a_cluster_is_replayed_explained_tuned_and_trusted(
     finally:
         cluster.close()
     whole = run_campaign(request, make_engine()).manifest
-    assert whole["digest"] == flown["digest"]
+    assert whole.digest == flown.digest
     failed = np.flatnonzero(read_results(request.out).flights["mine"].outcome == Outcome.LAW_FAILED)
     assert 0 < failed.size < 24
     ok = np.setdiff1d(np.arange(24), failed)

@@ -41,8 +41,8 @@ def test_rows_digest_resume_and_growth_are_as_before(campaign, tmp_path, capfd):
     out = tmp_path / "out"
     joined = run_campaign(Request(file, out), ENGINE).manifest
     assert names(out) == ["one-000000000-000000192.parquet", "one-000000192-000000300.parquet"]
-    assert [name for name in joined["files"] if "flights" in name] == [f"flights/{name}" for name in names(out)]
-    assert joined["digest"] == whole["digest"] and len(names(tmp_path / "whole")) == 5
+    assert [name for name in joined.files if "flights" in name] == [f"flights/{name}" for name in names(out)]
+    assert joined.digest == whole.digest and len(names(tmp_path / "whole")) == 5
     one, other = (pq.read_table(place / "flights").sort_by("flight") for place in (out, tmp_path / "whole"))
     assert one.equals(other)
     assert find_row(CampaignFolder(out), "one", 150).flights.tolist() == [150]
@@ -54,9 +54,9 @@ def test_rows_digest_resume_and_growth_are_as_before(campaign, tmp_path, capfd):
 
     assert run_campaign(Request(file, out), dataclasses.replace(ENGINE, fly=refuse)).complete  # nothing to fly
     longer = run_campaign(Request(file, out, runs=600), ENGINE).manifest
-    assert longer["digest"] == run_campaign(Request(file, tmp_path / "new", runs=600), ENGINE).manifest["digest"]
+    assert longer.digest == run_campaign(Request(file, tmp_path / "new", runs=600), ENGINE).manifest.digest
     (out / "flights" / names(out)[1]).write_bytes(b"rot")
-    assert run_campaign(Request(file, out, runs=600), ENGINE).manifest["digest"] == longer["digest"]
+    assert run_campaign(Request(file, out, runs=600), ENGINE).manifest.digest == longer.digest
 
 
 def test_a_kill_at_any_step_loses_nothing(campaign, tmp_path, monkeypatch, capfd):
@@ -96,6 +96,6 @@ def test_a_kill_at_any_step_loses_nothing(campaign, tmp_path, monkeypatch, capfd
             joining, dead, last = False, False, -1
         assert flown == 5
         done = run_campaign(Request(file, out), ENGINE).manifest
-        assert (done["state"], done["digest"], flown) == ("complete", whole["digest"], 5)
+        assert (done.state, done.digest, flown) == ("complete", whole.digest, 5)
         assert len(names(out)) == 2
     assert killed == 2 + 1 + 5  # two files, the manifest, five deletions

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from report.synthetic import CONTROLLERS, write_campaign
@@ -31,6 +33,6 @@ def test_histories_are_those_kept(failing_folder):
 def test_a_shard_is_no_campaign_yet(tmp_path):
     folder = write_campaign(tmp_path / "c", runs=4)
     path = folder / "manifest.json"
-    write_manifest(path, read_manifest(path) | {"shard": [1, 3]})
+    write_manifest(path, replace(read_manifest(path), shard=(1, 3)))
     with pytest.raises(InputError, match="shard 1/3 of a campaign"):
         read_results(folder)

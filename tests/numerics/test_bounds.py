@@ -23,7 +23,6 @@ def test_a_value_at_a_limit_or_none_fails(limits, kept, most):
     beyond = limits.worse(VALUES) - limits.limit
     np.testing.assert_array_equal(failed, ~(beyond < 0.0))
     assert np.nanmax(beyond) == pytest.approx(most)
-    assert Bounds.of(limits.as_entry()) == limits
 
 
 def test_of_two_limits_a_distance_is_a_share_of_half_their_distance():

@@ -1,8 +1,8 @@
 """A campaign's folder made by formula, in the format of the contract: the report's tests need no flight."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -15,7 +15,7 @@ from abhv_mc.folder.envelopes import QUANTILES, EnvelopeTable, write_envelopes
 from abhv_mc.folder.flights import VALUES, FlightRows, flights_schema, write_block
 from abhv_mc.folder.histories import write_histories, write_nominal
 from abhv_mc.folder.layout import CampaignFolder, hash_file
-from abhv_mc.folder.manifest import write_manifest
+from abhv_mc.folder.manifest import Manifest, write_manifest
 from abhv_mc.statistics.ranking import worst_first
 
 CONTROLLERS = ("tlc", "lqr", "lqr_retuned")
@@ -211,29 +211,29 @@ def write_campaign(
         "requirements": ", ".join(requirements),
     }
     paths.campaign.write_text(CAMPAIGN.format(runs=runs, sampling=sampling, **listed), encoding="utf-8")
-    manifest = {
-        "state": "complete",
-        "runs_planned": runs * len(controllers),
-        "runs_done": runs * len(controllers),
-        "runs_failed": 2 * failing,
-        "campaign_hash": "0" * 64,
-        "seed": 2014,
-        "versions": {"abhv_mc": "0.1.0", "python": "3.12.0", "numpy": "2.4.6", "numba": "0.68.1"},
-        "git_commit": "0" * 40,
-        "machine": {"system": "synthetic", "processor": "none", "cores": 2},
-        "wall_time_s": 12.5,
-        "digest": str(sum(digests.values(), Digest())),
-        "digests": {name: str(digest) for name, digest in digests.items()},
-    }
+    manifest = Manifest(
+        name="synthetic",
+        state="complete",
+        seed=2014,
+        campaign_hash="0" * 64,
+        source_hash="none",
+        runs_planned=runs * len(controllers),
+        runs_done=runs * len(controllers),
+        runs_failed=2 * failing,
+        versions={"abhv_mc": "0.1.0", "python": "3.12.0", "numpy": "2.4.6", "numba": "0.68.1"},
+        machine={"system": "synthetic", "processor": "none", "cores": 2},
+        digest=str(sum(digests.values(), Digest())),
+        digests={name: str(digest) for name, digest in digests.items()},
+    )
     sign(folder, manifest)
     return folder
 
 
-def sign(folder: Path, manifest: dict[str, Any]) -> None:
+def sign(folder: Path, manifest: Manifest) -> None:
     """Write the manifest with the hashes of the files that are there."""
     files = [path for path in folder.rglob("*") if path.is_file() and path.name != "manifest.json"]
-    manifest["files"] = {path.relative_to(folder).as_posix(): hash_file(path) for path in files}
-    write_manifest(folder / "manifest.json", manifest)
+    hashes = {path.relative_to(folder).as_posix(): hash_file(path) for path in files}
+    write_manifest(folder / "manifest.json", replace(manifest, files=hashes))
 
 
 def worst_of(metrics, early):

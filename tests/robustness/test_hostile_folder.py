@@ -4,8 +4,8 @@ Whoever writes such a folder writes its hashes too: all of them are right here. 
 (laws of others), tests/folder/test_plans (arrays for compiled code) and tests/folder/test_remote (names that lead out).
 """
 
-import json
 import os
+from dataclasses import replace
 
 import numpy as np
 import pyarrow as pa
@@ -16,7 +16,7 @@ from fake_flight import ENGINE, write_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.folder.layout import hash_file
-from abhv_mc.folder.manifest import write_manifest
+from abhv_mc.folder.manifest import read_manifest, write_manifest
 
 pytestmark = pytest.mark.usefixtures("fake_engine")
 
@@ -44,9 +44,9 @@ def commands(campaign, folder):
 
 def sign(folder):
     """Make the manifest's hashes those of the files that are there."""
-    manifest = json.loads((folder / "manifest.json").read_text())
-    files = {name: hash_file(folder / name) for name in manifest["files"]}
-    write_manifest(folder / "manifest.json", manifest | {"files": files})
+    manifest = read_manifest(folder / "manifest.json")
+    files = {name: hash_file(folder / name) for name in manifest.files}
+    write_manifest(folder / "manifest.json", replace(manifest, files=files))
 
 
 def pickle_a_plan(folder, evil):

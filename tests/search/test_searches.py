@@ -53,13 +53,13 @@ def test_an_interrupted_search_goes_on_to_the_same_for_any_number_of_workers(tmp
     cut = tmp_path / "cut"
     with pytest.raises(KeyboardInterrupt):
         find(SearchRequest(line, cut, workers=1), settings, interrupted_after(last - 1, LINE))
-    assert read_manifest(cut / "manifest.json")["state"] == "interrupted"
+    assert read_manifest(cut / "manifest.json").state == "interrupted"
     stored = sorted(path.name for path in (cut / "flights").glob("*.parquet"))
     assert stored
     again = find(SearchRequest(line, cut, workers=2), settings, LINE)
     assert again.numbers() == whole.numbers()
-    assert read_manifest(cut / "manifest.json")["digest"] == read_manifest(tmp_path / "whole/manifest.json")["digest"]
-    assert read_manifest(cut / "manifest.json")["state"] == "complete"
+    assert read_manifest(cut / "manifest.json").digest == read_manifest(tmp_path / "whole/manifest.json").digest
+    assert read_manifest(cut / "manifest.json").state == "complete"
 
 
 def test_a_complete_search_flies_nothing_again(tmp_path, line):

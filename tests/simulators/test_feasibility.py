@@ -79,5 +79,5 @@ def test_validate_refuses_and_run_warns_flies_and_shows_nothing(repository, tmp_
         check_inputs(tmp_path / "c.yaml")
     fake = write_campaign(tmp_path / "f", requirements=RARE)
     manifest = run_campaign(Request(fake, tmp_path / "out"), ENGINE).manifest
-    assert manifest["warnings"][0].startswith("the campaign asks for a probability of 0.9999 that no outcome of 300 fl")
-    assert manifest["requirements"][0]["verdict"] in ("NOT SHOWN", "FAIL")
+    assert manifest.warnings[0].startswith("the campaign asks for a probability of 0.9999 that no outcome of 300 fl")
+    assert manifest.requirements[0].verdict in ("NOT SHOWN", "FAIL")

@@ -107,5 +107,5 @@ def test_a_law_of_a_cell_flies_alone_and_in_a_campaign(cells, tmp_path, capfd):
     data |= {"controllers": {"mine": cells.law, "lqr": "lqr"}}
     data["dispersions"] = {"aero.lift": {"distribution": "uniform", "half_width": "5 %"}}
     results = abhv_mc.Campaign.make(data).run(output=tmp_path / "out", workers=1)
-    assert set(results.manifest["controllers"]) == {"mine", "lqr"}
-    assert "inputs/controllers/mine/law.py" in results.manifest["inputs"]
+    assert set(results.manifest.controllers) == {"mine", "lqr"}
+    assert "inputs/controllers/mine/law.py" in results.manifest.inputs

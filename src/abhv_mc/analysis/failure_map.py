@@ -94,7 +94,7 @@ def map_failures(
         for name, flights in failed.items():
             fly = partial(simulate, campaign, name, executor=executor.fly_side_by_side)
             found[name] = _map_controller(folder, campaign, name, flights, fly)
-    return FailureMap(str(read_manifest(folder.manifest).get("digest")), found)
+    return FailureMap(str(read_manifest(folder.manifest).digest), found)
 
 
 def _map_controller(

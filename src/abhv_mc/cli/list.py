@@ -1,5 +1,6 @@
 """``abhv-mc list``: what there is to choose from, and the campaigns that were flown."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -29,16 +30,17 @@ def campaigns(
     with fetched_manifests(folder, "*/manifest.json") as (here, describe):
         found = find_campaigns(here, describe)
     if address is not None:
-        found = [one | {"folder": Path(one["folder"]).name} for one in found]
+        found = [replace(one, folder=Path(one.folder).name) for one in found]
 
     def in_words() -> None:
         table = new_table(("folder", "state", "flights", "controllers", "started", "digest"), ())
         for one in found:
-            flights, names = f"{one['runs_done']}/{one['runs_planned']}", ",".join(one["controllers"])
-            table.add_row(one["folder"], one["state"], flights, names, one["started"], str(one["digest"])[:12])
+            held = one.manifest
+            flights, names = f"{held.runs_done}/{held.runs_planned}", ",".join(held.controllers)
+            table.add_row(one.folder, held.state, flights, names, held.started, str(held.digest)[:12])
         print_table(table) if found else say(f"no campaigns in {folder}")
 
-    show(found, json, in_words)
+    show([one.as_entries() for one in found], json, in_words)
 
 
 @app.command()
@@ -92,14 +94,18 @@ def schemas(
     kind: Annotated[str | None, typer.Argument(metavar="[KIND]", help="Print the schema of this kind of file.")] = None,
     json: Json = None,
 ) -> None:
-    """List the kinds of input file and the report, or print the JSON Schema of one of them."""
+    """List the kinds of input file, the report and the manifest, or print the JSON Schema of one of them."""
     from functools import partial
 
     from abhv_mc.campaign.file.kinds import MODELS
     from abhv_mc.campaign.file.schema import make_schema
+    from abhv_mc.folder.manifest import manifest_schema
     from abhv_mc.topics.report_schema import report_schema
 
-    known = {name: partial(make_schema, name) for name in MODELS} | {"report": report_schema}
+    known = {name: partial(make_schema, name) for name in MODELS} | {
+        "report": report_schema,
+        "manifest": manifest_schema,
+    }
     if kind is None:
         _show_records([{"name": name, "doc": f"JSON Schema of a {name} file"} for name in known], json)
         return

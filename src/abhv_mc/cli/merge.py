@@ -31,5 +31,5 @@ def command(
     with ExitStack() as stack:
         here = [stack.enter_context(fetched(part)) for part in parts]
         manifest = read_manifest(CampaignFolder(here[0]).manifest)
-        merged = merge_campaign(here, out or Path("reports") / manifest["name"], trust_code=trust_code)
+        merged = merge_campaign(here, out or Path("reports") / manifest.name, trust_code=trust_code)
     finish(merged, no_report, json)

@@ -28,7 +28,7 @@ def command(
     with fetched(folder) as source:
         page = build_report(source, baseline, svg)
         if out is None and local_path(folder) is None:
-            out = output_folder(Path("reports") / read_manifest(CampaignFolder(source).manifest)["name"])
+            out = output_folder(Path("reports") / read_manifest(CampaignFolder(source).manifest).name)
         if out is not None:
             figures = (f"figures/{path.name}" for path in (source / "figures").iterdir())
             for name in (page.name, "report.json", *figures):

@@ -4,7 +4,7 @@ import sys
 from collections import Counter
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -31,6 +31,7 @@ from abhv_mc.io.input_error import InputError, Refusal
 
 if TYPE_CHECKING:
     from abhv_mc.execution.runner import RunResult
+    from abhv_mc.folder.manifest import ControllerCount, Manifest
 
 
 def command(
@@ -119,17 +120,17 @@ def finish(
 
     named = str(read_address(place or "") or result.folder)
     told = beside(json)
-    entries = result.manifest["requirements"]
-    show(result.manifest | {"folder": named}, json, lambda: _print_result(result, named))
+    entries = result.manifest.requirements
+    show(result.manifest.as_entries() | {"folder": named}, json, lambda: _print_result(result, named))
     if junit is not None:
         from abhv_mc.report.pages.matrix import make_junit, verdict_cases
 
-        junit.write_text(make_junit(result.manifest["name"], verdict_cases(entries)), "utf-8")
-    announce_warnings(result.manifest["warnings"])
+        junit.write_text(make_junit(result.manifest.name, verdict_cases(entries)), "utf-8")
+    announce_warnings(result.manifest.warnings)
     if not result.complete:
         say("incomplete: the same command goes on where this one ended", file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE)
-    outcomes = [facts["outcomes"] for facts in result.manifest["controllers"].values()]
+    outcomes = [ended.outcomes for ended in result.manifest.controllers.values()]
     if not no_report and any(set(ended) - {"failed_to_run"} for ended in outcomes):
         from abhv_mc.report.pages.build import build_report, is_up_to_date
 
@@ -145,7 +146,7 @@ def finish(
         say(f"{siblings} All judged together: {merge}", file=told)
     if entries:
         say(f"verdicts  {describe_verdicts(result.manifest)}", file=told)
-    if any(entry["verdict"] == "FAIL" for entry in entries):
+    if any(entry.verdict == "FAIL" for entry in entries):
         raise typer.Exit(ExitCode.FAILED)
 
 
@@ -159,40 +160,36 @@ def _parse_shard(text: str) -> tuple[int, int]:
 def _print_result(result: "RunResult", named: str) -> None:
     manifest = result.manifest
     say(f"folder    {named}")
-    say(f"flights   {manifest['runs_done']} of {manifest['runs_planned']}, {manifest['state']}")
-    for name, facts in manifest["controllers"].items():
-        say(f"  {name:<12} {describe_outcomes(facts)}")
+    say(f"flights   {manifest.runs_done} of {manifest.runs_planned}, {manifest.state}")
+    for name, ended in manifest.controllers.items():
+        say(f"  {name:<12} {describe_outcomes(ended)}")
     print_requirements(manifest)
-    say(f"digest    {manifest['digest']}")
+    say(f"digest    {manifest.digest}")
 
 
-def describe_outcomes(facts: dict[str, Any]) -> str:
+def describe_outcomes(ended: "ControllerCount") -> str:
     """How many of a controller's flights ended in each way."""
-    return ", ".join(f"{number} {outcome}" for outcome, number in facts["outcomes"].items()) or "none"
+    return ", ".join(f"{number} {outcome}" for outcome, number in ended.outcomes.items()) or "none"
 
 
-def print_requirements(manifest: dict[str, Any]) -> None:
+def print_requirements(manifest: "Manifest") -> None:
     """A table of the requirements: what each asks of whom, what was counted, the verdict and what it rests on."""
-    from abhv_mc.bounds import Bounds
-
-    if not manifest["requirements"]:
+    if not manifest.requirements:
         return
     table = new_table(("controller", "requirement", "in", "verdict", ""), (), padding=(0, 1, 0, 0))
-    for key, mark in (("requirements", " (binding)"), ("requirements_shown", "")):
-        for entry in manifest.get(key, ()):
-            asked = f"{entry['metric']} {Bounds.of(entry)}"
-            verdict, _, words = entry.get("words", entry["verdict"]).partition(": ")
-            cells = entry["controller"] + mark, asked, f"{100 * entry['probability']:g} %", verdict, words
-            table.add_row(*cells)
+    for entries, mark in ((manifest.requirements, " (binding)"), (manifest.requirements_shown, "")):
+        for entry in entries:
+            verdict, _, words = entry.words.partition(": ")
+            table.add_row(entry.controller + mark, entry.asked, f"{100 * entry.probability:g} %", verdict, words)
     print_table(table)
 
 
-def describe_verdicts(manifest: dict[str, Any]) -> str:
+def describe_verdicts(manifest: "Manifest") -> str:
     """'tlc 2 PASS, 1 FAIL; lqr 3 NOT SHOWN. The exit code follows tlc (3).', how many of whose verdicts bind."""
-    binding, shown = manifest["requirements"], manifest.get("requirements_shown", ())
+    binding, shown = manifest.requirements, manifest.requirements_shown
     parts = []
-    for name in manifest["controllers"]:
-        counts = Counter(entry["verdict"] for entry in (*binding, *shown) if entry["controller"] == name)
+    for name in manifest.controllers:
+        counts = Counter(entry.verdict for entry in (*binding, *shown) if entry.controller == name)
         parts.append(f"{name} {', '.join(f'{count} {status}' for status, count in counts.items())}")
-    bound = Counter(entry["controller"] for entry in binding)
+    bound = Counter(entry.controller for entry in binding)
     return f"{'; '.join(parts)}. The exit code follows {', '.join(f'{name} ({n})' for name, n in bound.items())}."

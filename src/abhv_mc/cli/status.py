@@ -1,5 +1,7 @@
 """``abhv-mc status``: what a campaign's folder holds."""
 
+from dataclasses import replace
+
 from abhv_mc.cli.options import Folder, Json
 from abhv_mc.cli.printing import say, show
 from abhv_mc.io.address import read_address
@@ -15,18 +17,18 @@ def command(
     from abhv_mc.folder.status import read_status
 
     with fetched_manifests(folder, "manifest.json") as (here, describe):
-        status = read_status(here, describe and describe(""))
-    status["folder"] = str(read_address(folder) or folder)
+        status = replace(read_status(here, describe and describe("")), folder=str(read_address(folder) or folder))
+    manifest = status.manifest
 
     def in_words() -> None:
-        say(f"{status['name']}: {status['state']}, {status['runs_done']} of {status['runs_planned']} flights")
-        if status["holder"]:
-            say(f"  flown now by {status['holder']}")
-        for name, facts in status["controllers"].items():
-            say(f"  {name:<12} {facts['flights_done']} flown: {describe_outcomes(facts)}")
-        print_requirements(status)
-        say(f"  digest       {status['digest']}")
-        say(f"  time flown   {status['wall_time_s']:.1f} s")
-        say(f"  on disk      {status['bytes'] / 1e6:.1f} MB")
+        say(f"{manifest.name}: {manifest.state}, {manifest.runs_done} of {manifest.runs_planned} flights")
+        if status.holder:
+            say(f"  flown now by {status.holder}")
+        for name, each in manifest.controllers.items():
+            say(f"  {name:<12} {each.flights_done} flown: {describe_outcomes(each)}")
+        print_requirements(manifest)
+        say(f"  digest       {manifest.digest}")
+        say(f"  time flown   {manifest.wall_time_s:.1f} s")
+        say(f"  on disk      {status.bytes / 1e6:.1f} MB")
 
-    show(status, json, in_words)
+    show(status.as_entries(), json, in_words)

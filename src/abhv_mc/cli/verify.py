@@ -38,7 +38,7 @@ def campaign(folder: Folder) -> None:
             raise typer.Exit(1)
         manifest = read_manifest(CampaignFolder(source).manifest)
         skipped = skipped_topics(source)
-    if "search" in manifest:
+    if manifest.search:
         say(f"{folder}: every file is as the search wrote it; this makes its page again from its flights:")
         say(search_command(folder, manifest))
         return

@@ -3,8 +3,7 @@
 from array import array
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.digest import Digest
 from abhv_mc.folder.flights import END_TIME, FlightRows
+from abhv_mc.folder.manifest import ControllerCount, Manifest, RequirementVerdict
 from abhv_mc.statistics.judgement import Pair, judge_pairs
 from abhv_mc.statistics.verdicts import Verdict, verdict_words
 
@@ -90,22 +90,26 @@ def flight_values(campaign: Experiment) -> tuple[Signal, ...]:
     return (*campaign.measured, END_TIME, *(MARGIN_VALUES if campaign.model.margins else ()))
 
 
-def count_flights(all_counts: Mapping[str, FlightCounts], done: Mapping[str, Mask]) -> tuple[dict[str, Any], int]:
-    """What the manifest says of the flights ``done`` [flight] of each controller, and how many are without a gap."""
+def count_flights(
+    manifest: Manifest, all_counts: Mapping[str, FlightCounts], done: Mapping[str, Mask]
+) -> tuple[Manifest, int]:
+    """The manifest with the flights ``done`` [flight] of each controller, and how many are without a gap."""
     failed = max((counts.outcomes[_FAILED] for counts in all_counts.values()), default=0)
     together = np.logical_and.reduce(list(done.values()))
-    entries = {
-        "runs_done": int(together.sum()) - failed,
-        "runs_failed": failed,
-        "digest": str(sum((counts.digest for counts in all_counts.values()), Digest())),
-        "digests": {name: str(counts.digest) for name, counts in all_counts.items()},
-        "controllers": {
-            name: {"flights_done": int(done[name].sum()), "outcomes": dict(sorted(counts.outcomes.items()))}
-            | ({"failed_to_run": sorted(counts.not_computed)} if counts.not_computed else {})
+    counted = replace(
+        manifest,
+        runs_done=int(together.sum()) - failed,
+        runs_failed=failed,
+        digest=str(sum((counts.digest for counts in all_counts.values()), Digest())),
+        digests={name: str(counts.digest) for name, counts in all_counts.items()},
+        controllers={
+            name: ControllerCount(
+                dict(sorted(counts.outcomes.items())), int(done[name].sum()), tuple(counts.not_computed) or None
+            )
             for name, counts in all_counts.items()
         },
-    }
-    return entries, int(np.argmin(np.append(together, False)))
+    )
+    return counted, int(np.argmin(np.append(together, False)))
 
 
 def judge_counts(
@@ -126,25 +130,30 @@ def judge_counts(
     return [(*pair, verdict) for pair, verdict in zip(counted, verdicts, strict=True)]
 
 
-def judge_requirements(all_counts: Mapping[str, FlightCounts], campaign: Experiment) -> dict[str, list[dict[str, Any]]]:
-    """Failure counts and verdicts, as the manifest holds them: `requirements` that bind, and `requirements_shown`."""
-    entries: dict[str, list[dict[str, Any]]] = {"requirements": [], "requirements_shown": []}
+def judge_requirements(manifest: Manifest, all_counts: Mapping[str, FlightCounts], campaign: Experiment) -> Manifest:
+    """The manifest with failure counts and verdicts of the requirements: those that bind, and those that are shown."""
+    judged: dict[bool, list[RequirementVerdict]] = {True: [], False: []}
     for counts, count, verdict in judge_counts(all_counts, campaign):
-        entry = {
-            **count.requirement.traced,
-            "metric": count.requirement.metric,
-            **count.requirement.limits.as_entry(),
-            "probability": count.requirement.probability,
-            "consumer_risk": count.requirement.consumer_risk,
-            "producer_risk": verdict.producer_risk,
-            "controller": counts.controller,
-            "flights": verdict.flights,
-            "failures": verdict.failures,
-            "failures_ended_early": count.failures_ended_early,
-            "failures_measured": count.failures_measured,
-            "failures_not_computed": verdict.uncomputed,
-            "verdict": verdict.status,
-            "words": verdict_words(verdict),
-        }
-        entries["requirements" if count.binds else "requirements_shown"].append(entry)
-    return entries
+        asked = count.requirement
+        entry = RequirementVerdict(
+            id=asked.traced.get("id"),
+            text=asked.traced.get("text"),
+            source=asked.traced.get("source"),
+            rationale=asked.traced.get("rationale"),
+            above=asked.limits.low,
+            below=asked.limits.high,
+            metric=asked.metric,
+            probability=asked.probability,
+            consumer_risk=asked.consumer_risk,
+            producer_risk=verdict.producer_risk,
+            controller=counts.controller,
+            flights=verdict.flights,
+            failures=verdict.failures,
+            failures_ended_early=count.failures_ended_early,
+            failures_measured=count.failures_measured,
+            failures_not_computed=verdict.uncomputed,
+            verdict=verdict.status,
+            words=verdict_words(verdict),
+        )
+        judged[count.binds].append(entry)
+    return replace(manifest, requirements=tuple(judged[True]), requirements_shown=tuple(judged[False]))

@@ -25,7 +25,7 @@ def merge_campaign(
     flown by the same code and plans, each flight once.
     """
     engine = engine or make_engine()
-    sharded = "shard" in read_manifest(CampaignFolder(parts[0]).manifest)
+    sharded = read_manifest(CampaignFolder(parts[0]).manifest).shard is not None
     folders = order_shards(parts) if sharded else check_pool(parts)
     check_source(folders[0], read_manifest(folders[0].manifest), engine)
     check_user_code(read_campaign(folders[0].campaign), trust_code)  # flights are flown again for their histories

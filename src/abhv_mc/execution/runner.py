@@ -7,7 +7,6 @@ import time
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +34,7 @@ from abhv_mc.folder.envelopes import write_envelopes
 from abhv_mc.folder.flights import FlightRows, flights_schema, write_block
 from abhv_mc.folder.flown_by import note_flyers
 from abhv_mc.folder.layout import write_text
-from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, RUNNING, write_manifest
+from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, RUNNING, Manifest, write_manifest
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.simulators.engine import Engine, check_source, make_engine
 from abhv_mc.simulators.make_plans import record_every
@@ -49,11 +48,11 @@ class RunResult:
     """How a run ended."""
 
     folder: Path
-    manifest: dict[str, Any]
+    manifest: Manifest
 
     @property
     def complete(self) -> bool:
-        return self.manifest["state"] == COMPLETE
+        return self.manifest.complete
 
 
 def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
@@ -83,27 +82,26 @@ class _Run:
         self.files = opened.files
         model = self.campaign.model
         self.completion = Completion(self.campaign, opened.part, opened.to_fly)
-        self.sharded = "shard" in self.manifest
+        self.sharded = self.manifest.shard is not None
         self.fly, self.workers = executor.fly, executor.workers
         self.batch = model.execution.batch or choose_batch(self.campaign.runs, self.workers)
         self.samples = SampleReader(self.folder.samples)
         self.collectors: dict[str, Collector] = {}
-        provenance = {"seed": str(model.seed), "campaign_hash": self.manifest["campaign_hash"]}
-        provenance["version"] = str(self.manifest["versions"].get("abhv_mc"))
+        provenance = {"seed": str(model.seed), "campaign_hash": self.manifest.campaign_hash}
+        provenance["version"] = str(self.manifest.versions.get("abhv_mc"))
         values = flight_values(self.campaign)
         self.columns = tuple(signal.name for signal in values)
         self.schema = flights_schema(self.samples.names, provenance, values)
         self.with_margins = model.margins.of(self.campaign.runs) if model.margins else 0
-        self.start, self.wall_before = time.monotonic(), float(self.manifest.get("wall_time_s", 0.0))
+        self.start, self.wall_before = time.monotonic(), self.manifest.wall_time_s
 
     def run(self) -> RunResult:
         """Fly and finish."""
         runs = dict.fromkeys(self.completion.done, self.campaign.runs)
         for rows, digest in read_flown_blocks(self.folder, runs, self.samples, self.columns, self.files):
             self.completion.add(rows, digest)
-        if self.manifest["state"] == COMPLETE and self.completion.whole() and self._has_products():
-            judged = json.loads(json.dumps(self._judge()))
-            if judged != {key: self.manifest.get(key) for key in judged}:  # with another controller first
+        if self.manifest.complete and self.completion.whole() and self._has_products():
+            if self._judge() != self.manifest:  # with another controller first
                 self._write_manifest(COMPLETE)
             return RunResult(self.folder.root, self.manifest)
         check_source(self.folder, self.manifest, self.engine)
@@ -205,9 +203,9 @@ class _Run:
                 self.plans[block.controller].timing.duration,
             )
             digest = write_block(self.folder.flights, rows, self.schema)
-            self.manifest["flown_by"] = note_flyers(
-                self.manifest.get("flown_by", []), flown.flown_by, block.controller, block.first, block.stop
-            )
+            self.manifest = replace(self.manifest, flown_by=note_flyers(
+                self.manifest.flown_by, flown.flown_by, block.controller, block.first, block.stop
+            ))  # fmt: skip
             self.completion.add(rows, digest)
             for flight in rows.flights[flown.outcome == Outcome.FAILED_TO_RUN]:
                 print(f"flight {flight} of {block.controller} failed to run", file=sys.stderr, flush=True)
@@ -243,7 +241,7 @@ class _Run:
             )
         except (ArithmeticError, LookupError, TypeError, ValueError) as error:
             failed = [f"not all histories are kept ({type(error).__name__}: {error})"]
-        self.manifest["not_made"] = failed
+        self.manifest = replace(self.manifest, not_made=tuple(failed))
         for words in failed:
             print(f"{words}: run again to try again", file=sys.stderr)
         self._write_stability()
@@ -278,19 +276,21 @@ class _Run:
             self.folder, replace(self.campaign, runs=self.completion.goal()), self.completion.all_counts, self.files
         )
 
-    def _judge(self) -> dict[str, Any]:
-        """Counts and verdicts of the requirements; a shard alone judges nothing."""
-        return {} if self.sharded else judge_requirements(self.completion.all_counts, self.campaign)
+    def _judge(self) -> Manifest:
+        """The manifest with the verdicts of the requirements; a shard alone judges nothing."""
+        if self.sharded:
+            return self.manifest
+        return judge_requirements(self.manifest, self.completion.all_counts, self.campaign)
 
     def _write_manifest(self, state: str) -> None:
-        counted, gapless = count_flights(self.completion.all_counts, self.completion.done)
-        self.manifest |= counted | {
-            "state": state,
-            "runs_planned": self.completion.stop - self.completion.first,
-            "wall_time_s": round(self.wall_before + time.monotonic() - self.start, 3),
-        }
-        self.manifest["files"] = self.files.listed()
-        self.manifest |= self._judge()
-        if self.campaign.model.stop:
-            self.manifest["stopped_at"] = gapless if state == COMPLETE else None
+        counted, gapless = count_flights(self.manifest, self.completion.all_counts, self.completion.done)
+        self.manifest = replace(
+            counted,
+            state=state,
+            runs_planned=self.completion.stop - self.completion.first,
+            wall_time_s=round(self.wall_before + time.monotonic() - self.start, 3),
+            files=self.files.listed(),
+            stopped_at=gapless if self.campaign.model.stop and state == COMPLETE else None,
+        )
+        self.manifest = self._judge()
         write_manifest(self.folder.manifest, self.manifest)

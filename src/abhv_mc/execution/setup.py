@@ -4,7 +4,6 @@ import sys
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,7 @@ from abhv_mc.folder.hashes import FileHashes
 from abhv_mc.folder.histories import write_nominal, write_reference
 from abhv_mc.folder.inputs import FolderInputs, collect_inputs, describe_changes, merge_inputs, read_folder_inputs
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.manifest import COMPLETE, RUNNING, write_manifest
+from abhv_mc.folder.manifest import RUNNING, Manifest, write_manifest
 from abhv_mc.folder.opening import FlownFolder, begin_folder, grow_folder, open_folder
 from abhv_mc.folder.provenance import find_commit, find_compiler, find_machine, find_versions
 from abhv_mc.folder.samples import ROW_GROUP, SampleReader, write_samples
@@ -60,7 +59,7 @@ class OpenCampaign:
 
     folder: CampaignFolder
     campaign: Experiment  # as the folder holds it, ready to fly
-    manifest: dict[str, Any]
+    manifest: Manifest
     to_fly: tuple[str, ...]  # controllers
     files: FileHashes
 
@@ -72,7 +71,7 @@ class OpenCampaign:
     @property
     def part(self) -> tuple[int, int]:
         """First flight of this folder's shard and the one after its last; all flights without shards."""
-        i, n = self.manifest.get("shard") or (1, 1)
+        i, n = self.manifest.shard or (1, 1)
         return self.campaign.runs * (i - 1) // n, self.campaign.runs * i // n
 
 
@@ -101,10 +100,7 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     files = begin_folder(folder, inputs, plans, stack)
     _write_samples(folder, requested)
     _write_nominal(folder, requested, plans, nominal)
-    manifest = _new_manifest(requested, inputs, engine, plans) | {"warnings": find_warnings(plans, requested)}
-    if request.shard is not None:
-        manifest["shard"] = list(request.shard)
-    manifest["files"] = files.listed()
+    manifest = replace(_new_manifest(requested, inputs, engine, plans), shard=request.shard, files=files.listed())
     write_manifest(folder.manifest, manifest)
     return OpenCampaign(folder, ready, manifest, tuple(plans), files)
 
@@ -146,7 +142,7 @@ def _resume(
     judged_anew = next(iter(merged.data["controllers"])) != next(iter(before.data["controllers"]))
     changed = added or longer or judged_anew or not files.knows(folder.campaign)  # the last: killed while it grew
     with_nominal = not added and files.knows(folder.nominal) and files.knows(folder.reference)
-    if added or longer or not with_nominal or manifest["state"] != COMPLETE:
+    if added or longer or not with_nominal or not manifest.complete:
         check_source(folder, manifest, engine)
         _start_workers(request, engine)
     new = make_plans(requested, added, engine)
@@ -155,18 +151,18 @@ def _resume(
     if longer and files.knows(folder.samples):
         _check_drawn(folder, requested)
     if changed:
-        grow_folder(flown, inputs, merged, new, longer)
+        manifest = grow_folder(flown, inputs, merged, new, longer)
     campaign = _join(requested, inputs, merged if changed else before)
     if not files.knows(folder.samples):
         _write_samples(folder, campaign)
     flying = campaign.model.controllers
     plans = {name: new.get(name) or read_trusted_plan(folder, campaign, name, request.trust_code) for name in flying}
     if changed:
-        manifest["warnings"] = find_warnings(plans, campaign)
+        manifest = replace(manifest, warnings=tuple(find_warnings(plans, campaign)))
     if not with_nominal:
         _write_nominal(folder, campaign, plans, _fly_nominal(campaign, plans, engine))
-    if manifest["files"] != files.listed():
-        manifest["files"] = files.listed()
+    if manifest.files != files.listed():
+        manifest = replace(manifest, files=files.listed())
         write_manifest(folder.manifest, manifest)
     ready = make_ready(campaign, plans, margins=True)
     return OpenCampaign(folder, ready, manifest, requested.controllers, files)
@@ -184,10 +180,10 @@ def _check_same(
     flown: FlownFolder, before: FolderInputs, requested: Experiment, inputs: FolderInputs, request: Request
 ) -> None:
     """Raises InputError for a folder that holds something else than the beginning of what is asked for."""
-    root, shard = flown.folder.root, flown.manifest.get("shard")
-    if "search" in flown.manifest:
+    root, shard = flown.folder.root, flown.manifest.shard
+    if flown.manifest.search:
         raise InputError(root, "a folder that holds a search's flights", "another folder (-o DIR)")
-    if shard != (list(request.shard) if request.shard else None):
+    if shard != request.shard:
         words = "the whole campaign" if shard is None else f"shard {shard[0]}/{shard[1]}"
         raise InputError(root, f"a folder that holds {words}", "that, or another folder (-o DIR)")
     changes = describe_changes(before, inputs, requested.extensible)
@@ -241,33 +237,24 @@ def _check_drawn(folder: CampaignFolder, campaign: Experiment) -> None:
             raise InputError(folder.samples, found, "the versions that the manifest names, or --fresh")
 
 
-def _new_manifest(
-    campaign: Experiment, inputs: FolderInputs, engine: Engine, plans: dict[str, FlightPlan]
-) -> dict[str, Any]:
+def _new_manifest(campaign: Experiment, inputs: FolderInputs, engine: Engine, plans: dict[str, FlightPlan]) -> Manifest:
     from datetime import UTC, datetime
 
     sources = [source for plan in plans.values() for source in (plan.source, plan.channels_source) if source]
-    return {
-        "name": campaign.model.name,
-        "state": RUNNING,
-        "runs_planned": campaign.runs,
-        "runs_done": 0,
-        "runs_failed": 0,
-        "seed": campaign.model.seed,
-        "campaign_hash": inputs.identity,
-        "question": inputs.question,
-        "source_hash": engine.source,
-        "started": datetime.now(UTC).isoformat(timespec="seconds"),
-        "wall_time_s": 0.0,
-        "digest": None,
-        "digests": {},
-        "controllers": {},
-        "requirements": [],
-        "requirements_shown": [],
-        "versions": find_versions() | find_package_versions(sources),
-        "compiler": find_compiler(),
-        "commit": find_commit(),
-        "machine": find_machine(),
-        "command": sys.argv[1:],
-        "inputs": inputs.hashes,
-    }
+    return Manifest(
+        name=campaign.model.name,
+        state=RUNNING,
+        runs_planned=campaign.runs,
+        seed=campaign.model.seed,
+        campaign_hash=inputs.identity,
+        question=inputs.question,
+        source_hash=engine.source,
+        started=datetime.now(UTC).isoformat(timespec="seconds"),
+        versions=find_versions() | find_package_versions(sources),
+        compiler=find_compiler(),
+        commit=find_commit(),
+        machine=find_machine(),
+        command=tuple(sys.argv[1:]),
+        inputs=inputs.hashes,
+        warnings=tuple(find_warnings(plans, campaign)),
+    )

@@ -3,11 +3,10 @@
 import contextlib
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 from abhv_mc.folder.layout import CampaignFolder, hash_file, recording
 from abhv_mc.folder.lock import lock_holder
-from abhv_mc.folder.manifest import read_manifest
+from abhv_mc.folder.manifest import Manifest, read_manifest
 from abhv_mc.io.input_error import InputError
 
 DAMAGED = "a file that is not as the campaign wrote it: damaged, or changed since"
@@ -64,16 +63,16 @@ def record_hashes(folder: CampaignFolder, known: Mapping[str, str]) -> Iterator[
 
 
 def find_damage(
-    folder: CampaignFolder, manifest: Mapping[str, Any], paths: Iterable[Path] | None = None
+    folder: CampaignFolder, manifest: Manifest, paths: Iterable[Path] | None = None
 ) -> Iterator[tuple[Path, str]]:
     """What of the folder (or of ``paths`` in it) is not as the campaign wrote it, each file with what is wrong."""
-    files = FileHashes(folder, manifest["files"])
+    files = FileHashes(folder, manifest.files)
     for path in files.paths() if paths is None else [path for path in paths if files.knows(path)]:
         if words := files.damage(path):
             yield path, words
 
 
-def read_checked(folder: CampaignFolder, paths: Iterable[Path] | None = None) -> dict[str, Any]:
+def read_checked(folder: CampaignFolder, paths: Iterable[Path] | None = None) -> Manifest:
     """The manifest of a folder whose files (all, or ``paths``) are as the campaign wrote them.
 
     Raises InputError, which names the first file that is not.
@@ -87,9 +86,9 @@ def read_checked(folder: CampaignFolder, paths: Iterable[Path] | None = None) ->
     return manifest
 
 
-def refuse_changes(folder: CampaignFolder, manifest: Mapping[str, Any]) -> None:
+def refuse_changes(folder: CampaignFolder, manifest: Manifest) -> None:
     """For the end of a reading. Raises InputError where a run has replaced or removed files that ``manifest`` names."""
-    if not manifest["files"].items() <= read_manifest(folder.manifest)["files"].items():
+    if not manifest.files.items() <= read_manifest(folder.manifest).files.items():
         found = "files of another campaign, or of more flights, than a moment ago: a run has written here meanwhile"
         raise InputError(folder.root, found, "the folder opened anew, once that run is done")
 
@@ -100,8 +99,8 @@ def damage_error(path: Path, words: str) -> InputError:
     return InputError(path, words, wish)
 
 
-def data_files(folder: CampaignFolder, manifest: Mapping[str, Any]) -> list[Path]:
+def data_files(folder: CampaignFolder, manifest: Manifest) -> list[Path]:
     """The data files that the manifest names, in the order of their names."""
     single = {folder.samples, folder.envelopes, folder.nominal, folder.reference, folder.margins}
-    paths = FileHashes(folder, manifest["files"]).paths()
+    paths = FileHashes(folder, manifest.files).paths()
     return [path for path in paths if path in single or path.parent in (folder.flights, folder.histories)]

@@ -17,6 +17,7 @@ from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.references import find_references
 from abhv_mc.campaign.file.requirements import join_requirements, select_requirements
 from abhv_mc.folder.layout import CampaignFolder, is_inside, write_bytes, write_whole
+from abhv_mc.folder.manifest import Manifest
 from abhv_mc.io.documents import Document, InputError, read_document, write_document
 from abhv_mc.io.input_files import read_input
 
@@ -153,9 +154,9 @@ def _words(value: Any) -> str:
     return "nothing" if value is None else json.dumps(value, ensure_ascii=False)
 
 
-def read_folder_inputs(folder: CampaignFolder, manifest: dict[str, Any]) -> FolderInputs:
+def read_folder_inputs(folder: CampaignFolder, manifest: Manifest) -> FolderInputs:
     """What a folder holds of its campaign's files. Raises InputError."""
-    return FolderInputs(read_document(folder.campaign), {}, manifest["inputs"])
+    return FolderInputs(read_document(folder.campaign), {}, dict(manifest.inputs))
 
 
 def read_folder_campaign(folder: CampaignFolder) -> Experiment:

@@ -2,9 +2,14 @@
 
 import hashlib
 import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from pydantic import TypeAdapter, ValidationError
+
+from abhv_mc.bounds import Bounds
 from abhv_mc.folder.layout import write_text
 from abhv_mc.io.input_error import InputError
 
@@ -14,13 +19,127 @@ _HASH = "manifest_hash"  # of the other entries
 _WISH = "a copy of the manifest as it was, or the campaign flown anew: another folder (-o DIR), or --fresh"
 
 
-def write_manifest(path: Path, manifest: dict[str, Any]) -> None:
+@dataclass(frozen=True)
+class ControllerCount:
+    """How the flights of one controller ended."""
+
+    outcomes: Mapping[str, int] = field(default_factory=dict)
+    flights_done: int = 0
+    failed_to_run: tuple[int, ...] | None = None  # flights that could not be computed
+
+
+@dataclass(frozen=True)
+class RequirementVerdict:
+    """A requirement as one controller met it; flights that could not be computed are failures of none."""
+
+    metric: str
+    probability: float
+    controller: str
+    verdict: str
+    words: str
+    id: str | None = None
+    text: str | None = None
+    source: str | None = None
+    rationale: str | None = None
+    above: float | None = None
+    below: float | None = None
+    consumer_risk: float = 0.0
+    producer_risk: float = 0.0
+    flights: int = 0
+    failures: int = 0
+    failures_ended_early: int = 0
+    failures_measured: int = 0
+    failures_not_computed: int = 0
+
+    @property
+    def asked(self) -> str:
+        """'altitude_error_max_m below 50'."""
+        return f"{self.metric} {Bounds(self.above, self.below)}"
+
+
+@dataclass(frozen=True)
+class FlownBy:
+    """A process that flew, and its flights."""
+
+    code: str
+    versions: str
+    processor: str
+    features: str
+    host: str
+    blocks: Mapping[str, tuple[tuple[int, int], ...]]  # controller -> (first flight, one after the last)
+
+
+@dataclass(frozen=True)
+class Pooled:
+    """Flights of one seed in a campaign that was merged of several."""
+
+    seed: int
+    runs: int
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What `manifest.json` says; an entry that is None stands there not at all."""
+
+    name: str
+    state: str
+    seed: int
+    campaign_hash: str
+    source_hash: str
+    runs_planned: int = 0
+    runs_done: int = 0
+    runs_failed: int = 0
+    question: str | None = None  # hash of it; a search asks none
+    started: str | None = None
+    wall_time_s: float = 0.0
+    digest: str | None = None
+    digests: Mapping[str, str] = field(default_factory=dict)
+    controllers: Mapping[str, ControllerCount] = field(default_factory=dict)
+    requirements: tuple[RequirementVerdict, ...] = ()  # that bind
+    requirements_shown: tuple[RequirementVerdict, ...] = ()
+    versions: Mapping[str, str] = field(default_factory=dict)
+    compiler: str | None = None
+    commit: str | None = None
+    machine: Mapping[str, str | int] = field(default_factory=dict)
+    command: tuple[str, ...] = ()
+    inputs: Mapping[str, str] = field(default_factory=dict)  # SHA-256 by path
+    warnings: tuple[str, ...] = ()
+    not_made: tuple[str, ...] = ()
+    shard: tuple[int, int] | None = None  # part i of n
+    merged_from: tuple[str, ...] | None = None  # digests
+    pooled: tuple[Pooled, ...] | None = None
+    stopped_at: int | None = None  # flights of a campaign that stops when proven
+    search: Mapping[str, Any] | None = None  # what a search was asked for
+    result: Mapping[str, Any] | None = None  # and what it found
+    files: Mapping[str, str] = field(default_factory=dict)  # SHA-256 by path
+    flown_by: tuple[FlownBy, ...] = ()
+
+    @property
+    def complete(self) -> bool:
+        """Whether everything was flown."""
+        return self.state == COMPLETE
+
+    def as_entries(self) -> dict[str, Any]:
+        """As JSON holds it."""
+        content: dict[str, Any] = _FILE.dump_python(self, exclude_none=True)
+        return {"format": FORMAT} | content
+
+
+_FILE = TypeAdapter(Manifest)
+
+
+def manifest_schema() -> dict[str, Any]:
+    """The JSON Schema of `manifest.json`."""
+    return _FILE.json_schema()
+
+
+def write_manifest(path: Path, manifest: Manifest) -> None:
     """Write it whole, with the folder's format number and its own hash."""
-    content = {"format": FORMAT} | {key: value for key, value in manifest.items() if key != _HASH}
+    content = manifest.as_entries()
     write_text(path, json.dumps(content | {_HASH: _hash(content)}, indent=2) + "\n")
 
 
-def read_manifest(path: Path) -> dict[str, Any]:
+def read_manifest(path: Path) -> Manifest:
     """Read it. Raises InputError where there is none, one of another format, or one that is not as it was written."""
     if not path.is_file():
         raise InputError(path, "no such file", "the folder of a campaign")
@@ -34,7 +153,11 @@ def read_manifest(path: Path) -> dict[str, Any]:
         raise InputError(path, found, f"format {FORMAT}: the version that wrote it, or the campaign anew")
     if manifest.pop(_HASH, None) != _hash(manifest):
         raise InputError(path, "a damaged manifest (its entries have another hash)", _WISH)
-    return manifest
+    try:
+        return _FILE.validate_python(manifest)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise InputError(path, f"{'.'.join(map(str, first['loc']))}: {first['msg']}", _WISH) from None
 
 
 def _hash(content: dict[str, Any]) -> str:

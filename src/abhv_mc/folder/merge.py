@@ -3,6 +3,7 @@
 import shutil
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from abhv_mc.folder.flown_by import join_flyers
 from abhv_mc.folder.hashes import damage_error, find_damage, record_hashes
 from abhv_mc.folder.layout import CampaignFolder, write_whole
 from abhv_mc.folder.lock import hold_lock
-from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, read_manifest, write_manifest
+from abhv_mc.folder.manifest import INTERRUPTED, read_manifest, write_manifest
 from abhv_mc.folder.plan_file import read_stored_parts
 from abhv_mc.folder.samples import ROW_GROUP, SampleReader
 from abhv_mc.io.documents import InputError
@@ -26,19 +27,19 @@ def order_shards(parts: Sequence[Path]) -> list[CampaignFolder]:
     folders = [CampaignFolder(part) for part in parts]
     manifests = [read_manifest(folder.manifest) for folder in folders]
     for folder, manifest in zip(folders, manifests, strict=True):
-        if not manifest.get("shard"):
+        if manifest.shard is None:
             raise InputError(folder.root, "no shard of a campaign", "a folder flown with --shard i/n")
-        if manifest["state"] != COMPLETE:
-            raise InputError(folder.root, f"a shard that is {manifest['state']}", "a complete one")
-        if list(manifest["controllers"]) != list(manifests[0]["controllers"]):  # requirements bind the first
+        if not manifest.complete:
+            raise InputError(folder.root, f"a shard that is {manifest.state}", "a complete one")
+        if list(manifest.controllers) != list(manifests[0].controllers):  # requirements bind the first
             found = f"controllers in another order than in {folders[0].root}"
             raise InputError(folder.root, found, "shards of one campaign file")
         for key in _SAME:
-            if manifest[key] != manifests[0][key]:
-                flown = f" ({manifest[key]}, not {manifests[0][key]})" if key == "source_hash" else ""
+            if (this := getattr(manifest, key)) != (other := getattr(manifests[0], key)):
+                flown = f" ({this}, not {other})" if key == "source_hash" else ""
                 found = f"another {key.replace('_', ' ')}{flown} than in {folders[0].root}"
                 raise InputError(folder.root, found, "shards of one campaign, flown by the same code")
-    numbers = [tuple(manifest["shard"]) for manifest in manifests]
+    numbers = [manifest.shard or (1, 1) for manifest in manifests]
     count = numbers[0][1]
     for folder, number in zip(folders, numbers, strict=True):
         if number[1] != count or numbers.count(number) > 1:
@@ -59,9 +60,9 @@ def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
     """
     first, target = shards[0], CampaignFolder(out)
     manifests = [read_manifest(shard.manifest) for shard in shards]
-    digests = [manifest["digest"] for manifest in manifests]
+    digests = tuple(manifest.digest or "" for manifest in manifests)
     if target.manifest.exists():
-        if read_manifest(target.manifest).get("merged_from") != digests:
+        if read_manifest(target.manifest).merged_from != digests:
             raise InputError(out, "a folder that is not empty", "a new or an empty one")
         return
     target.refuse_strange(fresh=True)
@@ -71,11 +72,10 @@ def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
             if path.parent != shard.flights:
                 raise damage_error(path, words)
             damaged.add(path)
-        _check_content(first, shard, list(manifests[0]["controllers"]))
-    merged = {key: value for key, value in manifests[0].items() if key != "shard"}
-    merged |= {"state": INTERRUPTED, "merged_from": digests}
-    merged["flown_by"] = join_flyers([manifest.get("flown_by", []) for manifest in manifests])
-    merged["wall_time_s"] = sum(manifest["wall_time_s"] for manifest in manifests)
+        _check_content(first, shard, list(manifests[0].controllers))
+    flyers = join_flyers(entry for manifest in manifests for entry in manifest.flown_by)
+    merged = replace(manifests[0], shard=None, state=INTERRUPTED, merged_from=digests, flown_by=flyers,
+                     wall_time_s=sum(manifest.wall_time_s for manifest in manifests))  # fmt: skip
     with ExitStack() as stack:
         for folder in (*shards, target):
             stack.enter_context(hold_lock(folder.lock))
@@ -87,7 +87,7 @@ def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
             for path in sorted(set(shard.flights.glob("*.parquet")) - damaged):
                 write_whole(target.flights / path.name, partial(shutil.copyfile, path))
         merge_states([shard.envelope_states for shard in shards], target.envelope_states)
-        write_manifest(target.manifest, merged | {"files": files.listed()})
+        write_manifest(target.manifest, replace(merged, files=files.listed()))
 
 
 def _shared_files(shard: CampaignFolder) -> list[Path]:

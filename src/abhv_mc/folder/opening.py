@@ -1,8 +1,7 @@
 """How a run gets its folder: locked; begun anew, or with all that it holds proven whole; perhaps grown."""
 
 from contextlib import ExitStack
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.folder import envelope_states
@@ -10,7 +9,7 @@ from abhv_mc.folder.hashes import FileHashes, damage_error, record_hashes
 from abhv_mc.folder.inputs import FolderInputs
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.lock import hold_lock
-from abhv_mc.folder.manifest import RUNNING, read_manifest, write_manifest
+from abhv_mc.folder.manifest import RUNNING, Manifest, read_manifest, write_manifest
 from abhv_mc.folder.plan_file import write_plan
 from abhv_mc.io.input_error import InputError
 
@@ -20,7 +19,7 @@ class FlownFolder:
     """A folder that holds flights to go on with; it stays locked, and every file that is written there is noted."""
 
     folder: CampaignFolder
-    manifest: dict[str, Any]
+    manifest: Manifest
     files: FileHashes
 
 
@@ -37,7 +36,7 @@ def open_folder(folder: CampaignFolder, fresh: bool, stack: ExitStack) -> FlownF
     if fresh:
         return None
     manifest = read_manifest(folder.manifest)
-    files = stack.enter_context(record_hashes(folder, manifest["files"]))
+    files = stack.enter_context(record_hashes(folder, manifest.files))
     for path in files.paths():
         if path.parent != folder.flights and (words := files.damage(path)):
             raise damage_error(path, words)
@@ -68,8 +67,9 @@ def begin_folder(
 
 def grow_folder(
     flown: FlownFolder, inputs: FolderInputs, merged: FolderInputs, plans: dict[str, FlightPlan], longer: bool
-) -> None:
-    """Make room for more flights (``longer``), for the controllers of ``plans``, or for another order of controllers.
+) -> Manifest:
+    """Make room for more flights (``longer``), for the controllers of ``plans``, or for another order of controllers;
+    the manifest from now on.
 
     ``inputs`` are of the campaign that is asked for, ``merged`` those of the folder from now on. What is about to be
     replaced is listed no more before it is: a run that goes on after a kill makes it anew.
@@ -83,12 +83,13 @@ def grow_folder(
         files.forget(folder.samples)
     if plans:
         files.forget(folder.nominal, folder.reference)
-    if plans or (longer and manifest["runs_planned"] < envelope_states.ENVELOPE_FLIGHTS):
+    if plans or (longer and manifest.runs_planned < envelope_states.ENVELOPE_FLIGHTS):
         files.forget(folder.envelopes)
     if longer or plans:
         files.forget(folder.margins)
-        manifest.update(state=RUNNING, runs_planned=merged.data["runs"])
-    manifest.update(inputs=merged.hashes, campaign_hash=merged.identity, question=merged.question)
-    manifest["files"] = files.listed()
+        manifest = replace(manifest, state=RUNNING, runs_planned=merged.data["runs"])
+    manifest = replace(manifest, inputs=merged.hashes, campaign_hash=merged.identity, question=merged.question)
+    manifest = replace(manifest, files=files.listed())
     write_manifest(folder.manifest, manifest)
     merged.write_campaign(folder)
+    return manifest

@@ -23,7 +23,7 @@ from abhv_mc.folder.flights import END_TIME
 from abhv_mc.folder.hashes import data_files, read_checked, refuse_changes
 from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.manifest import read_manifest
+from abhv_mc.folder.manifest import Manifest, read_manifest
 from abhv_mc.folder.ranking import Ranking, rank_flights
 from abhv_mc.folder.steady_margins import SteadyMargins, read_steady_margins
 from abhv_mc.io.input_error import InputError
@@ -46,7 +46,7 @@ class Results:
 
     folder: Path
     campaign: Experiment
-    manifest: dict[str, Any]
+    manifest: Manifest
     samples: Mapping[str, Floats]  # parameter -> [flight], flight k at index k; read anew each time
     flights: dict[str, ControllerFlights]
     envelopes: dict[tuple[str, str], Envelope]  # (controller, channel)
@@ -56,7 +56,7 @@ class Results:
 
     def refuse_changes(self) -> None:
         """For the end of whatever is made of them. Raises InputError where a run has changed the folder meanwhile."""
-        if "files" in self.manifest:  # one that is made up holds none
+        if self.manifest.files:  # one that is made up holds none
             refuse_changes(CampaignFolder(self.folder), self.manifest)
 
     @property
@@ -135,8 +135,8 @@ def read_results(root: Path) -> Results:
     """Read a campaign's folder. Raises InputError where a file is missing or unreadable."""
     folder = CampaignFolder(root)
     manifest = read_checked(folder)
-    if manifest.get("shard"):
-        found = "shard {}/{} of a campaign".format(*manifest["shard"])
+    if manifest.shard:
+        found = "shard {}/{} of a campaign".format(*manifest.shard)
         raise InputError(root, found, "all of it: 'abhv-mc merge' joins its shards")
     samples = FileColumns(folder.samples, "the samples of a campaign", without="flight")
     campaign = read_folder_campaign(folder)

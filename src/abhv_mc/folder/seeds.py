@@ -10,7 +10,6 @@ from dataclasses import replace
 from functools import partial
 from itertools import accumulate
 from pathlib import Path
-from typing import Any
 
 import pyarrow.parquet as pq
 
@@ -21,7 +20,7 @@ from abhv_mc.folder.hashes import damage_error, find_damage, record_hashes
 from abhv_mc.folder.inputs import FolderInputs, read_folder_inputs
 from abhv_mc.folder.layout import CampaignFolder, write_whole
 from abhv_mc.folder.lock import hold_lock
-from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, read_manifest, write_manifest
+from abhv_mc.folder.manifest import INTERRUPTED, Manifest, Pooled, read_manifest, write_manifest
 from abhv_mc.folder.plan_file import read_stored_parts
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError
@@ -30,29 +29,29 @@ _SAME = ("question", "source_hash")  # of campaigns whose flights may be counted
 _ONE_QUESTION = "campaigns of one question, which differ in seed and number of flights alone"
 
 
-def seeds_of(manifest: dict[str, Any]) -> set[int]:
+def seeds_of(manifest: Manifest) -> set[int]:
     """The seeds of a campaign's flights."""
-    return {part["seed"] for part in manifest.get("pooled", ())} or {manifest["seed"]}
+    return {part.seed for part in manifest.pooled or ()} or {manifest.seed}
 
 
-def name_siblings(root: Path, manifest: dict[str, Any]) -> tuple[str, str]:
+def name_siblings(root: Path, manifest: Manifest) -> tuple[str, str]:
     """What complete campaigns of the same question and code beside a folder of random flights found, and the command
     that merges them with it; two empty texts where there is none. Larger ones first: they may be merged ones."""
     root = root if root.name else root.resolve()
-    asked = manifest.get("requirements")
-    if manifest["state"] != COMPLETE or not asked or asked[0]["verdict"] == "ESTIMATE":
+    asked = manifest.requirements
+    if not manifest.complete or not asked or asked[0].verdict == "ESTIMATE":
         return "", ""
     beside = []
     for path in sorted(root.resolve().parent.glob("*/manifest.json")):
         with contextlib.suppress(InputError):  # of something else
             other = read_manifest(path)
-            same = all(other.get(key) == manifest.get(key) for key in _SAME) and other["state"] == COMPLETE
-            if same and other.get("requirements"):
-                beside.append((-other["runs_done"], root.parent / path.parent.name, other))
+            same = all(getattr(other, key) == getattr(manifest, key) for key in _SAME) and other.complete
+            if same and other.requirements:
+                beside.append((-other.runs_done, root.parent / path.parent.name, other))
     named, folders, taken = [], [root], seeds_of(manifest)
     for flights, folder, other in sorted(beside, key=lambda one: one[0]):
         if not taken & seeds_of(other):
-            verdicts = Counter(entry["verdict"] for entry in other["requirements"])
+            verdicts = Counter(entry.verdict for entry in other.requirements)
             words = ", ".join(f"{count} {status}" for status, count in verdicts.items())
             named.append(f"{folder.name} ({-flights} flights: {words})")
             folders.append(folder)
@@ -69,10 +68,10 @@ def check_pool(parts: Sequence[Path]) -> list[CampaignFolder]:
     manifests = [read_manifest(folder.manifest) for folder in folders]
     first, taken = manifests[0], set[int]()
     for folder, manifest in zip(folders, manifests, strict=True):
-        if manifest["state"] != COMPLETE or "search" in manifest:
-            raise InputError(folder.root, f"a folder that is {manifest['state']}", "a complete campaign")
+        if not manifest.complete or manifest.search:
+            raise InputError(folder.root, f"a folder that is {manifest.state}", "a complete campaign")
         for key in _SAME:
-            if manifest.get(key) != first.get(key):
+            if getattr(manifest, key) != getattr(first, key):
                 found = f"another {key.replace('_', ' ')} than in {folders[0].root}"
                 raise InputError(folder.root, found, f"{_ONE_QUESTION}, flown by the same code")
         if seeds := taken & seeds_of(manifest):
@@ -82,7 +81,7 @@ def check_pool(parts: Sequence[Path]) -> list[CampaignFolder]:
         sampling = read_folder_inputs(folder, manifest).data.get("sampling", INDEPENDENT)
         if sampling not in (INDEPENDENT, {"design": INDEPENDENT}):
             raise InputError(folder.root, "a design that is not random", "independent flights")
-        for name in manifest["controllers"]:
+        for name in manifest.controllers:
             ours, theirs = (read_stored_parts(one.plan(name)) for one in (folders[0], folder))
             if {k: v.tobytes() for k, v in ours.items()} != {k: v.tobytes() for k, v in theirs.items()}:
                 found = f"another plan of '{name}' than in {folders[0].root}: another machine computes other last bits"
@@ -97,26 +96,26 @@ def join_seeds(folders: Sequence[CampaignFolder], out: Path) -> None:
     goes on with. Raises InputError where ``out`` holds anything else."""
     target = CampaignFolder(out)
     manifests = [read_manifest(folder.manifest) for folder in folders]
-    digests = [manifest["digest"] for manifest in manifests]
+    digests = tuple(manifest.digest or "" for manifest in manifests)
     if target.manifest.exists():
-        if read_manifest(target.manifest).get("merged_from") != digests:
+        if read_manifest(target.manifest).merged_from != digests:
             raise InputError(out, "a folder that is not empty", "a new or an empty one")
         return
     target.refuse_strange(fresh=True)
     flown = [SampleReader(folder.samples).flights for folder in folders]
-    done = [min(facts["flights_done"] for facts in manifest["controllers"].values()) for manifest in manifests]
+    done = [min(each.flights_done for each in manifest.controllers.values()) for manifest in manifests]
     counts = [min(pair) for pair in zip(flown, done, strict=True)]  # fewer where it stopped when proven
     starts = [0, *accumulate(counts)]
-    pooled: list[dict[str, int]] = []
+    pooled: list[Pooled] = []
     for manifest, count in zip(manifests, counts, strict=True):
-        pooled += manifest.get("pooled") or [{"seed": manifest["seed"], "runs": count}]
+        pooled += manifest.pooled or (Pooled(manifest.seed, count),)
     with ExitStack() as stack:
         for folder in (*folders, target):
             stack.enter_context(hold_lock(folder.lock))
         target.clear()
         files = stack.enter_context(record_hashes(target, {}))
         first, held = folders[0], read_folder_inputs(folders[0], manifests[0])
-        data = {**held.data, "runs": starts[-1], "seed": manifests[0]["seed"], "pooled": pooled}
+        data = {**held.data, "runs": starts[-1], "seed": manifests[0].seed, "pooled": [vars(one) for one in pooled]}
         inputs = FolderInputs(replace(held.document, data=data), {}, held.hashes)
         plans = sorted(first.plans.glob("*.npz"))
         for path in (first.nominal, first.reference, *first.input_files(), *plans):
@@ -128,9 +127,11 @@ def join_seeds(folders: Sequence[CampaignFolder], out: Path) -> None:
                 if not path.name.startswith("_"):
                     for rows, _ in read_pieces(path, names):
                         write_block(target.flights, replace(rows, first=rows.first + start), pq.read_schema(path))
-        flyers = [shift_flyers(m.get("flown_by", []), start) for m, start in zip(manifests, starts, strict=False)]
-        merged = {key: value for key, value in manifests[0].items() if key != "stopped_at"}
-        merged |= {"state": INTERRUPTED, "merged_from": digests, "pooled": pooled, "runs_planned": starts[-1]}
-        merged |= {"campaign_hash": inputs.identity, "flown_by": join_flyers(flyers), "files": files.listed()}
-        merged["wall_time_s"] = sum(manifest["wall_time_s"] for manifest in manifests)
+        parts = zip(manifests, starts, strict=False)
+        flyers = join_flyers(entry for part, start in parts for entry in shift_flyers(part.flown_by, start))
+        merged = replace(
+            manifests[0], state=INTERRUPTED, merged_from=digests, pooled=tuple(pooled), runs_planned=starts[-1],
+            campaign_hash=inputs.identity, flown_by=flyers, files=files.listed(), stopped_at=None,
+            wall_time_s=sum(manifest.wall_time_s for manifest in manifests),
+        )  # fmt: skip
         write_manifest(target.manifest, merged)

@@ -2,12 +2,13 @@
 
 import contextlib
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from abhv_mc.folder.hashes import data_files, read_checked, refuse_changes
 from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.folder.manifest import Manifest
 from abhv_mc.io.input_error import InputError
 from abhv_mc.user_code.run_in_thread import run_in_thread
 
@@ -23,7 +24,7 @@ _CLOSED: dict[str, str | bool | int | float | list[str]] = {
 }
 
 
-def table_files(folder: CampaignFolder, manifest: Mapping[str, Any]) -> dict[str, list[Path]]:
+def table_files(folder: CampaignFolder, manifest: Manifest) -> dict[str, list[Path]]:
     """The files of every table that the folder holds."""
     tables: dict[str, list[Path]] = {
         name: [] for name in ("flights", "samples", "histories", "envelopes", "nominal", "reference")

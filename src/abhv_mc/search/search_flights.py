@@ -29,7 +29,7 @@ from abhv_mc.folder.blocks import read_own_block
 from abhv_mc.folder.flights import END_TIME, DamagedFileError, FlightRows, block_path, flights_schema, write_block
 from abhv_mc.folder.inputs import FolderInputs, collect_inputs, read_folder_inputs
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, RUNNING, write_manifest
+from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, RUNNING, ControllerCount, Manifest, write_manifest
 from abhv_mc.folder.opening import FlownFolder, begin_folder, open_folder
 from abhv_mc.folder.provenance import find_commit, find_machine, find_versions
 from abhv_mc.folder.samples import write_samples
@@ -120,7 +120,7 @@ class SearchFlights:
         signals = (*self.plan.metrics, END_TIME, *(MARGIN_VALUES if margins else ()))
         self.columns = tuple(signal.name for signal in signals)
         self.seed = campaign.model.seed
-        provenance = {"seed": str(self.seed), "campaign_hash": self.manifest["campaign_hash"]}
+        provenance = {"seed": str(self.seed), "campaign_hash": self.manifest.campaign_hash}
         self.schema = flights_schema(self.space.columns, provenance, signals)
         self.blocks: list[FlightRows] = []
         self.remembered = 0  # flights that were stored already
@@ -203,7 +203,7 @@ class SearchFlights:
                 path.unlink()
                 self.files.forget(path)
         rows = self.rows()
-        provenance = {"seed": str(self.seed), "design": self.manifest["search"]["kind"]}
+        provenance = {"seed": str(self.seed), "design": (self.manifest.search or {})["kind"]}
         write_samples(
             self.folder.samples, rows.names, rows.stop, lambda first, stop: rows.samples[first:stop], provenance
         )
@@ -214,17 +214,16 @@ class SearchFlights:
             runs_done=rows.stop - self.failed_to_run,
             runs_failed=self.failed_to_run,
             controllers={
-                self.plan.controller: {
-                    "flights_done": rows.stop,
-                    "outcomes": dict(zip(outcomes.tolist(), counts.tolist(), strict=True)),
-                }
+                self.plan.controller: ControllerCount(
+                    dict(zip(outcomes.tolist(), counts.tolist(), strict=True)), rows.stop
+                )
             },
             digest=str(rows.digest()),
             result=result,
         )
 
     def _write(self, state: str, **entries: Any) -> None:
-        self.manifest |= {"state": state, **entries, "files": self.files.listed()}
+        self.manifest = replace(self.manifest, state=state, **entries, files=self.files.listed())
         write_manifest(self.folder.manifest, self.manifest)
 
 
@@ -254,19 +253,19 @@ def open_search(
             plan = make_plans(campaign, [name], engine)[name]
             fly_probes(make_ready(campaign, {name: plan}), engine.fly, plan.timing.ticks)
             files = begin_folder(folder, inputs, {name: plan}, stack)
-            manifest = {
-                "name": campaign.model.name,
-                "state": RUNNING,
-                "search": settings,
-                "campaign_hash": inputs.identity,
-                "inputs": inputs.hashes,
-                "seed": campaign.model.seed,
-                "source_hash": engine.source,
-                "versions": find_versions(),
-                "commit": find_commit(),
-                "machine": find_machine(),
-                "files": files.listed(),
-            }
+            manifest = Manifest(
+                name=campaign.model.name,
+                state=RUNNING,
+                search=settings,
+                campaign_hash=inputs.identity,
+                inputs=inputs.hashes,
+                seed=campaign.model.seed,
+                source_hash=engine.source,
+                versions=find_versions(),
+                commit=find_commit(),
+                machine=find_machine(),
+                files=files.listed(),
+            )
             write_manifest(folder.manifest, manifest)
         cluster = stack.enter_context(connect_cluster(request.scheduler, engine)) if request.scheduler else None
         executor = stack.enter_context(open_executor(engine, campaign.model.execution, request.workers, cluster))
@@ -284,13 +283,13 @@ def open_search(
 def _check_same(flown: FlownFolder, settings: dict[str, Any], asked: FolderInputs, engine: Engine) -> None:
     """Raise InputError where the folder does not hold the beginning of the same search."""
     root, manifest = flown.folder.root, flown.manifest
-    before = manifest.get("search")
+    before = manifest.search
     wish = "the same search, another folder (-o DIR), or --fresh to delete what was flown"
     if before is None:
         raise InputError(root, "a folder that holds a campaign's flights", wish)
     parts = (asked, read_folder_inputs(flown.folder, manifest))
     axes = [list(part.data.get("dispersions") or ()) for part in parts]  # of the search, in their order
-    if manifest["campaign_hash"] != asked.identity or axes[0] != axes[1]:
+    if manifest.campaign_hash != asked.identity or axes[0] != axes[1]:
         raise InputError(root, "a folder that holds a search of another campaign", wish)
     changes = [f"{key}: {before.get(key)} -> {value}" for key, value in settings.items() if before.get(key) != value]
     if len(changes) == 1 and changes[0].startswith("flights:"):

@@ -10,6 +10,7 @@ from abhv_mc.campaign.file.config import PROCESSES, THREADS
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, Recording
 from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.folder.manifest import Manifest
 from abhv_mc.identity import code_hash
 from abhv_mc.io.documents import InputError
 from abhv_mc.simulators.corner_margins import describe_stability
@@ -40,9 +41,9 @@ def make_engine() -> Engine:
     return Engine(prepare, fly_with_margins, code_hash(), describe_stability, checked=True, isolation=PROCESSES)
 
 
-def check_source(folder: CampaignFolder, manifest: dict[str, Any], engine: Engine) -> None:
+def check_source(folder: CampaignFolder, manifest: Manifest, engine: Engine) -> None:
     """Refuse to go on with other code than the one that flew so far. Raises InputError."""
-    flown = manifest.get("source_hash")
+    flown = manifest.source_hash
     if flown != engine.source:
         found = f"flights of another version of the program (source {flown}, now {engine.source})"
         raise InputError(folder.root, found, "the same again, another folder (-o DIR), or --fresh")

@@ -121,7 +121,7 @@ def take_plans(
     source, names = CampaignFolder(root), campaign.model.controllers
     manifest = read_checked(source, [source.plan(name) for name in names])
     check_source(source, manifest, engine)
-    flown = manifest["inputs"]
+    flown = manifest.inputs
     for place, content in inputs.hashes.items():
         if flown.get(place) != content and not place.startswith("inputs/samples/"):
             raise InputError(root, f"plans made from another {place}", "plans of this campaign's files")

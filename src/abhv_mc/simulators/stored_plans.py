@@ -105,7 +105,7 @@ def open_flown(folder: CampaignFolder, controllers: Iterable[str], trusted: bool
     Raises InputError for another controller, and where code is not in the user's list of what he has flown.
     """
     read_checked(folder, [folder.campaign, folder.samples, *folder.input_files()])
-    experiment, flown = read_folder_campaign(folder), list(read_manifest(folder.manifest)["controllers"])
+    experiment, flown = read_folder_campaign(folder), list(read_manifest(folder.manifest).controllers)
     plans = {}
     for name in controllers:
         if name not in flown:

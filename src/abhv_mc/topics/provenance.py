@@ -41,9 +41,9 @@ def compute_provenance(results: Results) -> Provenance:
         stops_when_proven=campaign.stops_when_proven,
         pooled_seeds=campaign.pooled_seeds,
         independent_flights=campaign.independent,
-        digests=manifest.get("digests") or {},
-        manifest=dict(_rows(manifest)),
-        files={name: text for name, text in (manifest.get("files") or {}).items() if not name.startswith(_NOT_READ)},
+        digests=manifest.digests,
+        manifest=dict(_rows(manifest.as_entries())),
+        files={name: text for name, text in manifest.files.items() if not name.startswith(_NOT_READ)},
     )
 
 

@@ -11,7 +11,7 @@ from report.synthetic import sign, write_campaign
 from abhv_mc.cli.run import finish
 from abhv_mc.execution.runner import RunResult
 from abhv_mc.folder.flights import flights_schema, read_pieces, write_block
-from abhv_mc.folder.manifest import read_manifest
+from abhv_mc.folder.manifest import ControllerCount, Manifest, read_manifest
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.report.pages.build import build_report, is_up_to_date
 
@@ -49,8 +49,8 @@ def test_a_second_run_with_nothing_new_does_not_make_the_report_again(lost, monk
         raise AssertionError("made again")
 
     monkeypatch.setattr("abhv_mc.report.pages.build.build_report", never)
-    manifest = {"state": "complete", "runs_done": 30, "runs_planned": 30, "digest": "", "warnings": []}
-    manifest |= {"controllers": {"tlc": {"outcomes": {"sideslip_limit": 30}}}, "requirements": []}
+    counts = {"tlc": ControllerCount({"sideslip_limit": 30})}
+    manifest = Manifest("lost", "complete", 1, "", "", 30, 30, controllers=counts)
     finish(RunResult(lost, manifest), no_report=False)
     assert "report.html, up to date" in capsys.readouterr().out
 

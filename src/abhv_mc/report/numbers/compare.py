@@ -127,7 +127,7 @@ def baseline_numbers(results: Results, baseline: Path) -> dict[str, Any]:
     require_same_samples(held.samples, results.samples, baseline, CampaignFolder(results.folder).samples)
     found = compare_results(results, held)
     held.refuse_changes()
-    return {"folder": baseline.as_posix(), "digest": held.manifest.get("digest"), **found}
+    return {"folder": baseline.as_posix(), "digest": held.manifest.digest, **found}
 
 
 def gate_words(pair: Mapping[str, Any], metric: str, b: str, requirements: Sequence[str]) -> str:

@@ -25,8 +25,8 @@ def make_numbers(models: Models, baseline: Path | None = None) -> dict[str, Any]
     manifest, users = models.results.manifest, user_topics()
     return {
         "format": FORMAT,
-        "state": manifest.get("state"),
-        "digest": manifest.get("digest"),
+        "state": manifest.state,
+        "digest": manifest.digest,
         "warnings": warnings_of(models),
         **{topic.name: plain(models[topic]) for topic in BUILT_IN},
         **({"topics": {topic.name: plain(models[topic]) for topic in users}} if users else {}),
@@ -37,5 +37,5 @@ def make_numbers(models: Models, baseline: Path | None = None) -> dict[str, Any]
 def warnings_of(models: Models) -> list[str]:
     """What a run and the topics have to say of what is missing."""
     manifest = models.results.manifest
-    made = (*(manifest.get("warnings") or ()), *manifest.get("not_made", ()))
+    made = (*manifest.warnings, *manifest.not_made)
     return [*made, *missing_margins(models[MARGINS], models.names)]

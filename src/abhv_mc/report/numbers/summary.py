@@ -114,6 +114,6 @@ def confidence_sentence(models: Models, warnings: Sequence[str] = ()) -> str:
             text += f" The campaign stops when proven, after at most {fixed(campaign.runs, 0)} flights."
     for warning in (*warnings_of(models), *warnings):
         text += f" Note: {warning}."
-    if models.results.manifest.get("state") != "complete":
+    if models.results.manifest.complete is False:
         text += " The campaign is not complete; all numbers are preliminary."
     return text

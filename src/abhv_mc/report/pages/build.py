@@ -20,7 +20,7 @@ def hash_files(folder: Path) -> dict[str, str]:
     paths = CampaignFolder(folder)
     manifest = read_manifest(paths.manifest)
     names = [path.relative_to(paths.root).as_posix() for path in (paths.campaign, *data_files(paths, manifest))]
-    return {name: manifest["files"][name] for name in names}
+    return {name: manifest.files[name] for name in names}
 
 
 def write_json(numbers: dict[str, Any]) -> str:

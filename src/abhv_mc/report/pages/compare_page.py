@@ -61,7 +61,7 @@ def _is_same(pair: Mapping[str, Any]) -> bool:
 def _provenance(a: Results, b: Results, found: Mapping[str, Any], folder: Path) -> Table:
     """Which flights were compared, and how again."""
     rows = [
-        [str(each.folder), str(each.campaign.seed), fixed(each.manifest["runs_done"], 0), each.manifest["digest"]]
+        [str(each.folder), str(each.campaign.seed), fixed(each.manifest.runs_done, 0), str(each.manifest.digest)]
         for each in ((a,) if a.folder == b.folder else (a, b))
     ]
     across = next((pair["controllers"] for pair in found["paired"] if len(set(pair["controllers"])) > 1), None)

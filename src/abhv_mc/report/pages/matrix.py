@@ -3,12 +3,12 @@
 import csv
 import io
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 from xml.etree import ElementTree
 
-from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.config import TRACED
 from abhv_mc.flight.metrics import Metric
+from abhv_mc.folder.manifest import RequirementVerdict
 from abhv_mc.topics.verdicts.model import Verdicts
 
 _COLUMNS = (
@@ -41,13 +41,13 @@ class Case(NamedTuple):
     words: str
 
 
-def verdict_cases(entries: Iterable[Mapping[str, Any]]) -> list[Case]:
+def verdict_cases(entries: Iterable[RequirementVerdict]) -> list[Case]:
     """The binding requirements, as a campaign's manifest has them."""
     cases = []
     for entry in entries:
-        asked = f"{entry['metric']} {Bounds.of(entry)} in {100.0 * entry['probability']:g} %"
-        name = " ".join(filter(None, (entry.get("id"), asked, f"({entry['controller']})")))
-        cases.append(Case(name, entry["verdict"], entry["words"]))
+        asked = f"{entry.asked} in {100.0 * entry.probability:g} %"
+        name = " ".join(filter(None, (entry.id, asked, f"({entry.controller})")))
+        cases.append(Case(name, entry.verdict, entry.words))
     return cases
 
 

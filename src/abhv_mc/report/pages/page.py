@@ -126,7 +126,7 @@ def make_page(
     envelopes, arrays = envelope_data(results, names.controllers, colors)
     view = make_flights_view(results, names.controllers, colors)
     places, packed = pack_arrays({**arrays, **view.arrays})
-    verdicts, state = models[VERDICTS], str(results.manifest.get("state") or "not complete")
+    verdicts, state = models[VERDICTS], results.manifest.state
     seeds = f"seeds {', '.join(map(str, campaign.pooled_seeds))}" if campaign.pooled_seeds else f"seed {campaign.seed}"
     flown = fixed(next(iter(models[FLIGHTS].counts.values())).flown, 0)
     title = campaign.name.replace("_", " ")

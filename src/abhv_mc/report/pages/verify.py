@@ -28,7 +28,7 @@ def verify_campaign(root: Path) -> Iterator[str]:
     if holder := lock_holder(folder.lock):
         raise InputError(root, f"a campaign that {holder} is flying", "the end of that run")
     yield from (f"{path.relative_to(folder.root).as_posix()}: {found}" for path, found in find_damage(folder, manifest))
-    if "search" not in manifest:
+    if manifest.search is None:
         yield from _report_differences(root)
 
 

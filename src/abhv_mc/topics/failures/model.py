@@ -66,7 +66,7 @@ class Failures:
 def compute_failures(results: Results) -> Failures:
     """Rules for every kind of failure that occurred."""
     names = results.controllers if results.dispersed else ()
-    found = read_map(results.folder, results.manifest.get("digest"))
+    found = read_map(results.folder, results.manifest.digest)
     return Failures({name: _kinds(results, name) for name in names}, found.controllers if found else None)
 
 

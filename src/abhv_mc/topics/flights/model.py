@@ -77,8 +77,8 @@ def _counts(flights: ControllerFlights, independent: bool) -> FlightCounts:
 
 
 def _left_out(results: Results) -> dict[str, int]:
-    listed = (results.manifest.get("controllers") or {}).items()
-    lost = {name: facts.get("outcomes", {}).get("failed_to_run", 0) for name, facts in listed}
+    listed = results.manifest.controllers.items()
+    lost = {name: ended.outcomes.get("failed_to_run", 0) for name, ended in listed}
     return {name: count for name, count in lost.items() if count and name not in results.controllers}
 
 
