@@ -9,6 +9,7 @@ from search.line_flight import METRIC
 import abhv_mc
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.compare import compare_results, read_compared
+from abhv_mc.topics.plain import plain
 
 
 def test_a_worst_case_is_the_worst_of_its_flights_and_has_its_page(tmp_path, monkeypatch):
@@ -44,7 +45,7 @@ def test_a_comparison_has_the_numbers_and_the_page_of_the_command(tmp_path):
     a, b = (write_flown(tmp_path / name, runs=20, failing=lost) for name, lost in (("a", 1), ("b", 3)))
     gates = {"altitude_error_max_m": "5 %"}
     found = abhv_mc.compare(abhv_mc.open_results(a), b, ("lqr", "lqr"), gates, tmp_path / "page")
-    assert found == compare_results(*read_compared(a, b), ("lqr", "lqr"), {"altitude_error_max_m": 0.05})
+    assert found == plain(compare_results(*read_compared(a, b), ("lqr", "lqr"), {"altitude_error_max_m": 0.05}))
     assert found["paired"][0]["ended_early"]["only_b"] == 2 and (tmp_path / "page/report.html").is_file()
     with pytest.raises(InputError, match="fail_if_worse"):
         abhv_mc.compare(a, b, fail_if_worse="altitude_error_max_m=5%")

@@ -362,6 +362,7 @@ def compare(
     """
     from abhv_mc.report.numbers.compare import compare_results, parse_margins, read_compared
     from abhv_mc.report.pages.compare_page import write_compare_page
+    from abhv_mc.topics.plain import plain
 
     shares = check_mapping(fail_if_worse or {}, "fail_if_worse")
     margins = parse_margins([f"{metric}={share}" for metric, share in shares.items()])
@@ -371,7 +372,8 @@ def compare(
         write_compare_page(one, other, found, Path(output))
     for results in (one, other):
         results.refuse_changes()
-    return found
+    numbers: dict[str, Any] = plain(found)
+    return numbers
 
 
 def _path(campaign: Searched) -> Path:

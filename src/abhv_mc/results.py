@@ -235,6 +235,7 @@ class Results:
         import pandas as pd
 
         from abhv_mc.report.numbers.whatif import make_whatif
+        from abhv_mc.topics.words import ends_of
 
         nested: dict[str, dict[str, Any]] = {}
         for key, value in check_mapping(settings, "settings").items():
@@ -243,15 +244,15 @@ class Results:
         refuse_changes(self._paths, self.manifest)
         found = make_whatif(self.folder, nested)
         rows = []
-        for name, part in found["controllers"].items():
-            for metric, levels in part["metrics"].items():
+        for name, part in found.controllers.items():
+            for metric, levels in part.metrics.items():
                 for level, pair in levels.items():
-                    row = {"metric": metric, "controller": name, "level": level}
-                    for when, cell in pair.items():
-                        row |= {when: cell["value"], f"{when}_low": cell["low"], f"{when}_high": cell["high"]}
+                    row: dict[str, str | float | None] = {"metric": metric, "controller": name, "level": level}
+                    for when, cell in vars(pair).items():
+                        row |= dict(zip((when, f"{when}_low", f"{when}_high"), ends_of(cell), strict=True))
                     rows.append(row)
         table = pd.DataFrame(rows).set_index(["metric", "controller", "level"])
-        table.attrs["effective_flights"] = {n: part["effective_flights"] for n, part in found["controllers"].items()}
+        table.attrs["effective_flights"] = {n: part.effective_flights for n, part in found.controllers.items()}
         return table
 
     @cached_property

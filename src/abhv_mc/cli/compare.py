@@ -46,6 +46,6 @@ def command(
     show(found, json, lambda: print_section(make_comparison(a, b, found)))
     if page is not None:
         say(f"report    {page}", file=beside(json))
-    gates = [gate for pair in found["paired"] for gate in pair["not_worse"].values()]
-    if not all(gate["shown"] for gate in gates):
+    gates = [gate for pair in found.paired for gate in pair.not_worse.values()]
+    if not all(gate.shown for gate in gates):
         raise typer.Exit(ExitCode.FAILED)

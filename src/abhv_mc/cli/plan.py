@@ -1,11 +1,14 @@
 """``abhv-mc plan``: what a campaign can show, before it flies."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from abhv_mc.cli.options import CampaignFile, Json, Runs
 from abhv_mc.cli.outputs import output, output_folder
 from abhv_mc.cli.printing import beside, new_table, print_table, say, show
+
+if TYPE_CHECKING:
+    from abhv_mc.report.pages.planned import PassChance, Planned
 
 
 def command(
@@ -17,44 +20,44 @@ def command(
     """Say how many flights each requirement needs, and how likely it is to PASS at the planned number."""
     from abhv_mc.campaign.file.check import read_campaign
     from abhv_mc.cli.announce import announce_warnings
-    from abhv_mc.report.pages.planned import plan_numbers, write_plan_figure
+    from abhv_mc.report.pages.planned import plan_campaign, write_plan_figure
 
     checked = read_campaign(campaign, runs)
     if not checked.model.requirements:
         raise checked.document.error((), "a campaign without requirements", "requirements that can PASS or FAIL")
-    numbers = plan_numbers(checked)
-    show(numbers, json, lambda: _print(numbers))
-    announce_warnings(numbers["problems"])
+    planned = plan_campaign(checked)
+    show(planned, json, lambda: _print(planned))
+    announce_warnings(planned.problems)
     if out is not None:
-        write_plan_figure(numbers, out / "plan.png")
+        write_plan_figure(planned, out / "plan.png")
         say(f"figure    {out / 'plan.png'}", file=beside(json))
 
 
-def _print(numbers: dict[str, Any]) -> None:
+def _print(planned: "Planned") -> None:
     from abhv_mc.topics.words import percent
 
     share = 0.2
-    place = min(range(len(numbers["rates_over_allowed"])), key=lambda k: abs(numbers["rates_over_allowed"][k] - share))
+    place = min(range(len(planned.rates_over_allowed)), key=lambda k: abs(planned.rates_over_allowed[k] - share))
 
-    def both(chance: dict[str, Any]) -> str:
-        return f"{percent(chance['at_some_flight'][place], 2)} ({percent(chance['at_runs'][place], 2)})"
+    def both(chance: "PassChance") -> str:
+        return f"{percent(chance.at_some_flight[place], 2)} ({percent(chance.at_runs[place], 2)})"
 
-    chances = [f"by {entry['runs']}: PASS *" for entry in numbers["together"]]
+    chances = [f"by {entry.runs}: PASS *" for entry in planned.together]
     heads = ("0 failures", "1", "2", "3", *chances)
-    table = new_table(("requirement",), heads, f"{numbers['name']}: flights needed for PASS")
-    for entry in numbers["requirements"]:
+    table = new_table(("requirement",), heads, f"{planned.name}: flights needed for PASS")
+    for entry in planned.requirements:
         table.add_row(
-            f"{entry['words']} in {percent(entry['probability'])}",
-            *map(str, entry["flights_for_failures"].values()),
-            *map(both, entry["pass_chance"]),
+            f"{entry.words} in {percent(entry.probability)}",
+            *map(str, entry.flights_for_failures.values()),
+            *map(both, entry.pass_chance),
         )
     print_table(table)
     say("*  chance where a fifth of the allowed failures is true: at some flight (and at that number itself)")
-    if len(numbers["requirements"]) > 1:
-        low, high = (percent(numbers["together"][0]["at_some_flight"][end][place], 2) for end in ("low", "high"))
-        say(f"All of them PASS at some flight up to {numbers['runs']} with a chance between {low} and {high} then.")
-    if numbers["family_risk"]:
-        say(f"The chance of any false PASS among all {numbers['verdicts']} verdicts is at most "
-            f"{percent(numbers['family_risk'], 2)}.")  # fmt: skip
-    if not numbers["independent_flights"]:
+    if len(planned.requirements) > 1:
+        low, high = (percent(end[place], 2) for end in vars(planned.together[0].at_some_flight).values())
+        say(f"All of them PASS at some flight up to {planned.runs} with a chance between {low} and {high} then.")
+    if planned.family_risk:
+        say(f"The chance of any false PASS among all {planned.verdicts} verdicts is at most "
+            f"{percent(planned.family_risk, 2)}.")  # fmt: skip
+    if not planned.independent_flights:
         say("Its flights are not independent draws: it gets estimates and no verdict. These numbers are for random.")

@@ -1,12 +1,17 @@
 """``abhv-mc whatif``: a campaign's numbers under other dispersions, without flying."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from abhv_mc.cli.options import Json
 from abhv_mc.cli.printing import new_table, print_table, say, show
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from abhv_mc.report.numbers.whatif import Whatif
 
 
 def command(
@@ -28,31 +33,29 @@ def command(
     show(found, json, lambda: _print(found))
 
 
-def _print(found: dict[str, Any]) -> None:
+def _print(found: "Whatif") -> None:
     from abhv_mc.topics.labels import controller_label
     from abhv_mc.topics.words import bounds, estimate, percent, significant
 
-    for name, after in found["after"].items():
-        say(f"{name}: {_entry(found['before'][name])}  ->  {_entry(after)}")
-    if found["stopped_when_proven"]:
+    for name, after in found.after.items():
+        say(f"{name}: {_entry(found.before[name])}  ->  {_entry(after)}")
+    if found.stopped_when_proven:
         say("The campaign stopped when proven; the intervals do not allow for that.")
-    for name, part in found["controllers"].items():
-        worth = significant(part["effective_flights"])
-        title = f"{controller_label(name)}: {part['flights']} flights, worth {worth} under the changed dispersions"
+    for name, part in found.controllers.items():
+        worth = significant(part.effective_flights)
+        title = f"{controller_label(name)}: {part.flights} flights, worth {worth} under the changed dispersions"
         table = new_table(("",), ("quantile", "as flown", "changed"), title)
-        for metric in found["asked"]:
-            for level, pair in part["metrics"].get(metric, {}).items():
-                label = found["words"][metric]["label"] if level == "q50" else ""
-                cells = [
-                    f"{estimate(cell)} ({bounds(cell) or 'no bounds'})" for cell in (pair["before"], pair["after"])
-                ]
+        for metric in found.asked:
+            for level, pair in part.metrics.get(metric, {}).items():
+                label = found.words[metric]["label"] if level == "q50" else ""
+                cells = [f"{estimate(cell)} ({bounds(cell) or 'no bounds'})" for cell in (pair.before, pair.after)]
                 table.add_row(label, f"{level[1:]} %", *cells)
-        for entry in part["requirements"]:
-            pair = entry["failure_share"]["before"], entry["failure_share"]["after"]
-            cells = [f"{percent(cell['value'])} ({percent(cell['low'])} to {percent(cell['high'])})" for cell in pair]
-            table.add_row(f"Failed: {entry['words']}", "", *cells)
+        for entry in part.requirements:
+            shares = entry.failure_share.before, entry.failure_share.after
+            cells = [f"{percent(cell.value)} ({percent(cell.low)} to {percent(cell.high)})" for cell in shares]
+            table.add_row(f"Failed: {entry.words}", "", *cells)
         print_table(table)
 
 
-def _entry(entry: dict[str, Any]) -> str:
+def _entry(entry: "Mapping[str, object]") -> str:
     return ", ".join(f"{key} {value}" for key, value in entry.items())

@@ -7,7 +7,7 @@ The risks below follow from `benchmarks/gate.py`.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -34,11 +34,11 @@ class Gate:
     loses_more: bool
     misses_more: tuple[int, ...]  # requirements, by their place
 
-    @property
-    def shown(self) -> bool:
-        """Whether `b` passes."""
+    shown: bool = field(init=False)  # whether `b` passes
+
+    def __post_init__(self) -> None:
         stopped = self.worse_tails or self.worst_doubled or self.loses_more or self.misses_more
-        return self.within_low > 0.5 and not stopped
+        object.__setattr__(self, "shown", self.within_low > 0.5 and not stopped)
 
 
 def judge_change(

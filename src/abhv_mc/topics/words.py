@@ -1,8 +1,7 @@
 """Numbers as text, to the digits that their Monte Carlo error allows."""
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from abhv_mc.statistics.estimates import Interval
 
@@ -31,19 +30,16 @@ def significant(value: float | None, digits: int = 3) -> str:
     return fixed(value, digits - 1 - math.floor(math.log10(abs(value))))
 
 
-def _ends(interval: Interval | Mapping[str, Any]) -> tuple[float | None, float | None, float | None]:
+def ends_of(interval: Interval) -> tuple[float | None, float | None, float | None]:
     """Value, low and high end; None for what is missing or open."""
-    if isinstance(interval, Interval):
-        interval = {"value": interval.value, "low": interval.low, "high": interval.high}
-    value, low, high = (
-        end if (end := interval[key]) is not None and math.isfinite(end) else None for key in ("value", "low", "high")
-    )
+    ends = interval.value, interval.low, interval.high
+    value, low, high = (end if math.isfinite(end) else None for end in ends)
     return value, low, high
 
 
-def half_width(interval: Interval | Mapping[str, Any]) -> float | None:
+def half_width(interval: Interval) -> float | None:
     """Half the width of an interval (value, low, high); from one side where the other is open."""
-    value, low, high = _ends(interval)
+    value, low, high = ends_of(interval)
     if value is None:
         return None
     if low is not None and high is not None:
@@ -52,9 +48,9 @@ def half_width(interval: Interval | Mapping[str, Any]) -> float | None:
     return None if end is None else abs(float(value - end))
 
 
-def _places(interval: Interval | Mapping[str, Any]) -> int | None:
+def _places(interval: Interval) -> int | None:
     """Decimal places for an interval: its width's first digit, within one and four digits of its largest number."""
-    (value, low, high), error = _ends(interval), half_width(interval)
+    (value, low, high), error = ends_of(interval), half_width(interval)
     if value is None or not error:
         return None
     largest = max(abs(end) for end in (value, low, high) if end is not None)
@@ -66,16 +62,16 @@ def _places(interval: Interval | Mapping[str, Any]) -> int | None:
     return places
 
 
-def estimate(interval: Interval | Mapping[str, Any]) -> str:
+def estimate(interval: Interval) -> str:
     """The value of an interval to the digits its width allows, four at most."""
     places = _places(interval)
-    value = _ends(interval)[0]
+    value = ends_of(interval)[0]
     return significant(value) if places is None or value is None else fixed(value, places)
 
 
-def bounds(interval: Interval | Mapping[str, Any]) -> str:
+def bounds(interval: Interval) -> str:
     """The ends of an interval, to the digits of its value; says where an end is open."""
-    places, (value, low, high) = _places(interval), _ends(interval)
+    places, (value, low, high) = _places(interval), ends_of(interval)
     if value is None or (low is None and high is None):
         return ""
 

@@ -47,29 +47,29 @@ def flown(tmp_path_factory):
 def agree(found, fresh, metrics=("altitude_error_max_m", "speed_error_max_mps", "fuel_used_kg")):
     """Every interval of the fresh campaign overlaps the one from the re-weighted flights."""
     numbers = make_numbers(Models(read_results(fresh)))
-    for name, part in found["controllers"].items():
+    for name, part in found.controllers.items():
         for metric in metrics:
             for level in ("q50", "q95"):
                 after, there = (
-                    part["metrics"][metric][level]["after"],
+                    part.metrics[metric][level].after,
                     numbers["metrics"]["table"][metric]["controllers"][name]["quantiles"],
                 )
-                assert after["low"] <= there[level]["high"] and there[level]["low"] <= after["high"], (metric, level)
-            assert after != part["metrics"][metric]["q95"]["before"]
+                assert after.low <= there[level]["high"] and there[level]["low"] <= after.high, (metric, level)
+            assert after != part.metrics[metric]["q95"].before
         share, verdict = (
-            part["requirements"][0]["failure_share"],
+            part.requirements[0].failure_share,
             numbers["verdicts"]["requirements"][0]["controllers"][name],
         )
         low, high = clopper_pearson(verdict["failures"], verdict["flights"])
-        assert share["after"]["low"] <= high and low <= share["after"]["high"]
+        assert share.after.low <= high and low <= share.after.high
 
 
 def test_it_agrees_with_a_fresh_campaign(flown, tmp_path):
     found = make_whatif(flown, parse_settings(["atmosphere.density.half_width=6%", "aero.lift.sigma=4 %"]))
     agree(found, fly(tmp_path, "6 %", "4 %", seed="77"))
-    part = found["controllers"]["one"]
-    assert 0.5 * 1500 < part["effective_flights"] < 0.65 * 1500 and part["unseen"] < 1e-3
-    assert found["after"]["atmosphere.density"] == {"distribution": "uniform", "half_width": "6%"}
+    part = found.controllers["one"]
+    assert 0.5 * 1500 < part.effective_flights < 0.65 * 1500 and part.unseen < 1e-3
+    assert found.after["atmosphere.density"] == {"distribution": "uniform", "half_width": "6%"}
 
 
 def test_weights_are_the_ratio_of_the_joint_densities(tmp_path):
@@ -93,11 +93,11 @@ def test_weights_are_the_ratio_of_the_joint_densities(tmp_path):
 
 
 def test_the_same_laws_change_nothing(flown):
-    part = make_whatif(flown, parse_settings(["aero.lift.sigma=5 %"]))["controllers"]["two"]
-    assert part["effective_flights"] == pytest.approx(1500)
+    part = make_whatif(flown, parse_settings(["aero.lift.sigma=5 %"])).controllers["two"]
+    assert part.effective_flights == pytest.approx(1500)
     for level in ("q50", "q95"):
-        pair = part["metrics"]["fuel_used_kg"][level]
-        assert pair["after"]["value"] == pytest.approx(pair["before"]["value"], rel=1e-12)
+        pair = part.metrics["fuel_used_kg"][level]
+        assert pair.after.value == pytest.approx(pair.before.value, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -133,7 +133,7 @@ def test_discrete_choices_are_weighed_by_their_probabilities(tmp_path):
     counts = {value: np.sum(lift == value) for value in (0.9, 1.1)}
     weights = np.array([0.75, 0.25])
     expected = sum(weights * list(counts.values())) ** 2 / sum(weights**2 * list(counts.values()))
-    assert found["controllers"]["one"]["effective_flights"] == pytest.approx(expected)
+    assert found.controllers["one"].effective_flights == pytest.approx(expected)
 
 
 def test_the_command(flown):

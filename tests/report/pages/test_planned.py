@@ -7,14 +7,17 @@ from fake_flight import write_campaign
 from scipy.stats import binom
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.report.pages.planned import plan_numbers
+from abhv_mc.report.pages.planned import plan_campaign
+from abhv_mc.topics.plain import plain
 
 TWO = "[{metric: altitude_error_max_m, below: 50, probability: 0.9973}, \
 {metric: sideslip_max_deg, below: 1, probability: 0.99}]"
 
 
 def plan(folder, **entries):
-    return plan_numbers(read_campaign(write_campaign(folder, **{"requirements": TWO, "runs": "1000", **entries})))
+    return plain(
+        plan_campaign(read_campaign(write_campaign(folder, **{"requirements": TWO, "runs": "1000", **entries})))
+    )
 
 
 def test_flights_for_failures_and_chances(tmp_path):

@@ -1,9 +1,8 @@
 """Two campaigns flown on the same samples, compared flight by flight."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -14,11 +13,37 @@ from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.results import Results, read_results
 from abhv_mc.io.documents import InputError, Refusal, one_of
 from abhv_mc.io.units import parse_in_unit
-from abhv_mc.statistics.gate import judge_change
-from abhv_mc.topics.comparison.model import compare_any_failures, compare_pair
+from abhv_mc.statistics.gate import Gate, judge_change
+from abhv_mc.statistics.paired import PairedFailures
+from abhv_mc.topics.comparison.model import ControllerPair, compare_any_failures, compare_pair
 from abhv_mc.topics.failed_flights import requirement_failures, requirement_words
-from abhv_mc.topics.plain import plain
 from abhv_mc.topics.words import percent, significant
+
+
+@dataclass(frozen=True, kw_only=True)
+class CampaignPair(ControllerPair):
+    """A controller of one campaign against one of the other."""
+
+    controllers: tuple[str, str]
+    any_failure: PairedFailures  # of a requirement, or an early end
+    not_worse: Mapping[str, Gate]  # by metric
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Two campaigns, flight by flight."""
+
+    requirements: tuple[str, ...]  # in words, as the pairs list them
+    words: Mapping[str, Mapping[str, str]]  # of each metric
+    paired: tuple[CampaignPair, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Baseline(Compared):
+    """A campaign against an earlier one."""
+
+    folder: str
+    digest: str | None
 
 
 def require_same_samples(mine: Mapping[str, Floats], theirs: Mapping[str, Floats], folder: Path, path: Path) -> None:
@@ -81,7 +106,7 @@ def read_compared(folder_a: Path, folder_b: Path) -> tuple[Results, Results]:
 
 def compare_results(
     a: Results, b: Results, controllers: Sequence[str] = (), margins: Mapping[str, float] | None = None
-) -> dict[str, Any]:
+) -> Compared:
     """Compare each controller that both campaigns flew, on the same samples; requirements and metrics are those of `a`.
 
     `controllers` names two to compare across, the first campaign's and the second's. Where the numbers of flights
@@ -105,15 +130,12 @@ def compare_results(
             gates = {
                 metric: _gate(*flights, metric, margin, requirements) for metric, margin in (margins or {}).items()
             }
-            failed = plain(compare_any_failures(*flights, requirements))
-            pairs.append({**plain(found), "controllers": [one, other], "any_failure": failed, "not_worse": gates})
+            failed = compare_any_failures(*flights, requirements)
+            pairs.append(CampaignPair(**vars(found), controllers=(one, other), any_failure=failed, not_worse=gates))
     if not pairs:
         raise InputError(b.folder, "no flight that both campaigns flew", f"flights of {a.folder}")
-    return {
-        "requirements": [requirement_words(item, records) for item in requirements],
-        "words": {name: records[name].as_words() for name in metrics},
-        "paired": pairs,
-    }
+    asked = tuple(requirement_words(item, records) for item in requirements)
+    return Compared(asked, {name: records[name].as_words() for name in metrics}, tuple(pairs))
 
 
 def sides(a: Results, b: Results, one: str, other: str) -> tuple[ControllerFlights, ControllerFlights]:
@@ -121,40 +143,37 @@ def sides(a: Results, b: Results, one: str, other: str) -> tuple[ControllerFligh
     return a.flights[one], replace(b.flights[other], records=a.campaign.metrics)
 
 
-def baseline_numbers(results: Results, baseline: Path) -> dict[str, Any]:
+def compare_baseline(results: Results, baseline: Path) -> Baseline:
     """A campaign against an earlier one on the same samples, as its report holds it. Raises InputError."""
     held = read_results(baseline)
     require_same_samples(held.samples, results.samples, baseline, CampaignFolder(results.folder).samples)
     found = compare_results(results, held)
     held.refuse_changes()
-    return {"folder": baseline.as_posix(), "digest": held.manifest.digest, **found}
+    return Baseline(**vars(found), folder=baseline.as_posix(), digest=held.manifest.digest)
 
 
-def gate_words(pair: Mapping[str, Any], metric: str, b: str, requirements: Sequence[str]) -> str:
+def gate_words(pair: CampaignPair, metric: str, b: str, requirements: Sequence[str]) -> str:
     """What a metric's gate says of the second one, called ``b``; the requirements of the comparison are in words."""
-    gate, worst = pair["not_worse"][metric], pair["metrics"][metric]["worst"]
-    words = (
-        f"{b} {'passes' if gate['shown'] else 'is stopped'}: {'' if gate['within_low'] > 0.5 else 'NOT '}shown to be"
-    )
-    words += f" at most {100.0 * gate['margin']:g} % worse on more than half of the flights (on {gate['within']} of "
-    words += f"{gate['pairs']} flown; with 95 % confidence on at least {percent(gate['within_low'], 2)} of all)"
-    reasons = [f"its {100.0 * level:.4g} % quantile is shown to be worse by more" for level in gate["worse_tails"]]
-    if gate["worst_doubled"]:
+    gate, worst = pair.not_worse[metric], pair.metrics[metric].worst
+    words = f"{b} {'passes' if gate.shown else 'is stopped'}: {'' if gate.within_low > 0.5 else 'NOT '}shown to be"
+    words += f" at most {100.0 * gate.margin:g} % worse on more than half of the flights (on {gate.within} of "
+    words += f"{gate.pairs} flown; with 95 % confidence on at least {percent(gate.within_low, 2)} of all)"
+    reasons = [f"its {100.0 * level:.4g} % quantile is shown to be worse by more" for level in gate.worse_tails]
+    if gate.worst_doubled:
         reasons.append(f"its worst flight has {significant(worst[1])}, against {significant(worst[0])}")
-    reasons += ["it loses more flights"] if gate["loses_more"] else []
-    reasons += [f"it misses {requirements[k]} more often" for k in gate["misses_more"]]
+    reasons += ["it loses more flights"] if gate.loses_more else []
+    reasons += [f"it misses {requirements[k]} more often" for k in gate.misses_more]
     return "; ".join([words, *reasons])
 
 
 def _gate(
     a: ControllerFlights, b: ControllerFlights, metric: str, margin: float, requirements: Sequence[Requirement]
-) -> dict[str, Any]:
+) -> Gate:
     """What stops `b`, which may be so much worse."""
     rows_a, rows_b = common_rows(a, b)
     values = distances(a, metric, rows_a), distances(b, metric, rows_b)
     missed = [(requirement_failures(a, item)[rows_a], requirement_failures(b, item)[rows_b]) for item in requirements]
-    found = judge_change(*values, (a.failed[rows_a], b.failed[rows_b]), missed, margin)
-    return {**plain(found), "shown": found.shown}
+    return judge_change(*values, (a.failed[rows_a], b.failed[rows_b]), missed, margin)
 
 
 def _pairs(a: Results, b: Results, controllers: Sequence[str]) -> Iterator[tuple[str, str]]:

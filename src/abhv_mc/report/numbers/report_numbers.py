@@ -4,10 +4,9 @@ The same folder gives the same numbers to the last bit: seeds are fixed and noth
 Infinite and missing values are None.
 """
 
-from pathlib import Path
 from typing import Any
 
-from abhv_mc.report.numbers.compare import baseline_numbers
+from abhv_mc.report.numbers.compare import Baseline
 from abhv_mc.topics.margins import MARGINS
 from abhv_mc.topics.margins.sentences import missing_margins
 from abhv_mc.topics.plain import plain
@@ -17,11 +16,8 @@ from abhv_mc.topics.topic import Models
 FORMAT = 2
 
 
-def make_numbers(models: Models, baseline: Path | None = None) -> dict[str, Any]:
-    """All numbers of the report of a campaign, as JSON holds them; those of a ``baseline`` folder beside where given.
-
-    Raises InputError for a baseline whose flights do not pair with the campaign's.
-    """
+def make_numbers(models: Models, baseline: Baseline | None = None) -> dict[str, Any]:
+    """All numbers of the report of a campaign, as JSON holds them; those against a ``baseline`` where given."""
     manifest, users = models.results.manifest, user_topics()
     return {
         "format": FORMAT,
@@ -30,7 +26,7 @@ def make_numbers(models: Models, baseline: Path | None = None) -> dict[str, Any]
         "warnings": warnings_of(models),
         **{topic.name: plain(models[topic]) for topic in BUILT_IN},
         **({"topics": {topic.name: plain(models[topic]) for topic in users}} if users else {}),
-        **({"baseline": baseline_numbers(models.results, baseline)} if baseline else {}),
+        **({"baseline": plain(baseline)} if baseline else {}),
     }
 
 

@@ -1,6 +1,7 @@
 """What a campaign's numbers would be under other dispersions, from the flights that were flown."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +18,54 @@ from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantile
 from abhv_mc.statistics.reweight import Unseen, effective_size, weighted_quantile, weighted_share
 from abhv_mc.topics.failed_flights import requirement_failures, requirement_words
-from abhv_mc.topics.plain import level_name, plain
+from abhv_mc.topics.plain import level_name
 
 FEWEST_EFFECTIVE = 100.0  # flights
 MOST_UNSEEN = 0.01  # probability of values that no flight had
 
 
-def make_whatif(root: Path, settings: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Pair:
+    """A number as flown, and with other settings."""
+
+    before: Interval
+    after: Interval
+
+
+@dataclass(frozen=True)
+class WhatifRequirement:
+    """How often a requirement fails."""
+
+    metric: str
+    words: str
+    probability: float
+    failure_share: Pair
+
+
+@dataclass(frozen=True)
+class WhatifController:
+    """The flights of one controller, and what they are worth under other settings."""
+
+    flights: int
+    effective_flights: float
+    unseen: float  # probability of values that no flight had
+    requirements: tuple[WhatifRequirement, ...]
+    metrics: Mapping[str, Mapping[str, Pair]]  # by metric and level
+
+
+@dataclass(frozen=True)
+class Whatif:
+    """A campaign under other settings of its dispersions."""
+
+    before: Mapping[str, Mapping[str, object]]
+    after: Mapping[str, Mapping[str, object]]
+    stopped_when_proven: bool
+    asked: tuple[str, ...]
+    words: Mapping[str, Mapping[str, str]]
+    controllers: Mapping[str, WhatifController]
+
+
+def make_whatif(root: Path, settings: Mapping[str, Mapping[str, Any]]) -> Whatif:
     """Quantiles of every metric and failures of every requirement, as flown and with other settings of dispersions.
 
     ``settings`` maps parameters to keys of their entries in the campaign file. Raises InputError where the flights do
@@ -40,22 +82,17 @@ def make_whatif(root: Path, settings: Mapping[str, Mapping[str, Any]]) -> dict[s
         weights = weigh_flights(campaign, change, rows)
         effective, unseen = effective_size(weights), unseen_probability(campaign, change, rows)
         _refuse_too_little(root, effective, unseen, flights)
-        controllers[name] = {
-            "flights": int(flights.flight.size),
-            "effective_flights": effective,
-            "unseen": unseen.joint,
-            "requirements": _requirements(results, flights, weights, unseen.joint),
-            "metrics": _metrics(results, flights, weights, unseen.joint),
-        }
+        controllers[name] = WhatifController(
+            int(flights.flight.size),
+            effective,
+            unseen.joint,
+            tuple(_requirements(results, flights, weights, unseen.joint)),
+            dict(_metrics(results, flights, weights, unseen.joint)),
+        )
     results.refuse_changes()
-    return {
-        "before": plain(change.before),
-        "after": plain(change.after),
-        "stopped_when_proven": campaign.model.stop is not None,
-        "asked": list(results.compared),
-        "words": {name: results.campaign.metrics[name].as_words() for name in results.metrics},
-        "controllers": controllers,
-    }
+    words = {name: results.campaign.metrics[name].as_words() for name in results.metrics}
+    stopped = campaign.model.stop is not None
+    return Whatif(change.before, change.after, stopped, results.compared, words, controllers)
 
 
 def _refuse_too_little(root: Path, effective: float, unseen: Unseen, flights: ControllerFlights) -> None:
@@ -70,31 +107,29 @@ def _refuse_too_little(root: Path, effective: float, unseen: Unseen, flights: Co
         raise InputError(root, found, f"{expected} campaign")
 
 
-def _requirements(results: Results, flights: ControllerFlights, weights: Floats, unseen: float) -> list[dict[str, Any]]:
-    listed = []
+def _requirements(
+    results: Results, flights: ControllerFlights, weights: Floats, unseen: float
+) -> Iterator[WhatifRequirement]:
     for item in results.campaign.requirements:
         failed = requirement_failures(flights, item)
         count = int(failed.sum())
         before = Interval(count / failed.size, *clopper_pearson(count, failed.size))
-        after = weighted_share(failed, weights, unseen)
-        entry = {
-            "metric": item.metric,
-            "words": requirement_words(item, flights.records),
-            "probability": item.probability,
-        }
-        listed.append(entry | {"failure_share": {"before": plain(before), "after": plain(after)}})
-    return listed
+        shares = Pair(before, weighted_share(failed, weights, unseen))
+        yield WhatifRequirement(item.metric, requirement_words(item, flights.records), item.probability, shares)
 
 
-def _metrics(results: Results, flights: ControllerFlights, weights: Floats, unseen: float) -> dict[str, Any]:
-    table = {}
+def _metrics(
+    results: Results, flights: ControllerFlights, weights: Floats, unseen: float
+) -> Iterator[tuple[str, dict[str, Pair]]]:
     for metric in results.metrics:
         values, sense = severities(flights, metric), flights.records[metric].bad
-        table[metric] = {
-            level_name(level): {
-                "before": plain(quantile(values, level).in_sense(sense)),
-                "after": plain(weighted_quantile(values, weights, level, unseen).in_sense(sense)),
-            }
-            for level in LEVELS
-        }
-    return table
+        yield (
+            metric,
+            {
+                level_name(level): Pair(
+                    quantile(values, level).in_sense(sense),
+                    weighted_quantile(values, weights, level, unseen).in_sense(sense),
+                )
+                for level in LEVELS
+            },
+        )

@@ -13,6 +13,7 @@ from abhv_mc.folder.layout import CampaignFolder, hash_file
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.results import read_results
 from abhv_mc.folder.seeds import name_siblings
+from abhv_mc.report.numbers.compare import compare_baseline
 
 
 def hash_files(folder: Path) -> dict[str, str]:
@@ -104,7 +105,8 @@ def build_report(folder: Path, baseline: Path | None = None, svg: bool = False) 
     key = make_key(folder, baseline)  # as it is now: a run may go on meanwhile
     results = read_results(folder)
     models = Models(results)
-    numbers = {**make_numbers(models, baseline), "files": hash_files(folder)}
+    held = compare_baseline(results, baseline) if baseline else None
+    numbers = {**make_numbers(models, held), "files": hash_files(folder)}
     figures_folder = folder / "figures"
     figures_folder.mkdir(exist_ok=True)
     figures, failed = [], []
@@ -124,7 +126,7 @@ def build_report(folder: Path, baseline: Path | None = None, svg: bool = False) 
         if stale not in kept:
             stale.unlink(missing_ok=True)  # another report of this folder may do the same
     page = folder / "report.html"
-    write_text(page, make_page(models, figures, failed, numbers.get("baseline")))
+    write_text(page, make_page(models, figures, failed, held))
     if results.campaign.requirements:
         write_text(CampaignFolder(folder).matrix, make_matrix(models[VERDICTS], results.campaign.metrics))
     report = folder / "report.json"

@@ -1,31 +1,32 @@
 """The page of a paired comparison: gates, who is better in what and by how much, the flights that only one loses."""
 
+import math
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from abhv_mc.flight.metrics import SURFACE_USAGE
 from abhv_mc.folder.results import Results
 from abhv_mc.report.figures.paired import DifferencePanel, plot_differences
-from abhv_mc.report.numbers.compare import gate_words, sides
+from abhv_mc.report.numbers.compare import CampaignPair, Compared, gate_words, sides
 from abhv_mc.report.pages.answer_page import Answer, make_table, write_answer_page
+from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.comparison.model import metric_differences
 from abhv_mc.topics.figure_style import CYCLE
 from abhv_mc.topics.labels import controller_label
 from abhv_mc.topics.section import Bullets, FigureText, Item, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
-from abhv_mc.topics.words import bounds, count_of, estimate, fixed, joined, p_value, significant
+from abhv_mc.topics.words import bounds, count_of, ends_of, estimate, fixed, joined, p_value, significant
 
 _EARLY = "reached the end of the mission"
 _NAMED = 3  # metrics without a difference, told by name
 Labels = tuple[str, str, str]  # how the pair, its first and its second one are called
 
 
-def write_compare_page(a: Results, b: Results, found: Mapping[str, Any], folder: Path) -> Path:
+def write_compare_page(a: Results, b: Results, found: Compared, folder: Path) -> Path:
     """Write `report.html` and `figures/differences.png` of what :func:`compare_results` found into ``folder``."""
-    parts = [(_labels(a, b, pair), pair) for pair in found["paired"]]
+    parts = [(_labels(a, b, pair), pair) for pair in found.paired]
     named = [labels for labels, _ in parts]
     one, other = ("", "") if a.folder == b.folder else _folder_names(a, b)
     title = f"{one} against {other}" if one else joined([labels[0] for labels in named])
@@ -36,11 +37,11 @@ def write_compare_page(a: Results, b: Results, found: Mapping[str, Any], folder:
     return write_answer_page(Answer(title, f"Paired comparison · {question}", section), drawn, folder / "report.html")
 
 
-def make_comparison(a: Results, b: Results, found: Mapping[str, Any]) -> Section:
+def make_comparison(a: Results, b: Results, found: Compared) -> Section:
     """Sentences and tables of what :func:`compare_results` found."""
     answers: list[str] = []
     tables: list[Item] = []
-    for pair in found["paired"]:
+    for pair in found.paired:
         labels = _labels(a, b, pair)
         answers += _sentences(pair, found, labels, a.campaign.independent)
         if not _is_same(pair):
@@ -52,24 +53,24 @@ def make_comparison(a: Results, b: Results, found: Mapping[str, Any]) -> Section
     return Section("Answer", (Bullets(tuple(answers)), Picture("differences"), *tables))
 
 
-def _is_same(pair: Mapping[str, Any]) -> bool:
+def _is_same(pair: CampaignPair) -> bool:
     """Whether no flight differs in any metric, nor in what it fails."""
-    differ = any(entry["a_better"] or entry["b_better"] for entry in pair["metrics"].values())
-    return not differ and not pair["any_failure"]["only_a"] and not pair["any_failure"]["only_b"]
+    differ = any(entry.a_better or entry.b_better for entry in pair.metrics.values())
+    return not differ and not pair.any_failure.only_a and not pair.any_failure.only_b
 
 
-def _provenance(a: Results, b: Results, found: Mapping[str, Any], folder: Path) -> Table:
+def _provenance(a: Results, b: Results, found: Compared, folder: Path) -> Table:
     """Which flights were compared, and how again."""
     rows = [
         [str(each.folder), str(each.campaign.seed), fixed(each.manifest.runs_done, 0), str(each.manifest.digest)]
         for each in ((a,) if a.folder == b.folder else (a, b))
     ]
-    across = next((pair["controllers"] for pair in found["paired"] if len(set(pair["controllers"])) > 1), None)
+    across = next((pair.controllers for pair in found.paired if len(set(pair.controllers)) > 1), None)
     words = ["abhv-mc", "compare", str(a.folder), str(b.folder), "-o", str(folder)]
     words += ["--controllers", ",".join(across)] if across else []
-    for pair in found["paired"][:1]:
-        for metric, gate in pair["not_worse"].items():
-            words += ["--fail-if-worse", f"{metric}={100.0 * gate['margin']:g}%"]
+    for pair in found.paired[:1]:
+        for metric, gate in pair.not_worse.items():
+            words += ["--fail-if-worse", f"{metric}={100.0 * gate.margin:g}%"]
     heads = ("folder", "seed", "flights", "digest of its flights")
     return make_table("What was compared", f"This page again: `{shlex.join(words)}`", heads, rows)
 
@@ -80,8 +81,8 @@ def _folder_names(a: Results, b: Results) -> tuple[str, str]:
     return (str(one), str(other)) if one.name == other.name else (one.name, other.name)
 
 
-def _labels(a: Results, b: Results, pair: Mapping[str, Any]) -> Labels:
-    one, other = map(controller_label, pair["controllers"])
+def _labels(a: Results, b: Results, pair: CampaignPair) -> Labels:
+    one, other = map(controller_label, pair.controllers)
     if a.folder.resolve() == b.folder.resolve():
         return f"{one} against {other}", one, other
     first, second = _folder_names(a, b)
@@ -90,86 +91,84 @@ def _labels(a: Results, b: Results, pair: Mapping[str, Any]) -> Labels:
     return f"{first} ({one}) against {second} ({other})", f"{first} ({one})", f"{second} ({other})"
 
 
-def _sentences(pair: Mapping[str, Any], of: Mapping[str, Any], labels: Labels, independent: bool) -> list[str]:
-    (title, a, b), words = labels, of["words"]
+def _sentences(pair: CampaignPair, of: Compared, labels: Labels, independent: bool) -> list[str]:
+    (title, a, b), words = labels, of.words
     found = [
-        f"{title}, {words[metric]['phrase']}: {gate_words(pair, metric, b, of['requirements'])}."
-        for metric in pair["not_worse"]
+        f"{title}, {words[metric]['phrase']}: {gate_words(pair, metric, b, of.requirements)}."
+        for metric in pair.not_worse
     ]
     if _is_same(pair):
-        return [*found, f"{title}: the same in all {fixed(pair['pairs'], 0)} flights, in every metric."]
+        return [*found, f"{title}: the same in all {fixed(pair.pairs, 0)} flights, in every metric."]
     parts = standing_words(pair, words, a, b) if independent else "no winner is named: the flights are not independent"
-    found.append(f"{title}, on the same {fixed(pair['pairs'], 0)} flights: {parts}.")
-    failed = pair["any_failure"]
-    if failed["only_a"] or failed["only_b"]:
+    found.append(f"{title}, on the same {fixed(pair.pairs, 0)} flights: {parts}.")
+    failed = pair.any_failure
+    if failed.only_a or failed.only_b:
         found.append(
-            f"{title}: {fixed(failed['only_a'], 0)} flights fail under {a} alone, {fixed(failed['only_b'], 0)} under "
-            f"{b} alone, {fixed(failed['both'], 0)} under both (McNemar p {p_value(failed['p_value'])})."
+            f"{title}: {fixed(failed.only_a, 0)} flights fail under {a} alone, {fixed(failed.only_b, 0)} under "
+            f"{b} alone, {fixed(failed.both, 0)} under both (McNemar p {p_value(failed.p_value)})."
         )
     else:
-        found.append(f"{title}: no flight fails under one alone, {fixed(failed['both'], 0)} under both.")
+        found.append(f"{title}: no flight fails under one alone, {fixed(failed.both, 0)} under both.")
     return found
 
 
-def standing_words(pair: Mapping[str, Any], words: Mapping[str, Any], a: str, b: str) -> str:
+def standing_words(pair: CampaignPair, words: Mapping[str, Mapping[str, str]], a: str, b: str) -> str:
     """'A is better in ... (worst 1.2 deg, against 3.4), B in ...; undecided in ...; no difference is shown in ...', of
     the compared metrics."""
-    found: dict[str, list[str]] = {pair["a"]: [], pair["b"]: [], "mixed": [], "": []}
-    for metric, entry in pair["metrics"].items():
-        if entry["compared"]:
-            text, won = words[metric]["phrase"], "mixed" if entry["mixed"] else entry["winner"] or ""
-            if entry["winner"]:
-                own, other = map(significant, entry["worst"][:: 1 if won == pair["a"] else -1])
+    found: dict[str, list[str]] = {pair.a: [], pair.b: [], "mixed": [], "": []}
+    for metric, entry in pair.metrics.items():
+        if entry.compared:
+            text, won = words[metric]["phrase"], "mixed" if entry.mixed else entry.winner or ""
+            if entry.winner:
+                own, other = map(significant, entry.worst[:: 1 if won == pair.a else -1])
                 text += f" (worst {own} {words[metric]['unit'].removeprefix('-')}".rstrip() + f", against {other})"
             found[won].append(text)
     if len(found[""]) > _NAMED:
         told = any(found[side] for side in found if side)
         found[""] = [f"{'the other' if told else 'any of the'} {len(found[''])} metrics compared"]
     undecided = "undecided (the tails or lost flights contradict) in"
-    heads = {pair["a"]: f"{a} is better in", pair["b"]: f"{b} is better in", "mixed": undecided}
+    heads = {pair.a: f"{a} is better in", pair.b: f"{b} is better in", "mixed": undecided}
     heads[""] = "no difference is shown in"
     return "; ".join(f"{heads[side]} {joined(named)}" for side, named in found.items() if named)
 
 
-def _with_bounds(interval: Mapping[str, Any]) -> str:
+def _with_bounds(interval: Interval) -> str:
     ends = bounds(interval)
     return f"{estimate(interval)} ({ends})" if ends else estimate(interval)
 
 
-def _tables(
-    pair: Mapping[str, Any], found: Mapping[str, Any], labels: Labels, folders: tuple[Path, Path]
-) -> Iterator[Table]:
+def _tables(pair: CampaignPair, found: Compared, labels: Labels, folders: tuple[Path, Path]) -> Iterator[Table]:
     title, a, b = labels
-    words = found["words"]
+    words = found.words
     rows = []
-    for metric, entry in sorted(pair["metrics"].items(), key=lambda item: not item[1]["compared"]):
-        won = "mixed" if entry["mixed"] else {pair["a"]: a, pair["b"]: b}.get(entry["winner"], "neither")
-        ends = entry["median_difference"], entry["quantile_differences"]["q95"]
+    for metric, entry in sorted(pair.metrics.items(), key=lambda item: not item[1].compared):
+        won = "mixed" if entry.mixed else {pair.a: a, pair.b: b}.get(entry.winner or "", "neither")
+        ends = entry.median_difference, entry.quantile_differences["q95"]
         levels = [_with_bounds(each) for each in ends]
-        counts = [fixed(entry[key], 0) for key in ("a_better", "b_better")]
-        gain = entry["pairing_gain"]
-        counts.append(f"{significant(gain, 2)} times" if gain and gain >= 1.05 else "none")
-        rows.append([words[metric]["label_with_unit"], *levels, *counts, won if entry["compared"] else ""])
+        counts = [fixed(count, 0) for count in (entry.a_better, entry.b_better)]
+        gain = entry.pairing_gain
+        counts.append(f"{significant(gain, 2)} times" if gain and 1.05 <= gain < math.inf else "none")
+        rows.append([words[metric]["label_with_unit"], *levels, *counts, won if entry.compared else ""])
     apart = "median difference (95 %)", "of 95 % quantiles (95 %)"
     heads = ("metric", *apart, f"{a} better", f"{b} better", "pairing gain", "better")
     caption = (
-        f"{a} minus {b}, over {fixed(pair['pairs'], 0)} flights; a dash: more flights were lost than lie beyond the "
+        f"{a} minus {b}, over {fixed(pair.pairs, 0)} flights; a dash: more flights were lost than lie beyond the "
         "quantile. A winner is named in what is asked and in control usage, allowing for all of these. Pairing gain: "
         "an unpaired comparison of the means would need this many times the flights."
     )
     yield make_table(f"{title}: differences", caption, heads, rows)
-    yield _failure_table(pair, found["requirements"], labels)
-    if lost := _lost_rows(pair, found["requirements"], labels, folders):
+    yield _failure_table(pair, found.requirements, labels)
+    if lost := _lost_rows(pair, found.requirements, labels, folders):
         caption = "Of each requirement and side the first ten; each is flown again, bit for bit, by the command."
         columns = ("flight", "fails under", "and not under", "what", "flown again by")
         yield make_table(f"{title}: flights that only one fails", caption, columns, lost)
     usage = [
         [
             words[metric]["label"],
-            *(_with_bounds(entry[key]) for key in ("error_ratio", "usage_ratio")),
-            *(count_of(entry[f"less_error_{use}_usage"], entry["pairs"]) for use in ("less", "more")),
+            *(_with_bounds(each) for each in (entry.error_ratio, entry.usage_ratio)),
+            *(count_of(count, entry.pairs) for count in (entry.less_error_less_usage, entry.less_error_more_usage)),
         ]
-        for metric, entry in pair["usage"].items()
+        for metric, entry in pair.usage.items()
         if entry
     ]
     if usage:
@@ -180,11 +179,15 @@ def _tables(
         yield make_table(f"{title}: error against surface usage", caption, columns, usage)
 
 
-def _failure_table(pair: Mapping[str, Any], requirements: list[str], labels: Labels) -> Table:
+def _failure_table(pair: CampaignPair, requirements: Sequence[str], labels: Labels) -> Table:
     title, a, b = labels
     rows = [
-        [words, *(fixed(entry[key], 0) for key in ("only_a", "only_b", "both", "neither")), p_value(entry["p_value"])]
-        for words, entry in zip([*requirements, _EARLY], [*pair["requirements"], pair["ended_early"]], strict=True)
+        [
+            words,
+            *(fixed(count, 0) for count in (each.only_a, each.only_b, each.both, each.neither)),
+            p_value(each.p_value),
+        ]
+        for words, each in zip([*requirements, _EARLY], [*pair.requirements, pair.ended_early], strict=True)
     ]
     heads = ("requirement", f"only {a} fails", f"only {b} fails", "both", "neither", "p (McNemar)")
     caption = "Failures of the same flights, with McNemar's exact test."
@@ -192,41 +195,39 @@ def _failure_table(pair: Mapping[str, Any], requirements: list[str], labels: Lab
 
 
 def _lost_rows(
-    pair: Mapping[str, Any], requirements: list[str], labels: Labels, folders: tuple[Path, Path]
+    pair: CampaignPair, requirements: Sequence[str], labels: Labels, folders: tuple[Path, Path]
 ) -> list[list[str]]:
     """A row for each listed flight that only one fails."""
     missed: dict[tuple[int, int], list[str]] = {}  # side and flight: what it fails there and not on the other side
-    for words, entry in zip(["ended early", *requirements], [pair["ended_early"], *pair["requirements"]], strict=True):
-        for side, key in enumerate(("flights_only_a", "flights_only_b")):
-            for flight in entry[key]:
+    for words, entry in zip(["ended early", *requirements], [pair.ended_early, *pair.requirements], strict=True):
+        for side, flights in enumerate((entry.flights_only_a, entry.flights_only_b)):
+            for flight in flights:
                 missed.setdefault((side, flight), []).append(words)
     return [
         [
             str(flight), labels[1 + side], labels[2 - side], "; ".join(words),
             "`" + shlex.join(["abhv-mc", "replay", str(folders[side]), "--flight", str(flight), "--controller",
-                              pair["controllers"][side]]) + "`",
+                              pair.controllers[side]]) + "`",
         ]
         for (side, flight), words in sorted(missed.items())
     ]  # fmt: skip
 
 
-def _figures(
-    a: Results, b: Results, found: Mapping[str, Any], parts: list[tuple[Labels, Mapping[str, Any]]]
-) -> list[Drawn]:
+def _figures(a: Results, b: Results, found: Compared, parts: list[tuple[Labels, CampaignPair]]) -> list[Drawn]:
     """What is asked and how much each surface was used; metrics in which no flight differs are left out."""
     pairs = {labels[0]: pair for labels, pair in parts}
-    flights = {name: sides(a, b, *pair["controllers"]) for name, pair in pairs.items()}
+    flights = {name: sides(a, b, *pair.controllers) for name, pair in pairs.items()}
     panels, equal = [], []
     for metric in dict.fromkeys((*a.asked, *SURFACE_USAGE)):
-        if metric not in found["words"]:
+        if metric not in found.words:
             continue
         differences = {name: metric_differences(*each, metric) for name, each in flights.items()}
-        label = found["words"][metric]["label_with_unit"]
+        label = found.words[metric]["label_with_unit"]
         if not any(values.any() for values in differences.values()):
-            equal.append(found["words"][metric]["phrase"])
+            equal.append(found.words[metric]["phrase"])
             continue
-        medians = {name: pair["metrics"][metric]["median_difference"] for name, pair in pairs.items()}
-        ends = {name: (entry["value"], entry["low"], entry["high"]) for name, entry in medians.items()}
+        medians = {name: pair.metrics[metric].median_difference for name, pair in pairs.items()}
+        ends = {name: ends_of(entry) for name, entry in medians.items()}
         panels.append(DifferencePanel(label, differences, ends))
     if not panels:
         return []

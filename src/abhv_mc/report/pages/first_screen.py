@@ -3,9 +3,9 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from abhv_mc.flight.metrics import GAIN_MARGIN, SURFACE_USAGE
+from abhv_mc.report.numbers.compare import Baseline
 from abhv_mc.report.pages.flights_view import mark_of
 from abhv_mc.topics.comparison import COMPARISON
 from abhv_mc.topics.comparison.sentences import asked_of
@@ -273,24 +273,24 @@ def confidence_line(verdicts: Verdicts, state: str) -> str:
     return text
 
 
-def more_words(entries: Sequence[Any]) -> str:
+def more_words(entries: Sequence[object]) -> str:
     """'4 more below'; '' where the chart has all."""
     return f"{len(entries) - _ROWS} more below" if len(entries) > _ROWS else ""
 
 
-def baseline_line(held: Mapping[str, Any] | None, names: Names) -> str:
+def baseline_line(held: Baseline | None, names: Names) -> str:
     """What changed against the baseline, of the first two controllers; '' without one."""
     if held is None:
         return ""
     parts = []
-    for pair in held["paired"][:_SENTENCES]:
-        failed, entries = pair["any_failure"], [pair["metrics"][m] for m in names.asked if m in pair["metrics"]]
-        standing = _standing([(entry["winner"], entry["mixed"]) for entry in entries], pair["a"], pair["b"])
-        text = f"{names.label(pair['controllers'][0])} {standing}"
-        if failed["only_a"] or failed["only_b"]:
-            text += f", newly failed {fixed(failed['only_a'], 0)}, no longer {fixed(failed['only_b'], 0)}"
+    for pair in held.paired[:_SENTENCES]:
+        failed, entries = pair.any_failure, [pair.metrics[m] for m in names.asked if m in pair.metrics]
+        standing = _standing([(entry.winner, entry.mixed) for entry in entries], pair.a, pair.b)
+        text = f"{names.label(pair.controllers[0])} {standing}"
+        if failed.only_a or failed.only_b:
+            text += f", newly failed {fixed(failed.only_a, 0)}, no longer {fixed(failed.only_b, 0)}"
         parts.append(text)
-    more = len(held["paired"]) - len(parts)
-    place = held["folder"].rstrip("/").rpartition("/")[2]
+    more = len(held.paired) - len(parts)
+    place = held.folder.rstrip("/").rpartition("/")[2]
     tail = f"; and {more} more" if more > 0 else ""
-    return f"Against {place} ({fixed(held['paired'][0]['pairs'], 0)} flights paired): {'; '.join(parts)}{tail}."
+    return f"Against {place} ({fixed(held.paired[0].pairs, 0)} flights paired): {'; '.join(parts)}{tail}."

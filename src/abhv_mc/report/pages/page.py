@@ -4,15 +4,15 @@ import base64
 import gzip
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from abhv_mc.report.numbers.compare import Baseline
 from abhv_mc.report.numbers.summary import section_leads
 from abhv_mc.report.pages.first_screen import (
     LIMIT_PLACE,
@@ -112,7 +112,7 @@ def make_page(
     models: Models,
     figures: Sequence[PageFigure],
     warnings: Sequence[str] = (),
-    baseline: Mapping[str, Any] | None = None,
+    baseline: Baseline | None = None,
 ) -> str:
     """The whole report as one HTML file: no request leaves it, and no script runs in it but its own.
 

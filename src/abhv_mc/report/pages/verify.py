@@ -11,6 +11,7 @@ from abhv_mc.folder.lock import lock_holder
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.results import read_results
 from abhv_mc.io.documents import InputError
+from abhv_mc.report.numbers.compare import compare_baseline
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.report.pages.build import hash_files, hash_pages
 from abhv_mc.topics.registry import user_topics
@@ -54,7 +55,9 @@ def _report_differences(root: Path) -> Iterator[str]:
         del written["topics"][name]
     if not written.get("topics", True):
         del written["topics"]
-    remade = json.loads(json.dumps(make_numbers(Models(read_results(root)), baseline)))
+    results = read_results(root)
+    held = compare_baseline(results, baseline) if baseline else None
+    remade = json.loads(json.dumps(make_numbers(Models(results), held)))
     if "topics" in remade:  # those installed since are not in the report
         remade["topics"] = {key: value for key, value in remade["topics"].items() if key in written.get("topics", {})}
         remade = remade if remade["topics"] else {key: value for key, value in remade.items() if key != "topics"}
