@@ -53,8 +53,6 @@ def test_help_lists_what_is_public_and_no_more(repository):
     assert listed - {"Exception", "ValueError"} == {name for name in public if callable(getattr(abhv_mc, name))}
     page = (repository / "docs/reference/python.md").read_text(encoding="utf-8")
     assert {name for name in public if f"abhv_mc.{name}" not in page} == set()
-    with pytest.warns(DeprecationWarning, match=r"called abhv_mc\.Results"):
-        assert abhv_mc.CampaignResults is abhv_mc.Results
 
 
 def test_a_campaign_says_what_it_will_fly(flown):

@@ -19,7 +19,6 @@ from typing import Any
 
 __version__ = "0.1.0"
 _MODULES = ("extend", "plots", "statistics", "topics")  # public as they are
-_RENAMED = {"CampaignResults": "Results"}  # old names, which warn
 __all__ = [
     "Campaign", "InputError", "InputErrors", "LinearModel", "Results", "StateSpace", "__version__", "compare", "extend",
     "fly", "fly_on", "linearize", "margins", "open_results", "plots", "rare", "simulate", "statistics", "topics",
@@ -30,12 +29,6 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     from importlib import import_module
 
-    if name in _RENAMED:
-        import warnings
-
-        new = _RENAMED[name]
-        warnings.warn(f"abhv_mc.{name} is called abhv_mc.{new}", DeprecationWarning, stacklevel=2)
-        return __getattr__(new)
     if name in _MODULES:
         return import_module(f"abhv_mc.{name}")
     if name in __all__:

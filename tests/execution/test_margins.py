@@ -9,6 +9,7 @@ import pytest
 from fake_flight import interrupted_after
 
 from abhv_mc.analysis.explain import explain_flight
+from abhv_mc.analysis.failure_map import map_failures
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.runner import run_campaign
@@ -161,6 +162,11 @@ def test_a_missed_margin_is_explained(engine, required):
     assert missed.any() and not missed.all()
     found = explain_flight(required.folder, "tlc", int(np.flatnonzero(missed)[0]), engine.fly, "gain_margin_min_db")
     assert found.causes == ("control.rudder_effectiveness",) and "gain_margin_min_db" in found.failure.words
+    flights = np.flatnonzero(missed).tolist()
+    mapped = map_failures(required.folder, {"tlc": flights}, engine).controllers["tlc"]
+    groups = [group for group in mapped.groups if "gain_margin_min_db" in group.failure]
+    assert [[each.parameter for each in group.dispersions] for group in groups] == [["control.rudder_effectiveness"]]
+    assert sorted(groups[0].flights) == flights
     with pytest.raises(InputError, match="kept gain_margin_min_db"):
         explain_flight(required.folder, "tlc", int(np.flatnonzero(~missed)[0]), engine.fly, "gain_margin_min_db")
 

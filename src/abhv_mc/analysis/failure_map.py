@@ -1,8 +1,7 @@
 """A map of a campaign's failures: the few dispersions with which its failed flights still fail, none of them spare."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +21,8 @@ from abhv_mc.folder.layout import CampaignFolder, write_bytes
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError
-from abhv_mc.simulators.engine import Engine
-from abhv_mc.simulators.simulate import simulate
+from abhv_mc.simulators.engine import Engine, Fly
+from abhv_mc.simulators.simulate import make_ready, simulate
 from abhv_mc.simulators.stored_plans import open_flown
 
 MOST_FLIGHTS = 50  # of a controller
@@ -92,8 +91,7 @@ def map_failures(
     found = {}
     with open_executor(engine, campaign.model.execution, None, None) as executor:
         for name, flights in failed.items():
-            fly = partial(simulate, campaign, name, executor=executor.fly_side_by_side)
-            found[name] = _map_controller(folder, campaign, name, flights, fly)
+            found[name] = _map_controller(folder, campaign, name, flights, executor.fly_side_by_side)
     return FailureMap(str(read_manifest(folder.manifest).digest), found)
 
 
@@ -102,7 +100,7 @@ def _map_controller(
     campaign: Experiment,
     controller: str,
     failed: Sequence[int],
-    fly: Callable[[Floats], FlightBlock],
+    executor: Fly,
 ) -> ControllerFailures:
     flights = [int(flight) for flight in failed[:MOST_FLIGHTS]]
     rows = find_rows(folder, controller, flights)
@@ -110,12 +108,16 @@ def _map_controller(
     names, nominal = campaign.names, nominal_values(campaign.names)
     if not rows:
         return ControllerFailures(0, (), (), (), 0)
+    margins = any(failure.of_margin for failure in failures)
+    if margins:
+        campaign = make_ready(campaign, {controller: campaign.systems[controller].plan}, margins=True)
     samples = np.concatenate([row.samples for row in rows])
     values, seeds = samples[:, : len(names)], samples[:, len(names) :]  # the noise stays as it was flown
 
     def severity(owners: NDArray[np.intp], keep: Mask) -> Floats:
         dispersed = np.where(keep, values[owners], nominal)
-        return _severity(failures, owners, fly(np.column_stack([dispersed, seeds[owners]])))
+        whole = np.column_stack([dispersed, seeds[owners]])
+        return _severity(failures, owners, simulate(campaign, controller, whole, None, executor, margins))
 
     reader = SampleReader(folder.samples)
     found = shrink_together(len(names), severity, [mildest_first(reader, each) for each in values], _BUDGET)
