@@ -24,7 +24,7 @@ def test_a_flight_is_a_table_with_units_and_metrics():
 def test_dispersions_and_overrides_change_the_flight_as_their_files_would():
     nominal = abhv_mc.fly("level", every=100)
     draggy = abhv_mc.fly("level", dispersions={"aero.drag": "110 %"}, every=100)
-    same = abhv_mc.fly({"base": "level", "duration": "60 s"}, {"base": "ghame_x"}, {"base": "tlc"}, {}, every=100)
+    same = abhv_mc.fly({"base": "level", "duration": "60 s"}, {"base": "abhv"}, {"base": "tlc"}, {}, every=100)
     pd.testing.assert_frame_equal(nominal, same)
     assert draggy.attrs["metrics"]["fuel_used_kg"] > 1.05 * nominal.attrs["metrics"]["fuel_used_kg"]
     heavy = abhv_mc.fly("level", {"base": "ghame_x", "mass.start": "1450 kg"}, every=100)

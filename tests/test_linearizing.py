@@ -27,13 +27,13 @@ def test_margins_are_a_table_by_loop_with_units():
 def test_a_gain_sweep_of_margins_needs_no_files():
     def rudder(damping, **more):
         controller = {"base": "tlc", "attitude.sideslip.bandwidth": damping}
-        return abhv_mc.margins("level", controller=controller, **more).gain_margin_high_db["rudder"]
+        return abhv_mc.margins("level", "ghame_x", controller=controller, **more).gain_margin_high_db["rudder"]
 
-    table_1 = abhv_mc.margins("level").gain_margin_high_db["rudder"]
+    table_1 = abhv_mc.margins("level", "ghame_x").gain_margin_high_db["rudder"]
     assert table_1 == pytest.approx(0.82, abs=0.01)
     swept = [rudder("0.5 rad/s"), rudder("4 rad/s")]
     assert swept[0] != swept[1] and table_1 not in swept
-    weak = abhv_mc.margins("level", dispersions={"control.rudder_effectiveness": "90 %"})
+    weak = abhv_mc.margins("level", "ghame_x", dispersions={"control.rudder_effectiveness": "90 %"})
     np.testing.assert_allclose(weak.gain_margin_high_db["rudder"] - table_1, -20.0 * np.log10(0.9), atol=0.02)
 
 
@@ -47,13 +47,17 @@ def test_a_gain_sweep_of_margins_needs_no_files():
 )
 def test_a_stuck_aileron_is_lost_where_the_loop_without_it_grows(controller, pole, end):
     """The table of docs/how-to/failures.md."""
-    without = abhv_mc.margins("level", controller=controller, dispersions={"control.aileron_effectiveness": 0.001})
+    without = abhv_mc.margins(
+        "level", "ghame_x", controller=controller, dispersions={"control.aileron_effectiveness": 0.001}
+    )
     fastest = without.attrs["poles"][0]
     assert without.attrs["stable"] == (pole is None)
     assert pole is None or (fastest.imag == 0.0 and fastest.real == pytest.approx(pole, abs=0.01))
-    flight = abhv_mc.fly("level", controller=controller, dispersions={"failure.aileron.stuck_time": 20.0}, every=10)
+    flight = abhv_mc.fly(
+        "level", "ghame_x", controller=controller, dispersions={"failure.aileron.stuck_time": 20.0}, every=10
+    )
     assert flight.attrs["end_time_s"] == pytest.approx(end, abs=0.1)
-    plant = abhv_mc.linearize("level", controller=controller).plant_continuous.A
+    plant = abhv_mc.linearize("level", "ghame_x", controller=controller).plant_continuous.A
     effect = plant.loc[["roll_rate", "yaw_rate"], ["aileron", "rudder"]].to_numpy()
     aileron, rudder = np.linalg.solve(effect, [0.0, 1.0])
     np.testing.assert_allclose([rudder, aileron, effect[0, 1] * rudder], [-0.31, 0.16, -14.3], atol=0.05)
@@ -61,14 +65,14 @@ def test_a_stuck_aileron_is_lost_where_the_loop_without_it_grows(controller, pol
 
 
 def test_a_linear_model_has_names_and_units_and_goes_to_python_control():
-    model = abhv_mc.linearize("level", controller="lqr_retuned", dispersions={"sensor.delay": "10 ms"})
+    model = abhv_mc.linearize("level", "ghame_x", controller="lqr_retuned", dispersions={"sensor.delay": "10 ms"})
     assert model.period_s == 0.01 and model.measurement_delay_periods == 1
     assert model.plant.A.shape == (18, 18) and list(model.plant.B.columns) == LOOPS[:4]
     assert model.plant.A.attrs["units"]["pitch_rate"] == "rad/s" and model.point.attrs["units"]["altitude"] == "m"
     assert model.point["altitude"] == pytest.approx(20_000.0) and model.loop.A.shape == (28, 28)
     poles = control.ss(*model.closed, model.period_s).poles()
     growing = np.log(poles[np.abs(poles) > 0.0].astype(complex)) / model.period_s
-    table = abhv_mc.margins("level", controller="lqr_retuned", dispersions={"sensor.delay": 0.01})
+    table = abhv_mc.margins("level", "ghame_x", controller="lqr_retuned", dispersions={"sensor.delay": 0.01})
     np.testing.assert_allclose(growing.real.max(), table.attrs["poles"][0].real, rtol=1e-6)
     assert model.law.D.loc["elevator", "pitch_rate"] > 0.0
     assert isinstance(model.point, pd.Series) and model.warnings

@@ -6,10 +6,10 @@ In a notebook::
 
     results = abhv_mc.Campaign.read("campaign.yaml").run()
     results = abhv_mc.open_results("reports/campaign")  # what was flown before
-    flight = abhv_mc.fly("turn", "ghame_x", {"base": "tlc", "limits.bank": "60 deg"}, {"aero.drag": 1.1})
-    table = abhv_mc.trim("ghame_x", bank=["0 deg", "50 deg"])
-    table = abhv_mc.margins("level", "ghame_x", "tlc", at="trim")
-    model = abhv_mc.linearize("level", "ghame_x", "tlc", at="30 s")
+    flight = abhv_mc.fly("turn", "abhv", {"base": "tlc", "limits.bank": "60 deg"}, {"aero.drag": 1.1})
+    table = abhv_mc.trim("abhv", bank=["0 deg", "50 deg"])
+    table = abhv_mc.margins("level", "abhv", "tlc", at="trim")
+    model = abhv_mc.linearize("level", "abhv", "tlc", at="30 s")
     found = abhv_mc.worst("s_manoeuvre", "reports/worst", "altitude_error_max_m")  # and rare, tune, compare
 
 Importing this package is cheap: what is heavy is imported where it is used.

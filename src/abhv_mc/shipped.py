@@ -6,6 +6,7 @@ from pathlib import Path
 from abhv_mc.io.input_error import InputError, one_of
 
 _PACKAGE = Path(__file__).parent
+DEFAULT_VEHICLE = "abhv"  # of a flight, trim or margins that name none
 
 
 def shipped_folder() -> Path:

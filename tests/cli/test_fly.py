@@ -18,14 +18,14 @@ def run(*words):
 
 def test_fly_prints_every_metric_of_every_controller():
     out = run("level").stdout
-    assert "level with ghame_x" in out and "tlc: The flight reached the end of the mission." in out
+    assert "level with abhv" in out and "tlc: The flight reached the end of the mission." in out
     rows = [line.split() for line in out.splitlines()]
     assert ["outcome", "ok", "ok"] in rows
     for metric in METRICS:
         values = next(row[1:] for row in rows if row and row[0] == metric.name)
         assert len(values) == 2 and np.isfinite([float(value) for value in values]).all()
     figures = json.loads(run("level", "--controllers", "lqr,tlc", "--json", "-").stdout)
-    assert list(figures["controllers"]) == ["lqr", "tlc"] and figures["vehicle"] == "ghame_x"
+    assert list(figures["controllers"]) == ["lqr", "tlc"] and figures["vehicle"] == "abhv"
     flown = figures["controllers"]["tlc"]
     assert flown["outcome"] == "ok" and flown["end_time_s"] == 60.0
     assert list(flown["metrics"]) == [metric.name for metric in METRICS]

@@ -32,13 +32,23 @@ def _call(*words):
 
 
 def _run(tmp_path, at="trim", controller="tlc", **more):
-    words = ["level", "--at", at, "--controllers", controller, "--json", tmp_path / "new/rows.json"]
+    words = [
+        "level",
+        "--vehicle",
+        "ghame_x",
+        "--at",
+        at,
+        "--controllers",
+        controller,
+        "--json",
+        tmp_path / "new/rows.json",
+    ]
     _call("margins", *words, *(word for name, value in more.items() for word in (f"--{name}", value)))
     return json.loads((tmp_path / "new/rows.json").read_text())["rows"]
 
 
 def test_margins_writes_rows_for_each_controller_time_and_loop(tmp_path):
-    words = ("margins", "level", "--at", "trim,2s", "--controllers", "tlc,lqr_retuned")
+    words = ("margins", "level", "--vehicle", "ghame_x", "--at", "trim,2s", "--controllers", "tlc,lqr_retuned")
     rows = json.loads(CliRunner().invoke(app, [*words, "--json", "-"]).stdout)["rows"]
     loops = ["aileron", "rudder", "elevator", "equivalence_ratio", "all"]
     assert [row["loop"] for row in rows] == loops * 4
@@ -59,7 +69,8 @@ def test_an_unstable_loop_has_no_margins_but_poles(tmp_path):
     assert not any(row["stable"] for row in rows)
     assert all(rows[0][key] is None for key in KEYS[3:9])
     np.testing.assert_allclose(rows[4]["poles"], [[0.120, 2.783]], atol=1e-3)
-    assert "unstable, no margins; poles +0.120 +- 2.78j per second" in _call("margins", "level", "--controllers", "lqr")
+    words = ("margins", "level", "--vehicle", "ghame_x", "--controllers", "lqr")
+    assert "unstable, no margins; poles +0.120 +- 2.78j per second" in _call(*words)
 
 
 def test_margins_of_a_campaign_are_those_of_its_vehicle_mission_and_controllers(tmp_path):

@@ -27,7 +27,7 @@ from abhv_mc.vehicle.limits import tighter
 
 @pytest.fixture(scope="module")
 def plan() -> FlightPlan:
-    return make_flight_plan("s_manoeuvre")
+    return make_flight_plan("s_manoeuvre", "ghame_x")
 
 
 def _limited(plan: FlightPlan, **bounds: float) -> FlightPlan:
@@ -183,5 +183,5 @@ def test_a_wind_table_is_the_wind_that_a_parameter_would_make(tmp_path: Path) ->
         assert mine == pytest.approx(theirs, rel=1e-6, abs=1e-6)
     assert abs(block.history[0, 0, CHANNEL_INDEX["sideslip_deg"]]) > 0.5  # 20 m/s across
     # The controllers know the density: the reference has it.
-    known = make_flight_plan(turn)
+    known = make_flight_plan(turn, "ghame_x")
     assert plan.reference[:, 19] == pytest.approx(1.03 * known.reference[:, 19])

@@ -233,7 +233,7 @@ def test_inversion_with_the_vehicle_on_board_flies_the_s_in_sixty_lines(reposito
     law = (repository / "configs" / "control" / "inversion.py").read_text()
     body = law[law.index("@controller") :]
     assert len(body.splitlines()) <= 60
-    block = fly(make_flight_plan("s_manoeuvre", controller="inversion"), nominal_parameters())
+    block = fly(make_flight_plan("s_manoeuvre", "ghame_x", "inversion"), nominal_parameters())
     assert block.outcome[0] == Outcome.OK
     assert block.metrics[0, METRIC_INDEX["altitude_error_max_m"]] < 20.0
 

@@ -28,7 +28,7 @@ def draw_parameters(flights: int, seed: int = 2014) -> Floats:
 
 def fly_at(step: float, parameters: Floats) -> FlightBlock:
     """TLC's S manoeuvre with an integrator step (s)."""
-    return fly(make_flight_plan({"base": "s_manoeuvre", "step": f"{step} s"}), parameters)
+    return fly(make_flight_plan({"base": "s_manoeuvre", "step": f"{step} s"}, "ghame_x"), parameters)
 
 
 def test_half_the_step_moves_every_metric_by_less_than_one_percent_of_its_spread() -> None:

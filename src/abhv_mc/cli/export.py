@@ -9,7 +9,7 @@ from abhv_mc.cli.options import Folder
 from abhv_mc.cli.outputs import output_file, output_folder
 from abhv_mc.cli.printing import say
 from abhv_mc.io.input_error import InputError
-from abhv_mc.shipped import find_input
+from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
 
 GAINS = "gains"
 
@@ -26,7 +26,9 @@ def command(
     controller: Annotated[
         str, typer.Option("--controller", "--controllers", metavar="C", help="Of gains: file or shipped name.")
     ] = "tlc",
-    vehicle: Annotated[str, typer.Option(metavar="V", help="Of gains: vehicle file, or shipped name.")] = "ghame_x",
+    vehicle: Annotated[
+        str, typer.Option(metavar="V", help="Of gains: vehicle file, or shipped name.")
+    ] = DEFAULT_VEHICLE,
 ) -> None:
     """Write every table as a CSV file; numbers read back to the same bits.
 

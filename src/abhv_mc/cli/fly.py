@@ -24,11 +24,11 @@ def command(
 
     from abhv_mc.cli.announce import announce_compiling, announce_warnings
     from abhv_mc.one_flight.fly_once import fly_once
-    from abhv_mc.shipped import find_input
+    from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
     from abhv_mc.user_code.run_in_thread import run_in_thread
 
     files = find_controllers(controllers)
-    craft = vehicle or find_input("ghame_x", "vehicle")
+    craft = vehicle or find_input(DEFAULT_VEHICLE, "vehicle")
     announce_compiling()
     flights = {name: run_in_thread(partial(fly_once, mission, craft, file)) for name, file in files.items()}
     announce_warnings(warning for flight in flights.values() for warning in flight.plan.warnings.tolist())

@@ -121,7 +121,7 @@ def find_flown(vehicle: Path | None, mission: Path, controllers: str | None, tru
     from abhv_mc.cli.announce import announce_compiling
     from abhv_mc.cli.options import parse_names
     from abhv_mc.control.controller_file import read_controller
-    from abhv_mc.shipped import find_input
+    from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
     from abhv_mc.simulators.campaign_code import check_user_code, check_user_law
 
     if find_kind(mission) == "campaign":
@@ -137,7 +137,7 @@ def find_flown(vehicle: Path | None, mission: Path, controllers: str | None, tru
                 raise InputError("--controllers", f"'{name}'", one_of(known, name))
         flown = vehicle or Path(model.vehicle), Path(model.mission), {name: known[name] for name in names}
     else:
-        flown = vehicle or find_input("ghame_x", "vehicle"), mission, find_controllers(controllers)
+        flown = vehicle or find_input(DEFAULT_VEHICLE, "vehicle"), mission, find_controllers(controllers)
     for file in flown[2].values():
         check_user_law(read_controller(file), trust_code)
     announce_compiling()

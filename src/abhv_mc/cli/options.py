@@ -12,7 +12,7 @@ import typer
 from abhv_mc.campaign import MOST_WORKERS
 from abhv_mc.cli.outputs import json_file, output_file
 from abhv_mc.io.input_error import InputError, Refusal
-from abhv_mc.shipped import find_input
+from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
 
 
 def _find(*kinds: str) -> Callable[[str], Path]:
@@ -35,7 +35,7 @@ Vehicle = Annotated[
         parser=_find("vehicle"),
         metavar="V",
         help="Vehicle file, or the name of a shipped one.",
-        show_default="ghame_x, or the campaign's",
+        show_default=f"{DEFAULT_VEHICLE}, or the campaign's",
     ),
 ]
 ControllerFiles = Annotated[

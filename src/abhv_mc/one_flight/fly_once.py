@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.io.documents import InputError
 from abhv_mc.one_flight.given import Input, Quantity, check_count, make_flight_plan, make_parameters
+from abhv_mc.shipped import DEFAULT_VEHICLE
 
 if TYPE_CHECKING:
     import numpy as np
@@ -64,7 +65,7 @@ def fly_once(
 
 def fly(
     mission: Input,
-    vehicle: Input = "ghame_x",
+    vehicle: Input = DEFAULT_VEHICLE,
     controller: Input = "tlc",
     dispersions: Mapping[str, Quantity] | None = None,
     every: int = 1,

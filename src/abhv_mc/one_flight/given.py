@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from abhv_mc.io.documents import Document, InputError, Refusal, describe, one_of, read_document, write_document
 from abhv_mc.io.units import Dimension, dimension_of, parse_quantity
-from abhv_mc.shipped import find_input
+from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
 
 if TYPE_CHECKING:
     import numpy as np
@@ -82,7 +82,7 @@ def _temporary_folder() -> Path:
     return Path(folder)
 
 
-def make_flight_plan(mission: Input, vehicle: Input = "ghame_x", controller: Input = "tlc") -> "FlightPlan":
+def make_flight_plan(mission: Input, vehicle: Input = DEFAULT_VEHICLE, controller: Input = "tlc") -> "FlightPlan":
     """The plan that a controller flies: reference, gains, start. Raises InputError."""
     from abhv_mc.flight.prepare import prepare
 

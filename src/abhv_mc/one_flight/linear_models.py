@@ -14,6 +14,7 @@ from abhv_mc.one_flight.given import (
     make_parameters,
     to_si,
 )
+from abhv_mc.shipped import DEFAULT_VEHICLE
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -147,7 +148,7 @@ def analyse_place(place: Place) -> "tuple[Linear, Stability]":
 
 def linearize(
     mission: Input,
-    vehicle: Input = "ghame_x",
+    vehicle: Input = DEFAULT_VEHICLE,
     controller: Input = "tlc",
     at: Quantity = "trim",
     *,
@@ -200,7 +201,7 @@ def linearize(
 
 def margins(
     mission: Input,
-    vehicle: Input = "ghame_x",
+    vehicle: Input = DEFAULT_VEHICLE,
     controller: Input = "tlc",
     at: Quantity = "trim",
     *,
@@ -248,7 +249,7 @@ def margins(
 
 def fly_on(
     mission: Input,
-    vehicle: Input = "ghame_x",
+    vehicle: Input = DEFAULT_VEHICLE,
     controller: Input = "tlc",
     at: Quantity = 0.0,
     *,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from abhv_mc.io.documents import InputError, describe
 from abhv_mc.io.units import ANGLE, LENGTH, MASS, SPEED, format_quantity
 from abhv_mc.one_flight.given import Input, Quantity, make_document, to_si
+from abhv_mc.shipped import DEFAULT_VEHICLE
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,7 +42,7 @@ _LIMITS = {  # in SI
 
 
 def trim(
-    vehicle: Input = "ghame_x",
+    vehicle: Input = DEFAULT_VEHICLE,
     altitude: Quantity = "20 km",
     speed: Quantity = "1400 m/s",
     bank: Quantity | Sequence[Quantity] = 0.0,

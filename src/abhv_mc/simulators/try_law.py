@@ -8,7 +8,7 @@ from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.documents import InputError
-from abhv_mc.shipped import shipped_configs
+from abhv_mc.shipped import DEFAULT_VEHICLE, shipped_configs
 from abhv_mc.user_code.law_source import law_place, read_law_source
 from abhv_mc.user_code.run_in_thread import run_in_thread
 from abhv_mc.user_code.trust import is_in_a_folder, is_trusted
@@ -29,7 +29,7 @@ def try_law(file: Path, controller: UserController, vehicle: Path | None, missio
     if is_in_a_folder(place) and not is_trusted(read_law_source(controller)):
         return ["its code was not run: it is a folder's, and you have not flown it"]
     configs = shipped_configs()
-    vehicle = vehicle or configs / "vehicle" / "ghame_x.yaml"
+    vehicle = vehicle or configs / "vehicle" / f"{DEFAULT_VEHICLE}.yaml"
     mission = mission or configs / "mission" / "level.yaml"
     plan = prepare(vehicle, mission, file, file.stem)
     one_tick = replace(plan, timing=plan.timing._replace(ticks=0))

@@ -1,11 +1,13 @@
 """The answer in sentences: who is better, against the strongest rival first."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
+from abhv_mc.flight.metrics import METRICS as RECORDS
 from abhv_mc.topics.comparison import COMPARISON
-from abhv_mc.topics.comparison.sentences import comparison_sentences
+from abhv_mc.topics.comparison.sentences import closer_in, comparison_sentences
 from abhv_mc.topics.metrics import METRICS
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.words import significant
@@ -73,3 +75,19 @@ def test_of_rivals_that_stand_alike_the_one_that_fails_less_comes_first(models):
     held = Models(models.results)
     held._held[COMPARISON.name] = replace(found, pairs=pairs)
     assert said(held, dict.fromkeys(pairs, alike))[0].startswith("TLC is better: against LQR retuned")
+
+
+def test_each_angle_is_told_with_and_without_the_ramps():
+    angles = ("angle_of_attack_error", "bank_error", "sideslip")
+    whole = {record.name: record for record in RECORDS}
+    settled = {f"{name}_own": replace(whole[f"{name}_rms_deg"], settled=True) for name in angles}
+    windowed = {
+        "late": replace(settled["bank_error_own"], start=10.0),
+        "early": replace(whole["bank_error_rms_deg"], end=9.0),
+    }
+    pair = SimpleNamespace(metrics={name: SimpleNamespace(a_better=9, b_better=1) for name in {**whole, **settled}})
+    pair.metrics["bank_error_rms_deg"] = pair.metrics["late"] = SimpleNamespace(a_better=3, b_better=7)
+    pair.metrics["early"] = pair.metrics["bank_error_own"]
+    found = closer_in(pair, SimpleNamespace(metrics={**whole, **settled, **windowed}))
+    assert found == {(True, True): ["angle of attack", "sideslip"], (False, True): ["bank"]}
+    assert closer_in(pair, SimpleNamespace(metrics=whole)) == {}

@@ -8,7 +8,7 @@ from abhv_mc.flight.metrics import GAIN_MARGIN, SURFACE_USAGE
 from abhv_mc.report.numbers.compare import Baseline
 from abhv_mc.report.pages.flights_view import mark_of
 from abhv_mc.topics.comparison import COMPARISON
-from abhv_mc.topics.comparison.sentences import asked_of
+from abhv_mc.topics.comparison.sentences import asked_of, closer_in
 from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.margins import MARGINS
 from abhv_mc.topics.margins.model import corners_unstable, least_margins
@@ -190,14 +190,15 @@ def sentences(models: Models, baseline: bool = False) -> list[str]:
     found += [_pair_sentence(models, first, name) for name in rivals[: _SENTENCES - 1]]
     rest = rivals[_SENTENCES - 1 :]
     if len(rest) == 1 and not baseline:
-        found.append(_sentence(models, rest[0]))
+        found += [_angle_sentence(models, first, rest[0]), _sentence(models, rest[0])]
     elif rest:
         found.append(f"{len(rest)} more below.")
     return [*filter(None, found)]
 
 
 def _pair_sentence(models: Models, first: str, rival: str) -> str:
-    """'Flight by flight, TLC is better in 3 and worse in 2 of 5 metrics against LQR.'; '' where nothing tells."""
+    """Where errors are counted without ramps, too, the sentence on these; else 'Flight by flight, TLC is better in 3
+    and worse in 2 of 5 metrics against LQR.'; '' where nothing tells."""
     pair, names = models[COMPARISON].pairs.get(f"{first} - {rival}"), models.names
     if pair is None or not names.independent:
         return ""
@@ -205,7 +206,24 @@ def _pair_sentence(models: Models, first: str, rival: str) -> str:
     winners = [(entry.winner, entry.mixed) for entry in entries]
     found = _standing(winners, pair.a, pair.b)
     who = "" if found.startswith("no difference") else f"{names.label(first)} is "
-    return f"Flight by flight, {who}{found} against {names.label(rival)}." if found else ""
+    return _angle_sentence(models, first, rival) or (
+        f"Flight by flight, {who}{found} against {names.label(rival)}." if found else ""
+    )
+
+
+def _angle_sentence(models: Models, first: str, rival: str) -> str:
+    """'TLC is closer than LQR with and without ramps in sideslip, only without ramps in bank.': which has the smaller
+    rms error on more flights; '' where the campaign counts no rms error of settled stretches."""
+    pair, names = models[COMPARISON].pairs.get(f"{first} - {rival}"), models.names
+    found = closer_in(pair, names) if pair and names.independent else {}
+    sides = {
+        (True, True): "with and without ramps",
+        (False, True): "only without ramps",
+        (True, False): "only with ramps",
+    }
+    parts = [f"{words} in {joined(found[side])}" for side, words in sides.items() if side in found]
+    words = ", ".join(parts) if parts else "in no angle"
+    return f"{names.label(first)} is closer than {names.label(rival)} {words}." if found else ""
 
 
 def _standing(winners: Sequence[tuple[str | None, bool]], a: str, b: str) -> str:

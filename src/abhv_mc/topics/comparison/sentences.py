@@ -1,7 +1,9 @@
 """Who loses fewer flights, and who is better in what against whom."""
 
 from collections.abc import Mapping, Sequence
+from math import inf
 
+from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.topics.comparison.model import ComparedMetric, Comparison, ControllerPair
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.words import fixed, joined, p_value, percent, significant
@@ -35,6 +37,23 @@ def standing(pair: ControllerPair, names: Names, full: bool = False) -> Mapping[
 def asked_of(pair: ControllerPair, names: Names) -> Mapping[str, ComparedMetric]:
     """The metrics of a pair that stand first."""
     return {metric: pair.metrics[metric] for metric in names.asked if metric in pair.metrics}
+
+
+def closer_in(pair: ControllerPair, names: Names) -> Mapping[tuple[bool, bool], list[str]]:
+    """What is tracked, by whether `a` has the smaller rms error on more flights over the whole flight, and in settled
+    stretches: of errors that the campaign counts in both ways."""
+    rms = {
+        (metric.of, metric.settled): name
+        for name, metric in names.metrics.items()
+        if metric.statistic == Statistic.RMS and metric.start == 0.0 and metric.end == inf and name in pair.metrics
+    }
+    found: dict[tuple[bool, bool], list[str]] = {}
+    for of, settled in rms:
+        if settled and (of, False) in rms:
+            whole, rest = (each.a_better > each.b_better for each in (pair.metrics[rms[of, s]] for s in (False, True)))
+            word = names.metrics[rms[of, False]].phrase.removeprefix("rms ").removesuffix(" error")
+            found.setdefault((whole, rest), []).append(word)
+    return found
 
 
 def _counts(pair: ControllerPair, metric: str, names: Names) -> str:
