@@ -22,7 +22,7 @@ AGREEMENT = 1e-8  # m, m/s, rad, kg over 60 s: rounding and libm; 2e-10 found. P
 
 @pytest.fixture(scope="module")
 def plan():
-    return make_flight_plan("s_manoeuvre", controller="lqr")
+    return make_flight_plan("s_manoeuvre", "ghame_x", controller="lqr")
 
 
 @pytest.fixture(scope="module")

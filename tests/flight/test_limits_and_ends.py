@@ -78,7 +78,7 @@ def test_the_heat_flux_is_sutton_and_graves(plan: FlightPlan) -> None:
 
 
 def test_an_oscillation_ends_it_where_the_ripple_exceeds_the_limit() -> None:
-    lqr = make_flight_plan("s_manoeuvre", controller="lqr")  # cycles by more than 10 deg of angle of attack
+    lqr = make_flight_plan("s_manoeuvre", "ghame_x", controller="lqr")  # cycles by more than 10 deg of angle of attack
     block, ended, last = _ended(_limited(lqr, angle_of_attack_ripple=math.radians(4.0)))
     assert ended is Outcome.OSCILLATION_LIMIT
     assert 4.0 < block.metrics[0, METRIC_INDEX["angle_of_attack_ripple_deg"]] < 12.0
@@ -91,7 +91,7 @@ def test_an_oscillation_ends_it_where_the_ripple_exceeds_the_limit() -> None:
 )
 def test_an_oscillation_in_gusts_turbulence_or_noise_has_no_limit(name: str, value: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=rf"'{name}' with 'limits: {{oscillation}}'.*still air"):
-        abhv_mc.fly({"base": "level", "limits": {"oscillation": "5 deg"}}, dispersions={name: value})
+        abhv_mc.fly({"base": "level", "limits": {"oscillation": "5 deg"}}, "ghame_x", dispersions={name: value})
     configs = shipped_configs()
     level = (configs / "mission/level.yaml").read_text(encoding="utf-8")
     (tmp_path / "mission.yaml").write_text(f"{level}\nlimits: {{oscillation: {{sideslip: 5 deg}}}}\n", encoding="utf-8")
@@ -125,11 +125,11 @@ def test_the_files_say_them(tmp_path: Path) -> None:
 
 def test_a_heat_flux_limit_needs_a_nose() -> None:
     with pytest.raises(InputError, match="nose radius"):
-        make_flight_plan({"base": "s_manoeuvre", "limits": {"heat_flux": "1 MW/m2"}})
+        make_flight_plan({"base": "s_manoeuvre", "limits": {"heat_flux": "1 MW/m2"}}, "ghame_x")
 
 
 def test_a_mission_ends_by_condition_and_has_been_flown() -> None:
-    plan = make_flight_plan({"base": "climb", "end": {"altitude_above": "20.5 km"}})
+    plan = make_flight_plan({"base": "climb", "end": {"altitude_above": "20.5 km"}}, "ghame_x")
     assert plan.limits.end == EndBounds(altitude=(-math.inf, 20500.0))
     block, ended, last = _ended(plan)
     altitude = block.history[0, :, CHANNEL_INDEX["altitude_m"]]
@@ -145,7 +145,7 @@ def test_a_limit_outranks_the_end(plan: FlightPlan) -> None:
 
 
 def test_it_starts_in_a_bank_in_steady_turning_flight() -> None:
-    plan = make_flight_plan({"base": "level", "start.bank": "40 deg"})
+    plan = make_flight_plan({"base": "level", "start.bank": "40 deg"}, "ghame_x")
     block = fly(plan, nominal_parameters(), record_every=1)
     history = block.history[0].astype(np.float64)
     assert history[0, CHANNEL_INDEX["bank_deg"]] == pytest.approx(40.0, abs=1e-5)
@@ -158,7 +158,7 @@ def test_it_starts_in_a_bank_in_steady_turning_flight() -> None:
 
 
 def test_it_starts_in_a_climb_and_keeps_it() -> None:
-    plan = make_flight_plan({"base": "level", "start.flight_path_angle": "2 deg", "duration": "20 s"})
+    plan = make_flight_plan({"base": "level", "start.flight_path_angle": "2 deg", "duration": "20 s"}, "ghame_x")
     block = fly(plan, nominal_parameters(), record_every=1)
     height = block.history[0, :, CHANNEL_INDEX["altitude_m"]]
     assert block.history[0, 0, CHANNEL_INDEX["flight_path_angle_deg"]] == pytest.approx(2.0, abs=1e-5)
@@ -171,7 +171,7 @@ def test_a_wind_table_is_the_wind_that_a_parameter_would_make(tmp_path: Path) ->
     (tmp_path / "air.csv").write_text("altitude_m,density_factor\n10000,1.03\n30000,1.03\n")
     turn = {"base": "turn", "duration": "15 s"}
     air = {"wind": {"file": str(tmp_path / "wind.csv")}, "density": {"file": str(tmp_path / "air.csv")}}
-    plan = make_flight_plan({**turn, **air})
+    plan = make_flight_plan({**turn, **air}, "ghame_x")
     parameters = nominal_parameters(1)
     block = fly(plan, parameters, record_every=1)
     for name, value in (("shear_north", 1e-3), ("east", 5.0)):

@@ -46,7 +46,7 @@ def plan_from(heading: float, latitude: float, longitude: float = 0.0) -> Flight
     """Level flight for 20 s from there, in degrees."""
     place = {"heading": heading, "latitude": latitude, "longitude": longitude}
     start = {f"start.{name}": f"{value} deg" for name, value in place.items()}
-    return make_flight_plan({"base": "level", "duration": "20 s", **start})
+    return make_flight_plan({"base": "level", "duration": "20 s", **start}, "ghame_x")
 
 
 @pytest.mark.parametrize("sign", [1, -1])

@@ -7,12 +7,14 @@ from abhv_mc.one_flight.given import make_flight_plan
 
 
 def test_the_papers_mission_needs_no_warning() -> None:
-    assert make_flight_plan("s_manoeuvre").warnings.tolist() == []
+    assert make_flight_plan("s_manoeuvre", "ghame_x").warnings.tolist() == []
 
 
 def warnings_of_a_wide_s(altitude: str) -> list[str]:
     wide = {"kind": "s_manoeuvre", "offset": "20 km", "length": "50 s"}
-    return make_flight_plan({"base": "s_manoeuvre", "start.altitude": altitude, "manoeuvre": wide}).warnings.tolist()
+    return make_flight_plan(
+        {"base": "s_manoeuvre", "start.altitude": altitude, "manoeuvre": wide}, "ghame_x"
+    ).warnings.tolist()
 
 
 def test_a_turn_beyond_the_vehicle_is_told_with_its_time() -> None:
@@ -27,4 +29,4 @@ def test_a_turn_beyond_the_controllers_limit_is_told() -> None:
 
 def test_a_mission_that_cannot_be_flown_at_all_is_refused() -> None:
     with pytest.raises(InputError, match=r"level\.yaml: no .* at 1?\d+ of \d+ points"):
-        make_flight_plan({"base": "level", "start.altitude": "39 km"})
+        make_flight_plan({"base": "level", "start.altitude": "39 km"}, "ghame_x")

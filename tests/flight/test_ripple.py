@@ -133,7 +133,7 @@ def test_a_third_side_counts_as_far_as_it_has_got() -> None:
 
 @pytest.mark.parametrize("name", ["tlc", "lqr"])
 def test_the_metrics_are_those_of_the_recorded_flight(name: str) -> None:
-    plan = make_flight_plan("s_manoeuvre", controller=name)
+    plan = make_flight_plan("s_manoeuvre", "ghame_x", controller=name)
     parameters = nominal_parameters(3)
     parameters[:, PARAMETER_INDEX["atmosphere.density"]] = 1.0, 0.92, 1.07
     parameters[:, PARAMETER_INDEX["initial.sideslip"]] = 0.0, 0.01, -0.01
@@ -176,7 +176,7 @@ LENGTHS = ("60 s", pytest.param("180 s", marks=pytest.mark.thorough))
 @pytest.mark.parametrize("mission", ["level", "s_manoeuvre"])
 @pytest.mark.parametrize("duration", LENGTHS)
 def test_flights_that_alternate_are_seen(mission: str, duration: str) -> None:
-    plan = make_flight_plan({"base": mission, "duration": duration}, controller="tlc")
+    plan = make_flight_plan({"base": mission, "duration": duration}, "ghame_x", controller="tlc")
     channels = CHANNEL_INDEX["bank_deg"], CHANNEL_INDEX["bank_command_deg"]
     block = fly(plan, wide_box(192), Recording(5, channels))
     settled = plan.reference[: plan.timing.ticks + 1 : 5, ref.SETTLED] > 0.0
@@ -193,7 +193,7 @@ def test_flights_that_alternate_are_seen(mission: str, duration: str) -> None:
 @pytest.mark.parametrize("duration", LENGTHS)
 @pytest.mark.parametrize("bias", [0.0, 6.0])
 def test_designs_with_margins_do_not_cycle(mission: str, controller: str, duration: str, bias: float) -> None:
-    plan = make_flight_plan({"base": mission, "duration": duration}, controller=controller)
+    plan = make_flight_plan({"base": mission, "duration": duration}, "ghame_x", controller=controller)
     block = fly(plan, wide_box(64, sensor__bank_bias=np.radians(bias)))
     for angle in ("bank", "angle_of_attack", "sideslip"):
         assert block.metrics[:, METRIC_INDEX[f"{angle}_ripple_deg"]].max() < 3.0

@@ -21,18 +21,18 @@ WATCHED = [*(f"{name}_deg" for name in ("aileron", "rudder", "elevator")), "angl
 def test_with_air_data_a_uniform_crosswind_is_felt_as_still_air():
     wind = {"wind.north": 20.0}
     calm, air, inertial = (
-        abhv_mc.fly({**LEVEL, "sensing": keys}, dispersions=wind_of, every=100)
+        abhv_mc.fly({**LEVEL, "sensing": keys}, "ghame_x", dispersions=wind_of, every=100)
         for keys, wind_of in ((AIR, {}), (AIR, wind), ({}, wind))
     )
     off = (air[WATCHED] - calm[WATCHED]).iloc[20].abs()
     assert off.max() < 0.05
     assert (inertial[WATCHED] - calm[WATCHED]).iloc[20].abs().max() > 0.5  # the ground's angles hold a sideslip instead
-    np.testing.assert_array_equal(calm.to_numpy(), abhv_mc.fly(LEVEL, every=100).to_numpy())
+    np.testing.assert_array_equal(calm.to_numpy(), abhv_mc.fly(LEVEL, "ghame_x", every=100).to_numpy())
 
 
 def test_the_speed_that_is_held_is_that_to_the_air_where_it_is_measured():
     mission = {**LEVEL, "sensing": {"airspeed": "air"}}
-    flown = abhv_mc.fly(mission, dispersions={"wind.east": -5.0}, every=100)
+    flown = abhv_mc.fly(mission, "ghame_x", dispersions={"wind.east": -5.0}, every=100)
     assert flown["speed_measured_mps"].iloc[0] == pytest.approx(1405.0)
     assert flown["speed_mps"].iloc[-1] < 1399.5
 
@@ -47,8 +47,8 @@ def test_fuel_that_is_burnt_ends_a_flight_and_a_mission_may_let_it_fly_on():
 
 def test_late_measurements_are_refused_beyond_what_is_remembered():
     with pytest.raises(InputError, match=r"300 ms.*0 to 250 ms"):
-        abhv_mc.fly(LEVEL, dispersions={"sensor.delay": "300 ms"})
-    assert abhv_mc.fly(LEVEL, dispersions={"sensor.delay": "250 ms"}, every=2000).attrs["end_time_s"] > 0.0
+        abhv_mc.fly(LEVEL, "ghame_x", dispersions={"sensor.delay": "300 ms"})
+    assert abhv_mc.fly(LEVEL, "ghame_x", dispersions={"sensor.delay": "250 ms"}, every=2000).attrs["end_time_s"] > 0.0
 
 
 def test_a_flame_out_follows_the_engines_lag_and_it_relights_in_its_time():

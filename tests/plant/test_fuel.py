@@ -27,7 +27,7 @@ def test_without_an_empty_mass_the_engine_runs_and_the_mass_stays():
 @pytest.mark.parametrize(("parameter", "ratio"), [("propulsion.thrust", 1.0), ("propulsion.specific_impulse", 1.05)])
 def test_thrust_is_dispersed_at_the_same_fuel_flow(parameter, ratio):
     """In the first control period the engine has not yet answered: both flights burn at the same equivalence ratio."""
-    plan = make_flight_plan("level")
+    plan = make_flight_plan("level", "ghame_x")
     parameters = nominal_parameters(2)
     parameters[1, PARAMETER_INDEX[parameter]] = 1.05
     states = fly(plan, parameters, 1, keep_states=True).states

@@ -32,7 +32,7 @@ def fly_at(step: float, parameters: Floats) -> FlightBlock:
 
 
 def test_half_the_step_moves_every_metric_by_less_than_one_percent_of_its_spread() -> None:
-    default = make_flight_plan("s_manoeuvre").timing.step
+    default = make_flight_plan("s_manoeuvre", "ghame_x").timing.step
     parameters = draw_parameters(FLIGHTS)
     coarse, fine = (fly_at(step, parameters) for step in (default, 0.5 * default))
     flown = f"tlc, {FLIGHTS} flights"
