@@ -61,6 +61,7 @@ def test_defaults_fit_their_own_schema(kind: str) -> None:
 def test_what_an_editor_should_underline() -> None:
     validator = Draft202012Validator(make_schema("campaign"))
     right = read_document(shipped_folder() / "campaigns/s_manoeuvre.yaml").data
+    del right["metrics"]  # with metrics of its own a requirement may name any
     requirement = right["requirements"][0]
     for wrong in (
         {**right, "requirements": [{**requirement, "metric": "altitude_eror_max_m"}]},
