@@ -1,16 +1,25 @@
-"""Time of a flight beside that of another version of the program, in turns.
+"""What a start, a flight and a campaign cost beside another version of the program, in turns.
 
-    python -m benchmarks.versions CHECKOUT [--rounds 3]
+    python -m benchmarks.versions CHECKOUT [--rounds 5] [--cold 1]
 
 CHECKOUT is another version's working tree (``git worktree add --detach ../before REVISION``), whose configuration both
-fly. Processor time, 64 dispersed flights of the S manoeuvre, the best of 7 in each process.
+fly. Processor time of all processes unless a line says otherwise; ratios are medians over the rounds, this version's
+over the other's. Flights: 64 dispersed ones in a process, the best of 7. The rounds ``--cold`` begin with nothing
+compiled and take minutes each.
 """
 
 import argparse
+import json
 import os
 import subprocess
 import sys
+import tempfile
+import time
+from collections.abc import Callable
 from pathlib import Path
+from statistics import median
+
+from benchmarks.processes import measure_disk
 
 LAWS = ("tlc", "lqr_retuned")
 FLIGHT = """
@@ -24,37 +33,120 @@ from abhv_mc.plant.parameters import PARAMETERS
 configs, law = Path(sys.argv[1]), sys.argv[2]
 files = (configs / "vehicle/ghame_x.yaml", configs / "mission/s_manoeuvre.yaml", configs / f"control/{law}.yaml")
 plan, parameters, draw = prepare(*files, law), nominal_parameters(64), np.random.default_rng(1)
-for name, width in (("atmosphere.density", 0.1), ("aero.lift", 0.1), ("aero.drag", 0.15)):
+varied = {"atmosphere.density": 0.1, "aero.lift": 0.1, "aero.drag": 0.15}
+if hasattr(plan, "lean_for"):
+    plan = plan.lean_for(varied)
+for name, width in varied.items():
     parameters[:, [one.name for one in PARAMETERS].index(name)] = 1.0 + draw.uniform(-width, width, 64)
 fly(plan, parameters)
 times = []
-for _ in range(7):
+for _ in range(int(sys.argv[3])):
     start = time.thread_time()
     fly(plan, parameters)
     times.append(time.thread_time() - start)
-print(min(times) / 64)
+print(min(times) / 64 if times else 0.0)
 """
+# What was started here is waited for here, so that the times and the memory of its own children are counted.
+MEASURED = """
+import json, resource, subprocess, sys
+code = subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL).returncode
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(json.dumps([code, used.ru_utime + used.ru_stime, used.ru_maxrss / 1e3]))
+"""
+Costs = dict[str, float]
 
 
-def measure(tree: Path, configs: Path, law: str) -> float:
-    """Seconds of a flight in a process of its own that runs the package of ``tree``."""
-    environment = {**os.environ, "PYTHONPATH": str(tree / "src")}
-    words = [sys.executable, "-c", FLIGHT, str(configs), law]
-    return float(subprocess.run(words, env=environment, check=True, capture_output=True, text=True).stdout)
+class Version:
+    """A working tree with compiled code of its own."""
+
+    def __init__(self, tree: Path, cache: Path, campaign: Path) -> None:
+        self.tree, self.cache, self.campaign = tree, cache, campaign
+        self.environment = {**os.environ, "PYTHONPATH": str(tree / "src"), "XDG_CACHE_HOME": str(cache)}
+        self.environment.pop("PYTHONDONTWRITEBYTECODE", None)
+
+    def flight(self, law: str) -> float:
+        """Seconds of a flight."""
+        words = [sys.executable, "-c", FLIGHT, str(self.campaign.parents[1] / "configs"), law, "7"]
+        return float(subprocess.run(words, env=self.environment, check=True, capture_output=True, text=True).stdout)
+
+    def command(self, *words: str) -> tuple[float, float, float]:
+        """Seconds of the processor, seconds by the clock, and MB of the largest process. Raises RuntimeError."""
+        start = time.perf_counter()
+        words = (sys.executable, "-c", MEASURED, sys.executable, *words)
+        ended = subprocess.run(words, env=self.environment, check=True, capture_output=True, text=True)
+        code, seconds, memory = json.loads(ended.stdout)
+        if code not in {0, 1}:  # 1: a requirement failed
+            raise RuntimeError(ended.stderr[-2000:])
+        return seconds, time.perf_counter() - start, memory
+
+    def campaigns(self, folder: Path) -> Costs:
+        """Campaigns of 64 and 4096 flights with compiled code."""
+        run = ("-m", "abhv_mc", "run", str(self.campaign), "--runs")
+        bare, whole, many = folder / "bare", folder / "whole", folder / "many"
+        return {
+            "64 flights, no report": self.command(*run, "64", "--output", str(bare), "--no-report")[0],
+            "64 flights and report": self.command(*run, "64", "--output", str(whole))[0],
+            "run with nothing new": self.command(*run, "64", "--output", str(whole))[0],
+            "4096 flights, no report": self.command(*run, "4096", "--output", str(many), "--no-report")[0],
+        }
+
+    def cold(self, folder: Path) -> Costs:
+        """The kernel alone and the whole campaign, with nothing compiled."""
+        with tempfile.TemporaryDirectory() as cache:
+            empty = Version(self.tree, Path(cache), self.campaign)
+            kernel = empty.command("-c", FLIGHT, str(self.campaign.parents[1] / "configs"), "tlc", "0")
+        with tempfile.TemporaryDirectory() as cache:
+            empty = Version(self.tree, Path(cache), self.campaign)
+            first = empty.command("-m", "abhv_mc", "run", str(self.campaign), "--output", str(folder / "first"))
+            disk = measure_disk(Path(cache))
+        return {
+            "kernel alone": kernel[0],
+            "kernel alone, memory": kernel[2],
+            "first start": first[0],
+            "first start, clock": first[1],
+            "first start, memory of the largest process": first[2],
+            "kernels on disk": disk,
+        }
+
+
+def compare(here: Version, before: Version, rounds: int, measure: Callable[[Version, Path], Costs]) -> None:
+    """Print the ratios of some rounds, which the versions begin in turns."""
+    found: list[tuple[Costs, Costs]] = []
+    for number in range(rounds):
+        costs = {}
+        for version in (here, before) if number % 2 else (before, here):
+            with tempfile.TemporaryDirectory() as folder:
+                costs[version.tree] = measure(version, Path(folder))
+        found.append((costs[here.tree], costs[before.tree]))
+    for name in found[0][0] if found else ():
+        ratios = sorted(ours[name] / theirs[name] for ours, theirs in found)
+        least = min(ours[name] for ours, _ in found) / min(theirs[name] for _, theirs in found)
+        middle = median(ours[name] for ours, _ in found), median(theirs[name] for _, theirs in found)
+        print(
+            f"| {name} | {median(ratios):.2f} | {ratios[0]:.2f} to {ratios[-1]:.2f} | {least:.2f} "
+            f"| {middle[0]:.3g} | {middle[1]:.3g} |",
+            flush=True,
+        )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("checkout", type=Path)
-    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--cold", type=int, default=1)
     options = parser.parse_args()
-    here, before = Path(__file__).resolve().parents[1], options.checkout.resolve()
-    for law in LAWS:
-        ratios = [
-            measure(here, before / "configs", law) / measure(before, before / "configs", law)
-            for _ in range(options.rounds)
-        ]
-        print(f"{law}: {', '.join(f'{ratio:.3f}' for ratio in sorted(ratios))} of the other version's time")
+    here, other = Path(__file__).resolve().parents[1], options.checkout.resolve()
+    campaign = other / "campaigns/s_manoeuvre.yaml"
+    with tempfile.TemporaryDirectory() as caches:
+        ours, theirs = (Version(tree, Path(caches) / name, campaign) for tree, name in ((here, "a"), (other, "b")))
+        print("| of the other version's | ratio | lowest to highest | of the least | this, s or MB | other |")
+        print("|---|---|---|---|---|---|")
+        compare(ours, theirs, options.cold, lambda version, folder: version.cold(folder))
+        for version in (ours, theirs) if options.rounds else ():  # compile
+            with tempfile.TemporaryDirectory() as folder:
+                version.campaigns(Path(folder))
+        compare(ours, theirs, options.rounds, lambda version, _: {law: version.flight(law) for law in LAWS})
+        compare(ours, theirs, options.rounds, lambda version, folder: version.campaigns(folder))
 
 
 if __name__ == "__main__":

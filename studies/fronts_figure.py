@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from fronts import AGREE, ANGLES, LAWS, SEARCHES
+from fronts import ANGLES, LAWS, SEARCHES
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -13,12 +13,12 @@ COLORS = {"tlc": BLUE, "lqr": VERMILION}
 SHIPPED = {
     "tlc": ("tlc", "*", "Table 1"),
     "lqr": ("lqr", "X", "the paper's LQR weights"),
-    "lqr_retuned": ("lqr", "v", "LQR retuned without margins"),
     "tlc_robust": ("tlc", "s", "TLC robust (shipped)"),
     "lqr_robust": ("lqr", "s", "LQR robust (shipped)"),
 }
 HEADS = ("all three angles (rms)", "angle of attack", "sideslip", "bank")
-SEARCH_LINES = {1: ("-", True), 2: ("--", False), 3: (":", False)}
+SEARCH_LINES = {1: ("-", True), 2: ("--", False)}
+NAMES = {"seed-2": "abhv"}
 TICKS_X = (0.2, 0.3, 0.5, 0.7, 1.0, 1.5)
 TICKS_Y = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.4, 1.7, 2.0, 2.5)
 TICKS_WIDE = (0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.4)
@@ -83,17 +83,6 @@ def draw_shipped(axes: Axes, shipped: dict[str, Any], column: int, ends: tuple[f
             )
 
 
-def draw_pairs(axes: Axes, pairs: list[dict[str, Any]], column: int) -> None:
-    """Pairs of equal usage, joined."""
-    for number, pair in enumerate(pairs):
-        usage = [pair[law]["mean_usage"][0] for law in LAWS]
-        value = [values(pair[law], column)[0] for law in LAWS]
-        axes.plot(usage, value, "-", color=INK, linewidth=1.6, zorder=5)
-        for law, x, y in zip(LAWS, usage, value, strict=True):
-            words = "pair of equal usage of every surface" if law == "tlc" and not number else None
-            axes.plot(x, y, "D", color=COLORS[law], markersize=4.5, markeredgecolor=INK, zorder=6, label=words)
-
-
 def label_laws(axes: Axes, fronts: dict[str, Any]) -> None:
     """The laws' names at the ends of their fronts."""
     for law in LAWS:
@@ -129,7 +118,6 @@ def plot_fronts(results: dict[str, Any]) -> Figure:
                     if designs := found["fronts"].get(f"{law} {search}"):
                         draw_front(axes, designs, column, law, search)
             draw_shipped(axes, found["shipped"], column, (low, high))
-            draw_pairs(axes, [pair for pair in found["pairs"] if pair["mismatch"] <= AGREE - 1.0], column)
             axes.set_xscale("log")
             axes.set_yscale("log")
             axes.minorticks_off()
@@ -142,7 +130,7 @@ def plot_fronts(results: dict[str, Any]) -> Figure:
             references = np.array(found["table_1"]["errors"])[ANGLES]
             axes.set_title(f"{head}, 1 = {references[column - 1]:.2g} deg" if column else head, fontsize=7.5)
             if column == 0:
-                axes.set_ylabel(f"{vehicle}\nerror / Table 1's")
+                axes.set_ylabel(f"{NAMES.get(vehicle, vehicle)}\nerror / Table 1's")
                 label_laws(axes, found["fronts"])
             axes.tick_params(labelsize=6.5)
     for axes in grid[-1]:

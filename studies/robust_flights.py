@@ -1,21 +1,24 @@
 """What the robust designs are held against: boxes of uncertainties, flights, cycling angles, margins and limits."""
 
+import json
 from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 from experiment import ALLOWED, DISPERSIONS, ERRORS, ROOT, USAGE, Floats, columns
+from paper_vehicle_box import make_mission, make_vehicle
 
 from abhv_mc.control.controller_file import Controller, TlcController, read_controller
 from abhv_mc.control.design.lqr_design import gains_of_models, make_lqr_gains, make_lqr_models
 from abhv_mc.control.design.tlc_design import make_tlc_gains, make_tlc_settings
-from abhv_mc.control.mission import Level, read_mission
+from abhv_mc.control.mission import Level, Mission, read_mission
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.kernel.laws import columns as ref
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.stability.analysis import margins_of_flights
 from abhv_mc.stability.steady import make_steady_plan
 from abhv_mc.user_code.vehicle_functions import load_vehicle
@@ -65,6 +68,16 @@ def search_flights() -> Floats:
     return np.vstack([paper_corners(), corners, random_flights(RANDOM, SEARCH_SEED)])
 
 
+def read_place(vehicle: str) -> tuple[Vehicle, Mission]:
+    """A member of the paper's ensemble with its own S, or a file's vehicle with the S that steps."""
+    for member in json.loads((ROOT / "studies/paper_vehicle.json").read_text(encoding="utf-8"))["ensemble"]:
+        if member["name"] == vehicle:
+            return make_vehicle(member["values"]), make_mission(member["values"])
+    return load_vehicle(ROOT / f"configs/vehicle/{vehicle}.yaml"), read_mission(
+        ROOT / "configs/mission/s_manoeuvre.yaml"
+    )
+
+
 @dataclass(frozen=True)
 class Flown:
     """Flights of one controller."""
@@ -88,8 +101,7 @@ class Duel:
     """One vehicle and mission: flies candidates of one law, and finds their margins."""
 
     def __init__(self, vehicle: str, law: str) -> None:
-        self.vehicle = load_vehicle(ROOT / f"configs/vehicle/{vehicle}.yaml")
-        self.mission = read_mission(ROOT / "configs/mission/s_manoeuvre.yaml")
+        self.vehicle, self.mission = read_place(vehicle)
         self.long = self.mission.model_copy(update={"duration": LONG})
         self.level = self.mission.model_copy(update={"manoeuvre": Level(kind="level")})
         self.corners, self.flights = paper_corners(), search_flights()

@@ -74,6 +74,8 @@ def test_trims_are_a_table_by_bank():
     assert table.attrs["units"]["thrust_n"] == "N" and table.trimmed.all()
     with pytest.raises(InputError, match="altitude"):
         abhv_mc.trim(altitude="20 kg")
+    level, steep = abhv_mc.trim("ghame_x", bank=["0 deg", "89 deg"]).fault
+    assert level is None and "limits" in steep
 
 
 @pytest.mark.parametrize("wrong", [{"speed": 0}, {"altitude": 1e7}, {"bank": []}, {"bank": math.pi}])

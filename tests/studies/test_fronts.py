@@ -1,4 +1,4 @@
-"""The study of error against control usage: limits, fronts and pairs of equal usage, on made-up candidates."""
+"""The study of error against control usage: limits and fronts, on made-up candidates."""
 
 import sys
 from pathlib import Path
@@ -8,7 +8,6 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[2] / "studies"))
 
 import fronts
-import fronts_results
 from robust_flights import EFFECTIVENESS, LONGEST_DELAY
 
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
@@ -34,19 +33,6 @@ def test_the_best_within_a_budget_keeps_it() -> None:
     tried = made_up([1.0, 0.9, 0.8], [[u] * 6 for u in (0.5, 0.7, 0.9)])
     assert int(np.argmin(tried.within(0.75).rank())) == 1
     assert int(np.argmin(tried.within(0.3).rank())) == 0  # none keeps it: the nearest
-
-
-def test_usages_agree_surface_by_surface() -> None:
-    """Equal means are no equal usage, and the error decides only among those that agree."""
-    wanted = np.array([1.0, 0.5, 1.0, 0.5, 1.0, 0.5])
-    uneven, agreeing, worse = wanted[::-1].copy(), wanted * 1.03, wanted * 0.98
-    tried = made_up([0.5, 0.8, 0.9], [uneven, agreeing, worse])
-    np.testing.assert_allclose(fronts.mismatch(tried.usage, wanted), [1.0, 0.03, 1 / 0.98 - 1.0])
-    assert int(np.argmin(tried.matching(wanted).rank())) == 1
-    other = made_up([0.7], [wanted.tolist()])
-    assert fronts.nearest_pair(other, tried)[:2] == (0, 2)
-    assert [(i, j) for _, i, j in fronts_results.agreeing(other, tried, 0.8)] == [(0, 1), (0, 2)]
-    assert not fronts_results.agreeing(other, tried, 0.7)
 
 
 def test_the_hard_corners_take_both_ends_of_everything_but_the_delay() -> None:

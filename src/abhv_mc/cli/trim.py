@@ -59,8 +59,6 @@ def command(
         rotating=rotating,
     )
     points = table.reset_index().to_dict("records")
-    for point in points:
-        point["fault"] = None if point["trimmed"] else point["fault"]  # pandas makes a missing text not a number
     head = {"vehicle": str(vehicle), "altitude_m": height, "speed_mps": pace, "mass_kg": table.attrs["mass_kg"]}
     show(head | {"points": points}, json, lambda: _print_table(vehicle, height, pace, points))
     if not table["trimmed"].all():

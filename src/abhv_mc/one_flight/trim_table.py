@@ -100,8 +100,9 @@ def trim(
     earth = WGS84 if rotating else WGS84._replace(rotation_rate=0.0)
     found = [balance(craft, earth, FlightPoint(bank=angle, **point), kilograms) for angle in angles]
     columns: dict[str, list[Any]] = {name: [value(each) for each in found] for name, (_, value) in _COLUMNS.items()}
-    columns |= {"trimmed": [not each.fault for each in found], "fault": [each.fault or None for each in found]}
-    table = pd.DataFrame(columns, index=pd.Index(map(math.degrees, angles), name="bank_deg"))
+    columns["trimmed"] = [not each.fault for each in found]
+    columns["fault"] = pd.Series([each.fault or None for each in found], dtype=object)  # None stays None
+    table = pd.DataFrame(columns).set_index(pd.Index(map(math.degrees, angles), name="bank_deg"))
     start = craft.constants.mass_start
     table.attrs = {
         "units": {"bank_deg": "deg"} | {name: unit for name, (unit, _) in _COLUMNS.items()},
