@@ -121,8 +121,8 @@ and Table 1 saturates, neither of which the paper shows.
 
 ## One figure left out
 
-Members fitted again, from the same start, to the other figures alone: what they show where nothing was asked. Of three
-members and eight figures these are done; `studies/paper_vehicle.py` goes on with the rest.
+Three members fitted again, from the same start, to the other seven figures alone: what they show where nothing was
+asked.
 
 [PREDICTIONS]
 

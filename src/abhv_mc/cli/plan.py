@@ -8,7 +8,7 @@ from abhv_mc.cli.outputs import output, output_folder
 from abhv_mc.cli.printing import beside, new_table, print_table, say, show
 
 if TYPE_CHECKING:
-    from abhv_mc.report.pages.planned import PassChance, Planned
+    from abhv_mc.report.numbers.planned import PassChance, Planned
 
 
 def command(
@@ -20,7 +20,8 @@ def command(
     """Say how many flights each requirement needs, and how likely it is to PASS at the planned number."""
     from abhv_mc.campaign.file.check import read_campaign
     from abhv_mc.cli.announce import announce_warnings
-    from abhv_mc.report.pages.planned import plan_campaign, write_plan_figure
+    from abhv_mc.report.figures.planned import write_plan_figure
+    from abhv_mc.report.numbers.planned import plan_campaign
 
     checked = read_campaign(campaign, runs)
     if not checked.model.requirements:

@@ -1,14 +1,25 @@
 """Chance of PASS against the true failure rate, before a campaign flies."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from abhv_mc.topics.figure_style import BLUE, GREEN, INK, VERMILION, label_lowest, legend_below, new_panels, styled
+from abhv_mc.topics.figure_style import (
+    BLUE,
+    GREEN,
+    INK,
+    VERMILION,
+    label_lowest,
+    legend_below,
+    new_panels,
+    styled,
+    write_png,
+)
 
 if TYPE_CHECKING:
-    from abhv_mc.report.pages.planned import Planned
+    from abhv_mc.report.numbers.planned import Planned
 
 _COLORS = (BLUE, VERMILION, GREEN)  # of the planned flights, twice and four times as many
 
@@ -39,3 +50,8 @@ def plot_planned(planned: "Planned") -> Figure:
     label_lowest(grid, count, "true failure rate over the allowed one")
     legend_below(figure, grid.flat[0])
     return figure
+
+
+def write_plan_figure(planned: "Planned", path: Path) -> None:
+    """The curves of every requirement as PNG."""
+    write_png(plot_planned(planned), path)

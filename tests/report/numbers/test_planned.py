@@ -7,7 +7,7 @@ from fake_flight import write_campaign
 from scipy.stats import binom
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.report.pages.planned import plan_campaign
+from abhv_mc.report.numbers.planned import plan_campaign
 from abhv_mc.topics.plain import plain
 
 TWO = "[{metric: altitude_error_max_m, below: 50, probability: 0.9973}, \

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -119,11 +118,3 @@ def plan_campaign(campaign: Experiment) -> Planned:
         ),
         asked_in_vain(campaign),
     )
-
-
-def write_plan_figure(planned: Planned, path: Path) -> None:
-    """The curves of every requirement as PNG."""
-    from abhv_mc.report.figures.planned import plot_planned
-    from abhv_mc.topics.figure_style import write_png
-
-    write_png(plot_planned(planned), path)
