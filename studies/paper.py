@@ -20,7 +20,7 @@ from paper_vehicle_box import FREE, make_mission, make_vehicle
 from paper_vehicle_claim import fly_law, judge
 from paper_vehicle_export import ABHV
 from paper_vehicle_flights import AXES, CONTROLLERS, LAWS, READING, TRAITS
-from paper_vehicle_tables import claim, figures, left_by, predictions, vehicles
+from paper_vehicle_tables import claim, figures, least_known, left_by, predictions, vehicles
 
 from abhv_mc.control.controller_file import TlcController
 from abhv_mc.topics.figure_style import write_png
@@ -125,6 +125,10 @@ Three members fitted again, from the same start, to the other seven figures alon
 asked.
 
 [PREDICTIONS]
+
+The largest miss of an axis, by figure: {least_known}. Heading, bank and aileron follow from the S and the other figures
+within a tenth of their axes. Elevator and equivalence ratio do not: they hang on trim, drag and thrust, of which no
+other figure shows enough. So nothing here rests on them but what was fitted.
 
 ## The figures
 
@@ -253,6 +257,7 @@ def page(result: dict[str, Any], judged: dict[str, Any], flights: int, south: di
         "ends": ends_words(judged),
         "spread": spread_words(members),
         "sides": sides_words(members),
+        "least_known": least_known(result),
         "disk_tlc": disk["tlc"],
         "disk_lqr": disk["lqr"],
     }

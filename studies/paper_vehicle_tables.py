@@ -63,6 +63,15 @@ def claim(members: list[dict[str, Any]], judged: dict[str, Any]) -> Iterator[str
         yield "| " + " | ".join(cells) + " |"
 
 
+def least_known(result: dict[str, Any]) -> str:
+    """'4 heading 1 %, ...': the largest miss of the three members in each figure left out."""
+    worst: dict[str, float] = {}
+    for each in result["without"]:
+        words = f"{each['figure']} {each['ends'][0]['axis'].split(' (')[0]}"
+        worst[words] = max(worst.get(words, 0.0), *(miss for end in each["ends"] for miss in end["misses"]))
+    return ", ".join(f"{words} {100.0 * miss:.0f} %" for words, miss in worst.items())
+
+
 def predictions(result: dict[str, Any]) -> Iterator[str]:
     """A row for each figure left out: what vehicles fitted to the others show there."""
     yield "| member | figure left out | predicted | out of the intervals by |"
