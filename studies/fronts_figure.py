@@ -13,16 +13,15 @@ COLORS = {"tlc": BLUE, "lqr": VERMILION}
 SHIPPED = {
     "tlc": ("tlc", "*", "Table 1"),
     "lqr": ("lqr", "X", "the paper's LQR weights"),
-    "tlc_robust": ("tlc", "s", "TLC robust (shipped)"),
     "lqr_robust": ("lqr", "s", "LQR robust (shipped)"),
 }
 HEADS = ("all three angles (rms)", "angle of attack", "sideslip", "bank")
 SEARCH_LINES = {1: ("-", True), 2: ("--", False)}
 NAMES = {"seed-2": "abhv"}
-TICKS_X = (0.2, 0.3, 0.5, 0.7, 1.0, 1.5)
+TICKS_X = (0.6, 0.7, 0.85, 1.0, 1.2)
 TICKS_Y = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.4, 1.7, 2.0, 2.5)
 TICKS_WIDE = (0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.4)
-LIMITS_X = (0.15, 1.7)
+LIMITS_X = (0.58, 1.35)
 HIGHEST = 2.5  # beyond, a point is drawn at the edge with its number
 
 
@@ -70,16 +69,15 @@ def draw_shipped(axes: Axes, shipped: dict[str, Any], column: int, ends: tuple[f
         if (usage, value) != at:
             beyond = [f"error {value:.2g}"] if value != at[1] else []
             beyond += [f"usage {usage:.2g}"] if usage != at[0] else []
-            down = "bottom" if value < ends[0] else "top"
-            left = at[0] < 0.3  # where there is no room
+            right = law == "lqr" and marker == "X"
             axes.annotate(
                 ", ".join(beyond),
                 at,
-                (-4 if left else -5, -4 if left else -8 if law == "tlc" else 0),  # under a square at the left
+                (5 if right else -5, 0),
                 size=5.5,
                 textcoords="offset points",
-                ha="left" if left else "right",
-                va=down,
+                ha="left" if right else "right",
+                va="bottom" if value < ends[0] else "top",
             )
 
 
@@ -92,7 +90,7 @@ def label_laws(axes: Axes, fronts: dict[str, Any]) -> None:
         if law == "tlc":
             end, offset, place = max(designs, key=lambda d: d["mean_usage"][0]), (4, -3), ("left", "top")
         else:
-            end, offset, place = min(designs, key=lambda d: d["mean_usage"][0]), (-5, 2), ("right", "bottom")
+            end, offset, place = max(designs, key=lambda d: d["mean_usage"][0]), (6, 2), ("left", "bottom")
         at = end["mean_usage"][0], end["error"][0]
         axes.annotate(law.upper(), at, offset, size=8.5, weight="bold", color=COLORS[law],
                       textcoords="offset points", ha=place[0], va=place[1], zorder=8)  # fmt: skip
