@@ -1,6 +1,9 @@
+import math
+
 import pytest
 
 from abhv_mc.plant.parameters import PARAMETERS
+from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.parameter_words import spoken_name
 from abhv_mc.topics.words import bounds, estimate, percent
 
@@ -11,23 +14,19 @@ def test_every_parameter_has_its_own_name():
     assert len({spoken_name(parameter.name) for parameter in PARAMETERS}) == len(PARAMETERS)
 
 
-def interval(value, low, high):
-    return {"value": value, "low": low, "high": high}
-
-
 @pytest.mark.parametrize(
     ("found", "value", "ends"),
     [
-        (interval(24.123, 23.5, 24.8), "24.1", "23.5 to 24.8"),
-        (interval(0.00712, 0.0070, 0.0072), "0.00712", "0.00700 to 0.00720"),
-        (interval(12345.0, 12000.0, 12700.0), "12\u202f300", "12\u202f000 to 12\u202f700"),
-        (interval(-1.93, -1.951, -1.92), "−1.930", "−1.951 to −1.920"),
-        (interval(45.31, 44.12, None), "45.3", "at least 44.1"),
-        (interval(0.71, None, 0.74), "0.71", "at most 0.74"),
-        (interval(3.0, -5.0, 11.0), "3", "−5 to 11"),
-        (interval(1.57209706, 1.57209700, 1.57209718), "1.572", "1.572 to 1.572"),
-        (interval(None, 3.0, None), "—", ""),
-        (interval(0.0, 0.0, 0.0), "0", "0 to 0"),
+        (Interval(24.123, 23.5, 24.8), "24.1", "23.5 to 24.8"),
+        (Interval(0.00712, 0.0070, 0.0072), "0.00712", "0.00700 to 0.00720"),
+        (Interval(12345.0, 12000.0, 12700.0), "12\u202f300", "12\u202f000 to 12\u202f700"),
+        (Interval(-1.93, -1.951, -1.92), "−1.930", "−1.951 to −1.920"),
+        (Interval(45.31, 44.12, math.inf), "45.3", "at least 44.1"),
+        (Interval(0.71, -math.inf, 0.74), "0.71", "at most 0.74"),
+        (Interval(3.0, -5.0, 11.0), "3", "−5 to 11"),
+        (Interval(1.57209706, 1.57209700, 1.57209718), "1.572", "1.572 to 1.572"),
+        (Interval(math.nan, 3.0, math.inf), "—", ""),
+        (Interval(0.0, 0.0, 0.0), "0", "0 to 0"),
     ],
 )
 def test_digits_are_those_that_the_error_allows(found, value, ends):
