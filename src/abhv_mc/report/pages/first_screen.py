@@ -285,7 +285,7 @@ def confidence_line(verdicts: Verdicts, state: str) -> str:
         return "Exact for independent flights only: no verdicts for this design."
     risk = max(entry.asked.consumer_risk for entry in verdicts.requirements)
     passed = held.stand + len(held.dropped)
-    text = f"Each verdict at {percent(risk, 2)} risk, however often one looks."
+    text = f"Each verdict at {percent(risk, 2)} risk."
     if passed > 1:
         text += f" Jointly {held.stand or 'none'} of the {passed} PASS stand{'s' if held.stand == 1 else ''}."
     return text
