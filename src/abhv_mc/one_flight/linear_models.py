@@ -113,6 +113,7 @@ def take_point(
         record, user_code = read_law(law)
         try:
             plan = make_steady_plan(packed, read_mission(asked), record, name, angle, user_code)
+            plan = plan.lean_for(dispersions or ())
             taken = trim_points(plan, parameters)
         except np.linalg.LinAlgError as error:
             words = f"a vehicle that its controls do not rule in steady flight ({str(error).lower()})"
@@ -122,7 +123,7 @@ def take_point(
             expected = "a start that this vehicle can be trimmed at, or a time of the flight instead of the trim"
             raise InputError(asked.path, f"a start at which {taken.faults[0]}", expected)
     else:
-        plan = prepare(craft, asked, law, name)
+        plan = prepare(craft, asked, law, name).lean_for(dispersions or ())
         if not 0.0 <= time <= plan.timing.duration:
             raise InputError("at", f"{time:g} s", f"a time of the mission, 0 to {plan.timing.duration:g} s")
         taken = flown_points(plan, parameters, time)

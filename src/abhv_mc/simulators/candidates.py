@@ -77,9 +77,10 @@ class Candidates:
     def _steady(self, controller: Controller, plan: FlightPlan) -> FlightPlan | None:
         try:
             parts = user_parts_of(plan)
-            return make_steady_plan(*self._vehicle_and_mission, controller, self.name, user_code=parts)
+            steady = make_steady_plan(*self._vehicle_and_mission, controller, self.name, user_code=parts)
         except (InputError, np.linalg.LinAlgError):
             return None
+        return steady.lean_for(self.campaign.varied)
 
     @functools.cached_property
     def _vehicle_and_mission(self) -> tuple[Vehicle, Mission]:

@@ -51,7 +51,7 @@ def describe_stability(campaign: Experiment, plans: Mapping[str, FlightPlan]) ->
         try:
             user_code = user_parts_of(plans[name])
             steady = make_steady_plan(vehicle, mission, read_controller(file), name, user_code=user_code)
-            found[name] = _describe(name, steady, rows)
+            found[name] = _describe(name, steady.lean_for(campaign.varied), rows)
         except InputError as error:
             found[name] = {"fault": error.found}
         except Exception as error:  # the flights are flown, whatever becomes of this

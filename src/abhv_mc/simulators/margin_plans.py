@@ -31,7 +31,7 @@ def make_margin_plans(campaign: Experiment, plans: Mapping[str, FlightPlan]) -> 
         law = read_controller(model.controllers[name])
         steady = make_steady_plan(vehicle, mission, law, name, user_code=user_parts_of(plan))
         find_period(steady)  # a law that has none is refused before anything flies
-        made[name] = add_margins(plan, steady, model.margins.at)
+        made[name] = add_margins(plan, steady.lean_for(campaign.varied), model.margins.at)
     return made
 
 

@@ -25,6 +25,7 @@ from abhv_mc.control.design.design_model import (
 )
 from abhv_mc.control.design.design_tables import Numbers, slope
 from abhv_mc.control.design.environment import make_environment
+from abhv_mc.control.design.kept import kept
 from abhv_mc.control.design.profile import ramp_times
 from abhv_mc.control.mission import Mission
 from abhv_mc.kernel.laws.columns import LQR_GAINS, REFERENCE
@@ -89,6 +90,7 @@ def make_lqr_gains(
     return gains_of_models(controller, pieces, reference[:, REFERENCE.index("time")])
 
 
+@kept
 def make_lqr_models(
     spacing: float, mission: Mission, reference: Floats, vehicle: Vehicle, trim_tables: Tables
 ) -> list[Piece]:

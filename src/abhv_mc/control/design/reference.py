@@ -5,6 +5,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.control.design.environment import density_factor, make_places
 from abhv_mc.control.design.guidance_trim import GuidanceTrim, trim_along
+from abhv_mc.control.design.kept import kept
 from abhv_mc.control.design.profile import Profile, make_profile, ramp_times
 from abhv_mc.control.design.trim_tables import make_trim_tables
 from abhv_mc.control.mission import Mission
@@ -19,6 +20,7 @@ COLUMN_INDEX = {name: i for i, name in enumerate(REFERENCE)}
 SETTLING = 5.0  # s after a ramp or a step of the reference that "settled" metrics leave out, as they do the ramp
 
 
+@kept
 def make_mission_trim_tables(mission: Mission, vehicle: Vehicle) -> Tables:
     """Trim tables for the mission's speeds at the middle of its altitudes."""
     profile = make_profile(mission, np.linspace(0.0, mission.duration, 201))
@@ -26,6 +28,7 @@ def make_mission_trim_tables(mission: Mission, vehicle: Vehicle) -> Tables:
     return make_trim_tables(vehicle, float(profile.altitude.min() + profile.altitude.max()) / 2.0, speeds)
 
 
+@kept
 def solve_reference(
     mission: Mission, vehicle: Vehicle, trim_tables: Tables, tick: float, ticks: int
 ) -> tuple[Floats, GuidanceTrim]:
@@ -113,6 +116,7 @@ def on_glide_path(mission: Mission, vehicle: Vehicle) -> Mission:
     return mission.model_copy(update={"start": start})
 
 
+@kept
 def make_start_trim(mission: Mission, vehicle: Vehicle) -> TrimPoint:
     """Controls at the start: steady flight, on the full tables, the Earth still as in the reference."""
     start = mission.start
