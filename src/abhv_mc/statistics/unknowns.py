@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.statistics.verdicts import Verdict
+from abhv_mc.statistics.verdicts import Status, Verdict
 
 SEARCH_FLIGHTS = 256  # at each point that is tried
 SEARCH_QUANTILE = 0.95  # of their severity beyond the limit, by which points are ranked
@@ -97,5 +97,5 @@ def judge_points(verdicts: Sequence[Verdict]) -> tuple[Verdict, int]:
     if at.status == "ESTIMATE":
         return at, worst
     passes = all(verdict.status == "PASS" for verdict in verdicts)
-    status = "PASS" if passes else "FAIL" if missed >= 1.0 / at.producer_risk else "NOT SHOWN"
+    status: Status = "PASS" if passes else "FAIL" if missed >= 1.0 / at.producer_risk else "NOT SHOWN"
     return replace(at, status=status, E_fail=missed), worst
