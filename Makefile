@@ -16,7 +16,7 @@ REPORT := reports/s_manoeuvre/report.html
 TEST_WORKERS ?= 2
 SELF_CHECKS := tests/verification tests/world tests/control/design/test_retuned.py
 
-.PHONY: run test test-all test-thorough docs example verify bench bench-peers newest-numba lock dist clean
+.PHONY: run test test-all test-thorough docs example verify bench performance bench-peers newest-numba lock dist clean
 .DELETE_ON_ERROR:
 # Containers often set it: every start would compile all packages again, for seconds.
 unexport PYTHONDONTWRITEBYTECODE
@@ -65,6 +65,13 @@ verify: $(DEV_INSTALLED)
 
 bench: $(INSTALLED)
 	$(BIN)/abhv-mc bench
+
+performance: $(DEV_INSTALLED)  # BEFORE: the working tree of another version; an hour on an idle machine
+	$(BIN)/python -m benchmarks.versions $(BEFORE)
+	$(BIN)/python -m benchmarks.limit
+	$(BIN)/python -m benchmarks.parts
+	$(BIN)/python -m benchmarks.growth
+	$(BIN)/python -m benchmarks.growth --million
 
 bench-peers: $(INSTALLED)
 	$(BIN)/python -m benchmarks.peers.run

@@ -5,7 +5,7 @@
 CHECKOUT is another version's working tree (``git worktree add --detach ../before REVISION``), whose configuration both
 fly. Processor time of all processes unless a line says otherwise; ratios are medians over the rounds, this version's
 over the other's. Flights: 64 dispersed ones in a process, the best of 7. The rounds ``--cold`` begin with nothing
-compiled and take minutes each.
+compiled and take minutes each. Writes a table of ``docs/explanation/performance.md``.
 """
 
 import argparse
@@ -19,7 +19,9 @@ from collections.abc import Callable
 from pathlib import Path
 from statistics import median
 
+from benchmarks.document import replace_part
 from benchmarks.processes import measure_disk
+from benchmarks.spread import describe_machine, make_note
 
 LAWS = ("tlc", "lqr_retuned")
 FLIGHT = """
@@ -109,8 +111,8 @@ class Version:
         }
 
 
-def compare(here: Version, before: Version, rounds: int, measure: Callable[[Version, Path], Costs]) -> None:
-    """Print the ratios of some rounds, which the versions begin in turns."""
+def compare(here: Version, before: Version, rounds: int, measure: Callable[[Version, Path], Costs]) -> list[str]:
+    """Rows of the ratios of some rounds, which the versions begin in turns; printed meanwhile."""
     found: list[tuple[Costs, Costs]] = []
     for number in range(rounds):
         costs = {}
@@ -118,15 +120,14 @@ def compare(here: Version, before: Version, rounds: int, measure: Callable[[Vers
             with tempfile.TemporaryDirectory() as folder:
                 costs[version.tree] = measure(version, Path(folder))
         found.append((costs[here.tree], costs[before.tree]))
+    rows = []
     for name in found[0][0] if found else ():
         ratios = sorted(ours[name] / theirs[name] for ours, theirs in found)
-        least = min(ours[name] for ours, _ in found) / min(theirs[name] for _, theirs in found)
         middle = median(ours[name] for ours, _ in found), median(theirs[name] for _, theirs in found)
-        print(
-            f"| {name} | {median(ratios):.2f} | {ratios[0]:.2f} to {ratios[-1]:.2f} | {least:.2f} "
-            f"| {middle[0]:.3g} | {middle[1]:.3g} |",
-            flush=True,
-        )
+        spread = f"{ratios[0]:.2f} to {ratios[-1]:.2f}" if rounds > 1 else "once"
+        rows.append(f"| {name} | {median(ratios):.2f} | {spread} | {middle[0]:.3g} | {middle[1]:.3g} |")
+        print(rows[-1], flush=True)
+    return rows
 
 
 def main() -> None:
@@ -137,16 +138,28 @@ def main() -> None:
     options = parser.parse_args()
     here, other = Path(__file__).resolve().parents[1], options.checkout.resolve()
     campaign = other / "campaigns/s_manoeuvre.yaml"
+    load = os.getloadavg()[0]
     with tempfile.TemporaryDirectory() as caches:
         ours, theirs = (Version(tree, Path(caches) / name, campaign) for tree, name in ((here, "a"), (other, "b")))
-        print("| of the other version's | ratio | lowest to highest | of the least | this, s or MB | other |")
-        print("|---|---|---|---|---|---|")
-        compare(ours, theirs, options.cold, lambda version, folder: version.cold(folder))
+        rows = compare(ours, theirs, options.cold, lambda version, folder: version.cold(folder))
         for version in (ours, theirs) if options.rounds else ():  # compile
             with tempfile.TemporaryDirectory() as folder:
                 version.campaigns(Path(folder))
-        compare(ours, theirs, options.rounds, lambda version, _: {law: version.flight(law) for law in LAWS})
-        compare(ours, theirs, options.rounds, lambda version, folder: version.campaigns(folder))
+        rows += compare(ours, theirs, options.rounds, lambda version, _: {law: version.flight(law) for law in LAWS})
+        rows += compare(ours, theirs, options.rounds, lambda version, folder: version.campaigns(folder))
+    if not (options.cold and options.rounds):
+        return
+    revision = subprocess.run(
+        ["git", "-C", str(other), "rev-parse", "--short", "HEAD"], capture_output=True, check=False, text=True
+    )
+    note = f"{make_note(describe_machine(load), 1)} Warm rows: medians of {options.rounds} rounds."
+    head = [
+        note,
+        "",
+        f"| of {revision.stdout.strip() or 'the other version'}'s | ratio | lowest to highest | this, s or MB | that |",
+    ]
+    table = "\n".join([*head, "|---|---|---|---|---|", *rows])
+    replace_part(here / "docs" / "explanation" / "performance.md", "versions", table)
 
 
 if __name__ == "__main__":
