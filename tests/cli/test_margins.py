@@ -10,6 +10,7 @@ import scipy.io
 from typer.testing import CliRunner
 
 from abhv_mc.cli.app import app
+from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.io.documents import InputError
 
 KEYS = [
@@ -139,3 +140,17 @@ def test_linearize_along_a_path_is_each_of_its_times(tmp_path):
             assert np.array_equal(path[name][1], one[name]), name
         assert path["plant_A"].shape == (3, *one["plant_A"].shape)
         assert np.array_equal(path["plant_states"], one["plant_states"])
+
+
+def test_the_worst_margins_of_a_campaign(tmp_path, repository):
+    file = tmp_path / "worst.json"
+    campaign = repository / "campaigns/s_manoeuvre.yaml"
+    words = _call("margins", campaign, "--worst", "--controllers", "lqr", "--json", file)
+    rows = json.loads(file.read_text())["rows"]
+    assert [row["metric"] for row in rows] == list(MARGIN_NAMES)
+    phase = rows[1]
+    assert phase["found"] < 0.7 * phase["nominal"]
+    assert phase["parameters"]["atmosphere.density"] == pytest.approx(0.9)
+    assert "drag +15.0" in words and "the true least is no greater" in words
+    with pytest.raises(InputError, match="--worst"):
+        _call("margins", campaign, "--worst", "--at", "30s")

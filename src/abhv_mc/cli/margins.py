@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from abhv_mc.stability.analysis import Stability, Time
 
 _MOST_TIMES = 10_000
+_NAMED = 6  # dispersions of a worst margin
 _COLUMNS = (
     ("gain_margin_low_db", "gain down\ndB", 2),
     ("gain_margin_high_db", "gain up\ndB", 2),
@@ -35,12 +36,21 @@ def command(
     bank: Annotated[str, typer.Option(help="Bank of the steady turn to trim for, deg or with a unit.")] = "0",
     json: Json = None,
     out: Annotated[Path | None, output(output_folder, "DIR", "Write Bode and Nichols figures here.")] = None,
+    worst: Annotated[
+        bool, typer.Option("--worst", help="Search the box of a campaign's dispersions for the least margins.")
+    ] = False,
     trust_code: TrustCode = False,
 ) -> None:
     """Print gain, phase and delay margins of each loop (broken at its actuator, the others closed) and of all at once.
 
-    At a time of the flight the reference is frozen: such margins are indicative.
+    At a time of the flight the reference is frozen: such margins are indicative. With --worst, the least margins at the
+    trim that a search over a campaign's dispersions finds: what is found, never what is proved.
     """
+    if worst:
+        if vehicle is not None or at != "trim" or bank != "0" or out is not None:
+            raise InputError("--worst", "with --vehicle, --at, --bank or --output", "a campaign alone")
+        _show_worst(mission, controllers, json, trust_code)
+        return
     from abhv_mc.one_flight.linear_models import analyse_place
     from abhv_mc.stability.rows import make_rows
 
@@ -69,6 +79,31 @@ def command(
             say(path)
 
     show({"vehicle": files.vehicle.stem, "mission": files.mission.stem, "rows": rows}, json, in_words)
+
+
+def _show_worst(file: Path, controllers: str | None, json: Path | None, trust_code: bool) -> None:
+    from abhv_mc.campaign.file.check import read_campaign
+    from abhv_mc.flight.metrics import BUILT_IN
+    from abhv_mc.search.worst_margins import EVALUATIONS, find_worst_margins
+    from abhv_mc.topics.parameter_words import shown_value, spoken_name
+
+    files = find_flown(None, file, controllers, trust_code)
+    found = find_worst_margins(read_campaign(file), tuple(files.controllers))
+
+    def in_words() -> None:
+        table = new_table(("controller", "margin"), ("nominal", "least found"), None)
+        table.add_column("at")
+        for one in found:
+            metric = BUILT_IN[one.metric]
+            at = [f"{spoken_name(name)} {shown_value(name, one.parameters[name])}" for name in one.moved]
+            more = [f"and {len(at) - _NAMED} more"] if len(at) > _NAMED else []
+            where = ", ".join(at[:_NAMED] + more) or "the nominal vehicle"
+            values = (f"{value:.3g} {metric.unit}".removesuffix(" -") for value in (one.nominal, one.found))
+            table.add_row(one.controller, metric.label, *values, f"{one.fault}: {where}" if one.fault else where)
+        print_table(table)
+        say(f"Found by the linear analysis at the trim, {EVALUATIONS} points a margin: the true least is no greater.")
+
+    show({"rows": found}, json, in_words)
 
 
 def read_times(at: str) -> "list[Time]":

@@ -9,7 +9,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.stability.fly_with_margins import MarginPlan, add_margins
 
 
-def make_margin_plans(campaign: Experiment, plans: Mapping[str, FlightPlan]) -> dict[str, FlightPlan]:
+def make_margin_plans(campaign: Experiment, plans: Mapping[str, FlightPlan]) -> dict[str, MarginPlan]:
     """The plans with margins; none where the campaign asks for none. Raises InputError where there can be none."""
     model = campaign.model
     if model.margins is None:
@@ -26,7 +26,7 @@ def make_margin_plans(campaign: Experiment, plans: Mapping[str, FlightPlan]) -> 
     if vehicle.constants.surface_limit == 0.0 or vehicle.constants.equivalence_ratio_max == 0.0:
         found = "margins of a vehicle without control surfaces or engine"
         raise InputError(model.vehicle, found, "one with both")
-    made: dict[str, FlightPlan] = {}
+    made: dict[str, MarginPlan] = {}
     for name, plan in plans.items():
         law = read_controller(model.controllers[name])
         steady = make_steady_plan(vehicle, mission, law, name, user_code=user_parts_of(plan))
