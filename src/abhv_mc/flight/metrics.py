@@ -20,7 +20,7 @@ Bad = Literal["high", "low", "size"]  # large values, small values, large absolu
 Group = Literal["tracking", "usage", "loads", "stability", "user"]
 
 
-NEEDS_LIMIT = (Statistic.TIME_OUTSIDE, Statistic.LAST_OUTSIDE, Statistic.FIRST_OUTSIDE)
+NEEDS_LIMIT = (Statistic.TIME_OUTSIDE, Statistic.LAST_OUTSIDE, Statistic.FIRST_OUTSIDE, Statistic.SHARE_OUTSIDE)
 TAKES_LIMIT = (*NEEDS_LIMIT, Statistic.REVERSALS)
 _SIZES = (Statistic.MAX_ABS, Statistic.RMS, Statistic.PEAK_TO_PEAK, Statistic.TRAVEL, *TAKES_LIMIT)
 # Ends of names by unit, where they are not the unit's own letters.

@@ -147,10 +147,10 @@ def _unit(name: str, entry: MetricEntry, known: Mapping[str, Known]) -> str:
     """The unit of a metric: what the entry says, what its channel and statistic make, what its name ends with."""
     if entry.unit is not None:
         return entry.unit
+    if entry.statistic in (Statistic.REVERSALS, Statistic.SHARE_OUTSIDE):
+        return "-"
     if entry.statistic in NEEDS_LIMIT:
         return "s"
-    if entry.statistic == Statistic.REVERSALS:
-        return "-"
     source = known.get(entry.of.strip())
     if source is None:
         return next((unit for unit in _NAMED_UNITS if name.endswith(f"_{name_end(unit)}")), "-")

@@ -40,6 +40,7 @@ class Statistic(IntEnum):
     FIRST_OUTSIDE = 11  # s; the end of the window or of the flight where it never was
     REVERSALS = 12  # times that it turned back by more than the limit
     SUM = 13  # over the ticks
+    SHARE_OUTSIDE = 14  # of the ticks, those at which the size of the value is above the limit
 
     @property
     def word(self) -> str:
@@ -108,8 +109,8 @@ N_ROWS = MAX_LEAN + ROWS * MAX_PROGRAMS
 _LOAD, _CONSTANT, _ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _MINIMUM, _MAXIMUM, _ABSOLUTE, _ROOT, _SINE, _COSINE = map(
     int, Operation
 )
-_MIN, _MAX, _MAX_ABS, _MEAN, _RMS, _FINAL, _INTEGRAL, _PEAK, _TRAVEL, _TIME, _LAST, _FIRST, _REVERSALS, _SUM = map(
-    int, Statistic
+_MIN, _MAX, _MAX_ABS, _MEAN, _RMS, _FINAL, _INTEGRAL, _PEAK, _TRAVEL, _TIME, _LAST, _FIRST, _REVERSALS, _SUM, _SHARE = (
+    map(int, Statistic)
 )
 
 
@@ -265,12 +266,13 @@ def count_value(O, row, value, counted, statistic, limit, factor, tick, dt, widt
             step = abs(x - c[lane]) * factor if statistic == _TRAVEL else 0.5 * dt * (x + c[lane])
             a[lane] += step if follows else 0.0
             c[lane] = x
-    elif statistic in (_TIME, _LAST, _FIRST):
+    elif statistic in (_TIME, _LAST, _FIRST, _SHARE):
+        passed = 1.0 if statistic == _SHARE else dt
         for lane in range(width):
             outside = counted[lane] > 0.0 and abs(value[lane]) > limit
             before = a[lane]
             latest = now * dt if statistic == _LAST or b[lane] == 0.0 else before
-            after = before + dt if statistic == _TIME else latest
+            after = before + passed if statistic in (_TIME, _SHARE) else latest
             a[lane] = after if outside else before
             b[lane] = 1.0 if outside else b[lane]
     else:  # _REVERSALS: b is the turning point so far, c the sense in which it moves
@@ -316,7 +318,7 @@ def finish_value(statistic, a, b, count, start, last, empty):
         value = b
     elif statistic == _PEAK:
         value = b - a
-    elif statistic == _MEAN:
+    elif statistic in (_MEAN, _SHARE):
         value = a * inverse
     elif statistic == _RMS:
         value = math.sqrt(a * inverse)
