@@ -93,8 +93,7 @@ def points_of(system, draw):
     def severity(points):
         return np.quantile(system.severity(points, flights), SEARCH_QUANTILE, axis=1)[:, None]
 
-    tried, found = search_worst(severity, system.unknowns, draw)
-    return points_flown([tried], [found])
+    return points_flown(system.unknowns, [search_worst(severity, system.unknowns, draw)])
 
 
 def simulate(system, repetitions, seed=29):

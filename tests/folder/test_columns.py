@@ -40,7 +40,7 @@ def test_rows_can_be_added_after_a_column_was_read_and_put_in_order(monkeypatch)
 def test_columns_of_a_file_are_read_when_asked_for(tmp_path):
     path = tmp_path / "samples.parquet"
     pq.write_table(pa.table({"flight": [0, 1], "x": [0.1, 0.2], "y": [1, 2]}), path)
-    found = FileColumns(path, "samples", without="flight")
+    found = FileColumns(path, "samples", without=("flight",))
     assert list(found) == ["x", "y"] and "flight" not in found
     assert found["x"].tolist() == [0.1, 0.2]
     assert found["y"].dtype == np.float64

@@ -43,16 +43,16 @@ def test_points_are_corners_center_and_the_worst_of_each_requirement():
     tried, found = search_worst(both, 3, np.random.default_rng(1))
     assert tried.shape == (8 + 1 + 32 + 2 * 64, 3) and found.shape == (len(tried), 2)
     assert np.abs(tried).max() == 1.0
-    points = points_flown([tried], [found])
+    points = points_flown(tried.shape[1], [(tried, found)])
     assert len(points) == 10 and np.array_equal(points[:8], corners(3)) and not points[8].any()
     assert points[9] == pytest.approx(inner, abs=0.1)
-    assert np.array_equal(points_flown([tried, tried], [found, found]), points)
+    assert np.array_equal(points_flown(3, [(tried, found)] * 2), points)
 
 
 def test_beyond_four_unknowns_the_worst_corner_and_its_opposite_stand_for_all():
     worst = np.array([1.0, 1.0, -1.0, 1.0, -1.0])
     tried, found = search_worst(lambda points: quadratic(0.5 * worst)(points)[:, None], 5, np.random.default_rng(2))
-    points = points_flown([tried], [found])
+    points = points_flown(tried.shape[1], [(tried, found)])
     assert np.array_equal(points[:3], [np.zeros(5), worst, -worst])
     assert len(points) == 4 and points[3] == pytest.approx(0.5 * worst, abs=0.35)
 

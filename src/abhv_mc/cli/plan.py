@@ -57,6 +57,10 @@ def _print(planned: "Planned") -> None:
     if len(planned.requirements) > 1:
         low, high = (percent(end[place], 2) for end in vars(planned.together[0].at_some_flight).values())
         say(f"All of them PASS at some flight up to {planned.runs} with a chance between {low} and {high} then.")
+    if planned.most_points > 1:
+        say(f"Each controller flies {planned.runs} flights at each of at most {planned.most_points} values of the "
+            f"unknowns: {planned.runs * planned.most_points} flights; {planned.search_flights} of all controllers "
+            "before that search the worst values. All of the chances are those of one value.")  # fmt: skip
     if planned.family_risk:
         say(f"The chance of any false PASS among all {planned.verdicts} verdicts is at most "
             f"{percent(planned.family_risk, 2)}.")  # fmt: skip

@@ -35,15 +35,16 @@ class Completion:
         """
         if self.campaign.model.stop is None:
             return self.stop
+        points = len(self.campaign.unknowns.points)
         there = int(min(np.argmin(np.append(mask, False)) for mask in self.done.values()))
-        goal = min(_FIRST_JUDGED, self.stop)
+        goal = min(points * _FIRST_JUDGED, self.stop)
         while goal <= there and goal < self.stop:
-            verdicts = [v for _, count, v in judge_counts(self.all_counts, self.campaign, goal) if count.binds]
+            verdicts = [v for _, count, v, _ in judge_counts(self.all_counts, self.campaign, goal) if count.binds]
             left = [verdict for verdict in verdicts if verdict.status == "NOT SHOWN"]
             if not left:
                 return max(goal, there)
-            next_pass = min(flights_to_pass(v.failures, v.probability, v.consumer_risk) for v in left)
-            goal = min(max(next_pass, goal + goal // 10), 2 * goal, self.stop)
+            next_pass = min(points * flights_to_pass(v.failures, v.probability, v.consumer_risk) for v in left)
+            goal = min(max(next_pass, goal + goal // (10 * points) * points), 2 * goal, self.stop)
         return goal
 
     def whole(self) -> bool:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from abhv_mc.array_types import Mask
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
@@ -15,7 +16,7 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.digest import Digest
 from abhv_mc.folder.flights import END_TIME, FlightRows
 from abhv_mc.folder.manifest import ControllerCount, Manifest, RequirementVerdict
-from abhv_mc.statistics.judgement import Pair, judge_pairs
+from abhv_mc.statistics.judgement import Pair
 from abhv_mc.statistics.verdicts import Verdict, verdict_words
 
 _OK, _FAILED = Outcome.OK.code, Outcome.FAILED_TO_RUN.code
@@ -28,18 +29,19 @@ class RequirementCount:
     requirement: Requirement
     binds: bool  # whether it applies to this controller, or is only shown
     missed: Mask  # [flight]
-    flights: int = 0
-    failures_ended_early: int = 0  # failures that are such because the flight ended early
-    failures_measured: int = 0  # failures by the metric alone, up to wherever the flight came
+    flights: NDArray[np.int64]  # [point] of the unknowns
+    ended_early: NDArray[np.int64]  # [point] failures that are such because the flight ended early
+    measured: NDArray[np.int64]  # [point] failures by the metric alone, up to wherever the flight came
 
     def add(self, values: np.ndarray, early: np.ndarray, flights: np.ndarray) -> None:
         """Count flights by their metric; not-a-number fails."""
         measured = self.requirement.limits.failures(values)
         failed = measured | (early & self.requirement.early_is_failure)
-        self.failures_measured += int(measured.sum())
-        self.failures_ended_early += int((failed & ~measured).sum())
         self.missed[flights] = failed
-        self.flights += len(values)
+        points = len(self.flights)
+        self.flights += np.bincount(flights % points, minlength=points)
+        self.measured += np.bincount(flights[measured] % points, minlength=points)
+        self.ended_early += np.bincount(flights[failed & ~measured] % points, minlength=points)
 
 
 @dataclass
@@ -75,10 +77,12 @@ class FlightCounts:
 
 def make_flight_counts(campaign: Experiment) -> dict[str, FlightCounts]:
     """Empty counts for each controller."""
-    all_counts = {}
+    all_counts, points = {}, len(campaign.unknowns.points)
     for name in campaign.controllers:
         counts = [
-            RequirementCount(item, name in item.controllers, np.zeros(campaign.runs, bool))
+            RequirementCount(
+                item, name in item.controllers, np.zeros(campaign.runs, bool), *np.zeros((3, points), np.int64)
+            )
             for item in campaign.requirements
         ]
         all_counts[name] = FlightCounts(name, counts, np.zeros(campaign.runs, bool))
@@ -114,26 +118,30 @@ def count_flights(
 
 def judge_counts(
     all_counts: Mapping[str, FlightCounts], campaign: Experiment, flights: int | None = None
-) -> list[tuple[FlightCounts, RequirementCount, Verdict]]:
-    """The verdict of every requirement on every controller, after all flights or the first so many.
+) -> list[tuple[FlightCounts, RequirementCount, Verdict, int]]:
+    """The verdict of every requirement on every controller, after all flights or the first so many, and the point of
+    the unknowns that it names.
 
     All pairs of requirement and controller are one family.
     """
     counted = [(counts, count) for counts in all_counts.values() for count in counts.requirements]
-    pairs = []
+    points, groups = len(campaign.unknowns.points), []
     for counts, count in counted:
-        failures, uncomputed = int(count.missed[:flights].sum()), int(counts.uncomputed[:flights].sum())
-        number, asked = count.flights + uncomputed if flights is None else flights, count.requirement
-        risks = asked.consumer_risk, asked.producer_risk
-        pairs.append(Pair(failures, number, uncomputed, asked.probability, *risks))
-    verdicts = judge_pairs(pairs, campaign.independent, campaign.family_risk)
-    return [(*pair, verdict) for pair, verdict in zip(counted, verdicts, strict=True)]
+        asked, group = count.requirement, []
+        for point in range(points):
+            rows = slice(point, flights, points)
+            failures, uncomputed = int(count.missed[rows].sum()), int(counts.uncomputed[rows].sum())
+            number = int(count.flights[point]) + uncomputed if flights is None else len(range(point, flights, points))
+            risks = asked.consumer_risk, asked.producer_risk
+            group.append(Pair(failures, number, uncomputed, asked.probability, *risks))
+        groups.append(group)
+    return [(*pair, *found) for pair, found in zip(counted, campaign.judge(groups), strict=True)]
 
 
 def judge_requirements(manifest: Manifest, all_counts: Mapping[str, FlightCounts], campaign: Experiment) -> Manifest:
     """The manifest with failure counts and verdicts of the requirements: those that bind, and those that are shown."""
     judged: dict[bool, list[RequirementVerdict]] = {True: [], False: []}
-    for counts, count, verdict in judge_counts(all_counts, campaign):
+    for counts, count, verdict, point in judge_counts(all_counts, campaign):
         asked = count.requirement
         entry = RequirementVerdict(
             id=asked.traced.get("id"),
@@ -149,8 +157,8 @@ def judge_requirements(manifest: Manifest, all_counts: Mapping[str, FlightCounts
             controller=counts.controller,
             flights=verdict.flights,
             failures=verdict.failures,
-            failures_ended_early=count.failures_ended_early,
-            failures_measured=count.failures_measured,
+            failures_ended_early=int(count.ended_early[point]),
+            failures_measured=int(count.measured[point]),
             failures_not_computed=verdict.uncomputed,
             verdict=verdict.status,
             words=verdict_words(verdict),

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from abhv_mc.campaign.file.check import check_campaign, read_campaign
 from abhv_mc.campaign.file.config import PROCESSES
 from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.execution.name_points import name_points, with_points
 from abhv_mc.execution.probe_dispersions import fly_probes
 from abhv_mc.execution.worker_processes import start_fork_server
 from abhv_mc.flight.plan import FlightPlan
@@ -89,6 +90,10 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     inputs = collect_inputs(requested)
     flown = open_folder(folder, request.fresh, stack)
     if flown is not None:
+        if requested.unknowns.names:
+            held = read_folder_inputs(flown.folder, flown.manifest)
+            requested = with_points(requested, held.data.get("points"))
+            inputs = collect_inputs(requested)
         return _resume(flown, requested, inputs, engine, request)
     _start_workers(request, engine)
     plans = take_plans(request.plans_from, requested, inputs, engine, request.trust_code)
@@ -96,6 +101,9 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     if request.shard is None:
         _compile_margins(requested, plans, engine, stack)
     nominal = _fly_nominal(requested, plans, engine)
+    if requested.unknowns.names:
+        requested = name_points(requested, plans, engine, request.workers)
+        inputs = collect_inputs(requested)
     ready = make_ready(requested, plans, margins=True)
     files = begin_folder(folder, inputs, plans, stack)
     _write_samples(folder, requested)
@@ -137,7 +145,10 @@ def _resume(
     before = read_folder_inputs(folder, manifest)
     _check_same(flown, before, requested, inputs, request)
     added = [name for name in requested.model.controllers if name not in before.data["controllers"]]
-    longer = requested.runs > before.data["runs"]
+    if added and requested.unknowns.names:
+        found = f"a folder whose points of the unknowns were found without {', '.join(added)}"
+        raise InputError(folder.root, found, "another folder (-o DIR), or --fresh")
+    longer = requested.runs_at_point > before.data["runs"]
     merged = merge_inputs(before, inputs, selected=request.controllers is not None)
     judged_anew = next(iter(merged.data["controllers"])) != next(iter(before.data["controllers"]))
     changed = added or longer or judged_anew or not files.knows(folder.campaign)  # the last: killed while it grew
@@ -191,7 +202,7 @@ def _check_same(
         found = "a folder that holds another campaign:\n  " + "\n  ".join(changes)
         wish = "the same campaign, another folder (-o DIR), or --fresh to delete what was flown"
         raise InputError(root, found, wish)
-    if shard and requested.runs > before.data["runs"]:
+    if shard and requested.runs_at_point > before.data["runs"]:
         raise InputError(root, "a shard of fewer flights", "another folder (-o DIR): shards do not grow")
 
 
@@ -224,7 +235,7 @@ def _write_samples(folder: CampaignFolder, campaign: Experiment) -> None:
     """Draw the samples."""
     source = campaign.make_samples()
     provenance = {"seed": str(campaign.model.seed), "design": campaign.model.sampling.design}
-    write_samples(folder.samples, source.names, campaign.runs, source.draw, provenance)
+    write_samples(folder.samples, source.names, campaign.runs, source.draw, provenance, len(campaign.unknowns.points))
 
 
 def _check_drawn(folder: CampaignFolder, campaign: Experiment) -> None:

@@ -67,11 +67,11 @@ class _Columns(Mapping[str, Floats]):
 class FileColumns(_Columns):
     """Columns [row] of a Parquet file, each read when it is asked for, and not kept."""
 
-    def __init__(self, path: Path, expected: str, without: str) -> None:
+    def __init__(self, path: Path, expected: str, without: Sequence[str]) -> None:
         """All columns but `without`. Raises InputError where the file is missing or unreadable."""
         self._path, self._expected = path, expected
         with _open(path, expected) as file:
-            super().__init__(name for name in file.schema_arrow.names if name != without)
+            super().__init__(name for name in file.schema_arrow.names if name not in without)
 
     def __getitem__(self, name: str) -> Floats:
         if name not in self._places:

@@ -44,8 +44,9 @@ class FolderInputs:
 
     @property
     def question(self) -> str:
-        """Hash of what is asked: the identity without the seed and the number of flights."""
-        return self._hash_without("execution", "seed", "runs", "pooled")
+        """Hash of what is asked: the identity without the seed and the number of flights. With unknowns the seed finds
+        the points, so that flights of different seeds are not counted together."""
+        return self._hash_without("execution", "runs", "pooled", *(() if self.data.get("unknowns") else ("seed",)))
 
     def _hash_without(self, *left_out: str) -> str:
         data = {key: value for key, value in self.data.items() if key not in left_out}
@@ -75,7 +76,7 @@ def collect_inputs(campaign: Experiment) -> FolderInputs:
         data["channels"] = _take(model.channels, "inputs/channels", copies)
     if isinstance(model.metrics, Path):
         data["metrics"] = read_document(model.metrics).data
-    data["runs"] = campaign.runs
+    data["runs"] = campaign.runs_at_point
     data["seed"] = model.seed
     if model.sampling.path:
         place = _take(model.sampling.path, "inputs/samples", copies)

@@ -25,6 +25,7 @@ from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import Manifest, read_manifest
 from abhv_mc.folder.ranking import Ranking, rank_flights
+from abhv_mc.folder.samples import POINT
 from abhv_mc.folder.steady_margins import SteadyMargins, read_steady_margins
 from abhv_mc.io.input_error import InputError
 
@@ -138,7 +139,7 @@ def read_results(root: Path) -> Results:
     if manifest.shard:
         found = "shard {}/{} of a campaign".format(*manifest.shard)
         raise InputError(root, found, "all of it: 'abhv-mc merge' joins its shards")
-    samples = FileColumns(folder.samples, "the samples of a campaign", without="flight")
+    samples = FileColumns(folder.samples, "the samples of a campaign", without=("flight", POINT))
     campaign = read_folder_campaign(folder)
     flights = read_flights(folder.flights, data_files(folder, manifest), campaign.metrics)
     reference = _columns(read_table(folder.reference, "the mission's reference"))

@@ -15,17 +15,25 @@ from abhv_mc.io.parquet_columns import column_values
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.plant.parameters import PARAMETERS
 
+POINT = "point"
 ROW_GROUP = 65536  # flights drawn, written and read at once
 
 
 def write_samples(
-    path: Path, names: Sequence[str], flights: int, draw: Callable[[int, int], Floats], provenance: dict[str, str]
+    path: Path,
+    names: Sequence[str],
+    flights: int,
+    draw: Callable[[int, int], Floats],
+    provenance: dict[str, str],
+    points: int = 1,
 ) -> None:
-    """Write all samples; ``draw(first, stop)`` gives values ``[flight, parameter]``."""
+    """Write all samples; ``draw(first, stop)`` gives values ``[flight, parameter]``. Of several ``points`` of unknowns
+    each flight is at the next one, which a column says."""
     parameters = [PARAMETERS[PARAMETER_INDEX[name]] for name in names]
     schema = pa.schema(
         [
             make_field("flight", pa.int64(), "-", "number of the flight"),
+            *([make_field(POINT, pa.int64(), "-", "number of the point of the unknowns")] if points > 1 else []),
             *(make_field(p.name, pa.float64(), p.unit, p.doc) for p in parameters),
         ],
         metadata={f"abhv_mc.{key}": text for key, text in provenance.items()},
@@ -38,7 +46,9 @@ def write_samples(
             for first in range(0, flights, ROW_GROUP):
                 stop = min(first + ROW_GROUP, flights)
                 values = draw(first, stop)
-                columns = [np.arange(first, stop), *(np.ascontiguousarray(column) for column in values.T)]
+                number = np.arange(first, stop)
+                numbers = [number, number % points] if points > 1 else [number]
+                columns = [*numbers, *(np.ascontiguousarray(column) for column in values.T)]
                 writer.write_table(pa.Table.from_arrays([pa.array(c) for c in columns], schema=schema))
 
     write_whole(path, write)
@@ -49,7 +59,7 @@ class SampleReader:
 
     def __init__(self, path: Path) -> None:
         self._file = pq.ParquetFile(path, page_checksum_verification=True)
-        self.names: tuple[str, ...] = tuple(self._file.schema_arrow.names[1:])
+        self.names: tuple[str, ...] = tuple(n for n in self._file.schema_arrow.names[1:] if n != POINT)
         self.flights: int = self._file.metadata.num_rows
         self._groups: dict[int, Floats] = {}
         self._lock = threading.Lock()

@@ -136,6 +136,9 @@ def make_space(campaign: Experiment) -> Space:
     document = campaign.document
     if campaign.sample_file is not None:
         raise document.error(("sampling",), "samples from a file", "dispersions with laws, which a search needs")
+    if campaign.unknowns.names:
+        wish = "a campaign without: this search is over dispersions (`run` finds the unknowns' worst values)"
+        raise document.key_error(("unknowns",), "unknowns", wish)
     names = tuple(name for name in campaign.names if name not in _SEEDS)
     if not names:
         raise document.error((), "no dispersions", "something to vary")

@@ -48,7 +48,7 @@ def _requirements(campaign: Experiment) -> Iterator[InputError]:
         elif low is not None and low < 0.0:
             found = f"'{entry.metric}' above {low:g}, which every flight meets: it is never negative"
             yield document.error(("requirements", i, "above"), found, "a limit from zero on")
-    if not campaign.independent:
+    if not campaign.judged:
         return
     family = campaign.family_risk
     verdicts = len(entries) * len(campaign.controllers)
@@ -56,10 +56,10 @@ def _requirements(campaign: Experiment) -> Iterator[InputError]:
         # Every requirement is judged on every controller; where each flight met all, Holm's first step decides.
         risk = min(entry.consumer_risk, family / verdicts) if family else entry.consumer_risk
         needed = flights_to_pass(0, entry.probability, risk)
-        if needed <= campaign.runs:
+        if needed <= campaign.runs_at_point:
             continue
         found = (
-            f"a probability of {entry.probability:g} that no outcome of {campaign.runs} flights shows at a "
+            f"a probability of {entry.probability:g} that no outcome of {campaign.runs_at_point} flights shows at a "
             f"risk of {risk:g}"
         )
         wish = f"at least {needed} flights, or a lower probability"
@@ -68,6 +68,10 @@ def _requirements(campaign: Experiment) -> Iterator[InputError]:
 
 def _laws(campaign: Experiment) -> Iterator[InputError]:
     """Laws that give values at or below zero to what has a meaning above it only."""
+    for name, low in zip(campaign.unknowns.names, campaign.unknowns.low.tolist(), strict=True):
+        if _ABOVE_ZERO.search(name) and low <= 0.0:
+            wish = "values above zero: at or below it has no meaning"
+            yield campaign.document.key_error(("unknowns", name), f"'{name}' down to {low:g}", wish)
     for column, name in enumerate(campaign.names):
         if not _ABOVE_ZERO.search(name):
             continue

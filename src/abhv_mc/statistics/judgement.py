@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from abhv_mc.statistics.unknowns import judge_points
 from abhv_mc.statistics.verdicts import Verdict, judge
 
 
@@ -35,6 +36,17 @@ def judge_pairs(pairs: Sequence[Pair], independent: bool = True, family_risk: fl
     if not independent:
         return [replace(verdict, status="ESTIMATE", E_pass=0.0, E_fail=0.0) for verdict in verdicts]
     return verdicts if family_risk is None else hold_family(verdicts, family_risk)
+
+
+def judge_groups(
+    groups: Sequence[Sequence[Pair]], independent: bool = True, family_risk: float | None = None
+) -> list[tuple[Verdict, int]]:
+    """The same of pairs at several values of unknowns each: the verdict over these, and which has its counts."""
+    found = [judge_points(judge_pairs(group, independent)) for group in groups]
+    verdicts = [verdict for verdict, _ in found]
+    if independent and family_risk is not None:
+        verdicts = hold_family(verdicts, family_risk)
+    return list(zip(verdicts, [worst for _, worst in found], strict=True))
 
 
 def holm(p_values: Sequence[float], risk: float) -> list[bool]:

@@ -66,17 +66,30 @@ def search_worst(
     return tried, found
 
 
-def points_flown(tried: Sequence[Floats], found: Sequence[Floats]) -> Floats:
+def search_flights(unknowns: int, requirements: int) -> int:
+    """Flights of a search of one controller."""
+    return SEARCH_FLIGHTS * (len(corners(unknowns)) + 1 + _HALTON + requirements * _STEPS)
+
+
+def most_points(unknowns: int, searches: int) -> int:
+    """The most points that are judged where so many pairs of controller and requirement are searched."""
+    return len(standing_points(unknowns)) + searches * (1 if unknowns <= _ALL_CORNERS_FLOWN else 3)
+
+
+def standing_points(unknowns: int) -> Floats:
+    """Points ``[point, unknown]`` judged whatever a search finds: the centre, and all corners of up to four."""
+    ends = corners(unknowns) if unknowns <= _ALL_CORNERS_FLOWN else np.empty((0, unknowns))
+    return np.vstack([ends, np.zeros((1, unknowns))])
+
+
+def points_flown(unknowns: int, searched: Sequence[tuple[Floats, Floats]]) -> Floats:
     """Points ``[point, unknown]`` at which requirements are judged, from what a search of each controller gave.
 
     Up to four unknowns all corners and the centre, then each requirement's worst; beyond four, in place of all corners
     each requirement's worst and its opposite.
     """
-    unknowns = tried[0].shape[1]
-    ends = corners(unknowns)
-    rows = [*ends] if unknowns <= _ALL_CORNERS_FLOWN else []
-    rows.append(np.zeros(unknowns))
-    for points, values in zip(tried, found, strict=True):
+    ends, rows = corners(unknowns), [*standing_points(unknowns)]
+    for points, values in searched:
         if unknowns > _ALL_CORNERS_FLOWN:
             worst = ends[values[: len(ends)].argmax(axis=0)]
             rows += [*worst, *-worst]
@@ -91,11 +104,11 @@ def judge_points(verdicts: Sequence[Verdict]) -> tuple[Verdict, int]:
     the mean of the points' E_fail reaches 1 / producer_risk: if every point meets the requirement each E_fail is an
     e-value at any number of flights, and so is their mean (Vovk & Wang 2021).
     """
+    if len(verdicts) == 1:
+        return verdicts[0], 0
     worst = min(range(len(verdicts)), key=lambda i: verdicts[i].E_pass)
     at = verdicts[worst]
     missed = float(np.mean([verdict.E_fail for verdict in verdicts]))
-    if at.status == "ESTIMATE":
-        return at, worst
     passes = all(verdict.status == "PASS" for verdict in verdicts)
     status: Status = "PASS" if passes else "FAIL" if missed >= 1.0 / at.producer_risk else "NOT SHOWN"
     return replace(at, status=status, E_fail=missed), worst

@@ -32,4 +32,5 @@ def names_of(results: Results) -> Names:
     labels = full_labels(results.folder, results.controllers)
     campaign, folder = results.campaign, shlex.quote(results.folder.as_posix())
     asked, requirements = results.asked, campaign.requirements
-    return Names(labels, campaign.metrics, asked, requirements, folder, campaign.sampling, campaign.independent)
+    design = "several-point" if campaign.unknowns.names else campaign.sampling
+    return Names(labels, campaign.metrics, asked, requirements, folder, design, campaign.independent)

@@ -20,6 +20,7 @@ from abhv_mc.campaign.file.requirements import (
     check_stop,
     select_requirements,
 )
+from abhv_mc.campaign.file.unknowns import check_unknowns
 from abhv_mc.campaign.file.user_metrics import (
     declare_metrics,
     find_user_channels,
@@ -86,7 +87,10 @@ def _check(document: Document, model: Campaign) -> Experiment:
     metrics = {metric.name: metric for metric in (*METRICS, *declared)}
     measured = metrics | {metric.name: metric for metric in MARGINS}
     requirements = tuple(check_requirements(document, model, measured, written, errors))
-    number = _check_runs(document, model, names, sample_file, errors)
+    others = {**dict.fromkeys(model.derived, "derived"), **dict.fromkeys(model.dispersions, "a dispersion")}
+    box = model.unknowns, model.points, others, model.sampling.design
+    unknowns = check_unknowns(document, *box, errors)
+    number = _check_runs(document, model, names, sample_file, errors) * len(unknowns.points)
     by = model.keep.histories.by
     ranked = (BY_REQUIREMENTS, *(measured if model.margins and model.margins.of(number) == number else metrics))
     if by not in ranked:
@@ -96,14 +100,15 @@ def _check(document: Document, model: Campaign) -> Experiment:
             where = ("keep", "histories", "flights")
             errors.append(document.error(where, f"flight {item}", f"flights from 0 to {number - 1}"))
     check_stop(document, model, errors)
-    if model.pooled and (model.sampling.design != INDEPENDENT or sum(part.runs for part in model.pooled) > number):
+    joined = model.sampling.design == INDEPENDENT and not unknowns.names
+    if model.pooled and (not joined or sum(part.runs for part in model.pooled) > number):
         found = f"{sum(part.runs for part in model.pooled)} pooled flights"
         errors.append(document.key_error(("pooled",), found, f"at most {number} ('runs'), of the design {INDEPENDENT}"))
     check_margins(document, model, number, errors)
     if errors:
         raise InputErrors(sorted(errors, key=lambda error: (error.line or 0, error.column or 0)))
     shared = document, model, number, marginals, copula, sample_file, requirements
-    return Experiment(*shared, tuple(metrics.values()), declared, user_channels, derived=derived)
+    return Experiment(*shared, tuple(metrics.values()), declared, user_channels, derived=derived, unknowns=unknowns)
 
 
 def name_effectors(document: Document) -> Document:

@@ -8,6 +8,8 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 from abhv_mc.campaign import MOST_WORKERS
 from abhv_mc.campaign.file.keep import Keep
 from abhv_mc.campaign.file.tuning import Points, Tune
+from abhv_mc.campaign.file.unknowns import Points as UnknownPoints
+from abhv_mc.campaign.file.unknowns import Unknown
 from abhv_mc.campaign.file.user_metrics import MetricEntry, MetricName
 from abhv_mc.campaign.sampling.designs import DESIGNS
 from abhv_mc.campaign.sampling.distributions import Distribution, Value
@@ -200,6 +202,12 @@ class Campaign(StrictModel):
         Sampling(), description="the design: its name, or a mapping with its numbers; verdicts need 'random'"
     )
     dispersions: dict[str, Distribution] = Field({}, description="distributions by the parameter that they disperse")
+    unknowns: dict[str, Unknown] = Field(
+        {}, description="bounds of parameters with one value for the whole programme: judged at points of their box"
+    )
+    points: UnknownPoints | None = Field(
+        None, description="where these are judged, as `run` found it; left out: search"
+    )
     correlations: tuple[Correlation, ...] = Field((), description="pairs of parameters that vary together")
     derived: dict[str, str] = Field(
         {}, description="parameters that follow from others of their flight: expressions of parameters, in SI"

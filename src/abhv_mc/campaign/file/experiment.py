@@ -1,6 +1,6 @@
 """What a campaign file asks, resolved: a value that execution, searches, the folder and the topics know."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -11,6 +11,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.campaign.file.keep import BY_REQUIREMENTS
+from abhv_mc.campaign.file.unknowns import Unknowns
 from abhv_mc.campaign.sampling.correlation import Copula
 from abhv_mc.campaign.sampling.derived import Derived
 from abhv_mc.campaign.sampling.designs import EXTENSIBLE, INDEPENDENT, Design
@@ -19,16 +20,20 @@ from abhv_mc.campaign.sampling.sample_file import SampleFile
 from abhv_mc.campaign.sampling.samples import (
     DrawnSamples,
     GivenSamples,
+    PointSamples,
     PooledSamples,
     SampleSource,
     SeededSamples,
     full_rows,
 )
 from abhv_mc.campaign.sampling.seeds import Seeds, find_seeds
+from abhv_mc.campaign.sampling.streams import stream_key
 from abhv_mc.flight.metrics import MARGINS, Metric
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.documents import Document
+from abhv_mc.statistics.judgement import Pair, judge_groups
 from abhv_mc.statistics.ranking import Criterion
+from abhv_mc.statistics.verdicts import Verdict
 
 _MIDDLE = 0.6  # of its extent, where a dispersion stands in other trials: no nominal value of a symmetric law
 
@@ -61,7 +66,7 @@ class Experiment:
 
     document: Document
     model: Campaign
-    runs: int  # flights of each controller
+    runs: int  # flights of each controller, at all points of the unknowns
     marginals: dict[str, Marginal]  # by parameter, in the file's order; empty where the samples come from a file
     copula: Copula
     sample_file: SampleFile | None
@@ -72,6 +77,7 @@ class Experiment:
     systems: Mapping[str, System] = field(default_factory=dict)  # by controller, where they are ready to fly
     columns: tuple[str, ...] | None = None  # of the rows that fly, where they are not the campaign's own
     derived: Derived = ()  # parameters that follow from the others of their row
+    unknowns: Unknowns = field(default_factory=Unknowns)
 
     @property
     def name(self) -> str:
@@ -94,9 +100,19 @@ class Experiment:
         return self.model.sampling.design
 
     @property
-    def independent(self) -> bool:
-        """Whether its flights are independent draws, so that exact binomial statistics hold."""
+    def runs_at_point(self) -> int:
+        """Flights of each controller at each point of the unknowns: row k flies sample k // points at k % points."""
+        return self.runs // len(self.unknowns.points)
+
+    @property
+    def judged(self) -> bool:
+        """Whether the flights at each point are independent draws, so that requirements get verdicts."""
         return self.sampling == INDEPENDENT
+
+    @property
+    def independent(self) -> bool:
+        """Whether all its flights are, so that exact binomial statistics hold."""
+        return self.judged and not self.unknowns.names
 
     @property
     def stops_when_proven(self) -> bool:
@@ -131,7 +147,11 @@ class Experiment:
     def dispersions(self) -> dict[str, dict[str, Any]]:
         """As the file writes them."""
         data = self.document.data
-        return dict(data.get("dispersions") or {}) if isinstance(data, dict) else {}
+        if not isinstance(data, dict):
+            return {}
+        unknowns: dict[str, Any] = data.get("unknowns") or {}
+        drawn = dict(data.get("dispersions") or {})
+        return drawn | {name: {"distribution": "unknown", **entry} for name, entry in unknowns.items()}
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -141,12 +161,13 @@ class Experiment:
     @property
     def varied(self) -> tuple[str, ...]:
         """The parameters that differ from flight to flight."""
-        return (*self.names, *(each.name for each in self.derived))
+        return (*self.names, *self.unknowns.names, *(each.name for each in self.derived))
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """The columns of the rows that fly: the dispersed parameters, then the seeds that the flights' noise needs."""
-        return self.columns if self.columns is not None else (*self.names, *find_seeds(self.varied))
+        """The columns of the rows that fly: the dispersed parameters, the unknowns, then the seeds that noise needs."""
+        own = (*self.names, *self.unknowns.names, *find_seeds(self.varied))
+        return self.columns if self.columns is not None else own
 
     @property
     def extensible(self) -> bool:
@@ -200,7 +221,10 @@ class Experiment:
         return [limit for limit in own if limit is not None]
 
     def ends_of(self, i: int) -> Floats:
-        """Low end, about the middle, and high end of a dispersion."""
+        """Low end, about the middle, and high end of a dispersion; the unknowns come after them."""
+        if i >= len(self.names):
+            low, high = (float(end[i - len(self.names)]) for end in (self.unknowns.low, self.unknowns.high))
+            return np.array([low, low + _MIDDLE * (high - low), high])
         if self.sample_file is not None:
             return np.quantile(self.sample_file.values[: self.runs, i], [0.0, _MIDDLE, 1.0])
         return np.asarray(self.marginals[self.names[i]].at_fraction(np.array([0.0, _MIDDLE, 1.0])))
@@ -210,7 +234,26 @@ class Experiment:
         if self.model.pooled:
             sources = [self._samples_of(part.seed, self.runs) for part in self.model.pooled]
             return PooledSamples(tuple(sources), tuple(part.runs for part in self.model.pooled), self.runs)
-        return self._samples_of(self.model.seed, self.runs)
+        return self._at_points(self._samples_of(self.model.seed, self.runs_at_point), self.unknowns.points)
+
+    def search_rows(self, flights: int, points: Floats) -> Floats:
+        """Rows of its inputs: so many samples, none of them among those that are judged, at each of ``points``
+        [point, unknown], one point after the other."""
+        seed = stream_key(self.seed, "unknowns", "search") % 2**63
+        rows = self._at_points(self._samples_of(seed, flights), points).draw(0, flights * len(points))
+        return rows.reshape(flights, len(points), -1).swapaxes(0, 1).reshape(len(rows), -1)
+
+    def _at_points(self, samples: SampleSource, points: Floats) -> SampleSource:
+        names = self.unknowns.names
+        return PointSamples(samples, len(self.names), names, points) if names else samples
+
+    def judge(self, groups: Sequence[Sequence[Pair]]) -> list[tuple[Verdict, int]]:
+        """The verdict on the counts of each requirement and controller at each point, and the point that it names."""
+        found = judge_groups(groups, self.judged, self.family_risk)
+        if not self.unknowns.names:
+            return found
+        notes = [filter(None, (self.unknowns.note(at, verdict.failures), verdict.note)) for verdict, at in found]
+        return [(replace(verdict, note="; ".join(note)), at) for (verdict, at), note in zip(found, notes, strict=True)]
 
     def rows(self, values: Floats) -> Floats:
         """Full rows ``[flight, parameter]`` of rows of its inputs."""

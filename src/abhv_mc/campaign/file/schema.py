@@ -86,7 +86,7 @@ def _enumerate(campaign: Schema) -> None:
     campaign["then"] = {"properties": {"requirements": {"items": {"properties": {"metric": metrics}}}}}
 
     names = {"enum": [parameter.name for parameter in PARAMETERS if "." in parameter.name]}
-    for key in ("dispersions", "derived"):
+    for key in ("dispersions", "unknowns", "derived"):
         campaign["properties"][key]["propertyNames"] = {"anyOf": [names, {"pattern": _FAILURE}]}
     parts["Correlation"]["properties"]["between"]["prefixItems"] = [{"type": "string", **names}] * 2
     for keep in ("KeepHistories", "KeepEnvelopes"):

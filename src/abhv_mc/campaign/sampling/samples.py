@@ -118,6 +118,31 @@ class PooledSamples:
         return np.concatenate(pieces)
 
 
+@dataclass(frozen=True)
+class PointSamples:
+    """Samples of a source, each flown at every point of unknowns: row k is sample k // points at point k % points."""
+
+    samples: SampleSource
+    place: int  # of the unknowns' columns among the source's
+    unknowns: tuple[str, ...]
+    points: Floats  # [point, unknown]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        names = self.samples.names
+        return (*names[: self.place], *self.unknowns, *names[self.place :])
+
+    @property
+    def flights(self) -> int:
+        return self.samples.flights * len(self.points)
+
+    def draw(self, first: int, stop: int) -> Floats:
+        sample, point = np.divmod(np.arange(first, stop), len(self.points))
+        low = first // len(self.points)
+        rows = self.samples.draw(low, -(-stop // len(self.points)))[sample - low]
+        return np.column_stack([rows[:, : self.place], self.points[point], rows[:, self.place :]])
+
+
 def full_rows(names: Sequence[str], values: Floats, derived: Derived) -> Floats:
     """Full rows ``[flight, parameter]`` in the order of PARAMETERS: nominal but for sampled and derived columns."""
     rows = np.tile([parameter.nominal for parameter in PARAMETERS], (len(values), 1))

@@ -11,6 +11,7 @@ from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.simulators.feasibility import asked_in_vain
 from abhv_mc.statistics.evidence import flights_to_pass, most_failures
 from abhv_mc.statistics.flights_planned import PLANNED_FAILURES, ever_chance, pass_chance, together
+from abhv_mc.statistics.unknowns import most_points, search_flights
 from abhv_mc.topics.failed_flights import limit_words
 
 TIMES = (1, 2, 4)  # the planned number of flights
@@ -74,11 +75,13 @@ class Planned:
     requirements: tuple[PlannedRequirement, ...]
     together: tuple[Together, ...]
     problems: Sequence[str]
+    most_points: int = 1  # of the unknowns, at each of which every controller flies as many
+    search_flights: int = 0  # of all controllers, before these
 
 
 def plan_campaign(campaign: Experiment) -> Planned:
     """What a campaign with requirements can show at its planned number of flights, and at two and four times that."""
-    model, runs = campaign.model, campaign.runs
+    model, runs = campaign.model, campaign.runs_at_point
     verdicts = len(model.requirements) * len(model.controllers)
     requirements = []
     for item in campaign.requirements:
@@ -117,4 +120,14 @@ def plan_campaign(campaign: Experiment) -> Planned:
             for chances in zip(*(entry.pass_chance for entry in requirements), strict=True)
         ),
         asked_in_vain(campaign),
+        *_points(campaign),
     )
+
+
+def _points(campaign: Experiment) -> tuple[int, int]:
+    """The most points of the unknowns that are judged, and the flights of the search that finds them."""
+    unknowns, asked = len(campaign.unknowns.names), len(campaign.requirements)
+    if not unknowns or campaign.model.points is not None:
+        return len(campaign.unknowns.points), 0
+    controllers = len(campaign.controllers)
+    return most_points(unknowns, controllers * asked), controllers * search_flights(unknowns, asked)

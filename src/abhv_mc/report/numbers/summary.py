@@ -99,7 +99,13 @@ def confidence_sentence(models: Models, warnings: Sequence[str] = ()) -> str:
     flights = joined([fixed(count, 0) for count in sorted({each.flown for each in models[FLIGHTS].counts.values()})])
     text = f"Based on {flights} flights of each controller, the same dispersions for all"
     text += "; intervals are 95 %." if names.independent else "."
-    if not names.independent:
+    if campaign.unknowns.names:
+        text += (
+            f" They are {fixed(campaign.runs_at_point, 0)} flights at each of {len(campaign.unknowns.points)} values "
+            "of the unknowns. A verdict is of every one of these; what lies between them was searched, not proven. "
+            "Quantiles, envelopes and differences are of all of them together, and no winner is named."
+        )
+    elif not names.independent:
         text += (
             f" The flights of a {names.design} design are not independent draws: exact binomial statistics do "
             "not hold, so quantiles, differences and their intervals are estimates and no verdict is given."

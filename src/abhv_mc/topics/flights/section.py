@@ -56,7 +56,9 @@ def _flown(found: Flights, campaign: Experiment, names: Names) -> str:
     text += f" ({campaign.sampling.replace('_', ' ')} sampling, "
     text += f"{seeds if campaign.pooled_seeds else f'seed {campaign.seed}'}). "
     if found.dispersions:
-        count = len(found.dispersions)
+        count, unknowns = len(found.dispersions) - len(campaign.unknowns.names), campaign.unknowns
+        if unknowns.names:
+            text += f"Each sample flew at each of {len(unknowns.points)} values of the unknowns. "
         text += f"Each flight drew {count} parameter{'s' if count != 1 else ''} as listed here; nothing else differed "
         text += "from the nominal flight. "
     return text + (

@@ -11,7 +11,7 @@ from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.results import Results
 from abhv_mc.statistics.binomial import success_lower_bound
-from abhv_mc.statistics.judgement import Pair, hold_family, judge_pairs
+from abhv_mc.statistics.judgement import Pair, hold_family
 from abhv_mc.statistics.ranking import spread
 from abhv_mc.statistics.verdicts import Verdict, advice_words, tolerance_limit, verdict_words
 from abhv_mc.topics.failed_flights import requirement_failures, requirement_words
@@ -104,39 +104,43 @@ class Verdicts:
 def compute_verdicts(results: Results) -> Verdicts:
     """Judge all requirements as the manifest has them: all pairs are one family."""
     names, items, campaign = results.controllers, results.campaign.requirements, results.campaign
-    counted = [_pair(results.flights[name], item) for item in items for name in names]
+    points = len(campaign.unknowns.points)
+    counted = [_pairs(results.flights[name], item, points) for item in items for name in names]
     # In the manifest's order: by controller, then requirement.
     order = [k * len(names) + n for n in range(len(names)) for k in range(len(items))]
-    judged = judge_pairs([counted[k] for k in order], campaign.independent, campaign.family_risk)
-    found = dict(zip(order, judged, strict=True))
+    found = dict(zip(order, campaign.judge([counted[k] for k in order]), strict=True))
     requirements = tuple(
         JudgedRequirement(
             item,
             requirement_words(item, campaign.metrics),
-            {name: _verdict(results, item, name, found[k * len(names) + n]) for n, name in enumerate(names)},
+            {name: _verdict(results, item, name, *found[k * len(names) + n]) for n, name in enumerate(names)},
         )
         for k, item in enumerate(items)
     )
-    together = _together(requirements, campaign.family_risk) if campaign.independent else None
+    together = _together(requirements, campaign.family_risk) if campaign.judged else None
     glance = [_glance(results, entry) for entry in requirements] or [_unlimited(results, m) for m in results.asked]
     return Verdicts(requirements, together, campaign.family_risk, tuple(glance))
 
 
-def _pair(flights: ControllerFlights, requirement: Requirement) -> Pair:
-    """The counts of one requirement on one controller."""
-    failures, absent = int(requirement_failures(flights, requirement).sum()), flights.not_computed
-    risks = requirement.consumer_risk, requirement.producer_risk
-    return Pair(failures, int(flights.flight.size) + absent, absent, requirement.probability, *risks)
+def _pairs(flights: ControllerFlights, requirement: Requirement, points: int) -> list[Pair]:
+    """The counts of one requirement on one controller at each point of the unknowns."""
+    failed, risks = requirement_failures(flights, requirement), (requirement.consumer_risk, requirement.producer_risk)
+    numbers = [flights.flight[failed], flights.flight, flights.absent]
+    counts = [np.bincount(number % points, minlength=points).tolist() for number in numbers]
+    return [
+        Pair(failures, flown + absent, absent, requirement.probability, *risks)
+        for failures, flown, absent in zip(*counts, strict=True)
+    ]
 
 
-def _verdict(results: Results, item: Requirement, name: str, verdict: Verdict) -> ControllerVerdict:
-    flights = results.flights[name]
-    given = results.campaign.independent
-    tolerance, room, beyond = find_tolerance(flights, item) if given else (None, None, False)
+def _verdict(results: Results, item: Requirement, name: str, verdict: Verdict, point: int) -> ControllerVerdict:
+    flights, points = results.flights[name], len(results.campaign.unknowns.points)
+    given, early = results.campaign.judged, requirement_failures(flights, item) & flights.failed
+    tolerance, room, beyond = find_tolerance(flights, item, points) if given else (None, None, False)
     return ControllerVerdict(
         **vars(verdict),
         words=verdict_words(verdict),
-        ended_early=int((requirement_failures(flights, item) & flights.failed).sum()),
+        ended_early=int(early[flights.flight % points == point].sum()),
         advice=advice_words(verdict) if verdict.status == "NOT SHOWN" else "",
         tolerance_limit=tolerance,
         room=room,
@@ -145,8 +149,11 @@ def _verdict(results: Results, item: Requirement, name: str, verdict: Verdict) -
     )
 
 
-def find_tolerance(flights: ControllerFlights, requirement: Requirement) -> tuple[float | None, float | None, bool]:
-    """What the required share of flights stays within, by the rule of the verdict, and the room to the limit.
+def find_tolerance(
+    flights: ControllerFlights, requirement: Requirement, points: int = 1
+) -> tuple[float | None, float | None, bool]:
+    """What the required share of flights stays within, by the rule of the verdict, and the room to the limit: the worst
+    over the points of the unknowns.
 
     Both are None where the flights are too few, or too many were lost (the third); the room is a share of the limit.
     Of two limits the first is the distance outside them, negative inside, and the room a share of half their distance.
@@ -154,7 +161,10 @@ def find_tolerance(flights: ControllerFlights, requirement: Requirement) -> tupl
     limits = requirement.limits
     worse = limits.worse(flights.metrics[requirement.metric])
     worse[np.isnan(worse) | (flights.failed & requirement.early_is_failure)] = np.inf
-    found = tolerance_limit(worse, flights.not_computed, requirement.probability, requirement.consumer_risk)
+    at, absent = flights.flight % points, flights.absent % points
+    asked = requirement.probability, requirement.consumer_risk
+    each = [tolerance_limit(worse[at == k], int(np.sum(absent == k)), *asked) for k in range(points)]
+    found = None if None in each else max(limit for limit in each if limit is not None)
     if found is None or not np.isfinite(found):
         return None, None, found is not None
     return limits.sign * found, (limits.limit - found) / limits.size if limits.size else None, False
@@ -208,10 +218,13 @@ def _size(limits: Bounds, results: Results, metric: str) -> float:
 
 
 def _quantiles(results: Results, name: str, metric: str, limits: Bounds) -> tuple[float, float, float]:
-    """Of the metric; of two limits, of the distance outside them, negative inside."""
+    """Of the metric; of two limits, of the distance outside them, negative inside. Of several points of unknowns the
+    least and the most: a probability box."""
     flights = results.flights[name]
     worse = limits.worse(flights.metrics[metric])
     values: Floats = limits.sign * np.where(flights.failed | np.isnan(worse), np.inf, worse)
+    at = flights.flight % len(results.campaign.unknowns.points)
     with np.errstate(invalid="ignore"):
-        low, median, high = np.percentile(values, _SHARES, method="nearest").tolist()
-    return low, median, high
+        each = np.array([np.percentile(values[at == k], _SHARES, method="nearest") for k in np.unique(at)])
+    low, median, high = each[:, 0].min(), np.median(each[:, 1]), each[:, 2].max()
+    return float(low), float(median), float(high)

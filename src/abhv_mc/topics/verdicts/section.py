@@ -62,7 +62,7 @@ def verdict_section(verdicts: Verdicts, names: Names) -> Section:
         return Section(title, (Text("The campaign requires nothing."),))
     groups = tuple(_group(entry, names) for entry in verdicts.requirements)
     table = Table("Requirements in full", _HEADS, groups, numbers=False)
-    if not names.independent:
+    if verdicts.held_together is None:
         return Section(title, (Text(_ESTIMATES), table))
     return Section(title, (Text(_RULE), table, _one_look(verdicts, names)))
 
@@ -93,7 +93,7 @@ def _row(label: str, name: str, item: Requirement, verdict: ControllerVerdict, n
 
 def _tolerance(found: ControllerVerdict, item: Requirement, names: Names) -> tuple[str, str]:
     """The tolerance limit, and the room between it and what is required."""
-    if not names.independent:
+    if found.status == "ESTIMATE":
         return _DASH, _DASH
     if found.tolerance_limit is None:
         return ("too many flights lost" if found.beyond_lost else "too few flights"), _DASH

@@ -1,0 +1,123 @@
+"""A campaign's unknowns: parameters with one value for the whole programme, of which only bounds are known."""
+
+from dataclasses import dataclass, field
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from abhv_mc.array_types import Floats
+from abhv_mc.campaign.sampling.designs import INDEPENDENT
+from abhv_mc.campaign.sampling.distributions import Value
+from abhv_mc.campaign.sampling.seeds import is_seed
+from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, one_of
+from abhv_mc.io.units import parse_in_unit
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.plant.parameters import PARAMETERS
+from abhv_mc.statistics.unknowns import MOST_UNKNOWNS, standing_points
+
+
+class Unknown(StrictModel):
+    """Bounds of a value; a percentage is a change of the nominal one."""
+
+    low: Value = Field(description="lower bound: a value, or a change of the nominal one such as -10 %")
+    high: Value = Field(description="upper bound")
+
+
+class Points(StrictModel):
+    """Values of the unknowns at which requirements are judged, as `run` found them."""
+
+    tried: Annotated[int, Field(ge=0)] = Field(0, description="how many were tried to find them")
+    at: dict[str, tuple[float, ...]] = Field(description="values by unknown, SI; each flight is flown at every point")
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """Their box, and the points of it that are flown; without unknowns one point, of nothing."""
+
+    names: tuple[str, ...] = ()
+    low: Floats = field(default_factory=lambda: np.empty(0))  # [unknown], SI
+    high: Floats = field(default_factory=lambda: np.empty(0))
+    points: Floats = field(default_factory=lambda: np.empty((1, 0)))  # [point, unknown], SI
+    tried: int = 0
+
+    def values(self, places: Floats) -> Floats:
+        """SI values [point, unknown] of places in the box, from -1 to 1."""
+        return self.low + 0.5 * (places + 1.0) * (self.high - self.low)
+
+    def words(self, point: int) -> str:
+        """'lift +10 %, drag -15 %'."""
+        parts = []
+        for name, value in zip(self.names, self.points[point].tolist(), strict=True):
+            parameter = PARAMETERS[PARAMETER_INDEX[name]]
+            factor = parameter.nominal == 1.0
+            text = f"{100.0 * (value - 1.0) + 0.0:+.3g} %" if factor else f"{value:.4g} {parameter.unit}"
+            parts.append(f"{name.partition('.')[2].replace('_', ' ')} {text}")
+        return ", ".join(parts)
+
+    def note(self, point: int, failures: int) -> str:
+        """What a verdict over all points says of the one that is furthest from a PASS, and has so many failures."""
+        number, tried = len(self.points), f"; {self.tried} tried" if self.tried else ""
+        if not failures:
+            return f"at each of {number} values of the unknowns{tried}"
+        return f"at the worst of {number} values of the unknowns ({self.words(point)}){tried}"
+
+
+def points_entry(unknowns: Unknowns, places: Floats, tried: int) -> dict[str, object]:
+    """The file's `points` of places [point, unknown] in the box."""
+    values = unknowns.values(places)
+    return {"tried": tried, "at": {name: values[:, i].tolist() for i, name in enumerate(unknowns.names)}}
+
+
+def check_unknowns(
+    document: Document,
+    unknowns: dict[str, Unknown],
+    points: Points | None,
+    others: dict[str, str],
+    design: str,
+    errors: list[InputError],
+) -> Unknowns:
+    """The campaign's unknowns; what is wrong is added to ``errors``. ``others``: what else a parameter is, by name."""
+    before, ends = len(errors), []
+    for name, entry in unknowns.items():
+        where = ("unknowns", name)
+        if name not in PARAMETER_INDEX or is_seed(name):
+            found = f"unknown parameter '{name}'" if name not in PARAMETER_INDEX else f"'{name}', a seed"
+            errors.append(document.key_error(where, found, one_of(list(PARAMETER_INDEX)[1:], name)))
+        elif name in others:
+            found = f"'{name}', which is {others[name]}, too"
+            errors.append(document.key_error(where, found, "one of them: random anew in each flight, or unknown"))
+        else:
+            ends.append([_read(document, (*where, key), getattr(entry, key), name, errors) for key in ("low", "high")])
+            if not ends[-1][0] < ends[-1][1]:
+                found = f"an empty range from {ends[-1][0]:g} to {ends[-1][1]:g}"
+                errors.append(document.error((*where, "high"), found, "low below high"))
+    if unknowns and design != INDEPENDENT:
+        found = f"unknowns with the design '{design}'"
+        errors.append(document.key_error(("unknowns",), found, f"sampling: {INDEPENDENT}, at each of their values"))
+    if len(unknowns) > MOST_UNKNOWNS:
+        found = f"{len(unknowns)} unknowns"
+        errors.append(document.key_error(("unknowns",), found, f"at most {MOST_UNKNOWNS}"))
+    if points is not None:
+        lengths = {len(values) for values in points.at.values()}
+        if set(points.at) != set(unknowns) or len(lengths) != 1 or not min(lengths, default=0):
+            wish = "as many values of each of the unknowns, one at least"
+            errors.append(document.key_error(("points",), f"points of {', '.join(points.at) or 'nothing'}", wish))
+    if len(errors) > before or not unknowns:
+        return Unknowns()
+    low, high = np.array(ends).T
+    box = Unknowns(tuple(unknowns), low, high)
+    if points is None:
+        return Unknowns(box.names, low, high, box.values(standing_points(len(box.names))))
+    at = np.column_stack([points.at[name] for name in box.names])
+    return Unknowns(box.names, low, high, at, points.tried)
+
+
+def _read(document: Document, where: tuple[str, ...], value: Value, name: str, errors: list[InputError]) -> float:
+    parameter = PARAMETERS[PARAMETER_INDEX[name]]
+    try:
+        read = parse_in_unit(value, parameter.unit)
+    except Refusal as refusal:
+        errors.append(document.error(where, refusal.found, refusal.expected))
+        return np.nan
+    return read + (parameter.nominal if isinstance(value, str) and value.rstrip().endswith("%") else 0.0)
