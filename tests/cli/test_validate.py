@@ -49,6 +49,12 @@ def test_everything_wrong_in_every_file_is_said(tmp_path: Path) -> None:
     assert isinstance(answer.exception, InputErrors)
 
 
+def test_what_may_be_one_value_for_the_whole_programme_is_asked() -> None:
+    warned = {path.stem: check_inputs(path)[0].warnings for kind, path in SHIPPED if kind == "campaign"}
+    assert warned["s_manoeuvre"][0].startswith("aero.lift, aero.drag: is this one value")
+    assert "more: is this one value" in warned["wide"][0] and not warned["s_manoeuvre_unknown"]
+
+
 def test_a_file_of_no_kind(tmp_path: Path) -> None:
     (tmp_path / "x.yaml").write_text("colour: red\n")
     with pytest.raises(InputError, match="campaign, vehicle, mission, controller"):

@@ -1,5 +1,7 @@
 """The least margins over the box of a campaign's dispersions."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -11,9 +13,16 @@ from abhv_mc.simulators.corner_margins import make_corners
 from abhv_mc.simulators.trim_margins import trim_margins
 
 
-def test_a_hidden_corner_is_found_and_what_is_off_the_middle_is_named(repository, monkeypatch):
+@pytest.mark.parametrize("kind", ["dispersions", "unknowns"])
+def test_a_hidden_corner_is_found_and_what_is_off_the_middle_is_named(repository, monkeypatch, tmp_path, kind):
     """Margins of a made-up loop: least where density is at its top and lift at 0.94, drag without effect."""
-    campaign = read_campaign(repository / "campaigns/s_manoeuvre.yaml")
+    text = (repository / "campaigns/s_manoeuvre.yaml").read_text().replace("../configs", str(repository / "configs"))
+    if kind == "unknowns":
+        text = text.replace("dispersions:", "unknowns:")
+        text = re.sub(r"distribution: uniform, half_width: (\d+) %", r"low: -\1 %, high: \1 %", text)
+    (tmp_path / "campaign.yaml").write_text(text)
+    campaign = read_campaign(tmp_path / "campaign.yaml")
+    assert bool(campaign.unknowns.names) == (kind == "unknowns")
 
     def margins(rows):
         density, lift = rows[:, PARAMETER_INDEX["atmosphere.density"]], rows[:, PARAMETER_INDEX["aero.lift"]]

@@ -9,7 +9,13 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.correlation import Copula
 from abhv_mc.campaign.sampling.derived import Derived
-from abhv_mc.campaign.sampling.marginals import DiscreteMarginal, Marginal, MixtureMarginal, SometimesMarginal
+from abhv_mc.campaign.sampling.marginals import (
+    ContinuousMarginal,
+    DiscreteMarginal,
+    Marginal,
+    MixtureMarginal,
+    SometimesMarginal,
+)
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.campaign.sampling.streams import draw_uniforms, stream_key
 from abhv_mc.io.documents import InputError
@@ -131,15 +137,19 @@ def _when_it_comes(marginal: Marginal) -> Marginal:
     return marginal.drawn if isinstance(marginal, SometimesMarginal) else marginal
 
 
-def make_space(campaign: Experiment) -> Space:
-    """The space of a campaign's dispersions. Raises InputError where there is nothing to search."""
+def make_space(campaign: Experiment, with_unknowns: bool = False) -> Space:
+    """The space of a campaign's dispersions, and of its unknowns as uniform ones. Raises InputError where there is
+    nothing to search."""
     document = campaign.document
     if campaign.sample_file is not None:
         raise document.error(("sampling",), "samples from a file", "dispersions with laws, which a search needs")
-    if campaign.unknowns.names:
+    unknowns = campaign.unknowns
+    if unknowns.names and not with_unknowns:
         wish = "a campaign without: this search is over dispersions (`run` finds the unknowns' worst values)"
         raise document.key_error(("unknowns",), "unknowns", wish)
-    names = tuple(name for name in campaign.names if name not in _SEEDS)
+    ranges = zip(unknowns.names, unknowns.low.tolist(), unknowns.high.tolist(), strict=True)
+    laws = campaign.marginals | {name: ContinuousMarginal("uniform", (low, high - low)) for name, low, high in ranges}
+    names = tuple(name for name in laws if name not in _SEEDS)
     if not names:
         raise document.error((), "no dispersions", "something to vary")
     moved = (*names, *(each.name for each in campaign.derived))
@@ -151,4 +161,4 @@ def make_space(campaign: Experiment) -> Space:
     if len(chosen) < len(place):
         raise document.error(("correlations",), "a seed that is correlated", "seeds that belong to themselves")
     copula = Copula(tuple(names.index(name) for name in chosen), campaign.copula.factor)
-    return Space(names, seeds, tuple(campaign.marginals[name] for name in names), copula, campaign.derived)
+    return Space(names, seeds, tuple(laws[name] for name in names), copula, campaign.derived)

@@ -1,4 +1,4 @@
-"""``abhv-mc margins CAMPAIGN --worst``: the least margins over the box of the dispersions, by linear analysis alone."""
+"""``abhv-mc margins CAMPAIGN --worst``: the least margins over dispersions and unknowns, by linear analysis alone."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ def find_worst_margins(campaign: Experiment, controllers: Sequence[str], box: fl
 
     ``box``: sigma of unbounded laws. Nothing flies. Raises InputError where there can be no margins.
     """
-    space = make_space(campaign)
+    space = make_space(campaign, with_unknowns=True)
     bounds, seed = space.bounds(box), campaign.model.seed
     found = []
     for name, margins in trim_margins(campaign, controllers).items():

@@ -14,6 +14,7 @@ from abhv_mc.simulators.feasibility import find_impossible
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
 
+_NAMED = 3  # dispersions of a warning
 Pending = list[tuple[Path, str | None, tuple[Path, Path] | None]]  # file, kind, vehicle and mission of its campaign
 
 
@@ -66,6 +67,10 @@ def _check(file: Path, kind: str, flown: tuple[Path, Path] | None, pending: Pend
         problems = find_impossible(checked, load_vehicle(campaign.vehicle))
         if problems:
             raise InputErrors(problems)
+        drawn = [name for name in checked.names if name.startswith("aero.") or name.endswith("_effectiveness")]
+        if drawn:
+            more = f" and {len(drawn) - _NAMED} more" if len(drawn) > _NAMED else ""
+            yield f"{', '.join(drawn[:_NAMED])}{more}: is this one value for the whole programme? Then 'unknowns'"
         flown = campaign.vehicle, campaign.mission
         pending += [(campaign.vehicle, "vehicle", None), (campaign.mission, "mission", None)]
         pending += [(controller, "controller", flown) for controller in campaign.controllers.values()]
