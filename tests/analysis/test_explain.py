@@ -52,6 +52,19 @@ def test_a_missed_requirement_is_explained_by_what_it_takes(flown, table):
     assert sizes == {1, 2}
 
 
+def test_an_unknown_is_a_cause_like_a_dispersion(tmp_path):
+    """It said 'the nominal flight fails, too', of a flight at a point where all others are lost."""
+    entries = {
+        "unknowns": "{atmosphere.density: {low: 0.88, high: 1.1}}",
+        "dispersions": "{aero.lift: {distribution: normal, sigma: 5 %}}",
+    }
+    folder = run_campaign(Request(write_campaign(tmp_path / "f", runs="5", **entries), tmp_path / "out"), ENGINE).folder
+    flights = pq.read_table(folder / "flights").to_pandas().query("controller == 'two' and outcome != 'ok'")
+    found = explain_flight(folder, "two", int(flights["flight"].iloc[0]), fly)
+    assert found.causes == ("atmosphere.density",) and found.samples["atmosphere.density"] < LOST_BELOW
+    assert list(found.block.outcome) == [0, 3, 3]
+
+
 def test_what_cannot_be_explained_is_refused(flown, table):
     good = int(table.query("outcome == 'ok' and altitude_error_max_m < @LIMIT").index[0])
     lost = int(table.query("outcome != 'ok'").index[0])

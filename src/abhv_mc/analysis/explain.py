@@ -96,7 +96,7 @@ def explain_flight(
     plan, margins = campaign.systems[controller].plan, failure.of_margin
     if margins:
         campaign = make_ready(campaign, {controller: plan}, margins=True)
-    names = campaign.names
+    names = campaign.dimensions
     nominal = nominal_values(names)
     values, seeds = row.samples[0, : len(names)], row.samples[:, len(names) :]  # the noise stays as it was flown
 

@@ -105,7 +105,7 @@ def _map_controller(
     flights = [int(flight) for flight in failed[:MOST_FLIGHTS]]
     rows = find_rows(folder, controller, flights)
     failures = [find_failure(folder.root, campaign, row, None) for row in rows]
-    names, nominal = campaign.names, nominal_values(campaign.names)
+    names, nominal = campaign.dimensions, nominal_values(campaign.dimensions)
     if not rows:
         return ControllerFailures(0, (), (), (), 0)
     margins = any(failure.of_margin for failure in failures)

@@ -32,7 +32,7 @@ def make_trials(campaign: Experiment) -> Floats:
     The others stand a little above their middles meanwhile: a gust's start matters only where there is a gust, and a
     gust that blows either way alike has none in its middle.
     """
-    names = (*campaign.names, *campaign.unknowns.names)
+    names = campaign.dimensions
     nominal = np.array([PARAMETERS[PARAMETER_INDEX[name]].nominal for name in names])
     quantiles = np.stack([campaign.ends_of(i) for i in range(len(names))]) if names else np.empty((0, _ROWS))
     values = np.tile(quantiles[:, 1], (1 + _ROWS * len(names), 1))
@@ -53,7 +53,7 @@ def fly_probes(campaign: Experiment, fly: Fly, every: int) -> dict[str, FlightBl
     limit = _COMPILING + time_limit(len(trials), campaign.model.execution.flight_time_limit or _USUAL)
     flown = {name: _fly_temporary(campaign, name, trials, every, fly, limit) for name in campaign.systems}
     errors = list(_find_not_finite(campaign, flown))
-    for i, name in enumerate((*campaign.names, *campaign.unknowns.names)):
+    for i, name in enumerate(campaign.dimensions):
         unchanged, *rows = range(1 + _ROWS * i, 1 + _ROWS * (i + 1))
         if not any(differs(block, row, unchanged) for block in flown.values() for row in rows):
             low, high = trials[rows, i]

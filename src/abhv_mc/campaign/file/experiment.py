@@ -159,14 +159,19 @@ class Experiment:
         return self.sample_file.names if self.sample_file else tuple(self.marginals)
 
     @property
+    def dimensions(self) -> tuple[str, ...]:
+        """The dispersed parameters, then the unknowns."""
+        return (*self.names, *self.unknowns.names)
+
+    @property
     def varied(self) -> tuple[str, ...]:
         """The parameters that differ from flight to flight."""
-        return (*self.names, *self.unknowns.names, *(each.name for each in self.derived))
+        return (*self.dimensions, *(each.name for each in self.derived))
 
     @property
     def inputs(self) -> tuple[str, ...]:
         """The columns of the rows that fly: the dispersed parameters, the unknowns, then the seeds that noise needs."""
-        own = (*self.names, *self.unknowns.names, *find_seeds(self.varied))
+        own = (*self.dimensions, *find_seeds(self.varied))
         return self.columns if self.columns is not None else own
 
     @property
