@@ -95,9 +95,11 @@ class Results:
     @property
     def summary(self) -> list[str]:
         """The campaign in sentences, as the report begins."""
+        from abhv_mc.report.numbers.judgement import judge_campaign, judgement_sentences
         from abhv_mc.report.numbers.summary import confidence_sentence, summary_sentences
 
-        return [*summary_sentences(self._models), confidence_sentence(self._models)]
+        first = judgement_sentences(judge_campaign(self._models), self._models.names.folder)
+        return [*first, *summary_sentences(self._models), confidence_sentence(self._models)]
 
     @property
     def verdicts(self) -> "pd.DataFrame":

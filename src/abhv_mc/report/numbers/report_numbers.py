@@ -7,6 +7,7 @@ Infinite and missing values are None.
 from typing import Any
 
 from abhv_mc.report.numbers.compare import Baseline
+from abhv_mc.report.numbers.judgement import judge_campaign
 from abhv_mc.topics.margins import MARGINS
 from abhv_mc.topics.margins.sentences import missing_margins
 from abhv_mc.topics.plain import plain
@@ -24,6 +25,7 @@ def make_numbers(models: Models, baseline: Baseline | None = None) -> dict[str, 
         "state": manifest.state,
         "digest": manifest.digest,
         "warnings": warnings_of(models),
+        "judgement": plain(judge_campaign(models)),
         **{topic.name: plain(models[topic]) for topic in BUILT_IN},
         **({"topics": {topic.name: plain(models[topic]) for topic in users}} if users else {}),
         **({"baseline": plain(baseline)} if baseline else {}),

@@ -1,14 +1,12 @@
-"""The first screen: a sentence a controller, a chart with a row a requirement, a card a controller, and how sure."""
+"""The first screen below the judgement: a chart with a row a requirement, a card a controller, the baseline."""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from abhv_mc.flight.metrics import GAIN_MARGIN, SURFACE_USAGE
+from abhv_mc.flight.metrics import SURFACE_USAGE
 from abhv_mc.report.numbers.compare import Baseline
 from abhv_mc.report.pages.flights_view import mark_of
-from abhv_mc.topics.comparison import COMPARISON
-from abhv_mc.topics.comparison.sentences import asked_of, closer_in
 from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.margins import MARGINS
 from abhv_mc.topics.margins.model import corners_unstable, least_margins
@@ -17,10 +15,9 @@ from abhv_mc.topics.names import Names
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
 from abhv_mc.topics.verdicts.model import GlanceCell, GlanceRow, Verdicts
-from abhv_mc.topics.words import count_of, fixed, joined, percent, significant
+from abhv_mc.topics.words import count_of, fixed, joined, significant
 
-_ROWS, _SENTENCES = 8, 2  # shown; then 'and n more'
-_SAME_USAGE = 0.05  # of a ratio of surface usage: nearer to 1 goes without saying
+_ROWS, _PAIRS = 8, 2  # shown; then 'and n more'
 _LEFT, _RIGHT = 0.0, 1.35  # ends of the chart, in units of the limit; what lies beyond is a mark at the edge
 # Marks as in the scatter, around their middle.
 SHAPES = {
@@ -182,50 +179,6 @@ def _margin(models: Models, name: str) -> tuple[str, bool]:
     return ", ".join(parts), found.little
 
 
-def sentences(models: Models, baseline: bool = False) -> list[str]:
-    """One for each of the two controllers that matter, the pair of them, and the third or how many more there are."""
-    first, *rivals = models.names.controllers
-    rivals = sorted(rivals, key=lambda name: _strength(models, name), reverse=True)
-    found = [_sentence(models, name) for name in (first, *rivals[: _SENTENCES - 1])]
-    found += [_pair_sentence(models, first, name) for name in rivals[: _SENTENCES - 1]]
-    rest = rivals[_SENTENCES - 1 :]
-    if len(rest) == 1 and not baseline:
-        found += [_angle_sentence(models, first, rest[0]), _sentence(models, rest[0])]
-    elif rest:
-        found.append(f"{len(rest)} more below.")
-    return [*filter(None, found)]
-
-
-def _pair_sentence(models: Models, first: str, rival: str) -> str:
-    """Where errors are counted without ramps, too, the sentence on these; else 'Flight by flight, TLC is better in 3
-    and worse in 2 of 5 metrics against LQR.'; '' where nothing tells."""
-    pair, names = models[COMPARISON].pairs.get(f"{first} - {rival}"), models.names
-    if pair is None or not names.independent:
-        return ""
-    entries = asked_of(pair, names).values()
-    winners = [(entry.winner, entry.mixed) for entry in entries]
-    found = _standing(winners, pair.a, pair.b)
-    who = "" if found.startswith("no difference") else f"{names.label(first)} is "
-    return _angle_sentence(models, first, rival) or (
-        f"Flight by flight, {who}{found} against {names.label(rival)}." if found else ""
-    )
-
-
-def _angle_sentence(models: Models, first: str, rival: str) -> str:
-    """'TLC is closer than LQR with and without ramps in sideslip, only without ramps in bank.': which has the smaller
-    rms error on more flights; '' where the campaign counts no rms error of settled stretches."""
-    pair, names = models[COMPARISON].pairs.get(f"{first} - {rival}"), models.names
-    found = closer_in(pair, names) if pair and names.independent else {}
-    sides = {
-        (True, True): "with and without ramps",
-        (False, True): "only without ramps",
-        (True, False): "only with ramps",
-    }
-    parts = [f"{words} in {joined(found[side])}" for side, words in sides.items() if side in found]
-    words = ", ".join(parts) if parts else "in no angle"
-    return f"{names.label(first)} is closer than {names.label(rival)} {words}." if found else ""
-
-
 def _standing(winners: Sequence[tuple[str | None, bool]], a: str, b: str) -> str:
     """'better in 3 and worse in 2 of 5 metrics', from the winner of each and whether it is mixed."""
     counts = [
@@ -240,57 +193,6 @@ def _standing(winners: Sequence[tuple[str | None, bool]], a: str, b: str) -> str
     return f"{words} of {of}" if words else f"no difference shown in {of}"
 
 
-def _strength(models: Models, name: str) -> tuple[int, int, bool]:
-    """Verdicts passed, flights not lost, and whether it is stable."""
-    passed = models[VERDICTS].statuses(name).count("PASS")
-    margin = least_margins(models[MARGINS], name)
-    return passed, -models[FLIGHTS].counts[name].failed, margin is None or margin.stable
-
-
-def _sentence(models: Models, name: str) -> str:
-    counts = models[FLIGHTS].counts[name]
-    found = models[VERDICTS].statuses(name)
-    parts = []
-    if found and "ESTIMATE" not in found:
-        parts.append(f"meets {found.count('PASS')} of {len(found)}{_usage_against_first(models, name)}")
-    if counts.failed:
-        parts.append(f"loses {fixed(counts.failed, 0)} of {fixed(counts.flown, 0)} flights")
-    margin = least_margins(models[MARGINS], name)
-    if margin is not None and not margin.stable:
-        parts.append("is unstable in steady flight")
-    text = f"{models.names.label(name)} {joined(parts or ['loses no flight'])}"
-    if margin is not None and margin.stable and margin.gain < GAIN_MARGIN.customary:
-        text += f", with {fixed(margin.gain, 1)} dB of {margin.gain_loop} margin"
-    return f"{text}."
-
-
-def _usage_against_first(models: Models, name: str) -> str:
-    """' at 0.34 times TLC's surface usage', of a rival of the first controller."""
-    first = next(iter(models.names.controllers))
-    pair = models[COMPARISON].pairs.get(f"{first} - {name}")
-    ratios = [entry.usage_ratio.value for entry in (pair.usage.values() if pair else ()) if entry]
-    if not ratios or not ratios[0] or not math.isfinite(ratios[0]) or abs(ratios[0] - 1.0) < _SAME_USAGE:
-        return ""
-    return f" at {significant(1.0 / ratios[0], 2)} times {models.names.label(first)}'s surface usage"
-
-
-def confidence_line(verdicts: Verdicts, state: str) -> str:
-    """How sure the verdicts are, each and jointly."""
-    if state != "complete":
-        return f"This campaign is {state}: all numbers are preliminary."
-    held = verdicts.held_together
-    if not verdicts.requirements:
-        return ""
-    if held is None:
-        return "Exact for independent flights only: no verdicts for this design."
-    risk = max(entry.asked.consumer_risk for entry in verdicts.requirements)
-    passed = held.stand + len(held.dropped)
-    text = f"Each verdict at {percent(risk, 2)} risk."
-    if passed > 1:
-        text += f" Jointly {held.stand or 'none'} of the {passed} PASS stand{'s' if held.stand == 1 else ''}."
-    return text
-
-
 def more_words(entries: Sequence[object]) -> str:
     """'4 more below'; '' where the chart has all."""
     return f"{len(entries) - _ROWS} more below" if len(entries) > _ROWS else ""
@@ -301,7 +203,7 @@ def baseline_line(held: Baseline | None, names: Names) -> str:
     if held is None:
         return ""
     parts = []
-    for pair in held.paired[:_SENTENCES]:
+    for pair in held.paired[:_PAIRS]:
         failed, entries = pair.any_failure, [pair.metrics[m] for m in names.asked if m in pair.metrics]
         standing = _standing([(entry.winner, entry.mixed) for entry in entries], pair.a, pair.b)
         text = f"{names.label(pair.controllers[0])} {standing}"

@@ -13,6 +13,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from abhv_mc.report.numbers.compare import Baseline
+from abhv_mc.report.numbers.judgement import judge_campaign
 from abhv_mc.report.numbers.summary import section_leads
 from abhv_mc.report.pages.first_screen import (
     LIMIT_PLACE,
@@ -20,9 +21,7 @@ from abhv_mc.report.pages.first_screen import (
     baseline_line,
     cards,
     chart_rows,
-    confidence_line,
     more_words,
-    sentences,
 )
 from abhv_mc.report.pages.flights_view import make_flights_view
 from abhv_mc.report.pages.interactive import envelope_data
@@ -151,8 +150,8 @@ def make_page(
             chart=chart_rows(verdicts.glance, names.controllers, colors),
             required=bool(verdicts.requirements),
             cards=cards(models, colors),
-            sentences=sentences(models, baseline is not None),
-            confidence_line=confidence_line(verdicts, state),
+            judgement=judge_campaign(models),
+            folder=names.folder,
             baseline_line=baseline_line(baseline, names),
             limit_place=LIMIT_PLACE,
             shapes=SHAPES,

@@ -1,0 +1,205 @@
+"""The judgement on a campaign: are its requirements met, which controller is better, why, how sure, and what next."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from abhv_mc.flight.metrics import GAIN_MARGIN
+from abhv_mc.statistics.evidence import flights_to_pass
+from abhv_mc.statistics.verdicts import advise
+from abhv_mc.topics.comparison import COMPARISON
+from abhv_mc.topics.comparison.model import ControllerPair
+from abhv_mc.topics.comparison.sentences import standing, verdict_of
+from abhv_mc.topics.flights import FLIGHTS
+from abhv_mc.topics.margins import MARGINS
+from abhv_mc.topics.margins.model import least_margins
+from abhv_mc.topics.names import Names
+from abhv_mc.topics.topic import Models
+from abhv_mc.topics.verdicts import VERDICTS
+from abhv_mc.topics.verdicts.model import ControllerVerdict, Verdicts
+from abhv_mc.topics.words import count_of, fixed, joined, percent, significant
+
+MIXED, NO_DIFFERENCE, ALONE = "mixed", "no difference shown", "none to compare"
+_REASONS = 3
+_SAME_USAGE = 0.05  # of a ratio of surface usage: nearer to 1 goes without saying
+_MOST_TIMES = 10  # the flights flown: an extension beyond that is not advised
+
+
+@dataclass(frozen=True)
+class Next:
+    """What to do next; no command where nothing that can be run would help. DIR in it is the results folder."""
+
+    why: str
+    command: str = ""
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Two answers and what they rest on."""
+
+    met: str  # 'yes', 'no', 'not shown', of the binding controllers; 'nothing required'
+    better: str  # a controller, MIXED, NO_DIFFERENCE or ALONE
+    because: tuple[str, ...]  # those first that would change a decision
+    sure: str
+    next: Next | None
+    answer: str  # both answers in words
+
+
+def judge_campaign(models: Models) -> Judgement:
+    """The one judgement on a campaign, of the models of its topics."""
+    verdicts, names = models[VERDICTS], models.names
+    met, better = _met(verdicts), _better(models)
+    binding = [
+        name for name in names.controllers if any(name in item.asked.controllers for item in verdicts.requirements)
+    ]
+    who = joined(list(map(names.label, binding))) if len(binding) <= 2 else f"{len(binding)} controllers"
+    told = {
+        "yes": f"Requirements met by {who}.", "no": f"Requirements not met by {who}.",
+        "not shown": f"Not shown that {who} meet{'s' if len(binding) == 1 else ''} the requirements.",
+        "nothing required": "Nothing is required.",
+    }  # fmt: skip
+    winner = {
+        MIXED: " Mixed: none is better throughout.", NO_DIFFERENCE: " No controller is shown to be better.",
+        ALONE: "",
+    }  # fmt: skip
+    answer = told[met] + (winner[better] if better in winner else f" {names.label(better)} is better.")
+    because = tuple(_reasons(models))[:_REASONS]
+    return Judgement(met, better, because, _sure(models), _next(models, met), answer)
+
+
+def _binding(verdicts: Verdicts) -> list[ControllerVerdict]:
+    return [item.controllers[name] for item in verdicts.requirements for name in item.asked.controllers]
+
+
+def _met(verdicts: Verdicts) -> str:
+    found = {verdict.status for verdict in _binding(verdicts)}
+    if not found:
+        return "nothing required"
+    return "no" if "FAIL" in found else "yes" if found == {"PASS"} else "not shown"
+
+
+def _better(models: Models) -> str:
+    pairs, names = list(models[COMPARISON].pairs.values()), models.names
+    if not pairs:
+        return ALONE
+    if not names.independent:
+        return NO_DIFFERENCE
+    found = [_standing(pair, names) for pair in pairs]
+    if set(found) == {"better"}:
+        return pairs[0].a
+    if found.count("worse") == 1 and set(found) <= {"worse", "better"}:
+        return pairs[found.index("worse")].b
+    return NO_DIFFERENCE if set(found) <= {"open", "better"} else MIXED
+
+
+def _standing(pair: ControllerPair, names: Names) -> str:
+    """How the first of a pair stands; lost flights, where the statistics tell, lead."""
+    return {"a": "worse", "b": "better"}.get(pair.losing) or verdict_of(pair, names)
+
+
+def _reasons(models: Models) -> Iterator[str]:
+    names, verdicts, flights = models.names, models[VERDICTS], models[FLIGHTS].counts
+    lost = [f"{names.label(name)} {count_of(each.failed, each.flown)}" for name, each in flights.items() if each.failed]
+    if lost:
+        yield f"Lost flights: {_few(lost)}."
+    margins = {name: least_margins(models[MARGINS], name) for name in names.controllers}
+    loops = [
+        f"{names.label(name)} {f'{fixed(found.gain, 1)} dB ({found.gain_loop})' if found.stable else 'unstable'}"
+        for name, found in margins.items()
+        if found and (not found.stable or found.gain < GAIN_MARGIN.customary)
+    ]
+    if loops:
+        yield f"Gain margin below {GAIN_MARGIN.customary:g} dB: {_few(loops)}."
+    missed = [
+        f"{names.label(name)} {count} of {len(found)}"
+        for name in names.controllers
+        if (count := (found := verdicts.statuses(name)).count("FAIL"))
+    ]
+    if missed:
+        yield f"Requirements missed: {_few(missed)}."
+    if names.independent:
+        order = ("worse", "mixed", "open", "better")  # the strongest rival first
+        pairs = sorted(models[COMPARISON].pairs.values(), key=lambda pair: order.index(_standing(pair, names)))
+        yield from filter(None, (_closer(pair, names) for pair in pairs))
+
+
+def _few(words: list[str]) -> str:
+    return joined(words) if len(words) <= _REASONS else f"{', '.join(words[:2])} and {len(words) - 2} more"
+
+
+def _closer(pair: ControllerPair, names: Names) -> str:
+    """'TLC is closer in sideslip, LQR robust in altitude at 0.34 times the surface usage.'; '' where nothing tells."""
+    held = standing(pair, names)
+    parts = [f"{names.label(pair.a)} is closer in {_few(held['better'])}"] if held["better"] else []
+    if held["worse"]:
+        parts.append(f"{names.label(pair.b)} {'' if parts else 'is closer '}in {_few(held['worse'])}{_usage(pair)}")
+    return f"{', '.join(parts)}." if parts else ""
+
+
+def _usage(pair: ControllerPair) -> str:
+    ratios = [entry.usage_ratio.value for entry in pair.usage.values() if entry]
+    if not ratios or not ratios[0] or not math.isfinite(ratios[0]) or abs(ratios[0] - 1.0) < _SAME_USAGE:
+        return ""
+    return f" at {significant(1.0 / ratios[0], 2)} times the surface usage"
+
+
+def _sure(models: Models) -> str:
+    """How sure the verdicts are, each and jointly."""
+    verdicts, state = models[VERDICTS], models.results.manifest.state
+    if state != "complete":
+        return f"This campaign is {state}: all numbers are preliminary."
+    held = verdicts.held_together
+    if not verdicts.requirements:
+        return ""
+    if held is None:
+        return "Exact for independent flights only: no verdicts for this design."
+    risk = max(entry.asked.consumer_risk for entry in verdicts.requirements)
+    passed = held.stand + len(held.dropped)
+    text = f"Each verdict at {percent(risk, 2)} risk, however often one looks."
+    if passed > 1:
+        text += f" Jointly {held.stand or 'none'} of the {passed} PASS stand{'s' if held.stand == 1 else ''}."
+    return text
+
+
+def flights_jointly(verdicts: Verdicts) -> int | None:
+    """With how many flights, none more failing, every PASS would stand in Holm's procedure; None where all do."""
+    held = verdicts.held_together
+    if held is None or not held.dropped:
+        return None
+    found = [verdict for item in verdicts.requirements for verdict in item.controllers.values()]
+    passed = sorted((each for each in found if each.status == "PASS"), key=lambda each: each.p_value)
+    shares = [held.risk / (held.verdicts - rank) for rank in range(len(passed))]
+    return max(
+        flights_to_pass(each.failures, each.probability, min(each.consumer_risk, share))
+        for each, share in zip(passed, shares, strict=True)
+    )
+
+
+def _next(models: Models, met: str) -> Next | None:
+    """What helps: why flights fail; more flights, where they promise a PASS; what is missing for all jointly."""
+    if models.results.manifest.state != "complete" or not models.names.independent:
+        return None
+    verdicts = models[VERDICTS]
+    if met == "no":
+        return Next("what makes flights fail", "abhv-mc explain DIR --all")
+    if met == "not shown":
+        open_ones = [each for each in _binding(verdicts) if each.status == "NOT SHOWN"]
+        found = [advise(each) for each in open_ones]
+        flown = max(each.flights for each in open_ones)
+        need = max((each.flights for each in found if each), default=0)
+        if None in found or need > _MOST_TIMES * flown or any(each and each.chance < 0.25 for each in found):
+            return Next("more flights are unlikely to show it")
+        return Next(f"{fixed(need, 0)} flights would do", f"abhv-mc run DIR/campaign.yaml -o DIR --runs {need}")
+    jointly = flights_jointly(verdicts)
+    if jointly is None:
+        return None
+    return Next(f"all stand with {fixed(jointly, 0)} flights if no more fail",
+                f"abhv-mc run DIR/campaign.yaml -o DIR --runs {jointly}")  # fmt: skip
+
+
+def judgement_sentences(found: Judgement, folder: str) -> list[str]:
+    """The judgement in words: the answers, the reasons, how sure, what next."""
+    told = f"Next: {found.next.why}" if found.next else ""
+    if found.next and found.next.command:
+        told += f": `{found.next.command.replace('DIR', folder)}`"
+    return [*filter(None, (found.answer, *found.because, found.sure, told))]

@@ -1,0 +1,52 @@
+"""The judgement on a campaign: both answers, what they rest on and what would help."""
+
+import pytest
+from report.synthetic import write_campaign
+
+from abhv_mc.folder.results import read_results
+from abhv_mc.report.numbers.judgement import ALONE, NO_DIFFERENCE, flights_jointly, judge_campaign
+from abhv_mc.statistics.judgement import hold_family
+from abhv_mc.statistics.verdicts import judge
+from abhv_mc.topics.topic import Models
+from abhv_mc.topics.verdicts import VERDICTS
+
+REQUIRED = "{{metric: speed_error_max_mps, below: {limit}, probability: {probability}, consumer_risk: 0.1}}"
+
+
+def judged(folder, requirements, **keys):
+    models = Models(read_results(write_campaign(folder, requirements=requirements, **keys)))
+    return judge_campaign(models), models
+
+
+@pytest.mark.parametrize(
+    ("limit", "probability", "met", "command"),
+    [
+        (1e6, 0.5, "yes", None),
+        (1e6, 0.99, "not shown", "--runs"),
+        (1e6, 0.999999, "not shown", ""),  # would take more than ten times the flights
+        (1e-9, 0.9, "no", "explain DIR --all"),
+    ],
+)
+def test_what_is_met_and_what_would_help(tmp_path, limit, probability, met, command):
+    found, _ = judged(tmp_path / "c", [REQUIRED.format(limit=limit, probability=probability)])
+    assert found.met == met
+    assert found.next is None if command is None else command in found.next.command
+    assert (found.next is not None and found.next.command == "") == (command == "")
+
+
+def test_flights_jointly_would_let_every_pass_stand(tmp_path):
+    _, models = judged(tmp_path / "c", [REQUIRED.format(limit=1e6, probability=0.95)], runs=60)
+    verdicts = models[VERDICTS]
+    assert verdicts.held_together.dropped
+    flights = flights_jointly(verdicts)
+    for runs, stand in ((flights, True), (flights - 1, False)):
+        held = hold_family([judge(0, runs, 0.95)] * verdicts.held_together.verdicts, verdicts.held_together.risk)
+        assert all(each.status == "PASS" for each in held) is stand
+
+
+def test_lost_flights_lead_what_is_better(tmp_path):
+    requirements = [REQUIRED.format(limit=1e6, probability=0.5)]
+    found, _ = judged(tmp_path / "c", requirements, failing=20, controllers=["tlc", "lqr"])
+    assert found.better == "tlc" and found.because[0].startswith("Lost flights: ") and len(found.because) <= 3
+    assert judged(tmp_path / "one", requirements, controllers=["tlc"])[0].better == ALONE
+    assert judged(tmp_path / "lhs", requirements, sampling="lhs", runs=16)[0].better == NO_DIFFERENCE
