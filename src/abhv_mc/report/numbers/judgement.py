@@ -111,16 +111,20 @@ def _reasons(models: Models) -> Iterator[str]:
     if loops:
         yield f"Gain margin below {GAIN_MARGIN.customary:g} dB: {_few(loops)}."
     missed = [
-        f"{names.label(name)} {count} of {len(found)}"
-        for name in names.controllers
-        if (count := (found := verdicts.statuses(name)).count("FAIL"))
+        f"{names.label(name)} {item.name.replace('_', ' ')}"
+        for item in verdicts.requirements
+        for name in item.asked.controllers
+        if item.controllers[name].status == "FAIL"
     ]
     if missed:
         yield f"Requirements missed: {_few(missed)}."
     if names.independent:
         order = ("worse", "mixed", "open", "better")  # the strongest rival first
-        pairs = sorted(models[COMPARISON].pairs.values(), key=lambda pair: order.index(_standing(pair, names)))
-        yield from filter(None, (_closer(pair, names) for pair in pairs))
+        pairs = sorted(
+            models[COMPARISON].pairs.values(),
+            key=lambda pair: (order.index(_standing(pair, names)), verdicts.statuses(pair.b).count("FAIL")),
+        )
+        yield from filter(None, (_closer(pair, names) for pair in pairs[:1]))
 
 
 def _few(words: list[str]) -> str:
@@ -155,7 +159,7 @@ def _sure(models: Models) -> str:
         return "Exact for independent flights only: no verdicts for this design."
     risk = max(entry.asked.consumer_risk for entry in verdicts.requirements)
     passed = held.stand + len(held.dropped)
-    text = f"Each verdict at {percent(risk, 2)} risk, however often one looks."
+    text = f"Each verdict at {percent(risk, 2)} risk."
     if passed > 1:
         text += f" Jointly {held.stand or 'none'} of the {passed} PASS stand{'s' if held.stand == 1 else ''}."
     return text
