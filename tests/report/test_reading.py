@@ -66,7 +66,7 @@ def folder(request):
 # Words beside labels: the sentences and the line on how sure.
 FIRST = """(() => {
   const bottom = (s) => { const e = document.querySelector(s); return e ? e.getBoundingClientRect().bottom : 0; };
-  const words = [".sentences", ".sure"].map((s) => document.querySelector(s)?.innerText ?? "").join(" ");
+  const words = [".sentences", ".sure", ".next"].map((s) => document.querySelector(s)?.innerText ?? "").join(" ");
   const count = words.trim().split(/\\s+/).length;
   return { ends: ["h1", ".sentences", ".chart", ".cards", ".sure"].map(bottom), words: count,
     cut: [...document.querySelectorAll("#answer .name, #answer .card p, #answer th")]

@@ -4,7 +4,7 @@ import sys
 from collections import Counter
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TextIO
 
 import typer
 
@@ -137,6 +137,7 @@ def finish(
         made = is_up_to_date(result.folder, baseline)
         page = "report.html, up to date" if made else build_report(result.folder, baseline=baseline).name
         say(f"report    {named}/{page}", file=told)
+        say_judgement(result.folder, named, result.manifest, told)
     if lost := sum(ended.get("failed_to_run", 0) for ended in outcomes):
         count = "1 flight" if lost == 1 else f"{lost} flights"
         say(f"{count} could not be computed: the same command tries again", file=sys.stderr)
@@ -148,6 +149,14 @@ def finish(
         say(f"verdicts  {describe_verdicts(result.manifest)}", file=told)
     if any(entry.verdict == "FAIL" for entry in entries):
         raise typer.Exit(ExitCode.FAILED)
+
+
+def say_judgement(folder: Path, named: str, manifest: "Manifest", file: TextIO | None = None) -> None:
+    """The judgement of the folder's report, where it has one of these flights."""
+    from abhv_mc.report.numbers.judgement import stored_sentences
+
+    for i, sentence in enumerate(stored_sentences(folder, named, manifest.digest)):
+        say(f"{' ' * 10 if i else 'judgement '}{sentence}", file=file)
 
 
 def _parse_shard(text: str) -> tuple[int, int]:

@@ -15,13 +15,17 @@ def command(
     from abhv_mc.cli.run import describe_outcomes, print_requirements
     from abhv_mc.folder.remote import fetched_manifests
     from abhv_mc.folder.status import read_status
+    from abhv_mc.report.numbers.judgement import stored_sentences
 
     with fetched_manifests(folder, "manifest.json") as (here, describe):
         status = replace(read_status(here, describe and describe("")), folder=str(read_address(folder) or folder))
-    manifest = status.manifest
+        manifest = status.manifest
+        judged = stored_sentences(here, str(folder), manifest.digest)
 
     def in_words() -> None:
         say(f"{manifest.name}: {manifest.state}, {manifest.runs_done} of {manifest.runs_planned} flights")
+        for sentence in judged:
+            say(f"  {sentence}")
         if status.holder:
             say(f"  flown now by {status.holder}")
         for name, each in manifest.controllers.items():

@@ -1,10 +1,22 @@
 """The judgement on a campaign: both answers, what they rest on and what would help."""
 
+import shlex
+
 import pytest
+import typer
 from report.synthetic import write_campaign
 
+from abhv_mc.cli.app import app
 from abhv_mc.folder.results import read_results
-from abhv_mc.report.numbers.judgement import ALONE, NO_DIFFERENCE, flights_jointly, judge_campaign
+from abhv_mc.report.numbers.judgement import (
+    ALONE,
+    NO_DIFFERENCE,
+    flights_jointly,
+    judge_campaign,
+    judgement_sentences,
+    stored_sentences,
+)
+from abhv_mc.report.pages.build import build_report
 from abhv_mc.statistics.judgement import hold_family
 from abhv_mc.statistics.verdicts import judge
 from abhv_mc.topics.topic import Models
@@ -32,6 +44,20 @@ def test_what_is_met_and_what_would_help(tmp_path, limit, probability, met, comm
     assert found.met == met
     assert found.next is None if command is None else command in found.next.command
     assert (found.next is not None and found.next.command == "") == (command == "")
+
+
+@pytest.mark.parametrize(("limit", "probability"), [(1e6, 0.99), (1e-9, 0.9)])
+def test_the_next_command_is_one(tmp_path, limit, probability):
+    """What is printed can be run as it is, and the stored judgement says the same."""
+    folder = tmp_path / "c"
+    found, _ = judged(folder, [REQUIRED.format(limit=limit, probability=probability)])
+    words = shlex.split(found.next.command.replace("DIR", str(folder)))
+    command = typer.main.get_command(app).commands[words[1]]
+    assert command.make_context(words[1], words[2:]).params
+    build_report(folder)
+    digest = read_results(folder).manifest.digest
+    assert stored_sentences(folder, "DIR", digest) == judgement_sentences(found, "DIR")
+    assert stored_sentences(folder, "DIR", "another") == stored_sentences(tmp_path, "DIR", digest) == []
 
 
 def test_flights_jointly_would_let_every_pass_stand(tmp_path):

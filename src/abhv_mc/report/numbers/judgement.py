@@ -1,8 +1,10 @@
 """The judgement on a campaign: are its requirements met, which controller is better, why, how sure, and what next."""
 
+import json
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 from abhv_mc.flight.metrics import GAIN_MARGIN
 from abhv_mc.statistics.evidence import flights_to_pass
@@ -49,9 +51,7 @@ def judge_campaign(models: Models) -> Judgement:
     """The one judgement on a campaign, of the models of its topics."""
     verdicts, names = models[VERDICTS], models.names
     met, better = _met(verdicts), _better(models)
-    binding = [
-        name for name in names.controllers if any(name in item.asked.controllers for item in verdicts.requirements)
-    ]
+    binding = list(dict.fromkeys(name for item in verdicts.requirements for name in item.asked.controllers))
     who = joined(list(map(names.label, binding))) if len(binding) <= 2 else f"{len(binding)} controllers"
     told = {
         "yes": f"Requirements met by {who}.", "no": f"Requirements not met by {who}.",
@@ -68,13 +68,21 @@ def judge_campaign(models: Models) -> Judgement:
 
 
 def _binding(verdicts: Verdicts) -> list[ControllerVerdict]:
-    return [item.controllers[name] for item in verdicts.requirements for name in item.asked.controllers]
+    """Verdicts that bind, of the controllers of which a flight was computed."""
+    return [
+        item.controllers[name]
+        for item in verdicts.requirements
+        for name in item.asked.controllers
+        if name in item.controllers
+    ]
 
 
 def _met(verdicts: Verdicts) -> str:
-    found = {verdict.status for verdict in _binding(verdicts)}
-    if not found:
+    if not verdicts.requirements:
         return "nothing required"
+    found = {verdict.status for verdict in _binding(verdicts)}
+    if any(set(item.asked.controllers) - set(item.controllers) for item in verdicts.requirements):
+        found.add("NOT SHOWN")  # none of its flights was computed
     return "no" if "FAIL" in found else "yes" if found == {"PASS"} else "not shown"
 
 
@@ -110,14 +118,13 @@ def _reasons(models: Models) -> Iterator[str]:
     ]
     if loops:
         yield f"Gain margin below {GAIN_MARGIN.customary:g} dB: {_few(loops)}."
-    missed = [
-        f"{names.label(name)} {item.name.replace('_', ' ')}"
-        for item in verdicts.requirements
-        for name in item.asked.controllers
-        if item.controllers[name].status == "FAIL"
-    ]
+    missed: dict[str, list[str]] = {}
+    for item in verdicts.requirements:
+        for name in item.asked.controllers:
+            if name in item.controllers and item.controllers[name].status == "FAIL":
+                missed.setdefault(names.label(name), []).append(names.metrics[item.asked.metric].phrase)
     if missed:
-        yield f"Requirements missed: {_few(missed)}."
+        yield f"Missed: {'; '.join(f'{who} in {_few(what)}' for who, what in missed.items())}."
     if names.independent:
         order = ("worse", "mixed", "open", "better")  # the strongest rival first
         pairs = sorted(
@@ -133,10 +140,13 @@ def _few(words: list[str]) -> str:
 
 def _closer(pair: ControllerPair, names: Names) -> str:
     """'TLC is closer in sideslip, LQR robust in altitude at 0.34 times the surface usage.'; '' where nothing tells."""
-    held = standing(pair, names)
-    parts = [f"{names.label(pair.a)} is closer in {_few(held['better'])}"] if held["better"] else []
+    held = {
+        side: joined(metrics) if len(metrics) <= _REASONS else f"{len(metrics)} metrics"
+        for side, metrics in standing(pair, names).items()
+    }
+    parts = [f"{names.label(pair.a)} is closer in {held['better']}"] if held["better"] else []
     if held["worse"]:
-        parts.append(f"{names.label(pair.b)} {'' if parts else 'is closer '}in {_few(held['worse'])}{_usage(pair)}")
+        parts.append(f"{names.label(pair.b)} {'' if parts else 'is closer '}in {held['worse']}{_usage(pair)}")
     return f"{', '.join(parts)}." if parts else ""
 
 
@@ -175,7 +185,7 @@ def _sure(models: Models) -> str:
     passed = held.stand + len(held.dropped)
     text = f"Each verdict at {percent(risk, 2)} risk."
     if passed > 1:
-        text += f" Jointly {held.stand or 'none'} of the {passed} PASS stand{'s' if held.stand == 1 else ''}."
+        text += f" Jointly {held.stand or 'none'} of {passed} PASS stand{'s' if held.stand == 1 else ''}."
     return text
 
 
@@ -203,9 +213,14 @@ def _next(models: Models, met: str) -> Next | None:
     if met == "not shown":
         open_ones = [each for each in _binding(verdicts) if each.status == "NOT SHOWN"]
         found = [advise(each) for each in open_ones]
-        flown = max(each.flights for each in open_ones)
+        flown = max((each.flights for each in open_ones), default=0)
         need = max((each.flights for each in found if each), default=0)
-        if None in found or need > _MOST_TIMES * flown or any(each and each.chance < 0.25 for each in found):
+        if (
+            None in found
+            or not need
+            or need > _MOST_TIMES * flown
+            or any(each and each.chance < 0.25 for each in found)
+        ):
             return Next("more flights are unlikely to show it")
         return Next(f"{fixed(need, 0)} flights would do", f"abhv-mc run DIR/campaign.yaml -o DIR --runs {need}")
     jointly = flights_jointly(verdicts)
@@ -213,6 +228,19 @@ def _next(models: Models, met: str) -> Next | None:
         return None
     return Next(f"all stand with {fixed(jointly, 0)} flights if no more fail",
                 f"abhv-mc run DIR/campaign.yaml -o DIR --runs {jointly}")  # fmt: skip
+
+
+def stored_sentences(root: Path, folder: str, digest: str | None) -> list[str]:
+    """The judgement that a folder's report holds of the flights of this digest, in words; none where it has none."""
+    try:
+        numbers = json.loads((root / "report.json").read_text("utf-8"))
+        if digest is None or numbers["digest"] != digest:
+            return []
+        held = numbers["judgement"]
+        step = Next(**held["next"]) if held["next"] else None
+        return judgement_sentences(Judgement(**{**held, "because": tuple(held["because"]), "next": step}), folder)
+    except (OSError, ValueError, LookupError, TypeError):  # no report, or one of another version
+        return []
 
 
 def judgement_sentences(found: Judgement, folder: str) -> list[str]:

@@ -2,6 +2,7 @@
 
 import math
 import shlex
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -43,7 +44,7 @@ def make_comparison(a: Results, b: Results, found: Compared) -> Section:
     tables: list[Item] = []
     for pair in found.paired:
         labels = _labels(a, b, pair)
-        answers += _sentences(pair, found, labels, a.campaign.independent)
+        answers += _sentences(pair, found, labels, a)
         if not _is_same(pair):
             tables += _tables(pair, found, labels, (a.folder, b.folder))
     answers.append(
@@ -91,7 +92,7 @@ def _labels(a: Results, b: Results, pair: CampaignPair) -> Labels:
     return f"{first} ({one}) against {second} ({other})", f"{first} ({one})", f"{second} ({other})"
 
 
-def _sentences(pair: CampaignPair, of: Compared, labels: Labels, independent: bool) -> list[str]:
+def _sentences(pair: CampaignPair, of: Compared, labels: Labels, results: Results) -> list[str]:
     (title, a, b), words = labels, of.words
     found = [
         f"{title}, {words[metric]['phrase']}: {gate_words(pair, metric, b, of.requirements)}."
@@ -99,7 +100,12 @@ def _sentences(pair: CampaignPair, of: Compared, labels: Labels, independent: bo
     ]
     if _is_same(pair):
         return [*found, f"{title}: the same in all {fixed(pair.pairs, 0)} flights, in every metric."]
-    parts = standing_words(pair, words, a, b) if independent else "no winner is named: the flights are not independent"
+    parts = "no winner is named: the flights are not independent"
+    if results.campaign.independent:
+        asked = [metric for metric in pair.metrics if metric in results.asked]
+        rest = [metric for metric, entry in pair.metrics.items() if entry.compared and metric not in results.asked]
+        parts = standing_words(pair, words, a, b, asked or rest)
+        parts += _count_words(pair, a, b, rest) if asked and rest else ""
     found.append(f"{title}, on the same {fixed(pair.pairs, 0)} flights: {parts}.")
     failed = pair.any_failure
     if failed.only_a or failed.only_b:
@@ -112,17 +118,26 @@ def _sentences(pair: CampaignPair, of: Compared, labels: Labels, independent: bo
     return found
 
 
-def standing_words(pair: CampaignPair, words: Mapping[str, Mapping[str, str]], a: str, b: str) -> str:
-    """'A is better in ... (worst 1.2 deg, against 3.4), B in ...; undecided in ...; no difference is shown in ...', of
-    the compared metrics."""
+def _count_words(pair: CampaignPair, a: str, b: str, metrics: Sequence[str]) -> str:
+    """'; of 13 others A is better in 11, B in 2': usage and the like, which the table has one by one."""
+    won = Counter(pair.metrics[metric].winner for metric in metrics if not pair.metrics[metric].mixed)
+    sides = [(name, won[side]) for side, name in ((pair.a, a), (pair.b, b)) if won[side]]
+    parts = [f"{name} {'' if i else 'is better '}in {count}" for i, (name, count) in enumerate(sides)]
+    return f"; of {len(metrics)} metrics of usage {', '.join(parts)}" if parts else ""
+
+
+def standing_words(
+    pair: CampaignPair, words: Mapping[str, Mapping[str, str]], a: str, b: str, metrics: Sequence[str]
+) -> str:
+    """'A is better in ... (worst 1.2 deg, against 3.4), B in ...; undecided in ...; no difference is shown in ...'."""
     found: dict[str, list[str]] = {pair.a: [], pair.b: [], "mixed": [], "": []}
-    for metric, entry in pair.metrics.items():
-        if entry.compared:
-            text, won = words[metric]["phrase"], "mixed" if entry.mixed else entry.winner or ""
-            if entry.winner:
-                own, other = map(significant, entry.worst[:: 1 if won == pair.a else -1])
-                text += f" (worst {own} {words[metric]['unit'].removeprefix('-')}".rstrip() + f", against {other})"
-            found[won].append(text)
+    for metric in metrics:
+        entry = pair.metrics[metric]
+        text, won = words[metric]["phrase"], "mixed" if entry.mixed else entry.winner or ""
+        if entry.winner:
+            own, other = map(significant, entry.worst[:: 1 if won == pair.a else -1])
+            text += f" (worst {own} {words[metric]['unit'].removeprefix('-')}".rstrip() + f", against {other})"
+        found[won].append(text)
     if len(found[""]) > _NAMED:
         told = any(found[side] for side in found if side)
         found[""] = [f"{'the other' if told else 'any of the'} {len(found[''])} metrics compared"]
