@@ -152,7 +152,7 @@ def main() -> None:
     revision = subprocess.run(
         ["git", "-C", str(other), "rev-parse", "--short", "HEAD"], capture_output=True, check=False, text=True
     )
-    note = f"{make_note(describe_machine(load), 1)} Warm rows: medians of {options.rounds} rounds."
+    note = make_note(describe_machine(load), options.rounds).replace("processes", "rounds") + " Starts: once."
     head = [
         note,
         "",
