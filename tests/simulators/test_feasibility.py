@@ -74,7 +74,7 @@ def test_validate_refuses_a_dispersion_that_the_vehicle_lacks(repository, tmp_pa
 
 def test_validate_refuses_and_run_warns_flies_and_shows_nothing(repository, tmp_path, capfd):
     text = (repository / "campaigns/s_manoeuvre.yaml").read_text().replace("../", f"{repository}/")
-    (tmp_path / "c.yaml").write_text(text.replace("runs: 1000", "runs: 400"))
+    (tmp_path / "c.yaml").write_text(text.replace("runs: 2100", "runs: 400"))
     with pytest.raises(InputErrors, match="no outcome of 400 flights"):
         check_inputs(tmp_path / "c.yaml")
     fake = write_campaign(tmp_path / "f", requirements=RARE)
