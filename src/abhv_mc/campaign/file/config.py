@@ -8,8 +8,7 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 from abhv_mc.campaign import MOST_WORKERS
 from abhv_mc.campaign.file.keep import Keep
 from abhv_mc.campaign.file.tuning import Points, Tune
-from abhv_mc.campaign.file.unknowns import Points as UnknownPoints
-from abhv_mc.campaign.file.unknowns import Unknown
+from abhv_mc.campaign.file.unknowns import Unknown, UnknownPoints
 from abhv_mc.campaign.file.user_metrics import MetricEntry, MetricName
 from abhv_mc.campaign.sampling.designs import DESIGNS
 from abhv_mc.campaign.sampling.distributions import Distribution, Value

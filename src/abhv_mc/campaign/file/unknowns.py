@@ -24,7 +24,7 @@ class Unknown(StrictModel):
     high: Value = Field(description="upper bound")
 
 
-class Points(StrictModel):
+class UnknownPoints(StrictModel):
     """Values of the unknowns at which requirements are judged, as `run` found them."""
 
     tried: Annotated[int, Field(ge=0)] = Field(0, description="how many were tried to find them")
@@ -72,7 +72,7 @@ def points_entry(unknowns: Unknowns, places: Floats, tried: int) -> dict[str, ob
 def check_unknowns(
     document: Document,
     unknowns: dict[str, Unknown],
-    points: Points | None,
+    points: UnknownPoints | None,
     others: dict[str, str],
     design: str,
     errors: list[InputError],
