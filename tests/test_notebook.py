@@ -88,6 +88,9 @@ def test_numbers(flown):
     assert median.low < median.value < median.high
     assert results.verdicts.status["altitude_error_max_m", "two"] in ("PASS", "FAIL", "NOT SHOWN")
     assert results.summary[-1].startswith("Based on 200 flights")
+    assert (
+        results.summary[0] == results.judgement.answer and results.numbers["judgement"]["met"] == results.judgement.met
+    )
 
 
 def test_tables_over_time_have_named_axes(flown):

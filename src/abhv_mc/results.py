@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from abhv_mc.analysis.explain import Explanation
     from abhv_mc.folder import results as columns
+    from abhv_mc.report.numbers.judgement import Judgement
     from abhv_mc.topics.topic import Models
 
 _AXES = {
@@ -92,14 +93,21 @@ class Results:
         refuse_changes(self._paths, self.manifest)
         return numbers
 
+    @cached_property
+    def judgement(self) -> "Judgement":
+        """Whether requirements are met, who is better, why, how sure that is, and what to do next."""
+        from abhv_mc.report.numbers.judgement import judge_campaign
+
+        return judge_campaign(self._models)
+
     @property
     def summary(self) -> list[str]:
         """The campaign in sentences, as the report begins."""
-        from abhv_mc.report.numbers.judgement import judge_campaign, judgement_sentences
+        from abhv_mc.report.numbers.judgement import judgement_lead
         from abhv_mc.report.numbers.summary import confidence_sentence, summary_sentences
 
-        first = judgement_sentences(judge_campaign(self._models), self._models.names.folder)
-        return [*first, *summary_sentences(self._models), confidence_sentence(self._models)]
+        first = judgement_lead(self.judgement, self._models.names.folder)
+        return [*first.sentences, *summary_sentences(self._models), confidence_sentence(self._models)]
 
     @property
     def verdicts(self) -> "pd.DataFrame":

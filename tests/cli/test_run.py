@@ -3,6 +3,8 @@
 import contextlib
 import csv
 import json
+import re
+import shlex
 import subprocess
 import sys
 from dataclasses import replace
@@ -37,6 +39,22 @@ def test_run_says_what_came_of_it(abhv_mc, tmp_path):
     assert "289 ok, 11 sideslip_limit" in out
     assert "PASS" in out and "11 failures in 300 flights" in out
     assert "flights: 600 of 600" in err
+
+
+@pytest.mark.parametrize(("probability", "met"), [(0.9, "yes"), (0.999, "no")])
+def test_what_the_judgement_says_is_next_can_be_run(abhv_mc, tmp_path, probability, met):
+    """Where too few flights were flown, so many more let it PASS; where too many are lost, they are explained."""
+    asked = f"[{{metric: altitude_error_max_m, below: 1e6, probability: {probability}, consumer_risk: 0.1}}]"
+    campaign = write_campaign(tmp_path / "files", requirements=asked)
+    runs = 20 if met == "yes" else 300
+    told = abhv_mc("run", campaign, "--runs", runs)[1]
+    (command,) = re.findall(r"^Next: .*: `abhv-mc (.*)`\.$", told, re.M)
+    assert told.splitlines()[0] in abhv_mc("status", "reports/fake")[1].splitlines()[0]
+    code, told, err = abhv_mc(*shlex.split(command))
+    if met == "yes":
+        assert code == 0 and told.startswith("Requirements met by"), err
+    else:
+        assert command == "explain reports/fake --all" and code == 0, err
 
 
 def test_a_failed_requirement_is_exit_code_1(abhv_mc, tmp_path):

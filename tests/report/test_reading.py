@@ -63,7 +63,7 @@ def folder(request):
     return request.getfixturevalue(request.param)
 
 
-# Words beside labels: the sentences and the line on how sure.
+# Words beside labels: the judgement.
 FIRST = """(() => {
   const bottom = (s) => { const e = document.querySelector(s); return e ? e.getBoundingClientRect().bottom : 0; };
   const words = [".sentences", ".sure", ".next"].map((s) => document.querySelector(s)?.innerText ?? "").join(" ");

@@ -85,10 +85,10 @@ def print_section_table(table: "SectionTable") -> None:
 
 def print_section(section: "Section") -> None:
     """Print the sentences and tables of a section but those that it folds."""
-    from abhv_mc.topics.section import Bullets, Table
+    from abhv_mc.topics.section import Bullets, Lead, Table
 
     for item in section.items:
-        if isinstance(item, Bullets):
+        if isinstance(item, Bullets | Lead):
             say(*item.sentences, sep="\n")
         elif isinstance(item, Table):
             print_section_table(item)

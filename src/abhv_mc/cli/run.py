@@ -1,10 +1,11 @@
 """``abhv-mc run``: fly a campaign and make its report."""
 
+import shlex
 import sys
 from collections import Counter
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TextIO
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -111,7 +112,7 @@ def finish(
     junit: Path | None = None,
     baseline: Path | None = None,
 ) -> None:
-    """Say what came of it, make the report, and end with the exit code that it deserves.
+    """Make the report, say what came of it, and end with the exit code that it deserves.
 
     ``place`` is what the user calls the folder: perhaps an address.
     """
@@ -121,6 +122,13 @@ def finish(
     named = str(read_address(place or "") or result.folder)
     told = beside(json)
     entries = result.manifest.requirements
+    outcomes = [ended.outcomes for ended in result.manifest.controllers.values()]
+    page = ""
+    if result.complete and not no_report and any(set(ended) - {"failed_to_run"} for ended in outcomes):
+        from abhv_mc.report.pages.build import build_report, is_up_to_date
+
+        made = is_up_to_date(result.folder, baseline)
+        page = "report.html, up to date" if made else build_report(result.folder, baseline=baseline).name
     show(result.manifest.as_entries() | {"folder": named}, json, lambda: _print_result(result, named))
     if junit is not None:
         from abhv_mc.report.pages.matrix import make_junit, verdict_cases
@@ -130,14 +138,8 @@ def finish(
     if not result.complete:
         say("incomplete: the same command goes on where this one ended", file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE)
-    outcomes = [ended.outcomes for ended in result.manifest.controllers.values()]
-    if not no_report and any(set(ended) - {"failed_to_run"} for ended in outcomes):
-        from abhv_mc.report.pages.build import build_report, is_up_to_date
-
-        made = is_up_to_date(result.folder, baseline)
-        page = "report.html, up to date" if made else build_report(result.folder, baseline=baseline).name
+    if page:
         say(f"report    {named}/{page}", file=told)
-        say_judgement(result.folder, named, result.manifest, told)
     if lost := sum(ended.get("failed_to_run", 0) for ended in outcomes):
         count = "1 flight" if lost == 1 else f"{lost} flights"
         say(f"{count} could not be computed: the same command tries again", file=sys.stderr)
@@ -151,14 +153,6 @@ def finish(
         raise typer.Exit(ExitCode.FAILED)
 
 
-def say_judgement(folder: Path, named: str, manifest: "Manifest", file: TextIO | None = None) -> None:
-    """The judgement of the folder's report, where it has one of these flights."""
-    from abhv_mc.report.numbers.judgement import stored_sentences
-
-    for i, sentence in enumerate(stored_sentences(folder, named, manifest.digest)):
-        say(f"{' ' * 10 if i else 'judgement '}{sentence}", file=file)
-
-
 def _parse_shard(text: str) -> tuple[int, int]:
     i, slash, n = text.partition("/")
     if not (text.isascii() and slash and i.isdecimal() and n.isdecimal()):
@@ -168,12 +162,21 @@ def _parse_shard(text: str) -> tuple[int, int]:
 
 def _print_result(result: "RunResult", named: str) -> None:
     manifest = result.manifest
+    print_judgement(result.folder, manifest, named)
     say(f"folder    {named}")
     say(f"flights   {manifest.runs_done} of {manifest.runs_planned}, {manifest.state}")
     for name, ended in manifest.controllers.items():
         say(f"  {name:<12} {describe_outcomes(ended)}")
     print_requirements(manifest)
     say(f"digest    {manifest.digest}")
+
+
+def print_judgement(folder: Path, manifest: "Manifest", named: str) -> None:
+    """Say the judgement of a folder's report, where it has one of its flights; ``named``: what the user calls it."""
+    from abhv_mc.report.numbers.judgement import judgement_lead, read_judgement
+
+    if (found := read_judgement(folder, manifest)) is not None:
+        say(*judgement_lead(found, shlex.quote(named)).sentences, sep="\n")
 
 
 def describe_outcomes(ended: "ControllerCount") -> str:

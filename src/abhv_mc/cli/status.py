@@ -12,20 +12,14 @@ def command(
     json: Json = None,
 ) -> None:
     """Say how far a campaign is, who flies it, and what was found so far."""
-    from abhv_mc.cli.run import describe_outcomes, print_requirements
+    from abhv_mc.cli.run import describe_outcomes, print_judgement, print_requirements
     from abhv_mc.folder.remote import fetched_manifests
     from abhv_mc.folder.status import read_status
-    from abhv_mc.report.numbers.judgement import stored_sentences
-
-    with fetched_manifests(folder, "manifest.json") as (here, describe):
-        status = replace(read_status(here, describe and describe("")), folder=str(read_address(folder) or folder))
-        manifest = status.manifest
-        judged = stored_sentences(here, str(folder), manifest.digest)
 
     def in_words() -> None:
+        manifest = status.manifest
+        print_judgement(here, manifest, status.folder)
         say(f"{manifest.name}: {manifest.state}, {manifest.runs_done} of {manifest.runs_planned} flights")
-        for sentence in judged:
-            say(f"  {sentence}")
         if status.holder:
             say(f"  flown now by {status.holder}")
         for name, each in manifest.controllers.items():
@@ -35,4 +29,6 @@ def command(
         say(f"  time flown   {manifest.wall_time_s:.1f} s")
         say(f"  on disk      {status.bytes / 1e6:.1f} MB")
 
-    show(status.as_entries(), json, in_words)
+    with fetched_manifests(folder, "*.json") as (here, describe):
+        status = replace(read_status(here, describe and describe("")), folder=str(read_address(folder) or folder))
+        show(status.as_entries(), json, in_words)

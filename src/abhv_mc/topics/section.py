@@ -76,6 +76,21 @@ class Text:
 
 
 @dataclass(frozen=True)
+class Lead:
+    """The judgement in words, first of all: nothing else is printed in bold."""
+
+    answer: str
+    because: tuple[str, ...] = ()
+    sure: str = ""
+    next: str = ""
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """All of it, a sentence each."""
+        return tuple(filter(None, (self.answer, *self.because, self.sure, self.next)))
+
+
+@dataclass(frozen=True)
 class Bullets:
     """Sentences, one a line."""
 
@@ -127,7 +142,7 @@ class Fold:
     items: "tuple[Item, ...]"
 
 
-Item: TypeAlias = Text | Bullets | Table | Picture | Gallery | Widget | Heading | Fold
+Item: TypeAlias = Text | Lead | Bullets | Table | Picture | Gallery | Widget | Heading | Fold
 
 
 @dataclass(frozen=True)

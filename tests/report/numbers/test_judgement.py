@@ -1,6 +1,7 @@
 """The judgement on a campaign: both answers, what they rest on and what would help."""
 
 import shlex
+from dataclasses import replace
 
 import pytest
 import typer
@@ -13,8 +14,7 @@ from abhv_mc.report.numbers.judgement import (
     NO_DIFFERENCE,
     flights_jointly,
     judge_campaign,
-    judgement_sentences,
-    stored_sentences,
+    read_judgement,
 )
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.statistics.judgement import hold_family
@@ -55,9 +55,9 @@ def test_the_next_command_is_one(tmp_path, limit, probability):
     command = typer.main.get_command(app).commands[words[1]]
     assert command.make_context(words[1], words[2:]).params
     build_report(folder)
-    digest = read_results(folder).manifest.digest
-    assert stored_sentences(folder, "DIR", digest) == judgement_sentences(found, "DIR")
-    assert stored_sentences(folder, "DIR", "another") == stored_sentences(tmp_path, "DIR", digest) == []
+    manifest = read_results(folder).manifest
+    assert read_judgement(folder, manifest) == found
+    assert read_judgement(folder, replace(manifest, digest="another")) is read_judgement(tmp_path, manifest) is None
 
 
 def test_flights_jointly_would_let_every_pass_stand(tmp_path):

@@ -60,6 +60,8 @@ def test_two_campaigns_make_a_page_with_every_flight_that_only_one_loses(before,
     assert lost <= set(ended)
     assert "after passes: shown to be at most 5 % worse" in page
     assert f"0 flights fail under before alone, {len(lost)} under after alone" in page
+    assert "<strong>No difference is shown.</strong>" in page and f"abhv-mc explain {after} --all" in page
+    assert told.stdout.startswith("No difference is shown.\nNext: ")
     assert "<script" not in page and "http" not in page.replace("http-equiv", "").lower()
 
 

@@ -5,8 +5,10 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal, TypeAlias
 
 from abhv_mc.flight.metrics import GAIN_MARGIN
+from abhv_mc.folder.manifest import Manifest
 from abhv_mc.statistics.evidence import flights_to_pass
 from abhv_mc.statistics.verdicts import advise
 from abhv_mc.topics.comparison import COMPARISON
@@ -16,15 +18,18 @@ from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.margins import MARGINS
 from abhv_mc.topics.margins.model import least_margins
 from abhv_mc.topics.names import Names
+from abhv_mc.topics.section import Lead
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
 from abhv_mc.topics.verdicts.model import ControllerVerdict, Verdicts
 from abhv_mc.topics.words import count_of, fixed, joined, percent, significant
 
+Met: TypeAlias = Literal["yes", "no", "not shown", "nothing required"]
 MIXED, NO_DIFFERENCE, ALONE = "mixed", "no difference shown", "none to compare"
 _REASONS = 3
 _SAME_USAGE = 0.05  # of a ratio of surface usage: nearer to 1 goes without saying
 _MOST_TIMES = 10  # the flights flown: an extension beyond that is not advised
+_FAIR = 0.25  # chance of a PASS with which one is
 
 
 @dataclass(frozen=True)
@@ -39,7 +44,7 @@ class Next:
 class Judgement:
     """Two answers and what they rest on."""
 
-    met: str  # 'yes', 'no', 'not shown', of the binding controllers; 'nothing required'
+    met: Met  # of the binding controllers
     better: str  # a controller, MIXED, NO_DIFFERENCE or ALONE
     because: tuple[str, ...]  # those first that would change a decision
     sure: str
@@ -67,22 +72,15 @@ def judge_campaign(models: Models) -> Judgement:
     return Judgement(met, better, because, _sure(models), _next(models, met), answer)
 
 
-def _binding(verdicts: Verdicts) -> list[ControllerVerdict]:
-    """Verdicts that bind, of the controllers of which a flight was computed."""
-    return [
-        item.controllers[name]
-        for item in verdicts.requirements
-        for name in item.asked.controllers
-        if name in item.controllers
-    ]
+def _binding(verdicts: Verdicts) -> list[ControllerVerdict | None]:
+    """None of a controller none of whose flights could be computed."""
+    return [item.controllers.get(name) for item in verdicts.requirements for name in item.asked.controllers]
 
 
-def _met(verdicts: Verdicts) -> str:
-    if not verdicts.requirements:
+def _met(verdicts: Verdicts) -> Met:
+    found = {verdict.status if verdict else "NOT SHOWN" for verdict in _binding(verdicts)}
+    if not found:
         return "nothing required"
-    found = {verdict.status for verdict in _binding(verdicts)}
-    if any(set(item.asked.controllers) - set(item.controllers) for item in verdicts.requirements):
-        found.add("NOT SHOWN")  # none of its flights was computed
     return "no" if "FAIL" in found else "yes" if found == {"PASS"} else "not shown"
 
 
@@ -109,7 +107,7 @@ def _reasons(models: Models) -> Iterator[str]:
     names, verdicts, flights = models.names, models[VERDICTS], models[FLIGHTS].counts
     lost = [f"{names.label(name)} {count_of(each.failed, each.flown)}" for name, each in flights.items() if each.failed]
     if lost:
-        yield f"Lost flights: {_few(lost)}."
+        yield f"Lost flights: {few(lost)}."
     margins = {name: least_margins(models[MARGINS], name) for name in names.controllers}
     loops = [
         f"{names.label(name)} {f'{fixed(found.gain, 1)} dB ({found.gain_loop})' if found.stable else 'unstable'}"
@@ -117,14 +115,14 @@ def _reasons(models: Models) -> Iterator[str]:
         if found and (not found.stable or found.gain < GAIN_MARGIN.customary)
     ]
     if loops:
-        yield f"Gain margin below {GAIN_MARGIN.customary:g} dB: {_few(loops)}."
+        yield f"Gain margin below {GAIN_MARGIN.customary:g} dB: {few(loops)}."
     missed: dict[str, list[str]] = {}
     for item in verdicts.requirements:
         for name in item.asked.controllers:
             if name in item.controllers and item.controllers[name].status == "FAIL":
                 missed.setdefault(names.label(name), []).append(names.metrics[item.asked.metric].phrase)
     if missed:
-        yield f"Missed: {'; '.join(f'{who} in {_few(what)}' for who, what in missed.items())}."
+        yield f"Missed: {'; '.join(f'{who} in {few(what)}' for who, what in missed.items())}."
     if names.independent:
         order = ("worse", "mixed", "open", "better")  # the strongest rival first
         pairs = sorted(
@@ -134,7 +132,8 @@ def _reasons(models: Models) -> Iterator[str]:
         yield from filter(None, (_angles(pair, names) or _closer(pair, names) for pair in pairs[:1]))
 
 
-def _few(words: list[str]) -> str:
+def few(words: list[str]) -> str:
+    """'a, b and c', or 'a, b and 2 more'."""
     return joined(words) if len(words) <= _REASONS else f"{', '.join(words[:2])} and {len(words) - 2} more"
 
 
@@ -203,49 +202,50 @@ def flights_jointly(verdicts: Verdicts) -> int | None:
     )
 
 
-def _next(models: Models, met: str) -> Next | None:
+def _next(models: Models, met: Met) -> Next | None:
     """What helps: why flights fail; more flights, where they promise a PASS; what is missing for all jointly."""
     if models.results.manifest.state != "complete" or not models.names.independent:
         return None
     verdicts = models[VERDICTS]
+    why_failed = Next("see what makes flights fail", "abhv-mc explain DIR --all")
     if met == "no":
-        return Next("what makes flights fail", "abhv-mc explain DIR --all")
+        return why_failed
     if met == "not shown":
-        open_ones = [each for each in _binding(verdicts) if each.status == "NOT SHOWN"]
+        open_ones = [each for each in _binding(verdicts) if each and each.status == "NOT SHOWN"]
+        if not open_ones:
+            return None
         found = [advise(each) for each in open_ones]
-        flown = max((each.flights for each in open_ones), default=0)
-        need = max((each.flights for each in found if each), default=0)
-        if (
-            None in found
-            or not need
-            or need > _MOST_TIMES * flown
-            or any(each and each.chance < 0.25 for each in found)
-        ):
-            return Next("more flights are unlikely to show it")
-        return Next(f"{fixed(need, 0)} flights would do", f"abhv-mc run DIR/campaign.yaml -o DIR --runs {need}")
+        if any(each is None or each.chance < _FAIR for each in found):
+            return why_failed
+        need = max(each.flights for each in found if each)
+        if need > _MOST_TIMES * max(each.flights for each in open_ones):
+            return Next(f"{fixed(need, 0)} flights would do, more than {_MOST_TIMES} times those flown")
+        return Next(f"{fixed(need, 0)} flights would do", _more(need))
     jointly = flights_jointly(verdicts)
-    if jointly is None:
-        return None
-    return Next(f"all stand with {fixed(jointly, 0)} flights if no more fail",
-                f"abhv-mc run DIR/campaign.yaml -o DIR --runs {jointly}")  # fmt: skip
+    return Next(f"all stand with {fixed(jointly, 0)} flights if no more fail", _more(jointly)) if jointly else None
 
 
-def stored_sentences(root: Path, folder: str, digest: str | None) -> list[str]:
-    """The judgement that a folder's report holds of the flights of this digest, in words; none where it has none."""
+def _more(flights: int) -> str:
+    return f"abhv-mc run DIR/campaign.yaml -o DIR --runs {flights}"
+
+
+def judgement_lead(found: Judgement, folder: str) -> Lead:
+    """The judgement in words; ``folder`` as a command names it."""
+    told = ""
+    if found.next:
+        command = f": `{found.next.command.replace('DIR', folder)}`" if found.next.command else ""
+        told = f"Next: {found.next.why}{command}."
+    return Lead(found.answer, found.because, found.sure, told)
+
+
+def read_judgement(folder: Path, manifest: Manifest) -> Judgement | None:
+    """The judgement that a folder's `report.json` holds; None where that is not of its flights, or is not there."""
     try:
-        numbers = json.loads((root / "report.json").read_text("utf-8"))
-        if digest is None or numbers["digest"] != digest:
-            return []
-        held = numbers["judgement"]
-        step = Next(**held["next"]) if held["next"] else None
-        return judgement_sentences(Judgement(**{**held, "because": tuple(held["because"]), "next": step}), folder)
-    except (OSError, ValueError, LookupError, TypeError):  # no report, or one of another version
-        return []
-
-
-def judgement_sentences(found: Judgement, folder: str) -> list[str]:
-    """The judgement in words: the answers, the reasons, how sure, what next."""
-    told = f"Next: {found.next.why}" if found.next else ""
-    if found.next and found.next.command:
-        told += f": `{found.next.command.replace('DIR', folder)}`"
-    return [*filter(None, (found.answer, *found.because, found.sure, told))]
+        held = json.loads((folder / "report.json").read_text("utf-8"))
+        if (held["digest"], held["state"]) != (manifest.digest, manifest.state):
+            return None
+        found = held["judgement"]
+        following = Next(**found["next"]) if found["next"] else None
+        return Judgement(**{**found, "because": tuple(found["because"]), "next": following})
+    except (OSError, ValueError, KeyError, TypeError):
+        return None

@@ -11,12 +11,13 @@ from abhv_mc.flight.metrics import SURFACE_USAGE
 from abhv_mc.folder.results import Results
 from abhv_mc.report.figures.paired import DifferencePanel, plot_differences
 from abhv_mc.report.numbers.compare import CampaignPair, Compared, gate_words, sides
+from abhv_mc.report.numbers.judgement import few
 from abhv_mc.report.pages.answer_page import Answer, make_table, write_answer_page
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.comparison.model import metric_differences
 from abhv_mc.topics.figure_style import CYCLE
 from abhv_mc.topics.labels import controller_label
-from abhv_mc.topics.section import Bullets, FigureText, Item, Picture, Section, Table
+from abhv_mc.topics.section import Bullets, FigureText, Item, Lead, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
 from abhv_mc.topics.words import bounds, count_of, ends_of, estimate, fixed, joined, p_value, significant
 
@@ -51,7 +52,40 @@ def make_comparison(a: Results, b: Results, found: Compared) -> Section:
         "Differences are of the same flights, the first minus the second, with 95 % intervals; a flight that ended "
         "early counts as worse than any that did not."
     )
-    return Section("Answer", (Bullets(tuple(answers)), Picture("differences"), *tables))
+    return Section("Answer", (_lead(a, b, found), Bullets(tuple(answers)), Picture("differences"), *tables))
+
+
+def _lead(a: Results, b: Results, found: Compared) -> Lead:
+    """Which of the two is better with which controller, in what, and what to do where the second fails more."""
+    told: dict[str, list[str]] = {}
+    because = []
+    for pair in found.paired:
+        (title, *labels), sides_of = _labels(a, b, pair), (pair.a, pair.b)
+        entries = [(metric, pair.metrics[metric]) for metric in a.asked if metric in pair.metrics]
+        won = [
+            [found.words[metric]["phrase"] for metric, entry in entries if entry.winner == side] for side in sides_of
+        ]
+        if not a.campaign.independent:
+            answer = "no winner is named, as the flights are not independent"
+        elif pair.losing:
+            answer = f"{labels[pair.losing == 'a']} is better"
+        elif all(won) or any(entry.mixed for _, entry in entries):
+            answer = "mixed"
+        else:
+            better = [label for label, metrics in zip(labels, won, strict=True) if metrics]
+            answer = f"{better[0]} is better" if better else "no difference is shown"
+        told.setdefault(answer, []).append(title)
+        parts = [f"loses {'more' if pair.losing == 'b' else 'fewer'} flights"] if pair.losing else []
+        parts += [
+            f"is {word} in {few(metrics)}" for word, metrics in zip(("worse", "better"), won, strict=True) if metrics
+        ]
+        because += [f"{title}: {labels[1]} {joined(parts)}."] if parts and a.campaign.independent else []
+    alone = len(told) == 1
+    words = "; ".join(answer if alone else f"{answer} ({joined(titles)})" for answer, titles in told.items())
+    failed = any(pair.any_failure.only_b for pair in found.paired)
+    command = shlex.join(["abhv-mc", "explain", b.folder.as_posix(), "--all"])
+    following = f"Next: see what makes flights fail: `{command}`." if failed else ""
+    return Lead(f"{words[0].upper()}{words[1:]}.", tuple(because[:3]), next=following)
 
 
 def _is_same(pair: CampaignPair) -> bool:

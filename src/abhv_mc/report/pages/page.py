@@ -13,7 +13,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from abhv_mc.report.numbers.compare import Baseline
-from abhv_mc.report.numbers.judgement import judge_campaign
+from abhv_mc.report.numbers.judgement import judge_campaign, judgement_lead
 from abhv_mc.report.numbers.summary import section_leads
 from abhv_mc.report.pages.first_screen import (
     LIMIT_PLACE,
@@ -150,8 +150,7 @@ def make_page(
             chart=chart_rows(verdicts.glance, names.controllers, colors),
             required=bool(verdicts.requirements),
             cards=cards(models, colors),
-            judgement=judge_campaign(models),
-            folder=names.folder,
+            lead=judgement_lead(judge_campaign(models), names.folder),
             baseline_line=baseline_line(baseline, names),
             limit_place=LIMIT_PLACE,
             shapes=SHAPES,

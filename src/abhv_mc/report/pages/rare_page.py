@@ -13,7 +13,7 @@ from abhv_mc.search.methods.subset import ACCEPTANCE
 from abhv_mc.search.rare import RareFound
 from abhv_mc.search.severity import ENDED_EARLY
 from abhv_mc.topics.labels import controller_label
-from abhv_mc.topics.section import Bullets, FigureText, Picture, Section, Table
+from abhv_mc.topics.section import Bullets, FigureText, Lead, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
 
 
@@ -23,7 +23,7 @@ def make_rare_answer(found: RareFound, folder: Path) -> Answer:
     asked = f"{metric.phrase} {metric.with_unit(str(found.requirement.limits))}"
     flights = flights_table(found.flights, found.severities, dimensions, metric, found.controller, folder)
     items = (
-        Bullets(tuple(_answers(found, asked))),
+        *_answers(found, asked),
         *map(Picture, ("levels", "mixing", "failures", "flights")),
         *((_combinations(found),) if found.strata else ()),
         flights,
@@ -52,7 +52,7 @@ def _draw(found: RareFound) -> Iterator[Drawn]:
     yield drawn_figure(found.drawn)
 
 
-def _answers(found: RareFound, asked: str) -> list[str]:
+def _answers(found: RareFound, asked: str) -> tuple[Lead, Bullets]:
     estimate = found.estimate
     if estimate.refusal is None:
         repeated = "" if found.strata else f" in {len(estimate.repetitions)} independent repetitions"
@@ -70,7 +70,7 @@ def _answers(found: RareFound, asked: str) -> list[str]:
     answers.append(f"An estimate is no verdict: verdicts come from random campaigns alone.{more if looked else ''}")
     if found.failed_to_run:
         answers.append(f"{found.failed_to_run} flights could not be computed and count as failures.")
-    return answers
+    return Lead(answers[0]), Bullets(tuple(answers[1:]))
 
 
 def _combinations(found: RareFound) -> Table:

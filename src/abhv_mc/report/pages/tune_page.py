@@ -8,12 +8,12 @@ from abhv_mc.report.figures.searches import plot_front, plot_gains
 from abhv_mc.report.pages.answer_page import Answer, make_table, write_answer_page
 from abhv_mc.search.tune import TuneFound
 from abhv_mc.topics.labels import controller_label
-from abhv_mc.topics.section import Bullets, FigureText, Picture, Section, Table
+from abhv_mc.topics.section import Bullets, FigureText, Lead, Picture, Section, Table
 
 
 def make_tune_answer(found: TuneFound) -> Answer:
     """What tuning says."""
-    items = Bullets(tuple(_answers(found))), Picture("front"), Picture("gains"), _sides(found), _numbers(found)
+    items = *_answers(found), Picture("front"), Picture("gains"), _sides(found), _numbers(found)
     title = f"{controller_label(found.controller)} tuned for {found.aim.phrase}"
     return Answer(title, "Tuning", Section("Answer", items))
 
@@ -45,7 +45,7 @@ def write_tune_page(found: TuneFound, path: Path) -> Path:
     return write_answer_page(make_tune_answer(found), drawn, path, path.with_suffix(".tuning") / "figures")
 
 
-def _answers(found: TuneFound) -> list[str]:
+def _answers(found: TuneFound) -> tuple[Lead, Bullets]:
     gain, block, aim = found.difference, found.block, found.sides[0]
     interval = f"difference {gain.value:.4g}, 95 % interval {gain.low:.4g} .. {gain.high:.4g}"
     quantile = f"{100 * block.minimise.quantile:g} % quantile of {found.aim.phrase}"
@@ -80,7 +80,7 @@ def _answers(found: TuneFound) -> list[str]:
             "It is shown for this campaign's dispersions, mission and vehicle, and within the limits asked for; not "
             "that nothing is better, nor that it holds elsewhere."
         )
-    return answers
+    return Lead(answers[0]), Bullets(tuple(answers[1:]))
 
 
 def _sides(found: TuneFound) -> Table:

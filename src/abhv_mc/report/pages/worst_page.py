@@ -12,7 +12,7 @@ from abhv_mc.search.severity import ENDED_EARLY
 from abhv_mc.search.worst import WorstFound
 from abhv_mc.topics.labels import controller_label
 from abhv_mc.topics.parameter_words import shown_value
-from abhv_mc.topics.section import Bullets, FigureText, Item, Picture, Section, Table
+from abhv_mc.topics.section import Bullets, FigureText, Item, Lead, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
 from abhv_mc.topics.words import percent
 
@@ -24,7 +24,7 @@ def make_worst_answer(found: WorstFound, folder: Path) -> Answer:
     flights = flights_table(found.flights, searched, len(found.names), metric, found.controller, folder)
     pictures = (Picture(name) for name in ("convergence", "place", "flights"))
     title = f"Worst case of {controller_label(found.controller)}: {metric.phrase}"
-    items: tuple[Item, ...] = (Bullets(tuple(_answers(found))), *pictures, _range_table(found), flights)
+    items: tuple[Item, ...] = (*_answers(found), *pictures, _range_table(found), flights)
     return Answer(title, "Worst-case search", Section("Answer", items))
 
 
@@ -34,7 +34,7 @@ def write_worst_page(found: WorstFound, path: Path) -> Path:
     return write_answer_page(make_worst_answer(found, path.parent), drawn, path)
 
 
-def _answers(found: WorstFound) -> list[str]:
+def _answers(found: WorstFound) -> tuple[Lead, Bullets]:
     metric = found.metric
     worst, random = (_words(found, flight) for flight in (found.worst, found.random_worst))
     counted = f"{found.searched} flights of the search"
@@ -62,7 +62,7 @@ def _answers(found: WorstFound) -> list[str]:
         answers.append("All flights met the same turbulence and noise, so that they differ by their parameters alone.")
     if found.failed_to_run:
         answers.append(f"{found.failed_to_run} flights could not be computed and count as none.")
-    return answers
+    return Lead(answers[0]), Bullets(tuple(answers[1:]))
 
 
 def _ended_early(found: WorstFound, flight: int) -> bool:

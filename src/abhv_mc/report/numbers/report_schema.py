@@ -1,10 +1,11 @@
-"""The JSON Schema of report.json, made of the topics' models."""
+"""The JSON Schema of report.json, made of the judgement and the topics' models."""
 
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from types import NoneType, UnionType
 from typing import Any, Literal, TypeAlias, Union, get_args, get_origin, get_type_hints
 
+from abhv_mc.report.numbers.judgement import Judgement
 from abhv_mc.topics.plain import DRAWN
 from abhv_mc.topics.registry import BUILT_IN, user_topics
 
@@ -18,7 +19,7 @@ Schema: TypeAlias = dict[str, Any]
 def report_schema() -> Schema:
     """What stands in report.json; an infinite or missing number is null."""
     defs: dict[str, Schema] = {}
-    held = {topic.name: _schema(topic.model, defs) for topic in BUILT_IN}
+    held = {"judgement": _schema(Judgement, defs)} | {topic.name: _schema(topic.model, defs) for topic in BUILT_IN}
     users = {topic.name: _schema(topic.model, defs) for topic in user_topics()}
     text = {"type": ["string", "null"]}
     return {
