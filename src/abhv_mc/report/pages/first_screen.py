@@ -15,7 +15,7 @@ from abhv_mc.topics.names import Names
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
 from abhv_mc.topics.verdicts.model import GlanceCell, GlanceRow, Verdicts
-from abhv_mc.topics.words import count_of, fixed, joined, significant
+from abhv_mc.topics.words import count_of, fixed, joined, percent, significant
 
 _ROWS, _PAIRS = 8, 2  # shown; then 'and n more'
 _LEFT, _RIGHT = 0.0, 1.35  # ends of the chart, in units of the limit; what lies beyond is a mark at the edge
@@ -41,7 +41,7 @@ class Bar:
     median: float | None
     tolerance: float | None
     beyond: bool  # whether flights lie to the right of the chart
-    edge: str  # said right of it: the tolerance limit off its scale, or 'lost' where the median is
+    edge: str  # said right of it: the tolerance limit and its room, or 'lost' where the median is
     words: str  # the same for those who cannot see it
     status: str
 
@@ -97,14 +97,13 @@ def chart_rows(entries: Sequence[GlanceRow], labels: Mapping[str, str], colors: 
             )
             ends = sorted(value for value in (low, high) if value is not None)
             off_scale = tolerance == 100.0
-            edge = f"{significant(cell.tolerance, 3)} {entry.unit.removeprefix('-')}".strip() if off_scale else ""
             bars.append(
                 Bar(
                     name, labels[name], colors[name], marks[name],
                     low=ends[0] if ends else None, high=ends[-1] if len(ends) > 1 else 100.0 if ends else None,
                     median=None if median == 100.0 else median, tolerance=None if off_scale else tolerance,
                     beyond=not {None, 100.0}.isdisjoint((low, high)),
-                    edge=edge if math.isfinite(cell.median) else "lost",
+                    edge=_edge(entry, cell) if math.isfinite(cell.median) else "lost",
                     words=_bar_words(entry, labels[name], cell), status=cell.status,
                 )
             )  # fmt: skip
@@ -116,6 +115,17 @@ def _nearest(entry: GlanceRow) -> float:
     """How near the worst controller comes to the limit; infinite where something is lost."""
     places = [place(cell.high if entry.below else cell.low, entry) for cell in entry.cells.values()]
     return max((math.inf if at is None else at for at in places), default=0.0)
+
+
+def _edge(entry: GlanceRow, cell: GlanceCell) -> str:
+    """'1.57 deg, 124 % over', of the tolerance limit in units of the limit; '' without one."""
+    if cell.tolerance is None or not math.isfinite(cell.tolerance):
+        return ""
+    over = (cell.tolerance - entry.limit) / entry.size * (1.0 if entry.below else -1.0)
+    share = percent(abs(over), 2) if abs(over) < 10.0 else f"{fixed(abs(over), 0)} times"
+    unit = entry.unit.removesuffix(" outside the limits").removeprefix("-")
+    value = f"{significant(cell.tolerance, 3)} {unit}".strip()
+    return f"{value}, {share} {'over' if over > 0.0 else 'to spare'}"
 
 
 def _bar_words(entry: GlanceRow, label: str, cell: GlanceCell) -> str:
