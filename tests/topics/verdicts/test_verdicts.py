@@ -23,7 +23,7 @@ def test_a_flight_that_ended_early_misses_every_requirement(verdicts):
     assert altitude["tlc"].status == "NOT SHOWN"
 
 
-def test_the_chart_prints_the_tolerance_limit_that_is_off_its_scale(verdicts):
+def test_the_chart_prints_the_tolerance_limit_and_its_room(verdicts):
     """It printed the median, unlabelled, at its right edge."""
     lost = float("inf")
     cells = {
@@ -33,6 +33,6 @@ def test_the_chart_prints_the_tolerance_limit_that_is_off_its_scale(verdicts):
     }
     names = dict.fromkeys(cells, "")
     (row,) = chart_rows([replace(verdicts.glance[2], cells=cells)], names, names)
-    assert [bar.edge for bar in row.bars] == ["", "1.57 deg", "lost"]
+    assert [bar.edge for bar in row.bars] == ["0.650 deg, 7.1\u202f% to spare", "1.57 deg, 124\u202f% over", "lost"]
     assert [(bar.median is None, bar.tolerance is None, bar.beyond) for bar in row.bars] == [
         (False, False, False), (True, True, True), (True, True, True)]  # fmt: skip
