@@ -1,11 +1,13 @@
 """Effectors with actuators of their own: against a brute-force integration, against actuators of the axes, failing."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from short_flights import change_vehicle, cut, rows_of
 
+from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.flight.fly import fly, fly_until, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.prepare import prepare
@@ -14,6 +16,8 @@ from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.kernel.plant.vehicle import VARIABLES
 from abhv_mc.shipped import shipped_configs
+from abhv_mc.simulators.engine import make_engine
+from abhv_mc.simulators.make_plans import make_plans
 from abhv_mc.stability.linearize import actuator_matrices
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 
@@ -185,3 +189,77 @@ def test_elevons_with_actuators_alike_fly_as_the_axes_do(tmp_path) -> None:
     uneven.effectors[0, 3] = 20.0
     with pytest.raises(InputError, match=r"right_elevon .20 rad/s.*left_elevon .50 rad/s"):
         actuator_matrices(replace(plans[1], vehicle=uneven), lane)
+
+
+def test_a_campaign_with_failures_of_axes_is_refused_where_effectors_move_themselves(tmp_path) -> None:
+    write_vehicle(tmp_path, sixteen())
+    shipped = CONFIGS / "mission" / "level.yaml", CONFIGS / "control" / "tlc.yaml"
+    files = {"vehicle": "vehicle.yaml", "mission": str(shipped[0]), "controllers": {"tlc": str(shipped[1])}}
+    failing = {"failure.aileron.loss_time": {"distribution": "uniform", "low": "1 s", "high": "2 s"}}
+    weak = {"control.flap_3_effectiveness": {"distribution": "uniform", "half_width": "20 %"}}
+    for name, dispersions in (("failing", failing), ("weak", weak)):
+        text = {"name": name, **files, "runs": 4, "seed": 1, "dispersions": dispersions}
+        (tmp_path / f"{name}.yaml").write_text(json.dumps(text), encoding="utf-8")
+    weaker = read_campaign(tmp_path / "weak.yaml")
+    assert weaker.names == ("control.effector_3_effectiveness",)
+    with pytest.raises(InputError, match="failure of an effector: flap_0"):
+        make_plans(read_campaign(tmp_path / "failing.yaml"), ["tlc"], make_engine())
+
+
+STEP_LAW = """
+from abhv_mc.extend import Command, controller
+
+@controller
+def law(reference):
+    return Command({aileron}, 0.0, reference.elevator, equivalence_ratio=reference.equivalence_ratio{given})
+"""
+ELEVONS = [(side, limit) for side in (-1, 1) for limit in (0, 1)]
+
+
+@pytest.mark.parametrize(
+    ("effectors", "limits"),
+    [
+        ([(-1, 0), (1, 0)], (18, 18)),
+        ([(-1, 0), (1, 0)], (3, 3)),
+        ([(0, 0), (0, 1)], (20, 6)),
+        (ELEVONS, (20, 6)),
+        (ELEVONS, (20, 2)),
+    ],
+    ids=["elevons 18", "elevons 3", "ailerons 20 and 6", "elevons 20 and 6", "elevons 20 and 2"],
+)
+def test_less_effectiveness_is_that_share_of_the_roll_rate(tmp_path, effectors, limits) -> None:
+    """At every limit, by axes and by effectors: of the axes, and of all effectors one by one."""
+    lines, terms, given = [], [], []
+    for i, (side, limit) in enumerate(effectors):
+        mix = f"aileron: {side}, elevator: 1" if side else "aileron: 1"
+        own = f"limits: [-{limits[limit]} deg, {limits[limit]} deg], rate: 400 deg/s, bandwidth: 50 rad/s, damping: 0.7"
+        lines.append(f"  flap_{i}: {{{mix}, {own}}}")
+        terms.append(f"{{table: roll_aileron, times: flap_{i}, scale: {(side or 1) / len(effectors)}}}")
+        given.append(f'"flap_{i}": {{0}} * {side or 1} + reference.elevator * {abs(side)}')
+    joined = "\n    - ".join(terms)
+    effector_lines = "\neffectors:\n" + "\n".join(lines) + "\n\npropulsion:"
+    vehicle = change_vehicle(
+        tmp_path,
+        ("\npropulsion:", effector_lines),
+        ("{table: roll_aileron, times: aileron}", joined),
+        *(
+            (f"{{table: {name}_aileron, times: aileron", f"{{table: {name}_aileron, scale: 0.0, times: aileron")
+            for name in ("side", "yaw")
+        ),
+    )
+    ks = (1.0, 0.8, 0.5, 0.2)
+    cases = [{"control.aileron_effectiveness": k} for k in ks]
+    cases += [{f"control.effector_{i}_effectiveness": k for i in range(len(effectors))} for k in ks[1:]]
+    for by in ("axes", "effectors"):
+        rates = []
+        for aileron in ("0.0", "0.2967"):
+            commands = ", ".join(given).replace("{0}", aileron)
+            text = STEP_LAW.format(
+                aileron=aileron if by == "axes" else "0.0", given="" if by == "axes" else f", effectors={{{commands}}}"
+            )
+            (tmp_path / "own.py").write_text(text, encoding="utf-8")
+            (tmp_path / "own.yaml").write_text("law: python\nfile: own.py\nrate: 100 Hz\n", encoding="utf-8")
+            plan = cut(prepare(vehicle, CONFIGS / "mission" / "level.yaml", tmp_path / "own.yaml", "own"), 5)
+            rates.append(fly(plan, rows_of(*cases), 1, keep_states=True).states[:, 5, s.ROLL_RATE])
+        felt = rates[1] - rates[0]
+        np.testing.assert_allclose(felt / felt[0], [*ks, *ks[1:]], rtol=0.01)

@@ -45,7 +45,7 @@ def recording_of(asked: Recording | int | None) -> Recording:
 
 
 # Beginnings of the names of dispersions that a lean flight does not know.
-NOT_LEAN = ("wind.", "sensor.", "failure.", "atmosphere.density_at_")
+NOT_LEAN = ("wind.", "sensor.", "failure.", "atmosphere.density_at_", "control.effector_")
 
 
 def find_late(parameters: Floats, tick: float) -> str:

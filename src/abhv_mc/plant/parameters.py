@@ -115,6 +115,10 @@ _TABLE: tuple[Parameter, ...] = (
     _factor("control.aileron_effectiveness", "aileron deflection felt by the aerodynamics"),
     _factor("control.rudder_effectiveness", "rudder deflection felt by the aerodynamics"),
     _factor("control.elevator_effectiveness", "elevator deflection felt by the aerodynamics"),
+    *(
+        _factor(f"control.{name}_effectiveness", f"deflection of the vehicle's effector {i} felt by the aerodynamics")
+        for i, name in enumerate(EFFECTORS)
+    ),
     _factor("propulsion.thrust", "thrust at the same fuel flow"),
     _factor("propulsion.specific_impulse", "specific impulse at the same thrust (changes the fuel flow)"),
     _factor("mass.total", "mass at the start"),

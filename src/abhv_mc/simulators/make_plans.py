@@ -19,7 +19,8 @@ from abhv_mc.folder.inputs import FolderInputs
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.documents import Document, InputError
 from abhv_mc.kernel.flight.interface import LANES
-from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.kernel.plant.parameter_names import AXES, PARAMETER_INDEX
+from abhv_mc.kernel.plant.vehicle import DRIVEN
 from abhv_mc.plant.parameters import DISTURBANCES
 from abhv_mc.simulators.campaign_code import check_user_code
 from abhv_mc.simulators.engine import Engine, check_source
@@ -29,9 +30,11 @@ from abhv_mc.user_code.channels import compile_channels
 from abhv_mc.user_code.closure import check_closure
 from abhv_mc.user_code.source import read_source
 from abhv_mc.vehicle.limits import STILL_AIR, refuse_oscillation
+from abhv_mc.vehicle.model import name_effectors
 from abhv_mc.vehicle.sensing import IN_WIND, describe_sensing
 
 _RARELY = 1e-6  # probability that a law may have beyond a bound
+_AXIS_FAILURES = tuple(f"failure.{axis}." for axis in AXES)
 _FIRST = 1000  # flights whose derived delays are looked at
 
 
@@ -52,6 +55,7 @@ def make_plans(campaign: Experiment, names: Iterable[str], engine: Engine) -> di
     made = {name: engine.prepare(model.vehicle, model.mission, model.controllers[name], name) for name in names}
     _check_delays(campaign, made.values())
     _check_oscillation(campaign, made.values())
+    _check_axes(campaign, made.values())
     plans = {name: declare(campaign, plan) for name, plan in made.items()}
     for plan in plans.values():
         if plan.channels_source is not None:
@@ -87,6 +91,17 @@ def _check_oscillation(campaign: Experiment, plans: Iterable[FlightPlan]) -> Non
         if refused := refuse_oscillation(plan.limits.loads, moving):
             place = ("dispersions", moving[0]) if campaign.sample_file is None else ("sampling",)
             raise campaign.document.key_error(place, refused, STILL_AIR)
+
+
+def _check_axes(campaign: Experiment, plans: Iterable[FlightPlan]) -> None:
+    """Raise InputError for failures of axes where effectors are driven or commanded: they have no actuators there."""
+    failing = [name for name in campaign.varied if name.startswith(_AXIS_FAILURES)]
+    for plan in plans:
+        if failing and plan.vehicle.effectors[:, DRIVEN].any():
+            found = f"'{failing[0]}', of an axis, where '{plan.controller}' moves effectors by actuators of their own"
+            names = ", ".join(name_effectors(plan.vehicle))
+            place = ("sampling",) if campaign.sample_file is not None else ("dispersions", failing[0])
+            raise campaign.document.key_error(place, found, f"a failure of an effector: {names}")
 
 
 def check_rows(plan: FlightPlan, parameters: Floats) -> None:

@@ -169,7 +169,8 @@ def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
     build_up = BuildUp(columns[0].copy(), rows[columns[1]], columns[2].copy(), columns[3].copy())
     foreign = file.code.pack() if file.code else no_functions()
     constants = _make_constants(content)
-    effectors = _effector_mix(content), _effectors(content, constants), _letters(list(content.effectors))
+    mix = _effector_mix(content)
+    effectors = mix, _effectors(content, constants), _letters(list(content.effectors)), _axis_shares(mix)
     engines = np.array(engine_rows(content.propulsion.engines) if content.propulsion else []).reshape(-1, 4)
     return Vehicle(constants, tables, build_up, *effectors, engines, foreign)
 
@@ -215,6 +216,27 @@ def _mass_tables(points: tuple[MassPoint, ...], reference: tuple[float, float]) 
 def _effector_mix(content: VehicleDocument) -> np.ndarray:
     mix = [[getattr(effector, axis) for axis in AXIS_DEFLECTIONS] for effector in content.effectors.values()]
     return np.array(mix, dtype=np.float64).reshape(-1, len(AXIS_DEFLECTIONS))
+
+
+def _axis_shares(mix: np.ndarray) -> np.ndarray:
+    """What of the effectors' deflections an axis makes [axis, effector, effector], within sets of equal |mix|.
+
+    In the file's order each joins the first set in which its row of the mix is independent of the others', or begins
+    one: over all of them at once, pairs with unlike limits would count as commands of other axes.
+    """
+    sets: list[list[int]] = []
+    for e, row in enumerate(mix):
+        alike = [s for s in sets if (abs(mix[s[0]]) == abs(row)).all()]
+        joined = next((s for s in alike if np.linalg.matrix_rank(mix[[*s, e]]) == len(s) + 1), None)
+        if joined is None:
+            sets.append([e])
+        else:
+            joined.append(e)
+    shares = np.zeros((3, len(mix), len(mix)))
+    for members in sets:
+        part = mix[members]
+        shares[np.ix_(range(3), members, members)] = part.T[:, :, None] * np.linalg.pinv(part)[:, None, :]
+    return shares
 
 
 def _effectors(content: VehicleDocument, constants: Constants) -> np.ndarray:

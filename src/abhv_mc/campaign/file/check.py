@@ -112,7 +112,7 @@ def _check(document: Document, model: Campaign) -> Experiment:
 
 
 def name_effectors(document: Document) -> Document:
-    """The campaign with failures of the vehicle's own effectors and engines by their place.
+    """The campaign with failures and effectiveness of the vehicle's own effectors and engines by their place.
 
     ``failure.right_elevon.stuck_time`` becomes ``failure.effector_0.stuck_time`` where the vehicle file lists
     right_elevon first.
@@ -123,7 +123,7 @@ def name_effectors(document: Document) -> Document:
         return document
     texts = data["derived"] if isinstance(data.get("derived"), dict) else {}
     named = [*map(str, held), *(name for pair in texts.items() for text in pair for name in DOTTED.findall(str(text)))]
-    asked = [name for name in named if name.startswith("failure.") and name not in DISPERSIBLE]
+    asked = [name for name in named if name.startswith(("failure.", "control.")) and name not in DISPERSIBLE]
     try:
         content = read_document(document.path.parent / vehicle).data if asked else None
     except InputError:
@@ -135,8 +135,8 @@ def name_effectors(document: Document) -> Document:
 
     def renamed(name: str) -> str:
         group, _, rest = name.partition(".")
-        effector, _, key = rest.partition(".")
-        return f"{group}.{places[effector]}.{key}" if name in asked and effector in places else name
+        effector = rest.partition(".")[0].removesuffix("_effectiveness")
+        return f"{group}.{places[effector]}{rest[len(effector) :]}" if name in asked and effector in places else name
 
     listed = data.get("correlations")
     correlations = [

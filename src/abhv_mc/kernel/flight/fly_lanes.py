@@ -136,7 +136,7 @@ def evaluate(plan, memory, width, stage, active):
     if active is None:
         set_effectors(Z, width, vehicle.effector_mix)
     else:
-        place_effectors(Z, memory.A, width, vehicle, active.failures.effectors)
+        place_effectors(Z, memory.A, width, vehicle, active.failures.effectors, -1)
     look_up(Z, T, width, vehicle.tables, memory.cells)
     if active is not None and plan.user_code.aerodynamics != 0:
         foreign_coefficients(Z, memory.A, width, vehicle, plan.user_code, active.failures.effectors)

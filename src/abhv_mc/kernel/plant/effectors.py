@@ -10,6 +10,7 @@ from abhv_mc.kernel.numerics.angles import clamp, smaller
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.actuator_step import N_ACTUATOR_ROWS
 from abhv_mc.kernel.plant.actuators import Actuator, prepare_actuator, run_actuator
+from abhv_mc.kernel.plant.disturbance import any_lane
 from abhv_mc.kernel.plant.state import XS, X, parameter_row, variable_row
 from abhv_mc.kernel.plant.vehicle import BANDWIDTH, DAMPING, DRIVEN, HIGH, IDEAL, LOW, MAX_EFFECTORS, RATE
 
@@ -48,11 +49,11 @@ def set_effectors(Z, width, mix):
 
 
 @lanes
-def place_effectors(Z, A, width, vehicle, failing):
+def place_effectors(Z, A, width, vehicle, failing, without):
     """Deflections of the stage, from the axes' (effective) deflections among the variables and from the actuators.
 
-    Of an effector with its own actuator the axes' effectiveness scales the share that is mixed from them. ``failing``:
-    an effector of some flight fails, see :mod:`abhv_mc.kernel.plant.failures`.
+    ``failing``: an effector of some flight fails, see :mod:`abhv_mc.kernel.plant.failures`. ``without``: the axis whose
+    part is left out, -1 for none; its deflection among the variables is 0 then.
     """
     mix = vehicle.effector_mix
     set_effectors(Z, width, mix)
@@ -60,15 +61,31 @@ def place_effectors(Z, A, width, vehicle, failing):
         if vehicle.effectors[e, DRIVEN] > 0.0:
             stage = e * N_EFFECTOR_ROWS + STAGE
             for lane in range(width):
-                felt = A[stage, lane]
-                for i in range(3):
-                    felt += mix[e, i] * (Z[_DELTA + i, lane] - Z[XS + s.AILERON + i, lane])
-                Z[_EFFECTOR + e, lane] = felt
+                Z[_EFFECTOR + e, lane] = A[stage, lane]
+            for i in range(3):
+                if i == without or any_lane(Z, width, s.EFFECT + i, 1, 1.0):
+                    weaken_effector(Z, A, width, vehicle, e, i, without)
     if failing:
         for e in range(mix.shape[0]):
             for lane in range(width):
                 mixed = Z[_EFFECTOR + e, lane]
                 Z[_EFFECTOR + e, lane] = Z[s.EFFECTOR_GAIN + e, lane] * mixed + Z[s.EFFECTOR_OFFSET + e, lane]
+
+
+@lanes
+def weaken_effector(Z, A, width, vehicle, e, i, without):
+    """Less of the axis' part of an effector, which the positions of its set make."""
+    share, mix = vehicle.effector_share, vehicle.effector_mix
+    for f in range(mix.shape[0]):
+        if share[i, e, f] != 0.0:
+            driven = vehicle.effectors[f, DRIVEN] > 0.0
+            for lane in range(width):
+                mixed = 0.0
+                for axis in range(3):
+                    mixed += mix[f, axis] * Z[XS + s.AILERON + axis, lane]
+                position = A[f * N_EFFECTOR_ROWS + STAGE, lane] if driven else mixed
+                kept = 0.0 if i == without else Z[s.EFFECT + i, lane]
+                Z[_EFFECTOR + e, lane] += (kept - 1.0) * (share[i, e, f] * position)
 
 
 @lanes

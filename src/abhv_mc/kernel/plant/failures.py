@@ -40,6 +40,7 @@ _PITCH = parameter_row("failure.engine.pitching_moment_increment")
 _BIAS = parameter_row("failure.sensor.altitude.bias")
 _RATE_LIMIT = parameter_row("actuator.rate_limit")
 _EFFECTIVENESS = parameter_row("control.aileron_effectiveness")
+_EFFECTOR_EFFECTIVENESS = parameter_row(f"control.{EFFECTORS[0]}_effectiveness")
 _MACH = variable_row("mach")
 _ALPHA = variable_row("angle_of_attack")
 _BETA = variable_row("sideslip")
@@ -61,7 +62,8 @@ def possible_failures(Z, width, constants):
     return Failures(
         any_lane(Z, width, _TIMES, 3 * N_AXES, NEVER),
         any_lane(Z, width, _EFFECTOR_TIMES, 3 * _N_FIRST, NEVER)
-        or any_lane(Z, width, _MORE_TIMES, 3 * (N_EFFECTORS - _N_FIRST), NEVER),
+        or any_lane(Z, width, _MORE_TIMES, 3 * (N_EFFECTORS - _N_FIRST), NEVER)
+        or any_lane(Z, width, _EFFECTOR_EFFECTIVENESS, N_EFFECTORS, 1.0),
         any_lane(Z, width, _ENGINE_TIME, 1, NEVER) or constants.inlet.unstarts > 0.0,
         any_lane(Z, width, _ENGINE_TIMES, N_ENGINES, NEVER),
         any_lane(Z, width, _SENSOR_TIMES, s.N_MEASURED, NEVER),
@@ -77,7 +79,7 @@ def start_failures(Z, width):
             Z[s.EFFECT + i, lane] = Z[_EFFECTIVENESS + i, lane]
             Z[s.STUCK_SURFACE + i, lane] = NEVER
         for i in range(N_EFFECTORS):
-            Z[s.EFFECTOR_GAIN + i, lane] = 1.0
+            Z[s.EFFECTOR_GAIN + i, lane] = Z[_EFFECTOR_EFFECTIVENESS + i, lane]
             Z[s.STUCK_EFFECTOR + i, lane] = NEVER
             Z[s.SLOW_EFFECTOR + i, lane] = NEVER
         Z[s.ENGINE_THRUST, lane] = 1.0
@@ -153,7 +155,7 @@ def fail_driven_effector(Z, A, width, e, time):
         A[first + COMMAND, lane] = held if stuck else A[first + COMMAND, lane]
         A[first + MOVES, lane] = 0.0 if stuck and here else A[first + MOVES, lane]
         A[first + SLOWED, lane] *= Z[how + 2, lane] if slow else 1.0
-        Z[s.EFFECTOR_GAIN + e, lane] = Z[how + 1, lane] if lost else 1.0
+        Z[s.EFFECTOR_GAIN + e, lane] = Z[_EFFECTOR_EFFECTIVENESS + e, lane] * (Z[how + 1, lane] if lost else 1.0)
         Z[s.EFFECTOR_OFFSET + e, lane] = 0.0
 
 
@@ -199,7 +201,7 @@ def fail_effectors(Z, A, width, vehicle, time, tick):
             last = Z[s.SLOW_EFFECTOR + e, lane]
             near = mixed if last == NEVER else clamp(mixed, last - farthest, last + farthest)
             Z[s.SLOW_EFFECTOR + e, lane] = near if slow else NEVER
-            gain = Z[how + 1, lane] if lost else 1.0
+            gain = Z[_EFFECTOR_EFFECTIVENESS + e, lane] * (Z[how + 1, lane] if lost else 1.0)
             asked, held = Z[how, lane], Z[s.STUCK_EFFECTOR + e, lane]
             where = gain * (near if slow else mixed)
             held = (where if held == NEVER else held) if asked == NEVER else asked

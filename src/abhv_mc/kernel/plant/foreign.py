@@ -1,7 +1,7 @@
 """A vehicle's own functions in the flight: coefficients and thrust of all lanes by one call each.
 
-Dispersions act as with tables. What scales a part of a coefficient that goes with a variable, or the effectiveness of a
-deflection, scales ``f(x) - f(x with that variable 0)``, by one more evaluation for each that is dispersed.
+Dispersions act as with tables. What scales a part of a coefficient that goes with a variable scales ``f(x) - f(x with
+that variable 0)``, or less the axis' part of all deflections, by one more evaluation for each that is dispersed.
 """
 
 from abhv_mc.kernel.jit import lanes
@@ -57,21 +57,17 @@ def part_row(part):
 
 @lanes
 def foreign_coefficients(Z, A, width, vehicle, user_code, failing):
-    """Coefficients of the stage with their dispersions; the deflections are those of the surfaces themselves."""
+    """Coefficients of the stage with their dispersions, at the deflections that are there."""
     for lane in range(width):
         Z[s.F_DENSITY, lane], Z[s.F_AIRSPEED, lane] = Z[s.RHO, lane], Z[s.AIRSPEED, lane]
-    for i in range(3):
-        for lane in range(width):
-            Z[_DELTA + i, lane] = Z[XS + s.AILERON + i, lane]
-    place_effectors(Z, A, width, vehicle, failing)
     call_aerodynamics(Z, vehicle.foreign, user_code)
-    if not (any_lane(Z, width, s.F_DISPERSED, 1, 0.0) or any_lane(Z, width, s.EFFECT, 3, 1.0)):
+    if not any_lane(Z, width, s.F_DISPERSED, 1, 0.0):
         return
     for c in range(N_COEFFICIENTS):
         for lane in range(width):
             Z[s.F_COEF + c, lane] = Z[s.COEF + c, lane]
     for part in range(N_PARTS):
-        used = part >= 4 and any_lane(Z, width, s.EFFECT + part - 4, 1, 1.0)
+        used = False
         for c in range(N_COEFFICIENTS):
             used |= any_lane(Z, width, _K_PART + c * N_PARTS + part, 1, 1.0)
         if used:
@@ -89,7 +85,7 @@ def add_part(Z, A, width, vehicle, user_code, failing, part):
         Z[s.F_MASS, lane] = Z[row, lane]
         Z[row, lane] = 0.0
     if part >= 4:
-        place_effectors(Z, A, width, vehicle, failing)
+        place_effectors(Z, A, width, vehicle, failing, part - 4)
     base = s.F_BASE  # of the coefficients, undispersed
     for c in range(N_COEFFICIENTS):
         for lane in range(width):
@@ -98,11 +94,10 @@ def add_part(Z, A, width, vehicle, user_code, failing, part):
     for lane in range(width):
         Z[row, lane] = Z[s.F_MASS, lane]
     if part >= 4:
-        place_effectors(Z, A, width, vehicle, failing)
+        place_effectors(Z, A, width, vehicle, failing, -1)
     for c in range(N_COEFFICIENTS):
         for lane in range(width):
-            felt = Z[s.EFFECT + max(part - 4, 0), lane] if part >= 4 else 1.0
-            factor = Z[_K_PART + c * N_PARTS + part, lane] * felt - 1.0
+            factor = Z[_K_PART + c * N_PARTS + part, lane] - 1.0
             whole = Z[base + c, lane]
             Z[s.F_COEF + c, lane] += factor * (whole - Z[s.COEF + c, lane])
             Z[s.COEF + c, lane] = whole

@@ -66,6 +66,7 @@ PARAMETER_NAMES: tuple[str, ...] = (
     *_each(_MORE, _HOW),
     *_each(ENGINES, ("duration",)),
     *_each(ENGINES, ("thrust",)),
+    *(f"control.{name}_effectiveness" for name in EFFECTORS),
 )
 FAILURE_TIMES = tuple(name for name in PARAMETER_NAMES if name.startswith("failure.") and name.endswith("time"))
 PARAMETER_INDEX: dict[str, int] = {name: i for i, name in enumerate(PARAMETER_NAMES)}

@@ -193,5 +193,6 @@ class Vehicle(NamedTuple):
     effector_mix: Floats  # [effector, 3] radians of effector per radian of (aileron, rudder, elevator)
     effectors: Floats  # [effector, 7] the columns above; of one that is not driven, the surfaces' numbers
     effector_names: Ints  # [effector, letter] code points, zeros behind
+    effector_share: Floats  # [axis, effector, effector] an axis' part of deflections, from those of the same set
     engines: Floats  # [engine, 4] share of the thrust; x, y, z of it from where all of it acts, m; none: one engine
     foreign: Foreign = no_functions()
