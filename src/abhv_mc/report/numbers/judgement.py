@@ -129,7 +129,8 @@ def _reasons(models: Models) -> Iterator[str]:
             models[COMPARISON].pairs.values(),
             key=lambda pair: (order.index(_standing(pair, names)), verdicts.statuses(pair.b).count("FAIL")),
         )
-        yield from filter(None, (_angles(pair, names) or _closer(pair, names) for pair in pairs[:1]))
+        angles = [*filter(None, (_angles(pair, names) for pair in pairs))]
+        yield from angles or filter(None, (_closer(pair, names) for pair in pairs[:1]))
 
 
 def few(words: list[str]) -> str:
@@ -150,13 +151,14 @@ def _closer(pair: ControllerPair, names: Names) -> str:
 
 
 def _angles(pair: ControllerPair, names: Names) -> str:
-    """'TLC is closer than LQR with and without ramps in sideslip, only without ramps in bank.': which has the smaller
+    """'TLC is closer than LQR with and without ramps in sideslip, only without in bank.': which has the smaller
     rms error on more flights; '' where the campaign counts no rms error of settled stretches."""
     found = closer_in(pair, names)
+    ramps = "" if (True, True) in found else " ramps"  # named before
     sides = {
         (True, True): "with and without ramps",
-        (False, True): "only without ramps",
-        (True, False): "only with ramps",
+        (False, True): f"only without{ramps}",
+        (True, False): f"only with{ramps}",
     }
     parts = [f"{words} in {joined(found[side])}" for side, words in sides.items() if side in found]
     words = ", ".join(parts) if parts else "in no angle"
