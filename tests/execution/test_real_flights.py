@@ -118,6 +118,7 @@ WITHOUT_EFFECT = {
     *(f"aero.pitching_moment.{cause}" for cause in ("sideslip", "roll_rate", "yaw_rate", "aileron", "rudder")),
     *(f"aero.yawing_moment.{cause}" for cause in ("pitch_rate", "elevator")),
     *(f"atmosphere.density_at_{km}km" for km in (10, 30, 35, 40)),
+    *(f"control.effector_{i}_effectiveness" for i in range(16)),
 }
 MOVED = {"m": 5.0, "m/s": 2.0, "1/s": 1e-4, "rad": 0.002, "rad/s": 0.002, "s": 0.03, "-": 0.1}
 LIMITS = {

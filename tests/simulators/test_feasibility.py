@@ -63,12 +63,13 @@ def test_what_can_is_not(tmp_path, entries):
     assert find_impossible(read_campaign(write_campaign(tmp_path, **entries))) == []
 
 
-def test_validate_refuses_a_dispersion_that_the_vehicle_lacks(repository, tmp_path):
-    """It said 'valid', and run refused."""
+@pytest.mark.parametrize("name", ["aero.drag.elevator", "control.effector_9_effectiveness"])
+def test_validate_refuses_a_dispersion_that_the_vehicle_lacks(repository, tmp_path, name):
+    """It said 'valid', and run refused; an effector that the vehicle lacks was dispersed without effect."""
     text = (repository / "campaigns/s_manoeuvre.yaml").read_text().replace("../", f"{repository}/")
     law = "{distribution: uniform, half_width: 10 %}"
-    (tmp_path / "c.yaml").write_text(text.replace(f"aero.lift: {law}", f"aero.drag.elevator: {law}"))
-    with pytest.raises(InputErrors, match=r"'aero\.drag\.elevator' of a vehicle that has no such part"):
+    (tmp_path / "c.yaml").write_text(text.replace(f"aero.lift: {law}", f"{name}: {law}"))
+    with pytest.raises(InputErrors, match=f"'{name}' of a vehicle that has no such part"):
         check_inputs(tmp_path / "c.yaml")
 
 
