@@ -51,7 +51,7 @@ numpydoc_show_class_members = False
 nitpick_ignore_regex = [
     (
         "py:.*",
-        r"(pd|pandas|np|numpy|pathlib|matplotlib|collections|typing|abhv_mc|Figure|Explanation|WorstFound|RareFound|TuneFound|xr|Any|Path|.*Literal)\b.*",
+        r"(pd|pandas|np|numpy|pathlib|matplotlib|collections|typing|abhv_mc|Figure|Explanation|WorstFound|RareFound|TuneFound|Judgement|xr|Any|Path|.*Literal)\b.*",
     )
 ]
 
