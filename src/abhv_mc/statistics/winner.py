@@ -6,6 +6,7 @@ several rivals names some winner by chance more often than each comparison does;
 (Bonferroni).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import log
 from typing import Literal
@@ -57,6 +58,21 @@ def decide(a: Floats, b: Floats, lost_a: Mask, lost_b: Mask, comparisons: int, r
     lost = compare_failures(lost_a, lost_b)
     more = lost.only_a > lost.only_b and lost.p_value <= risk
     return Decision("a" if better > worse else "b", tails, uncompared, more)
+
+
+def agree(found: Sequence[Decision]) -> Decision:
+    """What holds at every value of the unknowns, of a decision at each: nobody is closer where they differ.
+
+    A winner everywhere is one that wins each test, so that no test needs a smaller risk for their number.
+    """
+    sides = {each.closer for each in found}
+    if len(sides) > 1:
+        return Decision("")
+    worse, uncompared = (
+        tuple(sorted({level for each in found for level in levels(each)}))
+        for levels in (lambda each: each.worse, lambda each: each.uncompared)
+    )
+    return Decision(sides.pop(), worse, uncompared, any(each.loses_more for each in found))
 
 
 def _worse(difference: Interval) -> bool:

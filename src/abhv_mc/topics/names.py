@@ -21,6 +21,7 @@ class Names:
     folder: str
     design: str = "random"  # of its samples
     independent: bool = True  # whether its flights are independent draws, so that exact statistics hold
+    judged: bool = True  # whether those at each value of its unknowns are, so that there are verdicts and winners
 
     def label(self, controller: str) -> str:
         """How a controller is called in print."""
@@ -33,4 +34,4 @@ def names_of(results: Results) -> Names:
     campaign, folder = results.campaign, shlex.quote(results.folder.as_posix())
     asked, requirements = results.asked, campaign.requirements
     design = "several-point" if campaign.unknowns.names else campaign.sampling
-    return Names(labels, campaign.metrics, asked, requirements, folder, design, campaign.independent)
+    return Names(labels, campaign.metrics, asked, requirements, folder, design, campaign.independent, campaign.judged)

@@ -88,7 +88,7 @@ def _better(models: Models) -> str:
     pairs, names = list(models[COMPARISON].pairs.values()), models.names
     if not pairs:
         return ALONE
-    if not names.independent:
+    if not names.judged:
         return NO_DIFFERENCE
     found = [_standing(pair, names) for pair in pairs]
     if set(found) == {"better"}:
@@ -123,7 +123,7 @@ def _reasons(models: Models) -> Iterator[str]:
                 missed.setdefault(names.label(name), []).append(names.metrics[item.asked.metric].phrase)
     if missed:
         yield f"Missed: {'; '.join(f'{who} in {few(what)}' for who, what in missed.items())}."
-    if names.independent:
+    if names.judged:
         order = ("worse", "mixed", "open", "better")  # the strongest rival first
         pairs = sorted(
             models[COMPARISON].pairs.values(),

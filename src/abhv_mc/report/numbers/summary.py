@@ -103,7 +103,8 @@ def confidence_sentence(models: Models, warnings: Sequence[str] = ()) -> str:
         text += (
             f" They are {fixed(campaign.runs_at_point, 0)} flights at each of {len(campaign.unknowns.points)} values "
             "of the unknowns. A verdict is of every one of these; what lies between them was searched, not proven. "
-            "Quantiles, envelopes and differences are of all of them together, and no winner is named."
+            "Quantiles, envelopes and differences are of all of them together; a winner is named where it is one at "
+            "every value."
         )
     elif not names.independent:
         text += (

@@ -1,7 +1,7 @@
 """One controller against another, flight by flight, on the same dispersions."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from abhv_mc.statistics.paired import (
     compare_usage,
     median_ratio,
 )
-from abhv_mc.statistics.winner import Decision, decide
+from abhv_mc.statistics.winner import Decision, agree, decide
 from abhv_mc.topics.failed_flights import failed_anyhow, requirement_failures
 from abhv_mc.topics.plain import DRAWN, level_name
 
@@ -46,6 +46,8 @@ class ComparedMetric:
     median_difference: Interval
     pairing_gain: float | None  # how many times the flights an unpaired comparison of means would need
     quantile_differences: Mapping[str, Interval]  # by level
+    # At how many values of the unknowns `a` and `b` are winners, and how many values there are.
+    better_at: tuple[int, int, int] = field(default=(0, 0, 1), metadata={DRAWN: True})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +93,8 @@ class Comparison:
 def compute_comparison(results: Results) -> Comparison:
     """Pairs of all controllers with the first."""
     campaign, rivals = results.campaign, len(list(results.pairs))
-    asked = results.metrics, results.compared, campaign.requirements, rivals, campaign.independent
+    points = len(campaign.unknowns.points)
+    asked = results.metrics, results.compared, campaign.requirements, rivals, campaign.judged, points
     pairs = {
         f"{a} - {b}": compare_pair(results.flights[a], results.flights[b], (a, b), *asked) for a, b in results.pairs
     }
@@ -114,11 +117,13 @@ def compare_pair(
     requirements: Sequence[Requirement],
     rivals: int = 1,
     independent: bool = True,
+    points: int = 1,
 ) -> ControllerPair | None:
     """Every metric, every requirement and the control usage of `a` against `b`; None without a common flight.
 
     Winners are named of the `compared` metrics, and allow for all of these and for all `rivals`; flights that are not
-    `independent` draws name none.
+    `independent` draws name none. With several ``points`` of unknowns a winner, and who loses more flights, is one at
+    each of them; counts and differences are of all flights.
     """
     rows_a, rows_b = common_rows(flights_a, flights_b)
     if not rows_a.size:
@@ -126,6 +131,7 @@ def compare_pair(
     rows = rivals * max(1, len(compared))
     lost = flights_a.failed[rows_a], flights_b.failed[rows_b]
     numbers = flights_a.flight[rows_a]
+    at = [numbers % points == point for point in range(points)] if points > 1 else [np.ones(len(numbers), bool)]
     return ControllerPair(
         *names,
         pairs=int(rows_a.size),
@@ -136,6 +142,7 @@ def compare_pair(
                 names,
                 lost,
                 rows if independent and metric in compared else 0,
+                at,
                 flights_a.records[metric],
             )
             for metric in metrics
@@ -146,7 +153,7 @@ def compare_pair(
             )
             for item in requirements
         ),
-        ended_early=_failures(*lost, numbers),
+        ended_early=_lost_everywhere(*lost, numbers, at),
         usage=_usage(flights_a, flights_b, rows_a, rows_b, compared),
         surfaces={
             metric: median_ratio(flights_a.metrics[metric][rows_a], flights_b.metrics[metric][rows_b])
@@ -157,11 +164,20 @@ def compare_pair(
 
 
 def _metric(
-    a: Floats, b: Floats, names: tuple[str, str], lost: tuple[Mask, Mask], rows: int, record: Metric
+    a: Floats,
+    b: Floats,
+    names: tuple[str, str],
+    lost: tuple[Mask, Mask],
+    rows: int,
+    at: Sequence[Mask],
+    record: Metric,
 ) -> ComparedMetric:
-    """One metric; a winner is named among so many ``rows`` that are compared, or not where they are 0."""
+    """One metric; a winner is named among so many ``rows`` that are compared, or not where they are 0; ``at``: the
+    pairs of each value of the unknowns."""
     found = compare_metric(a, b)
-    decision = decide(a, b, *lost, rows) if rows else Decision("")
+    each = [decide(a[k], b[k], lost[0][k], lost[1][k], rows) for k in at if k.any()] if rows else []
+    decision = agree(each) if each else Decision("")
+    a_at, b_at = (sum(one.winner == side for one in each) for side in ("a", "b"))
     sense = "high" if record.band else record.bad
     sides = {"a": names[0], "b": names[1], "": None}
     worst_a, worst_b = (
@@ -174,7 +190,7 @@ def _metric(
         ties=found.ties,
         winner=sides[decision.winner],
         closer=sides[decision.closer],
-        mixed=bool(decision.closer) and not decision.winner,
+        mixed=not decision.winner and (bool(decision.closer) or a_at + b_at > 0),
         worse_tails=decision.worse,
         uncompared_tails=decision.uncompared,
         loses_more=decision.loses_more,
@@ -185,7 +201,16 @@ def _metric(
             level_name(level): interval.in_sense(sense)
             for level, interval in zip(LEVELS, found.quantile_differences, strict=True)
         },
+        better_at=(a_at, b_at, max(1, len(each))),
     )
+
+
+def _lost_everywhere(a: Mask, b: Mask, flight: NDArray[np.int64], at: Sequence[Mask]) -> ListedFailures:
+    """Lost flights; the p-value is the largest of those at each value of the unknowns, on the side that loses more."""
+    found = _failures(a, b, flight)
+    each = [compare_failures(a[k], b[k]) for k in at]
+    more = [one.p_value if (one.only_a > one.only_b) == (found.only_a > found.only_b) else 1.0 for one in each]
+    return replace(found, p_value=max(more))
 
 
 def _failures(a: Mask, b: Mask, flight: NDArray[np.int64]) -> ListedFailures:

@@ -27,7 +27,7 @@ def standing(pair: ControllerPair, names: Names, full: bool = False) -> Mapping[
         words = names.metrics[metric].phrase
         if entry.mixed:
             won = "mixed"
-            words += f" ({_contradiction(entry, names)})" if full else ""
+            words += f" ({_contradiction(pair, entry, names)})" if full else ""
         elif full and won != "open":
             words += _counts(pair, metric, names)
         found[won].append(words)
@@ -66,8 +66,13 @@ def _counts(pair: ControllerPair, metric: str, names: Names) -> str:
     return f" ({', '.join(words)}; worst {' and '.join(map(significant, entry.worst))} {unit})".replace(" )", ")")
 
 
-def _contradiction(entry: ComparedMetric, names: Names) -> str:
+def _contradiction(pair: ControllerPair, entry: ComparedMetric, names: Names) -> str:
     """Why the controller that is closer on more flights is no winner."""
+    *wins, values = entry.better_at
+    if values > 1 and any(wins):
+        sides = zip((pair.a, pair.b), wins, strict=True)
+        held = [f"{names.label(side)} at {count}" for side, count in sides if count]
+        return f"better on more flights: {joined(held)} of the {values} values of the unknowns"
     closer = names.label(entry.closer) if entry.closer else "one"
     reasons = [f"a worse {100.0 * level:.4g} % quantile" for level in entry.worse_tails[:1]]
     reasons += ["more flights lost"] if entry.loses_more else []
@@ -102,7 +107,7 @@ def pair_sentences(found: Comparison, names: Names) -> list[str]:
     pairs = [pair for pair in _by_strength(found, names) if any(standing(pair, names).values())]
     if not pairs:
         return []
-    if not names.independent:
+    if not names.judged:
         return [f"No winner is named: the flights of a {names.design} design are not independent draws."]
     verdicts = {verdict_of(pair, names) for pair in pairs}
     name = names.label(pairs[0].a)
