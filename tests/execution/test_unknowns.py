@@ -14,7 +14,7 @@ from abhv_mc.execution.setup import Request
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.plan import Recording
-from abhv_mc.folder.results import read_results
+from abhv_mc.folder.results import read_histories, read_results
 from abhv_mc.io.documents import InputError, read_document
 from abhv_mc.report.numbers.planned import plan_campaign
 from abhv_mc.statistics.unknowns import judge_points
@@ -73,6 +73,31 @@ def test_the_search_finds_what_is_worst(whole):
     flown, point = results.flights["one"].metrics["speed_error_max_mps"], results.flights["one"].flight % number
     found = max(np.quantile(flown[point == k], 0.95) for k in range(number))
     assert found > np.quantile(worst, 0.99) and found > 0.99 * max(worst)
+
+
+def test_a_band_goes_from_the_least_to_the_most_quantile_over_the_points(tmp_path):
+    """Beside numpy's, of every kept history; not those of all flights together, which no vehicle flies."""
+    keep = "{histories: {flights: all, rate: 5 Hz}, envelopes: {rate: 5 Hz, channels: [bank_deg, speed_mps]}}"
+    points = "{at: {aero.lift: [0.9, 1.0, 1.1], aero.drag: [0.8, 1.15, 0.9]}}"
+    out = run(make(tmp_path / "f", keep=keep, points=points, runs="20"), tmp_path / "out").folder
+    found, kept = read_results(out).envelopes["one", "speed_mps"], read_histories(out, "one")
+    assert len(kept) == 60
+    values = np.full((20, 3, len(found.time)), np.nan)
+    for number, flown in kept.items():
+        values[number // 3, number % 3, : len(flown["time"])] = flown["speed_mps"][: len(found.time)]
+    flying = ~np.isnan(values).any(axis=(0, 1))
+    assert flying.sum() > 3
+    for column, level, edge in (
+        ("q0.135", 0.00135, np.min),
+        ("q5", 0.05, np.min),
+        ("q50", 0.5, np.min),
+        ("q50_most", 0.5, np.max),
+        ("q95", 0.95, np.max),
+        ("q99.865", 0.99865, np.max),
+    ):
+        wanted = edge(np.quantile(values[..., flying], level, axis=0), axis=0)
+        np.testing.assert_allclose(found.bands[column][flying], wanted, rtol=1e-12)
+    assert found.bands["q50_most"][flying][-1] > found.bands["q50"][flying][-1]
 
 
 def test_verdicts_are_of_every_point(whole):

@@ -197,7 +197,8 @@ def write_campaign(
             count=np.full(history.shape[1:], runs, dtype=np.int64),
             low=history.min(axis=0).astype(np.float64),
             high=history.max(axis=0).astype(np.float64),
-            quantiles=np.quantile(history.astype(np.float64), QUANTILES, axis=0),
+            least=(quantiles := np.quantile(history.astype(np.float64), QUANTILES, axis=0)),
+            most=quantiles,
         )
         flown = histories_of(name, {key: np.ones(1) for key in samples}, time, np.zeros((1, 1)))
         nominal[name] = np.stack([flown[signal.name][0] for signal in CHANNELS], axis=1)

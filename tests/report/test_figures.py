@@ -1,3 +1,4 @@
+from dataclasses import replace
 from itertools import combinations
 
 import matplotlib as mpl
@@ -78,6 +79,13 @@ def test_bands_are_drawn_where_they_say():
         corners = area.get_paths()[0].vertices[:, 1]
         assert corners.min() == pytest.approx(panel.bands[low].min())
         assert corners.max() == pytest.approx(panel.bands[high].max())
+
+
+def test_with_unknowns_the_median_has_two_lines():
+    panel = _panel()
+    panel = replace(panel, bands={**panel.bands, "q50_most": panel.bands["q50"] + 0.2})
+    lines = plot_envelopes([EnvelopeRow("y", [panel])], ["A"], [BLUE]).axes[0].lines
+    assert np.allclose(lines[1].get_ydata() - lines[0].get_ydata(), 0.2)
 
 
 def test_a_zoomed_row_takes_its_limits_from_inside():

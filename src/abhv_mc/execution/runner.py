@@ -134,7 +134,8 @@ class _Run:
         plan = next(iter(self.plans.values()))
         every = record_every(self.campaign.document, plan, keep.rate, "envelopes")
         times = np.arange(plan.timing.ticks // every + 1).astype(np.float64) * (every * plan.timing.tick)
-        return Cells(keep.channels, tuple(CHANNEL_INDEX[name] for name in keep.channels), times, every)
+        points = len(self.campaign.unknowns.points)
+        return Cells(keep.channels, tuple(CHANNEL_INDEX[name] for name in keep.channels), times, every, points)
 
     def _has_envelopes(self) -> bool:
         """Whether they are there, of flights that are all there: later ones change nothing of them."""
@@ -234,7 +235,8 @@ class _Run:
         if self.collectors:
             tables = {name: self.collectors[name].table() for name in self.plans}
             number = min(self.completion.goal(), envelope_states.ENVELOPE_FLIGHTS)
-            write_envelopes(self.folder.envelopes, self.cells.times, self.cells.channels, tables, number)
+            times, channels, points = self.cells.times, self.cells.channels, self.cells.points
+            write_envelopes(self.folder.envelopes, times, channels, tables, number, points)
         try:
             failed = write_kept_histories(
                 self.folder, self.campaign, histories, self.samples, self.fly, self.workers, self.files

@@ -35,6 +35,7 @@ class Cells:
     columns: tuple[int, ...]  # of CHANNELS
     times: NDArray[np.float64]
     every: int  # control ticks between recorded times
+    points: int = 1  # of unknowns; flight k flies at point k % points
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -84,7 +85,7 @@ class Collector:
         self.covered[first : first + len(history)] = True
 
     def table(self) -> EnvelopeTable:
-        blocks, taken = [], np.zeros(len(self.covered), bool)
+        blocks, taken, numbers = [], np.zeros(len(self.covered), bool), []
         seen = _nothing_seen(self._cells.count)
         for path, (first, stop) in sorted(self._blocks.items()):
             block = read_array(path)
@@ -95,21 +96,24 @@ class Collector:
             fresh = ~taken[first:stop] & _computed(values)  # blocks of two sizes may overlap after a resume
             taken[first:stop] |= fresh
             blocks.append((values, fresh))
+            numbers.append(np.arange(first, stop)[fresh])
         cells, total = self._cells.count, int(taken.sum())
-        count, quantiles = np.zeros(cells, np.int64), np.full((len(QUANTILES), cells), np.nan)
+        points = np.concatenate(numbers) % self._cells.points if numbers else np.empty(0, np.int64)
+        count, quantiles = np.zeros(cells, np.int64), np.full((2, len(QUANTILES), cells), np.nan)
         width = max(1, _SLAB // max(1, total))
         for start in range(0, cells, width):
             slab = slice(start, min(start + width, cells))
             values = np.empty((slab.stop - start, total), np.float32)
             np.concatenate([block[fresh, slab].T for block, fresh in blocks], axis=1, out=values)
-            count[slab] = n = np.sum(~np.isnan(values), axis=1)
-            quantiles[:, slab] = _quantiles(values, n)
+            count[slab] = np.sum(~np.isnan(values), axis=1)
+            for point in range(self._cells.points):
+                at_point = values if self._cells.points == 1 else values[:, points == point]
+                found = _quantiles(at_point, np.sum(~np.isnan(at_point), axis=1))
+                quantiles[0, :, slab] = np.fmin(quantiles[0, :, slab], found)
+                quantiles[1, :, slab] = np.fmax(quantiles[1, :, slab], found)
         shape = self._cells.shape
-        return EnvelopeTable(
-            count.reshape(shape),
-            *_ends(seen, count, shape),
-            quantiles.reshape((-1, *shape)),
-        )
+        least, most = quantiles.reshape((2, -1, *shape))
+        return EnvelopeTable(count.reshape(shape), *_ends(seen, count, shape), least, most)
 
     def finish(self) -> None:
         shutil.rmtree(self._folder, ignore_errors=True)

@@ -13,6 +13,7 @@ from abhv_mc.folder.flights import make_field, write_parquet
 
 QUANTILES = (0.00135, 0.05, 0.50, 0.95, 0.99865)
 QUANTILE_COLUMNS = ("q0.135", "q5", "q50", "q95", "q99.865")
+MOST_MEDIAN = "q50_most"  # with unknowns the median, too, has two edges
 _DOCS = {
     "min": "smallest value at any control tick from the time before to the time after",
     "max": "largest value at any control tick from the time before to the time after",
@@ -26,31 +27,47 @@ class EnvelopeTable:
     count: NDArray[np.int64]  # flights still flying
     low: Floats
     high: Floats
-    quantiles: Floats  # [quantile, time, channel]
+    least: Floats  # [quantile, time, channel]; with unknowns over the flights at one point, the least of all points
+    most: Floats
+
+    def columns(self, points: int) -> dict[str, Floats]:
+        """What a file has of them: the lower edge of what is below the median, the upper edge of what is above."""
+        middle = len(QUANTILES) // 2
+        edges = [*self.least[: middle + 1], *self.most[middle + 1 :]]
+        named = {"min": self.low, **dict(zip(QUANTILE_COLUMNS, edges, strict=True)), "max": self.high}
+        return named | ({MOST_MEDIAN: self.most[middle]} if points > 1 else {})
+
+
+def _doc(column: str, points: int) -> str:
+    if points == 1 or column in ("min", "max"):
+        return _DOCS[column]
+    which = "least" if column in QUANTILE_COLUMNS[:3] else "most"
+    return f"{which} of {points} values, each the {_DOCS[column.removesuffix('_most')]} at one point of the unknowns"
 
 
 def write_envelopes(
-    path: Path, times: Floats, channels: Sequence[str], tables: dict[str, EnvelopeTable], flights: int
+    path: Path, times: Floats, channels: Sequence[str], tables: dict[str, EnvelopeTable], flights: int, points: int = 1
 ) -> None:
     """Write the envelopes of every controller over its first ``flights`` flights, which the file's metadata say.
 
-    ``channels`` are those of the tables' last axis.
+    ``channels`` are those of the tables' last axis; ``points`` the number of points of the unknowns.
     """
     shape = (len(channels), len(times))
-    columns: dict[str, list[Floats]] = {name: [] for name in ("min", *QUANTILE_COLUMNS, "max")}
+    columns: dict[str, list[Floats]] = {}
     counts = []
     for table in tables.values():
-        parts = dict(zip(QUANTILE_COLUMNS, table.quantiles, strict=True))
-        parts |= {"min": table.low, "max": table.high}
-        for name, values in parts.items():
-            columns[name].append(values.T.ravel())
+        for name, values in table.columns(points).items():
+            columns.setdefault(name, []).append(values.T.ravel())
         counts.append(table.count.T.ravel())
     fields = [
         make_field("controller", pa.string(), "-", "name of the controller"),
         make_field("channel", pa.string(), "-", "name of the channel; its unit ends the name"),
         make_field("time", pa.float64(), "s", "time since the start"),
         make_field("count", pa.int64(), "-", "flights still flying"),
-        *(pa.field(name, pa.float64(), metadata={"unit": "of the channel", "doc": _DOCS[name]}) for name in columns),
+        *(
+            pa.field(name, pa.float64(), metadata={"unit": "of the channel", "doc": _doc(name, points)})
+            for name in columns
+        ),
     ]
     size = shape[0] * shape[1]
     arrays = [

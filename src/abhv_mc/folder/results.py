@@ -18,7 +18,7 @@ from abhv_mc.campaign.sampling.seeds import is_seed
 from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES
 from abhv_mc.folder.columns import FileColumns, read_table
 from abhv_mc.folder.controller_flights import ControllerFlights, read_flights
-from abhv_mc.folder.envelopes import QUANTILE_COLUMNS
+from abhv_mc.folder.envelopes import MOST_MEDIAN, QUANTILE_COLUMNS
 from abhv_mc.folder.flights import END_TIME
 from abhv_mc.folder.hashes import data_files, read_checked, refuse_changes
 from abhv_mc.folder.inputs import read_folder_campaign
@@ -38,7 +38,12 @@ class Envelope:
 
     time: Floats  # [time] s
     count: NDArray[np.int64]  # [time] flights still flying
-    bands: dict[str, Floats]  # BANDS -> [time]
+    bands: dict[str, Floats]  # BANDS -> [time]; with unknowns MOST_MEDIAN, too
+
+    @property
+    def median(self) -> Floats:
+        """[time]; with unknowns midway between the least and the most one."""
+        return np.asarray((self.bands["q50"] + self.bands.get(MOST_MEDIAN, self.bands["q50"])) / 2.0)
 
 
 @dataclass(frozen=True)
@@ -118,7 +123,8 @@ def _read_envelopes(path: Path) -> dict[tuple[str, str], Envelope]:
     for key in dict.fromkeys(zip(controller.tolist(), channel.tolist(), strict=True)):
         rows = np.flatnonzero((controller == key[0]) & (channel == key[1]))
         rows = rows[np.argsort(columns["time"][rows], kind="stable")]
-        bands = {name: columns[name][rows].astype(np.float64) for name in BANDS}
+        held = [name for name in (*BANDS, MOST_MEDIAN) if name != MOST_MEDIAN or name in columns]
+        bands = {name: columns[name][rows].astype(np.float64) for name in held}
         cells[key] = Envelope(columns["time"][rows].astype(np.float64), columns["count"][rows].astype(np.int64), bands)
     return cells
 

@@ -10,6 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from abhv_mc.array_types import Floats
+from abhv_mc.folder.envelopes import MOST_MEDIAN
 from abhv_mc.topics.figure_style import INK, new_panels, put_legend, styled
 
 # Widest first; (lower, upper, opacity, words)
@@ -18,6 +19,7 @@ BANDS = (
     ("q0.135", "q99.865", 0.30, "0.135–99.865 %"),
     ("q5", "q95", 0.45, "5–95 %"),
 )
+MEDIANS = ("q50", MOST_MEDIAN)
 REFERENCE = {"color": INK, "linewidth": 0.6, "linestyle": "-"}
 NOMINAL = {"color": INK, "linewidth": 1.1, "linestyle": (0, (4, 2))}
 COMMAND = {"color": INK, "linewidth": 1.3, "linestyle": (0, (1, 1.2))}
@@ -28,7 +30,7 @@ class EnvelopePanel:
     """One channel of one controller; every curve is (x, y)."""
 
     x: Floats  # [time] s, or what the bands are drawn against
-    bands: Mapping[str, Floats]  # min, q0.135, q5, q50, q95, q99.865, max -> [time]
+    bands: Mapping[str, Floats]  # min, q0.135, q5, q50, q95, q99.865, max -> [time]; with unknowns q50_most
     nominal: tuple[Floats, Floats] | None = None
     reference: tuple[Floats, Floats] | None = None
     command: tuple[Floats, Floats] | None = None
@@ -51,7 +53,8 @@ def _draw(axes: Axes, panel: EnvelopePanel, color: str) -> None:
         axes.fill_between(panel.x, panel.bands[low], panel.bands[high], color=color, alpha=opacity, linewidth=0)
     for x, y in panel.flights:
         axes.plot(x, y, color=INK, linewidth=0.5, zorder=3)
-    axes.plot(panel.x, panel.bands["q50"], color=color, linewidth=1.6)
+    for median in [name for name in MEDIANS if name in panel.bands]:
+        axes.plot(panel.x, panel.bands[median], color=color, linewidth=1.6)
     for curve, look in ((panel.reference, REFERENCE), (panel.nominal, NOMINAL), (panel.command, COMMAND)):
         if curve is not None:
             axes.plot(*curve, **look)  # type: ignore[arg-type]
@@ -63,7 +66,8 @@ def _legend(figure: Figure, rows: Sequence[EnvelopeRow]) -> None:
         Patch(facecolor="#555555", alpha=opacity + 0.1 * i, linewidth=0, label=words)
         for i, (_, _, opacity, words) in enumerate(BANDS)
     ]
-    handles.append(Line2D([], [], color="#555555", linewidth=1.2, label="median"))
+    medians = "least and most median" if any(MOST_MEDIAN in panel.bands for panel in panels) else "median"
+    handles.append(Line2D([], [], color="#555555", linewidth=1.2, label=medians))
     for name, look in (("reference", REFERENCE), ("nominal", NOMINAL), ("command", COMMAND)):
         if any(getattr(panel, name) is not None for panel in panels):
             words = {"nominal": "nominal flight", "command": "command (median)"}.get(name, name)

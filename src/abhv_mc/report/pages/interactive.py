@@ -33,6 +33,7 @@ def envelope_data(
     """Channels and controllers; and arrays: ``time:CONTROLLER`` and ``CHANNEL:CONTROLLER`` [band, time], the bands in
     their order and the nominal flight behind them, and ``reference:CHANNEL``, each [time]."""
     names = results.controllers
+    bands = tuple(next((envelope.bands for envelope in results.envelopes.values()), dict.fromkeys(BANDS)))
     held = [s for s in CHANNELS if all((name, s.name) in results.envelopes for name in names)]
     references = {signal.name for signal in REFERENCE_CHANNELS}
     channels = []
@@ -59,11 +60,11 @@ def envelope_data(
             envelope = results.envelopes[name, signal.name]
             every = max(1, -(-envelope.time.size // _MOST_TIMES))
             time = arrays[f"time:{name}"] = envelope.time[::every]
-            curves = [_thinned(envelope.bands[band], band, every) for band in BANDS]
+            curves = [_thinned(envelope.bands[band], band, every) for band in bands]
             flown = results.nominal.get(name, {})
             nominal = np.full(time.shape, np.nan)
             if signal.name in flown:
                 nominal = np.interp(time, flown["time"], flown[signal.name], right=np.nan)
             arrays[f"{signal.name}:{name}"] = np.stack([*curves, nominal])
     controllers = [{"name": name, "label": labels[name], "color": colors[name]} for name in names]
-    return {"channels": channels, "controllers": controllers, "bands": [*BANDS, "nominal"]}, arrays
+    return {"channels": channels, "controllers": controllers, "bands": [*bands, "nominal"]}, arrays

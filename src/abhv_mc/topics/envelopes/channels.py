@@ -183,7 +183,7 @@ def _panel(results: Results, controller: str, curve: Curve) -> EnvelopePanel | N
         bands={name: scaled(envelope.time, band)[1] for name, band in shown_bands(envelope.bands, less).items()},
         nominal=scaled(flown["time"], flown[curve.channel]) if flown and curve.channel in flown else None,
         reference=scaled(time, given) if given is not None else None,
-        command=scaled(command.time, command.bands["q50"]) if command else None,
+        command=scaled(command.time, command.median) if command else None,
     )
 
 
@@ -193,7 +193,7 @@ def _ground_track(results: Results, controller: str) -> tuple[EnvelopePanel, Env
     if north is None or east is None:
         return None
     flown, reference = results.nominal.get(controller), results.reference
-    x = east.bands["q50"] / 1e3
+    x = east.median / 1e3
 
     given = reference["north_reference_m"]
 

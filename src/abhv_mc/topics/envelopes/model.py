@@ -66,6 +66,15 @@ def envelope_section(found: Envelopes, _names: Names) -> Section:
                 f"control tick; the other bands are of samples {found.step_s:.4g} s apart."
             )
         )
+        points = len(campaign.unknowns.points)
+        if points > 1:
+            items.append(
+                Text(
+                    f"The unknowns have one value for the whole programme: each band goes from the least to the most "
+                    f"quantile over their {points} points, with {found.flights // points:,} flights at each, and the "
+                    "median has two lines. Between them one cannot say where it lies; commands are drawn midway."
+                )
+            )
     what = "The channels over the flights"
     if campaign.figures == "paper":
         what = "The paper's Figures 2 to 11 (Zhu and Shen 2014), here over the flights"

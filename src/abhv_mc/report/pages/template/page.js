@@ -76,7 +76,12 @@
     const line = (y, name, dash, width) => ({ x: timeOf(controller), y, name: `${controller.label} ${name}`, mode: "lines",
       line: { color: controller.color, dash, width }, legendgroup: controller.name });
     const traces = [];
-    if (isOn("median")) traces.push(line(curve(controller, channel.name, "q50"), "median", "solid", 2.4));
+    if (isOn("median")) {
+      if (data.bands.includes("q50_most")) {
+        traces.push(line(curve(controller, channel.name, "q50"), "least median", "solid", 1.8));
+        traces.push(line(curve(controller, channel.name, "q50_most"), "most median", "solid", 1.8));
+      } else traces.push(line(curve(controller, channel.name, "q50"), "median", "solid", 2.4));
+    }
     if (isOn("nominal")) traces.push(line(curve(controller, channel.name, "nominal"), "nominal", "dash", 1.8));
     if (isOn("command") && channel.command) traces.push(line(curve(controller, channel.command, "q50"), "command", "dot", 1.8));
     return traces;

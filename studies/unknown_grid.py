@@ -1,0 +1,72 @@
+"""How often each controller fails over the whole box of `s_manoeuvre_unknown`, on a grid of 9 x 9 x 9 values.
+
+The independent check of what a campaign with unknowns judges at the points that its search finds. 1000 flights at each
+value take two hours of a core; a run that was stopped goes on where it was.
+
+    python studies/unknown_grid.py [--flights 1000] [--to grid.csv]
+"""
+
+import argparse
+import csv
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+import abhv_mc
+
+CAMPAIGN = Path(__file__).parents[1] / "campaigns/s_manoeuvre_unknown.yaml"
+HALF_WIDTHS = {"atmosphere.density": 0.10, "aero.lift": 0.10, "aero.drag": 0.15}
+LIMITS = {
+    "altitude_error_max_m": 50.0,
+    "speed_error_max_mps": 5.0,
+    "sideslip_max_deg": 1.0,
+    "bank_error_settled_max_deg": 3.0,
+    "angle_of_attack_error_settled_max_deg": 0.5,
+}
+AT_ONCE = 9  # values
+
+
+def fly(campaign: abhv_mc.Campaign, starts: pd.DataFrame, values: np.ndarray) -> list[list[object]]:
+    """A row for each of ``values`` [value, unknown] and each controller: its failures of each requirement."""
+    table = pd.concat([starts.assign(**dict(zip(HALF_WIDTHS, value, strict=True))) for value in values])
+    flown = abhv_mc.simulate(campaign, table.reset_index(drop=True))
+    rows = []
+    for name in flown.controller.to_numpy():
+        early = (flown.outcome.sel(controller=name) != "ok").to_numpy()
+        failed = [early | ~(flown[metric].sel(controller=name).to_numpy() < limit) for metric, limit in LIMITS.items()]
+        counts = np.array(failed).reshape(len(LIMITS), len(values), -1).sum(axis=2).T
+        rows += [[*value.tolist(), name, *count.tolist()] for value, count in zip(values, counts, strict=True)]
+    return rows
+
+
+def main() -> None:
+    """Fly what is not in the file yet, and print what failed."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--flights", type=int, default=1000)
+    parser.add_argument("--to", type=Path, default=Path("grid.csv"))
+    options = parser.parse_args()
+    campaign = abhv_mc.Campaign.read(CAMPAIGN)
+    starts = campaign.draw_samples().drop(columns=list(HALF_WIDTHS)).drop_duplicates()[: options.flights]
+    lines = [np.linspace(1.0 - half, 1.0 + half, 9) for half in HALF_WIDTHS.values()]
+    values = np.array(list(itertools.product(*lines)))
+    header = [*HALF_WIDTHS, "controller", *LIMITS]
+    done = len(pd.read_csv(options.to)) // 2 if options.to.exists() else 0
+    with options.to.open("a", newline="") as file:
+        writer = csv.writer(file)
+        if not done:
+            writer.writerow(header)
+        for first in range(done, len(values), AT_ONCE):
+            writer.writerows(fly(campaign, starts, values[first : first + AT_ONCE]))
+            file.flush()
+            print(f"{min(first + AT_ONCE, len(values))} of {len(values)} values", flush=True)
+    found = pd.read_csv(options.to)
+    for name, rows in found.groupby("controller"):
+        for metric in LIMITS:
+            values, most = int((rows[metric] > 0).sum()), rows[metric].max()
+            print(f"{name} {metric}: fails at {values} values, in at most {most} of {len(starts)} flights")
+
+
+if __name__ == "__main__":
+    main()
