@@ -4,8 +4,10 @@ Linearizing takes differences of these, so that what is linearized is what flies
 memory of a flight, so that it is the vehicle as it is at the tick. Many points are asked abreast.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,11 +21,12 @@ from abhv_mc.flight.user_law import law_memory, measured_count, must_fly_elsewhe
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.flight.memory import Z_ROWS, make_memory
+from abhv_mc.kernel.jit import is_kept
 from abhv_mc.kernel.laws.tlc import D_ALPHA, D_R, I_ALTITUDE, I_RATE
 from abhv_mc.kernel.laws.user import FAULT
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.vehicle import VARIABLES
-from abhv_mc.kernel.stability.probes import PlantAnswer, probe_begin, probe_law, probe_plant
+from abhv_mc.kernel.stability.probes import PlantAnswer, make_probe_begin, make_probe_law, make_probe_plant
 from abhv_mc.user_code.child import in_child
 from abhv_mc.user_code.effector_commands import commands_effectors
 from abhv_mc.vehicle.model import drive_axes
@@ -65,6 +68,15 @@ class LawTick(NamedTuple):
     guidance: Floats  # [point, 3] commanded flight path angle, angle of attack, bank
 
 
+@cache
+def choose_probe(make: Callable[[bool], Any], lean: bool) -> Any:
+    """The compiled probe that serves: the full one where the cache has it."""
+    if not lean:
+        return make(False)
+    full = choose_probe(make, False)
+    return full if is_kept(full) else make(True)
+
+
 def check_linear(plan: FlightPlan) -> None:
     """Raise InputError for what has no linear model at the four inputs."""
     drive_axes(plan.vehicle)
@@ -81,7 +93,7 @@ def begin(plan: FlightPlan, kept: Kept) -> tuple[Floats, Floats]:
     kernel_plan = make_kernel_plan(flown, nominal_parameters(), Recording(0))
     with open_vehicle(flown, LANES) as vehicle:
         arguments = kernel_plan._replace(user_code=vehicle), make_memory(LANES)
-        probe_begin(*arguments, before, np.arange(len(before)), kept.tick, sensed, acting)
+        choose_probe(make_probe_begin, plan.lean)(*arguments, before, np.arange(len(before)), kept.tick, sensed, acting)
     return sensed, acting
 
 
@@ -103,7 +115,7 @@ def ask_plant(
     with open_vehicle(flown, LANES) as vehicle:
         user_code = vehicle._replace(more=int(count > s.N_MEASURED))
         arguments = kernel_plan._replace(user_code=user_code), make_memory(LANES), held
-        probe_plant(*arguments, rows, *numbers, tick, answer)
+        choose_probe(make_probe_plant, plan.lean)(*arguments, rows, *numbers, tick, answer)
     return answer
 
 
@@ -178,10 +190,11 @@ def _run_law(
     with open_law(plan, LANES, memory_in_rows=True) as user_code:
         kernel_plan = make_kernel_plan(plan, nominal_parameters(), Recording(0))._replace(user_code=user_code)
         memory, numbers = make_memory(LANES), np.arange(len(before))
+        probe = choose_probe(make_probe_law, plan.lean)
         for i in range(ticks):
             if i and goes_on is not None:
                 before = after[i - 1][goes_on[0]] + goes_on[1]
-            probe_law(kernel_plan, memory, tick + i, rows, numbers, np.ascontiguousarray(before), after[i], seen[i])
+            probe(kernel_plan, memory, tick + i, rows, numbers, np.ascontiguousarray(before), after[i], seen[i])
     return after, seen
 
 

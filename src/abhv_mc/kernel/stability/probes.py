@@ -1,9 +1,18 @@
 """The compiled plant and laws asked at single points, many abreast: rates of a state, one tick of a law's own code."""
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 from abhv_mc.array_types import Floats
-from abhv_mc.kernel.flight.fly_lanes import Active, begin_tick, control, evaluate, find_active, instruments
+from abhv_mc.kernel.flight.fly_lanes import (
+    Active,
+    begin_tick,
+    control,
+    evaluate,
+    find_active,
+    instruments,
+    nothing_active,
+)
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.flight.memory import has_width
 from abhv_mc.kernel.flight.navigation import navigate
@@ -11,7 +20,7 @@ from abhv_mc.kernel.jit import kernel, lanes
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.actuators import pass_commands
 from abhv_mc.kernel.plant.air_profile import nominal_density
-from abhv_mc.kernel.plant.disturbance import density_profile
+from abhv_mc.kernel.plant.disturbance import calm, density_profile
 from abhv_mc.kernel.plant.equations import Stage
 from abhv_mc.kernel.plant.failures import Failures, fail_plant, fail_sensors
 from abhv_mc.kernel.plant.parameter_names import NEVER
@@ -35,94 +44,156 @@ def _load(Z, row, width, values, numbers, start, n):
             Z[row + i, lane] = values[source, i]
 
 
-@kernel
-def probe_begin(plan, memory, before, numbers, tick, sensed, acting):
-    """The tick's beginning, from the lane memory ``before`` [point, row] it.
+@lanes
+def _begin(plan, memory, width, active, tick, sensed, acting, start, n):
+    Z, tick_length = memory.Z, plan.timing.step * plan.timing.steps_per_tick
+    begin_tick(plan, memory, width, active, tick)
+    for lane in range(n):
+        for i in range(sensed.shape[1]):
+            sensed[start + lane, i] = Z[i, lane]
+    pass_commands(Z, width)
+    if active is not None:
+        fail_plant(Z, memory.A, width, active.failures, plan.vehicle, tick * tick_length, tick_length)
+    for lane in range(n):
+        for i in range(acting.shape[1]):
+            acting[start + lane, i] = Z[i, lane]
 
-    ``sensed`` [point, row] is the memory with the tick's measurement, ``acting`` with what has failed in the plant.
-    """
-    if has_width(memory, LANES):
-        Z, width = memory.Z, memory.Z.shape[1]
-        tick_length = plan.timing.step * plan.timing.steps_per_tick
-        for start in range(0, before.shape[0], width):
-            n = min(width, before.shape[0] - start)
-            _load(Z, 0, width, before, numbers, start, n)
-            active = find_active(Z, width, plan)
-            begin_tick(plan, memory, width, active, tick)
-            for lane in range(n):
-                for i in range(before.shape[1]):
-                    sensed[start + lane, i] = Z[i, lane]
+
+@lanes
+def _begin_all(plan, memory, before, numbers, find, tick, sensed, acting):
+    Z, width = memory.Z, memory.Z.shape[1]
+    for start in range(0, before.shape[0], width):
+        n = min(width, before.shape[0] - start)
+        _load(Z, 0, width, before, numbers, start, n)
+        _begin(plan, memory, width, find(Z, width, plan), tick, sensed, acting, start, n)
+
+
+def make_probe_begin(lean: bool) -> Callable[..., Any]:
+    """The tick's beginning; see :func:`abhv_mc.kernel.flight.fly_lanes.make_fly_lanes` of ``lean``."""
+
+    def probe_begin(plan, memory, before, numbers, tick, sensed, acting):
+        """The tick's beginning, from the lane memory ``before`` [point, row] it.
+
+        ``sensed`` [point, row] is the memory with the tick's measurement, ``acting`` with what has failed in the plant.
+        """
+        if has_width(memory, LANES):
+            if lean:
+                _begin_all(plan, memory, before, numbers, nothing_active, tick, sensed, acting)
+            else:
+                _begin_all(plan, memory, before, numbers, find_active, tick, sensed, acting)
+
+    return _named(probe_begin, lean)
+
+
+@lanes
+def _answer(plan, memory, width, active, held, tick, answer, start, n):
+    """Of the states that the lanes hold."""
+    Z, tick_length = memory.Z, plan.timing.step * plan.timing.steps_per_tick
+    for lane in range(width):
+        for i in range(s.AILERON):
+            Z[SUM + i, lane] = 0.0
+    if active is None:
+        calm(Z, width)
+        evaluate(plan, memory, width, Stage(1.0, 0.0), None)
+        navigate(Z, width, tick_length, tick == 0)
+    else:
+        density_profile(Z, width)
+        nominal_density(Z, width, plan.profile)
+        if held:
+            for e in range(plan.vehicle.effectors.shape[0]):
+                for lane in range(width):
+                    Z[s.SLOW_EFFECTOR + e, lane] = NEVER
             pass_commands(Z, width)
             fail_plant(Z, memory.A, width, active.failures, plan.vehicle, tick * tick_length, tick_length)
-            for lane in range(n):
-                for i in range(before.shape[1]):
-                    acting[start + lane, i] = Z[i, lane]
+        found = active.failures
+        failures = Failures(found.surfaces, True, found.engine, found.engines, found.sensors)
+        evaluate(
+            plan,
+            memory,
+            width,
+            Stage(1.0, 0.0),
+            Active(active.disturbances, active.sensor_errors, failures, True),
+        )
+        navigate(Z, width, tick_length, tick == 0)
+        instruments(plan, Z, width, active, 1)
+        if active.failures.sensors:
+            fail_sensors(Z, width, tick * tick_length)
+    for lane in range(n):
+        for i in range(answer.rates.shape[1]):
+            answer.rates[start + lane, i] = Z[SUM + i, lane]
+        for i in range(answer.variables.shape[1]):
+            answer.variables[start + lane, i] = Z[s.VAR + i, lane]
+        for i in range(answer.measured.shape[1]):
+            answer.measured[start + lane, i] = Z[s.MEASURED + i, lane]
 
 
-@kernel
-def probe_plant(plan, memory, held, acting, flight, states, numbers, tick, answer):
-    """Fill ``answer`` for ``states`` [point, state] of flights with the lane memory ``acting`` [flight, row].
-
-    ``flight`` [point] says whose; ``numbers`` [point] counts the points. Slow effectors stay where they are or, with
-    ``held``, are where the state's mix puts them at the beginning of a tick.
-    """
-    if has_width(memory, LANES):
-        Z, width = memory.Z, memory.Z.shape[1]
-        rates, variables, measured = answer.rates, answer.variables, answer.measured
-        tick_length = plan.timing.step * plan.timing.steps_per_tick
-        for start in range(0, states.shape[0], width):
-            n = min(width, states.shape[0] - start)
-            _load(Z, 0, width, acting, flight, start, n)
-            _load(Z, X, width, states, numbers, start, n)
-            _load(Z, XS, width, states, numbers, start, n)
-            active = find_active(Z, width, plan)
-            for lane in range(width):
-                for i in range(s.AILERON):
-                    Z[SUM + i, lane] = 0.0
-            density_profile(Z, width)
-            nominal_density(Z, width, plan.profile)
-            if held:
-                for e in range(plan.vehicle.effectors.shape[0]):
-                    for lane in range(width):
-                        Z[s.SLOW_EFFECTOR + e, lane] = NEVER
-                pass_commands(Z, width)
-                fail_plant(Z, memory.A, width, active.failures, plan.vehicle, tick * tick_length, tick_length)
-            found = active.failures
-            failures = Failures(found.surfaces, True, found.engine, found.engines, found.sensors)
-            moving = Active(active.disturbances, active.sensor_errors, failures, True)
-            evaluate(plan, memory, width, Stage(1.0, 0.0), moving)
-            navigate(Z, width, tick_length, tick == 0)
-            instruments(plan, Z, width, active, 1)
-            if active.failures.sensors:
-                fail_sensors(Z, width, tick * tick_length)
-            for lane in range(n):
-                for i in range(rates.shape[1]):
-                    rates[start + lane, i] = Z[SUM + i, lane]
-                for i in range(variables.shape[1]):
-                    variables[start + lane, i] = Z[s.VAR + i, lane]
-                for i in range(measured.shape[1]):
-                    measured[start + lane, i] = Z[s.MEASURED + i, lane]
+@lanes
+def _answer_all(plan, memory, held, acting, flight, states, numbers, find, tick, answer):
+    Z, width = memory.Z, memory.Z.shape[1]
+    for start in range(0, states.shape[0], width):
+        n = min(width, states.shape[0] - start)
+        _load(Z, 0, width, acting, flight, start, n)
+        _load(Z, X, width, states, numbers, start, n)
+        _load(Z, XS, width, states, numbers, start, n)
+        _answer(plan, memory, width, find(Z, width, plan), held, tick, answer, start, n)
 
 
-@kernel
-def probe_law(plan, memory, tick, rows, numbers, before, after, seen):
-    """A tick of the plan's law from the memory rows ``before`` [point, row] to ``after``; the measurement is there."""
-    if has_width(memory, LANES):
-        Z, width = memory.Z, memory.Z.shape[1]
-        for start in range(0, before.shape[0], width):
-            n = min(width, before.shape[0] - start)
-            for lane in range(width):
-                source = numbers[start + min(lane, n - 1)]
-                for i in range(rows.size):
-                    Z[rows[i], lane] = before[source, i]
-                Z[s.P, lane] = 1.0  # the factor of the nominal vehicle's terms
-            control(plan, memory, width, plan.law, plan.user_code, tick)
-            for lane in range(n):
-                for i in range(rows.size):
-                    after[start + lane, i] = Z[rows[i], lane]
-                for i in range(s.N_VARIABLES):
-                    seen[start + lane, i] = Z[s.VAR + i, lane]
-                for i in range(3):
-                    seen[start + lane, s.N_VARIABLES + i] = Z[s.COMMANDS + i, lane]
-                for i in range(4):
-                    seen[start + lane, s.N_VARIABLES + 3 + i] = Z[s.CMD + i, lane]
+def make_probe_plant(lean: bool) -> Callable[..., Any]:
+    """The plant at states; see :func:`abhv_mc.kernel.flight.fly_lanes.make_fly_lanes` of ``lean``."""
+
+    def probe_plant(plan, memory, held, acting, flight, states, numbers, tick, answer):
+        """Fill ``answer`` for ``states`` [point, state] of flights with the lane memory ``acting`` [flight, row].
+
+        ``flight`` [point] says whose; ``numbers`` [point] counts the points. Slow effectors stay where they are or,
+        with ``held``, are where the state's mix puts them at the beginning of a tick.
+        """
+        if has_width(memory, LANES):
+            if lean:
+                _answer_all(plan, memory, held, acting, flight, states, numbers, nothing_active, tick, answer)
+            else:
+                _answer_all(plan, memory, held, acting, flight, states, numbers, find_active, tick, answer)
+
+    return _named(probe_plant, lean)
+
+
+@lanes
+def _law_all(plan, memory, active, tick, rows, numbers, before, after, seen):
+    Z, width = memory.Z, memory.Z.shape[1]
+    for start in range(0, before.shape[0], width):
+        n = min(width, before.shape[0] - start)
+        for lane in range(width):
+            source = numbers[start + min(lane, n - 1)]
+            for i in range(rows.size):
+                Z[rows[i], lane] = before[source, i]
+            Z[s.P, lane] = 1.0  # the factor of the nominal vehicle's terms
+        control(plan, memory, width, plan.law, active, tick)
+        for lane in range(n):
+            for i in range(rows.size):
+                after[start + lane, i] = Z[rows[i], lane]
+            for i in range(s.N_VARIABLES):
+                seen[start + lane, i] = Z[s.VAR + i, lane]
+            for i in range(3):
+                seen[start + lane, s.N_VARIABLES + i] = Z[s.COMMANDS + i, lane]
+            for i in range(4):
+                seen[start + lane, s.N_VARIABLES + 3 + i] = Z[s.CMD + i, lane]
+
+
+def make_probe_law(lean: bool) -> Callable[..., Any]:
+    """A tick of a law; see :func:`abhv_mc.kernel.flight.fly_lanes.make_fly_lanes` of ``lean``."""
+
+    def probe_law(plan, memory, tick, rows, numbers, before, after, seen):
+        """A tick of the plan's law from memory rows ``before`` [point, row] to ``after``; the measurement is there."""
+        if has_width(memory, LANES):
+            if lean:
+                _law_all(plan, memory, None, tick, rows, numbers, before, after, seen)
+            else:
+                _law_all(plan, memory, plan.user_code, tick, rows, numbers, before, after, seen)
+
+    return _named(probe_law, lean)
+
+
+def _named(function: Callable[..., Any], lean: bool) -> Callable[..., Any]:
+    """A kernel that the cache knows by name."""
+    function.__name__ += "_lean" if lean else ""
+    function.__qualname__ += "_lean" if lean else ""
+    return kernel(function)
