@@ -105,9 +105,9 @@ def failing_folder(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def failing(failing_folder):
-    from abhv_mc.folder.results import read_results
+    from abhv_mc.folder.flown_campaign import read_flown
 
-    return read_results(failing_folder)
+    return read_flown(failing_folder)
 
 
 @pytest.fixture(scope="session")

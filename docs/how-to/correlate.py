@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from scipy.stats import spearmanr
 
-from abhv_mc.topics import Cell, Names, Results, Section, Table, Topic
+from abhv_mc.topics import Cell, FlownCampaign, Names, Section, Table, Topic
 
 
 @dataclass(frozen=True)
@@ -15,12 +15,12 @@ class Correlations:
     controllers: Mapping[str, Mapping[str, Mapping[str, float]]]
 
 
-def compute(results: Results) -> Correlations:
+def compute(results: FlownCampaign) -> Correlations:
     """Of all flights of each controller."""
     return Correlations({name: {m: _row(results, name, m) for m in results.asked} for name in results.controllers})
 
 
-def _row(results: Results, controller: str, metric: str) -> dict[str, float]:
+def _row(results: FlownCampaign, controller: str, metric: str) -> dict[str, float]:
     flights = results.flights[controller]
     sampled = {name: results.samples[name][flights.flight] for name in results.dispersed}
     return {name: float(spearmanr(x, flights.metrics[metric]).statistic) for name, x in sampled.items()}

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from abhv_mc.analysis.explain import Explanation
-    from abhv_mc.folder import results as columns
+    from abhv_mc.folder.flown_campaign import FlownCampaign
     from abhv_mc.report.numbers.judgement import Judgement
     from abhv_mc.topics.topic import Models
 
@@ -266,10 +266,10 @@ class Results:
         return table
 
     @cached_property
-    def _results(self) -> "columns.Results":
-        from abhv_mc.folder.results import read_results
+    def _results(self) -> "FlownCampaign":
+        from abhv_mc.folder.flown_campaign import read_flown
 
-        results = read_results(self.folder)
+        results = read_flown(self.folder)
         refuse_changes(self._paths, self.manifest)
         return results
 

@@ -9,9 +9,9 @@ from fake_flight import ENGINE, LOST_BELOW, write_campaign
 from abhv_mc.analysis.failure_map import MOST_FLIGHTS, map_failures, read_map, write_map
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
+from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import read_manifest
-from abhv_mc.folder.results import read_results
 from abhv_mc.io.documents import InputError
 from abhv_mc.topics.flights.worst import rank_failed
 
@@ -27,7 +27,7 @@ def flown(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def mapped(flown):
-    results = read_results(flown)
+    results = read_flown(flown)
     failed = {name: rank_failed(results, name) for name in results.controllers}
     return failed, map_failures(flown, failed, ENGINE)
 

@@ -13,8 +13,8 @@ from abhv_mc.api import compare
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.folder.export import export_csv
+from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.lock import hold_lock
-from abhv_mc.folder.results import read_results
 from abhv_mc.folder.sql import open_database
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.whatif import make_whatif
@@ -80,7 +80,7 @@ def test_readers_refuse_any_flipped_bit_and_name_the_file(flown):
         if file.name != "manifest.json":
             assert next(verify_campaign(folder)).startswith(file.as_posix())
         flip(folder / file, place, bit)
-    read_results(folder)
+    read_flown(folder)
 
 
 def test_a_folder_in_which_somebody_flies_is_not_called_damaged(flown, tmp_path):
@@ -89,11 +89,11 @@ def test_a_folder_in_which_somebody_flies_is_not_called_damaged(flown, tmp_path)
     shutil.copytree(flown[1], folder)
     flip(folder / "envelopes.parquet", 100, 1)
     with hold_lock(folder / ".lock"), pytest.raises(InputError, match=r"while process .* flies .* the end of that run"):
-        read_results(folder)
+        read_flown(folder)
     with hold_lock(folder / ".lock"), pytest.raises(InputError, match=r"campaign that process .* is flying"):
         list(verify_campaign(folder))
     with pytest.raises(InputError, match="damaged, or changed since"):
-        read_results(folder)
+        read_flown(folder)
 
 
 def test_replay_looks_at_what_it_reads(flown):

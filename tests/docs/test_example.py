@@ -12,7 +12,7 @@ import pytest
 
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
-from abhv_mc.folder.results import read_results
+from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.topics.topic import Models
 
@@ -52,7 +52,7 @@ def flown(repository, tmp_path_factory):
 
 
 def test_its_numbers_are_those_of_the_default_campaign(flown, example):
-    today = keep_numbers(json.loads(json.dumps(make_numbers(Models(read_results(flown))))))
+    today = keep_numbers(json.loads(json.dumps(make_numbers(Models(read_flown(flown))))))
     kept = json.loads((example / "report.json").read_text(encoding="utf-8"))
     assert list(differences(today, kept)) == [], "make example"
 

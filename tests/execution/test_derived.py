@@ -14,7 +14,7 @@ from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
-from abhv_mc.folder.results import read_results
+from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.report.numbers.report_numbers import make_numbers
@@ -66,7 +66,7 @@ def test_interrupted_and_in_other_blocks_it_has_the_same_bits(flown, tmp_path):
 def test_a_failure_is_explained_by_what_was_drawn(flown):
     table = pq.read_table(flown.folder / "flights").to_pandas().query("controller == 'two' and outcome != 'ok'")
     found = [explain_flight(flown.folder, "two", int(flight), fly) for flight in table["flight"][:10]]
-    asked = read_results(flown.folder).campaign
+    asked = read_flown(flown.folder).campaign
     assert found and {cause for each in found for cause in each.causes} <= {"atmosphere.density", "aero.lift"}
     for each in found:
         _, _, whole = full_rows(asked.names, each.rows, asked.derived)
@@ -75,7 +75,7 @@ def test_a_failure_is_explained_by_what_was_drawn(flown):
 
 
 def test_the_report_says_what_follows_from_what(flown):
-    numbers = make_numbers(Models(read_results(flown.folder)))["flights"]
+    numbers = make_numbers(Models(read_flown(flown.folder)))["flights"]
     assert numbers["dispersions"]["atmosphere.density"]["weights"] == [1, 2]
     assert json.loads(json.dumps(numbers["derived"])) == {
         "aero.drag": "1 + 2 * (aero.lift - 1)",

@@ -11,7 +11,7 @@ from abhv_mc.execution.in_memory import simulate_table
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.flight.channels import CHANNEL_INDEX
-from abhv_mc.folder.results import read_results
+from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import InputError
 
 HEIGHT = "altitude_m"
@@ -25,7 +25,7 @@ def draw(experiment, flights):
 def test_a_table_of_samples_gives_the_campaigns_flights_to_the_bit(tmp_path):
     path = write_campaign(tmp_path, runs="70", keep="{histories: {flights: [3], rate: 10 Hz}, envelopes: {rate: 5 Hz}}")
     folder = run_campaign(Request(path, tmp_path / "flown", workers=1), ENGINE).folder
-    experiment, flown = read_campaign(path), read_results(folder).flights
+    experiment, flown = read_campaign(path), read_flown(folder).flights
     found = simulate_table(experiment, draw(experiment, 70), channels=[HEIGHT], engine=ENGINE)
     assert found.sizes["flight"] == 70 and tuple(found.controller.to_numpy()) == tuple(flown)
     for name, flights in flown.items():

@@ -15,7 +15,7 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.flight.metrics import MARGIN_NAMES
-from abhv_mc.folder.results import read_results
+from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.report.numbers.report_numbers import make_numbers
@@ -118,7 +118,7 @@ def test_margins_that_fail_are_named_and_cost_no_flight(engine, tmp_path, monkey
     table = _table(folder, "tlc")
     failed = table["control.rudder_effectiveness"] > 1.15
     assert 0 < failed.sum() < 12 and np.array_equal(np.isnan(table["gain_margin_min_db"]), failed)
-    numbers = make_numbers(Models(read_results(folder)))
+    numbers = make_numbers(Models(read_flown(folder)))
     assert f"margins of TLC could not be computed in {failed.sum()} flights" in numbers["warnings"][0]
     assert "ZeroDivisionError" in numbers["margins"]["steady"]["controllers"]["tlc"]["fault"]
 

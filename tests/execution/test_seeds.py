@@ -13,7 +13,7 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
-from abhv_mc.folder.results import read_results
+from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.seeds import name_siblings
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.pages.build import is_up_to_date
@@ -38,7 +38,7 @@ def test_a_merge_is_judged_by_the_counts_of_all(tmp_path):
     verdict = judge(entry.failures, 600, 0.93, entry.consumer_risk)
     assert (entry.verdict, entry.words) == (verdict.status, verdict_words(verdict))
     assert merged.manifest.question == parts[0].question
-    found = compute_verdicts(read_results(tmp_path / "all")).requirements[0].controllers["one"]
+    found = compute_verdicts(read_flown(tmp_path / "all")).requirements[0].controllers["one"]
     assert (found.flights, found.failures, found.status) == (600, entry.failures, entry.verdict)
 
 

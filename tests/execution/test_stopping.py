@@ -12,7 +12,7 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.folder.results import read_results
+from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import InputError
 from abhv_mc.topics.verdicts.model import compute_verdicts
 
@@ -102,7 +102,7 @@ def test_what_is_not_settled_flies_to_the_end(tmp_path):
 def test_the_report_gives_the_same_verdicts(tmp_path):
     out = tmp_path / "out"
     manifest = run(make(tmp_path / "f"), out).manifest
-    first, second = (entry.controllers for entry in compute_verdicts(read_results(out)).requirements)
+    first, second = (entry.controllers for entry in compute_verdicts(read_flown(out)).requirements)
     assert first["one"].status == "PASS" and second["two"].status == "FAIL"
     assert first["one"].flights == second["two"].flights == manifest.stopped_at
     assert first["one"].room > 0.0 > (second["two"].room or -1.0)

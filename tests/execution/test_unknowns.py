@@ -14,7 +14,7 @@ from abhv_mc.execution.setup import Request
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.plan import Recording
-from abhv_mc.folder.results import read_histories, read_results
+from abhv_mc.folder.flown_campaign import read_flown, read_histories
 from abhv_mc.io.documents import InputError, read_document
 from abhv_mc.report.numbers.planned import plan_campaign
 from abhv_mc.statistics.unknowns import judge_points
@@ -61,7 +61,7 @@ def test_a_sample_flies_at_every_point_and_the_folder_names_them(whole):
 
 def test_the_search_finds_what_is_worst(whole):
     """Beside a brute grid of 41 x 41 values, of the quantile by which points are ranked."""
-    results = read_results(whole.folder)
+    results = read_flown(whole.folder)
     number = len(results.campaign.unknowns.points)
     speed = METRIC_INDEX["speed_error_max_mps"]
     grid = [(lift, drag) for lift in np.linspace(0.9, 1.1, 41) for drag in np.linspace(0.8, 1.15, 41)]
@@ -80,7 +80,7 @@ def test_a_band_goes_from_the_least_to_the_most_quantile_over_the_points(tmp_pat
     keep = "{histories: {flights: all, rate: 5 Hz}, envelopes: {rate: 5 Hz, channels: [bank_deg, speed_mps]}}"
     points = "{at: {aero.lift: [0.9, 1.0, 1.1], aero.drag: [0.8, 1.15, 0.9]}}"
     out = run(make(tmp_path / "f", keep=keep, points=points, runs="20"), tmp_path / "out").folder
-    found, kept = read_results(out).envelopes["one", "speed_mps"], read_histories(out, "one")
+    found, kept = read_flown(out).envelopes["one", "speed_mps"], read_histories(out, "one")
     assert len(kept) == 60
     values = np.full((20, 3, len(found.time)), np.nan)
     for number, flown in kept.items():
@@ -101,7 +101,7 @@ def test_a_band_goes_from_the_least_to_the_most_quantile_over_the_points(tmp_pat
 
 
 def test_verdicts_are_of_every_point(whole):
-    results = read_results(whole.folder)
+    results = read_flown(whole.folder)
     number = len(results.campaign.unknowns.points)
     found = compute_verdicts(results).requirements
     for entry in found:
@@ -164,7 +164,7 @@ def test_extended_it_keeps_its_points(whole, tmp_path):
 def test_it_stops_when_proven(tmp_path):
     requirements = "[{metric: speed_error_max_mps, below: 50, probability: 0.9, ended_early: as_measured}]"
     result = run(make(tmp_path / "f", stop="when proven", runs="500", requirements=requirements), tmp_path / "out")
-    number = len(read_results(result.folder).campaign.unknowns.points)
+    number = len(read_flown(result.folder).campaign.unknowns.points)
     (verdict,) = result.manifest.requirements
     assert verdict.verdict == "PASS" and result.manifest.stopped_at == number * verdict.flights < number * 500
 

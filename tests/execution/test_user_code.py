@@ -22,8 +22,8 @@ from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.outcome import Outcome
+from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.manifest import read_manifest
-from abhv_mc.folder.results import read_results
 from abhv_mc.io.documents import InputError, InputErrors
 from abhv_mc.search.search_flights import SearchRequest
 from abhv_mc.search.tune import TuneRequest, tune_controller
@@ -104,7 +104,7 @@ def test_workers_resume_and_replay_give_the_same_digest(study, tmp_path):
     own = {"inputs/controllers/mine/law.py", "inputs/channels/channels.py", "inputs/vehicle/own.py"}
     assert own <= set(two.inputs)
     assert replay_flight(tmp_path / "two", "mine", 7, fly).differences == ()
-    results = read_results(tmp_path / "two")
+    results = read_flown(tmp_path / "two")
     assert {"late_bank_swing_deg", "twist_max"} <= set(results.metrics)
     assert results.flights["mine"].metrics["twist_max"].min() > 0.0
     entry = read_manifest(tmp_path / "two" / "manifest.json").requirements[0]
@@ -177,7 +177,7 @@ def write_c_law(repository, folder, *lines):
 
 
 def read_errors(folder, controller):
-    return np.array(read_results(folder).flights[controller].metrics["altitude_error_max_m"])
+    return np.array(read_flown(folder).flights[controller].metrics["altitude_error_max_m"])
 
 
 needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
@@ -199,7 +199,7 @@ def test_a_crash_and_a_hang_in_c_cost_a_flight_each_of_a_campaign_that_ends_and_
     found = run_campaign(request, make_engine()).manifest
     assert found.state == "complete"
     assert found.controllers["mine"].outcomes == {"law_crashed": 1, "law_hung": 1, "ok": 138}
-    flown = read_results(request.out).flights
+    flown = read_flown(request.out).flights
     assert [Outcome(code).code for code in flown["mine"].outcome[[61, 137]]] == ["law_hung", "law_crashed"]
     rest = flown["mine"].outcome == Outcome.OK
     assert np.array_equal(read_errors(request.out, "mine")[rest], read_errors(request.out, "lqr")[rest])
@@ -225,7 +225,7 @@ def test_a_law_in_c_flies_on_a_cluster_is_replayed_explained_tuned_and_trusted(
         cluster.close()
     whole = run_campaign(request, make_engine()).manifest
     assert whole.digest == flown.digest
-    failed = np.flatnonzero(read_results(request.out).flights["mine"].outcome == Outcome.LAW_FAILED)
+    failed = np.flatnonzero(read_flown(request.out).flights["mine"].outcome == Outcome.LAW_FAILED)
     assert 0 < failed.size < 24
     ok = np.setdiff1d(np.arange(24), failed)
     assert np.array_equal(read_errors(request.out, "mine")[ok], read_errors(request.out, "lqr")[ok])
@@ -266,7 +266,7 @@ def test_nobodys_code_runs_unasked(study, tmp_path, monkeypatch):
     for kept in (run_module, load_law, compile_law, compile_channels):
         kept.cache_clear()
     read_campaign(out / "campaign.yaml")
-    read_results(out)
+    read_flown(out)
     build_with(out)
     checked = check_inputs(out / "campaign.yaml")
     assert any("was not run" in warning for found in checked for warning in found.warnings)

@@ -13,8 +13,8 @@ from abhv_mc.execution import runner
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.folder import compact
+from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.results import read_results
 
 
 class KilledError(BaseException):
@@ -46,7 +46,7 @@ def test_rows_digest_resume_and_growth_are_as_before(campaign, tmp_path, capfd):
     one, other = (pq.read_table(place / "flights").sort_by("flight") for place in (out, tmp_path / "whole"))
     assert one.equals(other)
     assert find_row(CampaignFolder(out), "one", 150).flights.tolist() == [150]
-    flown = [read_results(place).flights["one"] for place in (out, tmp_path / "whole")]
+    flown = [read_flown(place).flights["one"] for place in (out, tmp_path / "whole")]
     assert flown[0].flight.tolist() == flown[1].flight.tolist() == list(range(300))
 
     def refuse(*_):

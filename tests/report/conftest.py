@@ -5,7 +5,7 @@ import json
 import pytest
 from report.synthetic import write_campaign
 
-from abhv_mc.folder.results import read_results
+from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.topics.topic import Models
@@ -26,7 +26,7 @@ def report_folder(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def models(report_folder):
-    return Models(read_results(report_folder))
+    return Models(read_flown(report_folder))
 
 
 @pytest.fixture(scope="session")

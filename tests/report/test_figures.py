@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from abhv_mc.folder.results import BANDS
+from abhv_mc.folder.flown_campaign import BANDS
 from abhv_mc.report.pages import gallery
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.gallery import make_figures

@@ -64,14 +64,14 @@ def _explain_one(
 
 def _map_all(folder: Path, controller: str | None, json: Path | None, trust_code: bool) -> None:
     from abhv_mc.analysis.failure_map import map_failures, write_map
-    from abhv_mc.folder.results import read_results
+    from abhv_mc.folder.flown_campaign import read_flown
     from abhv_mc.io.documents import one_of
     from abhv_mc.simulators.engine import make_engine
     from abhv_mc.topics.failures.section import map_table
     from abhv_mc.topics.flights.worst import rank_failed
     from abhv_mc.topics.names import names_of
 
-    results = read_results(folder)
+    results = read_flown(folder)
     if controller is not None and controller not in results.controllers:
         raise InputError(folder, f"no controller '{controller}'", one_of(results.controllers, controller))
     names = results.controllers if controller is None else (controller,)

@@ -15,13 +15,13 @@ def command(
     json: Json = None,
 ) -> None:
     """Print what the report says of a topic: its sentences and tables, or its numbers with --json."""
-    from abhv_mc.folder.results import read_results
+    from abhv_mc.folder.flown_campaign import read_flown
     from abhv_mc.topics.plain import plain
     from abhv_mc.topics.registry import find_topic
     from abhv_mc.topics.topic import Models
 
     asked = find_topic(topic)
-    models = Models(read_results(folder))
+    models = Models(read_flown(folder))
     model = models[asked]
     models.results.refuse_changes()
 

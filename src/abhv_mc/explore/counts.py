@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from abhv_mc.folder.results import Results, read_results
+from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown
 from abhv_mc.folder.sql import open_database
 from abhv_mc.io.input_error import InputError, describe, one_of
 from abhv_mc.topics.failed_flights import requirement_failures, requirement_words
@@ -55,7 +55,7 @@ class FlightTable:
 @contextmanager
 def open_flights(root: Path) -> Iterator[FlightTable]:
     """The flights of a campaign's folder. Raises InputError where it is none."""
-    results = read_results(root)
+    results = read_flown(root)
     columns = [*results.metrics, *results.dispersed]
     with open_database(root) as connection:
         connection.register("ranks", _ranks(results))
@@ -78,7 +78,7 @@ def find_ranges(connection: "DuckDBPyConnection", columns: Sequence[str]) -> dic
     return {name: (float(found[2 * i]), float(found[2 * i + 1])) for i, name in enumerate(columns)}
 
 
-def _ranks(results: Results) -> Any:
+def _ranks(results: FlownCampaign) -> Any:
     """Of each flight that was computed, its place among those of all controllers, the worst first, and whether it
     misses each requirement."""
     import pyarrow as pa
@@ -92,7 +92,7 @@ def _ranks(results: Results) -> Any:
     return pa.concat_tables(parts)
 
 
-def _describe(results: Results, ranges: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
+def _describe(results: FlownCampaign, ranges: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
     records, names = results.campaign.metrics, results.controllers
     metrics = [{"name": name, "label": records[name].label_with_unit} for name in results.metrics]
     spoken = [(name, spoken_name(name), axis_unit(name)[0]) for name in results.dispersed]

@@ -7,22 +7,22 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from abhv_mc.folder.results import Results
+    from abhv_mc.folder.flown_campaign import FlownCampaign
     from abhv_mc.topics.names import Names
     from abhv_mc.topics.registry import register
     from abhv_mc.topics.section import Bullets, Cell, FigureText, Fold, Heading, Picture, Section, Table, Text
     from abhv_mc.topics.topic import Topic
 
 _HOMES = {
-    "Results": "abhv_mc.folder.results",
+    "FlownCampaign": "abhv_mc.folder.flown_campaign",
     "Names": "abhv_mc.topics.names",
     "Topic": "abhv_mc.topics.topic",
     "register": "abhv_mc.topics.registry",
 }
 
 __all__ = [
-    "Bullets", "Cell", "FigureText", "Fold", "Heading", "Names", "Picture", "Results", "Section", "Table", "Text",
-    "Topic", "register",
+    "Bullets", "Cell", "FigureText", "FlownCampaign", "Fold", "Heading", "Names", "Picture", "Section",
+    "Table", "Text", "Topic", "register",
 ]  # fmt: skip
 
 

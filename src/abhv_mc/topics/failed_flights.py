@@ -9,7 +9,7 @@ from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.controller_flights import ControllerFlights
-from abhv_mc.folder.results import Results
+from abhv_mc.folder.flown_campaign import FlownCampaign
 
 EARLY = "ended early"
 
@@ -41,7 +41,7 @@ def limit_words(metric: Metric, limits: Bounds) -> str:
     return f"{metric.label} {metric.with_unit(limits.symbols)}"
 
 
-def failure_kinds(results: Results, controller: str) -> list[tuple[str, NDArray[np.bool_]]]:
+def failure_kinds(results: FlownCampaign, controller: str) -> list[tuple[str, NDArray[np.bool_]]]:
     """Each way to fail that occurred: ended early, and each requirement missed."""
     early = results.flights[controller].failed
     kinds = [(EARLY, early)]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.flight.metrics import Metric
-from abhv_mc.folder.results import Results
+from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.topics.labels import full_labels
 
 
@@ -28,7 +28,7 @@ class Names:
         return self.controllers.get(controller, controller)
 
 
-def names_of(results: Results) -> Names:
+def names_of(results: FlownCampaign) -> Names:
     """The names of a campaign."""
     labels = full_labels(results.folder, results.controllers)
     campaign, folder = results.campaign, shlex.quote(results.folder.as_posix())

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
-from abhv_mc.folder.results import Results
+from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.topics.labels import full_labels
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.plain import DRAWN
@@ -31,7 +31,7 @@ class Provenance:
     files: Mapping[str, str] = field(metadata={DRAWN: True})  # SHA-256 by path
 
 
-def compute_provenance(results: Results) -> Provenance:
+def compute_provenance(results: FlownCampaign) -> Provenance:
     """What the campaign file and the manifest say."""
     campaign, manifest = results.campaign, results.manifest
     return Provenance(

@@ -6,7 +6,7 @@ from functools import cached_property
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
-from abhv_mc.folder.results import Results
+from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.topics.names import Names, names_of
 from abhv_mc.topics.section import FigureText, Section
 
@@ -44,7 +44,7 @@ class Topic(Generic[M]):
 
     name: str  # of its numbers in report.json, of `abhv-mc show NAME DIR`, of an attribute of the results
     model: type[M]
-    compute: Callable[[Results], M]
+    compute: Callable[[FlownCampaign], M]
     section: Callable[[M, Names], Section | None]  # None where there is nothing to say
     sentences: Callable[[M, Names], Sequence[str]] = _no_sentences  # the answer in words
     figures: Callable[[M, Names], Iterator[Drawn]] = _no_figures
@@ -53,7 +53,7 @@ class Topic(Generic[M]):
 class Models:
     """The models of a campaign's topics, each computed when it is first asked for."""
 
-    def __init__(self, results: Results) -> None:
+    def __init__(self, results: FlownCampaign) -> None:
         self.results = results
         self._held: dict[str, Any] = {}
 

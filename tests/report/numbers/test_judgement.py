@@ -8,7 +8,7 @@ import typer
 from report.synthetic import write_campaign
 
 from abhv_mc.cli.app import app
-from abhv_mc.folder.results import read_results
+from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.report.numbers.judgement import (
     ALONE,
     NO_DIFFERENCE,
@@ -26,7 +26,7 @@ REQUIRED = "{{metric: speed_error_max_mps, below: {limit}, probability: {probabi
 
 
 def judged(folder, requirements, **keys):
-    models = Models(read_results(write_campaign(folder, requirements=requirements, **keys)))
+    models = Models(read_flown(write_campaign(folder, requirements=requirements, **keys)))
     return judge_campaign(models), models
 
 
@@ -55,7 +55,7 @@ def test_the_next_command_is_one(tmp_path, limit, probability):
     command = typer.main.get_command(app).commands[words[1]]
     assert command.make_context(words[1], words[2:]).params
     build_report(folder)
-    manifest = read_results(folder).manifest
+    manifest = read_flown(folder).manifest
     assert read_judgement(folder, manifest) == found
     assert read_judgement(folder, replace(manifest, digest="another")) is read_judgement(tmp_path, manifest) is None
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from report.synthetic import write_campaign
 
-from abhv_mc.folder.results import read_results
+from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.report.numbers.summary import finding_sentences
 from abhv_mc.report.pages.first_screen import cards
@@ -16,7 +16,7 @@ from abhv_mc.topics.verdicts import VERDICTS
 
 
 def test_the_same_folder_gives_the_same_numbers(failing_folder, failing_numbers):
-    again = json.dumps(make_numbers(Models(read_results(failing_folder))), allow_nan=False)
+    again = json.dumps(make_numbers(Models(read_flown(failing_folder))), allow_nan=False)
     assert again == json.dumps(failing_numbers, allow_nan=False)
 
 
@@ -31,7 +31,7 @@ def test_the_planted_driver_and_rule_are_found(failing_numbers):
 
 
 def test_dependent_designs_get_estimates(tmp_path):
-    models = Models(read_results(write_campaign(tmp_path / "c", runs=16, sampling="lhs")))
+    models = Models(read_flown(write_campaign(tmp_path / "c", runs=16, sampling="lhs")))
     assert {models[VERDICTS].statuses(name)[0] for name in models.names.controllers} == {"ESTIMATE"}
     assert plain(models[FLIGHTS].counts["tlc"].failure_share) == {"value": 0.0, "low": None, "high": None}
 

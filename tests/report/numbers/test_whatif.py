@@ -14,7 +14,7 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.cli.app import app
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
-from abhv_mc.folder.results import read_results
+from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.report.numbers.whatif import make_whatif
@@ -46,7 +46,7 @@ def flown(tmp_path_factory):
 
 def agree(found, fresh, metrics=("altitude_error_max_m", "speed_error_max_mps", "fuel_used_kg")):
     """Every interval of the fresh campaign overlaps the one from the re-weighted flights."""
-    numbers = make_numbers(Models(read_results(fresh)))
+    numbers = make_numbers(Models(read_flown(fresh)))
     for name, part in found.controllers.items():
         for metric in metrics:
             for level in ("q50", "q95"):

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.cli.app import app
-from abhv_mc.folder.results import read_results
+from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.figures.paired import DifferencePanel, plot_differences
 from abhv_mc.report.numbers.compare import check_baseline
@@ -40,7 +40,7 @@ def newly_failed(before, after):
     """Flights of LQR that end early or miss a requirement in the second folder alone, from the metrics."""
     failed = []
     for folder in (before, after):
-        lqr = read_results(folder).flights["lqr"]
+        lqr = read_flown(folder).flights["lqr"]
         limits = {"altitude_error_max_m": 50.0, "speed_error_max_mps": 5.0, "sideslip_max_deg": 0.7}
         missed = np.any([~(lqr.metrics[name] < limit) for name, limit in limits.items()], axis=0)
         failed.append(set(np.flatnonzero(missed | lqr.failed).tolist()))
@@ -55,7 +55,7 @@ def test_two_campaigns_make_a_page_with_every_flight_that_only_one_loses(before,
     page = (tmp_path / "page/report.html").read_text("utf-8")
     lost = newly_failed(before, after)
     named = re.findall(r"abhv-mc replay (\S+) --flight (\d+) --controller lqr", page)
-    ended = np.argsort(read_results(after).samples["atmosphere.density"])[-5:-2].tolist()
+    ended = np.argsort(read_flown(after).samples["atmosphere.density"])[-5:-2].tolist()
     assert {(folder, int(flight)) for folder, flight in named} == {(str(after), flight) for flight in ended}
     assert lost <= set(ended)
     assert "after passes: shown to be at most 5 % worse" in page
@@ -66,7 +66,7 @@ def test_two_campaigns_make_a_page_with_every_flight_that_only_one_loses(before,
 
 
 def test_differences_are_those_of_the_same_flight(before):
-    results = read_results(before)
+    results = read_flown(before)
     tlc, lqr = (results.flights[name] for name in ("tlc", "lqr"))
     found = metric_differences(tlc, lqr, "speed_error_max_mps")
     whole = ~lqr.failed

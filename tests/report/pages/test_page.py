@@ -13,7 +13,7 @@ import pytest
 from report.pages.test_packed import unpack
 from report.synthetic import write_campaign
 
-from abhv_mc.folder.results import read_results
+from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.report.pages.page import make_page
 from abhv_mc.topics.flights.worst import worst_flights
 from abhv_mc.topics.topic import Models
@@ -80,7 +80,7 @@ def asking(campaign, question):
 
 def test_what_a_campaign_says_is_text_only(tmp_path):
     evil = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
-    results = read_results(write_campaign(tmp_path / "c", runs=12))
+    results = read_flown(write_campaign(tmp_path / "c", runs=12))
     results = dataclasses.replace(results, campaign=asking(results.campaign, f"{evil} Does it?"))
     page = make_page(Models(results), [])
     assert evil not in page
@@ -100,7 +100,7 @@ def test_the_embedded_data_are_the_envelopes(packed, report_folder):
     bank = next(c for c in data["envelopes"]["channels"] if c["name"] == "bank_deg")
     assert bank["command"] == "bank_command_deg"
     assert bank["reference"] == "bank_reference_deg"
-    envelope = read_results(report_folder).envelopes["lqr", "bank_deg"]
+    envelope = read_flown(report_folder).envelopes["lqr", "bank_deg"]
     drawn = arrays["bank_deg:lqr"][data["envelopes"]["bands"].index("q5")]
     assert len(arrays["time:lqr"]) == len(drawn) == 301
     assert drawn == pytest.approx(envelope.bands["q5"][::2], abs=2e-3)
@@ -111,7 +111,7 @@ def test_the_interactive_band_of_all_flights_holds_the_samples_that_it_leaves_ou
     data, arrays = packed
     for controller in data["envelopes"]["controllers"]:
         for channel in ("bank_deg", "aileron_deg", "sideslip_deg"):
-            envelope = read_results(report_folder).envelopes[controller["name"], channel]
+            envelope = read_flown(report_folder).envelopes[controller["name"], channel]
             curves = arrays[f"{channel}:{controller['name']}"]
             step = np.nanmax(curves) - np.nanmin(curves)
             time, bands = arrays[f"time:{controller['name']}"], data["envelopes"]["bands"]
@@ -122,7 +122,7 @@ def test_the_interactive_band_of_all_flights_holds_the_samples_that_it_leaves_ou
 
 def test_every_flight_is_a_point_and_the_worst_that_are_listed_have_their_histories(packed, report_folder):
     data, arrays = packed
-    results = read_results(report_folder)
+    results = read_flown(report_folder)
     rows = data["flights"]["rows"]
     assert len(rows["flight"]) == sum(results.flights[name].flight.size for name in results.controllers)
     flown = results.flights["lqr"]

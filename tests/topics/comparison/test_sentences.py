@@ -17,9 +17,9 @@ from abhv_mc.topics.words import significant
 def models(tmp_path_factory):
     from report.synthetic import write_campaign
 
-    from abhv_mc.folder.results import read_results
+    from abhv_mc.folder.flown_campaign import read_flown
 
-    return Models(read_results(write_campaign(tmp_path_factory.mktemp("answer") / "c", runs=80)))
+    return Models(read_flown(write_campaign(tmp_path_factory.mktemp("answer") / "c", runs=80)))
 
 
 def said(models, changes):

@@ -7,7 +7,7 @@ import pytest
 from report.synthetic import write_campaign
 
 from abhv_mc.campaign.file.config import Sampling
-from abhv_mc.folder.results import read_results
+from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.topics.drivers.model import Share, compute_drivers, otherwise_words
 
 METRIC = "altitude_error_max_m"
@@ -15,7 +15,7 @@ METRIC = "altitude_error_max_m"
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
-    return read_results(write_campaign(tmp_path_factory.mktemp("drivers") / "c", runs=600))
+    return read_flown(write_campaign(tmp_path_factory.mktemp("drivers") / "c", runs=600))
 
 
 def told_of(results, error):

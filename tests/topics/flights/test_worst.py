@@ -12,7 +12,7 @@ from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.folder.results import read_results
+from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.flights.worst import worst_flights
 from abhv_mc.topics.topic import Models
@@ -20,7 +20,7 @@ from abhv_mc.topics.topic import Models
 
 def test_worst_flights_have_their_three_largest_dispersions_in_sigma(tmp_path):
     """All of them stood in one narrow cell: 24 in a campaign with so many."""
-    models = Models(read_results(write_campaign(tmp_path / "c", runs=30)))
+    models = Models(read_flown(write_campaign(tmp_path / "c", runs=30)))
     widths = {"atmosphere.density": 0.1, "aero.lift": 0.1, "aero.drag": 0.15}
     samples = models.results.samples
     for entry in (entry for flights in models[FLIGHTS].worst.values() for entry in flights):
@@ -44,7 +44,7 @@ def test_worst_flights_begin_with_those_that_ended_early(failing):
 def test_the_flights_that_are_listed_are_those_with_histories(tmp_path):
     keep = "{histories: {flights: [every 40], rate: 10 Hz}, envelopes: {rate: 5 Hz}}"
     run_campaign(Request(write_fake(tmp_path / "f", keep=keep), tmp_path / "out"), ENGINE)
-    listed = worst_flights(read_results(tmp_path / "out"))
+    listed = worst_flights(read_flown(tmp_path / "out"))
     for entries in listed.values():
         assert sorted(entry.flight for entry in entries) == list(range(0, 300, 40))
         beyond = [entry.beyond for entry in entries if entry.outcome == "ok"]
@@ -53,7 +53,7 @@ def test_the_flights_that_are_listed_are_those_with_histories(tmp_path):
 
 def test_a_settled_error_of_a_flight_lost_before_anything_settled_is_none(tmp_path, monkeypatch):
     """It read 0: the best value in the table of the worst flights."""
-    results = read_results(write_campaign(tmp_path / "c", runs=30))
+    results = read_flown(write_campaign(tmp_path / "c", runs=30))
     flights = results.flights["tlc"]
     metric = next(name for name in flights.metrics if flights.records[name].settled)
     values = np.zeros(flights.flight.size)

@@ -6,7 +6,7 @@ import pytest
 from report.few_figures import build_with
 from report.synthetic import write_campaign
 
-from abhv_mc.folder.results import read_results
+from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.topics.margins import MARGINS
 from abhv_mc.topics.margins.sentences import margin_words
@@ -59,7 +59,7 @@ def folder(tmp_path_factory):
 
 
 def test_the_answer_names_the_unstable_controller_with_its_poles_and_the_weak_one(folder):
-    models = Models(read_results(folder))
+    models = Models(read_flown(folder))
     tlc, lqr, retuned = (margin_words(models[MARGINS], name) for name in ("tlc", "lqr", "lqr_retuned"))
     assert tlc.startswith("little margin in steady, level flight: 0.8 dB (rudder)")
     assert lqr == "unstable in steady, level flight (poles at +0.120 \N{PLUS-MINUS SIGN} 2.78j per second)"
@@ -74,7 +74,7 @@ def test_the_section_has_each_loop_and_the_report_follows_from_the_data(folder):
     assert section.count("throttle") == 2  # of the two stable controllers
     assert "all 8 corners" in section and "\N{MINUS SIGN}9.0 / 0.7" in section
     assert list(verify_campaign(folder)) == []
-    models = Models(read_results(folder))
+    models = Models(read_flown(folder))
     rows = models.section(MARGINS).tables()[0].plain_rows()
     assert ["TLC", "rudder", "\N{MINUS SIGN}20.0 / 0.8", "\N{MINUS SIGN}9.0 / 0.7", "40", "33", "50", "44"] in rows
     assert any(row[0] == "LQR" and row[1].startswith("no margins: unstable") for row in rows)

@@ -9,8 +9,8 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.folder.controller_flights import ControllerFlights, common_rows, distances
+from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.results import Results, read_results
 from abhv_mc.io.documents import InputError, Refusal, one_of
 from abhv_mc.io.units import parse_in_unit
 from abhv_mc.statistics.gate import Gate, judge_change
@@ -70,7 +70,7 @@ def require_same_samples(mine: Mapping[str, Floats], theirs: Mapping[str, Floats
 
 def check_baseline(campaign: Experiment, baseline: Path) -> None:
     """Raise InputError, before anything flies, where a campaign's flights will not pair with those of a folder."""
-    held = read_results(baseline)
+    held = read_flown(baseline)
     source = campaign.make_samples()
     drawn = source.draw(0, campaign.runs)
     columns = {name: drawn[:, i] for i, name in enumerate(source.names)}
@@ -97,15 +97,15 @@ def parse_margins(texts: Sequence[str]) -> dict[str, float]:
     return margins
 
 
-def read_compared(folder_a: Path, folder_b: Path) -> tuple[Results, Results]:
+def read_compared(folder_a: Path, folder_b: Path) -> tuple[FlownCampaign, FlownCampaign]:
     """Two campaigns that flew the same samples. Raises InputError where these differ."""
-    a, b = read_results(folder_a), read_results(folder_b)
+    a, b = read_flown(folder_a), read_flown(folder_b)
     require_same_samples(a.samples, b.samples, folder_a, CampaignFolder(folder_b).samples)
     return a, b
 
 
 def compare_results(
-    a: Results, b: Results, controllers: Sequence[str] = (), margins: Mapping[str, float] | None = None
+    a: FlownCampaign, b: FlownCampaign, controllers: Sequence[str] = (), margins: Mapping[str, float] | None = None
 ) -> Compared:
     """Compare each controller that both campaigns flew, on the same samples; requirements and metrics are those of `a`.
 
@@ -138,14 +138,14 @@ def compare_results(
     return Compared(asked, {name: records[name].as_words() for name in metrics}, tuple(pairs))
 
 
-def sides(a: Results, b: Results, one: str, other: str) -> tuple[ControllerFlights, ControllerFlights]:
+def sides(a: FlownCampaign, b: FlownCampaign, one: str, other: str) -> tuple[ControllerFlights, ControllerFlights]:
     """The flights of a controller of each campaign; what is bad in a metric is what `a` says."""
     return a.flights[one], replace(b.flights[other], records=a.campaign.metrics)
 
 
-def compare_baseline(results: Results, baseline: Path) -> Baseline:
+def compare_baseline(results: FlownCampaign, baseline: Path) -> Baseline:
     """A campaign against an earlier one on the same samples, as its report holds it. Raises InputError."""
-    held = read_results(baseline)
+    held = read_flown(baseline)
     require_same_samples(held.samples, results.samples, baseline, CampaignFolder(results.folder).samples)
     found = compare_results(results, held)
     held.refuse_changes()
@@ -176,7 +176,7 @@ def _gate(
     return judge_change(*values, (a.failed[rows_a], b.failed[rows_b]), missed, margin)
 
 
-def _pairs(a: Results, b: Results, controllers: Sequence[str]) -> Iterator[tuple[str, str]]:
+def _pairs(a: FlownCampaign, b: FlownCampaign, controllers: Sequence[str]) -> Iterator[tuple[str, str]]:
     if controllers:
         if len(controllers) != 2:
             found = f"{len(controllers)} controllers"

@@ -11,8 +11,8 @@ from abhv_mc.analysis.reweight import make_change, unseen_probability, weigh_fli
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.folder.controller_flights import ControllerFlights, severities
+from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.results import Results, read_results
 from abhv_mc.io.documents import InputError
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantile
@@ -71,7 +71,7 @@ def make_whatif(root: Path, settings: Mapping[str, Mapping[str, Any]]) -> Whatif
     ``settings`` maps parameters to keys of their entries in the campaign file. Raises InputError where the flights do
     not cover what is asked, or too few of them count.
     """
-    results = read_results(root)
+    results = read_flown(root)
     campaign = read_campaign(CampaignFolder(root).campaign)
     change = make_change(campaign, settings)
     samples = np.column_stack([results.samples[name] for name in campaign.names])
@@ -108,7 +108,7 @@ def _refuse_too_little(root: Path, effective: float, unseen: Unseen, flights: Co
 
 
 def _requirements(
-    results: Results, flights: ControllerFlights, weights: Floats, unseen: float
+    results: FlownCampaign, flights: ControllerFlights, weights: Floats, unseen: float
 ) -> Iterator[WhatifRequirement]:
     for item in results.campaign.requirements:
         failed = requirement_failures(flights, item)
@@ -119,7 +119,7 @@ def _requirements(
 
 
 def _metrics(
-    results: Results, flights: ControllerFlights, weights: Floats, unseen: float
+    results: FlownCampaign, flights: ControllerFlights, weights: Floats, unseen: float
 ) -> Iterator[tuple[str, dict[str, Pair]]]:
     for metric in results.metrics:
         values, sense = severities(flights, metric), flights.records[metric].bad

@@ -8,10 +8,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.hashes import data_files
 from abhv_mc.folder.layout import CampaignFolder, hash_file
 from abhv_mc.folder.manifest import read_manifest
-from abhv_mc.folder.results import read_results
 from abhv_mc.folder.seeds import name_siblings
 from abhv_mc.report.numbers.compare import compare_baseline
 
@@ -103,7 +103,7 @@ def build_report(folder: Path, baseline: Path | None = None, svg: bool = False) 
 
     refuse_search(folder, read_manifest(CampaignFolder(folder).manifest))
     key = make_key(folder, baseline)  # as it is now: a run may go on meanwhile
-    results = read_results(folder)
+    results = read_flown(folder)
     models = Models(results)
     held = compare_baseline(results, baseline) if baseline else None
     numbers = {**make_numbers(models, held), "files": hash_files(folder)}

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from abhv_mc.flight.metrics import SURFACE_USAGE
-from abhv_mc.folder.results import Results
+from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.report.figures.paired import DifferencePanel, plot_differences
 from abhv_mc.report.numbers.compare import CampaignPair, Compared, gate_words, sides
 from abhv_mc.report.numbers.judgement import few
@@ -26,7 +26,7 @@ _NAMED = 3  # metrics without a difference, told by name
 Labels = tuple[str, str, str]  # how the pair, its first and its second one are called
 
 
-def write_compare_page(a: Results, b: Results, found: Compared, folder: Path) -> Path:
+def write_compare_page(a: FlownCampaign, b: FlownCampaign, found: Compared, folder: Path) -> Path:
     """Write `report.html` and `figures/differences.png` of what :func:`compare_results` found into ``folder``."""
     parts = [(_labels(a, b, pair), pair) for pair in found.paired]
     named = [labels for labels, _ in parts]
@@ -39,7 +39,7 @@ def write_compare_page(a: Results, b: Results, found: Compared, folder: Path) ->
     return write_answer_page(Answer(title, f"Paired comparison · {question}", section), drawn, folder / "report.html")
 
 
-def make_comparison(a: Results, b: Results, found: Compared) -> Section:
+def make_comparison(a: FlownCampaign, b: FlownCampaign, found: Compared) -> Section:
     """Sentences and tables of what :func:`compare_results` found."""
     answers: list[str] = []
     tables: list[Item] = []
@@ -55,7 +55,7 @@ def make_comparison(a: Results, b: Results, found: Compared) -> Section:
     return Section("Answer", (_lead(a, b, found), Bullets(tuple(answers)), Picture("differences"), *tables))
 
 
-def _lead(a: Results, b: Results, found: Compared) -> Lead:
+def _lead(a: FlownCampaign, b: FlownCampaign, found: Compared) -> Lead:
     """Which of the two is better with which controller, in what, and what to do where the second fails more."""
     told: dict[str, list[str]] = {}
     because = []
@@ -94,7 +94,7 @@ def _is_same(pair: CampaignPair) -> bool:
     return not differ and not pair.any_failure.only_a and not pair.any_failure.only_b
 
 
-def _provenance(a: Results, b: Results, found: Compared, folder: Path) -> Table:
+def _provenance(a: FlownCampaign, b: FlownCampaign, found: Compared, folder: Path) -> Table:
     """Which flights were compared, and how again."""
     rows = [
         [str(each.folder), str(each.campaign.seed), fixed(each.manifest.runs_done, 0), str(each.manifest.digest)]
@@ -110,13 +110,13 @@ def _provenance(a: Results, b: Results, found: Compared, folder: Path) -> Table:
     return make_table("What was compared", f"This page again: `{shlex.join(words)}`", heads, rows)
 
 
-def _folder_names(a: Results, b: Results) -> tuple[str, str]:
+def _folder_names(a: FlownCampaign, b: FlownCampaign) -> tuple[str, str]:
     """Names of two folders that tell them apart."""
     one, other = a.folder.resolve(), b.folder.resolve()
     return (str(one), str(other)) if one.name == other.name else (one.name, other.name)
 
 
-def _labels(a: Results, b: Results, pair: CampaignPair) -> Labels:
+def _labels(a: FlownCampaign, b: FlownCampaign, pair: CampaignPair) -> Labels:
     one, other = map(controller_label, pair.controllers)
     if a.folder.resolve() == b.folder.resolve():
         return f"{one} against {other}", one, other
@@ -126,7 +126,7 @@ def _labels(a: Results, b: Results, pair: CampaignPair) -> Labels:
     return f"{first} ({one}) against {second} ({other})", f"{first} ({one})", f"{second} ({other})"
 
 
-def _sentences(pair: CampaignPair, of: Compared, labels: Labels, results: Results) -> list[str]:
+def _sentences(pair: CampaignPair, of: Compared, labels: Labels, results: FlownCampaign) -> list[str]:
     (title, a, b), words = labels, of.words
     found = [
         f"{title}, {words[metric]['phrase']}: {gate_words(pair, metric, b, of.requirements)}."
@@ -262,7 +262,9 @@ def _lost_rows(
     ]  # fmt: skip
 
 
-def _figures(a: Results, b: Results, found: Compared, parts: list[tuple[Labels, CampaignPair]]) -> list[Drawn]:
+def _figures(
+    a: FlownCampaign, b: FlownCampaign, found: Compared, parts: list[tuple[Labels, CampaignPair]]
+) -> list[Drawn]:
     """What is asked and how much each surface was used; metrics in which no flight differs are left out."""
     pairs = {labels[0]: pair for labels, pair in parts}
     flights = {name: sides(a, b, *pair.controllers) for name, pair in pairs.items()}

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.folder.results import Results, read_histories
+from abhv_mc.folder.flown_campaign import FlownCampaign, read_histories
 from abhv_mc.topics.failed_flights import requirement_failures, requirement_words
 from abhv_mc.topics.flights.worst import listed_worst
 from abhv_mc.topics.parameter_words import axis_unit, spoken_name
@@ -35,7 +35,7 @@ class FlightsView:
     headed: tuple[str, ...]  # metrics in the table
 
 
-def make_flights_view(results: Results, labels: Mapping[str, str], colors: Mapping[str, str]) -> FlightsView:
+def make_flights_view(results: FlownCampaign, labels: Mapping[str, str], colors: Mapping[str, str]) -> FlightsView:
     """The view of a campaign: of all its flights, or of the worst and the first where there are too many."""
     names = results.controllers
     records = results.campaign.metrics
@@ -114,7 +114,7 @@ def mark_of(number: int) -> str:
     return _MARKS[number % len(_MARKS)]
 
 
-def _rank(results: Results, name: str) -> list[int]:
+def _rank(results: FlownCampaign, name: str) -> list[int]:
     """Rows of a controller's flights: those that the report lists, then the worst of the others."""
     return list(dict.fromkeys([*listed_worst(results, name), *results.ranking.rows_of(name).tolist()]))
 
@@ -129,7 +129,7 @@ def _kept(flights: int, worst: Sequence[int], most: int) -> NDArray[np.intp]:
 
 
 def _add_histories(
-    results: Results,
+    results: FlownCampaign,
     names: Sequence[str],
     places: Mapping[tuple[str, int], int],
     history: NDArray[np.int64],

@@ -6,7 +6,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.channels import CHANNELS, REFERENCE_CHANNELS
-from abhv_mc.folder.results import BANDS, Results
+from abhv_mc.folder.flown_campaign import BANDS, FlownCampaign
 
 _MOST_TIMES = 301
 
@@ -28,7 +28,7 @@ def _label(name: str, unit: str) -> str:
 
 
 def envelope_data(
-    results: Results, labels: Mapping[str, str], colors: Mapping[str, str]
+    results: FlownCampaign, labels: Mapping[str, str], colors: Mapping[str, str]
 ) -> tuple[dict[str, object], dict[str, Floats]]:
     """Channels and controllers; and arrays: ``time:CONTROLLER`` and ``CHANNEL:CONTROLLER`` [band, time], the bands in
     their order and the nominal flight behind them, and ``reference:CHANNEL``, each [time]."""

@@ -5,11 +5,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.hashes import find_damage
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.lock import lock_holder
 from abhv_mc.folder.manifest import read_manifest
-from abhv_mc.folder.results import read_results
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.compare import compare_baseline
 from abhv_mc.report.numbers.report_numbers import make_numbers
@@ -55,7 +55,7 @@ def _report_differences(root: Path) -> Iterator[str]:
         del written["topics"][name]
     if not written.get("topics", True):
         del written["topics"]
-    results = read_results(root)
+    results = read_flown(root)
     held = compare_baseline(results, baseline) if baseline else None
     remade = json.loads(json.dumps(make_numbers(Models(results), held)))
     if "topics" in remade:  # those installed since are not in the report

@@ -10,7 +10,7 @@ from abhv_mc.array_types import Floats, Mask
 from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.flight.metrics import SURFACE_USAGE, Metric
 from abhv_mc.folder.controller_flights import ControllerFlights, common_rows, distances, severities
-from abhv_mc.folder.results import Results
+from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.statistics.estimates import LEVELS, Interval, pair_differences, quantile
 from abhv_mc.statistics.paired import (
     PairedFailures,
@@ -87,10 +87,10 @@ class Comparison:
     pairs: Mapping[str, ControllerPair]
     compared: tuple[str, ...] = field(default=(), metadata={DRAWN: True})  # metrics in which a winner is named
     medians: Mapping[str, Mapping[str, Interval]] = field(default_factory=dict, metadata={DRAWN: True})  # of these
-    source: Results | None = field(default=None, repr=False, metadata={DRAWN: True})
+    source: FlownCampaign | None = field(default=None, repr=False, metadata={DRAWN: True})
 
 
-def compute_comparison(results: Results) -> Comparison:
+def compute_comparison(results: FlownCampaign) -> Comparison:
     """Pairs of all controllers with the first."""
     campaign, rivals = results.campaign, len(list(results.pairs))
     points = len(campaign.unknowns.points)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from abhv_mc.folder.controller_flights import severities
-from abhv_mc.folder.results import Results
+from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.statistics.convergence import Trace, failure_trace, looks, quantile_traces
 from abhv_mc.statistics.estimates import LEVELS
 from abhv_mc.topics.failed_flights import requirement_failures
@@ -45,12 +45,12 @@ class Convergence:
     controllers: Mapping[str, ControllerSettling]
 
 
-def compute_convergence(results: Results) -> Convergence:
+def compute_convergence(results: FlownCampaign) -> Convergence:
     """The traces of every controller."""
     return Convergence({name: _of(results, name) for name in results.controllers})
 
 
-def _of(results: Results, controller: str) -> ControllerSettling:
+def _of(results: FlownCampaign, controller: str) -> ControllerSettling:
     flights = results.flights[controller]
     counts = looks(flights.flight.size)
     metrics = {}

@@ -7,7 +7,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.folder.controller_flights import distances
-from abhv_mc.folder.results import Results
+from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.statistics.drivers import FALSE_DISCOVERY_RATE, RankDrivers, rank_drivers
 from abhv_mc.statistics.given_data import given_data_indices
 from abhv_mc.topics.parameter_words import spoken_name
@@ -66,13 +66,13 @@ class Drivers:
     false_discovery_rate: float = FALSE_DISCOVERY_RATE
 
 
-def compute_drivers(results: Results) -> Drivers:
+def compute_drivers(results: FlownCampaign) -> Drivers:
     """Rank coefficients of every metric."""
     names = results.controllers if results.dispersed else ()
     return Drivers({name: ControllerDrivers(_coefficients(results, name)) for name in names})
 
 
-def _coefficients(results: Results, controller: str) -> dict[str, MetricDrivers]:
+def _coefficients(results: FlownCampaign, controller: str) -> dict[str, MetricDrivers]:
     metrics, names = list(results.metrics), list(results.dispersed)
     flights = results.flights[controller]
     first = np.arange(min(_MOST_FLIGHTS, flights.flight.size))
@@ -120,7 +120,7 @@ def _driver(drivers: RankDrivers, names: list[str], row: int, column: int) -> Dr
     )
 
 
-def _given_data(results: Results, inputs: Floats, outputs: Floats, tells: Mask) -> dict[str, tuple[Share, ...]]:
+def _given_data(results: FlownCampaign, inputs: Floats, outputs: Floats, tells: Mask) -> dict[str, tuple[Share, ...]]:
     """Parameters that decide a headline error in another way than steadily up or down, largest first.
 
     By first-order and total indices from the flights, of metrics that the rank regression does not explain. Designs

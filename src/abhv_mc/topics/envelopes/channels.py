@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from abhv_mc.array_types import Floats
-from abhv_mc.folder.results import Results
+from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.topics.envelopes.model import Envelopes, range_words
 from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, off_reference, plot_envelopes, shown_bands
 from abhv_mc.topics.figure_style import controller_colors
@@ -164,7 +164,7 @@ GROUND_TRACK = ChannelFigure(
 )
 
 
-def _panel(results: Results, controller: str, curve: Curve) -> EnvelopePanel | None:
+def _panel(results: FlownCampaign, controller: str, curve: Curve) -> EnvelopePanel | None:
     envelope = results.envelopes.get((controller, curve.channel))
     if envelope is None:
         return None
@@ -187,7 +187,7 @@ def _panel(results: Results, controller: str, curve: Curve) -> EnvelopePanel | N
     )
 
 
-def _ground_track(results: Results, controller: str) -> tuple[EnvelopePanel, EnvelopePanel] | None:
+def _ground_track(results: FlownCampaign, controller: str) -> tuple[EnvelopePanel, EnvelopePanel] | None:
     """North, and north minus its reference, both against east."""
     north, east = (results.envelopes.get((controller, f"{way}_m")) for way in ("north", "east"))
     if north is None or east is None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from abhv_mc.folder.results import Results
+from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.plain import DRAWN
 from abhv_mc.topics.section import Gallery, Heading, Item, Section, Text, Widget
@@ -19,10 +19,10 @@ class Envelopes:
     ranges: Mapping[str, Mapping[str, tuple[float, float]]]  # controller -> channel
     step_s: float | None  # between the samples of the bands
     flights: int  # of each controller, the first ones
-    source: Results = field(repr=False, metadata={DRAWN: True})
+    source: FlownCampaign = field(repr=False, metadata={DRAWN: True})
 
 
-def compute_envelopes(results: Results) -> Envelopes:
+def compute_envelopes(results: FlownCampaign) -> Envelopes:
     """The ranges of every channel of which a flight was computed."""
     ranges: dict[str, dict[str, tuple[float, float]]] = {}
     flights = 0

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.failure_case import NO_FAILURE
-from abhv_mc.folder.results import Results, read_histories
+from abhv_mc.folder.flown_campaign import FlownCampaign, read_histories
 from abhv_mc.topics.failure_cases.model import FailureCases, cases_by_frequency, drawn_cases
 from abhv_mc.topics.figure_bands import off_reference
 from abhv_mc.topics.figure_style import controller_colors, label_lowest, legend_below, new_panels, styled
@@ -135,7 +135,7 @@ def failure_case_figures(found: FailureCases, names: Names) -> Iterator[tuple[Fi
 
 
 def _bands(
-    results: Results,
+    results: FlownCampaign,
     shown: list[str],
     drawn: tuple[NDArray[np.str_], Floats],
     labels: Mapping[str, str],

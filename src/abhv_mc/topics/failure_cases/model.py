@@ -14,7 +14,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.flight.failure_case import NO_FAILURE, failure_cases, failure_times
 from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES
 from abhv_mc.folder.controller_flights import ControllerFlights
-from abhv_mc.folder.results import Results
+from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.kernel.plant.parameter_names import FAILURE_TIMES
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import Interval
@@ -68,10 +68,10 @@ class FailureCases:
 
     cases: tuple[FailureCase, ...] = ()
     end_s: float | None = None  # of the mission
-    source: Results | None = field(default=None, repr=False, metadata={DRAWN: True})
+    source: FlownCampaign | None = field(default=None, repr=False, metadata={DRAWN: True})
 
 
-def drawn_cases(results: Results) -> tuple[NDArray[np.str_], Floats]:
+def drawn_cases(results: FlownCampaign) -> tuple[NDArray[np.str_], Floats]:
     """Case and time of the first failure (s, infinite without one) of every flight [flight] in the samples."""
     names = [name for name in results.samples if name in FAILURE_TIMES]
     columns = [results.samples[name] for name in names]
@@ -90,7 +90,7 @@ def cases_by_frequency(cases: NDArray[np.str_]) -> list[str]:
     return [name for name, _ in sorted(order, key=lambda pair: pair[0] != NO_FAILURE)]
 
 
-def compute_failure_cases(results: Results) -> FailureCases:
+def compute_failure_cases(results: FlownCampaign) -> FailureCases:
     """Survivors and verdicts of each case and controller."""
     cases, first = drawn_cases(results)
     if not cases.size:
@@ -103,7 +103,7 @@ def compute_failure_cases(results: Results) -> FailureCases:
     return FailureCases(tuple(found), float(results.reference["time"][-1]), results)
 
 
-def _flown(results: Results, name: str, case: str, inside: NDArray[np.bool_], first: Floats) -> CaseFlights:
+def _flown(results: FlownCampaign, name: str, case: str, inside: NDArray[np.bool_], first: Floats) -> CaseFlights:
     flights, campaign = results.flights[name], results.campaign
     lost, number = flights.failed & inside, int(inside.sum())
     failures = int(lost.sum())

@@ -10,7 +10,7 @@ import numpy as np
 
 from abhv_mc.analysis.failure_map import ControllerFailures, read_map
 from abhv_mc.array_types import Floats
-from abhv_mc.folder.results import Results
+from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.statistics.failure_drivers import FALSE_DISCOVERY_RATE, FEWEST_FAILURES, bin_inputs, find_rules
 from abhv_mc.statistics.failure_rules import Condition, Rule
 from abhv_mc.topics.failed_flights import failure_kinds
@@ -63,14 +63,14 @@ class Failures:
     fewest_failures: int = FEWEST_FAILURES  # that tell anything
 
 
-def compute_failures(results: Results) -> Failures:
+def compute_failures(results: FlownCampaign) -> Failures:
     """Rules for every kind of failure that occurred."""
     names = results.controllers if results.dispersed else ()
     found = read_map(results.folder, results.manifest.digest)
     return Failures({name: _kinds(results, name) for name in names}, found.controllers if found else None)
 
 
-def _kinds(results: Results, controller: str) -> tuple[FailureKind, ...]:
+def _kinds(results: FlownCampaign, controller: str) -> tuple[FailureKind, ...]:
     names, flown = list(results.dispersed), results.flights[controller].flight
     kinds = failure_kinds(results, controller)
     if not kinds:

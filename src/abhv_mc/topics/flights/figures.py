@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from matplotlib.figure import Figure
 
 from abhv_mc.array_types import Floats
-from abhv_mc.folder.results import read_histories
+from abhv_mc.folder.flown_campaign import read_histories
 from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, off_reference, plot_envelopes, shown_bands
 from abhv_mc.topics.figure_style import controller_colors
 from abhv_mc.topics.flights.model import Flights

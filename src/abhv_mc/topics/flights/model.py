@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from abhv_mc.folder.controller_flights import ControllerFlights
-from abhv_mc.folder.results import Results
+from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.plant.parameters import DISTURBANCES
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import Interval
@@ -51,10 +51,10 @@ class Flights:
     left_out: Mapping[str, int]  # controllers of which the machine computed none, with their flights
     findings: Mapping[str, Findings]
     worst: Mapping[str, tuple[WorstFlight, ...]]
-    source: Results | None = field(default=None, repr=False, metadata={DRAWN: True})
+    source: FlownCampaign | None = field(default=None, repr=False, metadata={DRAWN: True})
 
 
-def compute_flights(results: Results) -> Flights:
+def compute_flights(results: FlownCampaign) -> Flights:
     """Everything of all controllers."""
     names = results.controllers
     disturbed = not set(DISTURBANCES).isdisjoint(results.campaign.varied)
@@ -76,7 +76,7 @@ def _counts(flights: ControllerFlights, independent: bool) -> FlightCounts:
     return FlightCounts(flown, failed, flights.not_computed, flights.count_outcomes(), share)
 
 
-def _left_out(results: Results) -> dict[str, int]:
+def _left_out(results: FlownCampaign) -> dict[str, int]:
     listed = results.manifest.controllers.items()
     lost = {name: ended.outcomes.get("failed_to_run", 0) for name, ended in listed}
     return {name: count for name, count in lost.items() if count and name not in results.controllers}

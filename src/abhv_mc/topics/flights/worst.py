@@ -10,7 +10,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.seeds import is_seed
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.controller_flights import ControllerFlights
-from abhv_mc.folder.results import Results, kept_flights
+from abhv_mc.folder.flown_campaign import FlownCampaign, kept_flights
 from abhv_mc.topics.failed_flights import failed_anyhow
 
 _LISTED = 10  # at most, where no number of worst flights keeps its histories
@@ -39,7 +39,7 @@ class WorstFlight:
     largest: tuple[LargeDispersion, ...]
 
 
-def listed_worst(results: Results, name: str) -> list[int]:
+def listed_worst(results: FlownCampaign, name: str) -> list[int]:
     """The rows [flight] of the flights that a report lists: those whose histories are kept, the worst without any.
 
     At most as many as the campaign asks for with 'worst N', or 10 where it keeps others.
@@ -49,19 +49,19 @@ def listed_worst(results: Results, name: str) -> list[int]:
     return (rows[kept] if kept.any() else rows)[: results.campaign.worst or _LISTED].tolist()
 
 
-def rank_failed(results: Results, controller: str) -> list[int]:
+def rank_failed(results: FlownCampaign, controller: str) -> list[int]:
     """Numbers of the flights that ended early or missed a requirement, the worst first."""
     flights, rows = results.flights[controller], results.ranking.rows_of(controller)
     return flights.flight[rows[failed_anyhow(flights, results.campaign.requirements)[rows]]].tolist()
 
 
-def worst_flights(results: Results) -> dict[str, tuple[WorstFlight, ...]]:
+def worst_flights(results: FlownCampaign) -> dict[str, tuple[WorstFlight, ...]]:
     """The worst flights of each controller, those whose histories are kept, with what they were worst in."""
     moments = {key: _moments(column) for key, column in results.samples.items() if not is_seed(key)}
     return {name: tuple(_of(results, name, moments)) for name in results.controllers}
 
 
-def _of(results: Results, name: str, moments: Mapping[str, tuple[float, float]]) -> list[WorstFlight]:
+def _of(results: FlownCampaign, name: str, moments: Mapping[str, tuple[float, float]]) -> list[WorstFlight]:
     criteria, flights = results.campaign.criteria, results.flights[name]
     rows = np.array(listed_worst(results, name), dtype=np.intp)
     beyond, which = results.ranking.beyond[name], results.ranking.by[name]

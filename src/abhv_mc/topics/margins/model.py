@@ -10,7 +10,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.flight.metrics import GAIN_MARGIN, MARGIN_FAULTS, MARGIN_NAMES, PHASE_MARGIN
 from abhv_mc.flight.outcome import LAW_LOST
 from abhv_mc.folder.controller_flights import ControllerFlights
-from abhv_mc.folder.results import Results
+from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.folder.steady_margins import SteadyMargins
 from abhv_mc.topics.failed_flights import failed_anyhow
 from abhv_mc.topics.plain import DRAWN
@@ -87,7 +87,7 @@ class LeastMargins:
         return self.gain < GAIN_MARGIN.customary or self.phase < PHASE_MARGIN.customary
 
 
-def compute_margins(results: Results) -> Margins:
+def compute_margins(results: FlownCampaign) -> Margins:
     """Margins in steady flight as the campaign found them, and of its flights."""
     campaign = results.campaign
     flights = {
@@ -109,7 +109,7 @@ def _missing(flights: ControllerFlights, asked: int) -> tuple[int, ...]:
     return tuple(flights.flight[np.isnan(flights.metrics[MARGIN_NAMES[0]]) & ~lost].tolist())
 
 
-def _of_flights(results: Results, controller: str) -> FlightMargins:
+def _of_flights(results: FlownCampaign, controller: str) -> FlightMargins:
     flights = results.flights[controller]
     rows = np.flatnonzero(np.isfinite(flights.metrics[MARGIN_NAMES[0]]))
     values = {name: flights.metrics[name][rows] for name in MARGIN_NAMES}

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
 from abhv_mc.array_types import Floats
-from abhv_mc.folder.results import Results
+from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.topics.figure_style import (
     INK,
     controller_colors,
@@ -76,7 +76,7 @@ def metric_figures(found: Metrics, names: Names) -> Iterator[tuple[FigureText, F
         yield _TEXT, plot_distributions(spreads, names.controllers, controller_colors(tuple(names.controllers)))
 
 
-def _spread(results: Results, metric: str) -> Spread:
+def _spread(results: FlownCampaign, metric: str) -> Spread:
     record = results.campaign.metrics[metric]
     lost = -np.inf if record.bad == "low" else np.inf
     flown = {name: results.flights[name] for name in results.controllers}

@@ -7,7 +7,7 @@ import numpy as np
 
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.controller_flights import ControllerFlights
-from abhv_mc.folder.results import Results
+from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantiles, severity
 from abhv_mc.topics.plain import DRAWN, level_name
 
@@ -37,10 +37,10 @@ class Metrics:
     asked: tuple[str, ...]
     compared: tuple[str, ...]
     table: Mapping[str, MetricTable]
-    source: Results | None = field(default=None, repr=False, metadata={DRAWN: True})
+    source: FlownCampaign | None = field(default=None, repr=False, metadata={DRAWN: True})
 
 
-def compute_metrics(results: Results) -> Metrics:
+def compute_metrics(results: FlownCampaign) -> Metrics:
     """Every metric that the flights hold."""
     records = results.campaign.metrics
     table = {
@@ -68,7 +68,7 @@ def _of(flights: ControllerFlights, metric: str, record: Metric) -> ControllerMe
     return ControllerMetric(levels, float(measured[worst]), int(flights.flight[worst]))
 
 
-def _unsettled(results: Results, record: Metric) -> str | None:
+def _unsettled(results: FlownCampaign, record: Metric) -> str | None:
     if not record.settled:
         return None
     for other in map(results.campaign.metrics.__getitem__, results.metrics):

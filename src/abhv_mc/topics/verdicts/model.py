@@ -9,7 +9,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.folder.controller_flights import ControllerFlights
-from abhv_mc.folder.results import Results
+from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.statistics.binomial import success_lower_bound
 from abhv_mc.statistics.judgement import Pair, hold_family
 from abhv_mc.statistics.ranking import spread
@@ -101,7 +101,7 @@ class Verdicts:
         return sum(entry.controllers[controller].failures == 0 for entry in self.requirements)
 
 
-def compute_verdicts(results: Results) -> Verdicts:
+def compute_verdicts(results: FlownCampaign) -> Verdicts:
     """Judge all requirements as the manifest has them: all pairs are one family."""
     names, items, campaign = results.controllers, results.campaign.requirements, results.campaign
     points = len(campaign.unknowns.points)
@@ -133,7 +133,7 @@ def _pairs(flights: ControllerFlights, requirement: Requirement, points: int) ->
     ]
 
 
-def _verdict(results: Results, item: Requirement, name: str, verdict: Verdict, point: int) -> ControllerVerdict:
+def _verdict(results: FlownCampaign, item: Requirement, name: str, verdict: Verdict, point: int) -> ControllerVerdict:
     flights, points = results.flights[name], len(results.campaign.unknowns.points)
     given, early = results.campaign.judged, requirement_failures(flights, item) & flights.failed
     tolerance, room, beyond = find_tolerance(flights, item, points) if given else (None, None, False)
@@ -185,7 +185,7 @@ def _together(requirements: Sequence[JudgedRequirement], family_risk: float | No
     return Together(risk, len(verdicts), sum(verdict.status == "PASS" for verdict in held), tuple(dropped))
 
 
-def _glance(results: Results, entry: JudgedRequirement) -> GlanceRow:
+def _glance(results: FlownCampaign, entry: JudgedRequirement) -> GlanceRow:
     item, record, limits = entry.asked, results.campaign.metrics[entry.asked.metric], entry.asked.limits
     cells = {
         name: GlanceCell(
@@ -201,7 +201,7 @@ def _glance(results: Results, entry: JudgedRequirement) -> GlanceRow:
     return GlanceRow(item.metric, record.label, unit, text, limit, limits.sign > 0.0, size, cells)
 
 
-def _unlimited(results: Results, metric: str) -> GlanceRow:
+def _unlimited(results: FlownCampaign, metric: str) -> GlanceRow:
     """A metric without a requirement: the first controller's median stands where a limit would."""
     record = results.campaign.metrics[metric]
     side = Bounds(low=0.0) if record.bad == "low" else Bounds(high=0.0)
@@ -212,12 +212,12 @@ def _unlimited(results: Results, metric: str) -> GlanceRow:
     return GlanceRow(metric, record.label, record.unit, text, middle, side.sign > 0.0, size, cells)
 
 
-def _size(limits: Bounds, results: Results, metric: str) -> float:
+def _size(limits: Bounds, results: FlownCampaign, metric: str) -> float:
     first = results.flights[results.controllers[0]]
     return limits.size or float(spread(first.metrics[metric][~first.failed]))
 
 
-def _quantiles(results: Results, name: str, metric: str, limits: Bounds) -> tuple[float, float, float]:
+def _quantiles(results: FlownCampaign, name: str, metric: str, limits: Bounds) -> tuple[float, float, float]:
     """Of the metric; of two limits, of the distance outside them, negative inside. Of several points of unknowns the
     least and the most: a probability box."""
     flights = results.flights[name]

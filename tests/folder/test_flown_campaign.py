@@ -6,8 +6,8 @@ from report.synthetic import CONTROLLERS, write_campaign
 
 from abhv_mc.bounds import Bounds
 from abhv_mc.flight.metrics import METRICS
+from abhv_mc.folder.flown_campaign import read_flown, read_histories
 from abhv_mc.folder.manifest import read_manifest, write_manifest
-from abhv_mc.folder.results import read_histories, read_results
 from abhv_mc.io.documents import InputError
 
 
@@ -35,4 +35,4 @@ def test_a_shard_is_no_campaign_yet(tmp_path):
     path = folder / "manifest.json"
     write_manifest(path, replace(read_manifest(path), shard=(1, 3)))
     with pytest.raises(InputError, match="shard 1/3 of a campaign"):
-        read_results(folder)
+        read_flown(folder)

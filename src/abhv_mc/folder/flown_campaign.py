@@ -47,7 +47,7 @@ class Envelope:
 
 
 @dataclass(frozen=True)
-class Results:
+class FlownCampaign:
     """Everything a report reads."""
 
     folder: Path
@@ -138,7 +138,7 @@ def _read_nominal(path: Path) -> dict[str, dict[str, Floats]]:
     }
 
 
-def read_results(root: Path) -> Results:
+def read_flown(root: Path) -> FlownCampaign:
     """Read a campaign's folder. Raises InputError where a file is missing or unreadable."""
     folder = CampaignFolder(root)
     manifest = read_checked(folder)
@@ -149,7 +149,7 @@ def read_results(root: Path) -> Results:
     campaign = read_folder_campaign(folder)
     flights = read_flights(folder.flights, data_files(folder, manifest), campaign.metrics)
     reference = _columns(read_table(folder.reference, "the mission's reference"))
-    return Results(
+    return FlownCampaign(
         folder=root,
         campaign=campaign,
         manifest=manifest,
