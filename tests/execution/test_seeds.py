@@ -14,7 +14,7 @@ from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.folder.seeds import name_siblings
+from abhv_mc.folder.siblings import name_siblings
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.pages.build import is_up_to_date
 from abhv_mc.statistics.verdicts import judge, verdict_words

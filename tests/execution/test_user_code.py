@@ -30,10 +30,10 @@ from abhv_mc.search.tune import TuneRequest, tune_controller
 from abhv_mc.search.worst import WorstSettings, find_worst
 from abhv_mc.shipped import find_input
 from abhv_mc.simulators.engine import make_engine
-from abhv_mc.user_code.channels import compile_channels
 from abhv_mc.user_code.compiled import compile_law
 from abhv_mc.user_code.load_law import load_law
 from abhv_mc.user_code.module import run_module
+from abhv_mc.user_code.user_channels import compile_channels
 
 CAMPAIGN = """\
 name: own

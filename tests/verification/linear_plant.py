@@ -30,7 +30,7 @@ from abhv_mc.kernel.plant.vehicle import VARIABLES, BuildUp, Vehicle
 from abhv_mc.kernel.world.earth import WGS84, Earth
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.probe import ask_plant, begin
-from abhv_mc.verification.replay import make_replay_plan
+from abhv_mc.verification.fly_recording import make_replay_plan
 
 NOMINALS = 40
 _COORDINATES = [path.GAMMA, path.CHI, path.SPEED, path.ALPHA, path.BETA, path.BANK, path.P, path.Q, path.R]

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from verification.independent_f16 import CASES, F16
 
+from abhv_mc.verification.differences import rows_record
+from abhv_mc.verification.fly_recording import at_times, make_motion
 from abhv_mc.verification.nesc import _differences, _flown, verify_nesc
 from abhv_mc.verification.nesc_f16 import RATE, fly_aircraft
-from abhv_mc.verification.replay import at_times, make_motion
-from abhv_mc.verification.rows import rows_record
 
 # Of altitude (ft), velocity (ft/s), longitude, latitude, Euler angles (deg) and body rates (deg/s). The program's law
 # acts 500 times a second, the other one without delay: stops of its stiff roll loop come up to 2 ms later.

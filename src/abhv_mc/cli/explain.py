@@ -68,7 +68,7 @@ def _map_all(folder: Path, controller: str | None, json: Path | None, trust_code
     from abhv_mc.io.documents import one_of
     from abhv_mc.simulators.engine import make_engine
     from abhv_mc.topics.failures.section import map_table
-    from abhv_mc.topics.flights.worst import rank_failed
+    from abhv_mc.topics.flights.worst_flights import rank_failed
     from abhv_mc.topics.names import names_of
 
     results = read_flown(folder)

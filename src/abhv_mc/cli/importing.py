@@ -25,7 +25,7 @@ def daveml(
 
     What the files leave open is asked for in DIR/import.yaml.
     """
-    from abhv_mc.daveml.vehicle import import_daveml
+    from abhv_mc.daveml.import_vehicle import import_daveml
 
     for path in import_daveml(files, out):
         say(path)

@@ -117,7 +117,7 @@ def finish(
     ``place`` is what the user calls the folder: perhaps an address.
     """
     from abhv_mc.cli.announce import announce_warnings
-    from abhv_mc.folder.seeds import name_siblings
+    from abhv_mc.folder.siblings import name_siblings
 
     named = str(read_address(place or "") or result.folder)
     told = beside(json)

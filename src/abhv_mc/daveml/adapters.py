@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from abhv_mc.daveml import python_nodes as py
-from abhv_mc.daveml.model import Model, Variable
+from abhv_mc.daveml.graph import Model, Variable
 from abhv_mc.daveml.s119_units import parse_s119_unit
 from abhv_mc.daveml.signals import SI, find_signals, quantity_of, sign_of
 from abhv_mc.daveml.writer import MODEL, python_names

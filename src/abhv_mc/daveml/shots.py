@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
-from abhv_mc.daveml.model import Model
+from abhv_mc.daveml.graph import Model
 from abhv_mc.daveml.writer import MODEL, python_names, write_module
 from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc.user_code.module import run_module

@@ -13,8 +13,8 @@ import numpy as np
 from abhv_mc import extend
 from abhv_mc.daveml import python_nodes as py
 from abhv_mc.daveml.formulas import VARIABLE
-from abhv_mc.daveml.model import Model, Variable
-from abhv_mc.daveml.tables import Argument, LookUp
+from abhv_mc.daveml.graph import Model, Variable
+from abhv_mc.daveml.look_ups import Argument, LookUp
 from abhv_mc.daveml.xml_reader import fold
 
 FROM_MATH = ("ceil", "floor", "fmod", "trunc")

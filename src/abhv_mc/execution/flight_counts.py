@@ -16,7 +16,7 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.digest import Digest
 from abhv_mc.folder.flights import END_TIME, FlightRows
 from abhv_mc.folder.manifest import ControllerCount, Manifest, RequirementVerdict
-from abhv_mc.statistics.judgement import Pair
+from abhv_mc.statistics.family import Pair
 from abhv_mc.statistics.verdicts import Verdict, verdict_words
 
 _OK, _FAILED = Outcome.OK.code, Outcome.FAILED_TO_RUN.code

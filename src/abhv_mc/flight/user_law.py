@@ -12,8 +12,7 @@ from abhv_mc.kernel.flight.interface import UserCode
 from abhv_mc.kernel.flight.memory import TOGETHER
 from abhv_mc.kernel.laws.user import MAX_MEMORY, MEMORY
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.user_code.channels import compile_channels
-from abhv_mc.user_code.check import is_number
+from abhv_mc.user_code.check_law import is_number
 from abhv_mc.user_code.child import in_child, may_run_here
 from abhv_mc.user_code.compiled import compile_law
 from abhv_mc.user_code.effector_commands import commands_effectors
@@ -21,8 +20,9 @@ from abhv_mc.user_code.law_interface import Measured
 from abhv_mc.user_code.load_law import load_law
 from abhv_mc.user_code.module import Law
 from abhv_mc.user_code.native import NativeLaw, find_memory, open_native
-from abhv_mc.user_code.plain import PlainLaw
+from abhv_mc.user_code.plain_law import PlainLaw
 from abhv_mc.user_code.source import UserSource
+from abhv_mc.user_code.user_channels import compile_channels
 from abhv_mc.user_code.vehicle_functions import compile_functions
 from abhv_mc.vehicle.model import name_effectors
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.metrics import BUILT_IN, Metric
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.folder.columns import SpooledColumns, missing_file, read_pieces
+from abhv_mc.folder.file_columns import SpooledColumns, missing_file, read_pieces
 from abhv_mc.folder.flights import END_TIME
 from abhv_mc.statistics.estimates import severity
 

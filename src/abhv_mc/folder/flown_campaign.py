@@ -16,9 +16,9 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.seeds import is_seed
 from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES
-from abhv_mc.folder.columns import FileColumns, read_table
 from abhv_mc.folder.controller_flights import ControllerFlights, read_flights
 from abhv_mc.folder.envelopes import MOST_MEDIAN, QUANTILE_COLUMNS
+from abhv_mc.folder.file_columns import FileColumns, read_table
 from abhv_mc.folder.flights import END_TIME
 from abhv_mc.folder.hashes import data_files, read_checked, refuse_changes
 from abhv_mc.folder.inputs import read_folder_campaign

@@ -25,8 +25,8 @@ from abhv_mc.execution.probe_dispersions import fly_probes
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.metrics import MARGIN_NAMES, MARGIN_VALUES, Metric
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.folder.blocks import read_own_block
 from abhv_mc.folder.flights import END_TIME, DamagedFileError, FlightRows, block_path, flights_schema, write_block
+from abhv_mc.folder.flown_blocks import read_own_block
 from abhv_mc.folder.inputs import FolderInputs, collect_inputs, read_folder_inputs
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, RUNNING, ControllerCount, Manifest, write_manifest

@@ -26,9 +26,9 @@ from abhv_mc.simulators.campaign_code import check_user_code
 from abhv_mc.simulators.engine import Engine, check_source
 from abhv_mc.simulators.feasibility import asked_in_vain
 from abhv_mc.simulators.stored_plans import read_trusted_plan
-from abhv_mc.user_code.channels import compile_channels
 from abhv_mc.user_code.closure import check_closure
 from abhv_mc.user_code.source import read_source
+from abhv_mc.user_code.user_channels import compile_channels
 from abhv_mc.vehicle.limits import STILL_AIR, refuse_oscillation
 from abhv_mc.vehicle.model import name_effectors
 from abhv_mc.vehicle.sensing import IN_WIND, describe_sensing

@@ -13,7 +13,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.statistics.binomial import clopper_pearson, mcnemar_one_sided
-from abhv_mc.statistics.judgement import holm
+from abhv_mc.statistics.family import holm
 from abhv_mc.statistics.winner import worse_tails
 
 RISK = 0.05  # of each test; the two quantiles of the tail share it, and so do the requirements

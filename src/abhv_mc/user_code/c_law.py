@@ -25,7 +25,7 @@ from abhv_mc.user_code.c_source import describe_layout, interface, recipe_of, re
 from abhv_mc.user_code.child import may_run_here
 from abhv_mc.user_code.compiled import COMMAND_ROWS, build_loop
 from abhv_mc.user_code.law_interface import NOT_GIVEN
-from abhv_mc.user_code.plain import LAW_FAILED
+from abhv_mc.user_code.plain_law import LAW_FAILED
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import BUILT, unpack
 

@@ -12,7 +12,7 @@ from abhv_mc.kernel.numerics.float_bits import float_bits
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.user_code.compiled import COMMAND_ROWS, build_loop
 from abhv_mc.user_code.law_interface import COMMAND_FIELDS, NOT_GIVEN, Measured
-from abhv_mc.user_code.plain import LAW_FAILED
+from abhv_mc.user_code.plain_law import LAW_FAILED
 
 FLAGS = 8  # numbers' room for what a step of FMI 3.0 says
 

@@ -4,7 +4,7 @@ import functools
 import inspect
 
 from abhv_mc.io.input_error import InputError
-from abhv_mc.user_code.check import check_law
+from abhv_mc.user_code.check_law import check_law
 from abhv_mc.user_code.module import CONTROLLER, ControllerMark, Law, refuse_in_words, run_module
 from abhv_mc.user_code.source import UserSource
 

@@ -21,7 +21,7 @@ from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.kernel.plant.state import variable_row
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, VARIABLES, Foreign, Vehicle
 from abhv_mc.plant.effectiveness import count_rows
-from abhv_mc.user_code.check import check_functions, is_number
+from abhv_mc.user_code.check_law import check_functions, is_number
 from abhv_mc.user_code.compiled import build, compiled_names
 from abhv_mc.user_code.law_interface import Air, Rates
 from abhv_mc.user_code.module import Module, refuse_in_words, run_module

@@ -17,7 +17,7 @@ from abhv_mc.report.numbers.judgement import (
     read_judgement,
 )
 from abhv_mc.report.pages.build import build_report
-from abhv_mc.statistics.judgement import hold_family
+from abhv_mc.statistics.family import hold_family
 from abhv_mc.statistics.verdicts import judge
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS

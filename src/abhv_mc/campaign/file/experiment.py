@@ -31,7 +31,7 @@ from abhv_mc.campaign.sampling.streams import stream_key
 from abhv_mc.flight.metrics import MARGINS, Metric
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.documents import Document
-from abhv_mc.statistics.judgement import Pair, judge_groups
+from abhv_mc.statistics.family import Pair, judge_groups
 from abhv_mc.statistics.ranking import Criterion
 from abhv_mc.statistics.verdicts import Verdict
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from matplotlib.figure import Figure
 
 from abhv_mc.array_types import Floats
-from abhv_mc.topics.envelopes.channels import CHANNEL_FIGURES, GROUND_TRACK, Curve
+from abhv_mc.topics.envelopes.figures import CHANNEL_FIGURES, GROUND_TRACK, Curve
 from abhv_mc.topics.figure_style import INK, controller_colors, legend_below, new_figure, pad_if_flat, styled
 from abhv_mc.topics.labels import controller_label
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from abhv_mc.folder.seeds import name_siblings
+from abhv_mc.folder.siblings import name_siblings
 from abhv_mc.report.numbers.report_numbers import warnings_of
 from abhv_mc.topics.comparison import COMPARISON
 from abhv_mc.topics.comparison.sentences import pair_sentences, survival_sentences

@@ -12,7 +12,7 @@ from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.hashes import data_files
 from abhv_mc.folder.layout import CampaignFolder, hash_file
 from abhv_mc.folder.manifest import read_manifest
-from abhv_mc.folder.seeds import name_siblings
+from abhv_mc.folder.siblings import name_siblings
 from abhv_mc.report.numbers.compare import compare_baseline
 
 

@@ -12,7 +12,7 @@ from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_histories
 from abhv_mc.topics.failed_flights import requirement_failures, requirement_words
-from abhv_mc.topics.flights.worst import listed_worst
+from abhv_mc.topics.flights.worst_flights import listed_worst
 from abhv_mc.topics.parameter_words import axis_unit, spoken_name
 from abhv_mc.topics.words import fixed
 

@@ -8,5 +8,5 @@ ENVELOPES = Topic(
     Envelopes,
     compute_envelopes,
     envelope_section,
-    figures=figures_of("abhv_mc.topics.envelopes.channels", "channel_figures"),
+    figures=figures_of("abhv_mc.topics.envelopes.figures", "channel_figures"),
 )

@@ -18,7 +18,7 @@ from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.kernel.plant.parameter_names import FAILURE_TIMES
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import Interval
-from abhv_mc.statistics.judgement import Pair, judge_pairs
+from abhv_mc.statistics.family import Pair, judge_pairs
 from abhv_mc.topics.failed_flights import requirement_failures, requirement_words
 from abhv_mc.topics.plain import DRAWN
 

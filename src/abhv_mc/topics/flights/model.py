@@ -10,7 +10,7 @@ from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.plant.parameters import DISTURBANCES
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import Interval
-from abhv_mc.topics.flights.worst import WorstFlight, worst_flights
+from abhv_mc.topics.flights.worst_flights import WorstFlight, worst_flights
 from abhv_mc.topics.plain import DRAWN
 
 _CYCLES = 5.0  # deg, from side to side: ripple from which a flight is said to cycle

@@ -5,7 +5,7 @@ from typing import Any
 
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.topics.flights.model import FlightCounts, Flights
-from abhv_mc.topics.flights.worst import LargeDispersion, WorstFlight
+from abhv_mc.topics.flights.worst_flights import LargeDispersion, WorstFlight
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.parameter_words import parameter_doc, shown_value, spoken_name
 from abhv_mc.topics.section import Cell, Fold, Item, Picture, Row, Section, Table, Text, Widget

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from abhv_mc.daveml.formulas import read_formula, variables_of
+from abhv_mc.daveml.look_ups import LookUp, read_look_ups
 from abhv_mc.daveml.s119_units import parse_s119_unit
-from abhv_mc.daveml.tables import LookUp, read_look_ups
 from abhv_mc.daveml.xml_reader import Node, read_xml
 from abhv_mc.io.input_error import InputError, Refusal, one_of
 

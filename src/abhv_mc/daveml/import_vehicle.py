@@ -18,7 +18,7 @@ from abhv_mc.daveml.adapters import (
     write_law,
     write_thrust,
 )
-from abhv_mc.daveml.model import Model, Variable, read_model
+from abhv_mc.daveml.graph import Model, Variable, read_model
 from abhv_mc.daveml.python_nodes import Block, Line
 from abhv_mc.daveml.shots import make_function, run_shots
 from abhv_mc.daveml.signals import find_signals, kinds_of, quantity_of

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from abhv_mc.statistics.judgement import Pair, hold_family, holm, judge_pairs
+from abhv_mc.statistics.family import Pair, hold_family, holm, judge_pairs
 from abhv_mc.statistics.verdicts import judge
 
 AT = 0.9, 0.10

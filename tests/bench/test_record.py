@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from abhv_mc.bench.figures import make_figures
 from abhv_mc.bench.peak import measure_peak, multiply_and_add
+from abhv_mc.bench.record import make_figures
 from abhv_mc.bench.speed import ControllerSpeed, Operations, Speed, make_work
-from abhv_mc.bench.start import Start, _peak_memory
+from abhv_mc.bench.start_times import Start, _peak_memory
 from abhv_mc.cli.bench import command
 
 OPERATIONS = Operations(additions=10e6, multiplications=20e6, divisions=1e6, square_roots=1e6)
@@ -49,7 +49,7 @@ def test_fields_and_ratios(speed):
 
 def test_the_command_prints_a_table_and_writes_the_record(speed, monkeypatch, tmp_path, capsys):
     monkeypatch.setattr("abhv_mc.bench.speed.measure_speed", lambda repetitions: speed)
-    monkeypatch.setattr("abhv_mc.bench.start.measure_start", lambda repetitions: Start(20.0, 1.0, 0.01, 500.0))
+    monkeypatch.setattr("abhv_mc.bench.start_times.measure_start", lambda repetitions: Start(20.0, 1.0, 0.01, 500.0))
     command(json=tmp_path / "bench.json", repetitions=1)
     assert json.loads((tmp_path / "bench.json").read_text())["two_workers_over_one"] == 1.9
     out = capsys.readouterr().out

@@ -10,7 +10,7 @@ from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.laws.user import CHANNEL, MAX_CHANNELS
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.state import X, variable_row
-from abhv_mc.user_code.check import check_functions, find_function
+from abhv_mc.user_code.check_law import check_functions, find_function
 from abhv_mc.user_code.compiled import COMMAND_ROWS, build, compiled_names
 from abhv_mc.user_code.law_interface import Measured, MixedCommand, Reference
 from abhv_mc.user_code.module import CHANNEL as MARK

@@ -3,15 +3,15 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from abhv_mc.folder import columns
-from abhv_mc.folder.columns import FileColumns, SpooledColumns
+from abhv_mc.folder import file_columns
+from abhv_mc.folder.file_columns import FileColumns, SpooledColumns
 from abhv_mc.io.documents import InputError
 
 
 @pytest.mark.parametrize("held", [1 << 20, 1000])  # in memory, and in a temporary file
 def test_a_spooled_column_comes_back_to_the_last_bit(monkeypatch, held):
-    monkeypatch.setattr(columns, "_HELD", held)
-    monkeypatch.setattr(columns, "_CHUNK", 100)
+    monkeypatch.setattr(file_columns, "_HELD", held)
+    monkeypatch.setattr(file_columns, "_CHUNK", 100)
     table = np.random.default_rng(1).normal(size=(3, 457))
     table[1, 5], table[2, 6] = np.nan, -np.inf
     spooled = SpooledColumns(["a", "b", "c"])
@@ -27,7 +27,7 @@ def test_a_spooled_column_comes_back_to_the_last_bit(monkeypatch, held):
 
 
 def test_rows_can_be_added_after_a_column_was_read_and_put_in_order(monkeypatch):
-    monkeypatch.setattr(columns, "_CHUNK", 2)
+    monkeypatch.setattr(file_columns, "_CHUNK", 2)
     spooled = SpooledColumns(["a", "b"])
     spooled.append(np.array([[3.0], [30.0]]))
     assert spooled["b"].tolist() == [30.0]

@@ -3,7 +3,7 @@
 from typing import Any
 
 from abhv_mc.bench.speed import Speed
-from abhv_mc.bench.start import Start
+from abhv_mc.bench.start_times import Start
 from abhv_mc.folder.provenance import find_machine
 
 
