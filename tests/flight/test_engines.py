@@ -32,9 +32,9 @@ def test_an_engine_out_takes_its_share_and_turns_the_vehicle(plan) -> None:
     eta = block.history[:, :, CHANNEL_INDEX["equivalence_ratio"]].astype(float)
     # TLC asks for more, at another angle of attack, where the inlet captures more.
     assert thrust[1, 60] / thrust[0, 60] / (eta[1, 60] / eta[0, 60]) == pytest.approx(0.6, abs=0.05)
-    # The first tick: thrust falls by 1 - exp(-t / lag), and nothing has answered yet.
+    # The first tick: thrust falls by the mean of 1 - exp(-t / lag), and nothing has answered yet.
     lag = 2.0 * 1.0 / 20.0
-    lost = 1.0 - np.exp(-0.01 / lag)
+    lost = 1.0 - lag / 0.01 * (1.0 - np.exp(-0.01 / lag))
     vehicle = plan.vehicle
     fixed = evaluate_fixed(vehicle, make_variables(vehicle, mass=vehicle.constants.mass_start))
     whole = thrust[0, 0]

@@ -168,6 +168,34 @@ def test_the_glide_after_a_flame_out_is_that_of_an_independent_integration() -> 
     assert block.metrics[0, METRIC_INDEX["engine_failed_s"]] == pytest.approx(18.0, abs=0.02)
 
 
+def test_thrust_leaves_and_comes_back_as_the_engines_lag_says() -> None:
+    """Speed against an independent integration along the path flown, the thrust a continuous first-order answer."""
+    level = short_plan(500, mission="level")
+    block = _fly(level, {"failure.engine.time": 1.0, "failure.engine.duration": 2.0})
+    states, vehicle = block.states[0], level.vehicle
+    gamma, alpha = (np.deg2rad(_channel(block, 0, f"{name}_deg")) for name in ("flight_path_angle", "angle_of_attack"))
+    speed = np.sqrt(np.sum(states[:, s.U : s.W + 1] ** 2, axis=1))
+    lag, time = 2.0 * 1.0 / 20.0, 0.01 * np.arange(501)
+    runs = np.where(time < 1.0, 1.0, np.exp(-np.maximum(time - 1.0, 0.0) / lag))
+    runs = np.where(time < 3.0, runs, 1.0 - np.exp(-np.maximum(time - 3.0, 0.0) / lag))
+    rate = []
+    for k, x in enumerate(states):
+        density, _, _, sound = atmosphere(x[s.ALTITUDE])
+        variables = make_variables(
+            vehicle, mach=speed[k] / sound, angle_of_attack=alpha[k], elevator=x[s.ELEVATOR],
+            equivalence_ratio=x[s.ETA], altitude=x[s.ALTITUDE], mass=x[s.MASS],
+        )  # fmt: skip
+        c, q_bar, fixed = vehicle.constants, 0.5 * density * speed[k] ** 2, evaluate_fixed(vehicle, variables)
+        drag = q_bar * c.area * evaluate_coefficients(vehicle, variables)[1, 0]
+        captured = c.capture_thrust * x[s.ETA] * density * speed[k] * fixed["capture_area_ratio"][0]
+        force = runs[k] * (captured * fixed["specific_impulse"][0] + q_bar * fixed["thrust_area"][0])
+        gravity = 9.7932 * (6371e3 / (6371e3 + x[s.ALTITUDE])) ** 2  # at 29 deg of latitude
+        rate.append((force * np.cos(alpha[k]) - drag) / x[s.MASS] - gravity * np.sin(gamma[k]))
+    for first, last in ((0, 90), (90, 290), (290, 500)):
+        expected = np.trapezoid(rate[first : last + 1], dx=0.01)
+        assert speed[last] - speed[first] == pytest.approx(expected, abs=0.01)
+
+
 def test_a_measurement_freezes_at_its_last_value_or_is_off() -> None:
     Z = np.zeros((s.LAW, 2))
     for lane in range(2):

@@ -50,13 +50,7 @@ from abhv_mc.kernel.plant.failures import (
     start_failures,
     watch_inlet,
 )
-from abhv_mc.kernel.plant.foreign import (
-    add_engines_out,
-    add_thrust,
-    find_dispersed,
-    foreign_coefficients,
-    foreign_thrust,
-)
+from abhv_mc.kernel.plant.foreign import add_thrust, find_dispersed, foreign_coefficients, foreign_thrust
 
 COMPACTION = 500  # ticks after which lanes of flights that have ended are given to others
 
@@ -144,11 +138,9 @@ def evaluate(plan, memory, width, stage, active):
         build_up(Z, T, width, vehicle.build_up, vehicle.build_up.factor)
     if active is not None and plan.user_code.propulsion != 0:
         foreign_thrust(Z, width, vehicle, plan.user_code)
-    equations_of_motion(Z, width, vehicle, plan.earth, stage)
+    equations_of_motion(Z, width, vehicle, plan.earth, stage, active)
     if active is not None and plan.user_code.propulsion != 0:
-        add_thrust(Z, width, vehicle, stage)
-    if active is not None and active.failures.engines:
-        add_engines_out(Z, width, vehicle, plan.user_code, stage)
+        add_thrust(Z, width, stage)
 
 
 @lanes

@@ -94,8 +94,11 @@ def accumulate(Z, lane, i, derivative, stage):
 
 
 @lanes
-def equations_of_motion(Z, width, vehicle, earth, stage):
-    """Derivatives at the stage's state ``XS``, which becomes the state of the next stage; the actuators run apart."""
+def equations_of_motion(Z, width, vehicle, earth, stage, active):
+    """Derivatives at the stage's state ``XS``, which becomes the state of the next stage; the actuators run apart.
+
+    Where ``active`` is not None there may be the moment of a thrust function, and thrust off the line of the whole.
+    """
     constants = vehicle.constants
     for lane in range(width):
         altitude = Z[XS + s.ALTITUDE, lane]
@@ -155,6 +158,11 @@ def equations_of_motion(Z, width, vehicle, earth, stage):
             + arm * tx
         )
         mz = q_s * constants.span * Z[_K_YAW, lane] * Z[_YAW, lane] - cg_x * fy + cg_y * (fx + tx)
+        if active is not None:
+            arm_x, arm_y, arm_z = Z[s.ENGINE_ARM, lane], Z[s.ENGINE_ARM + 1, lane], Z[s.ENGINE_ARM + 2, lane]
+            mx += Z[s.F_MOMENT, lane] + arm_y * tz
+            my += Z[s.F_MOMENT + 1, lane] + (arm_z * tx - arm_x * tz)
+            mz += Z[s.F_MOMENT + 2, lane] - arm_y * tx
 
         # Rotation.
         ixx = Z[s.INERTIA_XX, lane] * Z[_K_XX, lane]

@@ -211,6 +211,13 @@ def fail_effectors(Z, A, width, vehicle, time, tick):
 
 
 @lanes
+def settle(value, aim, lag, tick):
+    """A first-order answer to ``aim``: what a value is at the end of a tick, and its mean over the tick."""
+    kept = exp(-tick / lag) if lag > 0.0 else 0.0
+    return aim + kept * (value - aim), aim + (1.0 - kept) * (lag / tick) * (value - aim)
+
+
+@lanes
 def fail_engine(Z, width, constants, time, tick):
     """Thrust, drag and pitching moment of an engine that has failed, at its time or by its inlet's condition.
 
@@ -229,8 +236,7 @@ def fail_engine(Z, width, constants, time, tick):
         before, aim = Z[s.ENGINE_WHOLE, lane], Z[_THRUST, lane] if failed or out else 1.0
         slow = constants.relight_time_constant if aim > before and constants.relight_time_constant > 0.0 else lag
         at_once = constants.ideal_engine > 0.0 and slow == lag
-        whole = aim if at_once else aim + exp(-tick / slow) * (before - aim)
-        Z[s.ENGINE_WHOLE, lane], Z[s.ENGINE_THRUST, lane] = whole, whole
+        Z[s.ENGINE_WHOLE, lane], Z[s.ENGINE_THRUST, lane] = settle(before, aim, 0.0 if at_once else slow, tick)
         Z[s.FAILED_TIME, lane] = last
         Z[s.ENGINE_DRAG, lane] = (Z[_DRAG, lane] if failed else 0.0) + (inlet.drag_increment if unstarted else 0.0)
         Z[s.ENGINE_PITCH, lane] = (Z[_PITCH, lane] if failed else 0.0) + (
@@ -249,15 +255,14 @@ def fail_engines(Z, width, vehicle, whole_fails, time, tick):
     for lane in range(width):
         damping = constants.engine_damping * Z[_ENGINE_DAMPING, lane]
         lag = 2.0 * damping / (constants.engine_bandwidth * Z[_ENGINE_BANDWIDTH, lane])
-        kept = 0.0 if constants.ideal_engine > 0.0 else exp(-tick / lag)
+        lag = 0.0 if constants.ideal_engine > 0.0 else lag
         left, x, y, z, some = 1.0, 0.0, 0.0, 0.0, False
         for i in range(vehicle.engines.shape[0]):
             since = time - Z[_ENGINE_TIMES + i, lane]
             failed = since >= -_SAME_TIME and since < Z[_ENGINE_DURATION + i, lane] - _SAME_TIME
             aim = Z[_ENGINE_FACTOR + i, lane] if failed else 1.0
-            runs = aim + kept * (Z[s.ENGINE_RUNS + i, lane] - aim)
-            Z[s.ENGINE_RUNS + i, lane] = runs
-            lost = vehicle.engines[i, 0] * (runs - 1.0)
+            Z[s.ENGINE_RUNS + i, lane], mean = settle(Z[s.ENGINE_RUNS + i, lane], aim, lag, tick)
+            lost = vehicle.engines[i, 0] * (mean - 1.0)
             left += lost
             x += lost * vehicle.engines[i, 1]
             y += lost * vehicle.engines[i, 2]
@@ -265,7 +270,7 @@ def fail_engines(Z, width, vehicle, whole_fails, time, tick):
             some |= failed
         per = 1.0 / left if left > 1e-12 else 0.0
         Z[s.ENGINE_ARM, lane], Z[s.ENGINE_ARM + 1, lane], Z[s.ENGINE_ARM + 2, lane] = per * x, per * y, per * z
-        Z[s.ENGINE_THRUST, lane] = Z[s.ENGINE_WHOLE, lane] * left
+        Z[s.ENGINE_THRUST, lane] = (Z[s.ENGINE_THRUST, lane] if whole_fails else 1.0) * left
         Z[s.ENGINE_FAILED, lane] = 1.0 if some else (Z[s.ENGINE_FAILED, lane] if whole_fails else 0.0)
 
 

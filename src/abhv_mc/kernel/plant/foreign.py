@@ -10,7 +10,6 @@ from abhv_mc.kernel.numerics.lane_math import reciprocals
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.disturbance import any_lane
 from abhv_mc.kernel.plant.effectors import place_effectors, set_effectors
-from abhv_mc.kernel.plant.equations import angular_acceleration
 from abhv_mc.kernel.plant.slopes import N_INPUTS
 from abhv_mc.kernel.plant.state import N_COEFFICIENTS, XS, parameter_row, variable_row
 
@@ -23,10 +22,6 @@ _DELTA = variable_row("aileron")  # then rudder and elevator
 _K_THRUST = parameter_row("propulsion.thrust")
 _K_ISP = parameter_row("propulsion.specific_impulse")
 _K_MASS = parameter_row("mass.total")
-_K_XX = parameter_row("mass.inertia_xx")
-_K_YY = parameter_row("mass.inertia_yy")
-_K_ZZ = parameter_row("mass.inertia_zz")
-_K_13 = parameter_row("mass.inertia_13")
 _CG_X = parameter_row("mass.center_of_gravity_x")
 _CG_Y = parameter_row("mass.center_of_gravity_y")
 _CG_Z = parameter_row("mass.center_of_gravity_z")
@@ -163,81 +158,41 @@ def nominal_thrust(Z, width, vehicle, user_code, density_row, speed_row):
 
 @lanes
 def foreign_thrust(Z, width, vehicle, user_code):
-    """The engine function's thrust at the stage's state, for :func:`add_thrust`."""
+    """The engine function's thrust at the stage's state: the rows from ``F_THRUST`` as they act.
+
+    The moment is about the centre of gravity, with that of engines which have failed.
+    """
     nominal_thrust(Z, width, vehicle, user_code, s.RHO, s.AIRSPEED)
-    for lane in range(width):
-        Z[s.F_MASS, lane] = Z[XS + s.MASS, lane]
-
-
-@lanes
-def add_thrust(Z, width, vehicle, stage):
-    """Add that thrust to the derivatives, which are linear in force and moment; the next stage's state is there."""
     constants = vehicle.constants
     for lane in range(width):
-        mass = Z[s.F_MASS, lane]
-        runs = Z[s.ENGINE_THRUST, lane] if has_fuel(Z, lane, constants) else 0.0
+        mass = Z[XS + s.MASS, lane]
+        # A vehicle without an empty mass keeps its engine.
+        has_fuel = mass > constants.mass_empty * Z[_K_MASS, lane] or constants.burns_fuel == 0.0
+        runs = Z[s.ENGINE_THRUST, lane] if has_fuel else 0.0
         factor = Z[_K_THRUST, lane] * runs
         tx, ty, tz = factor * Z[s.F_THRUST, lane], factor * Z[s.F_THRUST + 1, lane], factor * Z[s.F_THRUST + 2, lane]
-        arm_x = -Z[s.CG_X, lane] - Z[_CG_X, lane]
-        arm_y = -Z[_CG_Y, lane]
-        arm_z = -Z[s.CG_Z, lane] - Z[_CG_Z, lane]
-        mx = factor * Z[s.F_MOMENT, lane] + arm_y * tz - arm_z * ty
-        my = factor * Z[s.F_MOMENT + 1, lane] + arm_z * tx - arm_x * tz
-        mz = factor * Z[s.F_MOMENT + 2, lane] + arm_x * ty - arm_y * tx
-        add_moment(Z, lane, (mx, my, mz), stage)
+        arm_x = Z[s.ENGINE_ARM, lane] - Z[s.CG_X, lane] - Z[_CG_X, lane]
+        arm_y = Z[s.ENGINE_ARM + 1, lane] - Z[_CG_Y, lane]
+        arm_z = Z[s.ENGINE_ARM + 2, lane] - Z[s.CG_Z, lane] - Z[_CG_Z, lane]
+        Z[s.F_MOMENT, lane] = factor * Z[s.F_MOMENT, lane] + arm_y * tz - arm_z * ty
+        Z[s.F_MOMENT + 1, lane] = factor * Z[s.F_MOMENT + 1, lane] + arm_z * tx - arm_x * tz
+        Z[s.F_MOMENT + 2, lane] = factor * Z[s.F_MOMENT + 2, lane] + arm_x * ty - arm_y * tx
         per_mass, per_isp = reciprocals(mass, Z[_K_ISP, lane])
-        Z[s.THRUST, lane] = tx
-        Z[s.SPECIFIC_X, lane] += tx * per_mass
-        Z[s.SPECIFIC_Y, lane] += ty * per_mass
-        Z[s.SPECIFIC_Z, lane] += tz * per_mass
-        add_derivative(Z, lane, s.U, tx * per_mass, stage)
-        add_derivative(Z, lane, s.V, ty * per_mass, stage)
-        add_derivative(Z, lane, s.W, tz * per_mass, stage)
-        burnt = runs * Z[s.F_FUEL_FLOW, lane] * per_isp if constants.burns_fuel > 0.0 else 0.0
-        add_derivative(Z, lane, s.MASS, -burnt, stage)
+        Z[s.F_THRUST, lane], Z[s.F_THRUST + 1, lane], Z[s.F_THRUST + 2, lane] = tx, ty, tz
+        Z[s.F_FUEL_FLOW, lane] = runs * Z[s.F_FUEL_FLOW, lane] * per_isp if constants.burns_fuel > 0.0 else 0.0
+        Z[s.F_MASS, lane] = per_mass
 
 
 @lanes
-def add_engines_out(Z, width, vehicle, user_code, stage):
-    """Add the moment of thrust that acts off the line of the whole, because single engines have failed."""
-    constants = vehicle.constants
+def add_thrust(Z, width, stage):
+    """Add that thrust's force to the derivatives, which are linear in it; the next stage's state is there."""
     for lane in range(width):
-        fx, fy, fz = Z[s.THRUST, lane] * constants.thrust_cos, 0.0, -Z[s.THRUST, lane] * constants.thrust_sin
-        if user_code.propulsion != 0:
-            factor = Z[_K_THRUST, lane] * (Z[s.ENGINE_THRUST, lane] if has_fuel(Z, lane, constants) else 0.0)
-            fx, fy, fz = (
-                factor * Z[s.F_THRUST, lane],
-                factor * Z[s.F_THRUST + 1, lane],
-                factor * Z[s.F_THRUST + 2, lane],
-            )
-        x, y, z = Z[s.ENGINE_ARM, lane], Z[s.ENGINE_ARM + 1, lane], Z[s.ENGINE_ARM + 2, lane]
-        add_moment(Z, lane, (y * fz - z * fy, z * fx - x * fz, x * fy - y * fx), stage)
-
-
-@lanes
-def has_fuel(Z, lane, constants):
-    """Whether there is fuel at the stage whose mass was stored; a vehicle without an empty mass keeps its engine."""
-    return Z[s.F_MASS, lane] > constants.mass_empty * Z[_K_MASS, lane] or constants.burns_fuel == 0.0
-
-
-@lanes
-def add_moment(Z, lane, moment, stage):
-    """Add a moment about the centre of gravity to the derivatives, which are linear in it."""
-    p_dot, q_dot, r_dot = angular_acceleration(
-        Z[s.INERTIA_XX, lane] * Z[_K_XX, lane],
-        Z[s.INERTIA_YY, lane] * Z[_K_YY, lane],
-        Z[s.INERTIA_ZZ, lane] * Z[_K_ZZ, lane],
-        Z[s.INERTIA_13, lane] * Z[_K_13, lane],
-        0.0,
-        0.0,
-        0.0,
-        moment[0],
-        moment[1],
-        moment[2],
-    )
-    add_derivative(Z, lane, s.ROLL_RATE, p_dot, stage)
-    add_derivative(Z, lane, s.PITCH_RATE, q_dot, stage)
-    add_derivative(Z, lane, s.YAW_RATE, r_dot, stage)
+        Z[s.THRUST, lane] = Z[s.F_THRUST, lane]
+        for i in range(3):
+            specific = Z[s.F_THRUST + i, lane] * Z[s.F_MASS, lane]
+            Z[s.SPECIFIC_X + i, lane] += specific
+            add_derivative(Z, lane, s.U + i, specific, stage)
+        add_derivative(Z, lane, s.MASS, -Z[s.F_FUEL_FLOW, lane], stage)
 
 
 @lanes

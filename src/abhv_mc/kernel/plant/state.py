@@ -109,7 +109,7 @@ EFFECTOR_GAIN, EFFECTOR_OFFSET, STUCK_EFFECTOR, SLOW_EFFECTOR, FROZEN = (
 ENGINE_RUNS, ENGINE_ARM = ENGINE_WHOLE + 1, ENGINE_WHOLE + 1 + len(ENGINES)
 
 # Density and airspeed that they are given; thrust, moment and fuel flow; coefficients with their dispersions and
-# without; the mass at the stage, or a variable stored for later; whether parts of them are dispersed.
+# without; 1 / mass at the stage, or a variable stored for later; whether parts of them are dispersed.
 F_DENSITY, F_AIRSPEED = FOREIGN, FOREIGN + 1
 F_THRUST, F_MOMENT, F_FUEL_FLOW, F_COEF = FOREIGN + 2, FOREIGN + 5, FOREIGN + 8, FOREIGN + 9
 F_BASE, F_MASS, F_DISPERSED = FOREIGN + 15, FOREIGN + 21, FOREIGN + 22
