@@ -1,8 +1,8 @@
-"""The shards of a campaign joined in one folder, once they are proven to be its parts."""
+"""The shards of a campaign joined in one folder, once they are proven to be its parts; how any folders are joined."""
 
 import shutil
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -11,10 +11,10 @@ import numpy as np
 
 from abhv_mc.folder.envelope_states import merge_states
 from abhv_mc.folder.flown_by import join_flyers
-from abhv_mc.folder.hashes import damage_error, find_damage, record_hashes
+from abhv_mc.folder.hashes import FileHashes, damage_error, find_damage, record_hashes
 from abhv_mc.folder.layout import CampaignFolder, write_whole
 from abhv_mc.folder.lock import hold_lock
-from abhv_mc.folder.manifest import INTERRUPTED, read_manifest, write_manifest
+from abhv_mc.folder.manifest import INTERRUPTED, Manifest, read_manifest, write_manifest
 from abhv_mc.folder.plan_file import read_stored_parts
 from abhv_mc.folder.samples import ROW_GROUP, SampleReader
 from abhv_mc.io.documents import InputError
@@ -34,11 +34,7 @@ def order_shards(parts: Sequence[Path]) -> list[CampaignFolder]:
         if list(manifest.controllers) != list(manifests[0].controllers):  # requirements bind the first
             found = f"controllers in another order than in {folders[0].root}"
             raise InputError(folder.root, found, "shards of one campaign file")
-        for key in _SAME:
-            if (this := getattr(manifest, key)) != (other := getattr(manifests[0], key)):
-                flown = f" ({this}, not {other})" if key == "source_hash" else ""
-                found = f"another {key.replace('_', ' ')}{flown} than in {folders[0].root}"
-                raise InputError(folder.root, found, "shards of one campaign, flown by the same code")
+        refuse_other(folder, manifest, folders[0], manifests[0], _SAME, "shards of one campaign")
     numbers = [manifest.shard or (1, 1) for manifest in manifests]
     count = numbers[0][1]
     for folder, number in zip(folders, numbers, strict=True):
@@ -61,11 +57,8 @@ def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
     first, target = shards[0], CampaignFolder(out)
     manifests = [read_manifest(shard.manifest) for shard in shards]
     digests = tuple(manifest.digest or "" for manifest in manifests)
-    if target.manifest.exists():
-        if read_manifest(target.manifest).merged_from != digests:
-            raise InputError(out, "a folder that is not empty", "a new or an empty one")
+    if is_joined(target, digests):
         return
-    target.refuse_strange(fresh=True)
     damaged: set[Path] = set()
     for shard, manifest in zip(shards, manifests, strict=True):
         for path, words in find_damage(shard, manifest):
@@ -76,13 +69,7 @@ def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
     flyers = join_flyers(entry for manifest in manifests for entry in manifest.flown_by)
     merged = replace(manifests[0], shard=None, state=INTERRUPTED, merged_from=digests, flown_by=flyers,
                      wall_time_s=sum(manifest.wall_time_s for manifest in manifests))  # fmt: skip
-    with ExitStack() as stack:
-        for folder in (*shards, target):
-            stack.enter_context(hold_lock(folder.lock))
-        target.clear()
-        files = stack.enter_context(record_hashes(target, {}))
-        for path in _shared_files(first):
-            write_whole(target.root / path.relative_to(first.root), partial(shutil.copyfile, path))
+    with begin_joined(shards, target, [first.campaign, first.samples]) as files:
         for shard in shards:
             for path in sorted(set(shard.flights.glob("*.parquet")) - damaged):
                 write_whole(target.flights / path.name, partial(shutil.copyfile, path))
@@ -90,19 +77,9 @@ def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
         write_manifest(target.manifest, replace(merged, files=files.listed()))
 
 
-def _shared_files(shard: CampaignFolder) -> list[Path]:
-    """What all shards have alike."""
-    plans = sorted(shard.plans.glob("*.npz"))
-    return [shard.campaign, shard.samples, shard.nominal, shard.reference, *shard.input_files(), *plans]
-
-
 def _check_content(first: CampaignFolder, other: CampaignFolder, controllers: list[str]) -> None:
     """Raises InputError where two shards do not have the same plans and the same samples, to the bit."""
-    for name in controllers:
-        ours, theirs = (read_stored_parts(folder.plan(name)) for folder in (first, other))
-        if {k: v.tobytes() for k, v in ours.items()} != {k: v.tobytes() for k, v in theirs.items()}:
-            found = f"another plan of '{name}' than in {first.root}: another machine computes other last bits"
-            raise InputError(other.root, found, "shards flown with the first one's plans (run --plans DIR)")
+    refuse_other_plans(first, other, controllers, "shards flown with the first one's plans (run --plans DIR)")
     readers = SampleReader(first.samples), SampleReader(other.samples)
     if not _same_samples(*readers):
         raise InputError(other.root, f"other samples than in {first.root}", "shards of one campaign")
@@ -112,3 +89,49 @@ def _same_samples(a: SampleReader, b: SampleReader) -> bool:
     pieces = [(start, min(start + ROW_GROUP, a.flights)) for start in range(0, a.flights, ROW_GROUP)]
     same = (a.names, a.flights) == (b.names, b.flights)
     return same and all(np.array_equal(a.rows(*piece), b.rows(*piece)) for piece in pieces)
+
+
+def refuse_other(
+    folder: CampaignFolder, manifest: Manifest, first: CampaignFolder, held: Manifest, keys: Sequence[str], wish: str
+) -> None:
+    """Raises InputError where a manifest differs from that of the first folder in an entry of ``keys``."""
+    for key in keys:
+        if (this := getattr(manifest, key)) != (other := getattr(held, key)):
+            flown = f" ({this}, not {other})" if key == "source_hash" else ""
+            found = f"another {key.replace('_', ' ')}{flown} than in {first.root}"
+            raise InputError(folder.root, found, f"{wish}, flown by the same code")
+
+
+def refuse_other_plans(first: CampaignFolder, other: CampaignFolder, controllers: Sequence[str], wish: str) -> None:
+    """Raises InputError where two folders do not have the same plans, to the bit."""
+    for name in controllers:
+        ours, theirs = (read_stored_parts(folder.plan(name)) for folder in (first, other))
+        if {k: v.tobytes() for k, v in ours.items()} != {k: v.tobytes() for k, v in theirs.items()}:
+            found = f"another plan of '{name}' than in {first.root}: another machine computes other last bits"
+            raise InputError(other.root, found, wish)
+
+
+def is_joined(target: CampaignFolder, digests: tuple[str, ...]) -> bool:
+    """Whether the folder holds what is joined of these already. Raises InputError where it holds anything else."""
+    if not target.manifest.exists():
+        target.refuse_strange(fresh=True)
+        return False
+    if read_manifest(target.manifest).merged_from != digests:
+        raise InputError(target.root, "a folder that is not empty", "a new or an empty one")
+    return True
+
+
+@contextmanager
+def begin_joined(
+    parts: Sequence[CampaignFolder], target: CampaignFolder, also: Sequence[Path] = ()
+) -> Iterator[FileHashes]:
+    """All folders locked; the target emptied, with the first one's inputs, plans, nominal flights and ``also``."""
+    first = parts[0]
+    with ExitStack() as stack:
+        for folder in (*parts, target):
+            stack.enter_context(hold_lock(folder.lock))
+        target.clear()
+        files = stack.enter_context(record_hashes(target, {}))
+        for path in (*also, first.nominal, first.reference, *first.input_files(), *sorted(first.plans.glob("*.npz"))):
+            write_whole(target.root / path.relative_to(first.root), partial(shutil.copyfile, path))
+        yield files

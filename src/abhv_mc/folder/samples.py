@@ -74,11 +74,6 @@ class SampleReader:
             first = end
         return np.concatenate(pieces) if pieces else np.empty((0, len(self.names)))
 
-    def verify(self) -> None:
-        """Read everything once. Raises OSError or ValueError where a page does not hold what was written."""
-        for first in range(0, self.flights, ROW_GROUP):
-            self.rows(first, min(first + 1, self.flights))
-
     def _read(self, group: int) -> Floats:
         with self._lock:  # blocks take off in one thread and land in another, perhaps a group apart
             if group not in self._groups:

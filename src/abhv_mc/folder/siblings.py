@@ -2,12 +2,9 @@
 
 import contextlib
 import shlex
-import shutil
 from collections import Counter
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import replace
-from functools import partial
 from itertools import accumulate
 from pathlib import Path
 
@@ -16,12 +13,11 @@ import pyarrow.parquet as pq
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.folder.flights import read_pieces, write_block
 from abhv_mc.folder.flown_by import join_flyers, shift_flyers
-from abhv_mc.folder.hashes import damage_error, find_damage, record_hashes
+from abhv_mc.folder.hashes import damage_error, find_damage
 from abhv_mc.folder.inputs import FolderInputs, read_folder_inputs
-from abhv_mc.folder.layout import CampaignFolder, write_whole
-from abhv_mc.folder.lock import hold_lock
+from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import INTERRUPTED, Manifest, Pooled, read_manifest, write_manifest
-from abhv_mc.folder.plan_file import read_stored_parts
+from abhv_mc.folder.merge import begin_joined, is_joined, refuse_other, refuse_other_plans
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError
 
@@ -70,10 +66,7 @@ def check_pool(parts: Sequence[Path]) -> list[CampaignFolder]:
     for folder, manifest in zip(folders, manifests, strict=True):
         if not manifest.complete or manifest.search:
             raise InputError(folder.root, f"a folder that is {manifest.state}", "a complete campaign")
-        for key in _SAME:
-            if getattr(manifest, key) != getattr(first, key):
-                found = f"another {key.replace('_', ' ')} than in {folders[0].root}"
-                raise InputError(folder.root, found, f"{_ONE_QUESTION}, flown by the same code")
+        refuse_other(folder, manifest, folders[0], first, _SAME, _ONE_QUESTION)
         if seeds := taken & seeds_of(manifest):
             found = f"flights of seed {min(seeds)} a second time"
             raise InputError(folder.root, found, "each seed once: its flights would be counted twice")
@@ -81,11 +74,8 @@ def check_pool(parts: Sequence[Path]) -> list[CampaignFolder]:
         sampling = read_folder_inputs(folder, manifest).data.get("sampling", INDEPENDENT)
         if sampling not in (INDEPENDENT, {"design": INDEPENDENT}):
             raise InputError(folder.root, "a design that is not random", "independent flights")
-        for name in manifest.controllers:
-            ours, theirs = (read_stored_parts(one.plan(name)) for one in (folders[0], folder))
-            if {k: v.tobytes() for k, v in ours.items()} != {k: v.tobytes() for k, v in theirs.items()}:
-                found = f"another plan of '{name}' than in {folders[0].root}: another machine computes other last bits"
-                raise InputError(folder.root, found, "campaigns flown with the first one's plans (--plans)")
+        wish = "campaigns flown with the first one's plans (--plans)"
+        refuse_other_plans(folders[0], folder, list(manifest.controllers), wish)
         for damage in find_damage(folder, manifest):
             raise damage_error(*damage)
     return folders
@@ -97,11 +87,8 @@ def join_seeds(folders: Sequence[CampaignFolder], out: Path) -> None:
     target = CampaignFolder(out)
     manifests = [read_manifest(folder.manifest) for folder in folders]
     digests = tuple(manifest.digest or "" for manifest in manifests)
-    if target.manifest.exists():
-        if read_manifest(target.manifest).merged_from != digests:
-            raise InputError(out, "a folder that is not empty", "a new or an empty one")
+    if is_joined(target, digests):
         return
-    target.refuse_strange(fresh=True)
     flown = [SampleReader(folder.samples).flights for folder in folders]
     done = [min(each.flights_done for each in manifest.controllers.values()) for manifest in manifests]
     counts = [min(pair) for pair in zip(flown, done, strict=True)]  # fewer where it stopped when proven
@@ -109,17 +96,10 @@ def join_seeds(folders: Sequence[CampaignFolder], out: Path) -> None:
     pooled: list[Pooled] = []
     for manifest, count in zip(manifests, counts, strict=True):
         pooled += manifest.pooled or (Pooled(manifest.seed, count),)
-    with ExitStack() as stack:
-        for folder in (*folders, target):
-            stack.enter_context(hold_lock(folder.lock))
-        target.clear()
-        files = stack.enter_context(record_hashes(target, {}))
-        first, held = folders[0], read_folder_inputs(folders[0], manifests[0])
+    with begin_joined(folders, target) as files:
+        held = read_folder_inputs(folders[0], manifests[0])
         data = {**held.data, "runs": starts[-1], "seed": manifests[0].seed, "pooled": [vars(one) for one in pooled]}
         inputs = FolderInputs(replace(held.document, data=data), {}, held.hashes)
-        plans = sorted(first.plans.glob("*.npz"))
-        for path in (first.nominal, first.reference, *first.input_files(), *plans):
-            write_whole(target.root / path.relative_to(first.root), partial(shutil.copyfile, path))
         inputs.write_campaign(target)
         for folder, start in zip(folders, starts, strict=False):
             names = SampleReader(folder.samples).names

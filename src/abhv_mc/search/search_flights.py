@@ -123,7 +123,6 @@ class SearchFlights:
         provenance = {"seed": str(self.seed), "campaign_hash": self.manifest.campaign_hash}
         self.schema = flights_schema(self.space.columns, provenance, signals)
         self.blocks: list[FlightRows] = []
-        self.remembered = 0  # flights that were stored already
         self.progress: Progress | None = None
 
     @property
@@ -153,8 +152,6 @@ class SearchFlights:
             rows = self._fly(first, samples)
             self._writing.result()  # the one before: raises what kept it from being written
             self._writing = self._writer.submit(write_block, self.folder.flights, rows, self.schema)
-        else:
-            self.remembered += len(samples)
         self.blocks.append(rows)
         if self.progress is not None:
             self.progress.add(len(samples))
