@@ -360,19 +360,15 @@ def compare(
     InputError
         For what is wrong with a folder or an argument.
     """
-    from abhv_mc.report.numbers.compare import compare_results, parse_margins, read_compared
-    from abhv_mc.report.pages.compare_page import write_compare_page
+    from abhv_mc.report.numbers.compare import parse_margins
+    from abhv_mc.report.pages.compare_page import compare_folders
     from abhv_mc.topics.plain import plain
 
     shares = check_mapping(fail_if_worse or {}, "fail_if_worse")
     margins = parse_margins([f"{metric}={share}" for metric, share in shares.items()])
-    one, other = read_compared(*(each.folder if isinstance(each, Results) else Path(each) for each in (a, b)))
-    found = compare_results(one, other, controllers, margins)
-    if output is not None:
-        write_compare_page(one, other, found, Path(output))
-    for results in (one, other):
-        results.refuse_changes()
-    numbers: dict[str, Any] = plain(found)
+    one, other = (each.folder if isinstance(each, Results) else Path(each) for each in (a, b))
+    compared = compare_folders(one, other, controllers, margins, Path(output) if output is not None else None)
+    numbers: dict[str, Any] = plain(compared.found)
     return numbers
 
 

@@ -31,19 +31,12 @@ def command(
     shown to be at most so much worse on more than half of the flights; and where its 95 % or 99.73 % quantile is shown
     to be worse by more, its worst flight is twice as bad, it loses more flights, or misses a requirement more often.
     """
-    from abhv_mc.report.numbers.compare import compare_results, parse_margins, read_compared
-    from abhv_mc.report.pages.compare_page import make_comparison, write_compare_page
+    from abhv_mc.report.numbers.compare import parse_margins
+    from abhv_mc.report.pages.compare_page import compare_folders
 
-    named = parse_names(controllers) or ()
     margins = parse_margins(fail_if_worse or [])
-    a, b = read_compared(folder_a, folder_b)
-    found = compare_results(a, b, named, margins)
-    page = None
-    if out is not None:
-        page = write_compare_page(a, b, found, out)
-    for results in (a, b):
-        results.refuse_changes()
-    show(found, json, lambda: print_section(make_comparison(a, b, found)))
+    found, section, page = compare_folders(folder_a, folder_b, parse_names(controllers) or (), margins, out)
+    show(found, json, lambda: print_section(section))
     if page is not None:
         say(f"report    {page}", file=beside(json))
     gates = [gate for pair in found.paired for gate in pair.not_worse.values()]

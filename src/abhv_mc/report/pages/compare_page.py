@@ -6,11 +6,12 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 from abhv_mc.flight.metrics import SURFACE_USAGE
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.report.figures.paired import DifferencePanel, plot_differences
-from abhv_mc.report.numbers.compare import CampaignPair, Compared, gate_words, sides
+from abhv_mc.report.numbers.compare import CampaignPair, Compared, compare_results, gate_words, read_compared, sides
 from abhv_mc.report.numbers.judgement import few
 from abhv_mc.report.pages.answer_page import Answer, make_table, write_answer_page
 from abhv_mc.statistics.estimates import Interval
@@ -24,6 +25,30 @@ from abhv_mc.topics.words import bounds, count_of, ends_of, estimate, fixed, joi
 _EARLY = "reached the end of the mission"
 _NAMED = 3  # metrics without a difference, told by name
 Labels = tuple[str, str, str]  # how the pair, its first and its second one are called
+
+
+class Comparison(NamedTuple):
+    """Two folders compared: in numbers, in words and tables, and the page where one is asked for."""
+
+    found: Compared
+    section: Section
+    page: Path | None
+
+
+def compare_folders(
+    folder_a: Path,
+    folder_b: Path,
+    controllers: Sequence[str] = (),
+    margins: Mapping[str, float] | None = None,
+    out: Path | None = None,
+) -> Comparison:
+    """Compare two folders as :func:`compare_results` does; write a page into ``out``. Raises InputError."""
+    a, b = read_compared(folder_a, folder_b)
+    found = compare_results(a, b, controllers, margins)
+    page = None if out is None else write_compare_page(a, b, found, out)
+    for results in (a, b):
+        results.refuse_changes()
+    return Comparison(found, make_comparison(a, b, found), page)
 
 
 def write_compare_page(a: FlownCampaign, b: FlownCampaign, found: Compared, folder: Path) -> Path:
