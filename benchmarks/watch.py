@@ -10,7 +10,7 @@ import dataclasses
 import sys
 
 from abhv_mc.array_types import Floats
-from abhv_mc.bench.record import find_simd
+from abhv_mc.bench.json_record import find_simd
 from abhv_mc.bench.speed import make_work
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.plan import FlightPlan

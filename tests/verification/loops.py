@@ -25,7 +25,7 @@ from abhv_mc.kernel.laws.tlc_loops import (
     moment_inverse,
     rate_gains,
 )
-from abhv_mc.verification.differences import Row
+from abhv_mc.verification.check_rows import Row
 
 NOMINALS = 100
 # Of the two inner loops: all different, so that no two channels can be swapped.

@@ -14,7 +14,7 @@ from abhv_mc.kernel.world.earth import WGS84
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.evaluate import evaluate_fixed, make_variables
-from abhv_mc.verification.differences import Row
+from abhv_mc.verification.check_rows import Row
 from abhv_mc.verification.fly_recording import make_replay_plan, make_start, replay
 from abhv_mc.verification.geodesy import ecef_from_geodetic, inertial_from_earth_fixed, ned_from_ecef_matrix
 

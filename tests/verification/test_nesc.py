@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from verification.independent import FT, World, fly_sphere, write_case
 
-from abhv_mc.verification.differences import all_ok
+from abhv_mc.verification.check_rows import all_ok
 from abhv_mc.verification.nesc import find_files, verify_nesc
 
 ROUND = {"a": 20_902_255.199 * FT, "f": 0.0, "gm": 1.407644311e16 * FT**3, "j2": 0.0}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from verification.independent_f16 import CASES, F16
 
-from abhv_mc.verification.differences import rows_record
+from abhv_mc.verification.check_rows import rows_record
 from abhv_mc.verification.fly_recording import at_times, make_motion
 from abhv_mc.verification.nesc import _differences, _flown, verify_nesc
 from abhv_mc.verification.nesc_f16 import RATE, fly_aircraft

@@ -11,7 +11,7 @@ from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.world.earth import WGS84
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.verification.differences import Row
+from abhv_mc.verification.check_rows import Row
 from abhv_mc.verification.fly_recording import make_replay_plan, make_start, replay
 
 DURATION = 5.0  # s

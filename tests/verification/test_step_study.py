@@ -9,7 +9,7 @@ from abhv_mc.flight.metrics import METRICS
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.one_flight.given import make_flight_plan
-from abhv_mc.verification.differences import Row
+from abhv_mc.verification.check_rows import Row
 
 # Zhu & Shen (2014), section 7: uniform, half widths.
 _DISPERSIONS = {"atmosphere.density": 0.10, "aero.lift": 0.10, "aero.drag": 0.15}

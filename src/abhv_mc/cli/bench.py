@@ -14,7 +14,7 @@ def command(
     repetitions: Annotated[int, typer.Option(min=1, help="Of each measurement; medians are shown.")] = 9,
 ) -> None:
     """Measure flights per second and core, starts and memory, with the default campaign; takes a minute or two."""
-    from abhv_mc.bench.record import make_figures
+    from abhv_mc.bench.json_record import make_figures
     from abhv_mc.bench.speed import measure_speed
     from abhv_mc.bench.start_times import measure_start
     from abhv_mc.cli.announce import announce_compiling

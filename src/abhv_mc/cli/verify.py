@@ -10,7 +10,7 @@ from abhv_mc.cli.printing import new_table, print_table, say, show
 from abhv_mc.io.input_error import InputError
 
 if TYPE_CHECKING:
-    from abhv_mc.verification.differences import Row
+    from abhv_mc.verification.check_rows import Row
 
 app = typer.Typer(
     help="Check flights against published data, and a results folder against itself.", no_args_is_help=True
@@ -118,7 +118,7 @@ def _prepare(scale: float) -> float:
 
 def _show(rows: "list[Row]", json: Path | None, junit: Path | None) -> None:
     """Print one table, write JSON and JUnit XML, and exit 1 where a row is not as it should be."""
-    from abhv_mc.verification.differences import all_ok, rows_record
+    from abhv_mc.verification.check_rows import all_ok, rows_record
 
     show(rows_record(rows), json, lambda: _print_rows(rows))
     if junit is not None:

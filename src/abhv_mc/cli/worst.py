@@ -20,7 +20,7 @@ def command(
     above: Annotated[bool, typer.Option("--above", help="Large values are bad.")] = False,
     below: Annotated[bool, typer.Option("--below", help="Small values are bad; by default as the campaign.")] = False,
     flights: Annotated[int, typer.Option(min=1, help="Flights of the search; as many random ones follow.")] = 2000,
-    box: Annotated[float, typer.Option(min=0.1, max=8.0, help="Box of unbounded laws, sigma.")] = 3.0,
+    box: Annotated[float, typer.Option(min=0.1, max=8.0, help="Box of unbounded distributions, sigma.")] = 3.0,
     seed: Seed = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
@@ -29,8 +29,8 @@ def command(
 ) -> None:
     """Search the box of the dispersions for the worst value of a metric.
 
-    Bounded laws span their range, others so many sigma. Corners first, then CMA-ES, then a local polish, then random
-    flights in the same box for comparison. It says what can happen, not how often. Ctrl-C keeps what was flown.
+    Bounded distributions span their range, others so many sigma. Corners first, then CMA-ES, then a local polish, then
+    random flights in the same box for comparison. It says what can happen, not how often. Ctrl-C keeps what was flown.
     """
     from abhv_mc.cli.announce import announce_compiling
 

@@ -43,11 +43,11 @@ class Space:
     @property
     def probabilities(self) -> dict[str, float]:
         """Of what does not come in every flight, such as a failure: how often it does."""
-        laws = zip(self.names, self.marginals, strict=True)
-        return {name: law.probability for name, law in laws if isinstance(law, SometimesMarginal)}
+        marginals = zip(self.names, self.marginals, strict=True)
+        return {name: one.probability for name, one in marginals if isinstance(one, SometimesMarginal)}
 
     def from_normal(self, points: Floats, on: NDArray[np.bool_] | None = None) -> Floats:
-        """Values ``[flight, dimension]`` in SI of standard normal points: through the copula and the laws.
+        """Values ``[flight, dimension]`` in SI of standard normal points: through the copula and the distributions.
 
         ``on`` [flight, switch] says what of :attr:`probabilities` comes; without it, the points say that too.
         """
@@ -64,7 +64,7 @@ class Space:
         return values
 
     def bounds(self, box: float) -> Floats:
-        """Low and high ends ``[dimension, 2]``: of bounded laws their range, of others +-``box`` sigma.
+        """Low and high ends ``[dimension, 2]``: of bounded distributions their range, of others +-``box`` sigma.
 
         Of what comes with a probability, such as a failure, they are those of the values that it has when it comes.
         """
@@ -75,21 +75,21 @@ class Space:
         for marginal in self.marginals:
             whole = _when_it_comes(marginal)
             sides = []
-            for law in whole.parts if isinstance(whole, MixtureMarginal) else (whole,):
-                ends = law.at_fraction(np.array([0.0, 1.0]))
-                bounded = law.cdf(ends) - np.array([0.0, 1.0])
-                sides.append(np.where(np.abs(bounded) < 1e-12, ends, law.ppf(tails)))
+            for part in whole.parts if isinstance(whole, MixtureMarginal) else (whole,):
+                ends = part.at_fraction(np.array([0.0, 1.0]))
+                bounded = part.cdf(ends) - np.array([0.0, 1.0])
+                sides.append(np.where(np.abs(bounded) < 1e-12, ends, part.ppf(tails)))
             found.append((np.min(sides, axis=0)[0], np.max(sides, axis=0)[1]))
         return np.array(found)
 
     def from_box(self, points: Floats, bounds: Floats) -> Floats:
-        """Values ``[flight, dimension]`` in SI of points of the box -1 .. 1; a discrete law takes its nearest value."""
+        """Values ``[flight, dimension]`` in SI of points of the box -1 .. 1; discrete ones take their nearest value."""
         values = bounds[:, 0] + 0.5 * (points + 1.0) * (bounds[:, 1] - bounds[:, 0])
         values = np.where(points == 1.0, bounds[:, 1], values)
         for i, marginal in enumerate(self.marginals):
-            law = _when_it_comes(marginal)
-            if isinstance(law, DiscreteMarginal):
-                values[:, i] = law.at_fraction(0.5 * (points[:, i] + 1.0))
+            drawn = _when_it_comes(marginal)
+            if isinstance(drawn, DiscreteMarginal):
+                values[:, i] = drawn.at_fraction(0.5 * (points[:, i] + 1.0))
         return values
 
     def draw_in_box(self, bounds: Floats, seed: int, number: int) -> Floats:
@@ -133,7 +133,7 @@ class Space:
 
 
 def _when_it_comes(marginal: Marginal) -> Marginal:
-    """The law of the drawn values."""
+    """The distribution of the drawn values."""
     return marginal.drawn if isinstance(marginal, SometimesMarginal) else marginal
 
 
@@ -142,14 +142,16 @@ def make_space(campaign: Experiment, with_unknowns: bool = False) -> Space:
     nothing to search."""
     document = campaign.document
     if campaign.sample_file is not None:
-        raise document.error(("sampling",), "samples from a file", "dispersions with laws, which a search needs")
+        raise document.error(("sampling",), "samples from a file", "distributions, which a search needs")
     unknowns = campaign.unknowns
     if unknowns.names and not with_unknowns:
         wish = "a campaign without: this search is over dispersions (`run` finds the unknowns' worst values)"
         raise document.key_error(("unknowns",), "unknowns", wish)
     ranges = zip(unknowns.names, unknowns.low.tolist(), unknowns.high.tolist(), strict=True)
-    laws = campaign.marginals | {name: ContinuousMarginal("uniform", (low, high - low)) for name, low, high in ranges}
-    names = tuple(name for name in laws if name not in _SEEDS)
+    marginals = campaign.marginals | {
+        name: ContinuousMarginal("uniform", (low, high - low)) for name, low, high in ranges
+    }
+    names = tuple(name for name in marginals if name not in _SEEDS)
     if not names:
         raise document.error((), "no dispersions", "something to vary")
     moved = (*names, *(each.name for each in campaign.derived))
@@ -161,4 +163,4 @@ def make_space(campaign: Experiment, with_unknowns: bool = False) -> Space:
     if len(chosen) < len(place):
         raise document.error(("correlations",), "a seed that is correlated", "seeds that belong to themselves")
     copula = Copula(tuple(names.index(name) for name in chosen), campaign.copula.factor)
-    return Space(names, seeds, tuple(laws[name] for name in names), copula, campaign.derived)
+    return Space(names, seeds, tuple(marginals[name] for name in names), copula, campaign.derived)

@@ -25,7 +25,7 @@ from abhv_mc.simulators.simulate import simulate
 
 MOST_CORNERED = 7  # dispersions whose corners' margins are found: 128 vehicles
 _BLOCK = 128  # flights of one call
-_BOX = 3.0  # standard deviations at which laws without ends have their corners
+_BOX = 3.0  # standard deviations at which unbounded distributions have their corners
 
 
 @dataclass(frozen=True)

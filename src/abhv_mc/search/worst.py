@@ -31,7 +31,7 @@ class WorstSettings:
     metric: str
     bad: Literal["high", "low"] | None = None  # which values are bad; None: those that the campaign takes for bad
     flights: int = 2000
-    box: float = 3.0  # sigma of unbounded laws
+    box: float = 3.0  # sigma of unbounded distributions
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ class WorstMargin:
 def find_worst_margins(campaign: Experiment, controllers: Sequence[str], box: float = 3.0) -> list[WorstMargin]:
     """The least of each margin of each controller in steady flight at the mission's start.
 
-    ``box``: sigma of unbounded laws. Nothing flies. Raises InputError where there can be no margins.
+    ``box``: sigma of unbounded distributions. Nothing flies. Raises InputError where there can be no margins.
     """
     space = make_space(campaign, with_unknowns=True)
     bounds, seed = space.bounds(box), campaign.model.seed

@@ -1,4 +1,4 @@
-"""Estimates from flights that were drawn from other laws than those asked about: importance weighting.
+"""Estimates from flights that were drawn from other distributions than those asked about: importance weighting.
 
 Each flight counts by the ratio of the densities; ratios are normalized by their sum (Owen, "Monte Carlo theory,
 methods and examples", 2013, chapter 9). Intervals are those of counted flights with the number of flights replaced by

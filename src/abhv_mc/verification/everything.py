@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from abhv_mc.io.input_error import InputError
-from abhv_mc.verification.differences import Row
+from abhv_mc.verification.check_rows import Row
 from abhv_mc.verification.ghame6 import verify_ghame6
 from abhv_mc.verification.nesc import verify_nesc
 from abhv_mc.verification.paper import verify_paper

@@ -17,7 +17,7 @@ from abhv_mc.kernel.world.atmosphere import atmosphere
 from abhv_mc.kernel.world.earth import Earth
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.verification.differences import Row
+from abhv_mc.verification.check_rows import Row
 from abhv_mc.verification.fly_recording import make_motion, make_replay_plan, replay, wrap_degrees
 from abhv_mc.verification.geodesy import earth_fixed_from_inertial, geodetic_from_ecef, ned_from_ecef_matrix
 from abhv_mc.verification.recording import check_times, read_columns, stack_columns

@@ -16,7 +16,7 @@ from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.verification.differences import Row
+from abhv_mc.verification.check_rows import Row
 from abhv_mc.verification.fly_recording import at_times, make_motion, make_replay_plan, make_start, replay, wrap_degrees
 from abhv_mc.verification.nesc_cases import CASES, FOOT, CheckCase, tolerances
 from abhv_mc.verification.nesc_f16 import RATE, fly_aircraft, read_aircraft_cases

@@ -45,7 +45,7 @@ def _answers(found: WorstFound) -> tuple[Lead, Bullets]:
     how_many = "As many" if found.flights.stop == 2 * found.searched else f"{found.flights.stop - found.searched}"
     answers = [
         first,
-        f"{how_many} random flights of the same box, drawn from the campaign's laws: the worst "
+        f"{how_many} random flights of the same box, drawn from the campaign's distributions: the worst "
         f"{random if _ended_early(found, found.random_worst) else f'has {random}'}.",
         f"At an end of their range: {', '.join(found.at_bounds) or 'none of the parameters'}."
         + (" A wider box would most likely be worse." if found.at_bounds else ""),
@@ -131,5 +131,5 @@ def _range_table(found: WorstFound) -> Table:
         ]
         for i, (name, (low, high)) in enumerate(zip(found.names, found.bounds.tolist(), strict=True))
     ]
-    caption = f"Bounded laws span their range, unbounded ones {found.settings.box:g} standard deviations either way."
+    caption = f"Bounded distributions span their range, others {found.settings.box:g} standard deviations either way."
     return make_table("The box", caption, ("parameter", "low end", "worst", "high end"), rows)

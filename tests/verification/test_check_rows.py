@@ -1,7 +1,7 @@
 """Rows of the proof: what is no number is not ok, and the JSON says so."""
 
 from abhv_mc.topics.plain import plain
-from abhv_mc.verification.differences import Row, all_ok, rows_record
+from abhv_mc.verification.check_rows import Row, all_ok, rows_record
 
 
 def test_a_row_that_is_no_number_is_not_ok():
