@@ -23,7 +23,7 @@ from abhv_mc.kernel.numerics.lane_memory import aligned_zeros
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.user_code.c_source import describe_layout, interface, recipe_of, refuse_platform
 from abhv_mc.user_code.child import may_run_here
-from abhv_mc.user_code.compiled import COMMAND_ROWS, build_loop
+from abhv_mc.user_code.compiled import COMMAND_ROWS, build_loop, find_place, indent, lane_of
 from abhv_mc.user_code.law_interface import NOT_GIVEN
 from abhv_mc.user_code.plain_law import LAW_FAILED
 from abhv_mc.user_code.source import UserSource
@@ -175,17 +175,6 @@ def loop(context, Z, row, column, given, tick, dt):
             continue
         total, failed, number = 0.0, 0, lane
 """
-_OWN_PLACE = """\
-        if tick == 0:
-            number = context[7]
-            context[7] = (number + 1) % places
-            Z[{memory} + lane] = number
-        else:
-            number = int(Z[{memory} + lane])
-            if lane > 0 and Z[{memory} + lane] == Z[{memory} + lane - 1]:  # a spare lane that repeats a flight
-{repeat}
-                continue
-"""
 _CALL = """\
         state = states + number * stride
         if {begins}:
@@ -214,34 +203,25 @@ def compile_adapter(width: int, memory: int | None, given: int) -> Any:
     """The compiled loop, the same for every law; ``memory`` and ``given``, which it calls ``seen``, as in
     :func:`open_c_law`.
     """
-
-    def at(row: int) -> str:
-        return f"Z[{row * width} + lane]"
-
-    def lines(indent: int, items: list[str]) -> str:
-        return "\n".join(" " * indent + item for item in items) or " " * indent + "pass"
-
+    at = functools.partial(lane_of, width)
     rows = [at(MEMORY + i) for i in range(memory or 0)]
     restored = [f"numbers[{i}] = {row}" for i, row in enumerate(rows)]
     restored.append(f"failed = call_c(put, (state, buffer + {_NUMBERS}))")
     kept = [f"{row} = numbers[{i}]" for i, row in enumerate(rows)]
-    repeat = [f"{at(row)} = {at(row)[:-1]} - 1]" for row in (*COMMAND_ROWS, FAULT)]
     seen = [f"seen[{i}] = {at(s.MEASURED + i)}" for i in range(given)]
     seen += [f"total += seen[{i}]" for i in range(s.N_MEASURED)]
-    text = (_HEAD + (_OWN_PLACE if memory is None else "") + _CALL).format(
+    text = (_HEAD + (find_place(width, 7, "places") if memory is None else "") + _CALL).format(
         width=width,
         command=_COMMAND,
         numbers=_NUMBERS,
         row=8 * len(REFERENCE),
         fault=FAULT * width,
-        memory=MEMORY * width,
         begins="tick == 0" if memory is None else "True",
-        restore="" if not rows else "        if tick > 0 and failed == 0:\n" + lines(12, restored),
-        keep="" if not rows else lines(8, [f"call_c(get, (state, buffer + {_NUMBERS}))", *kept]),
-        repeat=lines(16, repeat),
-        seen=lines(8, seen),
+        restore="" if not rows else "        if tick > 0 and failed == 0:\n" + indent(12, restored),
+        keep="" if not rows else indent(8, [f"call_c(get, (state, buffer + {_NUMBERS}))", *kept]),
+        seen=indent(8, seen),
         law_failed=LAW_FAILED,
-        write=lines(8, [f"{at(row)} = command[{i}]" for i, row in enumerate(COMMAND_ROWS)]),
+        write=indent(8, [f"{at(row)} = command[{i}]" for i, row in enumerate(COMMAND_ROWS)]),
     )
     names = {"floats_at": floats_at, "address_of": address_of, "call_c": call_c, "inf": NOT_GIVEN, "nan": float("nan")}
     return build_loop("c", text, names)

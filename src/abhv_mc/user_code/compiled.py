@@ -17,7 +17,7 @@ from abhv_mc.kernel.compiler_target import code_folder
 from abhv_mc.kernel.jit import compiler, scalar
 from abhv_mc.kernel.jit_pointer import Uncompilable, compile_pointer
 from abhv_mc.kernel.laws.columns import REFERENCE
-from abhv_mc.kernel.laws.user import MEMORY, ONBOARD
+from abhv_mc.kernel.laws.user import FAULT, MEMORY, ONBOARD
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.user_code.effector_commands import find_commanded, tuple_codes
 from abhv_mc.user_code.law_interface import (
@@ -33,9 +33,8 @@ from abhv_mc.user_code.law_interface import (
 )
 from abhv_mc.user_code.load_law import load_law
 from abhv_mc.user_code.module import MODULE, Law, Module, refuse_in_words
-from abhv_mc.user_code.scattered import Scattered
 from abhv_mc.user_code.source import UserSource
-from abhv_mc.user_code.table import Table
+from abhv_mc.user_code.table import LookUp
 from abhv_mc.user_code.unpack import unpack
 
 COMMAND_ROWS = (
@@ -93,6 +92,36 @@ def split_columns(names: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, .
 def make_gains_class(names: tuple[str, ...]) -> Any:
     """The named tuple that a law is given as ``gains``."""
     return namedtuple("Gains", names)
+
+
+def lane_of(width: int, row: int) -> str:
+    """A row of the lane at hand, in the text of a loop."""
+    return f"Z[{row * width} + lane]"
+
+
+def indent(spaces: int, lines: list[str]) -> str:
+    """Lines of the text of a loop, at least one."""
+    return "\n".join(" " * spaces + line for line in lines or ["pass"])
+
+
+def find_place(width: int, following: int, places: str) -> str:
+    """Lines of the loop of a law whose memory lies in a place for each flight, of which the lane holds the number.
+
+    ``following`` and ``places``: where in the context the next number stands, and how many there are in words of it.
+    """
+    repeat = [f"{lane_of(width, row)} = {lane_of(width, row)[:-1]} - 1]" for row in (*COMMAND_ROWS, FAULT)]
+    held = f"Z[{MEMORY * width} + lane"
+    return f"""\
+        if tick == 0:
+            number = context[{following}]
+            context[{following}] = (number + 1) % {places}
+            {held}] = number
+        else:
+            number = int({held}])
+            if lane > 0 and {held}] == {held} - 1]:  # a spare lane that repeats a flight
+{indent(16, repeat)}
+                continue
+"""
 
 
 def build(module: Module, text: str, names: dict[str, Any], salt: str = "") -> Any:
@@ -161,7 +190,7 @@ def _compile_names(
         elif type(value) is types.ModuleType and _is_in(folder, value.__dict__):
             _compile_names(value.__dict__, folder, made, {})
             names[name] = sys.modules[made[id(value.__dict__)]["__name__"]]
-        elif issubclass(type(value), (Table, Scattered)):
+        elif issubclass(type(value), LookUp):
             names[name] = value.make_compiled()
         elif issubclass(type(value), type) and hasattr(value, "_fields") and (value in _MADE or name == "Memory"):
             mixed = value is Command and not codes
@@ -190,9 +219,7 @@ def _make_maker(kind: Any, home: str, defaults: dict[str, Any]) -> Any:
 def _make_loop(law: Law, gains: tuple[str, ...], width: int, effectors: tuple[str, ...]) -> str:
     """The text of the loop over lanes; the number of lanes is a constant of it, so that it becomes vector code."""
 
-    def lane(row: int) -> str:
-        return f"Z[{row * width} + lane]"
-
+    lane = functools.partial(lane_of, width)
     onboard = _make_nested(Onboard, ONBOARD, lane)
     designed, commands = split_columns(gains)
     once, inside, arguments = [], [], []

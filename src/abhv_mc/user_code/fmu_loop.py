@@ -10,7 +10,7 @@ from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.laws.user import FAULT, MEMORY
 from abhv_mc.kernel.numerics.float_bits import float_bits
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.user_code.compiled import COMMAND_ROWS, build_loop
+from abhv_mc.user_code.compiled import COMMAND_ROWS, build_loop, find_place, indent, lane_of
 from abhv_mc.user_code.law_interface import COMMAND_FIELDS, NOT_GIVEN, Measured
 from abhv_mc.user_code.plain_law import LAW_FAILED
 
@@ -39,17 +39,6 @@ def loop(context, Z, row, column, given, tick, dt):
         if Z[{fault} + lane] > 0.0:
             continue
         number = lane
-"""
-_OWN_INSTANCE = """\
-        if tick == 0:
-            number = context[14]
-            context[14] = (number + 1) % context[13]
-            Z[{memory} + lane] = number
-        else:
-            number = int(Z[{memory} + lane])
-            if lane > 0 and Z[{memory} + lane] == Z[{memory} + lane - 1]:  # a spare lane that repeats a flight
-{repeat}
-                continue
 """
 _CALL = """\
         instance, failed, total = float_bits(numbers[number]), 0, 0.0
@@ -95,11 +84,7 @@ def compile_fmu_adapter(
 ) -> Any:
     """The compiled loop for a wiring; ``remade``: states that are in the lanes' rows and set anew at each tick."""
 
-    def at(row: int) -> str:
-        return f"Z[{row * width} + lane]"
-
-    def lines(indent: int, items: list[str]) -> str:
-        return "\n".join(" " * indent + item for item in items)
+    at = functools.partial(lane_of, width)
 
     def source(name: str) -> str:
         group, _, field = name.partition(".")
@@ -141,28 +126,26 @@ def compile_fmu_adapter(
         f"    failed = call_c(get, {kept})",
         *(f"    {r} = kept[{i}]" for i, r in enumerate(rows)),
     ]
-    text = (_HEAD + (_OWN_INSTANCE if remade is None else "") + _CALL).format(
+    text = (_HEAD + (find_place(width, 14, "context[13]") if remade is None else "") + _CALL).format(
         at_inputs=at_inputs,
         at_outputs=at_outputs,
         at_flags=at_flags,
         at_states=at_states,
         begins="tick == 0" if remade is None else "True",
-        keep=lines(8, keep),
+        keep=indent(8, keep),
         columns=len(REFERENCE),
         gains=len(gains),
         width=width,
         fault=FAULT * width,
-        memory=MEMORY * width,
         n_inputs=len(inputs),
         n_outputs=len(outputs),
         count_inputs=count.format(len(inputs)),
         count_outputs=count.format(len(outputs)),
-        repeat=lines(16, [f"{at(row)} = {at(row)[:-1]} - 1]" for row in (*COMMAND_ROWS, FAULT)]),
-        fill=lines(8, [f"value[{i}] = {to_fmu(wire)}" for i, wire in enumerate(inputs)]),
-        begin=lines(12, begin),
+        fill=indent(8, [f"value[{i}] = {to_fmu(wire)}" for i, wire in enumerate(inputs)]),
+        begin=indent(12, begin),
         flags={2: "", 3: ", flags, flags + 8, flags + 16, flags + 24"}[version],
         law_failed=LAW_FAILED,
-        write=lines(8, [f"{at(row)} = {from_fmu(f)}" for row, f in zip(COMMAND_ROWS, COMMAND_FIELDS, strict=True)]),
+        write=indent(8, [f"{at(row)} = {from_fmu(f)}" for row, f in zip(COMMAND_ROWS, COMMAND_FIELDS, strict=True)]),
     )
     names = {"floats_at": floats_at, "float_bits": float_bits, "call_c": call_c, "inf": NOT_GIVEN}
     names |= {"nan": float("nan"), "yes": np.int32(1), "no": np.int32(0)}

@@ -1,6 +1,5 @@
 """Look-ups on scattered points: linear in the simplices of their Delaunay triangulation."""
 
-import functools
 from typing import Any
 
 import numpy as np
@@ -8,11 +7,12 @@ from numpy.typing import ArrayLike
 
 from abhv_mc.io.input_error import Refusal
 from abhv_mc.kernel.jit import scalar
+from abhv_mc.user_code.table import LookUp
 
 _INSIDE = -1e-12  # of a barycentric coordinate: rounding on a face
 
 
-class Scattered:
+class Scattered(LookUp):
     """Values at points: ``scattered(points, values)`` with points [point, axis] and values [point].
 
     Outside of the points' hull the simplex that lies nearest holds: its coordinates below zero become zero.
@@ -42,17 +42,7 @@ class Scattered:
         edges = np.swapaxes(at[corners[:, :-1]] - last[:, np.newaxis], 1, 2)
         self.transform, self.last = np.linalg.inv(edges), np.ascontiguousarray(last)
 
-    @functools.cached_property
-    def _look_up(self) -> Any:
-        return self.make_compiled()
-
-    def __call__(self, *at: float) -> float:
-        """The value there."""
-        look_up = getattr(self._look_up, "py_func", self._look_up)
-        return float(look_up(*at))
-
     def make_compiled(self) -> Any:
-        """The look-up as a function that compiled code calls."""
         axes, simplices = self.axes, len(self.values)
         transform, last, values = self.transform, self.last, self.values
 

@@ -13,7 +13,24 @@ from abhv_mc.kernel.jit import scalar
 ENDS = {"neither": (False, False), "min": (True, False), "max": (False, True), "both": (True, True)}
 
 
-class Table:
+class LookUp:
+    """A look-up: a compiled one's bits in plain Python, too."""
+
+    @functools.cached_property
+    def _look_up(self) -> Any:
+        return self.make_compiled()
+
+    def __call__(self, *at: float) -> float:
+        """The value there."""
+        look_up = getattr(self._look_up, "py_func", self._look_up)
+        return float(look_up(*at))
+
+    def make_compiled(self) -> Any:
+        """The look-up as a function that compiled code calls; its numbers are constants of it."""
+        raise NotImplementedError
+
+
+class Table(LookUp):
     """Values over any number of grids: ``table(grid, values)``, ``table(grid_0, grid_1, values)``, ...
 
     ``extrapolate`` says beyond which end a line goes on: ``neither`` (the default: held), ``min``, ``max`` or ``both``,
@@ -34,17 +51,7 @@ class Table:
         self.grids, self.values = tuple(grids), values
         self.extrapolate = tuple(ENDS[end] for end in ends)
 
-    @functools.cached_property
-    def _look_up(self) -> Any:
-        return self.make_compiled()
-
-    def __call__(self, *at: float) -> float:
-        """The value there."""
-        look_up = getattr(self._look_up, "py_func", self._look_up)
-        return float(look_up(*at))
-
     def make_compiled(self) -> Any:
-        """The look-up as a function that compiled laws call; numbers of the table are constants of it."""
         if len(self.grids) == 1:
             return _make_1d(self.grids[0], self.values, *self.extrapolate[0])
         if len(self.grids) == 2:

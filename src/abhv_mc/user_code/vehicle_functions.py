@@ -22,7 +22,7 @@ from abhv_mc.kernel.plant.state import variable_row
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, VARIABLES, Foreign, Vehicle
 from abhv_mc.plant.effectiveness import count_rows
 from abhv_mc.user_code.check_law import check_functions, is_number
-from abhv_mc.user_code.compiled import build, compiled_names
+from abhv_mc.user_code.compiled import build, compiled_names, lane_of
 from abhv_mc.user_code.law_interface import Air, Rates
 from abhv_mc.user_code.module import Module, refuse_in_words, run_module
 from abhv_mc.user_code.source import UserSource
@@ -185,8 +185,7 @@ def _make_loop(body: list[str], settings: tuple[float, ...] | None, width: int) 
 def _read_lane(width: int, code: VehicleCode) -> list[str]:
     """Lines that make a lane's arguments of the rows of the lane memory."""
 
-    def lane(row: int) -> str:
-        return f"Z[{row * width} + lane]"
+    lane = functools.partial(lane_of, width)
 
     def of(name: str) -> str:
         return lane(variable_row(name))
