@@ -36,7 +36,7 @@ def command(
     """
     if str(folder) == GAINS and mission is not None:
         from abhv_mc.one_flight.given import make_flight_plan
-        from abhv_mc.simulators.gain_file import check_gain_format, write_gains
+        from abhv_mc.simulators.export_gains import check_gain_format, write_gains
 
         if out is None:
             raise InputError("--output", "no file", "a file that ends in .mat, .csv or .h")

@@ -108,7 +108,7 @@ def plot_failures(names: Sequence[str], points: Floats) -> Figure:
     axes.plot(median, rows, "o", color=VERMILION, markersize=4, label="their median")
     axes.set_yticks(rows, names)
     axes.set_ylim(len(names) - 0.5, -0.5)
-    axes.set_xlabel("standard deviations of its law (as a normal number)")
+    axes.set_xlabel("standard deviations of its distribution (as a normal number)")
     figure.legend(loc="outside lower center", ncols=4)
     return figure
 

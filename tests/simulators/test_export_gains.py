@@ -11,7 +11,7 @@ from scipy.io import loadmat
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.laws.columns import LQR_GAINS
 from abhv_mc.one_flight.given import make_flight_plan
-from abhv_mc.simulators.gain_file import write_gains
+from abhv_mc.simulators.export_gains import write_gains
 
 
 @pytest.fixture(scope="module")
