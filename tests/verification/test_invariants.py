@@ -2,6 +2,7 @@
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from verification.ellipsoid import ecef_from_geodetic, inertial_from_earth_fixed
 from verification.shown import check
 
 from abhv_mc.array_types import Floats
@@ -16,7 +17,7 @@ from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.evaluate import evaluate_fixed, make_variables
 from abhv_mc.verification.check_rows import Row
 from abhv_mc.verification.fly_recording import make_replay_plan, make_start, replay
-from abhv_mc.verification.geodesy import ecef_from_geodetic, inertial_from_earth_fixed, ned_from_ecef_matrix
+from abhv_mc.verification.geodesy import ned_from_ecef_matrix
 
 STEP, TICKS = 0.01, 6000
 _RATES = tuple(np.radians((10.0, 20.0, 30.0)))

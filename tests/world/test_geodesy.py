@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from verification.ellipsoid import ecef_from_geodetic, inertial_from_earth_fixed
 
 from abhv_mc.kernel.world.earth import WGS84
 from abhv_mc.verification.geodesy import (
     earth_fixed_from_inertial,
-    ecef_from_geodetic,
     geodetic_from_ecef,
-    inertial_from_earth_fixed,
     ned_from_ecef_matrix,
 )
 

@@ -13,17 +13,6 @@ from abhv_mc.kernel.world.earth import Earth
 _MOST_ITERATIONS = 20
 
 
-def ecef_from_geodetic(earth: Earth, latitude: ArrayLike, longitude: ArrayLike, altitude: ArrayLike) -> Floats:
-    """Position ``[..., 3]``, m, in E of a geodetic latitude, longitude and altitude."""
-    latitude, longitude, altitude = np.broadcast_arrays(latitude, longitude, altitude)
-    sin_lat, cos_lat = np.sin(latitude), np.cos(latitude)
-    e2 = earth.flattening * (2.0 - earth.flattening)
-    prime_vertical = earth.equatorial_radius / np.sqrt(1.0 - e2 * sin_lat**2)
-    rho = (prime_vertical + altitude) * cos_lat
-    z = (prime_vertical * (1.0 - e2) + altitude) * sin_lat
-    return np.stack([rho * np.cos(longitude), rho * np.sin(longitude), z], axis=-1)
-
-
 def geodetic_from_ecef(earth: Earth, position: ArrayLike) -> tuple[Floats, Floats, Floats]:
     """Geodetic (latitude, longitude, altitude) of a position ``[..., 3]``, m, in E.
 
@@ -73,16 +62,6 @@ def earth_fixed_from_inertial(
     position = _turn(angle, np.asarray(position, dtype=np.float64))
     velocity = _turn(angle, np.asarray(velocity, dtype=np.float64))
     return position, velocity - earth.rotation_rate * _spin(position)
-
-
-def inertial_from_earth_fixed(
-    earth: Earth, time: ArrayLike, position: ArrayLike, velocity: ArrayLike
-) -> tuple[Floats, Floats]:
-    """Inertial position and velocity, I components, of a motion relative to the turning Earth ``[..., 3]``."""
-    angle = earth.rotation_rate * np.asarray(time, dtype=np.float64)
-    position = np.asarray(position, dtype=np.float64)
-    velocity = np.asarray(velocity, dtype=np.float64) + earth.rotation_rate * _spin(position)
-    return _turn(-angle, position), _turn(-angle, velocity)
 
 
 def _turn(angle: Floats, vector: Floats) -> Floats:
