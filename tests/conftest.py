@@ -53,7 +53,7 @@ _CAMPAIGNS_FLY = (
     "robustness",
     "search",
     "simulators",
-    "test_notebook.py",
+    "test_results.py",
 )
 
 # The same examples in each run: a suite that fails now and then teaches people to run it again.

@@ -186,7 +186,7 @@ def test_exp_and_log_never_fall_by_more_than_their_error(x: float, steps: int) -
 
 
 def test_coefficients_are_the_fits() -> None:
-    fit = runpy.run_path(str(Path(__file__).parents[1] / "reference" / "fit_lane_math.py"))["fit"]()
+    fit = runpy.run_path(str(Path(__file__).parents[2] / "reference" / "fit_lane_math.py"))["fit"]()
     for name, values in fit.items():
         assert vars(lane_math).get(name, vars(lane_math).get(f"_{name}")) == values
 
