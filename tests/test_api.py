@@ -1,8 +1,7 @@
 """worst, rare, tune and compare from Python."""
 
-import numpy as np
 import pytest
-from fake_flight import ENGINE, write_campaign
+from fake_flight import write_campaign
 from report.synthetic import write_campaign as write_flown
 from search.line_flight import METRIC
 
@@ -10,15 +9,6 @@ import abhv_mc
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.compare import compare_results, read_compared
 from abhv_mc.topics.plain import plain
-
-
-def test_a_worst_case_is_the_worst_of_its_flights_and_has_its_page(tmp_path, monkeypatch):
-    monkeypatch.setattr("abhv_mc.search.worst.make_engine", lambda: ENGINE)
-    campaign = abhv_mc.Campaign.read(write_campaign(tmp_path / "files"))
-    found = abhv_mc.worst(campaign, tmp_path / "out", METRIC, controller="two", flights=400)
-    assert found.numbers()["controller"] == "two" and 0 < found.searched <= 400
-    assert found.severities[found.worst] == np.max(found.severities[: found.searched])
-    assert (tmp_path / "out/report.html").is_file()
 
 
 @pytest.mark.parametrize(
