@@ -178,3 +178,12 @@ def test_delays_that_no_flight_remembers_are_refused(engine, tmp_path):
     with pytest.raises(InputError, match=r"300 ms.*0 to 250 ms"):
         run_campaign(Request(path, tmp_path / "e", workers=1), engine)
     assert not (tmp_path / "e").exists()
+
+
+def test_samples_that_repeat_too_late_for_margins_are_refused(engine, tmp_path):
+    path = _write(tmp_path / "e.yaml", "{at: [trim]}")
+    late = "  sensor.bank_interval: {distribution: discrete, values: [10 ms, 1.01 s]}\nrequirements:"
+    path.write_text(path.read_text(encoding="utf-8").replace("requirements:", late), encoding="utf-8")
+    with pytest.raises(InputError, match="after 101 ticks"):
+        run_campaign(Request(path, tmp_path / "e", workers=1), engine)
+    assert not (tmp_path / "e").exists()

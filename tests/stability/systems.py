@@ -15,6 +15,7 @@ from abhv_mc.stability.disturbed import fly_disturbed
 from abhv_mc.stability.linearize import PLANT_STATES, closed_loop, linearize
 from abhv_mc.stability.points import flown_points
 from abhv_mc.stability.probe import law_memory_rows
+from abhv_mc.stability.sensing import sensor_states
 from abhv_mc.stability.steady import make_steady_plan, trim_points
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 
@@ -81,7 +82,8 @@ def assert_predicted(plan, dispersions, first, ticks, every=1):
     change[[PLANT_STATES.index(name) for name in CHANGE]] = list(CHANGE.values())
     flown = fly_disturbed(plan, dispersions, first, change, ticks)
     flown -= fly_disturbed(plan, dispersions, first, 0.0 * change, ticks)
-    expected = np.concatenate([change, np.zeros(10 * delay)])
+    sensors = len(sensor_states(plan, flown_points(plan, dispersions, first * plan.timing.tick).points))
+    expected = np.concatenate([change, np.zeros(sensors + 10 * delay)])
     for tick in range(first, first + ticks, every):
         linear = linearize(plan, flown_points(plan, dispersions, (tick + every // 2) * plan.timing.tick).points)
         expected = np.linalg.matrix_power(closed_loop(linear, 0), every) @ expected

@@ -15,7 +15,7 @@ from abhv_mc.identity import Flyer
 from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.kernel.flight.sensors import MAX_DELAY_TICKS
 from abhv_mc.kernel.plant.air_profile import no_profile
-from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.kernel.plant.parameter_names import ALL_SENSORS, PARAMETER_INDEX
 from abhv_mc.kernel.plant.slopes import Effectiveness
 from abhv_mc.kernel.plant.vehicle import DRIVEN, Tables, Vehicle
 from abhv_mc.kernel.world.earth import Earth
@@ -48,16 +48,22 @@ def recording_of(asked: Recording | int | None) -> Recording:
 NOT_LEAN = ("wind.", "sensor.", "failure.", "atmosphere.density_at_", "control.effector_")
 
 
-def find_late(parameters: Floats, tick: float) -> str:
-    """The delay among ``parameters`` [flight, parameter] that is out of range at a control period (s); '' for none."""
-    delay = parameters[:, PARAMETER_INDEX["sensor.delay"]]
-    wrong = delay[(delay < 0.0) | (delay > (MAX_DELAY_TICKS + 0.5) * tick)]
-    return f"sensor.delay of {1e3 * wrong[0]:g} ms" if wrong.size else ""
+SENSOR_TIMES = ("sensor.delay", *(f"sensor.{name}_{what}" for name in ALL_SENSORS for what in ("lag", "interval")))
 
 
-def delays_known(tick: float) -> str:
-    """The range of delays at a control period (s), in words."""
-    return f"0 to {1e3 * MAX_DELAY_TICKS * tick:g} ms, {MAX_DELAY_TICKS} control periods"
+def find_late(parameters: Floats, tick: float) -> tuple[str, str] | None:
+    """A delay, lag or interval among ``parameters`` [flight, parameter] that no sensor has at a control period (s), and
+    what there is, in words; None where there is none."""
+    for name in SENSOR_TIMES:
+        most, known = np.inf, "0 or more"
+        if name == "sensor.delay":
+            most, known = (MAX_DELAY_TICKS + 0.5) * tick, f"0 to {1e3 * MAX_DELAY_TICKS * tick:g} ms"
+            known += f", {MAX_DELAY_TICKS} control periods"
+        values = parameters[:, PARAMETER_INDEX[name]]
+        wrong = values[(values < 0.0) | (values > most)]
+        if wrong.size:
+            return f"{name} of {1e3 * wrong[0]:g} ms", known
+    return None
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """What a campaign may disperse: unit, nominal value and words of each of the kernel's parameters.
 
-Adding one is its name there (:mod:`abhv_mc.kernel.plant.parameter_names`, whose order PARAMETERS has), a line here and
-its use in the plant. Nominal values leave the flight unchanged.
+Adding one is its name at the end there (:mod:`abhv_mc.kernel.plant.parameter_names`, whose order PARAMETERS has, not
+that of the table below), a line here and its use in the plant. Nominal values leave the flight unchanged.
 """
 
 from dataclasses import dataclass
@@ -13,6 +13,7 @@ from abhv_mc.kernel.plant.parameter_names import (
     ENGINES,
     NEVER,
     PARAMETER_NAMES,
+    SCALED_SENSORS,
     SENSOR_NOISES,
 )
 
@@ -63,6 +64,16 @@ _NAVIGATION = {
     "roll_rate": "rad/s",
     "pitch_rate": "rad/s",
     "yaw_rate": "rad/s",
+}
+_SENSED = _NAVIGATION | {
+    "airspeed": "m/s",
+    "mach": "-",
+    "load_factor": "-",  # g
+    **dict.fromkeys(("pitch", "roll", "yaw", "latitude", "longitude"), "rad"),
+    "north": "m",
+    "east": "m",
+    "equivalent_airspeed": "m/s",
+    "cross_track": "m",
 }
 
 _GUST_AXES = {"forward": "along the body", "right": "across it", "down": "down in body axes"}
@@ -141,9 +152,16 @@ _TABLE: tuple[Parameter, ...] = (
         for name, unit in _NAVIGATION.items()
     ),
     *(
-        _error(f"sensor.{name}_bias", unit, f"constant error of the measured {name.replace('_', ' ')}")
-        for name, unit in _NAVIGATION.items()
+        _error(f"sensor.{name}_{error}", unit_of or unit, f"{words} the measured {name.replace('_', ' ')}")
+        for name, unit in _SENSED.items()
+        for error, unit_of, words in (
+            ("bias", "", "constant error of"),
+            ("noise", "", "rms of the white noise on"),
+            ("lag", "s", "time constant of the first-order lag of"),
+            ("interval", "s", "sampling interval, in whole control periods, of"),
+        )
     ),
+    *(_factor(f"sensor.{name}_scale", f"the measured {name.replace('_', ' ')}") for name in SCALED_SENSORS),
     _factor("engine.equivalence_ratio_limit", "upper limit of the equivalence ratio"),
     *(
         _factor(
@@ -159,10 +177,6 @@ _TABLE: tuple[Parameter, ...] = (
     _error("wind.turbulence", "m/s", "Dryden turbulence: rms of each of the three components"),
     Parameter("wind.turbulence_length", "m", 533.4, "Dryden turbulence: scale length (1750 ft at altitude)"),
     Parameter("wind.turbulence_seed", "-", 0.5, "which turbulence a flight meets, 0..1: draw it uniformly"),
-    *(
-        _error(f"sensor.{name}_noise", unit, f"rms of the white noise on the measured {name.replace('_', ' ')}")
-        for name, unit in _NAVIGATION.items()
-    ),
     Parameter("sensor.noise_seed", "-", 0.5, "which sensor noise a flight meets, 0..1: draw it uniformly"),
     _error("sensor.delay", "s", "age of every measurement, in whole control periods, at most 25 of them"),
     *(entry for name in AXES for entry in _failing(name, f"the {name}")),

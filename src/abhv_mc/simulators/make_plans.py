@@ -13,7 +13,7 @@ from abhv_mc.control.design.reference import COLUMN_INDEX
 from abhv_mc.flight.channels import REFERENCE_CHANNELS
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.metrics import pack_metrics
-from abhv_mc.flight.plan import FlightPlan, delays_known, find_late
+from abhv_mc.flight.plan import SENSOR_TIMES, FlightPlan, find_late
 from abhv_mc.folder.hashes import read_checked
 from abhv_mc.folder.inputs import FolderInputs
 from abhv_mc.folder.layout import CampaignFolder
@@ -64,24 +64,23 @@ def make_plans(campaign: Experiment, names: Iterable[str], engine: Engine) -> di
 
 
 def _check_delays(campaign: Experiment, plans: Iterable[FlightPlan]) -> None:
-    """Raise InputError for measurements later than flights remember, or from the future, by more than one in 1e6."""
-    if "sensor.delay" not in campaign.varied:
-        return
-    if "sensor.delay" not in campaign.names:
-        place: tuple[str, ...] = ("derived", "sensor.delay")
-        values = campaign.make_samples().draw(0, min(campaign.runs, _FIRST))
-        drawn = campaign.rows(values)[:, PARAMETER_INDEX["sensor.delay"]]
-    elif campaign.sample_file is not None:
-        place = ("sampling",)
-        drawn = campaign.sample_file.values[:, campaign.names.index("sensor.delay")]
-    else:
-        place = ("dispersions", "sensor.delay")
-        drawn = campaign.marginals["sensor.delay"].ppf(np.array([_RARELY, 1.0 - _RARELY]))
-    rows = nominal_parameters(drawn.size)
-    rows[:, PARAMETER_INDEX["sensor.delay"]] = drawn
-    for plan in plans:
-        if late := find_late(rows, plan.timing.tick):
-            raise campaign.document.key_error(place, late, delays_known(plan.timing.tick))
+    """Raise InputError for delays, lags or intervals of sensors out of range, by more than one in 1e6."""
+    for name in (name for name in SENSOR_TIMES if name in campaign.varied):
+        if name not in campaign.names:
+            place: tuple[str, ...] = ("derived", name)
+            values = campaign.make_samples().draw(0, min(campaign.runs, _FIRST))
+            drawn = campaign.rows(values)[:, PARAMETER_INDEX[name]]
+        elif campaign.sample_file is not None:
+            place = ("sampling",)
+            drawn = campaign.sample_file.values[:, campaign.names.index(name)]
+        else:
+            place = ("dispersions", name)
+            drawn = campaign.marginals[name].ppf(np.array([_RARELY, 1.0 - _RARELY]))
+        rows = nominal_parameters(drawn.size)
+        rows[:, PARAMETER_INDEX[name]] = drawn
+        for plan in plans:
+            if late := find_late(rows, plan.timing.tick):
+                raise campaign.document.key_error(place, *late)
 
 
 def _check_oscillation(campaign: Experiment, plans: Iterable[FlightPlan]) -> None:
@@ -107,7 +106,7 @@ def _check_axes(campaign: Experiment, plans: Iterable[FlightPlan]) -> None:
 def check_rows(plan: FlightPlan, parameters: Floats) -> None:
     """Raise InputError for dispersions of these rows [flight, parameter] that this plan's flights cannot have."""
     if late := find_late(parameters, plan.timing.tick):
-        raise InputError("dispersions", late, delays_known(plan.timing.tick))
+        raise InputError("dispersions", *late)
     moving = [name for name in DISTURBANCES if parameters[:, PARAMETER_INDEX[name]].any()]
     if refused := refuse_oscillation(plan.limits.loads, moving):
         raise InputError("dispersions", refused, STILL_AIR)

@@ -2,11 +2,15 @@
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.input_error import InputError
 from abhv_mc.stability.fly_with_margins import MarginPlan, add_margins
+
+_LOOKED_AT = 1000  # flights whose sensors are to repeat with the law
 
 
 def make_margin_plans(campaign: Experiment, plans: Mapping[str, FlightPlan]) -> dict[str, MarginPlan]:
@@ -19,6 +23,7 @@ def make_margin_plans(campaign: Experiment, plans: Mapping[str, FlightPlan]) -> 
     from abhv_mc.control.mission import read_mission
     from abhv_mc.flight.prepare import user_parts_of
     from abhv_mc.stability.periods import find_period
+    from abhv_mc.stability.sensing import repeats_after, sensor_ticks
     from abhv_mc.stability.steady import make_steady_plan
     from abhv_mc.user_code.vehicle_functions import load_vehicle
 
@@ -26,11 +31,14 @@ def make_margin_plans(campaign: Experiment, plans: Mapping[str, FlightPlan]) -> 
     if vehicle.constants.surface_limit == 0.0 or vehicle.constants.equivalence_ratio_max == 0.0:
         found = "margins of a vehicle without control surfaces or engine"
         raise InputError(model.vehicle, found, "one with both")
+    sampled = campaign.rows(campaign.make_samples().draw(0, min(campaign.runs, _LOOKED_AT)))
     made: dict[str, MarginPlan] = {}
     for name, plan in plans.items():
         law = read_controller(model.controllers[name])
         steady = make_steady_plan(vehicle, mission, law, name, user_code=user_parts_of(plan))
-        find_period(steady)  # a law that has none is refused before anything flies
+        period = find_period(steady).ticks  # a law that has none is refused before anything flies
+        for ticks in np.unique(sensor_ticks(steady, sampled), axis=0):
+            repeats_after(ticks, period)
         made[name] = add_margins(plan, steady.lean_for(campaign.varied), model.margins.at)
     return made
 

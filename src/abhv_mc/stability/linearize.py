@@ -17,6 +17,7 @@ from abhv_mc.kernel.plant.vehicle import MAX_EFFECTORS
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.periods import law_phases
 from abhv_mc.stability.probe import check_linear
+from abhv_mc.stability.sensing import add_sensors
 from abhv_mc.stability.slopes import Points, plant_slopes
 from abhv_mc.vehicle.model import drive_axes
 
@@ -42,7 +43,7 @@ class Linear(NamedTuple):
     plant_B: Floats  # [point, 10, 4] continuous, positions of surfaces and engine
     A: Floats  # [point, 18, 18] discrete, path coordinates and actuators
     B: Floats  # [point, 18, 4] commands
-    law_A: Floats  # [point, memory, memory]
+    law_A: Floats  # [point, memory, memory], sensors' states behind the law's
     law_B: Floats  # [point, memory, 10] measurement
     law_C: Floats  # [point, 4, memory] commands
     law_D: Floats  # [point, 4, 10]
@@ -88,6 +89,7 @@ def linearize(plan: FlightPlan, points: Points) -> Linear:
         )
         for law in law_phases(plan, points)
     )
+    phases = add_sensors(plan, points, phases)
     return phases[0]._replace(phases=phases if len(phases) > 1 else ())
 
 

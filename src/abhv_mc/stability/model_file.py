@@ -21,6 +21,7 @@ from abhv_mc.stability.linearize import (
     open_loop,
 )
 from abhv_mc.stability.probe import law_memory_rows
+from abhv_mc.stability.sensing import sensor_states
 from abhv_mc.stability.slopes import Points
 
 FORMATS = (".npz", ".mat", ".json")
@@ -37,7 +38,7 @@ def make_model(plan: FlightPlan, points: Points, linear: Linear) -> dict[str, An
     ``ticks`` they are those of the point's tick, and ``closed_over_ticks`` is the map of all of its ticks.
     """
     m, d = linear.law_A.shape[1], int(linear.delay[0])
-    memory = [f"law_{name}" for name in law_memory_rows(plan)]
+    memory = [*(f"law_{name}" for name in law_memory_rows(plan)), *sensor_states(plan, points)]
     old = [f"{name}_{age}_ago" for age in range(1, d + 1) for name in path.COORDINATES]
     actuator_A, actuator_B = actuator_matrices(plan, points.lane[:1])
     A, B = np.zeros((18, 18)), np.zeros((18, 4))

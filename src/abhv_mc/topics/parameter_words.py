@@ -8,6 +8,7 @@ from abhv_mc.topics.words import fixed, significant
 
 _UNSPOKEN = ("aero", "atmosphere", "control", "mass", "propulsion")  # groups that go without saying
 _FAILURE_KINDS = {"stuck_time": "sticking time", "loss_time": "loss time", "slow_time": "slowing time"}
+_SENSOR_ERRORS = ("_bias", "_noise", "_scale", "_lag", "_interval")
 _SHOWN = {"rad": ("deg", 180.0 / math.pi), "rad/s": ("deg/s", 180.0 / math.pi)}
 
 
@@ -47,7 +48,7 @@ def spoken_name(name: str) -> str:
         what, _, kind = rest.rpartition(".")
         what = f"{what.removeprefix('sensor.')} sensor" if what.startswith("sensor.") else what
         name = f"{what} {_FAILURE_KINDS.get(kind, f'failure {kind}')}"
-    unspoken = group in _UNSPOKEN or (group == "sensor" and name.endswith(("_bias", "_noise")))
+    unspoken = group in _UNSPOKEN or (group == "sensor" and name.endswith(_SENSOR_ERRORS))
     words = rest if unspoken else name
     if group == "aero" and not words.endswith(".increment"):
         words = words.replace(".", " due to ")

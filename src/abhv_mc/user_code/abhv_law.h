@@ -16,7 +16,7 @@
 extern "C" {
 #endif
 
-typedef struct { /* what the sensors say; from the airspeed on, what is true */
+typedef struct { /* what the sensors say */
 @MEASURED@
 } abhv_measured;
 

@@ -36,7 +36,7 @@ def command_rows(command: Command) -> tuple[float, ...]:
 
 
 class Measured(NamedTuple):
-    """What the sensors say; from the airspeed on, what is true: no parameter disperses it."""
+    """What the sensors say."""
 
     altitude: float  # m
     speed: float  # m/s
@@ -48,7 +48,7 @@ class Measured(NamedTuple):
     roll_rate: float  # rad/s
     pitch_rate: float
     yaw_rate: float
-    airspeed: float  # m/s, and from here on without errors of their own
+    airspeed: float  # m/s
     mach: float
     load_factor: float  # g, magnitude of the specific force
     pitch: float  # rad, Euler angles to north, east, down

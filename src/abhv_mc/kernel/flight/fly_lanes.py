@@ -16,7 +16,7 @@ from abhv_mc.kernel.flight.interface import LQR, PYTHON, RECORDED, TLC
 from abhv_mc.kernel.flight.memory import Z_ROWS, has_width, restore_lanes, save_lane
 from abhv_mc.kernel.flight.navigation import measure_air, measure_more, navigate
 from abhv_mc.kernel.flight.observe import check_limits, derive, finish_flights, record, record_states, start_observing
-from abhv_mc.kernel.flight.sensors import SensorErrors, active_sensor_errors, add_biases, sense
+from abhv_mc.kernel.flight.sensors import SensorErrors, active_sensor_errors, add_biases, lag_and_scale, sense
 from abhv_mc.kernel.flight.start import face_air, start_flights
 from abhv_mc.kernel.jit import kernel, lanes
 from abhv_mc.kernel.jit_pointer import call_address
@@ -89,7 +89,7 @@ def nothing_active(Z, width, plan):
 @lanes
 def instruments(plan, Z, width, active, tick):
     """What is measured against the air, and what the user's own law asks for besides."""
-    sensing, more = plan.vehicle.constants.sensing, plan.user_code.more > 0
+    sensing, more = plan.vehicle.constants.sensing, plan.user_code.more > 0 or active.sensor_errors.changed
     against_air = active.windy and sensing.angle_of_attack + sensing.sideslip + sensing.speed > 0
     if active.windy and (against_air or more):
         move_air(Z, width)
@@ -111,6 +111,8 @@ def begin_tick(plan, memory, width, active, tick):
         disturb(Z, width, span, active.disturbances, tick * tick_length, tick_length, tick == 0)
         nominal_density(Z, width, plan.profile)
         instruments(plan, Z, width, active, tick)
+        if active.sensor_errors.changed:
+            lag_and_scale(Z, width, tick_length, tick)
     add_biases(Z, width)
     if active is not None:
         sense(Z, width, active.sensor_errors, tick_length, tick)

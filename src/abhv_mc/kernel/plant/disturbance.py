@@ -51,12 +51,13 @@ def any_lane(Z, width, first, rows, value):
 
 
 @lanes
-def seed_stream(Z, width, first_row, seed_row):
-    """Start a stream of random numbers in six rows from the flight's seed."""
+def seed_stream(Z, width, first_row, seed_row, stream):
+    """Start a stream of random numbers in six rows from the flight's seed, the ``stream``-th of that seed."""
     for word in range(N_STREAM_ROWS):
         modulus = _M1 if word < 3 else _M2
         for lane in range(width):
-            Z[first_row + word, lane] = seed_word(Z[seed_row, lane], float(word), modulus)
+            number = float(N_STREAM_ROWS * stream + word)
+            Z[first_row + word, lane] = seed_word(Z[seed_row, lane], number, modulus)
     for _ in range(8):  # away from the start, which is a plain function of the seed
         for lane in range(width):
             draw(Z, lane, first_row)
@@ -153,7 +154,7 @@ def turbulence(Z, width, span, dt, first):
     The air turns as the gusts' slopes along the path say, q = -dw/dx and r = dv/dx, each behind a lag of the span's.
     """
     if first:
-        seed_stream(Z, width, TURBULENCE, _SEED)
+        seed_stream(Z, width, TURBULENCE, _SEED, 0)
     for lane in range(width):
         speed, length = Z[s.SPEED, lane], Z[_LENGTH, lane]
         a = speed / (length * Z[_AXIS_LENGTH, lane])

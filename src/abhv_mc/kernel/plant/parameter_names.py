@@ -1,7 +1,8 @@
 """Names of all that a campaign may disperse, in the order of a flight's parameters ``[parameter, flight]``.
 
-What each is stands in :mod:`abhv_mc.plant.parameters`. A new one goes to the end: the dimension of a Sobol or Halton
-sequence is its place here.
+What each is stands in :mod:`abhv_mc.plant.parameters`. A new one goes to the end, in no order of ideas: the dimension
+of a Sobol or Halton sequence is its place here, which later ones must not move. So what belongs together may stand in
+several places; the kernel finds each block by the name of its first.
 """
 
 import math
@@ -19,7 +20,15 @@ SENSORS = (
     *("altitude", "speed", "flight_path_angle", "heading", "angle_of_attack", "sideslip", "bank"),
     *("roll_rate", "pitch_rate", "yaw_rate"),
 )
-SENSOR_NOISES = tuple(f"sensor.{name}_noise" for name in SENSORS)
+# What user laws may measure besides; the places of their errors came later.
+MORE_SENSORS = (
+    *("airspeed", "mach", "load_factor", "pitch", "roll", "yaw", "latitude", "longitude", "north", "east"),
+    *("equivalent_airspeed", "cross_track"),
+)
+ALL_SENSORS = (*SENSORS, *MORE_SENSORS)
+ANGLES_OF_PLACE = ("flight_path_angle", "heading", "bank", "pitch", "roll", "yaw", "latitude", "longitude")
+SCALED_SENSORS = tuple(name for name in ALL_SENSORS if name not in ANGLES_OF_PLACE)
+SENSOR_NOISES = tuple(f"sensor.{name}_noise" for name in ALL_SENSORS)
 _RATES = ("roll_rate", "pitch_rate", "yaw_rate")
 _GUST_AXES = ("forward", "right", "down")
 _FIRST = (*AXES, *EFFECTORS[:4])  # whose places came first
@@ -49,7 +58,7 @@ PARAMETER_NAMES: tuple[str, ...] = (
     *(f"atmosphere.density_at_{km}km" for km in DENSITY_KNOTS_KM),
     *(f"wind.gust_{name}" for name in ("north", "east", "down", "start", "length")),
     *("wind.turbulence", "wind.turbulence_length", "wind.turbulence_seed"),
-    *SENSOR_NOISES,
+    *SENSOR_NOISES[: len(SENSORS)],
     *("sensor.noise_seed", "sensor.delay"),
     # Of failures first all times, so that one search finds whether any of them is used.
     *_each(_FIRST, _TIMES),
@@ -67,6 +76,11 @@ PARAMETER_NAMES: tuple[str, ...] = (
     *_each(ENGINES, ("duration",)),
     *_each(ENGINES, ("thrust",)),
     *(f"control.{name}_effectiveness" for name in EFFECTORS),
+    *(f"sensor.{name}_bias" for name in MORE_SENSORS),
+    *SENSOR_NOISES[len(SENSORS) :],
+    *(f"sensor.{name}_lag" for name in ALL_SENSORS),
+    *(f"sensor.{name}_interval" for name in ALL_SENSORS),
+    *(f"sensor.{name}_scale" for name in SCALED_SENSORS),
 )
 FAILURE_TIMES = tuple(name for name in PARAMETER_NAMES if name.startswith("failure.") and name.endswith("time"))
 PARAMETER_INDEX: dict[str, int] = {name: i for i, name in enumerate(PARAMETER_NAMES)}

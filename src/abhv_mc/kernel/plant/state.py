@@ -6,7 +6,7 @@ lane loops vector code.
 
 from abhv_mc.kernel.numerics.random_numbers import N_STREAM_ROWS
 from abhv_mc.kernel.plant.actuator_step import N_ACTUATOR_ROWS
-from abhv_mc.kernel.plant.parameter_names import ENGINES, PARAMETER_INDEX, PARAMETER_NAMES
+from abhv_mc.kernel.plant.parameter_names import ALL_SENSORS, ENGINES, PARAMETER_INDEX, PARAMETER_NAMES, SENSORS
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, FIXED_TABLE_ROWS, MAX_EFFECTORS, VARIABLES
 from abhv_mc.kernel.world.turbulence import N_FILTER_STATES
 
@@ -60,8 +60,8 @@ AIR = CMD + 4  # air data of the stage
 FIXED = AIR + 20  # the fixed quantities of the tables, in the order of FIXED_TABLE_ROWS
 NAV = FIXED + len(FIXED_TABLE_ROWS)  # the true motion relative to the Earth
 MEASURED = NAV + 8  # the measurement, which the control laws see
-N_MEASURED = 10
-N_SEEN = N_MEASURED + 12  # with what laws of the user's own may ask for besides
+N_MEASURED = len(SENSORS)
+N_SEEN = len(ALL_SENSORS)  # with what laws of the user's own may ask for besides
 COUNTED = MEASURED + N_SEEN  # 1 where the sample of this tick counts
 COMMANDS = COUNTED + 1  # what the guidance commands of the attitude loop
 GUST = COMMANDS + 3  # gust and turbulence of the tick in body axes, and the profile's factor on the density
