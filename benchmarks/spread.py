@@ -50,7 +50,7 @@ def describe_machine(load_before: float) -> dict[str, Any]:
     memory would then count for less.
     """
     from abhv_mc.bench.json_record import find_simd
-    from abhv_mc.folder.provenance import find_machine
+    from abhv_mc.identity import find_machine
 
     return {**find_machine(), "simd": find_simd(), "load_before": load_before}
 

@@ -1,4 +1,4 @@
-"""Which code computes rows in this process: one hash of the source that it has imported, and of its compiler.
+"""Where rows come from: one hash of the source that this process has imported and of its compiler; commit and machine.
 
 Whatever flies, draws, judges or merges may shape a row, so every package counts but those that only show (``_SHOWN``).
 A process that lives through an edit of its source is still the old code: the hash is of the source when this module was
@@ -10,14 +10,19 @@ import functools
 import hashlib
 import os
 import platform
+import subprocess
 import sys
 import threading
 from importlib.metadata import version
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import abhv_mc
 
 _PACKAGE = Path(__file__).parent
 _SHOWN = ("cli", "report", "topics")
+_COMPILERS = ("numba", "llvmlite")
+_LIBRARIES = ("numpy", *_COMPILERS, "scipy", "pyarrow", "joblib")
 
 
 class Flyer(NamedTuple):
@@ -69,7 +74,7 @@ def code_hash() -> str:
 
 @functools.lru_cache(1)
 def _join_hashes(modules: tuple[tuple[str, str], ...]) -> str:
-    words = [f"{name} {version(name)}" for name in ("numba", "llvmlite")]
+    words = [f"{name} {version(name)}" for name in _COMPILERS]
     words += [f"{name} {digest}" for name, digest in modules]
     return hashlib.sha256("\n".join(words).encode()).hexdigest()[:16]
 
@@ -83,8 +88,8 @@ def this_flyer() -> Flyer:
 def _describe_machine() -> tuple[str, str, str, str]:
     import llvmlite.binding as llvm
 
-    names = ("numpy", "scipy", "numba", "llvmlite")
-    versions = ", ".join([f"python {platform.python_version()}", *(f"{name} {version(name)}" for name in names)])
+    held = find_versions()
+    versions = ", ".join(f"{name} {held[name]}" for name in ("python", "numpy", "scipy", *_COMPILERS))
     try:
         features = llvm.get_host_cpu_features().flatten()
     except RuntimeError:  # LLVM does not know this kind of processor
@@ -102,3 +107,53 @@ def find_processor() -> str:
     except OSError:
         pass
     return platform.processor() or "unknown"
+
+
+def find_versions() -> dict[str, str]:
+    """Versions of the program, Python and the libraries that results rest on."""
+    return {
+        "abhv_mc": abhv_mc.__version__,
+        "python": platform.python_version(),
+        **{name: version(name) for name in _LIBRARIES},
+    }
+
+
+def find_compiler() -> str:
+    """Which interface of numba compiled the flight: ``private`` or ``public``."""
+    from abhv_mc.kernel.jit import compiler  # which loads numba
+
+    return compiler()
+
+
+def find_commit() -> str | None:
+    """Commit of the checkout that the program runs from, with ``+`` when files differ from it; None outside one."""
+    root = Path(abhv_mc.__file__).parents[2]
+    if not (root / ".git").exists():
+        return None
+    try:
+        commit = _git(root, "rev-parse", "HEAD")
+        return commit + ("+" if _git(root, "status", "--porcelain", "--untracked-files=no", "--", "src") else "")
+    except (OSError, subprocess.SubprocessError):
+        return None
+
+
+def _git(root: Path, *words: str) -> str:
+    command = ["git", "-C", str(root), *words]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=10)  # noqa: S603
+    return done.stdout.strip()
+
+
+def find_machine() -> dict[str, Any]:
+    """The machine, as far as results and times may depend on it."""
+    return {
+        "system": f"{platform.system()} {platform.release()}",
+        "architecture": platform.machine(),
+        "processor": find_processor(),
+        "cores": count_cores(),
+        "byte_order": sys.byteorder,
+    }
+
+
+def count_cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -4,7 +4,7 @@ from typing import Any
 
 from abhv_mc.bench.speed import Speed
 from abhv_mc.bench.start_times import Start
-from abhv_mc.folder.provenance import find_machine
+from abhv_mc.identity import find_machine
 
 
 def make_figures(speed: Speed, start: Start) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.envelope_states import ENVELOPE_FLIGHTS
 from abhv_mc.folder.flights import END_TIME, FlightRows, flights_schema, write_block
 from abhv_mc.folder.histories import write_histories
-from abhv_mc.folder.provenance import count_cores
+from abhv_mc.identity import count_cores
 from abhv_mc.simulators.engine import Engine
 from abhv_mc.simulators.make_plans import find_warnings, make_plans, record_every
 from abhv_mc.simulators.simulate import make_ready, simulate

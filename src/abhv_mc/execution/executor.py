@@ -18,7 +18,7 @@ from abhv_mc.execution.fly_batches import fly_in_batches
 from abhv_mc.execution.retry import FlightLostError, fly_with_retries
 from abhv_mc.execution.worker_processes import WorkerPool
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks
-from abhv_mc.folder.provenance import count_cores
+from abhv_mc.identity import count_cores
 from abhv_mc.simulators.engine import Engine, Fly, Recorded
 
 

@@ -21,8 +21,8 @@ from abhv_mc.folder.inputs import FolderInputs, collect_inputs, describe_changes
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import RUNNING, Manifest, write_manifest
 from abhv_mc.folder.opening import FlownFolder, begin_folder, grow_folder, open_folder
-from abhv_mc.folder.provenance import find_commit, find_compiler, find_machine, find_versions
 from abhv_mc.folder.samples import ROW_GROUP, SampleReader, write_samples
+from abhv_mc.identity import find_commit, find_compiler, find_machine, find_versions
 from abhv_mc.io.documents import InputError
 from abhv_mc.io.input_files import reading_once
 from abhv_mc.simulators.campaign_code import check_user_code
@@ -32,7 +32,7 @@ from abhv_mc.simulators.make_plans import find_warnings, make_plans, record_ever
 from abhv_mc.simulators.simulate import make_ready
 from abhv_mc.simulators.stored_plans import read_trusted_plan
 from abhv_mc.user_code.child import called_beside
-from abhv_mc.user_code.packages import find_package_versions
+from abhv_mc.user_code.source import find_package_versions
 from abhv_mc.user_code.trust import trust
 
 

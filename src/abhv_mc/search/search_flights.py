@@ -31,8 +31,8 @@ from abhv_mc.folder.inputs import FolderInputs, collect_inputs, read_folder_inpu
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, RUNNING, ControllerCount, Manifest, write_manifest
 from abhv_mc.folder.opening import FlownFolder, begin_folder, open_folder
-from abhv_mc.folder.provenance import find_commit, find_machine, find_versions
 from abhv_mc.folder.samples import write_samples
+from abhv_mc.identity import find_commit, find_machine, find_versions
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.io.input_files import reading_once
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX

@@ -2,8 +2,7 @@
 
 from importlib import metadata
 
-from abhv_mc.user_code.packages import find_package_versions
-from abhv_mc.user_code.source import UserSource
+from abhv_mc.user_code.source import UserSource, find_package_versions
 
 LAW = """
 import math
