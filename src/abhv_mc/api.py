@@ -62,7 +62,7 @@ class Campaign:
         self.name: str = checked.model.name
         self.question: str = checked.model.question  # what it asks
         self.runs: int = checked.runs  # flights of each controller
-        self.controllers: tuple[str, ...] = tuple(checked.model.controllers)  # the first is compared with the others
+        self.controllers: tuple[str, ...] = checked.controllers  # the first is compared with the others
         self.parameters: tuple[str, ...] = checked.names  # that are dispersed
 
     @classmethod

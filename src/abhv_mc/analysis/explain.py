@@ -1,6 +1,5 @@
 """Why a flight failed: the smallest set of its dispersions that still fails with all others nominal."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +10,6 @@ from abhv_mc.analysis.replay import find_row
 from abhv_mc.analysis.shrink import shrink
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
-from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
@@ -19,10 +17,9 @@ from abhv_mc.folder.flights import END_TIME, FlightRows
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError, one_of
-from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc.plant.parameters import PARAMETERS
-from abhv_mc.simulators.end_sentence import describe_end
-from abhv_mc.simulators.engine import Fly
+from abhv_mc.plant.parameters import OURS, Parameters
+from abhv_mc.simulators.end_sentence import end_of
+from abhv_mc.simulators.engine import Fly, fly_of
 from abhv_mc.simulators.simulate import make_ready, simulate
 from abhv_mc.simulators.stored_plans import open_flown
 
@@ -73,6 +70,7 @@ class Explanation:
     tried: int  # flights flown to find it
     rows: Floats  # [flight, dispersion] nominal, with the causes alone, as flown
     block: FlightBlock  # those three flights
+    known: Parameters = OURS
 
 
 def explain_flight(
@@ -91,13 +89,14 @@ def explain_flight(
     """
     folder = CampaignFolder(root)
     campaign = open_flown(folder, [controller], trust_code)
+    fly = fly_of(campaign, fly)
     row = find_row(folder, controller, flight)
     failure = find_failure(root, campaign, row, requirement)
     plan, margins = campaign.systems[controller].plan, failure.of_margin
     if margins:
         campaign = make_ready(campaign, {controller: plan}, margins=True)
     names = campaign.dimensions
-    nominal = nominal_values(names)
+    nominal = campaign.parameters.nominal_of(names)
     values, seeds = row.samples[0, : len(names)], row.samples[:, len(names) :]  # the noise stays as it was flown
 
     def fly_rows(rows: Floats, recorded: int | None = None) -> FlightBlock:
@@ -116,13 +115,13 @@ def explain_flight(
         raise InputError(root, f"a flight {flight} that does not fail when flown again", wish) from None
     sets = [tuple(names[i] for i in members) for members in found.sets]
     alone = np.isin(names, sets[0])
-    flown = next(outcome for outcome in Outcome if outcome.code == row.outcome[0])
+    flown = campaign.outcomes.numbers[row.outcome[0]]
     rows = np.stack([nominal, np.where(alone, values, nominal), values])
     return Explanation(
         controller,
         flight,
         failure,
-        describe_end(plan, full_rows(campaign.inputs, row.samples, campaign.derived), flown),
+        end_of(campaign, controller, row.samples, flown),
         dict(zip(names, values.tolist(), strict=True)),
         sets[0],
         tuple(sets[1:]),
@@ -130,12 +129,8 @@ def explain_flight(
         found.tried,
         rows,
         fly_rows(rows, every),
+        campaign.parameters,
     )
-
-
-def nominal_values(names: Sequence[str]) -> Floats:
-    """Each parameter without its dispersion."""
-    return np.array([PARAMETERS[PARAMETER_INDEX[name]].nominal for name in names])
 
 
 def find_failure(root: Path, campaign: Experiment, row: FlightRows, asked: str | None) -> Failure:
@@ -143,13 +138,13 @@ def find_failure(root: Path, campaign: Experiment, row: FlightRows, asked: str |
 
     Raises InputError where it did not fail so.
     """
-    outcome = next(o for o in Outcome if o.code == row.outcome[0])
+    outcome = campaign.outcomes.numbers[row.outcome[0]]
     if outcome == Outcome.FAILED_TO_RUN:
         found = f"flight {row.first}, which could not be computed"
         raise InputError(root, found, "a flight that was flown")
     places = [i for i, name in enumerate(row.columns) if name != END_TIME.name]  # margins follow it
     columns = [row.columns[i] for i in places]
-    state = np.array([int(outcome)]), row.end_time, row.values[:, places]
+    state = np.array([outcome]), row.end_time, row.values[:, places]
     failures = [Failure(item, columns.index(item.metric)) for item in campaign.requirements]
     metrics = [failure.requirement.metric for failure in failures if failure.requirement]
     if asked is not None and asked not in metrics:

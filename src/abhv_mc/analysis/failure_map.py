@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
 from abhv_mc.analysis.causes import group_failures
-from abhv_mc.analysis.explain import Failure, find_failure, mildest_first, nominal_values
+from abhv_mc.analysis.explain import Failure, find_failure, mildest_first
 from abhv_mc.analysis.replay import find_rows
 from abhv_mc.analysis.shrink import Shrunk, shrink_together
 from abhv_mc.array_types import Floats, Mask
@@ -21,7 +21,7 @@ from abhv_mc.folder.layout import CampaignFolder, write_bytes
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError
-from abhv_mc.simulators.engine import Engine, Fly
+from abhv_mc.simulators.engine import Engine, Fly, engine_of
 from abhv_mc.simulators.simulate import make_ready, simulate
 from abhv_mc.simulators.stored_plans import open_flown
 
@@ -89,7 +89,7 @@ def map_failures(
     folder = CampaignFolder(root)
     campaign = open_flown(folder, failed, trust_code)
     found = {}
-    with open_executor(engine, campaign.model.execution, None, None) as executor:
+    with open_executor(engine_of(campaign, engine), campaign.model.execution, None, None) as executor:
         for name, flights in failed.items():
             found[name] = _map_controller(folder, campaign, name, flights, executor.fly_side_by_side)
     return FailureMap(str(read_manifest(folder.manifest).digest), found)
@@ -105,7 +105,7 @@ def _map_controller(
     flights = [int(flight) for flight in failed[:MOST_FLIGHTS]]
     rows = find_rows(folder, controller, flights)
     failures = [find_failure(folder.root, campaign, row, None) for row in rows]
-    names, nominal = campaign.dimensions, nominal_values(campaign.dimensions)
+    names, nominal = campaign.dimensions, campaign.parameters.nominal_of(campaign.dimensions)
     if not rows:
         return ControllerFailures(0, (), (), (), 0)
     margins = any(failure.of_margin for failure in failures)

@@ -6,16 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
-from abhv_mc.campaign.sampling.samples import full_rows
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.outcome import OUTCOMES, Outcomes
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder.flights import DamagedFileError, FlightRows, parse_block_name, read_pieces
 from abhv_mc.folder.hashes import read_checked
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError
-from abhv_mc.simulators.end_sentence import describe_end
-from abhv_mc.simulators.engine import Fly
+from abhv_mc.simulators.end_sentence import end_of
+from abhv_mc.simulators.engine import Fly, fly_of
 from abhv_mc.simulators.simulate import simulate
 from abhv_mc.simulators.stored_plans import open_flown
 
@@ -31,10 +30,12 @@ class Replay:
     metrics: dict[str, float]
     differences: tuple[str, ...]  # what differs from the stored row in any bit
     sentence: str  # how the flight ended
+    ends: Outcomes = OUTCOMES
 
     @property
-    def outcome(self) -> Outcome:
-        return Outcome(int(self.block.outcome[0]))
+    def outcome(self) -> str:
+        """The code of how it ended."""
+        return self.ends.codes[int(self.block.outcome[0])]
 
 
 def replay_flight(
@@ -47,21 +48,20 @@ def replay_flight(
     folder = CampaignFolder(root)
     experiment = open_flown(folder, [controller], trust_code)
     row = find_row(folder, controller, flight)
-    block = simulate(experiment, controller, row.samples, every, fly)
+    block = simulate(experiment, controller, row.samples, every, fly_of(experiment, fly))
     values = np.append(block.metrics[0], block.end_time[0])
     differences = [
         f"{name}: {new!r} instead of {old!r}"
         for name, new, old in zip(row.columns, values.tolist(), row.values[0].tolist(), strict=False)  # margins follow
         if np.float64(new).tobytes() != np.float64(old).tobytes() and not (np.isnan(new) and np.isnan(old))
     ]
-    outcome = Outcome(int(block.outcome[0]))
-    if outcome.code != row.outcome[0]:
-        differences.append(f"outcome: {outcome.code} instead of {row.outcome[0]}")
+    outcome, ends = int(block.outcome[0]), experiment.outcomes
+    if ends.codes[outcome] != row.outcome[0]:
+        differences.append(f"outcome: {ends.codes[outcome]} instead of {row.outcome[0]}")
     samples = dict(zip(experiment.inputs, row.samples[0].tolist(), strict=True))
     metrics = dict(zip(row.columns, values.tolist(), strict=False))
-    parameters = full_rows(experiment.inputs, row.samples, experiment.derived)
-    end = describe_end(experiment.systems[controller].plan, parameters, outcome)
-    return Replay(controller, flight, block, samples, metrics, tuple(differences), end)
+    end = end_of(experiment, controller, row.samples, outcome)
+    return Replay(controller, flight, block, samples, metrics, tuple(differences), end, ends)
 
 
 def find_row(folder: CampaignFolder, controller: str, flight: int) -> FlightRows:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.correlation import Copula
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
@@ -22,8 +21,6 @@ from abhv_mc.campaign.sampling.marginals import (
 )
 from abhv_mc.io.document_reader import compose
 from abhv_mc.io.documents import InputError, Refusal, one_of, validate
-from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.statistics.reweight import Unseen, join_unseen, unseen_of_range, unseen_of_values
 
 _SET = "--set"
@@ -71,8 +68,8 @@ def make_change(campaign: Experiment, settings: Mapping[str, Mapping[str, Any]])
         after[name] = {**({} if "distribution" in keys else entries[name]), **keys}
     document = replace(campaign.document, data={**data, "dispersions": {**entries, **after}})
     try:
-        model = validate(document, Campaign)
-        marginals = {name: model.dispersions[name].make_marginal(PARAMETERS[PARAMETER_INDEX[name]]) for name in after}
+        model = validate(document, type(campaign.model))
+        marginals = {name: model.dispersions[name].make_marginal(campaign.parameters[name]) for name in after}
     except (InputError, Refusal) as error:
         raise InputError(_SET, error.found, error.expected) from None
     mixed = [campaign.names[column] for column in campaign.copula.columns]

@@ -57,9 +57,11 @@ def _explain_one(
     fly = make_engine().fly
     found = run_in_thread(lambda: explain_flight(folder, name, flight, fly, requirement, trust_code=trust_code))
     path = out or paths.explained / f"{name}-{flight}.png"
-    write_explained_figure(found, path)
-    words = [*explanation_words(found), f"figure    {path}"]
-    show(explanation_numbers(found) | {"figure": str(path)}, json, lambda: say(*words, sep="\n"))
+    words, numbers = explanation_words(found), explanation_numbers(found)
+    if found.block.history.size:
+        write_explained_figure(found, path)
+        words, numbers = [*words, f"figure    {path}"], numbers | {"figure": str(path)}
+    show(numbers, json, lambda: say(*words, sep="\n"))
 
 
 def _map_all(folder: Path, controller: str | None, json: Path | None, trust_code: bool) -> None:

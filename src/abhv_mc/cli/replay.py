@@ -1,5 +1,6 @@
 """``abhv-mc replay``: fly one flight of a campaign again."""
 
+from math import isnan
 from pathlib import Path
 from typing import Annotated
 
@@ -37,11 +38,13 @@ def command(
     fly = make_engine().fly
     replay = run_in_thread(lambda: replay_flight(folder, controller, flight, fly, trust_code=trust_code))
     block = replay.block
+    if out is not None and not block.history.size:
+        raise InputError("--output", "flights that return no history", "no --output")
     if out is not None:
         write_histories(out, controller, [flight], block.times, block.history, list(CHANNEL_INDEX))
 
     def in_words() -> None:
-        end = f"{replay.outcome.code} after {block.end_time[0]:g} s"
+        end = replay.outcome + ("" if isnan(block.end_time[0]) else f" after {block.end_time[0]:g} s")
         say(f"flight {flight} of {controller}: {end}. {replay.sentence}")
         for name, value in replay.samples.items():
             say(f"  {name:<40} {value:.10g}")
@@ -54,7 +57,7 @@ def command(
         else:
             say("metrics equal the stored ones bit for bit")
 
-    figures = {"flight": flight, "controller": controller, "outcome": replay.outcome.code}
+    figures = {"flight": flight, "controller": controller, "outcome": replay.outcome}
     figures |= {"end_time_s": block.end_time[0], "samples": replay.samples, "metrics": replay.metrics}
     show(figures | {"differences": list(replay.differences)}, json, in_words)
     if replay.differences:

@@ -166,16 +166,16 @@ def expand(folder: Path, patterns: Sequence[str]) -> list[Path]:
     for i, pattern in enumerate(patterns):
         parts = Path(pattern).parts
         if not parts or Path(pattern).is_absolute() or ".." in parts:
-            raise Refusal(f"'{pattern}'", "a plain path to a file or folder beside the law", ("files", i))
+            raise Refusal(f"'{pattern}'", "a plain path to a file or folder beside it", ("files", i))
         inside = "**/*" if (folder / pattern).is_dir() else ""
         paths = sorted((folder / pattern).glob(inside) if inside else folder.glob(pattern))
         files = [path for path in paths if path.is_file() and "__pycache__" not in path.parts]
         if not files:
-            raise Refusal(f"'{pattern}', which names no file beside the law", "files beside the law", ("files", i))
+            raise Refusal(f"'{pattern}', which names no file beside it", "files beside it", ("files", i))
         for path in files:
             if not path.resolve().is_relative_to(folder.resolve()):
-                found_words = f"'{pattern}', which leads out of the law's folder to {path.resolve()}"
-                raise Refusal(found_words, "a file beside the law", ("files", i))
+                found_words = f"'{pattern}', which leads out of its folder to {path.resolve()}"
+                raise Refusal(found_words, "a file beside it", ("files", i))
             found[path] = None
     return list(found)
 

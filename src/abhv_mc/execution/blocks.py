@@ -13,6 +13,7 @@ from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.simulators.engine import Fly, Recorded
 from abhv_mc.simulators.simulate import simulate
 
+_WORK = 10.0  # s
 _MOST_PLAIN = 8192  # flights of a block that records nothing, some ten seconds of work: what a kill costs a worker
 
 
@@ -41,6 +42,12 @@ def choose_plain(flights: int, workers: int, batch: int) -> int:
     """Flights of a block that records nothing: whole batches, four blocks or more a worker."""
     share = -(-flights // (4 * workers))
     return batch * max(1, min(_MOST_PLAIN, share) // batch)
+
+
+def choose_timed(flights: int, workers: int, seconds: float) -> int:
+    """Flights of a block of a user's simulator: some ten seconds of work by the time (s) of the first flights."""
+    share = -(-flights // (4 * workers))
+    return max(1, min(_MOST_PLAIN, share, int(_WORK / seconds) if seconds else _MOST_PLAIN))
 
 
 def cut_blocks(

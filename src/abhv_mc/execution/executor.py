@@ -59,6 +59,10 @@ def open_executor(
     elif isolation == PROCESSES:
         with contextlib.closing(WorkerPool(engine.fly, number, limit, check)) as pool:
             yield Executor(pool.fly, number)
+    elif engine.close is not None:
+        with contextlib.ExitStack() as stack:
+            stack.callback(engine.close)
+            yield Executor(lambda *given: sign(engine.fly(*given)), number)
     else:
         yield Executor(_in_this_process(engine), number)
 

@@ -5,7 +5,7 @@ so that no campaign silently varies nothing. So is a metric of a quantity that t
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 import numpy as np
 
@@ -15,8 +15,6 @@ from abhv_mc.execution.retry import time_limit
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.io.documents import InputError, InputErrors
-from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.simulators.engine import Fly
 from abhv_mc.simulators.simulate import simulate
 from abhv_mc.user_code.run_in_thread import run_in_thread
@@ -33,13 +31,13 @@ def make_trials(campaign: Experiment) -> Floats:
     gust that blows either way alike has none in its middle.
     """
     names = campaign.dimensions
-    nominal = np.array([PARAMETERS[PARAMETER_INDEX[name]].nominal for name in names])
+    nominal = campaign.parameters.nominal_of(names)
     quantiles = np.stack([campaign.ends_of(i) for i in range(len(names))]) if names else np.empty((0, _ROWS))
     values = np.tile(quantiles[:, 1], (1 + _ROWS * len(names), 1))
     values[0] = nominal
     for i in range(len(names)):
         values[1 + _ROWS * i : 1 + _ROWS * (i + 1), i] = nominal[i], quantiles[i, 0], quantiles[i, 2]
-    seeds = [PARAMETERS[PARAMETER_INDEX[name]].nominal for name in campaign.inputs[len(names) :]]
+    seeds = campaign.parameters.nominal_of(campaign.inputs[len(names) :])
     return np.column_stack([values, np.tile(seeds, (len(values), 1))])
 
 
@@ -53,17 +51,24 @@ def fly_probes(campaign: Experiment, fly: Fly, every: int) -> dict[str, FlightBl
     limit = _COMPILING + time_limit(len(trials), campaign.model.execution.flight_time_limit or _USUAL)
     flown = {name: _fly_temporary(campaign, name, trials, every, fly, limit) for name in campaign.systems}
     errors = list(_find_not_finite(campaign, flown))
-    for i, name in enumerate(campaign.dimensions):
-        unchanged, *rows = range(1 + _ROWS * i, 1 + _ROWS * (i + 1))
-        if not any(differs(block, row, unchanged) for block in flown.values() for row in rows):
-            low, high = trials[rows, i]
-            key = "unknowns" if name in campaign.unknowns.names else "dispersions"
-            where = ("sampling",) if campaign.sample_file is not None else (key, name)
-            found = f"'{name}' from {low:g} to {high:g}, which changes no controller's flight"
-            errors.append(campaign.document.key_error(where, found, "a dispersion that matters to this vehicle"))
+    for name, low, high in unchanging(campaign, trials, flown.values()):
+        key = "unknowns" if name in campaign.unknowns.names else "dispersions"
+        where = ("sampling",) if campaign.sample_file is not None else (key, name)
+        found = f"'{name}' from {low:g} to {high:g}, which changes no controller's flight"
+        errors.append(campaign.document.key_error(where, found, "a dispersion that matters to this vehicle"))
     if errors:
         raise InputErrors(errors)
     return flown
+
+
+def unchanging(
+    campaign: Experiment, trials: Floats, flown: Collection[FlightBlock]
+) -> Iterator[tuple[str, float, float]]:
+    """The dispersions that change no flight of the trials, each with the ends of its range."""
+    for i, name in enumerate(campaign.dimensions):
+        unchanged, *rows = range(1 + _ROWS * i, 1 + _ROWS * (i + 1))
+        if not any(differs(block, row, unchanged) for block in flown for row in rows):
+            yield name, *trials[rows, i].tolist()
 
 
 def _fly_temporary(campaign: Experiment, name: str, trials: Floats, every: int, fly: Fly, limit: float) -> FlightBlock:
@@ -94,5 +99,5 @@ def _find_not_finite(campaign: Experiment, flown: dict[str, FlightBlock]) -> Ite
 
 def differs(block: FlightBlock, a: int, b: int) -> bool:
     """Whether two flights of a block differ in any bit of what was measured."""
-    same = np.array_equal(block.metrics[a], block.metrics[b], equal_nan=True)
-    return not (same and block.outcome[a] == block.outcome[b] and block.end_time[a] == block.end_time[b])
+    values = np.column_stack([block.metrics, block.end_time])
+    return not (np.array_equal(values[a], values[b], equal_nan=True) and block.outcome[a] == block.outcome[b])

@@ -69,7 +69,9 @@ def list_histories(
 ) -> list[HistoryFile]:
     """The files that the histories of all flights, which have flown, are kept in."""
     keep = campaign.model.keep.histories
-    files = []
+    files: list[HistoryFile] = []
+    if not campaign.has_histories:
+        return files
     number = campaign.worst
     worst = (
         read_worst(folder, campaign, number)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Mask
 from abhv_mc.execution.backpressure import Backpressure, closing_quietly
-from abhv_mc.execution.blocks import Block, choose_batch, choose_plain, cut_blocks, fly_block
+from abhv_mc.execution.blocks import Block, choose_batch, choose_plain, choose_timed, cut_blocks, fly_block
 from abhv_mc.execution.cluster import connect_cluster
 from abhv_mc.execution.completion import Completion
 from abhv_mc.execution.executor import Executor, open_executor
@@ -36,10 +36,10 @@ from abhv_mc.folder.flown_by import note_flyers
 from abhv_mc.folder.layout import write_text
 from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, RUNNING, Manifest, write_manifest
 from abhv_mc.folder.samples import SampleReader
-from abhv_mc.simulators.engine import Engine, check_source, make_engine
+from abhv_mc.simulators.engine import Engine, check_source, engine_of, make_engine
 from abhv_mc.simulators.make_plans import record_every
+from abhv_mc.simulators.own.fly import seconds_of_a_flight
 
-_CODES = {int(outcome): outcome.code for outcome in Outcome}
 _SAVE_INTERVAL = 5.0  # s between manifests on disk
 
 
@@ -68,6 +68,7 @@ def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
         if request.scheduler is not None:
             cluster = stack.enter_context(connect_cluster(request.scheduler, engine))
         opened = open_campaign(request, engine, stack)
+        engine = engine_of(opened.campaign, engine)
         execution = opened.campaign.model.execution
         executor = stack.enter_context(
             open_executor(engine, execution, request.workers, cluster, request.check_workers)
@@ -91,7 +92,8 @@ class _Run:
         provenance["version"] = str(self.manifest.versions.get("abhv_mc"))
         values = flight_values(self.campaign)
         self.columns = tuple(signal.name for signal in values)
-        self.schema = flights_schema(self.samples.names, provenance, values)
+        tables = self.campaign.parameters, self.campaign.outcomes
+        self.schema = flights_schema(self.samples.names, provenance, values, *tables)
         self.with_margins = model.margins.of(self.campaign.runs) if model.margins else 0
         self.start, self.wall_before = time.monotonic(), self.manifest.wall_time_s
 
@@ -106,7 +108,7 @@ class _Run:
             return RunResult(self.folder.root, self.manifest)
         check_source(self.folder, self.manifest, self.engine)
         try:
-            if not (self.completion.whole() and self.files.knows(self.folder.envelopes)):
+            if not (self.completion.whole() and self._knows_envelopes()):
                 self._fly()
             whole = self.completion.whole()
             if whole:
@@ -127,7 +129,11 @@ class _Run:
             return True
         margins = self.engine.find_stability is None or self.files.knows(self.folder.margins)
         histories = all(file.whole for file in self._list_histories())
-        return margins and histories and self.files.knows(self.folder.envelopes)
+        return margins and histories and self._knows_envelopes()
+
+    def _knows_envelopes(self) -> bool:
+        """Whether they are there, or cannot be."""
+        return not self.campaign.has_histories or self.files.knows(self.folder.envelopes)
 
     def _make_cells(self) -> Cells:
         keep = self.campaign.model.keep.envelopes
@@ -141,16 +147,32 @@ class _Run:
         """Whether they are there, of flights that are all there: later ones change nothing of them."""
         last = min(self.completion.goal(), envelope_states.ENVELOPE_FLIGHTS)
         whole = all(mask[self.completion.first : last].all() for mask in self.completion.done.values())
-        return whole and self.files.knows(self.folder.envelopes)
+        return whole and self._knows_envelopes()
 
     def _fly(self) -> None:
         """Fly what is missing, step by step where the campaign stops when proven."""
-        self.cells = self._make_cells()
-        if not self._has_envelopes():
+        self.recording = None
+        if self.campaign.has_histories:
+            self.cells = self._make_cells()
+            self.recording = self.cells.recording
+        if self.campaign.has_histories and not self._has_envelopes():
             states, runs = self.folder.envelope_states, self.campaign.runs
             self.collectors = {name: Collector(states, name, runs, self.cells) for name in self.plans}
+        if self.campaign.own is not None:
+            self._time_flights()
         while missing := self.completion.find_missing(self.collectors):
             self._fly_missing(missing)
+
+    def _time_flights(self) -> None:
+        """Choose blocks of a user's simulator by the time of a flight: of the first ones, or of one that is missing."""
+        plans = [system.plan for system in self.campaign.systems.values()]
+        for name, (rows, _) in self.completion.find_missing({}).items():
+            if rows.any() and not seconds_of_a_flight(plans):
+                first = int(np.argmax(rows))
+                block, row = Block(name, first, first + 1, True, False), self.samples.rows(first, first + 1)
+                self._keep(*fly_block(self.campaign, block, row, None, self.fly, False))
+        chosen = choose_timed(self.campaign.runs, self.workers, seconds_of_a_flight(plans))
+        self.batch = self.campaign.model.execution.batch or chosen
 
     def _fly_missing(self, missing: dict[str, tuple[Mask, Mask]]) -> None:
         from joblib import Parallel, delayed
@@ -161,14 +183,16 @@ class _Run:
             n_jobs=self.workers, backend="threading", return_as="generator_unordered", pre_dispatch="2*n_jobs"
         )
         backpressure = Backpressure(2 * self.workers)
-        plain = envelope_states.ENVELOPE_FLIGHTS, choose_plain(total, self.workers, self.batch)
+        plain = None
+        if self.campaign.own is None:
+            plain = envelope_states.ENVELOPE_FLIGHTS, choose_plain(total, self.workers, self.batch)
         tasks = (
             delayed(backpressure.call)(
                 fly_block,
                 self.campaign,
                 block,
                 self.samples.rows(block.first, block.stop),
-                self.cells.recording,
+                self.recording,
                 self.fly,
                 block.rows and block.first < self.with_margins,
             )
@@ -198,10 +222,10 @@ class _Run:
                 block.first,
                 self.samples.names,
                 self.samples.rows(block.first, block.stop),
-                tuple(map(_CODES.__getitem__, flown.outcome.tolist())),
+                self.campaign.outcomes.of(flown.outcome),
                 self._make_values(flown),
                 self.columns,
-                self.plans[block.controller].timing.duration,
+                np.inf if self.campaign.own else self.plans[block.controller].timing.duration,
             )
             digest = write_block(self.folder.flights, rows, self.schema)
             self.manifest = replace(self.manifest, flown_by=note_flyers(

@@ -1,6 +1,7 @@
 """Before a campaign flies: everything checked, then its folder made, or found and proven to be the same campaign."""
 
 import sys
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from abhv_mc.campaign.file.check import check_campaign, read_campaign
 from abhv_mc.campaign.file.config import PROCESSES
 from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.execution.first_flights import fly_first
 from abhv_mc.execution.name_points import name_points, with_points
 from abhv_mc.execution.probe_dispersions import fly_probes
 from abhv_mc.execution.worker_processes import start_fork_server
@@ -27,7 +29,7 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.io.input_files import reading_once
 from abhv_mc.simulators.campaign_code import check_user_code
 from abhv_mc.simulators.corner_margins import is_compiled
-from abhv_mc.simulators.engine import Engine, check_source
+from abhv_mc.simulators.engine import Engine, check_source, engine_of
 from abhv_mc.simulators.make_plans import find_warnings, make_plans, record_every, reference_of, take_plans
 from abhv_mc.simulators.simulate import make_ready
 from abhv_mc.simulators.stored_plans import read_trusted_plan
@@ -83,6 +85,7 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     """
     stack.enter_context(reading_once())
     requested = read_campaign(request.campaign, request.runs, request.seed, request.controllers)
+    engine = engine_of(requested, engine)
     folder = CampaignFolder(request.out or Path("reports") / requested.model.name)
     for source in check_user_code(requested, request.trust_code):
         trust(source)  # his own file: he has flown it
@@ -97,10 +100,11 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
         return _resume(flown, requested, inputs, engine, request)
     _start_workers(request, engine)
     plans = take_plans(request.plans_from, requested, inputs, engine, request.trust_code)
-    plans = plans or make_plans(requested, requested.model.controllers, engine)
+    plans = plans or make_plans(requested, requested.controllers, engine)
     if request.shard is None:
         _compile_margins(requested, plans, engine, stack)
     nominal = _fly_nominal(requested, plans, engine)
+    told = fly_first(make_ready(requested, plans), engine, request.workers) if requested.own else ()
     if requested.unknowns.names:
         requested = name_points(requested, plans, engine, request.workers)
         inputs = collect_inputs(requested)
@@ -108,7 +112,7 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     files = begin_folder(folder, inputs, plans, stack)
     _write_samples(folder, requested)
     _write_nominal(folder, requested, plans, nominal)
-    manifest = replace(_new_manifest(requested, inputs, engine, plans), shard=request.shard, files=files.listed())
+    manifest = replace(_new_manifest(requested, inputs, engine, plans, told), shard=request.shard, files=files.listed())
     write_manifest(folder.manifest, manifest)
     return OpenCampaign(folder, ready, manifest, tuple(plans), files)
 
@@ -144,15 +148,16 @@ def _resume(
     folder, manifest, files = flown.folder, flown.manifest, flown.files
     before = read_folder_inputs(folder, manifest)
     _check_same(flown, before, requested, inputs, request)
-    added = [name for name in requested.model.controllers if name not in before.data["controllers"]]
+    added = [name for name in requested.controllers if name not in before.systems]
     if added and requested.unknowns.names:
         found = f"a folder whose points of the unknowns were found without {', '.join(added)}"
         raise InputError(folder.root, found, "another folder (-o DIR), or --fresh")
     longer = requested.runs_at_point > before.data["runs"]
     merged = merge_inputs(before, inputs, selected=request.controllers is not None)
-    judged_anew = next(iter(merged.data["controllers"])) != next(iter(before.data["controllers"]))
+    judged_anew = next(iter(merged.systems)) != next(iter(before.systems))
     changed = added or longer or judged_anew or not files.knows(folder.campaign)  # the last: killed while it grew
-    with_nominal = not added and files.knows(folder.nominal) and files.knows(folder.reference)
+    with_nominal = not added and all(map(files.knows, (folder.nominal, folder.reference)))
+    with_nominal = with_nominal or requested.own is not None
     if added or longer or not with_nominal or not manifest.complete:
         check_source(folder, manifest, engine)
         _start_workers(request, engine)
@@ -166,10 +171,14 @@ def _resume(
     campaign = _join(requested, inputs, merged if changed else before)
     if not files.knows(folder.samples):
         _write_samples(folder, campaign)
-    flying = campaign.model.controllers
-    plans = {name: new.get(name) or read_trusted_plan(folder, campaign, name, request.trust_code) for name in flying}
+    if requested.own is not None:
+        plans = make_plans(replace(campaign, document=requested.document), campaign.controllers, engine)
+    else:
+        names, trusted = campaign.controllers, request.trust_code
+        plans = {name: new.get(name) or read_trusted_plan(folder, campaign, name, trusted) for name in names}
     if changed:
-        manifest = replace(manifest, warnings=tuple(find_warnings(plans, campaign)))
+        first = () if campaign.own is None else manifest.warnings
+        manifest = replace(manifest, warnings=tuple(dict.fromkeys([*first, *find_warnings(plans, campaign)])))
     if not with_nominal:
         _write_nominal(folder, campaign, plans, _fly_nominal(campaign, plans, engine))
     if manifest.files != files.listed():
@@ -181,7 +190,7 @@ def _resume(
 
 def _join(requested: Experiment, inputs: FolderInputs, merged: FolderInputs) -> Experiment:
     """The campaign of the folder, with the controllers that were flown before."""
-    if (merged.data, list(merged.data["controllers"])) == (inputs.data, list(inputs.data["controllers"])):
+    if (merged.data, list(merged.systems)) == (inputs.data, list(inputs.systems)):
         return requested
     campaign = check_campaign(merged.document)
     return replace(campaign, model=campaign.model.model_copy(update={"execution": requested.model.execution}))
@@ -210,6 +219,8 @@ def _fly_nominal(
     campaign: Experiment, plans: dict[str, FlightPlan], engine: Engine
 ) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float32]]]:
     """Fly the probes of the dispersions; times and history ``[time, channel]`` of each controller's nominal flight."""
+    if campaign.own is not None:
+        return {}
     first = next(iter(plans.values()))
     record_every(campaign.document, first, campaign.model.keep.envelopes.rate, "envelopes")
     every = record_every(campaign.document, first, campaign.model.keep.histories.rate, "histories")
@@ -224,6 +235,8 @@ def _write_nominal(
     nominal: dict[str, tuple[NDArray[np.float64], NDArray[np.float32]]],
 ) -> None:
     """The nominal flights and the reference, at the rate of the histories."""
+    if campaign.own is not None:
+        return
     first = next(iter(plans.values()))
     every = record_every(campaign.document, first, campaign.model.keep.histories.rate, "histories")
     times = next(iter(nominal.values()))[0]
@@ -235,7 +248,8 @@ def _write_samples(folder: CampaignFolder, campaign: Experiment) -> None:
     """Draw the samples."""
     source = campaign.make_samples()
     provenance = {"seed": str(campaign.model.seed), "design": campaign.model.sampling.design}
-    write_samples(folder.samples, source.names, campaign.runs, source.draw, provenance, len(campaign.unknowns.points))
+    more = provenance, len(campaign.unknowns.points), campaign.parameters
+    write_samples(folder.samples, source.names, campaign.runs, source.draw, *more)
 
 
 def _check_drawn(folder: CampaignFolder, campaign: Experiment) -> None:
@@ -248,10 +262,13 @@ def _check_drawn(folder: CampaignFolder, campaign: Experiment) -> None:
             raise InputError(folder.samples, found, "the versions that the manifest names, or --fresh")
 
 
-def _new_manifest(campaign: Experiment, inputs: FolderInputs, engine: Engine, plans: dict[str, FlightPlan]) -> Manifest:
+def _new_manifest(
+    campaign: Experiment, inputs: FolderInputs, engine: Engine, plans: dict[str, FlightPlan], told: Sequence[str]
+) -> Manifest:
     from datetime import UTC, datetime
 
-    sources = [source for plan in plans.values() for source in (plan.source, plan.channels_source) if source]
+    ours = [] if campaign.own else plans.values()
+    sources = [source for plan in ours for source in (plan.source, plan.channels_source) if source]
     return Manifest(
         name=campaign.model.name,
         state=RUNNING,
@@ -267,5 +284,5 @@ def _new_manifest(campaign: Experiment, inputs: FolderInputs, engine: Engine, pl
         machine=find_machine(),
         command=tuple(sys.argv[1:]),
         inputs=inputs.hashes,
-        warnings=tuple(find_warnings(plans, campaign)),
+        warnings=(*told, *find_warnings(plans, campaign)),
     )

@@ -59,7 +59,7 @@ def open_flights(root: Path) -> Iterator[FlightTable]:
     columns = [*results.metrics, *results.dispersed]
     with open_database(root) as connection:
         connection.register("ranks", _ranks(results))
-        scales = {name: axis_unit(name)[1] for name in results.dispersed}
+        scales = {name: axis_unit(name, results.campaign.parameters)[1] for name in results.dispersed}
         listed = ", ".join(f"{_quoted(name)} * {scales.get(name, 1.0)!r} as {_quoted(name)}" for name in columns)
         connection.execute("create type controllers as enum (select distinct controller from ranks)")  # thrice as fast
         connection.execute(
@@ -95,7 +95,7 @@ def _ranks(results: FlownCampaign) -> Any:
 def _describe(results: FlownCampaign, ranges: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
     records, names = results.campaign.metrics, results.controllers
     metrics = [{"name": name, "label": records[name].label_with_unit} for name in results.metrics]
-    spoken = [(name, spoken_name(name), axis_unit(name)[0]) for name in results.dispersed]
+    spoken = [(name, spoken_name(name), axis_unit(name, results.campaign.parameters)[0]) for name in results.dispersed]
     dispersions = [
         {"name": name, "label": f"{words[:1].upper()}{words[1:]}{f' ({unit})' if unit else ''}"}
         for name, words, unit in spoken

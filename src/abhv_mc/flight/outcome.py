@@ -1,10 +1,14 @@
 """Every way a flight can end: a code and a sentence, and the limits that end it early."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from abhv_mc.kernel.laws import user
 from abhv_mc.kernel.plant.vehicle import LoadBounds
@@ -36,6 +40,22 @@ class Outcome(IntEnum):
         return self.name.lower()
 
 
+@dataclass(frozen=True)
+class Outcomes:
+    """The ways in which a campaign's flights may end: number, code and sentence of each."""
+
+    codes: Mapping[int, str]
+    sentences: Mapping[str, str]
+
+    @cached_property
+    def numbers(self) -> Mapping[str, int]:
+        return {code: number for number, code in self.codes.items()}
+
+    def of(self, numbers: NDArray[np.int64]) -> tuple[str, ...]:
+        """The codes [flight] of numbers."""
+        return tuple(map(self.codes.__getitem__, numbers.tolist()))
+
+
 LAW_LOST = (Outcome.LAW_CRASHED, Outcome.LAW_HUNG)  # they count as a failed law does, and have no metrics
 
 
@@ -64,6 +84,20 @@ SENTENCES: dict[Outcome, str] = {
     Outcome.LAW_CRASHED: "The control law, one of the user's own, ended its process (a crash), twice.",
     Outcome.LAW_HUNG: "The control law, one of the user's own, did not return in time, twice.",
 }
+
+
+_OF_A_SIMULATOR = {
+    Outcome.OK: "The flight reached its end.",
+    Outcome.FAILED_TO_RUN: "The flight could not be computed (a crash, the time limit, or no answer that counts).",
+}
+_FIRST_OWN = 100  # number of the first outcome that a user's simulator declares
+OUTCOMES = Outcomes({int(o): o.code for o in Outcome}, {o.code: words for o, words in SENTENCES.items()})
+
+
+def own_outcomes(declared: Mapping[str, str]) -> Outcomes:
+    """The outcomes of a user's simulator, whose own have a code and a sentence each."""
+    codes = {int(o): o.code for o in _OF_A_SIMULATOR} | dict(enumerate(declared, _FIRST_OWN))
+    return Outcomes(codes, {o.code: words for o, words in _OF_A_SIMULATOR.items()} | dict(declared))
 
 
 class EndBounds(NamedTuple):

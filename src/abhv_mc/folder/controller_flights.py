@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.metrics import BUILT_IN, Metric
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.outcome import OUTCOMES, Outcome, Outcomes
 from abhv_mc.folder.file_columns import SpooledColumns, missing_file, read_pieces
-from abhv_mc.folder.flights import END_TIME
+from abhv_mc.folder.flights import END_TIME, INPUT
 from abhv_mc.statistics.estimates import severity
 
 _EXPECTED = "a block of flights"
-_CODES = {outcome.code: int(outcome) for outcome in Outcome}
 
 
 @dataclass(frozen=True)
@@ -31,6 +30,7 @@ class ControllerFlights:
     metrics: Mapping[str, Floats]  # name -> [flight], copied anew each time
     absent: NDArray[np.int64]  # numbers of the flights that could not be computed, ascending
     records: Mapping[str, Metric] = field(default_factory=lambda: BUILT_IN)  # of the metrics, with what is bad
+    ends: Outcomes = OUTCOMES  # how they may end
 
     @property
     def end_time(self) -> Floats:
@@ -49,8 +49,8 @@ class ControllerFlights:
 
     def count_outcomes(self) -> dict[str, int]:
         """How many flights ended in each way that occurred, by its code."""
-        counts = np.bincount(self.outcome, minlength=max(Outcome) + 1).tolist()
-        return {code: counts[number] for code, number in sorted(_CODES.items()) if counts[number]}
+        counts = np.bincount(self.outcome, minlength=max(self.ends.codes) + 1).tolist()
+        return {code: counts[number] for code, number in sorted(self.ends.numbers.items()) if counts[number]}
 
 
 def severities(flights: ControllerFlights, metric: str, rows: Any = slice(None)) -> Floats:
@@ -93,14 +93,14 @@ class _Collected:
         self.outcome.append(outcome[computed])
         self.metrics.append(values[:, computed])
 
-    def finish(self, records: Mapping[str, Metric]) -> ControllerFlights:
+    def finish(self, records: Mapping[str, Metric], ends: Outcomes) -> ControllerFlights:
         """All of them, ascending by number."""
         flight, outcome = np.concatenate(self.flight), np.concatenate(self.outcome)
         if np.any(flight[1:] < flight[:-1]):
             order = np.argsort(flight, kind="stable")
             flight, outcome = flight[order], outcome[order]
             self.metrics.put_in_order(order)
-        return ControllerFlights(flight, outcome, self.metrics, np.sort(np.concatenate(self.absent)), records)
+        return ControllerFlights(flight, outcome, self.metrics, np.sort(np.concatenate(self.absent)), records, ends)
 
 
 def read_flights(
@@ -108,6 +108,7 @@ def read_flights(
     known: Collection[Path] | None = None,
     records: Mapping[str, Metric] = BUILT_IN,
     columns: Collection[str] | None = None,
+    ends: Outcomes = OUTCOMES,
 ) -> dict[str, ControllerFlights]:
     """All blocks of a folder, each read once; controllers without a computed flight are left out.
 
@@ -129,11 +130,11 @@ def read_flights(
         names, owner = _distinct(table, "controller")
         codes, which = _distinct(table, "outcome")
         values = np.stack([table[name].to_numpy() for name in metrics])
-        outcome = np.array([_CODES[code] for code in codes], dtype=np.uint8)[which]
+        outcome = np.array([ends.numbers[code] for code in codes], dtype=np.uint8)[which]
         for k, name in enumerate(names):
             rows = owner == k
             collected.setdefault(name, _Collected(metrics)).add(flight[rows], outcome[rows], values[:, rows])
-    flown = {name: found.finish(records) for name, found in collected.items()}
+    flown = {name: found.finish(records, ends) for name, found in collected.items()}
     flown = {name: flights for name, flights in flown.items() if flights.flight.size}
     if not flown:
         raise missing_file(folder, "a flight that was computed")
@@ -141,8 +142,9 @@ def read_flights(
 
 
 def _find_metrics(schema: pa.Schema) -> list[str]:
-    """Columns of numbers that are no samples, whose names have a point."""
-    return [field.name for field in schema if "." not in field.name and pa.types.is_floating(field.type)]
+    """Columns of numbers that are no samples, whose names have a point, or a mark."""
+    floats = [field for field in schema if "." not in field.name and pa.types.is_floating(field.type)]
+    return [field.name for field in floats if INPUT not in (field.metadata or {})]
 
 
 def _distinct(table: pa.Table, name: str) -> tuple[list[str], NDArray[np.intp]]:

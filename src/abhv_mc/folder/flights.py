@@ -12,19 +12,19 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.channels import Signal
-from abhv_mc.flight.failure_case import failure_cases
+from abhv_mc.flight.failure_case import NO_FAILURE, failure_cases
 from abhv_mc.flight.metrics import ENGINE_FAILED, METRICS, Metric
-from abhv_mc.flight.outcome import SENTENCES, Outcome
+from abhv_mc.flight.outcome import OUTCOMES, Outcomes
 from abhv_mc.folder.digest import Digest, digest_rows
 from abhv_mc.folder.layout import write_whole
 from abhv_mc.io.parquet_columns import column_values
-from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc.plant.parameters import PARAMETERS
+from abhv_mc.plant.parameters import OURS, Parameter, Parameters
 
 END_TIME = Signal("end_time_s", "s", "time at which the flight ended")
 VALUES = (*METRICS, END_TIME)  # the columns after the samples, and before them a campaign's own metrics
 _VALUE_NAMES = tuple(signal.name for signal in VALUES)
 CASE = "failure.case"
+INPUT = b"input"  # marks columns of samples whose names have no point
 _DIGEST = b"abhv_mc.digest"
 
 
@@ -65,6 +65,8 @@ class FlightRows:
     @property
     def cases(self) -> list[str]:
         """What failed in each flight; see :mod:`abhv_mc.flight.failure_case`."""
+        if ENGINE_FAILED not in self.columns:  # of a user's simulator
+            return [NO_FAILURE] * len(self.outcome)
         ends = np.full(len(self.outcome), self.duration)
         return failure_cases(self.names, self.samples, ends, self.column(ENGINE_FAILED))
 
@@ -79,22 +81,33 @@ def make_field(name: str, kind: pa.DataType, unit: str, doc: str, **more: str) -
     return pa.field(name, kind, nullable=False, metadata={"unit": unit, "doc": doc, **more})
 
 
+def make_input_field(parameter: Parameter) -> pa.Field:
+    """A column of samples."""
+    more = {} if "." in parameter.name else {INPUT.decode(): "yes"}
+    return make_field(parameter.name, pa.float64(), parameter.unit, parameter.doc, **more)
+
+
 def _value_field(signal: Signal) -> pa.Field:
     """A column of a metric, with what is bad of it, or of another number."""
     words = {"label": signal.label, "bad": signal.bad, "group": signal.group} if isinstance(signal, Metric) else {}
     return make_field(signal.name, pa.float64(), signal.unit, signal.doc, **words)
 
 
-def flights_schema(names: Sequence[str], provenance: dict[str, str], values: Sequence[Signal] = VALUES) -> pa.Schema:
+def flights_schema(
+    names: Sequence[str],
+    provenance: dict[str, str],
+    values: Sequence[Signal] = VALUES,
+    table: Parameters = OURS,
+    ends: Outcomes = OUTCOMES,
+) -> pa.Schema:
     """Schema of the flights table with the sample columns ``names`` and those of ``values``."""
-    outcomes = "; ".join(f"{outcome.code}: {SENTENCES[outcome]}" for outcome in Outcome)
-    parameters = [PARAMETERS[PARAMETER_INDEX[name]] for name in names]
+    outcomes = "; ".join(f"{code}: {ends.sentences[code]}" for code in ends.codes.values())
     fields = [
         make_field("flight", pa.int64(), "-", "number of the flight"),
         make_field("controller", pa.string(), "-", "name of the controller"),
         make_field("outcome", pa.string(), "-", outcomes),
         make_field(CASE, pa.string(), "-", "what failed, or was to fail before the mission's end; or 'none'"),
-        *(make_field(p.name, pa.float64(), p.unit, p.doc) for p in parameters),
+        *(make_input_field(table[name]) for name in names),
         *map(_value_field, values),
     ]
     return pa.schema(fields, metadata={f"abhv_mc.{key}": text for key, text in provenance.items()})
@@ -186,6 +199,6 @@ def _take_rows(table: pa.Table, controller: str, first: int, names: Sequence[str
     sampled = [column_values(table[name]) for name in names]
     samples = np.stack(sampled, axis=1) if names else np.empty((table.num_rows, 0))
     held = table.column_names
-    columns = tuple(name for name in held[held.index(_VALUE_NAMES[0]) :])
+    columns = tuple(name for name in held[held.index(CASE) + 1 :] if name not in names)
     values = np.stack([column_values(table[name]) for name in columns], axis=1)
     return FlightRows(controller, first, tuple(names), samples, tuple(table["outcome"].to_pylist()), values, columns)

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.sampling.seeds import is_seed
 from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES
 from abhv_mc.folder.controller_flights import ControllerFlights, read_flights
 from abhv_mc.folder.envelopes import MOST_MEDIAN, QUANTILE_COLUMNS
@@ -78,7 +77,7 @@ class FlownCampaign:
     @property
     def dispersed(self) -> tuple[str, ...]:
         """The sampled parameters but the seeds of noise, which are no dispersions."""
-        return tuple(name for name in self.samples if not is_seed(name))
+        return tuple(name for name in self.samples if not self.campaign.parameters[name].seed)
 
     @property
     def metrics(self) -> tuple[str, ...]:
@@ -147,18 +146,20 @@ def read_flown(root: Path) -> FlownCampaign:
         raise InputError(root, found, "all of it: 'abhv-mc merge' joins its shards")
     samples = FileColumns(folder.samples, "the samples of a campaign", without=("flight", POINT))
     campaign = read_folder_campaign(folder)
-    flights = read_flights(folder.flights, data_files(folder, manifest), campaign.metrics)
-    reference = _columns(read_table(folder.reference, "the mission's reference"))
+    files = data_files(folder, manifest)
+    flights = read_flights(folder.flights, files, campaign.metrics, ends=campaign.outcomes)
+    with_histories = campaign.has_histories
+    reference = _columns(read_table(folder.reference, "the mission's reference")) if campaign.own is None else {}
     return FlownCampaign(
         folder=root,
         campaign=campaign,
         manifest=manifest,
         samples=samples,
         flights=flights,
-        envelopes=_read_envelopes(folder.envelopes),
+        envelopes=_read_envelopes(folder.envelopes) if with_histories else {},
         reference={name: value.astype(np.float64) for name, value in reference.items()},
-        nominal=_read_nominal(folder.nominal),
-        steady_margins=read_steady_margins(folder.margins),
+        nominal=_read_nominal(folder.nominal) if with_histories else {},
+        steady_margins=SteadyMargins() if campaign.own else read_steady_margins(folder.margins),
     )
 
 

@@ -16,6 +16,7 @@ from abhv_mc.campaign.file.check import check_campaign
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.references import find_references
 from abhv_mc.campaign.file.requirements import join_requirements, select_requirements
+from abhv_mc.campaign.file.simulator import SYSTEMS, systems_key
 from abhv_mc.folder.layout import CampaignFolder, is_inside, write_bytes, write_whole
 from abhv_mc.folder.manifest import Manifest
 from abhv_mc.io.documents import Document, InputError, read_document, write_document
@@ -36,6 +37,12 @@ class FolderInputs:
     @property
     def data(self) -> dict[str, Any]:
         return self.document.data  # type: ignore[return-value]
+
+    @property
+    def systems(self) -> dict[str, Any]:
+        """What is compared, as the file has it."""
+        held: dict[str, Any] = self.data.get(systems_key(self.data)) or {}
+        return held
 
     @property
     def identity(self) -> str:
@@ -67,11 +74,17 @@ def collect_inputs(campaign: Experiment) -> FolderInputs:
     model = campaign.model
     data: dict[str, Any] = dict(campaign.document.data)  # type: ignore[arg-type]
     copies: dict[str, bytes] = {}
-    data["vehicle"] = _take(model.vehicle, "inputs/vehicle", copies)
-    data["mission"] = _take(model.mission, "inputs/mission", copies)
-    data["controllers"] = {
-        name: _take(path, f"inputs/controllers/{name}", copies) for name, path in model.controllers.items()
-    }
+    if campaign.own is None:
+        data["vehicle"] = _take(model.vehicle, "inputs/vehicle", copies)
+        data["mission"] = _take(model.mission, "inputs/mission", copies)
+        data["controllers"] = {
+            name: _take(path, f"inputs/controllers/{name}", copies) for name, path in model.controllers.items()
+        }
+    else:
+        base, place = campaign.document.path.parent / campaign.own.simulator.folder, "inputs/simulator"
+        copies |= {f"{place}/{n}": read_input(path) for n, path in campaign.own.simulator.find_files(base).items()}
+        data["simulator"] = {**data["simulator"], "folder": place}
+        data[SYSTEMS] = campaign.own.systems
     if model.channels is not None:
         data["channels"] = _take(model.channels, "inputs/channels", copies)
     if isinstance(model.metrics, Path):
@@ -102,7 +115,7 @@ def describe_changes(flown: FolderInputs, asked: FolderInputs, extensible: bool)
 
     More flights (of an extensible design), more controllers and another way of execution do not.
     """
-    shared = [name for name in flown.data["controllers"] if name in asked.data["controllers"]]
+    shared = [name for name in flown.systems if name in asked.systems]
     old, new = (_flat(_for_controllers(data, shared)) for data in (flown.data, asked.data))
     changes = []
     for key in sorted(old.keys() | new.keys()):
@@ -112,7 +125,7 @@ def describe_changes(flown: FolderInputs, asked: FolderInputs, extensible: bool)
         if key == "runs" and extensible and (before or 0) < (after or 0):
             continue
         changes.append(f"{key}: {_words(before)} -> {_words(after)}")
-    for part in ("vehicle", "mission", "samples", "channels", *(f"controllers/{name}" for name in shared)):
+    for part in ("vehicle", "mission", "samples", "channels", "simulator", *(f"controllers/{name}" for name in shared)):
         changes += _changed_files(flown.hashes, asked.hashes, f"inputs/{part}/")
     return changes
 
@@ -124,17 +137,19 @@ def merge_inputs(flown: FolderInputs, asked: FolderInputs, selected: bool = Fals
     ``selected`` controllers of a campaign it stays that of ``flown``.
     """
     first, then = (flown, asked) if selected else (asked, flown)
-    controllers = {**first.data["controllers"], **then.data["controllers"], **asked.data["controllers"]}
+    controllers = {**first.systems, **then.systems, **asked.systems}
     new, old = (part.data.get("requirements") or [] for part in (asked, flown))
     requirements = join_requirements(new, old, controllers)
-    data = {**asked.data, "controllers": controllers, "requirements": requirements}
+    data = {**asked.data, systems_key(asked.data): controllers, "requirements": requirements}
     return FolderInputs(replace(flown.document, data=data), asked.copies, flown.hashes | asked.hashes)
 
 
 def _for_controllers(data: dict[str, Any], names: list[str]) -> dict[str, Any]:
     """The data with the requirements that apply to these, whatever entries they are written in, in one order."""
     selected = join_requirements(select_requirements(data.get("requirements") or [], names), (), names)
-    return {**data, "requirements": sorted(selected, key=lambda entry: json.dumps(entry, sort_keys=True))}
+    systems = {SYSTEMS: {name: data[SYSTEMS][name] for name in names}} if "simulator" in data else {}
+    ordered = sorted(selected, key=lambda entry: json.dumps(entry, sort_keys=True))
+    return {**data, **systems, "requirements": ordered}
 
 
 def _changed_files(old: dict[str, str], new: dict[str, str], prefix: str) -> Iterable[str]:

@@ -103,8 +103,8 @@ def refuse_other(
 
 
 def refuse_other_plans(first: CampaignFolder, other: CampaignFolder, controllers: Sequence[str], wish: str) -> None:
-    """Raises InputError where two folders do not have the same plans, to the bit."""
-    for name in controllers:
+    """Raises InputError where two folders do not have the same plans, to the bit; a user's simulator has none."""
+    for name in controllers if first.plans.exists() else ():
         ours, theirs = (read_stored_parts(folder.plan(name)) for folder in (first, other))
         if {k: v.tobytes() for k, v in ours.items()} != {k: v.tobytes() for k, v in theirs.items()}:
             found = f"another plan of '{name}' than in {first.root}: another machine computes other last bits"
@@ -132,6 +132,7 @@ def begin_joined(
             stack.enter_context(hold_lock(folder.lock))
         target.clear()
         files = stack.enter_context(record_hashes(target, {}))
-        for path in (*also, first.nominal, first.reference, *first.input_files(), *sorted(first.plans.glob("*.npz"))):
+        made = [path for path in (first.nominal, first.reference) if path.exists()]
+        for path in (*also, *made, *first.input_files(), *sorted(first.plans.glob("*.npz"))):
             write_whole(target.root / path.relative_to(first.root), partial(shutil.copyfile, path))
         yield files

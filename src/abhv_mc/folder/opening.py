@@ -60,9 +60,15 @@ def begin_folder(
     files = stack.enter_context(record_hashes(folder, {}))
     inputs.write_copies(folder)
     inputs.write_campaign(folder)
-    for name, plan in plans.items():
-        write_plan(folder.plan(name), plan)
+    _write_plans(folder, plans)
     return files
+
+
+def _write_plans(folder: CampaignFolder, plans: dict[str, FlightPlan]) -> None:
+    """The plans of our own simulator; a user's follow from the campaign file."""
+    for name, plan in plans.items():
+        if isinstance(plan, FlightPlan):
+            write_plan(folder.plan(name), plan)
 
 
 def grow_folder(
@@ -76,8 +82,7 @@ def grow_folder(
     """
     folder, manifest, files = flown.folder, flown.manifest, flown.files
     inputs.write_copies(folder)
-    for name, plan in plans.items():
-        write_plan(folder.plan(name), plan)
+    _write_plans(folder, plans)
     files.forget(folder.campaign)
     if longer:
         files.forget(folder.samples)

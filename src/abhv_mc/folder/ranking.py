@@ -57,6 +57,6 @@ def read_worst(folder: CampaignFolder, campaign: Experiment, number: int) -> dic
     criteria = campaign.criteria
     columns = {criterion.metric for criterion in criteria} | {END_TIME.name}
     held = read_flights(folder.flights, records=campaign.metrics, columns=columns)
-    flights = {name: held[name] for name in campaign.model.controllers if name in held}
+    flights = {name: held[name] for name in campaign.controllers if name in held}
     ranking = rank_flights(flights, criteria)
     return {name: each.flight[ranking.rows_of(name)[:number]].tolist() for name, each in flights.items()}

@@ -9,11 +9,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from abhv_mc.array_types import Floats
-from abhv_mc.folder.flights import make_field
+from abhv_mc.folder.flights import make_field, make_input_field
 from abhv_mc.folder.layout import write_whole
 from abhv_mc.io.parquet_columns import column_values
-from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc.plant.parameters import PARAMETERS
+from abhv_mc.plant.parameters import OURS, Parameters
 
 POINT = "point"
 ROW_GROUP = 65536  # flights drawn, written and read at once
@@ -26,15 +25,16 @@ def write_samples(
     draw: Callable[[int, int], Floats],
     provenance: dict[str, str],
     points: int = 1,
+    table: Parameters = OURS,
 ) -> None:
     """Write all samples; ``draw(first, stop)`` gives values ``[flight, parameter]``. Of several ``points`` of unknowns
     each flight is at the next one, which a column says."""
-    parameters = [PARAMETERS[PARAMETER_INDEX[name]] for name in names]
+    parameters = [table[name] for name in names]
     schema = pa.schema(
         [
             make_field("flight", pa.int64(), "-", "number of the flight"),
             *([make_field(POINT, pa.int64(), "-", "number of the point of the unknowns")] if points > 1 else []),
-            *(make_field(p.name, pa.float64(), p.unit, p.doc) for p in parameters),
+            *map(make_input_field, parameters),
         ],
         metadata={f"abhv_mc.{key}": text for key, text in provenance.items()},
     )

@@ -180,6 +180,22 @@ def parse_in_unit(value: str | float, unit: str) -> float:
     return parse_quantity(value, dimension_of(unit))
 
 
+def parse_in_any_unit(value: str | float, unit: str) -> float:
+    """A quantity in a unit of any text: a plain number is in it, text with a unit is converted where both are known.
+
+    Raises :class:`Refusal`.
+    """
+    given = unit_of(value)
+    if given in ("", unit):
+        number = str(value).strip().removesuffix(given or " ") if isinstance(value, str) else value
+        return parse_quantity(number, FRACTION)
+    try:
+        dimension = dimension_of(unit)
+    except Refusal:
+        raise Refusal(describe(value), f"a number, in {unit}") from None
+    return parse_quantity(value, dimension) / parse_unit(unit)[0]
+
+
 def format_quantity(value: float, dimension: Dimension) -> str | float:
     """The text that :func:`parse_quantity` reads back to the same bits; a plain number where there is no unit."""
     return value if dimension is FRACTION else f"{value!r} {dimension.unit}"

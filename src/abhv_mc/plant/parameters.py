@@ -4,8 +4,15 @@ Adding one is its name at the end there (:mod:`abhv_mc.kernel.plant.parameter_na
 that of the table below), a line here and its use in the plant. Nominal values leave the flight unchanged.
 """
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
+import numpy as np
+
+from abhv_mc.array_types import Floats
+from abhv_mc.io.input_error import Refusal
+from abhv_mc.io.units import parse_in_any_unit, parse_in_unit
 from abhv_mc.kernel.plant.parameter_names import (
     AXES,
     DENSITY_KNOTS_KM,
@@ -23,9 +30,26 @@ class Parameter:
     """One dispersible quantity."""
 
     name: str
-    unit: str  # SI; "-" for a factor (1.0 = nominal)
+    unit: str  # SI, or what a user's simulator has; "-" for a factor (1.0 = nominal)
     nominal: float
     doc: str
+    own: bool = False  # whether it is an input of a user's simulator
+    seed: bool = False  # whether it says which noise a flight meets, and not how much of anything
+
+    @property
+    def is_factor(self) -> bool:
+        """Whether it multiplies (1 = nominal) rather than adds."""
+        return self.nominal == 1.0 and (self.unit == "-" or not self.own)
+
+    def read(self, value: float | str, of_nominal: bool = False) -> float:
+        """A quantity in its unit; ``of_nominal``: a percentage is of its nominal value. Raises Refusal."""
+        if not self.own:
+            return parse_in_unit(value, self.unit)
+        if of_nominal and self.unit != "%" and isinstance(value, str) and value.rstrip().endswith("%"):
+            if self.nominal == 0.0:
+                raise Refusal(f"'{value}' of a nominal value of 0", f"a quantity in {self.unit}")
+            return parse_in_any_unit(value, "-") * abs(self.nominal)
+        return parse_in_any_unit(value, self.unit)
 
 
 def _factor(name: str, doc: str) -> Parameter:
@@ -176,8 +200,8 @@ _TABLE: tuple[Parameter, ...] = (
     Parameter("wind.gust_length", "m", 1000.0, "1-cosine gust: distance over which it builds up"),
     _error("wind.turbulence", "m/s", "Dryden turbulence: rms of each of the three components"),
     Parameter("wind.turbulence_length", "m", 533.4, "Dryden turbulence: scale length (1750 ft at altitude)"),
-    Parameter("wind.turbulence_seed", "-", 0.5, "which turbulence a flight meets, 0..1: draw it uniformly"),
-    Parameter("sensor.noise_seed", "-", 0.5, "which sensor noise a flight meets, 0..1: draw it uniformly"),
+    Parameter("wind.turbulence_seed", "-", 0.5, "which turbulence a flight meets, 0..1: draw it uniformly", seed=True),
+    Parameter("sensor.noise_seed", "-", 0.5, "which sensor noise a flight meets, 0..1: draw it uniformly", seed=True),
     _error("sensor.delay", "s", "age of every measurement, in whole control periods, at most 25 of them"),
     *(entry for name in AXES for entry in _failing(name, f"the {name}")),
     *(entry for i, name in enumerate(EFFECTORS) for entry in _failing(name, f"the vehicle's effector {i}")),
@@ -206,6 +230,40 @@ _TABLE: tuple[Parameter, ...] = (
 _ENTRIES = {entry.name: entry for entry in _TABLE}
 PARAMETERS: tuple[Parameter, ...] = tuple(_ENTRIES.pop(name) for name in PARAMETER_NAMES)
 assert not _ENTRIES, f"parameters that the kernel does not know: {', '.join(_ENTRIES)}"  # noqa: S101
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """What flights may be given, in the order of the columns of their full rows."""
+
+    records: tuple[Parameter, ...]
+
+    @cached_property
+    def index(self) -> Mapping[str, int]:
+        return {record.name: i for i, record in enumerate(self.records)}
+
+    @cached_property
+    def nominal(self) -> Floats:
+        """[parameter]"""
+        return np.array([record.nominal for record in self.records])
+
+    @cached_property
+    def dispersible(self) -> tuple[str, ...]:
+        """Their names, but for the factor that is none."""
+        return tuple(name for name in self.index if name != PARAMETERS[0].name)
+
+    def __getitem__(self, name: str) -> Parameter:
+        return self.records[self.index[name]]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.index
+
+    def nominal_of(self, names: Iterable[str]) -> Floats:
+        """[name]"""
+        return self.nominal[[self.index[name] for name in names]]
+
+
+OURS = Parameters(PARAMETERS)
 
 # What swings an angle without a limit cycle.
 DISTURBANCES = ("wind.gust_north", "wind.gust_east", "wind.gust_down", "wind.turbulence", *SENSOR_NOISES)

@@ -10,6 +10,7 @@ from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.flight.metrics import BUILT_IN, Metric
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.io.documents import InputError, one_of
+from abhv_mc.plant.parameters import Parameters
 from abhv_mc.search.methods import second_look
 from abhv_mc.search.methods.importance import MOST_DIMENSIONS
 from abhv_mc.search.methods.rare import CONFIDENCE, FEWEST, RareEstimate, choose_chains
@@ -45,7 +46,8 @@ class RareFound:
     flights: FlightRows
     severities: Floats  # [flight]: above the limit, in the metric's unit
     failed_to_run: int
-    drawn: DrawnFlights
+    drawn: DrawnFlights | None
+    known: Parameters
 
     def words(self, part: Stratum) -> str:
         """What comes in a combination."""
@@ -128,7 +130,7 @@ def find_rare(request: SearchRequest, settings: RareSettings, engine: Engine | N
     criterion = Criterion(settings.requirement, "high", requirement.limits)
     early = requirement.early_is_failure
     with open_search(request, {"kind": "rare", **vars(settings)}, settings.flights, engine or make_engine()) as search:
-        severity = Severity(criterion, search.plan.timing.duration, early)
+        severity = Severity(criterion, search.duration, early)
 
         def evaluate(points: Floats, on: Switched) -> Floats:
             # What cannot be computed counts as a failure, as in every verdict.
@@ -152,6 +154,7 @@ def find_rare(request: SearchRequest, settings: RareSettings, engine: Engine | N
             severities,
             search.failed_to_run,
             search.draw(severities),
+            campaign.parameters,
         )
         search.finish(found.numbers())
     return found
@@ -162,7 +165,7 @@ def _find_requirement(campaign: Experiment, controller: str, metric: str) -> Req
     bound = [item for item in campaign.requirements if not item.named or controller in item.controllers]
     own = [item for item in bound if item.metric == metric]
     where = ("requirements",)
-    if metric in BUILT_IN and BUILT_IN[metric].plateaus:
+    if campaign.own is None and metric in BUILT_IN and BUILT_IN[metric].plateaus:
         values = " or ".join(f"{value:g}" for value in BUILT_IN[metric].plateaus)
         said = f"'{metric}', of which many flights share the value {values}"
         wish = "a metric that grows from flight to flight: on a plateau no flight is nearer to failing than another"

@@ -21,10 +21,10 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.execution.cluster import connect_cluster
 from abhv_mc.execution.executor import Executor, open_executor
+from abhv_mc.execution.first_flights import fly_first
 from abhv_mc.execution.probe_dispersions import fly_probes
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.metrics import MARGIN_NAMES, MARGIN_VALUES, Metric
-from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flights import END_TIME, DamagedFileError, FlightRows, block_path, flights_schema, write_block
 from abhv_mc.folder.flown_blocks import read_own_block
 from abhv_mc.folder.inputs import FolderInputs, collect_inputs, read_folder_inputs
@@ -35,12 +35,10 @@ from abhv_mc.folder.samples import write_samples
 from abhv_mc.identity import find_commit, find_machine, find_versions
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.io.input_files import reading_once
-from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.search.severity import not_computed, rank_distinct
 from abhv_mc.search.space import Space, make_space
 from abhv_mc.simulators.campaign_code import check_user_code
-from abhv_mc.simulators.engine import Engine, check_source
+from abhv_mc.simulators.engine import Engine, check_source, engine_of
 from abhv_mc.simulators.make_plans import make_plans
 from abhv_mc.simulators.simulate import make_ready, simulate
 from abhv_mc.simulators.stored_plans import read_trusted_plan
@@ -69,7 +67,7 @@ def read_searched(path: Path, controller: str | None, seed: int | None) -> tuple
     campaign = read_campaign(path, None, seed)
     for source in check_user_code(campaign):
         trust(source)  # his own file: he flies it
-    controllers = campaign.model.controllers
+    controllers = campaign.controllers
     name = controller or next(iter(controllers))
     if name not in controllers:
         raise campaign.document.error(("controllers",), f"no controller '{name}'", one_of(controllers, name))
@@ -121,7 +119,8 @@ class SearchFlights:
         self.columns = tuple(signal.name for signal in signals)
         self.seed = campaign.model.seed
         provenance = {"seed": str(self.seed), "campaign_hash": self.manifest.campaign_hash}
-        self.schema = flights_schema(self.space.columns, provenance, signals)
+        tables = campaign.parameters, campaign.outcomes
+        self.schema = flights_schema(self.space.columns, provenance, signals, *tables)
         self.blocks: list[FlightRows] = []
         self.progress: Progress | None = None
 
@@ -134,6 +133,11 @@ class SearchFlights:
     def failed_to_run(self) -> int:
         """Flights that the machine could not compute."""
         return sum(int(not_computed(rows).sum()) for rows in self.blocks)
+
+    @property
+    def duration(self) -> float:
+        """Of a flight that does not end early, s; a user's simulator has none."""
+        return 0.0 if self.campaign.own else self.plan.timing.duration
 
     def rows(self) -> FlightRows:
         """All flights so far."""
@@ -170,12 +174,12 @@ class SearchFlights:
     def _fly(self, first: int, samples: Floats) -> FlightRows:
         names, count = self.space.columns, len(self.plan.metrics)
         flown = simulate(self.campaign, self.controller, samples, None, self.executor.fly_side_by_side, self.margins)
-        outcome = tuple(Outcome(code).code for code in flown.outcome)
+        outcome = self.campaign.outcomes.of(flown.outcome)
         values = np.column_stack([flown.metrics[:, :count], flown.end_time, flown.metrics[:, count:]])
         return FlightRows(self.plan.controller, first, names, samples, outcome, values, self.columns)
 
-    def draw(self, severities: Floats) -> DrawnFlights:
-        """Fly the nominal flight and the worst of the first ones again, with their histories.
+    def draw(self, severities: Floats) -> DrawnFlights | None:
+        """Fly the nominal flight and the worst of the first ones again, with their histories; None without any.
 
         ``severities`` [flight] of the flights from 0 on; the worst ones that lie apart from each other are drawn.
         """
@@ -183,7 +187,9 @@ class SearchFlights:
         numbers = rank_distinct(
             severities, rows.samples[: len(severities), : len(self.space.names)], _DRAWN, DRAWN_APART
         )
-        nominal = [[PARAMETERS[PARAMETER_INDEX[name]].nominal for name in rows.names]]
+        if not self.campaign.has_histories:
+            return None
+        nominal = [self.campaign.parameters.nominal_of(rows.names)]
         drawn = np.concatenate([nominal, rows.samples[numbers]])
         every = max(1, round(_DRAWN_STEP / self.plan.timing.tick))
         block = simulate(self.campaign, self.controller, drawn, every, self.executor.fly)
@@ -202,7 +208,12 @@ class SearchFlights:
         rows = self.rows()
         provenance = {"seed": str(self.seed), "design": (self.manifest.search or {})["kind"]}
         write_samples(
-            self.folder.samples, rows.names, rows.stop, lambda first, stop: rows.samples[first:stop], provenance
+            self.folder.samples,
+            rows.names,
+            rows.stop,
+            lambda first, stop: rows.samples[first:stop],
+            provenance,
+            table=self.campaign.parameters,
         )
         outcomes, counts = np.unique(np.array(rows.outcome), return_counts=True)
         self._write(
@@ -238,6 +249,7 @@ def open_search(
     with ExitStack() as stack:
         stack.enter_context(reading_once())
         campaign, name = read_searched(request.campaign, request.controller, request.seed)
+        engine = engine_of(campaign, engine)
         make_space(campaign)
         folder, inputs = CampaignFolder(request.out), collect_inputs(campaign)
         settings = {**settings, "controller": name}
@@ -245,10 +257,18 @@ def open_search(
         if flown is not None:
             _check_same(flown, settings, inputs, engine)
             manifest, files = flown.manifest, flown.files
-            plan = read_trusted_plan(folder, campaign, name)
+            plan = (
+                make_plans(campaign, [name], engine)[name]
+                if campaign.own
+                else read_trusted_plan(folder, campaign, name)
+            )
         else:
             plan = make_plans(campaign, [name], engine)[name]
-            fly_probes(make_ready(campaign, {name: plan}), engine.fly, plan.timing.ticks)
+            ready = make_ready(campaign, {name: plan})
+            if campaign.own is not None:
+                fly_first(ready, engine, request.workers)
+            else:
+                fly_probes(ready, engine.fly, plan.timing.ticks)
             files = begin_folder(folder, inputs, {name: plan}, stack)
             manifest = Manifest(
                 name=campaign.model.name,

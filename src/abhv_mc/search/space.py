@@ -17,7 +17,8 @@ from abhv_mc.campaign.sampling.marginals import (
     SometimesMarginal,
 )
 from abhv_mc.campaign.sampling.samples import full_rows
-from abhv_mc.campaign.sampling.streams import draw_uniforms, stream_key
+from abhv_mc.campaign.sampling.seeds import draw_seeds, find_seeds
+from abhv_mc.campaign.sampling.streams import stream_key
 from abhv_mc.io.documents import InputError
 
 _SMALLEST = 2.0**-53
@@ -125,10 +126,8 @@ class Space:
         """Values with the seeds' columns: of the flights from ``first`` on, or one for all where it is None."""
         columns = []
         for name in self.seeds:
-            key = stream_key(seed, name)
-            columns.append(
-                np.resize(draw_uniforms(key, first or 0, len(values) if first is not None else 1), len(values))
-            )
+            drawn = draw_seeds(name, seed, first or 0, len(values) if first is not None else 1)
+            columns.append(np.resize(drawn, len(values)))
         return np.column_stack([values, *columns])
 
 
@@ -155,8 +154,12 @@ def make_space(campaign: Experiment, with_unknowns: bool = False) -> Space:
     if not names:
         raise document.error((), "no dispersions", "something to vary")
     moved = (*names, *(each.name for each in campaign.derived))
-    seeds = tuple(
-        seed for seed, cause in _SEEDS.items() if seed in campaign.names or any(n.endswith(cause) for n in moved)
+    seeds = (
+        find_seeds((), campaign.parameters)
+        if campaign.own
+        else tuple(
+            seed for seed, cause in _SEEDS.items() if seed in campaign.names or any(n.endswith(cause) for n in moved)
+        )
     )
     place = {campaign.names[column]: row for row, column in enumerate(campaign.copula.columns)}
     chosen = [name for name in names if name in place]

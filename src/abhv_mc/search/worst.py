@@ -9,6 +9,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.flight.metrics import MARGIN_NAMES, Metric
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.io.documents import InputError
+from abhv_mc.plant.parameters import Parameters
 from abhv_mc.search.methods.worst import WorstCase, choose_batch, least_evaluations, search_worst
 from abhv_mc.search.search_flights import (
     DrawnFlights,
@@ -53,7 +54,8 @@ class WorstFound:
     severities: Floats  # [flight]
     duration: float  # s, of a flight that does not end early
     failed_to_run: int
-    drawn: DrawnFlights
+    drawn: DrawnFlights | None
+    known: Parameters
 
     def value(self, flight: int) -> float:
         """The metric of a flight."""
@@ -111,7 +113,7 @@ def find_worst(request: SearchRequest, settings: WorstSettings, engine: Engine |
     with open_search(
         request, held, 2 * settings.flights, engine or make_engine(), metric.name in MARGIN_NAMES
     ) as search:
-        severity = Severity(criterion, search.plan.timing.duration)
+        severity = Severity(criterion, search.duration)
 
         def evaluate(points: Floats) -> Floats:
             return severity.of(search.fly(space.from_box(points, bounds), common_seed=True))
@@ -138,6 +140,7 @@ def find_worst(request: SearchRequest, settings: WorstSettings, engine: Engine |
             severity.duration,
             search.failed_to_run,
             search.draw(severities[:searched]),
+            campaign.parameters,
         )
         search.finish(found.numbers())
     return found

@@ -64,13 +64,15 @@ def _check(file: Path, kind: str, flown: tuple[Path, Path] | None, pending: Pend
             pending += [(path, kind, None) for _, kind, path in files_named(read_document(file))]
             raise
         campaign = checked.model
-        problems = find_impossible(checked, load_vehicle(campaign.vehicle))
+        problems = find_impossible(checked, None if checked.own else load_vehicle(campaign.vehicle))
         if problems:
             raise InputErrors(problems)
         drawn = [name for name in checked.names if name.startswith("aero.") or name.endswith("_effectiveness")]
         if drawn:
             more = f" and {len(drawn) - _NAMED} more" if len(drawn) > _NAMED else ""
             yield f"{', '.join(drawn[:_NAMED])}{more}: is this one value for the whole programme? Then 'unknowns'"
+        if checked.own:
+            return
         flown = campaign.vehicle, campaign.mission
         pending += [(campaign.vehicle, "vehicle", None), (campaign.mission, "mission", None)]
         pending += [(controller, "controller", flown) for controller in campaign.controllers.values()]

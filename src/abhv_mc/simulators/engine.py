@@ -31,6 +31,7 @@ class Engine:
     find_stability: Callable[[Experiment, dict[str, FlightPlan]], dict[str, Any]] | None = None
     checked: bool = False  # whether ``source`` is what identity.code_hash() must give in every process that flies
     isolation: str = THREADS  # where "auto" flies; processes need a ``fly`` that can be imported
+    close: Callable[[], None] | None = None  # ends its own processes, which account for each flight that is lost
 
 
 def make_engine() -> Engine:
@@ -39,6 +40,24 @@ def make_engine() -> Engine:
     from abhv_mc.stability.fly_with_margins import fly_with_margins
 
     return Engine(prepare, fly_with_margins, code_hash(), describe_stability, checked=True, isolation=PROCESSES)
+
+
+def engine_of(experiment: Experiment, engine: Engine | None = None) -> Engine:
+    """What flies an experiment: a user's simulator, or ``engine`` (by default the compiled flight)."""
+    if experiment.own is None:
+        return engine or make_engine()
+    from abhv_mc.simulators.own.fly import end_processes, fly_own
+
+    return Engine(_no_plan, fly_own, code_hash(), checked=True, close=end_processes)  # type: ignore[arg-type]
+
+
+def fly_of(experiment: Experiment, fly: Fly) -> Fly:
+    """What flies its flights: ``fly``, or the user's simulator."""
+    return fly if experiment.own is None else engine_of(experiment).fly
+
+
+def _no_plan(*_: object) -> FlightPlan:
+    raise InputError("simulator", "a user's simulator, which has no vehicle, mission and controllers", "our own")
 
 
 def check_source(folder: CampaignFolder, manifest: Manifest, engine: Engine) -> None:

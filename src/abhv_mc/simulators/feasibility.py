@@ -10,7 +10,6 @@ import numpy as np
 
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.marginals import ContinuousMarginal, MixtureMarginal
-from abhv_mc.flight.metrics import BUILT_IN
 from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, FIXED_TABLE_ROWS, Vehicle
@@ -27,7 +26,9 @@ _FIRST = 1000  # flights whose derived inputs are looked at
 
 def find_impossible(campaign: Experiment, vehicle: Vehicle | None = None) -> list[InputError]:
     """Everything of that kind, each with its place in the file; with ``vehicle`` also what that has nothing of."""
-    found = [*_requirements(campaign), *_laws(campaign), *_derived(campaign)]
+    found = [*_requirements(campaign)]
+    if campaign.own is None:
+        found += [*_laws(campaign), *_derived(campaign)]
     return found if vehicle is None else [*found, *_lacking(campaign, vehicle)]
 
 
@@ -40,7 +41,7 @@ def _requirements(campaign: Experiment) -> Iterator[InputError]:
     document, entries = campaign.document, campaign.requirements
     for i, entry in enumerate(entries):
         low, high = entry.limits
-        if not (BUILT_IN.get(entry.metric) or campaign.metrics[entry.metric]).never_negative:
+        if not campaign.metrics[entry.metric].never_negative:
             continue
         if high is not None and high <= 0.0:
             found = f"'{entry.metric}' below {high:g}, which no flight meets: it is never negative"

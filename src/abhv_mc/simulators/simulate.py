@@ -5,10 +5,11 @@ from dataclasses import replace
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment, System
-from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.simulators.engine import Fly, Recorded, make_engine
 from abhv_mc.simulators.margin_plans import make_margin_plans
+from abhv_mc.simulators.own.fly import fly_own
+from abhv_mc.simulators.own.plan import OwnPlan
 
 
 def make_ready(experiment: Experiment, plans: Mapping[str, FlightPlan], margins: bool = False) -> Experiment:
@@ -22,7 +23,7 @@ def make_ready(experiment: Experiment, plans: Mapping[str, FlightPlan], margins:
 
 def here(plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
     """The executor that flies in this thread."""
-    return make_engine().fly(plan, parameters, recorded)
+    return (fly_own if isinstance(plan, OwnPlan) else make_engine().fly)(plan, parameters, recorded)
 
 
 def simulate(
@@ -40,4 +41,4 @@ def simulate(
     """
     ready = experiment.systems[system]
     plan = ready.with_margins or ready.plan if margins else ready.plan
-    return executor(plan, full_rows(experiment.inputs, rows, experiment.derived), recording)
+    return executor(plan, experiment.rows(rows), recording)

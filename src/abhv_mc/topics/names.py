@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.flown_campaign import FlownCampaign
+from abhv_mc.plant.parameters import OURS, Parameters
 from abhv_mc.topics.labels import full_labels
 
 
@@ -22,6 +23,8 @@ class Names:
     design: str = "random"  # of its samples
     independent: bool = True  # whether its flights are independent draws, so that exact statistics hold
     judged: bool = True  # whether those at each value of its unknowns are, so that there are verdicts and winners
+    parameters: Parameters = OURS  # what its flights are given
+    own: bool = False  # whether a simulator of the user's flies
 
     def label(self, controller: str) -> str:
         """How a controller is called in print."""
@@ -34,4 +37,5 @@ def names_of(results: FlownCampaign) -> Names:
     campaign, folder = results.campaign, shlex.quote(results.folder.as_posix())
     asked, requirements = results.asked, campaign.requirements
     design = "several-point" if campaign.unknowns.names else campaign.sampling
-    return Names(labels, campaign.metrics, asked, requirements, folder, design, campaign.independent, campaign.judged)
+    known = campaign.independent, campaign.judged, campaign.parameters, campaign.own is not None
+    return Names(labels, campaign.metrics, asked, requirements, folder, design, *known)

@@ -43,7 +43,7 @@ def half_width(interval: Interval) -> float | None:
     if value is None:
         return None
     if low is not None and high is not None:
-        return float(high - low) / 2.0
+        return abs(float(high - low)) / 2.0  # by rounding, ends of an exact value cross
     end = low if low is not None else high
     return None if end is None else abs(float(value - end))
 

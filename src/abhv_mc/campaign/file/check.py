@@ -20,6 +20,7 @@ from abhv_mc.campaign.file.requirements import (
     check_stop,
     select_requirements,
 )
+from abhv_mc.campaign.file.simulator import SimulatorCampaign, check_simulator, systems_key
 from abhv_mc.campaign.file.unknowns import check_unknowns
 from abhv_mc.campaign.file.user_metrics import (
     declare_metrics,
@@ -37,10 +38,8 @@ from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile, read_sample_file
 from abhv_mc.flight.metrics import MARGINS, METRICS, Metric
 from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of, read_document, validate
-from abhv_mc.kernel.plant.parameter_names import EFFECTORS, ENGINES, PARAMETER_INDEX
-from abhv_mc.plant.parameters import PARAMETERS
-
-DISPERSIBLE = tuple(parameter.name for parameter in PARAMETERS[1:])
+from abhv_mc.kernel.plant.parameter_names import EFFECTORS, ENGINES
+from abhv_mc.plant.parameters import OURS, Parameters
 
 
 def read_campaign(
@@ -65,31 +64,41 @@ def check_campaign(document: Document) -> Experiment:
         raise document.error((), f"a {kind} file", "a campaign file")
     document = name_effectors(read_requirements(document))
     wrong = list(find_wrong_kinds(document))
+    of_own = isinstance(document.data, dict) and "simulator" in document.data
+    file: type[Campaign] = SimulatorCampaign if of_own else Campaign
     try:
-        model = validate(document, Campaign)
+        model = validate(document, file)
     except InputErrors as refused:
         wrong += refused.errors
     if wrong:
-        raise find_more(document, wrong, lambda rest: _check(rest, validate(rest, Campaign)))
+        raise find_more(document, wrong, lambda rest: _check(rest, validate(rest, file)))
     return _check(document, model)
 
 
 def _check(document: Document, model: Campaign) -> Experiment:
     """What the model does not say. Raises :class:`InputError`."""
     errors: list[InputError] = []
-    marginals = _make_marginals(document, model, errors)
-    sample_file = read_sample_file(model.sampling.path, DISPERSIBLE) if model.sampling.path else None
+    own = model if isinstance(model, SimulatorCampaign) else None
+    parameters = own.parameters if own else OURS
+    marginals = _make_marginals(document, model, parameters, errors)
+    sample_file = read_sample_file(model.sampling.path, parameters.dispersible) if model.sampling.path else None
     names = sample_file.names if sample_file else tuple(model.dispersions)
     copula = _make_copula(document, model, names, errors)
-    derived = check_derived(document, model, errors)
+    derived = check_derived(document, model, parameters, errors)
     user_channels = find_user_channels(model.channels) if model.channels else ()
-    declared, written = _declare_metrics(document, model, user_channels, errors)
-    metrics = {metric.name: metric for metric in (*METRICS, *declared)}
-    measured = metrics | {metric.name: metric for metric in MARGINS}
+    if own:
+        check_simulator(document, own, errors)
+        declared: tuple[Metric, ...] = ()
+        written = frozenset(name for name, entry in own.metrics.items() if entry.bad is not None)
+        metrics = measured = {name: entry.record(name) for name, entry in own.metrics.items()}
+    else:
+        declared, written = _declare_metrics(document, model, user_channels, errors)
+        metrics = {metric.name: metric for metric in (*METRICS, *declared)}
+        measured = metrics | {metric.name: metric for metric in MARGINS}
     requirements = tuple(check_requirements(document, model, measured, written, errors))
     others = {**dict.fromkeys(model.derived, "derived"), **dict.fromkeys(model.dispersions, "a dispersion")}
     box = model.unknowns, model.points, others, model.sampling.design
-    unknowns = check_unknowns(document, *box, errors)
+    unknowns = check_unknowns(document, *box, parameters, errors)
     number = _check_runs(document, model, names, sample_file, errors) * len(unknowns.points)
     by = model.keep.histories.by
     ranked = (BY_REQUIREMENTS, *(measured if model.margins and model.margins.of(number) == number else metrics))
@@ -108,7 +117,15 @@ def _check(document: Document, model: Campaign) -> Experiment:
     if errors:
         raise InputErrors(sorted(errors, key=lambda error: (error.line or 0, error.column or 0)))
     shared = document, model, number, marginals, copula, sample_file, requirements
-    return Experiment(*shared, tuple(metrics.values()), declared, user_channels, derived=derived, unknowns=unknowns)
+    return Experiment(
+        *shared,
+        tuple(metrics.values()),
+        declared,
+        user_channels,
+        derived=derived,
+        unknowns=unknowns,
+        parameters=parameters,
+    )
 
 
 def name_effectors(document: Document) -> Document:
@@ -123,7 +140,7 @@ def name_effectors(document: Document) -> Document:
         return document
     texts = data["derived"] if isinstance(data.get("derived"), dict) else {}
     named = [*map(str, held), *(name for pair in texts.items() for text in pair for name in DOTTED.findall(str(text)))]
-    asked = [name for name in named if name.startswith(("failure.", "control.")) and name not in DISPERSIBLE]
+    asked = [name for name in named if name.startswith(("failure.", "control.")) and name not in OURS]
     try:
         content = read_document(document.path.parent / vehicle).data if asked else None
     except InputError:
@@ -165,30 +182,33 @@ def _override(document: Document, runs: int | None, seed: int | None, controller
         changed["runs"] = runs
     if seed is not None:
         changed["seed"] = seed
-    held = data.get("controllers")
+    key = systems_key(data)
+    held = data.get(key)
     if controllers is not None and isinstance(held, dict):
         for name in controllers:
             if name not in held:
-                raise document.error(
-                    ("controllers",), f"no controller '{name}', which was asked for", one_of(held, name)
-                )
-        changed["controllers"] = {name: held[name] for name in held if name in controllers}
+                found = f"no {key.removesuffix('s')} '{name}', which was asked for"
+                raise document.error((key,), found, one_of(held, name))
+        changed[key] = {name: held[name] for name in held if name in controllers}
         changed["requirements"] = list(select_requirements(data.get("requirements") or [], controllers))
     return replace(document, data=changed)
 
 
-def _make_marginals(document: Document, model: Campaign, errors: list[InputError]) -> dict[str, Marginal]:
+def _make_marginals(
+    document: Document, model: Campaign, parameters: Parameters, errors: list[InputError]
+) -> dict[str, Marginal]:
     marginals: dict[str, Marginal] = {}
     for name, distribution in model.dispersions.items():
         where = ("dispersions", name)
-        if name not in DISPERSIBLE:
-            errors.append(document.key_error(where, f"unknown parameter '{name}'", one_of(DISPERSIBLE, name)))
+        if name not in parameters.dispersible or (parameters[name].seed and parameters[name].own):
+            found = f"unknown parameter '{name}'" if name not in parameters else f"'{name}', a seed"
+            errors.append(document.key_error(where, found, one_of(parameters.dispersible, name)))
             continue
         if distribution.probability < 1.0 and model.sampling.design in FACTORIAL:
             found = f"a probability with the design '{model.sampling.design}', which sets every value"
             errors.append(document.error((*where, "probability"), found, "a design that draws, or no probability"))
         try:
-            marginals[name] = distribution.make_marginal(PARAMETERS[PARAMETER_INDEX[name]])
+            marginals[name] = distribution.make_marginal(parameters[name])
         except Refusal as refusal:
             errors.append(document.error((*where, *refusal.keys), refusal.found, refusal.expected))
     if model.sampling.design == "file" and model.dispersions:

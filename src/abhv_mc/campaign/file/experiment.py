@@ -11,6 +11,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.campaign.file.keep import BY_REQUIREMENTS
+from abhv_mc.campaign.file.simulator import SimulatorCampaign
 from abhv_mc.campaign.file.unknowns import Unknowns
 from abhv_mc.campaign.sampling.correlation import Copula
 from abhv_mc.campaign.sampling.derived import Derived
@@ -29,8 +30,10 @@ from abhv_mc.campaign.sampling.samples import (
 from abhv_mc.campaign.sampling.seeds import Seeds, find_seeds
 from abhv_mc.campaign.sampling.streams import stream_key
 from abhv_mc.flight.metrics import MARGINS, Metric
+from abhv_mc.flight.outcome import OUTCOMES, Outcomes, own_outcomes
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.documents import Document
+from abhv_mc.plant.parameters import OURS, Parameters
 from abhv_mc.statistics.family import Pair, judge_groups
 from abhv_mc.statistics.ranking import Criterion
 from abhv_mc.statistics.verdicts import Verdict
@@ -78,6 +81,7 @@ class Experiment:
     columns: tuple[str, ...] | None = None  # of the rows that fly, where they are not the campaign's own
     derived: Derived = ()  # parameters that follow from the others of their row
     unknowns: Unknowns = field(default_factory=Unknowns)
+    parameters: Parameters = OURS  # what its flights may be given
 
     @property
     def name(self) -> str:
@@ -89,7 +93,17 @@ class Experiment:
 
     @property
     def controllers(self) -> tuple[str, ...]:
-        return tuple(self.model.controllers)
+        return tuple(self.own.systems if self.own else self.model.controllers)
+
+    @property
+    def own(self) -> SimulatorCampaign | None:
+        """The model of a campaign with a simulator of the user's own; None: ours flies."""
+        return self.model if isinstance(self.model, SimulatorCampaign) else None
+
+    @cached_property
+    def outcomes(self) -> Outcomes:
+        """How its flights may end."""
+        return own_outcomes(self.own.outcomes) if self.own else OUTCOMES
 
     @property
     def seed(self) -> int:
@@ -144,6 +158,11 @@ class Experiment:
         return self.model.margins.at if self.model.margins else ()
 
     @property
+    def has_histories(self) -> bool:
+        """Whether its flights have any."""
+        return self.own is None
+
+    @property
     def dispersions(self) -> dict[str, dict[str, Any]]:
         """As the file writes them."""
         data = self.document.data
@@ -171,7 +190,7 @@ class Experiment:
     @property
     def inputs(self) -> tuple[str, ...]:
         """The columns of the rows that fly: the dispersed parameters, the unknowns, then the seeds that noise needs."""
-        own = (*self.dimensions, *find_seeds(self.varied))
+        own = (*self.dimensions, *find_seeds(self.varied, self.parameters))
         return self.columns if self.columns is not None else own
 
     @property
@@ -262,7 +281,7 @@ class Experiment:
 
     def rows(self, values: Floats) -> Floats:
         """Full rows ``[flight, parameter]`` of rows of its inputs."""
-        return full_rows(self.inputs, values, self.derived)
+        return full_rows(self.inputs, values, self.derived, self.parameters)
 
     def _samples_of(self, seed: int, runs: int) -> SampleSource:
         sampling = self.model.sampling
@@ -270,9 +289,9 @@ class Experiment:
         if self.sample_file is not None:
             source = GivenSamples(self.sample_file, runs)
         else:
-            design = Design(sampling.design, seed, self.names, runs, sampling.levels)
-            source = DrawnSamples(design, tuple(self.marginals.values()), self.copula)
-        seeds = find_seeds(self.varied)
+            design = Design(sampling.design, seed, self.names, runs, sampling.levels, self.parameters)
+            source = DrawnSamples(design, tuple(self.marginals.values()), self.copula, self.parameters)
+        seeds = find_seeds(self.varied, self.parameters)
         if not seeds:
             return source
         return SeededSamples(source, Seeds(seeds, seed, sampling.design))

@@ -8,6 +8,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from abhv_mc.campaign.file.config import Campaign
+from abhv_mc.campaign.file.simulator import SimulatorCampaign
 from abhv_mc.control.controller_file import CONTROLLERS, ControllerFile
 from abhv_mc.control.mission import Mission
 from abhv_mc.io.documents import Document, InputError, describe, one_of, read_document
@@ -21,6 +22,7 @@ MODELS: dict[str, type[BaseModel]] = {
 }
 _KEYS: dict[str, set[str]] = {
     **{kind: set(model.model_fields) for kind, model in MODELS.items()},
+    "campaign": set(SimulatorCampaign.model_fields),
     "controller": {key for model in CONTROLLERS.values() for key in model.model_fields},
 }
 

@@ -9,11 +9,12 @@ from abhv_mc.io.documents import Document, InputError, InputErrors
 Place = tuple[int, int]
 # What is judged by another section, and so not at all where that one is wrong.
 _RESTS_ON = {
-    "dispersions": ("sampling",),
+    "dispersions": ("sampling", "inputs"),
+    "unknowns": ("inputs",),
     "correlations": ("dispersions", "sampling"),
     "derived": ("dispersions",),
     "metrics": ("channels",),
-    "requirements": ("metrics", "channels"),
+    "requirements": ("metrics", "channels", "systems"),
     "stop": ("requirements", "runs", "sampling"),
     "margins": ("runs", "mission"),
     "keep": ("metrics", "channels", "runs"),
@@ -31,6 +32,8 @@ def find_more(document: Document, known: Sequence[InputError], check: Callable[[
     wrong = {_part_at(document, place) for place in told}
     here = document.path.name  # a file that is there, in the place of one that is not
     data: dict[str, Any] = {"name": "name", "vehicle": here, "mission": here, "controllers": {"name": here}}
+    if isinstance(document.data, dict) and "simulator" in document.data:
+        data = {"name": "name", "simulator": {"command": [here]}, "metrics": {"name": {}}}
     places: dict[tuple[Any, ...], Place] = {}
     for section, value in document.data.items() if isinstance(document.data, dict) else ():
         items = {keys[1] for keys in wrong if keys[:1] == (section,) and len(keys) > 1}

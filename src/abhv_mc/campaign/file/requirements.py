@@ -7,6 +7,7 @@ from typing import Any
 from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.config import TRACED, Campaign
 from abhv_mc.campaign.file.experiment import Requirement
+from abhv_mc.campaign.file.simulator import SimulatorCampaign, parse_limit
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.metrics import MARGINS, Metric
@@ -44,17 +45,22 @@ def check_requirements(
     errors: list[InputError],
 ) -> Iterator[Requirement]:
     """The requirements, resolved; ``written``: the metrics that say what is bad."""
+    own = model if isinstance(model, SimulatorCampaign) else None
+    systems: Collection[str] = own.systems if own else model.controllers
+    read = parse_limit if own else _limit
     ids = [entry.id for entry in model.requirements]
     for i, entry in enumerate(model.requirements):
         where = ("requirements", i)
         if entry.id is not None and entry.id in ids[:i]:
             errors.append(document.error((*where, "id"), f"the id '{entry.id}' a second time", "an id for each"))
         for j, name in enumerate(entry.controllers or ()):
-            if name not in model.controllers:
-                found = f"controller '{name}'"
-                errors.append(document.error((*where, "controllers", j), found, one_of(model.controllers, name)))
+            if name not in systems:
+                found = f"{'system' if own else 'controller'} '{name}'"
+                errors.append(document.error((*where, "controllers", j), found, one_of(systems, name)))
         if entry.metric not in metrics:
-            expected = one_of([name for name in metrics if model.margins or name not in _MARGIN_METRICS], entry.metric)
+            expected = one_of(
+                [name for name in metrics if own or model.margins or name not in _MARGIN_METRICS], entry.metric
+            )
             errors.append(document.error((*where, "metric"), f"unknown metric '{entry.metric}'", expected))
             continue
         same = [other for other in model.requirements if other.metric == entry.metric]
@@ -66,9 +72,9 @@ def check_requirements(
             errors.append(document.key_error((*where, sides[0]), found, expected))
         key = "above"
         try:
-            low = _limit(entry.above, metrics[entry.metric].unit)
+            low = read(entry.above, metrics[entry.metric].unit)
             key = "below"
-            high = _limit(entry.below, metrics[entry.metric].unit)
+            high = read(entry.below, metrics[entry.metric].unit)
             if low is not None and high is not None and low >= high:
                 raise Refusal(f"below {high:g} and above {low:g}", "a limit below that is the larger one")
             yield Requirement(
@@ -77,7 +83,7 @@ def check_requirements(
                 entry.probability,
                 entry.consumer_risk,
                 entry.producer_risk,
-                entry.controllers or tuple(model.controllers)[:1],
+                entry.controllers or tuple(systems)[:1],
                 bool(entry.controllers),
                 entry.ended_early == "failure",
                 {key: text for key in TRACED if (text := getattr(entry, key)) is not None},
@@ -108,6 +114,8 @@ def check_stop(document: Document, model: Campaign, errors: list[InputError]) ->
 
 def check_margins(document: Document, model: Campaign, runs: int, errors: list[InputError]) -> None:
     """Points lie within the mission; what is required of margins is required of every flight, so all have them."""
+    if isinstance(model, SimulatorCampaign):
+        return
     needed = [i for i, entry in enumerate(model.requirements) if entry.metric in _MARGIN_METRICS]
     if model.margins is None:
         for i in needed:

@@ -1,6 +1,6 @@
 """A campaign's unknowns: parameters with one value for the whole programme, of which only bounds are known."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 import numpy as np
@@ -9,11 +9,8 @@ from pydantic import Field
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.campaign.sampling.distributions import Value
-from abhv_mc.campaign.sampling.seeds import is_seed
 from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, one_of
-from abhv_mc.io.units import parse_in_unit
-from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc.plant.parameters import PARAMETERS
+from abhv_mc.plant.parameters import OURS, Parameter, Parameters
 from abhv_mc.statistics.unknowns import MOST_UNKNOWNS, standing_points
 
 
@@ -40,6 +37,7 @@ class Unknowns:
     high: Floats = field(default_factory=lambda: np.empty(0))
     points: Floats = field(default_factory=lambda: np.empty((1, 0)))  # [point, unknown], SI
     tried: int = 0
+    parameters: Parameters = OURS
 
     def values(self, places: Floats) -> Floats:
         """SI values [point, unknown] of places in the box, from -1 to 1."""
@@ -49,10 +47,9 @@ class Unknowns:
         """'lift +10 %, drag -15 %'."""
         parts = []
         for name, value in zip(self.names, self.points[point].tolist(), strict=True):
-            parameter = PARAMETERS[PARAMETER_INDEX[name]]
-            factor = parameter.nominal == 1.0
-            text = f"{100.0 * (value - 1.0) + 0.0:+.3g} %" if factor else f"{value:.4g} {parameter.unit}"
-            parts.append(f"{name.partition('.')[2].replace('_', ' ')} {text}")
+            parameter = self.parameters[name]
+            text = f"{100.0 * (value - 1.0) + 0.0:+.3g} %" if parameter.is_factor else f"{value:.4g} {parameter.unit}"
+            parts.append(f"{(name.partition('.')[2] or name).replace('_', ' ')} {text}")
         return ", ".join(parts)
 
     def note(self, point: int, failures: int) -> str:
@@ -75,20 +72,22 @@ def check_unknowns(
     points: UnknownPoints | None,
     others: dict[str, str],
     design: str,
+    parameters: Parameters,
     errors: list[InputError],
 ) -> Unknowns:
     """The campaign's unknowns; what is wrong is added to ``errors``. ``others``: what else a parameter is, by name."""
     before, ends = len(errors), []
     for name, entry in unknowns.items():
         where = ("unknowns", name)
-        if name not in PARAMETER_INDEX or is_seed(name):
-            found = f"unknown parameter '{name}'" if name not in PARAMETER_INDEX else f"'{name}', a seed"
-            errors.append(document.key_error(where, found, one_of(list(PARAMETER_INDEX)[1:], name)))
+        if name not in parameters or parameters[name].seed:
+            found = f"unknown parameter '{name}'" if name not in parameters else f"'{name}', a seed"
+            errors.append(document.key_error(where, found, one_of(parameters.dispersible, name)))
         elif name in others:
             found = f"'{name}', which is {others[name]}, too"
             errors.append(document.key_error(where, found, "one of them: random anew in each flight, or unknown"))
         else:
-            ends.append([_read(document, (*where, key), getattr(entry, key), name, errors) for key in ("low", "high")])
+            values = {(*where, key): getattr(entry, key) for key in ("low", "high")}
+            ends.append([_read(document, at, value, parameters[name], errors) for at, value in values.items()])
             if not ends[-1][0] < ends[-1][1]:
                 found = f"an empty range from {ends[-1][0]:g} to {ends[-1][1]:g}"
                 errors.append(document.error((*where, "high"), found, "low below high"))
@@ -106,17 +105,17 @@ def check_unknowns(
     if len(errors) > before or not unknowns:
         return Unknowns()
     low, high = np.array(ends).T
-    box = Unknowns(tuple(unknowns), low, high)
+    box = Unknowns(tuple(unknowns), low, high, parameters=parameters)
     if points is None:
-        return Unknowns(box.names, low, high, box.values(standing_points(len(box.names))))
-    at = np.column_stack([points.at[name] for name in box.names])
-    return Unknowns(box.names, low, high, at, points.tried)
+        return replace(box, points=box.values(standing_points(len(box.names))))
+    return replace(box, points=np.column_stack([points.at[name] for name in box.names]), tried=points.tried)
 
 
-def _read(document: Document, where: tuple[str, ...], value: Value, name: str, errors: list[InputError]) -> float:
-    parameter = PARAMETERS[PARAMETER_INDEX[name]]
+def _read(
+    document: Document, where: tuple[str, ...], value: Value, parameter: Parameter, errors: list[InputError]
+) -> float:
     try:
-        read = parse_in_unit(value, parameter.unit)
+        read = parameter.read(value, of_nominal=True)
     except Refusal as refusal:
         errors.append(document.error(where, refusal.found, refusal.expected))
         return np.nan

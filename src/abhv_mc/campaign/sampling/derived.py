@@ -12,15 +12,13 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.compile_metrics import Known, compile_expression
-from abhv_mc.io.input_error import Refusal, one_of
+from abhv_mc.io.input_error import Refusal
 from abhv_mc.kernel.flight.counting import Operation
 from abhv_mc.kernel.numerics.lane_math import sincos
-from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc.plant.parameters import PARAMETERS
+from abhv_mc.plant.parameters import OURS, Parameters
 
 DOTTED = re.compile(r"(?<![\w.])[A-Za-z_]\w*(?:\.\w+)+")  # a parameter's name, and no number
 _DOT = "__"  # in an expression's names, which have none
-_KNOWN = {p.name.replace(".", _DOT): Known(p.unit, i, 1.0) for i, p in enumerate(PARAMETERS) if i}
 _sincos = np.vectorize(sincos, otypes=(float, float))  # the same bits on every processor
 _ACTIONS: dict[Operation, Callable[[Floats, Floats], Floats]] = {
     Operation.ADD: np.add,
@@ -62,24 +60,23 @@ class DerivedInput:
 Derived = tuple[DerivedInput, ...]
 
 
-def compile_derived(name: str, text: str) -> DerivedInput:
+def compile_derived(name: str, text: str, parameters: Parameters) -> DerivedInput:
     """The instructions of a derived input. Raises Refusal."""
-    names = frozenset(DOTTED.findall(text))
-    for each in sorted(names):
-        if each not in PARAMETER_INDEX:
-            raise Refusal(f"unknown parameter '{each}'", one_of(list(PARAMETER_INDEX)[1:], each))
+    index = parameters.index
+    known = {each.replace(".", _DOT): Known(parameters[each].unit, index[each], 1.0) for each in parameters.dispersible}
     try:
-        made = compile_expression(DOTTED.sub(lambda found: found[0].replace(".", _DOT), text), _KNOWN)
+        made = compile_expression(DOTTED.sub(lambda found: found[0].replace(".", _DOT), text), known)
     except Refusal as refusal:
         found, expected = (
             words.replace(_DOT, ".").replace("channel", "parameter") for words in (refusal.found, refusal.expected)
         )
         raise Refusal(found, expected) from None
+    names = frozenset(parameters.records[a].name for operation, _, a, _ in made.code if operation == Operation.LOAD)
     return DerivedInput(name, names, tuple(made.code), tuple(made.constant))
 
 
-def derive(rows: Floats, derived: Derived) -> None:
+def derive(rows: Floats, derived: Derived, parameters: Parameters = OURS) -> None:
     """Put derived inputs into full rows ``[flight, parameter]``: each from what the rows held before."""
     values = [each.evaluate(rows) for each in derived]
     for each, value in zip(derived, values, strict=True):
-        rows[:, PARAMETER_INDEX[each.name]] = value
+        rows[:, parameters.index[each.name]] = value

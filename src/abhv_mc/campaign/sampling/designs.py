@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.streams import draw_uniforms, make_generator, stream_key
-from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.plant.parameters import OURS, Parameters
 
 INDEPENDENT = "random"  # the design whose flights are independent draws, so that binomial statistics hold
 EXTENSIBLE = frozenset({"random", "sobol", "halton"})
@@ -34,6 +34,7 @@ class Design:
     names: tuple[str, ...]
     flights: int
     levels: int = 2  # of a grid, and of each side of one_at_a_time
+    parameters: Parameters = OURS
 
     def draw(self, first: int, stop: int) -> Floats:
         """Probabilities ``[flight, parameter]`` of the flights ``first`` .. ``stop - 1``."""
@@ -76,7 +77,7 @@ def _draw_sobol(design: Design, name: str, first: int, stop: int) -> Floats:
     from scipy.stats import qmc
 
     rng = make_generator(design.seed, name, "sobol")
-    return _slice(lambda: qmc.Sobol(d=_dimension(name), bits=_BITS, rng=rng), first, stop) + 0.5 ** (_BITS + 1)
+    return _slice(lambda: qmc.Sobol(d=_dimension(design, name), bits=_BITS, rng=rng), first, stop) + 0.5 ** (_BITS + 1)
 
 
 def _draw_halton(design: Design, name: str, first: int, stop: int) -> Floats:
@@ -84,11 +85,12 @@ def _draw_halton(design: Design, name: str, first: int, stop: int) -> Floats:
     from scipy.stats import qmc
 
     rng = make_generator(design.seed, name, "halton")
-    return _open(_slice(lambda: qmc.Halton(d=_dimension(name), rng=rng), first, stop))
+    return _open(_slice(lambda: qmc.Halton(d=_dimension(design, name), rng=rng), first, stop))
 
 
-def _dimension(name: str) -> int:
-    return PARAMETER_INDEX[name]  # from 1: entry 0 is not dispersible
+def _dimension(design: Design, name: str) -> int:
+    """From 1."""
+    return design.parameters.dispersible.index(name) + 1
 
 
 def _slice(make_sampler: Callable[[], object], first: int, stop: int) -> Floats:

@@ -18,11 +18,12 @@ from abhv_mc.campaign.sampling.marginals import (
     SometimesMarginal,
 )
 from abhv_mc.io.documents import Refusal, StrictModel, one_of
-from abhv_mc.io.units import Fraction, parse_in_unit
+from abhv_mc.io.units import Fraction
 from abhv_mc.plant.parameters import Parameter
 
 Value = float | str  # a number, or text with a unit
 
+_NUMBER = Parameter("number", "-", 1.0, "")
 _KIND = "the kind of distribution"
 _HALF_WIDTH = "from the nominal value to either end; in place of low and high"
 _LOW, _HIGH = "lower end", "upper end"
@@ -47,7 +48,7 @@ class _Distribution(StrictModel):
 
     def _read(self, key: str, parameter: Parameter) -> float | None:
         value = getattr(self, key)
-        return None if value is None else _parse(value, parameter.unit, key)
+        return None if value is None else _read(parameter, value, key, of_nominal=key in ("half_width", "sigma"))
 
     def _positive(self, key: str, parameter: Parameter) -> float:
         value = self._read(key, parameter)
@@ -143,7 +144,7 @@ class Lognormal(_Distribution):
     median: Value | None = Field(None, description="left out: the nominal value")
 
     def draw_from(self, parameter: Parameter) -> Marginal:
-        sigma = _parse(self.sigma, "-", "sigma")
+        sigma = _read(_NUMBER, self.sigma, "sigma")
         median = _or(self._read("median", parameter), parameter)
         if sigma <= 0.0:
             raise Refusal(f"{self.sigma}", "a sigma above zero", ("sigma",))
@@ -180,7 +181,7 @@ class Discrete(_Distribution):
     def draw_from(self, parameter: Parameter) -> Marginal:
         import numpy as np
 
-        values = np.array([_parse(value, parameter.unit, "values", i) for i, value in enumerate(self.values)])
+        values = np.array([_read(parameter, value, "values", i) for i, value in enumerate(self.values)])
         weights = np.array(self.weights if self.weights is not None else np.ones(len(values)))
         if len(weights) != len(values):
             raise Refusal(f"{len(weights)} weights", f"{len(values)}, one for each value", ("weights",))
@@ -264,9 +265,9 @@ Distribution = Annotated[
 ]
 
 
-def _parse(value: Value, unit: str, *keys: str | int) -> float:
+def _read(parameter: Parameter, value: Value, *keys: str | int, of_nominal: bool = False) -> float:
     try:
-        return parse_in_unit(value, unit)
+        return parameter.read(value, of_nominal)
     except Refusal as refusal:
         raise Refusal(refusal.found, refusal.expected, tuple(keys)) from None
 

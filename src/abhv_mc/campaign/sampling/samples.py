@@ -13,8 +13,7 @@ from abhv_mc.campaign.sampling.designs import FACTORIAL, NOMINAL, Design
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile
 from abhv_mc.campaign.sampling.seeds import Seeds
-from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc.plant.parameters import PARAMETERS
+from abhv_mc.plant.parameters import OURS, Parameters
 
 
 class SampleSource(Protocol):
@@ -39,6 +38,7 @@ class DrawnSamples:
     design: Design
     marginals: tuple[Marginal, ...]
     copula: Copula
+    parameters: Parameters = OURS
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -51,7 +51,7 @@ class DrawnSamples:
     def draw(self, first: int, stop: int) -> Floats:
         rows = self.design.draw(first, stop)
         if self.design.kind in FACTORIAL:
-            nominal = np.array([PARAMETERS[PARAMETER_INDEX[name]].nominal for name in self.names])
+            nominal = self.parameters.nominal_of(self.names)
             values = np.column_stack([marginal.at_fraction(rows[:, i]) for i, marginal in enumerate(self.marginals)])
             return np.where(rows == NOMINAL, nominal, values)
         probabilities = self.copula.apply(rows)
@@ -143,9 +143,9 @@ class PointSamples:
         return np.column_stack([rows[:, : self.place], self.points[point], rows[:, self.place :]])
 
 
-def full_rows(names: Sequence[str], values: Floats, derived: Derived) -> Floats:
-    """Full rows ``[flight, parameter]`` in the order of PARAMETERS: nominal but for sampled and derived columns."""
-    rows = np.tile([parameter.nominal for parameter in PARAMETERS], (len(values), 1))
-    rows[:, [PARAMETER_INDEX[name] for name in names]] = values
-    derive(rows, derived)
+def full_rows(names: Sequence[str], values: Floats, derived: Derived, parameters: Parameters = OURS) -> Floats:
+    """Full rows ``[flight, parameter]`` in the order of ``parameters``: nominal but for sampled and derived columns."""
+    rows = np.tile(parameters.nominal, (len(values), 1))
+    rows[:, [parameters.index[name] for name in names]] = values
+    derive(rows, derived, parameters)
     return rows

@@ -75,7 +75,7 @@ def check_baseline(campaign: Experiment, baseline: Path) -> None:
     drawn = source.draw(0, campaign.runs)
     columns = {name: drawn[:, i] for i, name in enumerate(source.names)}
     require_same_samples(held.samples, columns, baseline, campaign.document.path)
-    if not set(campaign.model.controllers) & set(held.flights):
+    if not set(campaign.controllers) & set(held.flights):
         expected = f"one of {', '.join(held.controllers)}, as in {baseline}"
         raise campaign.document.error(("controllers",), "no controller of the baseline", expected)
 

@@ -82,7 +82,7 @@ class Planned:
 def plan_campaign(campaign: Experiment) -> Planned:
     """What a campaign with requirements can show at its planned number of flights, and at two and four times that."""
     model, runs = campaign.model, campaign.runs_at_point
-    verdicts = len(model.requirements) * len(model.controllers)
+    verdicts = len(model.requirements) * len(campaign.controllers)
     requirements = []
     for item in campaign.requirements:
         # Where a family is held, each verdict is planned with its share of the risk: Holm's first step.

@@ -27,7 +27,7 @@ def explanation_words(found: Explanation) -> list[str]:
         return [*lines, "The nominal flight fails, too: no dispersion is needed."]
     proof = "no smaller set does" if found.smallest else "none of them can be left out"
     lines.append(f"It fails with {kept} of its {total} dispersions alone ({proof}; {found.tried} flights tried):")
-    lines += [f"  {name:<36} {shown_value(name, found.samples[name]):>12}" for name in found.causes]
+    lines += [f"  {name:<36} {shown_value(name, found.samples[name], found.known):>12}" for name in found.causes]
     if found.others:
         lines.append(f"So do {len(found.others)} other sets of {kept}:")
         lines += [f"  {' and '.join(names)}" for names in found.others[:10]]
@@ -51,7 +51,10 @@ def explanation_numbers(found: Explanation) -> dict[str, Any]:
 
 def make_explained_figure(found: Explanation) -> Figure:
     """The flight as flown and with its causes alone, beside the nominal flight."""
-    names = [f"{name}\N{NO-BREAK SPACE}{shown_value(name, found.samples[name])}" for name in found.causes[:_IN_TITLE]]
+    names = [
+        f"{name}\N{NO-BREAK SPACE}{shown_value(name, found.samples[name], found.known)}"
+        for name in found.causes[:_IN_TITLE]
+    ]
     more = len(found.causes) - len(names)
     listed = ", ".join(names) + (f" and {more} more" if more else "") or "nothing dispersed"
     what = f"Flight {found.flight} of {controller_label(found.controller)} {found.failure.words}"

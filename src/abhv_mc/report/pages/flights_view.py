@@ -57,7 +57,7 @@ def make_flights_view(results: FlownCampaign, labels: Mapping[str, str], colors:
         arrays[f"column:{entry['name']}"] = np.concatenate(values)
     dispersions = []
     for name in results.dispersed:
-        unit, scale = axis_unit(name)
+        unit, scale = axis_unit(name, results.campaign.parameters)
         dispersions.append({"name": name, "label": _capital(spoken_name(name)), "unit": unit})
         arrays[f"column:{name}"] = scale * results.samples[name][number]
     places = {
@@ -86,7 +86,7 @@ def make_flights_view(results: FlownCampaign, labels: Mapping[str, str], colors:
             "history": history.tolist(),
             "missed": [flags.astype(int).tolist() for flags in missed],
         },
-        "outcomes": {int(code): Outcome(int(code)).code.replace("_", " ") for code in np.unique(outcome)},
+        "outcomes": {k: results.campaign.outcomes.codes[k].replace("_", " ") for k in np.unique(outcome).tolist()},
         "order": np.argsort(np.concatenate(rank)).tolist(),
         "missed": [requirement_words(item, records) for item in required],
         "metrics": metrics,

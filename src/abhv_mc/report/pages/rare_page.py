@@ -7,7 +7,7 @@ import numpy as np
 
 from abhv_mc.report.figures.searches import plot_failures, plot_levels, plot_mixing
 from abhv_mc.report.pages.answer_page import Answer, make_table, write_answer_page
-from abhv_mc.report.pages.searched_flights import drawn_figure, flights_table
+from abhv_mc.report.pages.searched_flights import drawn_figures, flights_table
 from abhv_mc.search.methods import second_look
 from abhv_mc.search.methods.subset import ACCEPTANCE
 from abhv_mc.search.rare import RareFound
@@ -21,7 +21,7 @@ def make_rare_answer(found: RareFound, folder: Path) -> Answer:
     """What an estimate of a rare failure says; its flights lie in ``folder``."""
     metric, dimensions = found.metric, len(found.space.names)
     asked = f"{metric.phrase} {metric.with_unit(str(found.requirement.limits))}"
-    flights = flights_table(found.flights, found.severities, dimensions, metric, found.controller, folder)
+    flights = flights_table(found.flights, found.severities, dimensions, metric, found.controller, folder, found.known)
     items = (
         *_answers(found, asked),
         *map(Picture, ("levels", "mixing", "failures", "flights")),
@@ -49,7 +49,7 @@ def _draw(found: RareFound) -> Iterator[Drawn]:
             "correlations are applied."
         )
         yield FigureText("failures", "Where failures live", caption), plot_failures(found.space.names, failures)
-    yield drawn_figure(found.drawn)
+    yield from drawn_figures(found.drawn)
 
 
 def _answers(found: RareFound, asked: str) -> tuple[Lead, Bullets]:

@@ -1,7 +1,7 @@
 """What the pages of searches show of flights: their channels over time, and how each is flown again."""
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +10,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.flights import FlightRows
+from abhv_mc.plant.parameters import Parameters
 from abhv_mc.report.figures.searches import plot_flights
 from abhv_mc.report.pages.answer_page import make_table
 from abhv_mc.search.search_flights import DRAWN_APART, DrawnFlights
@@ -31,19 +32,27 @@ def with_unit(value: float, metric: Metric) -> str:
     return metric.with_unit(f"{value:.5g}")
 
 
-def drawn_figure(drawn: DrawnFlights) -> Drawn:
-    """The drawn flights beside the nominal one."""
+def drawn_figures(drawn: DrawnFlights | None) -> Iterator[Drawn]:
+    """The drawn flights beside the nominal one; nothing without histories."""
+    if drawn is None:
+        return
     panels = {
         label: drawn.history[:, :, CHANNEL_INDEX[name]].astype(np.float64) * scale
         for name, label, scale in FLIGHT_PANELS[:6]
     }
     labels = ["nominal", *(f"flight {number}" for number in drawn.numbers)]
     caption = f"{_ELSEWHERE[:1].upper()}{_ELSEWHERE[1:]}; beside the nominal one. A line ends where its flight ended."
-    return FigureText("flights", "The worst flights", caption), plot_flights(drawn.times, panels, labels)
+    yield FigureText("flights", "The worst flights", caption), plot_flights(drawn.times, panels, labels)
 
 
 def flights_table(
-    flights: FlightRows, severities: Floats, dimensions: int, metric: Metric, controller: str, folder: Path
+    flights: FlightRows,
+    severities: Floats,
+    dimensions: int,
+    metric: Metric,
+    controller: str,
+    folder: Path,
+    known: Parameters,
 ) -> Fold:
     """The worst flights, and how each is flown again: wider than a terminal."""
     numbers: Sequence[int] = rank_distinct(
@@ -55,7 +64,7 @@ def flights_table(
             f"{flights.column(metric.name)[k]:.5g}",
             f"{flights.outcome[k]}, {flights.end_time[k]:.4g} s",
             ", ".join(
-                f"{name} {shown_value(name, x)}"
+                f"{name} {shown_value(name, x, known)}"
                 for name, x in zip(flights.names[:dimensions], flights.samples[k].tolist(), strict=False)
             ),
             f"`{shlex.join(['abhv-mc', 'replay', str(folder), '--flight', str(k), '--controller', controller])}`",

@@ -7,7 +7,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.report.figures.searches import plot_convergence, plot_place
 from abhv_mc.report.pages.answer_page import Answer, make_table, write_answer_page
-from abhv_mc.report.pages.searched_flights import drawn_figure, flights_table, with_unit
+from abhv_mc.report.pages.searched_flights import drawn_figures, flights_table, with_unit
 from abhv_mc.search.severity import ENDED_EARLY
 from abhv_mc.search.worst import WorstFound
 from abhv_mc.topics.labels import controller_label
@@ -21,7 +21,7 @@ def make_worst_answer(found: WorstFound, folder: Path) -> Answer:
     """What a worst-case search says; its flights lie in ``folder``."""
     metric = found.metric
     searched = found.severities[: found.searched]
-    flights = flights_table(found.flights, searched, len(found.names), metric, found.controller, folder)
+    flights = flights_table(found.flights, searched, len(found.names), metric, found.controller, folder, found.known)
     pictures = (Picture(name) for name in ("convergence", "place", "flights"))
     title = f"Worst case of {controller_label(found.controller)}: {metric.phrase}"
     items: tuple[Item, ...] = (*_answers(found), *pictures, _range_table(found), flights)
@@ -30,7 +30,7 @@ def make_worst_answer(found: WorstFound, folder: Path) -> Answer:
 
 def write_worst_page(found: WorstFound, path: Path) -> Path:
     """Write the page of a worst-case search and its figures beside it."""
-    drawn = (_convergence(found), _place(found), drawn_figure(found.drawn))
+    drawn = (_convergence(found), _place(found), *drawn_figures(found.drawn))
     return write_answer_page(make_worst_answer(found, path.parent), drawn, path)
 
 
@@ -125,9 +125,9 @@ def _range_table(found: WorstFound) -> Table:
     rows = [
         [
             name,
-            shown_value(name, low),
-            shown_value(name, found.flights.samples[found.worst, i]),
-            shown_value(name, high),
+            shown_value(name, low, found.known),
+            shown_value(name, found.flights.samples[found.worst, i], found.known),
+            shown_value(name, high, found.known),
         ]
         for i, (name, (low, high)) in enumerate(zip(found.names, found.bounds.tolist(), strict=True))
     ]

@@ -43,7 +43,7 @@ def driver_section(drivers: Drivers, names: Names) -> Section:
         for name, part in drivers.controllers.items()
         for metric in names.asked
         if metric in part.metrics
-        for group in _group(names.label(name), names.metrics[metric].label, part.metrics[metric])
+        for group in _group(names, name, metric, part.metrics[metric])
     )
     title = "What moves the errors"
     if not groups:
@@ -65,22 +65,23 @@ def driver_section(drivers: Drivers, names: Names) -> Section:
     return Section(title, (sentences, Text(method), table), part=True)
 
 
-def _group(label: str, error: str, entry: MetricDrivers) -> Iterator[tuple[Row, ...]]:
+def _group(names: Names, controller: str, metric: str, entry: MetricDrivers) -> Iterator[tuple[Row, ...]]:
     """A row for each driver."""
     listed = [each for each in entry.parameters if each.driver][:_LISTED]
+    label, error = names.label(controller), names.metrics[metric].label
     explained, count = percent(entry.explained, 2), max(1, len(listed))
     first = Cell(label, rows=count, head=True), Cell(error, rows=count, head=True), Cell(explained, rows=count)
     if not listed:
         yield ((*first, Cell(_otherwise(entry), columns=3)),)
         return
-    rows = [_driver_row(each) for each in listed]
+    rows = [_driver_row(each, names) for each in listed]
     yield ((*first, *rows[0]), *rows[1:])
 
 
-def _driver_row(driver: Driver) -> Row:
+def _driver_row(driver: Driver, names: Names) -> Row:
     words = spoken_name(driver.parameter) + (", high or low" if driver.either_way else "")
     note = f"moves with {spoken_name(driver.moves_with)}" if driver.moves_with else ""
-    name = Cell(words, note, hint=f"{driver.parameter}: {parameter_doc(driver.parameter)}")
+    name = Cell(words, note, hint=f"{driver.parameter}: {parameter_doc(driver.parameter, names.parameters)}")
     return name, interval_cell(Interval(*driver.srrc)), interval_cell(Interval(*driver.prcc))
 
 

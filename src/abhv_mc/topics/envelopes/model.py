@@ -56,6 +56,9 @@ def envelope_section(found: Envelopes, _names: Names) -> Section:
     """What bands are, the interactive ones, and the figures."""
     items: list[Item] = []
     campaign = found.source.campaign
+    if not campaign.has_histories:
+        text = "The simulator returns no histories: there are no bands over time and no curves of single flights."
+        return Section("Bands over time", (Text(text),))
     if found.step_s is not None:
         flown = max(flights.flight.size for flights in found.source.flights.values())
         of = "" if found.flights >= flown else f" of flights 0 to {found.flights - 1}"

@@ -11,6 +11,7 @@ import numpy as np
 from abhv_mc.analysis.failure_map import ControllerFailures, read_map
 from abhv_mc.array_types import Floats
 from abhv_mc.folder.flown_campaign import FlownCampaign
+from abhv_mc.plant.parameters import Parameters
 from abhv_mc.statistics.failure_drivers import FALSE_DISCOVERY_RATE, FEWEST_FAILURES, bin_inputs, find_rules
 from abhv_mc.statistics.failure_rules import Condition, Rule
 from abhv_mc.topics.failed_flights import failure_kinds
@@ -72,7 +73,7 @@ def compute_failures(results: FlownCampaign) -> Failures:
 
 def _kinds(results: FlownCampaign, controller: str) -> tuple[FailureKind, ...]:
     names, flown = list(results.dispersed), results.flights[controller].flight
-    kinds = failure_kinds(results, controller)
+    kinds, known = failure_kinds(results, controller), results.campaign.parameters
     if not kinds:
         return ()
 
@@ -85,14 +86,14 @@ def _kinds(results: FlownCampaign, controller: str) -> tuple[FailureKind, ...]:
             kind,
             int(failed.size),
             int(failed.sum()),
-            tuple(_rule(rule, names) for rule in find_rules(binned, failed, column)) if binned else (),
+            tuple(_rule(rule, names, known) for rule in find_rules(binned, failed, column)) if binned else (),
         )
         for kind, failed in kinds
     )
 
 
-def _rule(rule: Rule, names: list[str]) -> FailureRule:
-    words = (" or " if rule.either else " and ").join(_words(condition, names) for condition in rule.conditions)
+def _rule(rule: Rule, names: list[str], known: Parameters) -> FailureRule:
+    words = (" or " if rule.either else " and ").join(_words(each, names, known) for each in rule.conditions)
     inside, outside = rule.failures_inside / rule.failures, rule.others_inside / rule.others
     return FailureRule(
         words,
@@ -110,10 +111,10 @@ def _rule(rule: Rule, names: list[str]) -> FailureRule:
     )
 
 
-def _words(condition: Condition, names: list[str]) -> str:
+def _words(condition: Condition, names: list[str], known: Parameters) -> str:
     """'wind north > 25 m/s'; a difference in standard deviations."""
     name, sign = names[condition.input], ">" if condition.above else "\N{LESS-THAN OR EQUAL TO}"
     if condition.minus is None:
-        return f"{spoken_name(name)} {sign} {shown_value(name, condition.threshold)}"
+        return f"{spoken_name(name)} {sign} {shown_value(name, condition.threshold, known)}"
     other = spoken_name(names[condition.minus])
     return f"{spoken_name(name)} minus {other}, each in standard deviations, {sign} {condition.threshold:.2f}"

@@ -47,7 +47,7 @@ def _map_group(controller: str, part: ControllerFailures, names: Names) -> tuple
         cells = (
             Cell(f"missed {words[:1].lower()}{words[1:]}" if words else group.failure),
             Cell(joined(sides), head=True),
-            Cell("; ".join(map(_typical, group.dispersions))),
+            Cell("; ".join(_typical(each, names) for each in group.dispersions)),
             Cell(flights),
             Cell(str(group.flights[0]), flight=(controller, group.flights[0])),
         )
@@ -55,9 +55,10 @@ def _map_group(controller: str, part: ControllerFailures, names: Names) -> tuple
     return (*rows, (Cell(label, head=True), Cell(_rest(part), columns=5)))
 
 
-def _typical(found: Dispersed) -> str:
+def _typical(found: Dispersed, names: Names) -> str:
     """'-35 % (-40 % to -31 %)'; of one flight its value."""
-    low, middle, high = (shown_value(found.parameter, value) for value in (found.least, found.median, found.largest))
+    values = found.least, found.median, found.largest
+    low, middle, high = (shown_value(found.parameter, value, names.parameters) for value in values)
     return f"{middle} ({low} to {high})" if low != high else middle
 
 

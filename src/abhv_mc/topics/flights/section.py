@@ -23,8 +23,8 @@ def _items(found: Flights, names: Names) -> Iterator[Item]:
     if found.source:
         yield Text(_flown(found, found.source.campaign, names))
     if found.dispersions:
-        rows = [_dispersion(name, _law(entry), _settings(entry)) for name, entry in found.dispersions.items()]
-        rows += [_dispersion(name, "derived", text) for name, text in found.derived.items()]
+        rows = [_dispersion(name, _law(entry), _settings(entry), names) for name, entry in found.dispersions.items()]
+        rows += [_dispersion(name, "derived", text, names) for name, text in found.derived.items()]
         yield Table("Dispersions", ("Parameter", "Meaning", "Distribution", "Settings"), (tuple(rows),), numbers=False)
     heads = ("Controller", "Flown", "Ended early", "Not computed", "Outcomes")
     counts = tuple(_counts(names.label(name), entry) for name, entry in found.counts.items())
@@ -77,8 +77,8 @@ def _settings(entry: Mapping[str, Any]) -> str:
     return ", ".join([*parts, *(f"{key.replace('_', ' ')} {value}" for key, value in rest.items())])
 
 
-def _dispersion(name: str, law: str, settings: str) -> Row:
-    return Cell(f"`{name}`", head=True), Cell(parameter_doc(name)), Cell(law), Cell(settings)
+def _dispersion(name: str, law: str, settings: str, names: Names) -> Row:
+    return Cell(f"`{name}`", head=True), Cell(parameter_doc(name, names.parameters)), Cell(law), Cell(settings)
 
 
 def _counts(label: str, found: FlightCounts) -> Row:
@@ -95,11 +95,11 @@ def _worst(controller: str, found: WorstFlight, names: Names) -> Row:
         Cell(names.metrics[found.by].label if found.by else ""),
         Cell(significant(found.beyond, 3)),
         *map(Cell, values),
-        Cell(", ".join(map(_words, found.largest))),
+        Cell(", ".join(_words(each, names) for each in found.largest)),
     )
 
 
-def _words(found: LargeDispersion) -> str:
+def _words(found: LargeDispersion, names: Names) -> str:
     """'lift +8.1 % (1.6 sigma)'."""
     sigma = "" if found.sigma is None else f" ({fixed(found.sigma, 1)} sigma)"
-    return f"{spoken_name(found.parameter)} {shown_value(found.parameter, found.value)}{sigma}"
+    return f"{spoken_name(found.parameter)} {shown_value(found.parameter, found.value, names.parameters)}{sigma}"

@@ -7,8 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.sampling.seeds import is_seed
-from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.flown_campaign import FlownCampaign, kept_flights
 from abhv_mc.topics.failed_flights import failed_anyhow
@@ -57,7 +55,7 @@ def rank_failed(results: FlownCampaign, controller: str) -> list[int]:
 
 def worst_flights(results: FlownCampaign) -> dict[str, tuple[WorstFlight, ...]]:
     """The worst flights of each controller, those whose histories are kept, with what they were worst in."""
-    moments = {key: _moments(column) for key, column in results.samples.items() if not is_seed(key)}
+    moments = {key: _moments(results.samples[key]) for key in results.dispersed}
     return {name: tuple(_of(results, name, moments)) for name in results.controllers}
 
 
@@ -74,7 +72,7 @@ def _of(results: FlownCampaign, name: str, moments: Mapping[str, tuple[float, fl
         found.append(
             WorstFlight(
                 flight=int(numbers[i]),
-                outcome=Outcome(int(flights.outcome[row])).code,
+                outcome=flights.ends.codes[int(flights.outcome[row])],
                 by=None if flights.failed[row] or not criteria else criteria[which[row]].metric,
                 beyond=float(beyond[row]),
                 metrics={metric: values[i] for metric, values in metrics.items()},

@@ -1,0 +1,156 @@
+"""A campaign of a user's simulator: what flies, what is compared, and what goes in and comes out in its own units."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from abhv_mc.campaign.file.config import Campaign, Execution, Name
+from abhv_mc.campaign.file.user_metrics import MetricName
+from abhv_mc.control.law_file import expand
+from abhv_mc.flight.metrics import Bad, Metric, label_of
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel
+from abhv_mc.io.units import Time, parse_in_any_unit
+from abhv_mc.kernel.flight.counting import Statistic
+from abhv_mc.plant.parameters import Parameter, Parameters
+
+SYSTEMS = "systems"
+_TAKEN = ("flight", "controller", "system", "outcome", "end_time", "end_time_s", "history", "error", "point")
+Unit = Annotated[str, Field(min_length=1, max_length=30)]
+
+
+class Simulator(StrictModel):
+    """What flies: a Python function, or a program that speaks JSON lines."""
+
+    python: str | None = Field(None, description="Python file with def fly(inputs, settings): one flight")
+    command: Annotated[tuple[str, ...], Field(min_length=1)] | None = Field(
+        None, description="a program and its arguments: a flight is a line of JSON in, and a line out"
+    )
+    files: tuple[str, ...] = Field((), description="what else it consists of and reads: files, folders, or with *")
+    folder: str = Field(".", description="where it lies and runs: these names are from there")
+    time_limit: Annotated[Time, Field(gt=0.0)] = Field(60.0, description="of one flight, by the clock")
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> "Simulator":
+        if (self.python is None) == (self.command is None):
+            raise Refusal("both" if self.command else "neither", "either 'python' or 'command'")
+        return self
+
+    def find_files(self, folder: Path) -> dict[str, Path]:
+        """What it consists of, by its place in ``folder``; what starts it stands first, where it lies there.
+
+        Raises Refusal.
+        """
+        first = self.python or (self.command or ("",))[0]
+        inside = not Path(first).is_absolute() and ".." not in Path(first).parts and (folder / first).is_file()
+        if self.python and not inside:
+            raise Refusal(f"'{first}'", "a Python file in this file's folder, or in 'folder'", ("python",))
+        named = [folder / first] if inside else []
+        return {path.relative_to(folder).as_posix(): path for path in (*named, *expand(folder, self.files))}
+
+
+InputName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_.]*$", max_length=60)]
+
+
+class Input(StrictModel):
+    """What a flight is given."""
+
+    unit: Unit = Field("-", description="any text; '-' of a plain number")
+    nominal: float = Field(0.0, description="its nominal value, in this unit")
+    seed: bool = Field(False, description="yes: a whole number drawn for each flight, and no quantity")
+    doc: str = Field("", description="what it is, for the report")
+
+
+class OwnMetric(StrictModel):
+    """What a flight returns."""
+
+    unit: Unit = Field("-", description="any text; '-' of a plain number")
+    bad: Bad | None = Field(
+        None, description="which values are bad: high, low, or those of the largest size; left out: high"
+    )
+    label: str | None = Field(None, description="what the report calls it, without its unit; left out: its name")
+    doc: str = Field("", description="what it means, for the report")
+
+    def record(self, name: str) -> Metric:
+        """As the tables of metrics have it."""
+        label = self.label or label_of(name, "-")
+        return Metric(name, self.unit, self.doc, label, self.bad or "high", "user", "", Statistic.MAX)
+
+
+def _refuse(value: Any) -> None:
+    raise Refusal("it beside 'simulator'", "nothing: it is of this program's own simulator")
+
+
+Refused = Annotated[None, BeforeValidator(_refuse)]
+
+
+class SimulatorExecution(Execution):
+    """The same, but the time limit is the simulator's, and it flies in processes of its own."""
+
+    isolation: Refused = Field("auto", description="always in processes")  # type: ignore[assignment]
+    flight_time_limit: Refused = Field(None, description="simulator.time_limit says it")
+
+
+class SimulatorCampaign(Campaign):
+    """A campaign file with a simulator of the user's own."""
+
+    simulator: Simulator = Field(description="what flies, in place of vehicle, mission and controllers")
+    systems: Annotated[dict[Name, dict[str, Any]], Field(min_length=1)] = Field(
+        {"system": {}}, description="what is compared: settings of the simulator by name; the first has to meet it all"
+    )
+    inputs: dict[InputName, Input] = Field({}, description="what a flight is given, by name")
+    metrics: Annotated[dict[MetricName, OwnMetric], Field(min_length=1)] = Field(  # type: ignore[assignment]
+        description="what a flight returns, by name"
+    )
+    outcomes: dict[MetricName, str] = Field(
+        {}, description="ways in which a flight ends early, by the code that it returns: a sentence for each"
+    )
+    execution: SimulatorExecution = Field(SimulatorExecution(), description="how it is flown")
+    vehicle: Refused = None  # type: ignore[assignment]
+    mission: Refused = None  # type: ignore[assignment]
+    controllers: Refused = None  # type: ignore[assignment]
+    channels: Refused = None
+    margins: Refused = None
+    tune: Refused = None
+    figures: Refused = None
+
+    @model_validator(mode="after")
+    def _names(self) -> "SimulatorCampaign":
+        for key, names in (("inputs", self.inputs), ("metrics", self.metrics), ("outcomes", self.outcomes)):
+            for name in names:
+                if (
+                    name in _TAKEN
+                    or (key == "metrics" and name in self.inputs)
+                    or (key == "outcomes" and name in {outcome.code for outcome in Outcome})
+                ):
+                    raise Refusal(f"'{name}', a name that is taken", "another name", (key, name))
+        return self
+
+    @property
+    def parameters(self) -> Parameters:
+        """What flights are given."""
+        entries = self.inputs.items()
+        return Parameters(tuple(Parameter(n, e.unit, e.nominal, e.doc, own=True, seed=e.seed) for n, e in entries))
+
+
+def systems_key(data: Mapping[str, Any]) -> str:
+    """The key of a campaign file under which stands what is compared."""
+    return SYSTEMS if "simulator" in data else "controllers"
+
+
+def parse_limit(value: float | str | None, unit: str) -> float | None:
+    """A limit of a metric in its own unit. Raises Refusal."""
+    return None if value is None else parse_in_any_unit(value, unit)
+
+
+def check_simulator(document: Document, model: SimulatorCampaign, errors: list[InputError]) -> None:
+    """What is wrong with the simulator is added to ``errors``."""
+    try:
+        model.simulator.find_files(document.path.parent / model.simulator.folder)
+    except Refusal as refusal:
+        errors.append(document.error(("simulator", *refusal.keys), refusal.found, refusal.expected))
+    if "envelopes" in model.keep.model_fields_set:
+        found = "envelopes of flights that return no history"
+        errors.append(document.key_error(("keep", "envelopes"), found, "no 'envelopes' here"))

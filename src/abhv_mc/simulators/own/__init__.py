@@ -1,0 +1,1 @@
+"""A user's simulator: what flies it, watched flight by flight."""

@@ -1,0 +1,151 @@
+"""Flights of a user's simulator: a crash or a hang costs the flight that was under way, and none is flown twice."""
+
+import atexit
+import json
+import math
+import os
+import sys
+import threading
+import time
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from abhv_mc.array_types import Floats
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import FlightBlock, Recording
+from abhv_mc.simulators.own.plan import OwnPlan
+from abhv_mc.simulators.own.process import LostFlightError, Process
+
+_SPECIAL = {"outcome", "end_time"}
+_seconds: dict[object, float] = {}  # mean time of a flight of the last block, by process and system
+_told: set[str] = set()  # reasons that were said already
+
+
+class StoppedError(Exception):
+    """The campaign was stopped while a flight was under way."""
+
+
+class _Pool:
+    """Processes of this one that fly; threads share it."""
+
+    def __init__(self) -> None:
+        self.idle: dict[object, list[Process]] = {}
+        self.all: set[Process] = set()
+        self.lock = threading.Lock()
+        self.closed = False
+        self.owner = os.getpid()
+
+    def take(self, plan: OwnPlan) -> Process:
+        """A process that waits for flights, or a new one."""
+        with self.lock:
+            if idle := self.idle.get(plan.process):
+                return idle.pop()
+        plan.check_files()
+        process = Process(plan)
+        with self.lock:
+            self.all.add(process)
+        if self.closed:
+            process.end()
+        return process
+
+    def give_back(self, plan: OwnPlan, process: Process) -> None:
+        with self.lock:
+            self.idle.setdefault(plan.process, []).append(process)
+
+    def close(self) -> None:
+        """End all of them; flights under way are lost."""
+        self.closed = True
+        if self.owner == os.getpid():
+            for process in list(self.all):
+                process.end()
+
+
+_pool = _Pool()
+
+
+def end_processes() -> None:
+    """End every process that waits or flies; flights that come later have new ones."""
+    global _pool
+    ended, _pool = _pool, _Pool()
+    ended.close()
+
+
+atexit.register(end_processes)
+
+
+def seconds_of_a_flight(plans: Iterable[Any]) -> float:
+    """Mean time of the flights flown last, of the slowest of some systems, s; 0 before any."""
+    return max(_seconds.get((plan.process, plan.controller), 0.0) for plan in plans)
+
+
+def fly_own(plan: OwnPlan, parameters: Floats, recorded: Recording | int | None = None) -> FlightBlock:
+    """Fly ``parameters`` [flight, input], in the inputs' own units; ``failed_to_run`` for what cannot be computed."""
+    del recorded
+    flights = len(parameters)
+    metrics, end = np.full((flights, len(plan.metrics)), np.nan), np.full(flights, np.nan)
+    outcome = np.full(flights, int(Outcome.FAILED_TO_RUN), np.int64)
+    pool, lines, done = _pool, plan.lines(parameters), 0
+    names, codes = [metric.name for metric in plan.metrics], dict(plan.outcomes)
+    expected = set(names)
+    process: Process | None = None
+    begun = time.monotonic()
+    while done < flights:
+        reason = ""
+        try:
+            process = process or pool.take(plan)
+            for answer in process.answers(lines[done:], flights - done, plan.time_limit):
+                try:
+                    outcome[done], end[done], metrics[done] = _read(answer, names, expected, codes)
+                except ValueError as error:
+                    _tell(plan, str(error))
+                done += 1
+        except (LostFlightError, OSError) as lost:
+            process, reason = None, str(lost)
+        if pool.closed:
+            raise StoppedError("the campaign was stopped")
+        if reason and done < flights:
+            _tell(plan, reason)
+            done += 1
+    if process is not None:
+        pool.give_back(plan, process)
+    if flights:
+        _seconds[plan.process, plan.controller] = (time.monotonic() - begun) / flights
+    nothing = np.empty((flights, 0, 0), np.float32)
+    return FlightBlock(outcome, end, metrics, nothing, np.empty(0))
+
+
+def _read(answer: bytes, names: list[str], expected: set[str], codes: dict[str, int]) -> tuple[int, float, list[float]]:
+    """Outcome, end and metrics of an answer. Raises ValueError where it is none."""
+    try:
+        found: dict[str, Any] = json.loads(answer)
+    except ValueError:
+        raise ValueError(f"it answered {answer[:80]!r}, which is no JSON") from None
+    if not isinstance(found, dict):
+        raise ValueError(f"it answered {answer[:80]!r}, which is no mapping")
+    if "error" in found:
+        raise ValueError(str(found["error"]))
+    code = found.get("outcome", "ok")
+    if code not in codes:
+        raise ValueError(f"it returned the outcome '{code}', which the campaign does not declare")
+    if found.keys() - _SPECIAL != expected:
+        for name in sorted(found.keys() - _SPECIAL - expected):
+            raise ValueError(f"it returned '{name}', which the campaign does not declare")
+        missing = ", ".join(sorted(expected - found.keys()))
+        raise ValueError(f"it did not return {missing}")
+    try:
+        values = [math.nan if found[name] is None else float(found[name]) for name in names]
+        end = float(found.get("end_time", math.nan))
+    except (TypeError, ValueError):
+        raise ValueError("it returned a metric or an end_time that is no number") from None
+    if code == "ok" and not all(map(math.isfinite, values)):
+        name = next(name for name, value in zip(names, values, strict=True) if not math.isfinite(value))
+        raise ValueError(f"{name} is not a finite number, and the outcome is ok")
+    return codes[code], end if code == "ok" or math.isfinite(end) else 0.0, values
+
+
+def _tell(plan: OwnPlan, reason: str) -> None:
+    if (words := f"{plan.controller}: a flight could not be computed: {reason}") not in _told:
+        _told.add(words)
+        print(words, file=sys.stderr, flush=True)

@@ -1,0 +1,114 @@
+"""What the flights of one system of a user's simulator need, and whether this user may run it."""
+
+import hashlib
+import json
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from abhv_mc.array_types import Floats
+from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.campaign.file.simulator import SimulatorCampaign
+from abhv_mc.flight.metrics import Metric
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.io.input_error import InputError
+from abhv_mc.io.input_files import read_input
+from abhv_mc.user_code.source import UserSource
+
+_PYTHON = (sys.executable, "-P", str(Path(__file__).with_name("python_lines.py")))
+
+
+@dataclass(frozen=True)
+class OwnPlan:
+    """Everything that is needed to fly one system, apart from its flights' inputs; it travels to other machines."""
+
+    controller: str  # its name in the campaign
+    command: tuple[str, ...]
+    folder: str  # that it lies and runs in
+    files: tuple[tuple[str, str], ...]  # place in the folder and SHA-256 of what it consists of
+    python: str  # the file of a Python function, '' for a program
+    settings: str  # JSON
+    inputs: tuple[str, ...]
+    seeds: tuple[bool, ...]  # which of these are whole numbers
+    metrics: tuple[Metric, ...]
+    outcomes: tuple[tuple[str, int], ...]  # codes that a flight may return, with their numbers
+    time_limit: float  # s of one flight, by the clock
+
+    @property
+    def process(self) -> tuple[object, ...]:
+        """What a process that flies it is known by: it may fly the other systems, too."""
+        return self.command, self.folder, self.files, self.python
+
+    @property
+    def argv(self) -> list[str]:
+        """What starts the process."""
+        if self.python:
+            return [*_PYTHON, self.python, *(name for name, _ in self.files)]
+        first, *rest = self.command
+        file = Path(self.folder, first)
+        return [str(file.resolve()) if file.is_file() else first, *rest]
+
+    @cached_property
+    def _template(self) -> str:
+        parts = (
+            f"{json.dumps(name)}: %{'d' if seed else 'r'}" for name, seed in zip(self.inputs, self.seeds, strict=True)
+        )
+        return f'{{"inputs": {{{", ".join(parts)}}}, "settings": {self.settings.replace("%", "%%")}}}\n'
+
+    def lines(self, rows: Floats) -> list[bytes]:
+        """A line of JSON for each of ``rows`` [flight, input]."""
+        return [(self._template % tuple(row)).encode() for row in rows.tolist()]
+
+    def check_files(self) -> None:
+        """Raise InputError where its files are not, on this machine, those that the campaign was begun with."""
+        for name, digest in self.files:
+            path = Path(self.folder, name)
+            try:
+                same = hashlib.sha256(path.read_bytes()).hexdigest() == digest
+            except OSError:
+                same = False
+            if not same:
+                raise InputError(path, "other content than the campaign was begun with, or none", "the same file")
+
+
+def make_own_plans(campaign: Experiment, model: SimulatorCampaign, names: Iterable[str]) -> dict[str, OwnPlan]:
+    """The plans of some of a campaign's systems."""
+    simulator, base = model.simulator, campaign.document.path.parent / model.simulator.folder
+    hashes = {name: hashlib.sha256(read_input(path)).hexdigest() for name, path in simulator.find_files(base).items()}
+    outcomes = {
+        code: number for code, number in campaign.outcomes.numbers.items() if number != int(Outcome.FAILED_TO_RUN)
+    }
+    records = campaign.parameters.records
+    return {
+        name: OwnPlan(
+            name,
+            simulator.command or (),
+            str(base.resolve()),
+            tuple(hashes.items()),
+            simulator.python or "",
+            json.dumps(model.systems[name]),
+            tuple(record.name for record in records),
+            tuple(record.seed for record in records),
+            campaign.measured,
+            tuple(outcomes.items()),
+            simulator.time_limit,
+        )
+        for name in names
+    }
+
+
+def own_source(campaign: Experiment, model: SimulatorCampaign) -> UserSource:
+    """The simulator's files, by which it is trusted. Nothing is run."""
+    base = campaign.document.path.parent / model.simulator.folder
+    files = tuple((name, read_input(path)) for name, path in model.simulator.find_files(base).items())
+    text = json.dumps([model.simulator.python, model.simulator.command])
+    return UserSource(text, str(base / (model.simulator.python or (model.simulator.command or ("",))[0])), files)
+
+
+def nominal_rows(campaign: Experiment, flights: int = 1) -> Floats:
+    """Full rows [flight, input] of nominal flights."""
+    return np.tile(campaign.parameters.nominal, (flights, 1))

@@ -1,0 +1,114 @@
+"""Campaigns of a user's simulator: flown, gone on with, joined, and never run by a folder."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from own_simulators import DIVE, dive_campaign
+
+from abhv_mc.analysis.explain import explain_flight
+from abhv_mc.analysis.failure_map import map_failures
+from abhv_mc.analysis.replay import replay_flight
+from abhv_mc.execution.merge import merge_campaign
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.execution.setup import Request
+from abhv_mc.folder.results import read_results
+from abhv_mc.io.input_error import InputError
+from abhv_mc.report.pages.build import build_report
+from abhv_mc.simulators.engine import make_engine
+
+
+@pytest.fixture(autouse=True)
+def own_list(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The list of what this user has flown."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+
+
+def test_a_campaign_is_flown_judged_and_explained(tmp_path: Path) -> None:
+    path, out = dive_campaign(tmp_path / "own"), tmp_path / "out"
+    manifest = run_campaign(Request(path, out, workers=2)).manifest
+    assert manifest.complete
+    assert len(manifest.warnings) == 1  # too few flights for 99 %
+    results = read_results(out)
+    for name in ("v1", "v2"):
+        flights = results.flights[name]
+        low = flights.metrics["altitude_min"]
+        counted = next(v for v in (*manifest.requirements, *manifest.requirements_shown) if v.controller == name)
+        assert counted.failures == int((low <= 0.0).sum())
+        assert flights.count_outcomes().get("ground", 0) == int((low < -200.0).sum())
+    assert flights.flight.size == 200
+    build_report(out)
+    failed = int(np.argmin(results.flights["v1"].metrics["altitude_min"]))
+    fly = make_engine().fly
+    assert replay_flight(out, "v1", failed, fly).differences == ()
+    found = explain_flight(out, "v1", failed, fly)
+    assert set(found.causes) <= {"altitude", "speed", "delay", "thrust"}
+    assert found.causes
+    groups = map_failures(out, {"v1": [failed]}, make_engine()).controllers["v1"]
+    assert groups.looked_at == 1
+
+
+def test_a_campaign_goes_on_and_its_shards_are_joined(tmp_path: Path) -> None:
+    path = dive_campaign(tmp_path / "own")
+    whole = run_campaign(Request(path, tmp_path / "whole")).manifest
+    run_campaign(Request(path, tmp_path / "grown", runs=50, controllers=("v1",)))
+    grown = run_campaign(Request(path, tmp_path / "grown")).manifest
+    assert grown.digest == whole.digest
+    shards = [tmp_path / "a", tmp_path / "b"]
+    for i, out in enumerate(shards, 1):
+        run_campaign(Request(path, out, shard=(i, 2)))
+    assert merge_campaign(shards, tmp_path / "joined").manifest.digest == whole.digest
+    changed = dive_campaign(tmp_path / "own", systems={"v1": {"pull": 5.5}, "v2": {"pull": 6.0}})
+    with pytest.raises(InputError, match=r"systems\.v1\.pull"):
+        run_campaign(Request(changed, tmp_path / "whole"))
+    changed = dive_campaign(tmp_path / "own", DIVE + "\n")
+    with pytest.raises(InputError, match=r"dive\.py: other content"):
+        run_campaign(Request(changed, tmp_path / "whole"))
+
+
+def test_the_folder_of_a_stranger_runs_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ran = tmp_path / "ran"
+    source = DIVE + f"\nopen({str(ran)!r}, 'a').write('x')\n"
+    out = tmp_path / "out"
+    run_campaign(Request(dive_campaign(tmp_path / "own", source, runs=20), out))
+    ran.unlink()
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "stranger"))
+    fly = make_engine().fly
+    build_report(out)
+    for ask in (
+        lambda: replay_flight(out, "v1", 0, fly),
+        lambda: explain_flight(out, "v1", 0, fly),
+        lambda: map_failures(out, {"v1": [0]}, make_engine()),
+        lambda: run_campaign(Request(out / "campaign.yaml", tmp_path / "again")),
+    ):
+        with pytest.raises(InputError, match="not flown"):
+            ask()
+    assert not ran.exists()
+    assert replay_flight(out, "v1", 0, fly, trust_code=True).differences == ()
+    assert ran.exists()
+
+
+def test_a_simulator_that_differs_is_flown_and_marked(tmp_path: Path) -> None:
+    source = (
+        DIVE + "\nwell = fly\ndef fly(inputs, settings):\n    return well(inputs, settings) | {'load': time.time()}\n"
+    )
+    path = dive_campaign(tmp_path / "own", source, runs=20)
+    manifest = run_campaign(Request(path, tmp_path / "out")).manifest
+    assert manifest.complete
+    assert any("not repeatable" in words and "load" in words for words in manifest.warnings)
+    assert [
+        words for words in replay_flight(tmp_path / "out", "v1", 0, make_engine().fly).differences if "load" in words
+    ]
+
+
+def test_an_input_that_changes_no_flight_is_said(tmp_path: Path) -> None:
+    source = DIVE.replace('inputs["thrust"]', "1.0")
+    manifest = run_campaign(Request(dive_campaign(tmp_path / "own", source), tmp_path / "out")).manifest
+    assert [words for words in manifest.warnings if words.startswith("'thrust' from 0.91 to 1.09")]
+
+
+def test_a_simulator_that_flies_nothing_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+    path = dive_campaign(tmp_path / "own", "def fly(inputs, settings):\n    return {}\n")
+    with pytest.raises(InputError, match="no flight of 'v1'"):
+        run_campaign(Request(path, tmp_path / "out"))
+    assert not (tmp_path / "out").exists()

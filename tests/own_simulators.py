@@ -1,0 +1,56 @@
+"""Simulators of a stranger's, and campaigns that fly them."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+DIVE = """
+import json, math, os, sys, time
+
+def fly(inputs, settings):
+    v, dive, pull = inputs["speed"], math.radians(inputs["dive"]), settings.get("pull", 5.0)
+    radius = v * v / (32.174 * (pull - 1.0) * inputs["thrust"])
+    low = inputs["altitude"] - v * math.sin(dive) * inputs["delay"] - radius * (1.0 - math.cos(dive))
+    found = {"altitude_min": low, "load": pull * inputs["thrust"]}
+    if low < -200.0:
+        found |= {"outcome": "ground", "end_time": 12.5}
+    return found
+"""
+
+
+def dive_campaign(folder: Path, source: str = DIVE, **changes: Any) -> Path:
+    """A campaign of a recovery from a dive, whose simulator is ``source``; ``changes`` of None leave a key out."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "dive.py").write_text(source)
+    content: dict[str, Any] = {
+        "name": "dive",
+        "simulator": {"python": "dive.py", "time_limit": "30 s"},
+        "systems": {"v1": {"pull": 5.0}, "v2": {"pull": 6.0}},
+        "inputs": {
+            "altitude": {"unit": "ft", "nominal": 2330.0},
+            "speed": {"unit": "ft/s", "nominal": 560.0},
+            "dive": {"unit": "deg", "nominal": 60.0},
+            "delay": {"unit": "s", "nominal": 1.5},
+            "thrust": {"unit": "-", "nominal": 1.0},
+        },
+        "dispersions": {
+            "altitude": {"distribution": "normal", "sigma": "50 ft"},
+            "speed": {"distribution": "normal", "sigma": "5 %"},
+            "delay": {"distribution": "uniform", "low": 1.0, "high": "2200 ms"},
+            "thrust": {"distribution": "normal", "sigma": "3 %"},
+        },
+        "metrics": {
+            "altitude_min": {"unit": "ft", "bad": "low", "label": "lowest altitude"},
+            "load": {"unit": "g", "label": "load factor"},
+        },
+        "outcomes": {"ground": "It came below the ground."},
+        "requirements": [
+            {"id": "GC-1", "metric": "altitude_min", "above": "0 ft", "probability": "99 %"},
+            {"metric": "load", "below": 7.0, "probability": "95 %"},
+        ],
+        "runs": 200,
+    }
+    content |= changes
+    path = folder / "dive.yaml"
+    path.write_text(json.dumps({key: value for key, value in content.items() if value is not None}))
+    return path

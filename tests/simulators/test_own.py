@@ -1,0 +1,160 @@
+"""Flights of a user's simulator: each is accounted for, whatever it does."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from own_simulators import DIVE, dive_campaign
+
+from abhv_mc.array_types import Floats
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.simulators.own.fly import end_processes
+from abhv_mc.simulators.own.plan import make_own_plans
+from abhv_mc.simulators.simulate import make_ready, simulate
+
+LOST = int(Outcome.FAILED_TO_RUN)
+# Flights that go wrong, by the delay that is asked for.
+WRONG = (
+    DIVE
+    + """
+well = fly
+
+def fly(inputs, settings):
+    print("a flight")
+    with open("flown", "a") as file:
+        file.write(f"{inputs['delay']}\\n")
+    found = well(inputs, settings)
+    match inputs["delay"]:
+        case 2.0:
+            os.abort()
+        case 3.0:
+            time.sleep(60.0)
+        case 4.0:
+            raise ArithmeticError("no root")
+        case 5.0:
+            return found | {"load": math.nan, "outcome": "ok"}
+        case 6.0:
+            return {"load": 1.0}
+        case 7.0:
+            return found | {"other": 1.0}
+        case 8.0:
+            return found | {"outcome": "elsewhere"}
+        case 9.0:
+            return {"altitude_min": None, "load": math.nan, "outcome": "ground"}
+        case 10.0:
+            return 5
+        case 11.0:
+            return found | {"load": "much"}
+        case 12.0:
+            open("secret.txt").read()
+        case 13.0:
+            sys.exit(3)
+    return found
+"""
+)
+
+
+def ready(path: Path) -> Experiment:
+    campaign = read_campaign(path)
+    assert campaign.own is not None
+    return make_ready(campaign, make_own_plans(campaign, campaign.own, campaign.controllers))  # type: ignore[arg-type]
+
+
+def fly_delays(path: Path, delays: list[float]) -> FlightBlock:
+    rows = np.tile([2330.0, 560.0, 1.5, 1.0], (len(delays), 1))
+    rows[:, 2] = delays
+    return simulate(ready(path), "v1", rows)
+
+
+def test_flights_are_those_of_the_function(tmp_path: Path) -> None:
+    campaign = ready(dive_campaign(tmp_path))
+    rows: Floats = campaign.make_samples().draw(0, 300)
+    names: dict[str, object] = {}
+    exec(DIVE, names)  # noqa: S102  the text above
+    for system, settings in (("v1", {"pull": 5.0}), ("v2", {"pull": 6.0})):
+        block = simulate(campaign, system, rows)
+        given = [dict(zip(campaign.parameters.index, row, strict=True)) for row in campaign.rows(rows).tolist()]
+        expected = [names["fly"](each, settings) for each in given]  # type: ignore[operator]
+        assert block.metrics.tolist() == [[one["altitude_min"], one["load"]] for one in expected]
+        assert set(block.outcome.tolist()) <= {0, 100}
+        assert (block.outcome == 100).tolist() == ["outcome" in one for one in expected]
+        assert block.end_time[block.outcome == 100].tolist() == [12.5] * int((block.outcome == 100).sum())
+
+
+def test_what_goes_wrong_costs_one_flight_and_none_is_flown_twice(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = dive_campaign(tmp_path, WRONG, simulator={"python": "dive.py", "time_limit": "500 ms"})
+    (tmp_path / "secret.txt").write_text("42")
+    delays = [1.0, 2.0, 1.1, 3.0, 1.2, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 1.3]
+    block = fly_delays(path, delays)
+    lost = [delay not in (1.0, 1.1, 1.2, 1.3, 9.0) for delay in delays]
+    assert (block.outcome == LOST).tolist() == lost
+    assert np.isnan(block.metrics[lost]).all()
+    assert np.isfinite(block.metrics[[0, 2, 4, 15]]).all()
+    assert block.outcome[10] == 100
+    assert block.end_time[10] == 0.0
+    flown = (tmp_path / "flown").read_text().split()
+    assert sorted(map(float, flown)) == sorted(delays)
+    told = capfd.readouterr().err
+    for words in (
+        "killed by SIGABRT",
+        "not done in 0.5 s",
+        "ArithmeticError: no root (dive.py, line ",
+        "load is not a finite number, and the outcome is ok",
+        "it did not return altitude_min",
+        "it returned 'other', which the campaign does not declare",
+        "it returned the outcome 'elsewhere'",
+        "which is no mapping",
+        "a metric or an end_time that is no number",
+        "it reads secret.txt, which 'files' does not name",
+        "exit code 3",
+    ):
+        assert words in told
+
+
+def test_declared_files_are_read_and_modules_imported(tmp_path: Path) -> None:
+    source = DIVE.replace("import json", "import model\nimport json").replace(
+        "return found", "return found | model.own()"
+    )
+    (tmp_path / "model.py").write_text("def own():\n    return {'load': float(open('data/load.txt').read())}\n")
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "load.txt").write_text("6.5")
+    path = dive_campaign(tmp_path, source, simulator={"python": "dive.py", "files": ["model.py", "data"]})
+    assert fly_delays(path, [1.0]).metrics[0, 1] == 6.5
+    (tmp_path / "more").write_text("")
+    undeclared = dive_campaign(tmp_path, source, simulator={"python": "dive.py", "files": ["data"]})
+    end_processes()
+    assert fly_delays(undeclared, [1.0]).outcome.tolist() == [LOST]
+
+
+def test_a_program_speaks_lines(tmp_path: Path) -> None:
+    program = (
+        "import json, sys\n"
+        "for line in sys.stdin:\n"
+        "    given = json.loads(line)\n"
+        "    low = given['inputs']['altitude'] - 100.0 * given['settings']['pull']\n"
+        "    print(json.dumps({'altitude_min': low, 'load': 1.0}), flush=True)\n"
+    )
+    (tmp_path / "program.py").write_text(program)
+    command = {"command": [sys.executable, "program.py"], "files": ["program.py"], "time_limit": "20 s"}
+    block = fly_delays(dive_campaign(tmp_path, simulator=command), [1.0] * 200)
+    assert block.metrics.tolist() == [[1830.0, 1.0]] * 200
+
+
+def test_a_program_that_cannot_be_started_is_said(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = dive_campaign(tmp_path, simulator={"command": ["no-such-program"]})
+    assert fly_delays(path, [1.0, 2.0]).outcome.tolist() == [LOST, LOST]
+    assert "no-such-program" in capfd.readouterr().err
+
+
+def test_other_files_than_the_campaign_was_begun_with_do_not_fly(tmp_path: Path) -> None:
+    campaign = ready(dive_campaign(tmp_path))
+    end_processes()
+    (tmp_path / "dive.py").write_text(DIVE + "\n")
+    with pytest.raises(Exception, match="other content"):
+        simulate(campaign, "v1", campaign.make_samples().draw(0, 1))
