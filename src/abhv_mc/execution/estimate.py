@@ -9,15 +9,15 @@ import numpy as np
 
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.execution.blocks import choose_batch
+from abhv_mc.execution.first_flights import fly_first
 from abhv_mc.execution.flight_counts import FlightCounts, make_flight_counts
 from abhv_mc.execution.probe_dispersions import fly_probes
 from abhv_mc.execution.retention import choose_kept
-from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.envelope_states import ENVELOPE_FLIGHTS
 from abhv_mc.folder.flights import END_TIME, FlightRows, flights_schema, write_block
 from abhv_mc.folder.histories import write_histories
 from abhv_mc.identity import count_cores
-from abhv_mc.simulators.engine import Engine
+from abhv_mc.simulators.engine import Engine, engine_of
 from abhv_mc.simulators.make_plans import find_warnings, make_plans, record_every
 from abhv_mc.simulators.simulate import make_ready, simulate
 
@@ -52,27 +52,37 @@ def estimate_campaign(campaign: Experiment, engine: Engine, workers: int | None 
     Raises InputError for what only a flight shows, such as a dispersion that changes nothing.
     """
     model = campaign.model
-    plans = make_plans(campaign, model.controllers, engine)
-    first = next(iter(plans.values()))
-    every = record_every(campaign.document, first, model.keep.envelopes.rate, "envelopes")
-    history_every = record_every(campaign.document, first, model.keep.histories.rate, "histories")
+    engine = engine_of(campaign, engine)
+    plans = make_plans(campaign, campaign.controllers, engine)
     campaign = make_ready(campaign, plans)
-    fly_probes(campaign, engine.fly, every)
+    every = history_every = cells = 0
+    if campaign.own is not None:
+        fly_first(campaign, engine, workers)
+    else:
+        first = next(iter(plans.values()))
+        every = record_every(campaign.document, first, model.keep.envelopes.rate, "envelopes")
+        history_every = record_every(campaign.document, first, model.keep.histories.rate, "histories")
+        cells = (first.timing.ticks // every + 1) * len(model.keep.envelopes.channels)
+        fly_probes(campaign, engine.fly, every)
     source = campaign.make_samples()
     number = min(TRIAL_FLIGHTS, campaign.runs)
     values = source.draw(0, number)
     seconds, rows_size, histories_size = [], 0, 0
     with tempfile.TemporaryDirectory() as folder:
-        for name, plan in plans.items():
+        for name in plans:
             start = time.perf_counter()
             block = simulate(campaign, name, values, every, engine.fly)
             seconds.append((time.perf_counter() - start) / number)
-            outcomes = tuple(Outcome(code).code for code in block.outcome)
+            outcomes = campaign.outcomes.of(block.outcome)
             table = np.column_stack([block.metrics, block.end_time])
             columns = (*(metric.name for metric in campaign.measured), END_TIME.name)
             rows = FlightRows(name, 0, tuple(source.names), values, outcomes, table, columns)
-            write_block(Path(folder), rows, flights_schema(source.names, {}, (*plan.metrics, END_TIME)))
+            tables = campaign.parameters, campaign.outcomes
+            schema = flights_schema(source.names, {}, (*campaign.measured, END_TIME), *tables)
+            write_block(Path(folder), rows, schema)
             rows_size += next(Path(folder).glob(f"{name}-*")).stat().st_size
+            if not campaign.has_histories:
+                continue
             block = simulate(campaign, name, values[:16], history_every, engine.fly)
             path = Path(folder) / "history.parquet"
             channels = model.keep.histories.channels
@@ -81,8 +91,7 @@ def estimate_campaign(campaign: Experiment, engine: Engine, workers: int | None 
     workers = workers or model.execution.workers or count_cores()
     counts: FlightCounts = next(iter(make_flight_counts(campaign).values()))
     worst = range(min(campaign.worst, campaign.runs))
-    kept = len(choose_kept(model.keep.histories.flights, campaign.runs, counts, worst))
-    cells = (first.timing.ticks // every + 1) * len(model.keep.envelopes.channels)
+    kept = len(choose_kept(model.keep.histories.flights, campaign.runs, counts, worst)) if campaign.has_histories else 0
     return Estimate(
         flights=campaign.runs,
         controllers=len(plans),

@@ -10,12 +10,10 @@ from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.executor import open_executor
 from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS
-from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import Recording
 from abhv_mc.folder.flights import END_TIME
 from abhv_mc.io.documents import InputError, one_of
-from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc.simulators.engine import Engine, make_engine
+from abhv_mc.simulators.engine import Engine, engine_of
 from abhv_mc.simulators.make_plans import check_rows, make_plans, record_every
 from abhv_mc.simulators.simulate import make_ready, simulate
 
@@ -39,9 +37,9 @@ def simulate_table(
     names = tuple(map(str, inputs.columns))
     flying = experiment.controllers if controllers is None else tuple(controllers)
     for kind, given, known in (
-        ("inputs", names, tuple(PARAMETER_INDEX)[1:]),
+        ("inputs", names, experiment.parameters.dispersible),
         ("controllers", flying, experiment.controllers),
-        ("channels", channels, tuple(CHANNEL_INDEX)),
+        ("channels", channels, tuple(CHANNEL_INDEX) if experiment.own is None else ()),
     ):
         for name in given:
             if name not in known or list(given).count(name) > 1:
@@ -49,19 +47,20 @@ def simulate_table(
     try:
         rows = inputs.to_numpy(np.float64)
     except (TypeError, ValueError):
-        raise InputError("inputs", "entries that are no numbers", "numbers, SI") from None
+        raise InputError("inputs", "entries that are no numbers", "numbers, SI or as the inputs say") from None
     if np.isnan(rows).any() or not (rows.size or len(rows)) or not flying:
         raise InputError("inputs", "an empty table, or cells without a number", "a number for each flight and input")
-    engine = engine or make_engine()
+    engine = engine_of(experiment, engine)
     plans = make_plans(experiment, flying, engine)
-    plans = {name: plan.lean_for({*experiment.names, *names}) for name, plan in plans.items()}
-    for plan in plans.values():
-        check_rows(plan, full_rows(names, rows, experiment.derived))
+    recording = None
+    if experiment.own is None:
+        plans = {name: plan.lean_for({*experiment.names, *names}) for name, plan in plans.items()}
+        for plan in plans.values():
+            check_rows(plan, full_rows(names, rows, experiment.derived))
+        first, rate = next(iter(plans.values())), experiment.model.keep.histories.rate
+        every = record_every(experiment.document, first, rate, "histories") if channels else 0
+        recording = Recording(every, tuple(CHANNEL_INDEX[name] for name in channels))
     ready = replace(make_ready(experiment, plans), columns=names)
-    first = next(iter(plans.values()))
-    rate = experiment.model.keep.histories.rate
-    every = record_every(experiment.document, first, rate, "histories") if channels else 0
-    recording = Recording(every, tuple(CHANNEL_INDEX[name] for name in channels))
     with open_executor(engine, experiment.model.execution, None, None) as executor:
         blocks = [simulate(ready, name, rows, recording, executor.fly_side_by_side) for name in flying]
     flown = ("controller", "flight")
@@ -73,8 +72,7 @@ def simulate_table(
     for i, name in enumerate(channels):
         history = np.stack([block.history[:, :, i] for block in blocks])
         variables[name] = (*flown, "time"), history, {"units": CHANNELS[CHANNEL_INDEX[name]].unit}
-    codes = {int(outcome): outcome.code for outcome in Outcome}
-    outcomes = [[codes[code] for code in block.outcome.tolist()] for block in blocks]
+    outcomes = [experiment.outcomes.of(block.outcome) for block in blocks]
     coordinates = {"controller": list(flying), "flight": inputs.index.to_numpy()}
     if channels:
         coordinates["time"] = blocks[0].times

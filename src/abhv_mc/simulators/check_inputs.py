@@ -10,7 +10,10 @@ from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.law_file import UserController
 from abhv_mc.control.mission import read_mission
 from abhv_mc.io.documents import InputError, InputErrors, read_document
+from abhv_mc.simulators.campaign_code import check_user_code
 from abhv_mc.simulators.feasibility import find_impossible
+from abhv_mc.simulators.own.plan import make_own_plans
+from abhv_mc.simulators.own.process import LostFlightError, Process
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
 
@@ -72,6 +75,12 @@ def _check(file: Path, kind: str, flown: tuple[Path, Path] | None, pending: Pend
             more = f" and {len(drawn) - _NAMED} more" if len(drawn) > _NAMED else ""
             yield f"{', '.join(drawn[:_NAMED])}{more}: is this one value for the whole programme? Then 'unknowns'"
         if checked.own:
+            check_user_code(checked)
+            try:
+                Process(next(iter(make_own_plans(checked, checked.own, checked.controllers).values()))).end()
+            except (LostFlightError, OSError) as error:
+                place = checked.document.key_error(("simulator",), str(error), "a simulator that starts")
+                raise InputErrors([place]) from None
             return
         flown = campaign.vehicle, campaign.mission
         pending += [(campaign.vehicle, "vehicle", None), (campaign.mission, "mission", None)]

@@ -4,15 +4,15 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from abhv_mc.campaign.file.check import DISPERSIBLE
 from abhv_mc.campaign.sampling.sample_file import read_sample_file
 from abhv_mc.io.input_error import InputError
+from abhv_mc.plant.parameters import OURS
 
 
 def test_csv_and_parquet_give_the_same(tmp_path):
     (tmp_path / "s.csv").write_text("flight,aero.lift,aero.drag\n0,0.9,1.1\n1,1.0,1.2\n")
     pq.write_table(pa.table({"aero.lift": [0.9, 1.0], "aero.drag": [1.1, 1.2]}), tmp_path / "s.parquet")
-    one, two = (read_sample_file(tmp_path / name, DISPERSIBLE) for name in ("s.csv", "s.parquet"))
+    one, two = (read_sample_file(tmp_path / name, OURS.dispersible) for name in ("s.csv", "s.parquet"))
     assert one.names == two.names == ("aero.lift", "aero.drag")
     assert one.values.tolist() == two.values.tolist() == [[0.9, 1.1], [1.0, 1.2]]
 
@@ -30,7 +30,7 @@ def test_csv_and_parquet_give_the_same(tmp_path):
 def test_bad_files_are_refused_in_place(tmp_path, text, line, column, words):
     (tmp_path / "s.csv").write_text(text)
     with pytest.raises(InputError) as caught:
-        read_sample_file(tmp_path / "s.csv", DISPERSIBLE)
+        read_sample_file(tmp_path / "s.csv", OURS.dispersible)
     assert (caught.value.line, caught.value.column) == (line, column)
     assert words in caught.value.found
 
@@ -38,4 +38,4 @@ def test_bad_files_are_refused_in_place(tmp_path, text, line, column, words):
 def test_a_parquet_file_that_is_none(tmp_path):
     (tmp_path / "s.parquet").write_text("not Parquet")
     with pytest.raises(InputError, match="Parquet"):
-        read_sample_file(tmp_path / "s.parquet", DISPERSIBLE)
+        read_sample_file(tmp_path / "s.parquet", OURS.dispersible)

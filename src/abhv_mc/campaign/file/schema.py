@@ -7,10 +7,13 @@ are enumerated, and each schema has a name (``$id``). The models check more than
 import math
 from typing import Any
 
+from pydantic import TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema
 
 from abhv_mc import __version__
+from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.campaign.file.kinds import MODELS
+from abhv_mc.campaign.file.simulator import SimulatorCampaign
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.metrics import MARGIN_NAMES, METRIC_INDEX
 from abhv_mc.io.units import dimension_of, format_quantity, parse_quantity, parse_unit
@@ -63,9 +66,13 @@ def _quantity(value: float, unit: str) -> str | float:
 
 def make_schema(kind: str) -> Schema:
     """The schema of a kind of file: campaign, vehicle, mission or controller."""
-    made = MODELS[kind].model_json_schema(schema_generator=_Generator)
     if kind == "campaign":
-        _enumerate(made)
+        either = TypeAdapter(Campaign | SimulatorCampaign).json_schema(schema_generator=_Generator)
+        ours, own = either.pop("anyOf")
+        made = {**either, "if": {"required": ["simulator"]}, "then": own, "else": ours}
+        _enumerate(made["$defs"])
+    else:
+        made = MODELS[kind].model_json_schema(schema_generator=_Generator)
     head = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$id": f"urn:abhv-mc:{__version__}:{kind}",
@@ -74,9 +81,9 @@ def make_schema(kind: str) -> Schema:
     return head | {key: value for key, value in made.items() if key not in head}
 
 
-def _enumerate(campaign: Schema) -> None:
+def _enumerate(parts: Schema) -> None:
     """Name metrics, parameters and channels. Without metrics of its own a campaign has those of the program alone."""
-    parts = campaign["$defs"]
+    campaign = parts["Campaign"]
     metrics = {"enum": [*METRIC_INDEX, *MARGIN_NAMES]}
     own = {"pattern": _OWN_METRIC}
     for part in parts.values():

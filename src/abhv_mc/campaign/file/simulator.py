@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
 from abhv_mc.campaign.file.config import Campaign, Execution, Name
 from abhv_mc.campaign.file.user_metrics import MetricName
@@ -86,9 +86,16 @@ def _refuse(value: Any) -> None:
 Refused = Annotated[None, BeforeValidator(_refuse)]
 
 
+def _leave_out(schema: dict[str, Any]) -> None:
+    """What is refused stands in no schema: an editor says that the key is unknown."""
+    held = schema["properties"]
+    schema["properties"] = {key: part for key, part in held.items() if part.get("type") != "null"}
+
+
 class SimulatorExecution(Execution):
     """The same, but the time limit is the simulator's, and it flies in processes of its own."""
 
+    model_config = ConfigDict(json_schema_extra=_leave_out)
     isolation: Refused = Field("auto", description="always in processes")  # type: ignore[assignment]
     flight_time_limit: Refused = Field(None, description="simulator.time_limit says it")
 
@@ -96,6 +103,7 @@ class SimulatorExecution(Execution):
 class SimulatorCampaign(Campaign):
     """A campaign file with a simulator of the user's own."""
 
+    model_config = ConfigDict(json_schema_extra=_leave_out)
     simulator: Simulator = Field(description="what flies, in place of vehicle, mission and controllers")
     systems: Annotated[dict[Name, dict[str, Any]], Field(min_length=1)] = Field(
         {"system": {}}, description="what is compared: settings of the simulator by name; the first has to meet it all"
@@ -107,7 +115,7 @@ class SimulatorCampaign(Campaign):
     outcomes: dict[MetricName, str] = Field(
         {}, description="ways in which a flight ends early, by the code that it returns: a sentence for each"
     )
-    execution: SimulatorExecution = Field(SimulatorExecution(), description="how it is flown")
+    execution: SimulatorExecution = Field(default_factory=SimulatorExecution, description="how it is flown")
     vehicle: Refused = None  # type: ignore[assignment]
     mission: Refused = None  # type: ignore[assignment]
     controllers: Refused = None  # type: ignore[assignment]
