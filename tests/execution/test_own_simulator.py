@@ -12,7 +12,7 @@ from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
-from abhv_mc.folder.results import read_results
+from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.simulators.engine import make_engine
@@ -29,7 +29,7 @@ def test_a_campaign_is_flown_judged_and_explained(tmp_path: Path) -> None:
     manifest = run_campaign(Request(path, out, workers=2)).manifest
     assert manifest.complete
     assert len(manifest.warnings) == 1  # too few flights for 99 %
-    results = read_results(out)
+    results = read_flown(out)
     for name in ("v1", "v2"):
         flights = results.flights[name]
         low = flights.metrics["altitude_min"]
