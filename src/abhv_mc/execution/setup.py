@@ -172,7 +172,8 @@ def _resume(
     if not files.knows(folder.samples):
         _write_samples(folder, campaign)
     if requested.own is not None:
-        plans = make_plans(replace(campaign, document=requested.document), campaign.controllers, engine)
+        held = requested.model.model_copy(update={"systems": campaign.own.systems if campaign.own else {}})
+        plans = make_plans(replace(requested, model=held), campaign.controllers, engine)
     else:
         names, trusted = campaign.controllers, request.trust_code
         plans = {name: new.get(name) or read_trusted_plan(folder, campaign, name, trusted) for name in names}

@@ -60,7 +60,7 @@ class DerivedInput:
 Derived = tuple[DerivedInput, ...]
 
 
-def compile_derived(name: str, text: str, parameters: Parameters) -> DerivedInput:
+def compile_derived(name: str, text: str, parameters: Parameters = OURS) -> DerivedInput:
     """The instructions of a derived input. Raises Refusal."""
     index = parameters.index
     known = {each.replace(".", _DOT): Known(parameters[each].unit, index[each], 1.0) for each in parameters.dispersible}

@@ -2,6 +2,8 @@
 
 import hashlib
 import json
+import os
+import stat
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -73,6 +75,9 @@ class OwnPlan:
                 same = False
             if not same:
                 raise InputError(path, "other content than the campaign was begun with, or none", "the same file")
+        program = Path(self.argv[0])
+        if program.is_file() and not os.access(program, os.X_OK):  # a copy in a campaign's folder
+            program.chmod(program.stat().st_mode | stat.S_IXUSR)
 
 
 def make_own_plans(campaign: Experiment, model: SimulatorCampaign, names: Iterable[str]) -> dict[str, OwnPlan]:

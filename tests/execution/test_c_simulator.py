@@ -1,0 +1,102 @@
+"""A program in C that speaks JSON lines: crashes, hangs, kills, shards; all tables are equal."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from own_simulators import dive_campaign
+
+from abhv_mc.execution.merge import merge_campaign
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.execution.setup import Request
+from abhv_mc.folder.export import export_csv
+from abhv_mc.folder.flown_campaign import read_flown
+from abhv_mc.folder.manifest import read_manifest
+from abhv_mc.folder.samples import SampleReader
+
+CRASHES, HANGS = 123, 777  # numbers of the flights
+
+PROGRAM = r"""
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+static double number(const char *line, const char *name) {
+    char key[64];
+    snprintf(key, sizeof key, "\"%s\": ", name);
+    const char *at = strstr(line, key);
+    return at ? strtod(at + strlen(key), NULL) : NAN;
+}
+
+int main(int count, char **given) {
+    static char line[65536];
+    double crash = strtod(given[1], NULL), hang = strtod(given[2], NULL);
+    (void)count;
+    while (fgets(line, sizeof line, stdin)) {
+        double altitude = number(line, "altitude"), speed = number(line, "speed"), pull = number(line, "pull");
+        double low = altitude - speed * sin(number(line, "dive") * M_PI / 180.0) * number(line, "delay");
+        low -= speed * speed / (32.174 * (pull - 1.0) * number(line, "thrust")) * 0.5;
+        if (pull == 5.0 && altitude == crash) abort();
+        if (pull == 5.0 && altitude == hang) for (;;) pause();
+        usleep(2000);
+        printf("{\"altitude_min\": %.17g, \"load\": %.17g}\n", low, pull * number(line, "thrust"));
+        fflush(stdout);
+    }
+    return 0;
+}
+"""
+
+
+@pytest.fixture
+def campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    folder = tmp_path / "own"
+    folder.mkdir()
+    (folder / "dive.c").write_text(PROGRAM)
+    subprocess.run(["cc", "-O2", "-o", folder / "dive", folder / "dive.c", "-lm"], check=True)
+    simulator = {"command": ["./dive", "nan", "nan"], "files": ["dive.c"], "time_limit": "1 s"}
+    path = dive_campaign(folder, runs=1000, simulator=simulator)
+    run_campaign(Request(path, tmp_path / "well", workers=2))  # draws the samples
+    wrong = SampleReader(tmp_path / "well" / "samples.parquet").rows(0, 1000)[:, 0]
+    command = ["./dive", repr(float(wrong[CRASHES])), repr(float(wrong[HANGS]))]
+    return dive_campaign(folder, runs=1000, simulator={**simulator, "command": command})
+
+
+def test_a_crash_and_a_hang_cost_two_flights_and_all_ways_give_equal_tables(campaign: Path, tmp_path: Path) -> None:
+    whole = run_campaign(Request(campaign, tmp_path / "whole", workers=2)).manifest
+    assert whole.complete
+    assert whole.controllers["v1"].failed_to_run == (CRASHES, HANGS)
+    assert whole.controllers["v2"].failed_to_run is None
+    results, well = read_flown(tmp_path / "whole"), read_flown(tmp_path / "well")
+    kept = np.isin(well.flights["v1"].flight, results.flights["v1"].flight)
+    for metric in ("altitude_min", "load"):
+        values = well.flights["v1"].metrics[metric][kept]
+        assert np.array_equal(values, results.flights["v1"].metrics[metric])
+
+    killed = tmp_path / "killed"
+    command = [sys.executable, "-m", "abhv_mc", "run", campaign, "-o", killed, "--workers", "2", "--no-report"]
+    process = subprocess.Popen(list(map(str, command)), start_new_session=True, stderr=subprocess.DEVNULL)
+    while not list(killed.glob("flights/*.parquet")):
+        assert process.poll() is None
+        time.sleep(0.01)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    assert read_manifest(killed / "manifest.json").state != "complete"
+    assert run_campaign(Request(campaign, killed, workers=2)).manifest.digest == whole.digest
+
+    shards = [tmp_path / f"shard{i}" for i in (1, 2, 3)]
+    for i, out in enumerate(shards, 1):
+        run_campaign(Request(campaign, out, shard=(i, 3), workers=2))
+    merged = merge_campaign(shards, tmp_path / "merged").manifest
+    assert merged.digest == whole.digest
+    assert merged.requirements == whole.requirements
+    tables = [next(p for p in export_csv(tmp_path / name, tmp_path / f"csv_{name}") if p.name == "flights.csv")
+              for name in ("whole", "killed", "merged")]  # fmt: skip
+    assert len({tuple(sorted(table.read_text().splitlines())) for table in tables}) == 1
