@@ -5,8 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.search.methods.evaluation import LANES
-from abhv_mc.search.methods.record import Record
+from abhv_mc.search.methods.evaluation import LANES, Record
 
 _MOST_CORNERS = 512  # up to so many corners are all evaluated
 _CLIMB_SHARE, _CLIMB_LEAST = 0.2, 256  # of the evaluations, for a climb over corners

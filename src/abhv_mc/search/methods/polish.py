@@ -4,8 +4,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from abhv_mc.array_types import Floats
-from abhv_mc.search.methods.evaluation import make_generator, round_up
-from abhv_mc.search.methods.record import Record
+from abhv_mc.search.methods.evaluation import Record, make_generator, round_up
 
 _LEAST_STEP = 1e-3  # half widths of the box
 _REACHES = (2.0, 8.0)  # steps: how far away the top of a fitted quadratic may be

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.search.methods.evaluation import LANES, Evaluate, make_generator, round_up
+from abhv_mc.search.methods.evaluation import LANES, Evaluate, Progress, Record, make_generator, round_up
 from abhv_mc.search.methods.first_points import explore
 from abhv_mc.search.methods.polish import polish
-from abhv_mc.search.methods.record import Progress, Record
 
 _BATCHES = 15  # at least: a search learns from batch to batch, and workers want many flights at once
 _MOST_IN_BATCH = 512
