@@ -35,6 +35,7 @@ _THOROUGH = (
     "execution/test_user_code.py",
     "folder/test_remote.py",
     "report/test_browser.py",
+    "report/test_flights_view.py",
     "report/test_keyboard.py",
     "report/test_reading.py",
     "report/test_shipped_campaigns.py",

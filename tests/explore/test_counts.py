@@ -7,7 +7,16 @@ import numpy as np
 import pytest
 
 from abhv_mc.explore import counts
-from abhv_mc.explore.counts import Asked, count_flights, find_nearest, find_ranges, open_flights, parse_asked
+from abhv_mc.explore.counts import (
+    Asked,
+    count_flights,
+    find_flight,
+    find_nearest,
+    find_ranges,
+    list_flights,
+    open_flights,
+    parse_asked,
+)
 from abhv_mc.io.documents import InputError
 from abhv_mc.topics.failed_flights import requirement_failures
 
@@ -21,7 +30,8 @@ def table(failing_folder):
 
 
 def bins_of(values, ends, number):
-    return np.minimum(np.floor((values - ends[0]) / ((ends[1] - ends[0]) / number)), number - 1).astype(int)
+    width = ((ends[1] - ends[0]) or 1.0) / number
+    return np.minimum(np.floor((values - ends[0]) / width), number - 1).astype(int)
 
 
 def held_of(table):
@@ -69,11 +79,11 @@ def test_few_flights_are_points_and_the_worst_are_those_of_the_report(table, fai
     assert points == dict(enumerate(places))
     assert sum(row[4] for row in found["points"]) == 12
     order = failing.ranking.rows_of("lqr")
-    assert [row[1] for row in found["worst"]] == flights.flight[order][: counts.LISTED].tolist()
-    of_all = count_flights(table, Asked(X, Y, failing.controllers, "all", {}))["worst"]
+    assert [row[1] for row in found["rows"]] == flights.flight[order][: counts.LISTED].tolist()
+    of_all = count_flights(table, Asked(X, Y, failing.controllers, "all", {}))["rows"]
     first = zip(failing.ranking.controller, failing.ranking.row, strict=True)
     assert [tuple(row[:2]) for row in of_all[:20]] == [
-        (failing.controllers[k], failing.flights[failing.controllers[k]].flight[row]) for k, row in islice(first, 20)
+        (k, failing.flights[failing.controllers[k]].flight[row]) for k, row in islice(first, 20)
     ]
 
 
@@ -83,21 +93,65 @@ def test_the_flights_that_miss_a_requirement(table, failing):
         assert count_flights(table, Asked(X, Y, ("lqr",), f"missed {k}", {}))["count"] == missed.sum() > 0
 
 
+@pytest.mark.parametrize("down", [False, True])
+def test_they_are_listed_by_any_column_and_saved_in_that_order(table, failing, down):
+    flights, speeds = failing.flights["lqr"], failing.flights["lqr"].metrics[Y]
+    asked = Asked(X, Y, ("lqr",), "ok", {}, sort=Y, down=down)
+    rows = [k for k in np.argsort(-speeds if down else speeds, kind="stable") if not flights.failed[k]]
+    assert [row[1] for row in count_flights(table, asked)["rows"]] == flights.flight[rows][: counts.LISTED].tolist()
+    heads, parts = list_flights(table, asked)
+    saved = [dict(zip(heads, row, strict=True)) for part in parts for row in part]
+    assert [row["flight"] for row in saved] == flights.flight[rows].tolist()
+    assert [row[f"{Y} [m/s]"] for row in saved] == speeds[rows].tolist()
+    assert [row[f"{X} [factor]"] for row in saved] == failing.samples[X][flights.flight[rows]].tolist()
+
+
+def test_axes_that_fit_reach_as_far_as_the_chosen_flights(table, failing):
+    low, high = table.ranges[BRUSHED]
+    chosen = failing.samples[BRUSHED][failing.flights["lqr"].flight] < (low + high) / 2
+    asked = Asked(X, Y, ("lqr",), "all", {BRUSHED: (low, (low + high) / 2)}, fit=True)
+    lift, speed = failing.samples[X][failing.flights["lqr"].flight][chosen], failing.flights["lqr"].metrics[Y][chosen]
+    assert [list(ends) for ends in count_flights(table, asked)["ends"]] == [
+        [lift.min(), lift.max()], [speed.min(), speed.max()]
+    ]  # fmt: skip
+
+
+def test_one_flight_is_told_with_all_its_numbers(table, failing):
+    flights = failing.flights["lqr"]
+    found = find_flight(table, "lqr", 17)
+    assert (found["controller"], found["flight"]) == (1, 17)
+    assert found["values"][Y] == flights.metrics[Y][17] and found["values"][X] == failing.samples[X][17]
+    assert found["missed"] == [bool(requirement_failures(flights, item)[17]) for item in failing.campaign.requirements]
+    assert found["by"] == failing.ranking.by["lqr"][17]
+    with pytest.raises(InputError, match="no flight 99999"):
+        find_flight(table, "lqr", 99999)
+
+
 def test_the_nearest_flight_is_the_one_of_the_place(table, failing):
     flights = failing.flights["tlc"]
     asked = Asked(X, Y, ("tlc",), "all", {})
     place = failing.samples[X][17], flights.metrics[Y][17]
-    assert find_nearest(table, asked, *place) == ("tlc", 17)
+    assert find_nearest(table, asked, *place) == (0, 17)
     assert find_nearest(table, Asked(X, Y, (), "all", {}), *place) is None
 
 
 @pytest.mark.parametrize(
     "change",
     [{"x": 'flight" from shown; drop table shown --'}, {"y": "no_such"}, {"outcome": "or 1=1"}, {"outcome": "missed 3"},
-     {"controllers": ["pid"]}, {"brushes": {"1=1 or x": [0, 1]}}, {"brushes": {X: ["a", 1]}}, {"brushes": 5}],
+     {"sort": "rank, (select 1)"}, {"controllers": ["pid"]},
+     {"brushes": {"1=1 or x": [0, 1]}}, {"brushes": {X: ["a", 1]}}, {"brushes": 5}],
 )  # fmt: skip
 def test_what_the_view_never_sends_is_refused(table, change):
-    sent = {"x": X, "y": Y, "controllers": ["tlc"], "outcome": "all", "brushes": {}}
+    sent = {
+        "x": X,
+        "y": Y,
+        "controllers": ["tlc"],
+        "outcome": "all",
+        "brushes": {},
+        "fit": False,
+        "sort": "rank",
+        "down": False,
+    }
     assert parse_asked(sent, table).x == X
     with pytest.raises(InputError, match="request"):
         parse_asked(sent | change, table)

@@ -1,7 +1,9 @@
 """The explorer's server: who is answered, and a flight flown again."""
 
+import csv
 import http.client
 import json
+from urllib.parse import quote
 
 import pytest
 from explore.served import serve
@@ -27,7 +29,8 @@ def ask(server, place, data=None, token=None, host=None):
 
 def asked(server):
     view = json.loads(ask(server, "/view")[1])
-    return {"x": view["x"], "y": view["y"], "controllers": ["one", "two"], "outcome": "all", "brushes": {}}
+    order = {"fit": False, "sort": "rank", "down": False}
+    return {"x": view["x"], "y": view["y"], "controllers": ["one", "two"], "outcome": "all", "brushes": {}, **order}
 
 
 def test_only_this_machine_and_only_with_the_token_is_answered(server):
@@ -45,6 +48,27 @@ def test_flights_are_counted_and_the_nearest_is_flown_again(server):
     assert status == 200 and found["count"] == 200 == len(found["points"])
     k, x, y, flight, _ = found["points"][30]
     near = json.loads(ask(server, "/nearest", {**asked(server), "at": [x, y]})[1])
-    assert near == [("one", "two")[k], flight]
-    flown = json.loads(ask(server, "/flight", {"controller": near[0], "flight": flight})[1])
-    assert flown["same"] and len(flown["time"]) == 21 == len(flown["channels"]["altitude_m"]["values"])
+    assert near == [k, flight]
+    flown = json.loads(ask(server, "/flight", {"controller": ("one", "two")[k], "flight": flight})[1])
+    history = flown["history"]
+    assert "equal" in flown["note"] and len(history["time"]) == 21 == len(history["channels"]["altitude_m"])
+
+
+def test_what_stands_behind_a_flight_are_the_bands_of_its_controller(server):
+    found = json.loads(ask(server, "/behind", {"controller": "two", "channel": "altitude_m"})[1])
+    envelope = server.table.results.envelopes["two", "altitude_m"]
+    assert found["time"] == envelope.time.tolist() and found["q5"] == envelope.bands["q5"].tolist()
+    assert len(found["nominal"]) == len(found["time"])
+
+
+def test_the_chosen_flights_are_saved_as_csv(server):
+    connection = http.client.HTTPConnection(*server.server_address)
+    wanted = {**asked(server), "controllers": ["two"], "sort": "flight", "down": True}
+    connection.request("GET", f"/csv?token={server.token}&asked={quote(json.dumps(wanted))}")
+    reply = connection.getresponse()
+    rows = list(csv.DictReader(reply.read().decode().splitlines()))
+    connection.close()
+    assert [row["flight"] for row in rows] == [str(k) for k in range(99, -1, -1)]
+    values = server.table.results.flights["two"].metrics["altitude_error_max_m"]
+    assert float(rows[0]["altitude_error_max_m [m]"]) == values[99]
+    assert ask(server, "/csv")[0] == 400

@@ -69,6 +69,18 @@ class Page:
         for kind in ("mousePressed", "mouseReleased"):
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
+    def find_flights(self, across=40, up=20):
+        """Places in the scatter of the view of flights at which it names one below the mouse, with what it says."""
+        box = """(() => { const box = document.getElementById("scatter").getBoundingClientRect();
+          return [box.left, box.top, box.width, box.height]; })()"""
+        for k in range(across * up):
+            left, top, width, height = self.ask(box)
+            x, y = left + width * (k % across + 0.5) / across, top + height * (k // across + 0.5) / up
+            self.move(x, y)
+            named = self.ask("document.getElementById('scatter-at').textContent").strip()
+            if named:
+                yield x, y, named.rpartition(":")[0]
+
     def drag(self, x0, y0, x1, y1):
         common = {"button": "left", "buttons": 1, "clickCount": 1}
         self.call("Input.dispatchMouseEvent", type="mousePressed", x=x0, y=y0, **common)

@@ -1,7 +1,9 @@
 """The view's server: on the loopback address alone, and only for who has the token in the address."""
 
+import csv
 import gzip
 import hmac
+import io
 import json
 import secrets
 import sys
@@ -9,14 +11,20 @@ import threading
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
+from itertools import chain
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from abhv_mc.analysis.replay import replay_flight
-from abhv_mc.explore.counts import FlightTable, count_flights, find_nearest, parse_asked
+from abhv_mc.explore.counts import FlightTable, count_flights, find_flight, find_nearest, list_flights, parse_asked
 from abhv_mc.flight.channels import CHANNELS
+from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.folder.flown_campaign import read_histories
 from abhv_mc.io.input_error import InputError
+from abhv_mc.report.pages.flights_view import SCRIPTS, STYLES, template_text
+from abhv_mc.report.pages.interactive import band_names, channel_curves
+from abhv_mc.report.pages.page import make_environment
 from abhv_mc.simulators.engine import Engine
 from abhv_mc.topics.plain import plain
 from abhv_mc.user_code.run_in_thread import run_in_thread
@@ -28,12 +36,20 @@ _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; connect-src 'self'; img-src data: blob:; "
     "form-action 'none'; base-uri 'none'; frame-ancestors 'none'"
 )
-_PAGES = {
-    "/": ("explore", "explore.html", "text/html"),
-    "/explore.js": ("explore", "explore.js", "text/javascript"),
-    "/plotly.js": ("report/pages/template", "plotly-basic.min.js.gz", "text/javascript"),
-    "/style.css": ("report/pages/template", "style.css", "text/css"),
-}
+
+
+def _page(place: str, token: str) -> tuple[str, str] | None:
+    """A page's text and its kind; None where there is none."""
+    own = files("abhv_mc") / "explore"
+    if place == "/":
+        frame = make_environment().from_string((own / "explore.html.j2").read_text("utf-8"))
+        return frame.render(token=token), "text/html"
+    if place == "/view.js":
+        return "".join(map(template_text, SCRIPTS)) + (own / "explore.js").read_text("utf-8"), "text/javascript"
+    if place == "/plotly.js":
+        packed = files("abhv_mc") / "report/pages/template/plotly-basic.min.js.gz"
+        return gzip.decompress(packed.read_bytes()).decode(), "text/javascript"
+    return ("".join(map(template_text, STYLES)), "text/css") if place == "/style.css" else None
 
 
 class ExploreServer(ThreadingHTTPServer):
@@ -57,25 +73,36 @@ class ExploreServer(ThreadingHTTPServer):
         if not isinstance(sys.exc_info()[1], ConnectionError):
             super().handle_error(request, client_address)
 
-    def replay(self, controller: str, flight: int) -> dict[str, Any]:
-        """A flight flown again, as ``abhv-mc replay`` does: by the trust list, and compared with the stored one."""
-        with self.one_flight:
-            again = run_in_thread(
-                lambda: replay_flight(self.root, controller, flight, self.engine.fly, trust_code=self.trust_code)
-            )
-        every = max(1, -(-again.block.times.size // _MOST_TIMES))
-        history = again.block.history[0, ::every]
-        return {
-            "controller": controller,
-            "flight": flight,
-            "sentence": again.sentence,
-            "same": not again.differences,
-            "time": again.block.times[::every],
-            "channels": {
-                channel.name: {"unit": channel.unit.removeprefix("-"), "values": history[:, i].astype(float)}
-                for i, channel in enumerate(CHANNELS)
-            },
-        }
+    def open_flight(self, controller: str, flight: int) -> dict[str, Any]:
+        """A flight's numbers and its history: flown again, as ``abhv-mc replay`` does, by the trust list, and compared
+        with the stored one; the kept one where it cannot be flown."""
+        found = find_flight(self.table, controller, flight)
+        try:
+            with self.one_flight:
+                again = run_in_thread(
+                    lambda: replay_flight(self.root, controller, flight, self.engine.fly, trust_code=self.trust_code)
+                )
+        except InputError as error:
+            kept = read_histories(self.root, controller).get(flight, {})
+            history = {"time": kept.pop("time"), "channels": kept} if kept else None
+            return {**found, "note": str(error), "history": history}
+        same = "equal the stored ones bit for bit." if not again.differences else "differ from the stored ones!"
+        return {**found, "note": f"{again.sentence} Its metrics {same}", "history": self._history(again.block)}
+
+    def _history(self, block: FlightBlock) -> dict[str, Any] | None:
+        """What a flight's record says of each channel, thinned; None of a user's simulator."""
+        if not self.table.results.campaign.has_histories:
+            return None
+        every = max(1, -(-block.times.size // _MOST_TIMES))
+        flown = block.history[0, ::every].astype(float)
+        channels = {channel.name: flown[:, i] for i, channel in enumerate(CHANNELS)}
+        return {"time": block.times[::every], "channels": channels}
+
+    def behind(self, controller: str, channel: str) -> dict[str, Any]:
+        """What stands behind a channel of a controller's flights: bands, and the nominal flight."""
+        results = self.table.results
+        time, curves = channel_curves(results, controller, channel)
+        return {"time": time, **dict(zip((*band_names(results), "nominal"), curves, strict=True))}
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -87,14 +114,11 @@ class _Handler(BaseHTTPRequestHandler):
             return
         if place.path == "/view":
             self._send_json(self.server.table.view)
-        elif place.path in _PAGES:
-            folder, name, kind = _PAGES[place.path]
-            content = files("abhv_mc").joinpath(folder, name).read_bytes()
-            if name.endswith(".gz"):
-                content = gzip.decompress(content)
-            if name.endswith(".html"):
-                content = content.replace(b"TOKEN", self.server.token.encode())
-            self._send(content, f"{kind}; charset=utf-8")
+        elif place.path == "/csv":
+            self._send_csv(parse_qs(place.query).get("asked", [""])[0])
+        elif found := _page(place.path, self.server.token):
+            content, kind = found
+            self._send(content.encode(), f"{kind}; charset=utf-8")
         else:
             self._refuse(HTTPStatus.NOT_FOUND, "no such page")
 
@@ -113,7 +137,9 @@ class _Handler(BaseHTTPRequestHandler):
                 asked = parse_asked(data, self.server.table)
                 self._send_json(find_nearest(self.server.table, asked, *map(float, data["at"])))
             elif place.path == "/flight":
-                self._send_json(self.server.replay(str(data["controller"]), int(data["flight"])))
+                self._send_json(self.server.open_flight(str(data["controller"]), int(data["flight"])))
+            elif place.path == "/behind":
+                self._send_json(self.server.behind(str(data["controller"]), str(data["channel"])))
             else:
                 self._refuse(HTTPStatus.NOT_FOUND, "no such question")
         except (InputError, ValueError, KeyError, TypeError, RecursionError) as error:
@@ -133,22 +159,39 @@ class _Handler(BaseHTTPRequestHandler):
     def _send_json(self, value: Any) -> None:
         self._send(json.dumps(plain(value), allow_nan=False).encode(), "application/json")
 
+    def _send_csv(self, asked: str) -> None:
+        """The flights of what is asked, as they come: a million of them are more than one would hold in memory."""
+        table = self.server.table
+        try:
+            heads, flights = list_flights(table, parse_asked(json.loads(asked), table))
+        except (InputError, ValueError, RecursionError) as error:
+            self._refuse(HTTPStatus.BAD_REQUEST, str(error))
+            return
+        self._send_head("text/csv; charset=utf-8", {"Content-Disposition": 'attachment; filename="flights.csv"'})
+        for part in chain([[heads]], flights):
+            text = io.StringIO()
+            csv.writer(text, lineterminator="\n").writerows(part)
+            self.wfile.write(text.getvalue().encode())
+
     def _refuse(self, status: HTTPStatus, words: str) -> None:
         self._send(json.dumps({"error": words}).encode(), "application/json", status)
 
     def _send(self, content: bytes, kind: str, status: HTTPStatus = HTTPStatus.OK) -> None:
+        self._send_head(kind, {"Content-Length": str(len(content))}, status)
+        self.wfile.write(content)
+
+    def _send_head(self, kind: str, more: dict[str, str], status: HTTPStatus = HTTPStatus.OK) -> None:
         self.send_response(status)
-        for name, value in (
-            ("Content-Type", kind),
-            ("Content-Length", str(len(content))),
-            ("Content-Security-Policy", _POLICY),
-            ("X-Content-Type-Options", "nosniff"),
-            ("Referrer-Policy", "no-referrer"),
-            ("Cache-Control", "no-store"),
-        ):
+        for name, value in {
+            "Content-Type": kind,
+            **more,
+            "Content-Security-Policy": _POLICY,
+            "X-Content-Type-Options": "nosniff",
+            "Referrer-Policy": "no-referrer",
+            "Cache-Control": "no-store",
+        }.items():
             self.send_header(name, value)
         self.end_headers()
-        self.wfile.write(content)
 
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002
         """Nothing: requests would fill the terminal, with the token in each line."""

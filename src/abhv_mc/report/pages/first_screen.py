@@ -19,13 +19,6 @@ from abhv_mc.topics.words import count_of, fixed, joined, percent, significant
 
 _ROWS, _PAIRS = 8, 2  # shown; then 'and n more'
 _LEFT, _RIGHT = 0.0, 1.35  # ends of the chart, in units of the limit; what lies beyond is a mark at the edge
-# Marks as in the scatter, around their middle.
-SHAPES = {
-    "square": "M-3.6-3.6H3.6V3.6H-3.6z",
-    "triangle-up": "M0-4.6L4.4 3.6H-4.4z",
-    "diamond": "M0-5L5 0L0 5L-5 0z",
-    "triangle-down": "M0 4.6L4.4-3.6H-4.4z",
-}
 
 
 @dataclass(frozen=True)

@@ -1,117 +1,211 @@
-"""What the page's linked view of the flights shows: every point a flight, its dispersions, metrics and history."""
+"""The view of flights, described once: what a report's page and `explore` show of them, and in what words and order."""
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.resources import files
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.channels import CHANNELS
+from abhv_mc.flight.channels import CHANNEL_INDEX
+from abhv_mc.flight.metrics import Metric
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_histories
+from abhv_mc.kernel.flight.counting import Statistic
+from abhv_mc.plant.parameters import Parameters
+from abhv_mc.report.pages.interactive import channel_curves, describe_channel
 from abhv_mc.topics.failed_flights import requirement_failures, requirement_words
-from abhv_mc.topics.flights.worst_flights import listed_worst
-from abhv_mc.topics.parameter_words import axis_unit, spoken_name
+from abhv_mc.topics.flights.worst_flights import listed_worst, moments_of
+from abhv_mc.topics.parameter_words import axis_unit, is_factor, shown_value, spoken_name
 from abhv_mc.topics.words import fixed
 
-MOST_FLIGHTS = 6000  # points of the view, of all controllers together
+MOST_FLIGHTS = 6000  # points of a page's view, of all controllers together
 LISTED = 100  # rows of the table
+CELLS = (120, 80)  # of many flights, across and up
+BARS = 60  # of a strip
 _HISTORY_RATE = 5.0  # Hz
 _STRIPS = 24  # dispersions drawn
 _HEADED = 4  # metrics in the table
-# one fewer than colours: pairs come again late
-_MARKS = ("circle", "square", "triangle-up", "diamond", "triangle-down")
+_FAR = 3.0  # spans of the flights; a limit further away than that is not drawn
+SCRIPTS = ("flight_axes.js", "flight_panel.js", "flights.js")  # in the order in which they build
+STYLES = ("style.css", "flights.css")
+# Around their middle; one fewer than colours, so that pairs come again late.
+SHAPES = {
+    "circle": "M-4 0A4 4 0 1 0 4 0A4 4 0 1 0-4 0z",
+    "square": "M-3.6-3.6H3.6V3.6H-3.6z",
+    "triangle-up": "M0-4.6L4.4 3.6H-4.4z",
+    "diamond": "M0-5L5 0L0 5L-5 0z",
+    "triangle-down": "M0 4.6L4.4-3.6H-4.4z",
+}
+Ends = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class FlightsView:
     """Plain data for the page's script, and the arrays that travel packed."""
 
-    data: dict[str, object]
+    data: dict[str, Any]
     arrays: dict[str, Floats]
-    strips: tuple[tuple[str, str], ...]  # dispersions drawn: name and words
-    headed: tuple[str, ...]  # metrics in the table
+
+
+def template_text(name: str) -> str:
+    """One of the pages' own files."""
+    return (files("abhv_mc.report.pages") / "template" / name).read_text("utf-8")
+
+
+def mark_of(number: int) -> str:
+    """The mark of the controller with this number: colours carry no meaning alone."""
+    return list(SHAPES)[number % len(SHAPES)]
+
+
+def describe_flights(
+    results: FlownCampaign,
+    labels: Mapping[str, str],
+    colors: Mapping[str, str],
+    ends: Mapping[str, Ends],
+    channels: Collection[str],
+) -> dict[str, Any]:
+    """What the view is told of a campaign once, whoever counts its flights.
+
+    ``ends``: the smallest and largest finite value of each dispersion, as it is shown, and of each metric;
+    ``channels``: what a flight's history may hold.
+    """
+    names, records, required = results.controllers, results.campaign.metrics, results.campaign.requirements
+    headed = (results.asked or results.metrics)[:_HEADED]
+    moments = moments_of(results)
+    known = results.campaign.parameters
+    dispersions = [_dispersion(name, ends[name], moments[name], known) for name in results.dispersed]
+    metrics = [_metric(records[name], results.campaign.limits_of(name), ends[name]) for name in results.metrics]
+    return {
+        "name": results.campaign.name.replace("_", " "),
+        "folder": shlex.quote(results.folder.as_posix()),
+        "controllers": [
+            {"name": name, "label": labels[name], "color": colors[name], "mark": SHAPES[mark_of(k)]}
+            for k, name in enumerate(names)
+        ],
+        "columns": [*dispersions, *metrics],
+        "requirements": [
+            {"words": requirement_words(item, records), "metric": item.metric, "low": item.limits.low,
+             "high": item.limits.high} for item in required
+        ],
+        "criteria": [_criterion(records[each.metric], channels) for each in results.campaign.criteria],
+        "headed": headed,
+        "strips": list(results.dispersed[:_STRIPS]),
+        "x": (results.dispersed or results.metrics)[0],
+        "y": headed[0],
+        "channels": [describe_channel(name, channels) for name in channels],
+        "bars": BARS,
+        "cells": CELLS,
+        "listed": LISTED,
+    }  # fmt: skip
+
+
+def _dispersion(name: str, ends: Ends, moments: Ends, known: Parameters) -> dict[str, Any]:
+    spoken, (unit, scale) = spoken_name(name), axis_unit(name, known)
+    mean, sigma = moments
+    return {
+        "name": name,
+        "head": _head(name, unit),
+        "label": spoken[:1].upper() + spoken[1:],
+        "unit": unit,
+        "ends": ends,
+        "limits": [],
+        "spoken": spoken,
+        "factor": is_factor(name, known),
+        "never": shown_value(name, None, known),
+        "mean": scale * mean if np.isfinite(mean) else None,
+        "sigma": scale * sigma if np.isfinite(sigma) else None,
+    }
+
+
+def _metric(record: Metric, limits: Sequence[float], ends: Ends) -> dict[str, Any]:
+    """A metric's axis reaches to its limits, where these are not far from all flights."""
+    low, high = min([*limits, ends[0]]), max([*limits, ends[1]])
+    if high - low > _FAR * (ends[1] - ends[0]):
+        low, high = ends
+    unit = "" if record.unit == "-" else record.unit
+    return {"name": record.name, "head": _head(record.name, unit), "label": record.label, "unit": unit,
+            "ends": (low, high), "limits": limits, "bad": record.bad}  # fmt: skip
+
+
+def _head(name: str, unit: str) -> str:
+    """A column's head in a table that is saved."""
+    return f"{name} [{unit or '-'}]"
+
+
+def _criterion(record: Metric, channels: Collection[str]) -> dict[str, Any]:
+    """A metric by which flights are ranked: the channel that shows it, and where its limits are lines of that channel.
+
+    A channel that it is counted of; else the one whose quantity its source, or its name, begins with.
+    """
+    stems = {name: (name.rpartition("_")[0] if name in CHANNEL_INDEX else name) for name in channels}
+    begun = [name for word in (record.of, record.name) for name in stems if word.startswith(stems[name])]
+    sides = {Statistic.MAX_ABS: (-1.0, 1.0), Statistic.MAX: (1.0,), Statistic.MIN: (1.0,), Statistic.FINAL: (1.0,)}
+    return {
+        "metric": record.name,
+        "channel": record.of if record.of in stems else max(begun, key=lambda name: len(stems[name]), default=None),
+        "sides": sides.get(record.statistic, ()) if record.of in stems else (),
+        "from": record.start,
+        "to": record.end if np.isfinite(record.end) else None,
+    }
 
 
 def make_flights_view(results: FlownCampaign, labels: Mapping[str, str], colors: Mapping[str, str]) -> FlightsView:
-    """The view of a campaign: of all its flights, or of the worst and the first where there are too many."""
-    names = results.controllers
-    records = results.campaign.metrics
-    metrics = [
-        {"name": name, "label": records[name].label, "unit": records[name].unit.removeprefix("-")}
-        for name in results.metrics
-    ]
-    headed = results.asked[:_HEADED]
-    limits = {item.metric: results.campaign.limits_of(item.metric) for item in results.campaign.requirements}
+    """The view in a page: of all flights of a campaign, or of the worst and the first where there are too many."""
+    names, required = results.controllers, results.campaign.requirements
     most = MOST_FLIGHTS // len(names)
-    kept = {name: _kept(results.flights[name].flight.size, _rank(results, name), most) for name in names}
-    controller = np.concatenate([np.full(rows.size, k) for k, rows in enumerate(kept.values())])
     flights = {name: results.flights[name] for name in names}
+    kept = {name: _kept(flights[name].flight.size, _rank(results, name), most) for name in names}
+    controller = np.concatenate([np.full(rows.size, k) for k, rows in enumerate(kept.values())])
     number = np.concatenate([flights[name].flight[rows] for name, rows in kept.items()])
     outcome = np.concatenate([flights[name].outcome[rows] for name, rows in kept.items()])
     arrays: dict[str, Floats] = {}
-    for entry in metrics:
-        values = [flights[name].metrics[entry["name"]][rows] for name, rows in kept.items()]
-        arrays[f"column:{entry['name']}"] = np.concatenate(values)
-    dispersions = []
     for name in results.dispersed:
-        unit, scale = axis_unit(name, results.campaign.parameters)
-        dispersions.append({"name": name, "label": _capital(spoken_name(name)), "unit": unit})
-        arrays[f"column:{name}"] = scale * results.samples[name][number]
+        arrays[f"column:{name}"] = axis_unit(name, results.campaign.parameters)[1] * results.samples[name][number]
+    for metric in results.metrics:
+        arrays[f"column:{metric}"] = np.concatenate([flights[n].metrics[metric][rows] for n, rows in kept.items()])
+    ends = {key.removeprefix("column:"): find_ends(values) for key, values in arrays.items()}
     places = {
         (name, int(n)): i for i, (name, n) in enumerate(zip(np.array(names)[controller].tolist(), number, strict=True))
     }
     history = np.full(number.size, -1)
-    channels, count = _add_histories(results, names, places, history, arrays)
-    rank = [results.ranking.places_of(name)[rows] for name, rows in kept.items()]
-    required = results.campaign.requirements
+    channels = _add_histories(results, places, history, arrays)
+    _add_behind(results, channels, arrays)
     missed = [
         np.concatenate([requirement_failures(flights[name], item)[rows] for name, rows in kept.items()])
         for item in required
     ]
     total = sum(flights[name].flight.size for name in names)
+    order = np.concatenate([results.ranking.places_of(name)[rows] for name, rows in kept.items()])
     data = {
-        "controllers": [
-            {"name": name, "label": labels[name], "color": colors[name], "mark": mark_of(k)}
-            for k, name in enumerate(names)
-        ],
-        "folder": shlex.quote(results.folder.as_posix()),
+        **describe_flights(results, labels, colors, ends, channels),
         "rows": {
             "controller": controller.tolist(),
             "flight": number.tolist(),
             "outcome": outcome.tolist(),
             "failed": (outcome != Outcome.OK).astype(int).tolist(),
             "history": history.tolist(),
+            "by": np.concatenate([results.ranking.by[name][rows] for name, rows in kept.items()]).tolist(),
             "missed": [flags.astype(int).tolist() for flags in missed],
         },
         "outcomes": {k: results.campaign.outcomes.codes[k].replace("_", " ") for k in np.unique(outcome).tolist()},
-        "order": np.argsort(np.concatenate(rank)).tolist(),
-        "missed": [requirement_words(item, records) for item in required],
-        "metrics": metrics,
-        "dispersions": dispersions,
-        "headed": list(headed),
-        "limits": limits,
-        "channels": channels,
-        "track": count > 0 and {"north_m", "east_m"} <= {channel["name"] for channel in channels},
-        "listed": LISTED,
+        "order": np.argsort(order).tolist(),
+        "histories": bool(channels),
+        "total": int(number.size),
         "left": ""
         if number.size == total
         else f"Shown of {fixed(total, 0)}: the worst, those that failed, and the first",
-        "start": {
-            "x": dispersions[0]["name"] if dispersions else metrics[0]["name"],
-            "y": headed[0] if headed else metrics[0]["name"],
-            "channel": "bank_deg",
-        },
     }
-    strips = tuple((entry["name"], entry["label"]) for entry in dispersions[:_STRIPS])
-    return FlightsView(data, arrays, strips, headed)
+    return FlightsView(data, arrays)
 
 
-def mark_of(number: int) -> str:
-    """The mark of the controller with this number: colours carry no meaning alone."""
-    return _MARKS[number % len(_MARKS)]
+def find_ends(values: Floats) -> Ends:
+    """The smallest and largest finite value; twice 0 without any."""
+    finite = values[np.isfinite(values)]
+    return (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
 
 
 def _rank(results: FlownCampaign, name: str) -> list[int]:
@@ -130,51 +224,45 @@ def _kept(flights: int, worst: Sequence[int], most: int) -> NDArray[np.intp]:
 
 def _add_histories(
     results: FlownCampaign,
-    names: Sequence[str],
     places: Mapping[tuple[str, int], int],
     history: NDArray[np.int64],
     arrays: dict[str, Floats],
-) -> tuple[list[dict[str, str | None]], int]:
+) -> list[str]:
     """Put the kept histories into ``arrays`` (``history:CHANNEL`` [flight, time]) and their numbers into ``history``.
 
-    The channels that all of them have, and how many flights these are.
+    Returns the channels that all of them have.
     """
     found = [
         (places[name, flight], columns)
-        for name in names
+        for name in results.controllers
         for flight, columns in read_histories(results.folder, name).items()
         if (name, flight) in places
     ]
     if not found:
-        return [], 0
+        return []
     longest = max((columns["time"] for _, columns in found), key=len)
     step = float(np.median(np.diff(longest))) if longest.size > 1 else 1.0
     every = max(1, round(1.0 / (_HISTORY_RATE * step)))
     time = longest[::every]
-    held = [signal for signal in CHANNELS if all(signal.name in columns for _, columns in found)]
+    held = [name for name in found[0][1] if name != "time" and all(name in columns for _, columns in found)]
     arrays["history-time"] = time
-    for signal in held:
+    for channel in held:
         table = np.full((len(found), time.size), np.nan)
         for i, (_, columns) in enumerate(found):
-            values = columns[signal.name][::every]
+            values = columns[channel][::every]
             table[i, : values.size] = values
-        arrays[f"history:{signal.name}"] = table
+        arrays[f"history:{channel}"] = table
     for i, (row, _) in enumerate(found):
         history[row] = i
-    return [_channel(signal.name, signal.unit, {s.name for s in held}) for signal in held], len(found)
+    return held
 
 
-def _channel(name: str, unit: str, held: set[str]) -> dict[str, str | None]:
-    stem, _, end = name.rpartition("_") if unit != "-" else (name, "", "")
-    command = f"{stem}_command_{end}".rstrip("_")
-    words = _capital(stem.replace("_", " "))
-    return {
-        "name": name,
-        "label": words,
-        "unit": "" if unit == "-" else unit,
-        "command": command if command in held else None,
-    }
-
-
-def _capital(words: str) -> str:
-    return words[:1].upper() + words[1:]
+def _add_behind(results: FlownCampaign, channels: Sequence[str], arrays: dict[str, Floats]) -> None:
+    """Put what stands behind a flight's channels into ``arrays``, as far as the page's envelopes lack it."""
+    for name in results.controllers:
+        for channel in channels:
+            if (name, channel) not in results.envelopes:
+                time, curves = channel_curves(results, name, channel)
+                if np.isfinite(curves).any():
+                    arrays.setdefault(f"time:{name}", time)
+                    arrays[f"{channel}:{name}"] = curves

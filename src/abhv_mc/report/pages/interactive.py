@@ -1,14 +1,48 @@
-"""What the page's interactive envelopes show: words for the script, and the curves, which travel packed."""
+"""What stands behind flights over time: the bands and the nominal flight of a channel, and the page's view of them."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.channels import CHANNELS, REFERENCE_CHANNELS
+from abhv_mc.flight.channels import CHANNELS, REFERENCE_CHANNELS, Signal
 from abhv_mc.folder.flown_campaign import BANDS, FlownCampaign
+from abhv_mc.topics.figure_bands import off_reference, shown_bands
 
 _MOST_TIMES = 301
+_SIGNALS: dict[str, Signal] = {signal.name: signal for signal in CHANNELS}
+_REFERENCES = {signal.name for signal in REFERENCE_CHANNELS}
+# Errors that are a channel less the mission's reference, the same for every flight: their bands follow.
+_OFF_REFERENCE = {
+    "altitude_error_m": ("altitude_m", "altitude_reference_m"),
+    "speed_error_mps": ("speed_mps", "speed_reference_mps"),
+}
+
+
+def describe_channel(name: str, held: Collection[str]) -> dict[str, str | None]:
+    """A channel's label, unit and meaning, and which of those ``held`` is its command; None without one."""
+    signal = _SIGNALS.get(name, Signal(name, "-", ""))
+    command = _beside(signal, "command")
+    return {
+        "name": name,
+        "label": _label(signal),
+        "unit": "" if signal.unit == "-" else signal.unit,
+        "doc": signal.doc,
+        "command": command if command in held else None,
+    }
+
+
+def _beside(signal: Signal, kind: str) -> str:
+    """'bank_command_deg' of 'bank_deg'."""
+    stem, _, ending = signal.name.rpartition("_") if signal.unit != "-" else (signal.name, "", "")
+    return f"{stem}_{kind}_{ending}".rstrip("_")
+
+
+def _label(signal: Signal) -> str:
+    """'Angle of attack command' of 'angle_of_attack_command_deg'."""
+    words = signal.name if signal.unit == "-" else signal.name.rpartition("_")[0]
+    words = words.replace("_", " ")
+    return words[:1].upper() + words[1:]
 
 
 def _thinned(curve: Floats, band: str, every: int) -> Floats:
@@ -20,11 +54,32 @@ def _thinned(curve: Floats, band: str, every: int) -> Floats:
     return np.asarray(extreme.reduce(around, axis=1)[::every], dtype=np.float64)
 
 
-def _label(name: str, unit: str) -> str:
-    """'Angle of attack command' from 'angle_of_attack_command_deg'."""
-    suffix = {"m/s": "_mps", "deg/s": "_dps", "-": ""}.get(unit, f"_{unit.lower()}")
-    words = name.removesuffix(suffix).replace("_", " ")
-    return words[0].upper() + words[1:]
+def band_names(results: FlownCampaign) -> tuple[str, ...]:
+    """The bands of a campaign's envelopes, in their order."""
+    return tuple(next((envelope.bands for envelope in results.envelopes.values()), dict.fromkeys(BANDS)))
+
+
+def channel_curves(results: FlownCampaign, controller: str, channel: str) -> tuple[Floats, Floats]:
+    """Time [time] s and what stands behind a controller's flights [band, time]: the bands in their order, then the
+    nominal flight; not-a-number where nothing is kept."""
+    of, less = _OFF_REFERENCE.get(channel, (channel, ""))
+    own = (controller, channel) in results.envelopes
+    envelope = results.envelopes.get((controller, channel if own else of))
+    flown = results.nominal.get(controller, {})
+    clocks = [each.time for (name, _), each in results.envelopes.items() if name == controller]
+    clock = next(iter(clocks), flown.get("time", np.empty(0)))
+    every = max(1, -(-clock.size // _MOST_TIMES))
+    time = clock[::every]
+    curves = dict.fromkeys(band_names(results), np.full(time.shape, np.nan))
+    if envelope:
+        reference = results.reference.get(less) if less and not own else None
+        for band, curve in shown_bands(envelope.bands, reference).items():
+            off = curve if reference is None else off_reference(clock, curve, results.reference["time"], reference)
+            curves[band] = _thinned(off, band, every)
+    nominal = np.full(time.shape, np.nan)
+    if channel in flown:
+        nominal = np.interp(time, flown["time"], flown[channel], right=np.nan)
+    return time, np.stack([*curves.values(), nominal])
 
 
 def envelope_data(
@@ -33,39 +88,21 @@ def envelope_data(
     """Channels and controllers; and arrays: ``time:CONTROLLER`` and ``CHANNEL:CONTROLLER`` [band, time], the bands in
     their order and the nominal flight behind them, and ``reference:CHANNEL``, each [time]."""
     names = results.controllers
-    bands = tuple(next((envelope.bands for envelope in results.envelopes.values()), dict.fromkeys(BANDS)))
-    held = [s for s in CHANNELS if all((name, s.name) in results.envelopes for name in names)]
-    references = {signal.name for signal in REFERENCE_CHANNELS}
-    channels = []
+    held = [s.name for s in CHANNELS if all((name, s.name) in results.envelopes for name in names)]
+    channels: list[dict[str, str | None]] = []
     arrays: dict[str, Floats] = {}
     times = results.reference.get("time", np.empty(0))  # a user's simulator has none
     every = max(1, -(-times.size // _MOST_TIMES))
     arrays["reference:time"] = times[::every]
-    for signal in held:
-        stem, _, ending = signal.name.rpartition("_") if signal.unit != "-" else (signal.name, "", "")
-        reference, command = (f"{stem}_{kind}_{ending}".rstrip("_") for kind in ("reference", "command"))
-        if reference in references and reference in results.reference:
+    for channel in held:
+        reference = _beside(_SIGNALS[channel], "reference")
+        given = reference in _REFERENCES and reference in results.reference
+        if given:
             arrays[f"reference:{reference}"] = results.reference[reference][::every]
-        channels.append(
-            {
-                "name": signal.name,
-                "label": _label(signal.name, signal.unit),
-                "unit": "" if signal.unit == "-" else signal.unit,
-                "doc": signal.doc,
-                "reference": reference if f"reference:{reference}" in arrays else None,
-                "command": command if any(s.name == command for s in held) else None,
-            }
-        )
+        channels.append({**describe_channel(channel, held), "reference": reference if given else None})
     for name in names:
-        for signal in held:
-            envelope = results.envelopes[name, signal.name]
-            every = max(1, -(-envelope.time.size // _MOST_TIMES))
-            time = arrays[f"time:{name}"] = envelope.time[::every]
-            curves = [_thinned(envelope.bands[band], band, every) for band in bands]
-            flown = results.nominal.get(name, {})
-            nominal = np.full(time.shape, np.nan)
-            if signal.name in flown:
-                nominal = np.interp(time, flown["time"], flown[signal.name], right=np.nan)
-            arrays[f"{signal.name}:{name}"] = np.stack([*curves, nominal])
+        for channel in held:
+            arrays[f"time:{name}"], arrays[f"{channel}:{name}"] = channel_curves(results, name, channel)
     controllers = [{"name": name, "label": labels[name], "color": colors[name]} for name in names]
-    return {"channels": channels, "controllers": controllers, "bands": [*bands, "nominal"]}, arrays
+    bands = [*band_names(results), "nominal"]
+    return {"channels": channels, "controllers": controllers, "bands": bands}, arrays

@@ -17,13 +17,12 @@ from abhv_mc.report.numbers.judgement import judge_campaign, judgement_lead
 from abhv_mc.report.numbers.summary import section_leads
 from abhv_mc.report.pages.first_screen import (
     LIMIT_PLACE,
-    SHAPES,
     baseline_line,
     cards,
     chart_rows,
     more_words,
 )
-from abhv_mc.report.pages.flights_view import make_flights_view
+from abhv_mc.report.pages.flights_view import SCRIPTS, SHAPES, STYLES, make_flights_view, template_text
 from abhv_mc.report.pages.interactive import envelope_data
 from abhv_mc.report.pages.packed import pack_arrays
 from abhv_mc.topics.figure_style import controller_colors
@@ -120,7 +119,7 @@ def make_page(
     results, names, campaign = models.results, models.names, models.results.campaign
     colors = controller_colors(results.controllers)
     template = files("abhv_mc.report.pages") / "template"
-    script = "".join((template / name).read_text("utf-8") for name in ("flights.js", "page.js"))
+    script = "".join(map(template_text, (*SCRIPTS, "page_flights.js", "page.js")))
     packed_library = (template / "plotly-basic.min.js.gz").read_bytes()
     envelopes, arrays = envelope_data(results, names.controllers, colors)
     view = make_flights_view(results, names.controllers, colors)
@@ -139,14 +138,12 @@ def make_page(
             state=state,
             sections=page_sections(models, warnings),
             figure_of={figure.text.name: embed(figure) for figure in figures},
-            style=Markup((template / "style.css").read_text("utf-8")),  # noqa: S704  our own files
+            style=Markup("".join(map(template_text, STYLES))),  # noqa: S704  our own files
             script=Markup(script),  # noqa: S704
             script_hashes=_script_hashes(script, gzip.decompress(packed_library).decode()),
             plotly=Markup(base64.b64encode(packed_library).decode()),  # noqa: S704  letters of base64 only
             packed=Markup(packed),  # noqa: S704  letters of base64 only
             data=_script_json({"envelopes": envelopes, "flights": view.data, "places": places}),
-            strips=view.strips,
-            flight_heads=[names.metrics[name].label_with_unit for name in view.headed],
             chart=chart_rows(verdicts.glance, names.controllers, colors),
             required=bool(verdicts.requirements),
             cards=cards(models, colors),

@@ -55,8 +55,13 @@ def rank_failed(results: FlownCampaign, controller: str) -> list[int]:
 
 def worst_flights(results: FlownCampaign) -> dict[str, tuple[WorstFlight, ...]]:
     """The worst flights of each controller, those whose histories are kept, with what they were worst in."""
-    moments = {key: _moments(results.samples[key]) for key in results.dispersed}
+    moments = moments_of(results)
     return {name: tuple(_of(results, name, moments)) for name in results.controllers}
+
+
+def moments_of(results: FlownCampaign) -> dict[str, tuple[float, float]]:
+    """Mean and standard deviation of each dispersion over the flights."""
+    return {key: _moments(results.samples[key]) for key in results.dispersed}
 
 
 def _of(results: FlownCampaign, name: str, moments: Mapping[str, tuple[float, float]]) -> list[WorstFlight]:

@@ -1,24 +1,50 @@
-"use strict";
-// Every point a flight: a scatter, the dispersions, a table and the flight's history, all of the same flights.
-const flightsView = (data, numbers, style) => {
+// The view of flights, in a report and in `explore`: what is chosen, listed, linked, saved and opened. `source` counts:
+// numbers in the page, or a server beside the flights.
+const flightsView = async (source, style) => {
   const at = (id) => document.getElementById(id);
-  const rows = data.rows; // controller index, flight number and outcome of each row
-  const count = rows.controller.length;
-  const column = (name) => numbers(`column:${name}`);
-  const labelOf = (entry) => (entry.unit ? `${entry.label} (${entry.unit})` : entry.label);
-  const all = [...data.metrics, ...data.dispersions];
-  const state = { controllers: new Set(data.controllers.map((_, i) => i)), outcome: "all", brush: null, current: -1 };
-
-  const shares = { all: () => true, failed: (row) => rows.failed[row] === 1, ok: (row) => rows.failed[row] === 0 };
-  data.missed.forEach((words, k) => {
-    shares[`missed ${k}`] = (row) => rows.missed[k][row] === 1;
-    at("flights-outcome").append(new Option(`missed: ${words}`, `missed ${k}`));
-  });
-  const shown = (row) => state.controllers.has(rows.controller[row]) && shares[state.outcome](row);
-  const chosen = (row) => shown(row) && (!state.brush || state.brush.has(row));
-  const numberText = (value) => (Number.isFinite(value) ? String(Number(value.toPrecision(4))).replace("-", "\u2212") : "none");
+  const { text, labelOf } = flightAxes;
+  const view = source.view;
+  const { columns, controllers } = view;
+  for (const controller of controllers) controller.path = new Path2D(controller.mark);
+  const columnOf = (name) => columns.find((entry) => entry.name === name);
+  const start = () => ({ x: view.x, y: view.y, who: controllers.map((each) => each.name), show: "all", brushes: {}, fit: false,
+    sort: "rank", down: false, open: [], channel: null });
+  const state = start();
+  let [found, all, box, opened, turn] = [null, null, null, [], 0];
+  const asked = () => ({ x: state.x, y: state.y, controllers: state.who, outcome: state.show, brushes: state.brushes,
+    fit: state.fit, sort: state.sort, down: state.down });
   const grouped = (number) => number.toLocaleString("en").replaceAll(",", "\u202f"); // as in the page's tables
-  const name = (row) => `${data.controllers[rows.controller[row]].label}, flight ${rows.flight[row]}`;
+  const nameOf = (k, flight) => `${controllers[k].label}, flight ${flight}`;
+
+  // The part of an address that says all of this, and what one says.
+  const link = () => {
+    const words = new URLSearchParams();
+    for (const [key, name] of [["x", "x"], ["y", "y"], ["show", "show"], ["sort", "sort"]]) if (state[key] !== start()[key]) words.set(name, state[key]);
+    if (state.who.length !== controllers.length) words.set("who", JSON.stringify(state.who));
+    for (const key of ["fit", "down"]) if (state[key]) words.set(key, "1");
+    for (const [name, ends] of Object.entries(state.brushes)) words.append("in", [name, ...ends.map((end) => Number(end.toPrecision(7)))].join(":"));
+    for (const [controller, flight] of state.open) words.append("open", `${flight}:${controller}`);
+    if (state.channel) words.set("channel", state.channel);
+    return `#flights?${words}`;
+  };
+  const follow = () => {
+    if (!location.hash.startsWith("#flights?")) return false;
+    const words = new URLSearchParams(location.hash.slice("#flights?".length));
+    Object.assign(state, start());
+    for (const [key, known] of [["x", columnOf], ["y", columnOf], ["sort", (v) => heads.some(([name]) => name === v)],
+      ["show", (v) => [...at("flights-outcome").options].some((option) => option.value === v)],
+      ["channel", (v) => view.channels.some((each) => each.name === v)]]) {
+      if (words.has(key) && known(words.get(key))) state[key] = words.get(key);
+    }
+    if (words.has("who")) state.who = controllers.map((each) => each.name).filter((name) => JSON.parse(words.get("who")).includes(name));
+    for (const key of ["fit", "down"]) state[key] = words.get(key) === "1";
+    for (const [name, ...ends] of words.getAll("in").map((part) => part.split(":"))) {
+      if (columnOf(name) && ends.every((end) => Number.isFinite(Number(end)))) state.brushes[name] = ends.map(Number);
+    }
+    state.open = words.getAll("open").slice(0, 2).map((part) => [part.slice(part.indexOf(":") + 1), parseInt(part, 10)])
+      .filter(([name, flight]) => controllers.some((each) => each.name === name) && flight >= 0);
+    return true;
+  };
 
   // A list of buttons is one stop of the Tab key; the arrows go through it.
   const oneStop = (list) => {
@@ -26,196 +52,215 @@ const flightsView = (data, numbers, style) => {
     const stop = (chosen) => { for (const button of buttons()) button.tabIndex = button === chosen ? 0 : -1; };
     list.addEventListener("focusin", (event) => stop(event.target));
     list.addEventListener("keydown", (event) => {
-      const all = buttons();
-      const here = all.indexOf(document.activeElement);
-      const next = { ArrowDown: here + 1, ArrowUp: here - 1, Home: 0, End: all.length - 1 }[event.key];
+      const every = buttons();
+      const here = every.indexOf(document.activeElement);
+      const next = { ArrowDown: here + 1, ArrowRight: here + 1, ArrowUp: here - 1, ArrowLeft: here - 1, Home: 0, End: every.length - 1 }[event.key];
       if (next === undefined) return;
       event.preventDefault();
-      all[next]?.focus();
+      every[next]?.focus();
     });
     return () => stop(buttons()[0]);
   };
   const restop = oneStop(at("flight-rows"));
 
-  const fill = (select, entries, first) => {
-    for (const entry of entries) select.append(new Option(labelOf(entry), entry.name, false, entry.name === first));
-  };
-  fill(at("scatter-x"), [...data.dispersions, ...data.metrics], data.start.x);
-  fill(at("scatter-y"), all, data.start.y);
-
-  const layout = (x, y, extra = {}) => ({
-    margin: { l: 64, r: 10, t: 24, b: 44 }, hovermode: "closest", modebar: { bgcolor: "rgba(0,0,0,0)", color: style.ink(), activecolor: style.link() }, showlegend: false, paper_bgcolor: "rgba(0,0,0,0)",
-    plot_bgcolor: "rgba(0,0,0,0)", font: { family: style.font, size: 12, color: style.ink() },
-    xaxis: { title: { text: x }, gridcolor: style.line(), zeroline: false },
-    yaxis: { title: { text: y }, gridcolor: style.line(), zeroline: false, exponentformat: "none" }, ...extra,
-  });
-  const config = { responsive: true, displaylogo: false, plotlyServerURL: "",
-    modeBarButtons: [["select2d", "lasso2d", "zoom2d", "pan2d", "resetScale2d", "toImage"]] };
-
-  const drawScatter = () => {
-    const [x, y] = ["scatter-x", "scatter-y"].map((id) => all.find((entry) => entry.name === at(id).value));
-    const [xs, ys] = [column(x.name), column(y.name)];
-    const traces = data.controllers.map((controller, k) => {
-      const members = [...Array(count).keys()].filter((row) => rows.controller[row] === k && shown(row));
-      return { type: "scatter", mode: "markers", name: controller.label, x: members.map((row) => xs[row]),
-        y: members.map((row) => ys[row]), customdata: members,
-        text: members.map((row) => name(row)), hovertemplate: "%{text}<br>%{x:.5g}, %{y:.5g}<extra></extra>",
-        selectedpoints: state.brush ? members.flatMap((row, i) => (state.brush.has(row) ? [i] : [])) : null,
-        marker: { color: controller.color, size: members.map((row) => (row === state.current ? 14 : rows.failed[row] ? 9 : 6)),
-          symbol: members.map((row) => (rows.failed[row] ? "x" : controller.mark)), opacity: 0.75,
-          line: { width: members.map((row) => (row === state.current ? 2 : 0)), color: style.ink() } },
-        unselected: { marker: { opacity: 0.08 } } };
+  const heads = [["flight", "Flight"], ["controller", "Controller"], ["outcome", "Outcome"],
+    ...view.headed.map((name) => [name, labelOf(columnOf(name))])];
+  for (const [name, words] of heads) {
+    const head = Object.assign(document.createElement("th"), { scope: "col" });
+    const button = Object.assign(document.createElement("button"), { type: "button", className: "link", textContent: words });
+    const first = columnOf(name) ? columnOf(name).bad !== "low" : false; // what is bad comes first; then the other way, then the worst
+    button.addEventListener("click", () => {
+      if (state.sort !== name) [state.sort, state.down] = [name, first];
+      else if (state.down === first) state.down = !first;
+      else [state.sort, state.down] = ["rank", false];
+      count();
     });
-    const limit = data.limits[y.name];
-    const shapes = (limit || []).map((value) => ({ type: "line", xref: "paper", x0: 0, x1: 1, y0: value, y1: value,
-      line: { color: style.ink(), width: 1.5, dash: "dash" } }));
-    Plotly.react("scatter", traces, layout(labelOf(x), labelOf(y), { dragmode: "select", shapes, height: 420 }), config);
-  };
-
-  const drawStrips = () => {
-    for (const strip of document.querySelectorAll("canvas[data-dispersion]")) {
-      const values = column(strip.dataset.dispersion);
-      const scale = window.devicePixelRatio || 1;
-      strip.width = strip.clientWidth * scale;
-      strip.height = strip.clientHeight * scale;
-      const pen = strip.getContext("2d");
-      const { low, high } = data.places[`column:${strip.dataset.dispersion}`];
-      const place = (row) => (Number.isFinite(values[row]) ? (values[row] - low) / (high - low || 1) : 1) * (strip.width - 6 * scale) + 3 * scale;
-      for (const pass of [false, true]) {
-        for (let row = 0; row < count; row += 1) {
-          if (!shown(row) || chosen(row) !== pass) continue;
-          pen.globalAlpha = pass ? (state.brush ? 0.8 : 0.35) : 0.06;
-          pen.fillStyle = data.controllers[rows.controller[row]].color;
-          const lane = (rows.controller[row] + ((rows.flight[row] * 0.618) % 1)) / data.controllers.length;
-          pen.fillRect(place(row) - scale, lane * strip.height, 2 * scale, 2 * scale);
-        }
-      }
-      if (state.current >= 0) {
-        pen.globalAlpha = 1;
-        pen.fillStyle = style.ink();
-        pen.fillRect(place(state.current) - scale, 0, 2 * scale, strip.height);
-      }
-    }
-  };
+    head.append(button);
+    at("flight-heads").append(head);
+  }
+  oneStop(at("flight-heads"))();
+  if (view.histories) at("flight-heads").append(Object.assign(document.createElement("th"), { scope: "col", textContent: "History" }));
 
   const drawTable = () => {
     const body = at("flight-rows");
     const focused = body.contains(document.activeElement);
     body.replaceChildren();
-    const members = data.order.filter(chosen);
-    at("flight-count").textContent = `${grouped(members.length)} of ${grouped(count)} flights` +
-      `${members.length > data.listed ? `; the ${data.listed} worst are listed` : ""}${data.left ? `. ${data.left}` : ""}`;
-    for (const row of members.slice(0, data.listed)) {
+    const order = state.sort === "rank" ? "worst" : "first";
+    at("flight-count").textContent = `${grouped(found.count)} of ${grouped(view.total)} flights` +
+      `${found.count > view.listed ? `; the ${order} ${view.listed} are listed` : ""}${found.points.length || !found.count ? "" : "; shades count flights"}${view.left ? `. ${view.left}` : ""}.`;
+    heads.forEach(([name], i) => {
+      const cell = at("flight-heads").cells[i];
+      if (name === state.sort) cell.ariaSort = state.down ? "descending" : "ascending"; else cell.removeAttribute("aria-sort");
+    });
+    for (const [k, flight, outcome, ...values] of found.rows) {
       const line = body.insertRow();
-      const button = document.createElement("button");
-      button.type = "button";
-      button.textContent = rows.flight[row];
-      button.setAttribute("aria-label", `Show ${name(row)}`);
-      button.addEventListener("click", () => show(row));
-      const head = document.createElement("th");
-      head.scope = "row";
+      const button = Object.assign(document.createElement("button"), { type: "button", textContent: flight });
+      button.setAttribute("aria-label", `Show ${nameOf(k, flight)}`);
+      button.addEventListener("click", (event) => open(controllers[k].name, flight, event.shiftKey));
+      const head = Object.assign(document.createElement("th"), { scope: "row" });
       head.append(button);
       line.append(head);
-      if (row === state.current) line.className = "current";
-      for (const text of [data.controllers[rows.controller[row]].label, data.outcomes[rows.outcome[row]],
-        ...data.headed.map((metric) => numberText(column(metric)[row])),
-        rows.history[row] >= 0 ? "kept" : ""]) line.insertCell().textContent = text;
+      if (state.open.some(([name, number]) => name === controllers[k].name && number === flight)) line.className = "current";
+      for (const words of [controllers[k].label, outcome, ...values.map((value) => (typeof value === "string" ? value : text(value)))]) line.insertCell().textContent = words;
     }
     restop();
     if (focused) (body.querySelector(".current button") || body.querySelector("button"))?.focus();
   };
 
-  const drawFlight = () => {
-    const row = state.current;
-    at("flight-panel").hidden = row < 0;
-    if (row < 0) return;
-    const controller = data.controllers[rows.controller[row]];
-    at("flight-title").textContent = `${name(row)}: ${data.outcomes[rows.outcome[row]]}`;
-    at("flight-command").textContent = `abhv-mc replay ${data.folder} --flight ${rows.flight[row]} --controller ${controller.name}`;
-    const h = rows.history[row];
-    at("flight-kept").hidden = h >= 0;
-    at("flight-plots").hidden = h < 0;
-    if (h < 0) return;
-    const channel = data.channels[at("flight-channel").selectedIndex];
-    const history = (entry) => numbers(`history:${entry}`, h);
-    const time = numbers("history-time");
-    const line = (y, label, dash, color) => ({ type: "scatter", mode: "lines", x: time, y, name: label, line: { dash, color, width: 1.8 } });
-    const traces = [line(history(channel.name), "flown", "solid", controller.color)];
-    if (channel.command) traces.push(line(history(channel.command), "command", "dot", controller.color));
-    Plotly.react("flight-history", traces, layout("time (s)", labelOf(channel), { height: 300, showlegend: true, legend: { orientation: "h" } }), config);
-    if (data.track) {
-      Plotly.react("flight-track", [{ type: "scatter", mode: "lines", x: history("east_m").map((v) => v / 1000), y: history("north_m").map((v) => v / 1000),
-        line: { color: controller.color, width: 1.8 } }], layout("east (km)", "north (km)", { height: 300 }), config);
+  const draw = () => {
+    if (!found) return;
+    const [x, y] = [columnOf(state.x), columnOf(state.y)];
+    const brushed = Object.keys(state.brushes).length > 0;
+    box = flightAxes.drawScatter(at("scatter"), { x, y, ends: found.ends, controllers, cells: view.cells, style,
+      layers: [...(brushed ? [[all, 0.12]] : []), [found, 0.8]],
+      open: opened.map((each) => [each.controller, each.values[x.name], each.values[y.name]]) });
+    for (const canvas of at("flights-strips").querySelectorAll("canvas")) {
+      const name = canvas.dataset.column;
+      flightAxes.drawStrip(canvas, { all: all.strips[name], chosen: found.strips[name], ends: columnOf(name).ends, bars: view.bars, style,
+        open: opened.map((each) => each.values[name]) });
     }
+    drawTable();
+    at("flights-link").href = link();
+    document.body.dataset.drawn = turn;
+  };
+  const count = async () => {
+    const number = (turn += 1);
+    const [chosen, every] = await Promise.all([source.count(asked()), source.count({ ...asked(), brushes: {}, fit: false, sort: "rank", down: false })]);
+    if (number !== turn) return; // another choice came after this one
+    [found, all] = [chosen, every];
+    draw();
   };
 
-  const draw = () => { drawScatter(); drawStrips(); drawTable(); drawFlight(); };
-  const show = (row) => {
-    state.current = row;
-    draw();
+  const panel = flightPanel(source, style, { columnOf, nameOf, changed: (channel) => { state.channel = channel; at("flights-link").href = link(); } });
+  // Opens a flight, or lays a second one over it.
+  const open = async (name, flight, over = false) => {
+    state.open = over && state.open.length ? [state.open[0], [name, flight]] : [[name, flight]];
+    await show();
     at("flight-panel").scrollIntoView({ block: "nearest" });
   };
-
-  for (const entry of data.channels) at("flight-channel").append(new Option(labelOf(entry), entry.name, false, entry.name === data.start.channel));
-  at("flight-channel").addEventListener("change", drawFlight);
-  for (const id of ["scatter-x", "scatter-y"]) at(id).addEventListener("change", drawScatter);
-  at("flights-controls").addEventListener("submit", (event) => event.preventDefault());
-  data.controllers.forEach((controller, k) => {
-    const box = Object.assign(document.createElement("input"), { type: "checkbox", checked: true, name: `flights-${controller.name}` });
-    const label = document.createElement("label");
-    label.append(box, ` ${controller.label}`);
-    at("flights-controllers").append(label);
-    box.addEventListener("change", () => { if (box.checked) state.controllers.add(k); else state.controllers.delete(k); draw(); });
-  });
-  at("flights-outcome").addEventListener("change", () => { state.outcome = at("flights-outcome").value; draw(); });
-  at("flights-clear").addEventListener("click", () => { state.brush = null; draw(); });
-  // For keyboards: the flights whose x lies between two numbers.
-  at("flights-between").addEventListener("click", () => {
-    const [low, high] = ["flights-low", "flights-high"].map((id) => at(id).value);
-    const values = column(at("scatter-x").value);
-    state.brush = new Set([...Array(count).keys()].filter((row) =>
-      (low === "" || values[row] >= Number(low)) && (high === "" || values[row] <= Number(high))));
+  const show = async () => {
+    at("flight-panel").hidden = !state.open.length;
+    const wanted = state.open;
+    const flights = [];
+    at("flight-body").hidden = !opened.length; // until it has been flown
+    for (const [name, flight] of wanted) {
+      const k = controllers.findIndex((each) => each.name === name);
+      if (!flights.length) at("flight-title").textContent = `${nameOf(k, flight)}: opening`;
+      try {
+        flights.push(await source.flight(k, flight));
+      } catch (error) {
+        at("flight-title").textContent = `${nameOf(k, flight)}: ${error.message}`;
+        if (!flights.length) { opened = []; draw(); return; }
+      }
+    }
+    if (wanted !== state.open) return;
+    opened = flights;
+    at("flight-body").hidden = false;
     draw();
+    if (flights.length) await panel.show(flights, state.channel);
+    document.body.dataset.opened = flights.map((each) => each.flight).join();
+  };
+  at("flight-over").addEventListener("submit", (event) => {
+    event.preventDefault();
+    open(at("over-controller").value, Number(at("over-flight").value), true);
   });
-  for (const strip of document.querySelectorAll("canvas[data-dispersion]")) {
+  at("over-none").addEventListener("click", () => { state.open = state.open.slice(0, 1); show(); });
+
+  // What is chosen: by the form, by dragging, by a link.
+  const dragged = (canvas, ended) => {
     let from = null;
-    const value = (event) => {
-      const { low, high } = data.places[`column:${strip.dataset.dispersion}`];
-      return low + (high - low) * (event.offsetX - 3) / (strip.clientWidth - 6);
-    };
-    strip.addEventListener("pointerdown", (event) => { from = value(event); strip.setPointerCapture(event.pointerId); });
-    strip.addEventListener("pointerup", (event) => {
-      const [low, high] = [from, value(event)].sort((a, b) => a - b);
-      const values = column(strip.dataset.dispersion);
-      const members = [...Array(count).keys()].filter((row) => values[row] >= low && values[row] <= high);
-      state.brush = high - low > 0 && members.length ? new Set(members) : null;
-      draw();
-    });
-  }
-  at("flights-view").hidden = false;
-  draw();
-  at("scatter").on("plotly_click", (event) => show(event.points[0].customdata));
-  at("scatter").on("plotly_selected", (event) => {
-    if (!event) return;
-    state.brush = event.points.length ? new Set(event.points.map((point) => point.customdata)) : null;
-    drawStrips(); drawTable(); drawScatter();
+    canvas.addEventListener("pointerdown", (event) => { from = [event.offsetX, event.offsetY]; canvas.setPointerCapture(event.pointerId); });
+    canvas.addEventListener("pointerup", (event) => { if (from) ended(from, [event.offsetX, event.offsetY], event); from = null; });
+  };
+  const sorted = (one, other) => [one, other].sort((p, q) => p - q);
+  // Of the points that are drawn, the one that is nearest to a place within so many pixels.
+  const pointAt = (px, py, within) => {
+    let [best, near] = [null, within ** 2];
+    for (const point of found?.points ?? []) {
+      const away = (box.px(point[1]) - px) ** 2 + (box.py(point[2]) - py) ** 2;
+      if (away < near) [best, near] = [point, away];
+    }
+    return best;
+  };
+  dragged(at("scatter"), async (a, b, event) => {
+    if (Math.hypot(a[0] - b[0], a[1] - b[1]) < 4) {
+      const point = pointAt(...b, 12);
+      const near = point ? [point[0], point[3]] : found.points.length ? null : await source.nearest(asked(), box.x(b[0]), box.y(b[1]));
+      if (near) open(controllers[near[0]].name, near[1], event.shiftKey);
+      return;
+    }
+    state.brushes[state.x] = sorted(box.x(a[0]), box.x(b[0]));
+    state.brushes[state.y] = sorted(box.y(a[1]), box.y(b[1]));
+    count();
   });
-  addEventListener("resize", drawStrips);
-  for (const link of document.querySelectorAll("[data-metric]")) {
-    link.addEventListener("click", () => {
-      at("scatter-y").value = link.dataset.metric;
-      drawScatter();
-      at("scatter").scrollIntoView({ block: "center" });
+  at("scatter").addEventListener("pointermove", (event) => {
+    if (!box) return;
+    const point = pointAt(event.offsetX, event.offsetY, 12);
+    at("scatter-at").textContent = point ? `${nameOf(point[0], point[3])}: ${text(point[1])}, ${text(point[2])}` : "\u00a0";
+  });
+  for (const name of view.strips) {
+    const strip = Object.assign(document.createElement("div"), { className: "strip" });
+    const canvas = document.createElement("canvas");
+    canvas.dataset.column = name;
+    canvas.setAttribute("role", "img");
+    canvas.setAttribute("aria-label", `Values of ${labelOf(columnOf(name))} of the flights shown`);
+    strip.append(Object.assign(document.createElement("span"), { textContent: labelOf(columnOf(name)) }), canvas);
+    at("flights-strips").append(strip);
+    dragged(canvas, (a, b) => {
+      const [low, high] = columnOf(name).ends;
+      const value = (place) => low + ((high - low) * place[0]) / canvas.clientWidth;
+      if (a[0] === b[0]) delete state.brushes[name]; else state.brushes[name] = sorted(value(a), value(b));
+      count();
     });
   }
-  for (const table of document.querySelectorAll("#flights details tbody")) oneStop(table)();
-  // Other places of the page name flights: data-show="controller flight".
-  for (const link of document.querySelectorAll("[data-show]")) {
-    link.addEventListener("click", () => {
-      const [who, number] = link.dataset.show.split(" ");
-      const row = rows.flight.findIndex((flight, i) => flight === Number(number) && data.controllers[rows.controller[i]].name === who);
-      if (row >= 0) show(row);
+  for (const [id, key] of [["scatter-x", "x"], ["scatter-y", "y"], ["flights-outcome", "show"]]) {
+    at(id).addEventListener("change", () => { state[key] = at(id).value; count(); });
+  }
+  for (const entry of columns) for (const id of ["scatter-x", "scatter-y"]) at(id).append(new Option(labelOf(entry), entry.name));
+  view.requirements.forEach((each, k) => at("flights-outcome").append(new Option(`missed: ${each.words}`, `missed ${k}`)));
+  for (const controller of controllers) {
+    const input = Object.assign(document.createElement("input"), { type: "checkbox", name: `flights-${controller.name}`, value: controller.name });
+    const label = Object.assign(document.createElement("label"), { className: "name" });
+    label.style.borderColor = controller.color;
+    label.append(input, ` ${controller.label}`);
+    at("flights-controllers").append(label);
+    at("over-controller").append(new Option(controller.label, controller.name));
+    input.addEventListener("change", () => {
+      state.who = [...at("flights-controllers").querySelectorAll(":checked")].map((each) => each.value);
+      count();
     });
   }
-  return { draw, show, state };
+  at("flights-controls").addEventListener("submit", (event) => event.preventDefault());
+  at("flights-fit").addEventListener("change", () => { state.fit = at("flights-fit").checked; count(); });
+  at("flights-clear").addEventListener("click", () => { state.brushes = {}; count(); });
+  at("flights-between").addEventListener("click", () => { // for keyboards: the flights whose x lies between two numbers
+    const ends = ["flights-low", "flights-high"].map((id, i) => (at(id).value === "" ? columnOf(state.x).ends[i] : Number(at(id).value)));
+    state.brushes[state.x] = sorted(...ends);
+    count();
+  });
+  at("flights-csv").addEventListener("click", async () => {
+    const save = Object.assign(document.createElement("a"), { download: "flights.csv", href: await source.csv(asked()) });
+    save.click();
+  });
+
+  const fill = () => { // the form as the state says
+    for (const [id, key] of [["scatter-x", "x"], ["scatter-y", "y"], ["flights-outcome", "show"]]) at(id).value = state[key];
+    for (const input of at("flights-controllers").querySelectorAll("input")) input.checked = state.who.includes(input.value);
+    at("flights-fit").checked = state.fit;
+  };
+  const restore = async () => {
+    if (!follow()) return;
+    fill();
+    await count();
+    await show();
+    at("flights-view").scrollIntoView();
+  };
+  addEventListener("hashchange", restore);
+  addEventListener("resize", draw);
+  at("flights-view").hidden = false;
+  fill();
+  await count();
+  await restore();
+  return { draw: () => { draw(); panel.draw(); }, open, oneStop,
+    across: (name) => { at("scatter-y").value = state.y = name; count(); at("scatter").scrollIntoView({ block: "center" }); } };
 };

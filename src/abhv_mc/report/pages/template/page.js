@@ -150,11 +150,21 @@
     controls.hidden = false;
     if (data.channels.length) draw();
     const color = (name) => () => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-    const style = { font: "system-ui, Segoe UI, Liberation Sans, Arial, sans-serif", ink: color("--ink"), line: color("--line"), link: color("--link") };
-    flights = page.flights ? flightsView({ ...page.flights, places: page.places }, numbers, style) : null;
+    const style = { font: "system-ui, Segoe UI, Liberation Sans, Arial, sans-serif", ink: color("--ink"), line: color("--line"), link: color("--link"), paper: color("--paper") };
+    flights = await flightsView(pageFlights(page.flights, page.places, data.bands, numbers), style);
+    linkFlights();
     dispatchEvent(new Event("drawn"));
   };
   let flights = null;
+  // Other places of the page name flights (data-show="controller flight") and metrics.
+  const linkFlights = () => {
+    for (const link of document.querySelectorAll("[data-metric]")) link.addEventListener("click", () => flights.across(link.dataset.metric));
+    for (const table of document.querySelectorAll("#flights details tbody")) flights.oneStop(table)();
+    for (const link of document.querySelectorAll("[data-show]")) {
+      const [who, number] = link.dataset.show.split(" ");
+      link.addEventListener("click", () => flights.open(who, Number(number)));
+    }
+  };
   if (typeof DecompressionStream === "undefined") {
     words.textContent = "This browser is too old for the interactive envelopes; the figures below show the same bands.";
   } else {

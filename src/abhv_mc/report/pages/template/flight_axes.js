@@ -1,0 +1,137 @@
+"use strict";
+// Flights on a canvas: axes with round ticks, marks or cells that count, limits as lines; dispersions as bars.
+const flightAxes = (() => {
+  const text = (value, digits = 4) => (Number.isFinite(value) ? String(Number(value.toPrecision(digits))).replace("-", "\u2212") : "none");
+  const labelOf = (entry) => (entry.unit ? `${entry.label} (${entry.unit})` : entry.label);
+
+  // Round numbers from one end to the other, at most so many.
+  const ticks = (low, high, most) => {
+    const least = (high - low) / most;
+    if (!(least > 0)) return [low];
+    const power = 10 ** Math.floor(Math.log10(least));
+    const step = power * [1, 2, 5, 10].find((part) => part * power >= least);
+    const [first, last] = [Math.ceil(low / step - 1e-6), Math.floor(high / step + 1e-6)];
+    return Array.from({ length: last - first + 1 }, (_, i) => Number(((first + i) * step).toPrecision(12)));
+  };
+
+  const ready = (canvas) => {
+    const scale = window.devicePixelRatio || 1;
+    [canvas.width, canvas.height] = [canvas.clientWidth * scale, canvas.clientHeight * scale];
+    const pen = canvas.getContext("2d");
+    pen.scale(scale, scale);
+    return pen;
+  };
+
+  // Places of values on a canvas, and of places in values; a margin lets marks at the ends be whole.
+  const frame = (canvas, ends) => {
+    const [left, top, right, bottom] = [64, 10, 16, 44];
+    const [wide, high] = [canvas.clientWidth - left - right, canvas.clientHeight - top - bottom];
+    const [[x0, x1], [y0, y1]] = ends.map(([low, high]) => {
+      const room = 0.025 * (high - low) || Math.abs(low) / 2 || 1;
+      return [low - room, high + room];
+    });
+    return { left, top, wide, high, xs: [x0, x1], ys: [y0, y1],
+      px: (v) => left + (wide * (v - x0)) / (x1 - x0), py: (v) => top + high * (1 - (v - y0) / (y1 - y0)),
+      x: (p) => x0 + ((x1 - x0) * (p - left)) / wide, y: (p) => y0 + (y1 - y0) * (1 - (p - top) / high) };
+  };
+
+  const cross = new Path2D("M-4-4L4 4M-4 4L4-4");
+  const drawMark = (pen, x, y, path, size) => {
+    pen.save();
+    pen.translate(x, y);
+    pen.scale(size, size);
+    if (path === cross) { pen.lineWidth = 2; pen.stroke(path); } else pen.fill(path);
+    pen.restore();
+  };
+
+  const drawGrid = (pen, box, x, y, style) => {
+    pen.font = `12px ${style.font}`;
+    pen.lineWidth = 1;
+    pen.strokeStyle = style.line();
+    pen.fillStyle = style.ink();
+    pen.textAlign = "center";
+    for (const value of ticks(...box.xs, box.wide / 70)) {
+      const at = box.px(value);
+      pen.strokeRect(at, box.top, 0, box.high);
+      pen.fillText(text(value, 6), at, box.top + box.high + 16);
+    }
+    pen.fillText(labelOf(x), box.left + box.wide / 2, box.top + box.high + 36);
+    pen.textAlign = "right";
+    for (const value of ticks(...box.ys, box.high / 40)) {
+      const at = box.py(value);
+      pen.strokeRect(box.left, at, box.wide, 0);
+      pen.fillText(text(value, 6), box.left - 6, at + 4);
+    }
+    pen.save();
+    pen.textAlign = "center";
+    pen.translate(13, box.top + box.high / 2);
+    pen.rotate(-Math.PI / 2);
+    pen.fillText(labelOf(y), 0, 0);
+    pen.restore();
+  };
+
+  const drawLimits = (pen, box, x, y, style) => {
+    pen.strokeStyle = pen.fillStyle = style.ink();
+    pen.lineWidth = 1.5;
+    pen.setLineDash([6, 4]);
+    for (const limit of y.limits.filter((v) => v >= box.ys[0] && v <= box.ys[1])) pen.strokeRect(box.left, box.py(limit), box.wide, 0);
+    for (const limit of x.limits.filter((v) => v >= box.xs[0] && v <= box.xs[1])) pen.strokeRect(box.px(limit), box.top, 0, box.high);
+    pen.setLineDash([]);
+    pen.textAlign = "right";
+    const far = y.limits.filter((v) => v < box.ys[0] || v > box.ys[1]);
+    for (const limit of y.limits.filter((v) => !far.includes(v))) pen.fillText(`limit ${text(limit)} ${y.unit}`, box.left + box.wide - 4, box.py(limit) - 4);
+    far.forEach((limit, i) => pen.fillText(`${limit > box.ys[1] ? "\u2191" : "\u2193"} limit ${text(limit)} ${y.unit}`, box.left + box.wide - 4, limit > box.ys[1] ? box.top + 14 + 14 * i : box.top + box.high - 6));
+  };
+
+  // `layers`: counts and their opacity, from behind to front; `open`: flights that are open, [controller, x, y].
+  const drawScatter = (canvas, { x, y, ends, layers, open, controllers, cells, style }) => {
+    const [pen, box] = [ready(canvas), frame(canvas, ends)];
+    drawGrid(pen, box, x, y, style);
+    pen.save();
+    pen.beginPath();
+    pen.rect(box.left, box.top, box.wide, box.high);
+    pen.clip();
+    for (const [found, opacity] of layers) {
+      const most = Math.max(1, ...found.cells.map((cell) => cell[3]));
+      const [[x0, x1], [y0, y1]] = found.ends;
+      const [dx, dy] = [((x1 - x0) || 1) / cells[0], ((y1 - y0) || 1) / cells[1]];
+      for (const [k, i, j, n] of found.cells) {
+        pen.globalAlpha = opacity * (0.15 + (0.85 * Math.log1p(n)) / Math.log1p(most));
+        pen.fillStyle = controllers[k].color;
+        const [left, top] = [box.px(x0 + i * dx), box.py(y0 + (j + 1) * dy)];
+        pen.fillRect(left, top, Math.ceil(box.px(x0 + (i + 1) * dx) - left), Math.ceil(box.py(y0 + j * dy) - top));
+      }
+      pen.globalAlpha = opacity;
+      for (const [k, a, b, , lost] of found.points) {
+        pen.fillStyle = pen.strokeStyle = controllers[k].color;
+        drawMark(pen, box.px(a), box.py(b), lost ? cross : controllers[k].path, 0.75);
+      }
+    }
+    pen.globalAlpha = 1;
+    for (const [k, a, b] of open) {
+      pen.fillStyle = style.ink();
+      drawMark(pen, box.px(a), box.py(b), controllers[k].path, 2.2);
+      pen.fillStyle = controllers[k].color;
+      drawMark(pen, box.px(a), box.py(b), controllers[k].path, 1.5);
+    }
+    pen.restore();
+    drawLimits(pen, box, x, y, style);
+    return box;
+  };
+
+  // Grey: all flights. Blue: those chosen, each to its own largest bar, as few among many would not be seen.
+  const drawStrip = (canvas, { all, chosen, ends, open, bars, style }) => {
+    const [pen, wide, high] = [ready(canvas), canvas.clientWidth, canvas.clientHeight];
+    for (const [counts, color, alpha] of [[all, style.ink(), 0.25], [chosen, style.link(), 0.75]]) {
+      const most = Math.max(1, ...counts.map((bar) => bar[1]));
+      pen.globalAlpha = alpha;
+      pen.fillStyle = color;
+      for (const [bar, n] of counts) pen.fillRect((wide * bar) / bars, high * (1 - n / most), wide / bars, (high * n) / most);
+    }
+    pen.globalAlpha = 1;
+    pen.fillStyle = style.ink();
+    for (const value of open) if (Number.isFinite(value)) pen.fillRect((wide * (value - ends[0])) / (ends[1] - ends[0] || 1) - 1, 0, 2, high);
+  };
+
+  return { text, labelOf, drawScatter, drawStrip };
+})();

@@ -1,0 +1,159 @@
+"""The view of flights in a real browser: order, filters, overlay, link, saved table, and an opened flight."""
+
+import csv
+import io
+import json
+from urllib.parse import parse_qs
+
+import numpy as np
+import pytest
+from report.browser import open_browser
+
+from abhv_mc.topics.failed_flights import requirement_failures
+from abhv_mc.topics.parameter_words import shown_value, spoken_name
+
+LABELS = {"tlc": "TLC", "lqr": "LQR", "lqr_retuned": "LQR retuned"}
+ROWS = """[...document.querySelectorAll("#flight-rows tr")]
+  .map((row) => [row.cells[1].textContent, row.cells[0].textContent])"""
+HISTORY = """document.getElementById("flight-history").data
+  .map((trace) => ({ name: trace.name, x: [...trace.x], y: [...trace.y] }))"""
+SAVED = """(async () => {
+  const made = URL.createObjectURL;
+  let blob;
+  URL.createObjectURL = (given) => { blob = given; return "#flights"; };
+  document.getElementById("flights-csv").click();
+  await new Promise((done) => setTimeout(done));
+  URL.createObjectURL = made;
+  return blob.text();
+})()"""
+SORT = """[...document.querySelectorAll("#flight-heads button")].find((button) => button.textContent === %s).click()"""
+FROM_ONE = """(() => {
+  document.getElementById("flights-low").value = 1;
+  document.getElementById("flights-between").click();
+})()"""
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    with open_browser(tmp_path_factory.mktemp("browser") / "profile") as page:
+        yield page
+
+
+@pytest.fixture
+def shown(page, report_folder):
+    page.call("Page.navigate", url="about:blank")  # a fragment alone loads nothing
+    page.show(report_folder / "report.html")
+    return page
+
+
+def choose(page, name, value):
+    page.ask(f"""(() => {{ const box = document.getElementById("{name}"); box.value = {json.dumps(value)};
+      box.dispatchEvent(new Event("change")); }})()""")
+
+
+def sort_by(page, words):
+    page.ask(SORT % json.dumps(words))
+
+
+def ranked(results):
+    """All flights as the table names them, the worst first: label, number, controller, row."""
+    pairs = zip(results.ranking.controller, results.ranking.row, strict=True)
+    named = [(results.controllers[k], row) for k, row in pairs]
+    return [(LABELS[name], str(results.flights[name].flight[row]), name, row) for name, row in named]
+
+
+def test_a_click_on_a_head_sorts_and_the_third_restores_the_worst_first(shown, models):
+    results, metric = models.results, "speed_error_max_mps"
+    flights = ranked(results)
+    values = np.array([results.flights[name].metrics[metric][row] for *_, name, row in flights])
+    orders = [np.argsort(-values, kind="stable"), np.argsort(values, kind="stable"), range(len(flights))]
+    for order in orders:
+        sort_by(shown, "Speed error, max (m/s)")
+        assert [tuple(row) for row in shown.ask(ROWS)] == [flights[k][:2] for k in order][:100]
+    assert shown.ask("document.querySelector('#flight-heads [aria-sort]')") is None
+
+
+def test_the_filter_and_a_choice_leave_their_flights_in_list_count_and_csv(shown, models):
+    results = models.results
+    item = results.campaign.requirements[1]
+    missed = {name: requirement_failures(results.flights[name], item) for name in results.controllers}
+    choose(shown, "flights-outcome", "missed 1")
+    choose(shown, "scatter-x", "aero.drag")
+    shown.ask(FROM_ONE)
+    drag = results.samples["aero.drag"]
+    wanted = [row for row in ranked(results) if missed[row[2]][row[3]] and drag[int(row[1])] >= 1.0]
+    assert [tuple(row) for row in shown.ask(ROWS)] == [row[:2] for row in wanted][:100] != []
+    total = sum(results.flights[name].flight.size for name in results.controllers)
+    assert shown.ask("document.getElementById('flight-count').textContent").startswith(
+        f"{len(wanted)} of {total} flights"
+    )
+    saved = list(csv.DictReader(io.StringIO(shown.ask(SAVED, wait=True))))
+    assert [(row["controller"], row["flight"]) for row in saved] == [(name, flight) for _, flight, name, _ in wanted]
+    for row, (_, flight, name, k) in zip(saved, wanted, strict=True):
+        assert float(row["aero.drag [factor]"]) == pytest.approx(drag[int(flight)], abs=1e-5)
+        speed = results.flights[name].metrics["speed_error_max_mps"][k]
+        assert float(row["speed_error_max_mps [m/s]"]) == pytest.approx(speed, rel=1e-3)
+
+
+def test_a_clicked_flight_opens_at_the_channel_of_its_worst_metric(shown, models):
+    results = models.results
+    label, number, name, row = ranked(results)[0]
+    shown.ask("document.querySelector('#flight-rows button').click()")
+    criterion = results.campaign.criteria[results.ranking.by[name][row]]
+    record = results.campaign.metrics[criterion.metric]
+    assert shown.ask("document.getElementById('flight-channel').value") == record.of
+    traces = {trace["name"]: trace for trace in shown.ask(HISTORY)}
+    limit = criterion.limits.high
+    assert {y for trace in shown.ask(HISTORY) if trace["name"].startswith("limit") for y in trace["y"]} == {
+        limit,
+        -limit,
+    }
+    assert {f"{label}, nominal", f"{label}, 5\N{EN DASH}95 %", f"{label} {number}"} <= set(traces)
+    words = shown.ask("document.getElementById('flight-words').textContent").replace("\N{MINUS SIGN}", "-").split(", ")
+    drawn = {key: results.samples[key][int(number)] for key in results.dispersed}
+    assert set(words) == {
+        f"{spoken_name(key)} {shown_value(key, value)}".replace("\N{MINUS SIGN}", "-") for key, value in drawn.items()
+    }
+    beside = shown.ask("[...document.querySelectorAll('#flight-required tbody td')].map((cell) => cell.textContent)")
+    assert len(beside) == len(results.campaign.requirements)
+    for cell, item in zip(beside, results.campaign.requirements, strict=True):
+        value = results.flights[name].metrics[item.metric][row]
+        assert float(cell.split("\N{NO-BREAK SPACE}")[0]) == pytest.approx(value, rel=2e-3)
+        assert ("missed" in cell) == bool(requirement_failures(results.flights[name], item)[row])
+
+
+def test_the_band_behind_an_error_holds_the_flight(shown):
+    """The band of the speed error is that of the speed less the reference, which the folder does not keep."""
+    shown.ask("document.querySelector('#flight-rows button').click()")
+    choose(shown, "flight-channel", "speed_error_mps")
+    traces = shown.ask(HISTORY)
+    band = [trace for trace in traces if trace["name"].endswith(", all flights")]
+    (flown,) = [trace for trace in traces if "," not in trace["name"] and not trace["name"].startswith("limit")]
+    low, high = (np.interp(flown["x"], trace["x"], trace["y"]) for trace in band)
+    assert np.all(np.array(flown["y"]) >= low - 0.05) and np.all(np.array(flown["y"]) <= high + 0.05)
+
+
+def test_two_flights_lie_over_one_another_and_a_link_restores_all_of_it(shown, report_folder, models):
+    number = ranked(models.results)[0][1]
+    sort_by(shown, "Flight")
+    choose(shown, "flights-outcome", "missed 1")
+    shown.ask("document.querySelectorAll('#flight-rows button')[0].click()")
+    first = shown.ask("document.getElementById('flight-title').textContent")
+    choose(shown, "over-controller", "lqr_retuned")
+    shown.ask(f"document.getElementById('over-flight').value = {number}")
+    shown.ask("document.querySelector('#flight-over button').click()")
+    choose(shown, "flight-channel", "bank_deg")
+    title = shown.ask("document.getElementById('flight-title').textContent")
+    assert title == f"{first} Over it LQR retuned, flight {number}: ok"
+    flown = [trace["name"] for trace in shown.ask(HISTORY) if trace["name"].split()[-1].isdecimal()]
+    assert len(flown) == 2
+    assert shown.ask("document.querySelectorAll('#flight-required thead th').length") == 3
+    address = shown.ask("document.getElementById('flights-link').href")
+    assert parse_qs(address.partition("#flights?")[2])["show"] == ["missed 1"]
+    rows = shown.ask(ROWS)
+    shown.call("Page.navigate", url="about:blank")
+    shown.call("Page.navigate", url=address)
+    shown.wait_for("document.body?.dataset.opened && document.getElementById('flight-history').data")
+    assert shown.ask("document.getElementById('flight-title').textContent") == title
+    assert shown.ask("document.getElementById('flight-channel').value") == "bank_deg"
+    assert shown.ask("document.getElementById('flights-outcome').value") == "missed 1" and shown.ask(ROWS) == rows
