@@ -14,7 +14,7 @@ _COLUMNS = (
     ("angle_of_attack_deg", "alpha", "deg", 1.0, 3),
     ("flight_path_angle_deg", "path", "deg", 1.0, 3),
     ("elevator_deg", "elevator", "deg", 1.0, 3),
-    ("equivalence_ratio", "eta", "-", 1.0, 4),
+    ("equivalence_ratio", "throttle", "-", 1.0, 4),
     ("thrust_n", "thrust", "kN", 1e3, 1),
     ("lift_to_drag", "L/D", "-", 1.0, 3),
     ("c_tn", "c_tn", "-", 1.0, 5),
@@ -35,7 +35,7 @@ def command(
     rotating: Annotated[bool, typer.Option("--rotating", help="Let the Earth turn.")] = False,
     json: Json = None,
 ) -> None:
-    """Print angle of attack, elevator and equivalence ratio of steady flight at each bank angle.
+    """Print angle of attack, elevator and throttle of steady flight at each bank angle.
 
     No sideslip, aileron or rudder; Earth at rest unless told. Exit code 1 where a bank angle has no trim.
     """

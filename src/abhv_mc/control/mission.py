@@ -57,7 +57,13 @@ class Level(StrictModel):
     kind: Literal["level"] = Field(description=_KIND)
 
 
-class Climb(StrictModel):
+class Phase(StrictModel):
+    """What a manoeuvre of a mission may say besides."""
+
+    name: str | None = Field(None, description="by which 'phase' of a campaign's metric means its window")
+
+
+class Climb(Phase):
     """Another altitude, and another speed if wanted; smooth: rate and acceleration begin and end at zero."""
 
     kind: Literal["climb"] = Field(description=_KIND)
@@ -66,7 +72,7 @@ class Climb(StrictModel):
     speed_change: Speed = Field(0.0, description="over the same time")
 
 
-class PullUp(StrictModel):
+class PullUp(Phase):
     """Another flight path angle, held afterwards; smooth."""
 
     kind: Literal["pull_up"] = Field(description=_KIND)
@@ -74,7 +80,7 @@ class PullUp(StrictModel):
     length: Annotated[Time, Positive] = Field(description=_LENGTH)
 
 
-class Turn(StrictModel):
+class Turn(Phase):
     """Another heading; smooth. Positive to the right."""
 
     kind: Literal["turn"] = Field(description=_KIND)
@@ -82,7 +88,7 @@ class Turn(StrictModel):
     length: Annotated[Time, Positive] = Field(description=_LENGTH)
 
 
-class SManoeuvre(StrictModel):
+class SManoeuvre(Phase):
     """The track moved sideways by ``offset``, original heading at the end.
 
     The lateral acceleration goes as ``c |c|^(sharpness - 1)`` with ``c = cos(pi t / length)`` and is established, and
@@ -133,21 +139,21 @@ class Recorded(StrictModel):
     file: File = Field(description="the CSV file, relative to this file")
 
 
-class LevelPhase(StrictModel):
+class LevelPhase(Phase):
     """Nothing for a while: the flight path angle and the heading are held."""
 
     kind: Literal["level"] = Field(description=_KIND)
     length: Annotated[Time, Positive] = Field(description=_LENGTH)
 
 
-Phase = Annotated[LevelPhase | Climb | PullUp | Turn | SManoeuvre, Field(discriminator="kind")]
+InPhases = Annotated[LevelPhase | Climb | PullUp | Turn | SManoeuvre, Field(discriminator="kind")]
 
 
 class Phases(StrictModel):
     """Manoeuvres one after another: each begins where the last one ends, and what the last one leaves is held."""
 
     kind: Literal["phases"] = Field(description=_KIND)
-    phases: Annotated[tuple[Phase, ...], Field(min_length=1)] = Field(description="the manoeuvres in their order")
+    phases: Annotated[tuple[InPhases, ...], Field(min_length=1)] = Field(description="the manoeuvres in their order")
 
 
 Manoeuvre = Annotated[
@@ -255,7 +261,12 @@ class Mission(StrictModel):
                 f"{self.start.altitude:g} m", f"an altitude in the limits, {low:g}..{high:g} m", ("start", "altitude")
             )
         altitude, speed = self.start.altitude, self.start.speed
+        names: set[str] = set()
         for place, _, manoeuvre in self.moves():
+            name = getattr(manoeuvre, "name", None)
+            if name in names:
+                raise Refusal(f"'{name}' twice", "a name for each phase", (*place, "name"))
+            names |= {name} if name is not None else set()
             if isinstance(manoeuvre, SManoeuvre):
                 sideways = abs(manoeuvre.lateral_motion(np.array([0.5 * manoeuvre.length]))[0][0])
                 if sideways > 0.5 * speed:
@@ -292,6 +303,11 @@ class Mission(StrictModel):
             found.append((("manoeuvre", "phases", i), begin, phase))
             begin += phase.length
         return found
+
+    def windows(self) -> dict[str, tuple[float, float]]:
+        """Begin and end (s) of the phases that have names."""
+        named = [(begin, move) for _, begin, move in self.moves() if getattr(move, "name", None) is not None]
+        return {move.name: (begin, begin + move.length) for begin, move in named}
 
     def make_air(self) -> NDArray[np.float64]:
         """The nominal air ``[knot, column]``, see :mod:`abhv_mc.kernel.plant.air_profile`. Raises InputError."""

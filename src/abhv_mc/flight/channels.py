@@ -46,7 +46,7 @@ CHANNELS: tuple[Channel, ...] = (
     Channel("aileron_deg", "deg", "aileron deflection", "aileron"),
     Channel("rudder_deg", "deg", "rudder deflection", "rudder"),
     Channel("elevator_deg", "deg", "elevator deflection", "elevator"),
-    Channel("equivalence_ratio", "-", "fuel equivalence ratio", "equivalence_ratio"),
+    Channel("equivalence_ratio", "-", "throttle; of a scramjet its fuel equivalence ratio", "equivalence_ratio"),
     Channel("north_m", "m", "integral of the north ground speed at altitude", "north"),
     Channel("east_m", "m", "integral of the east ground speed at altitude", "east"),
     Channel("latitude_deg", "deg", "geodetic latitude", "latitude"),
@@ -59,7 +59,7 @@ CHANNELS: tuple[Channel, ...] = (
     Channel("aileron_command_deg", "deg", "aileron command", "cmd_aileron"),
     Channel("rudder_command_deg", "deg", "rudder command", "cmd_rudder"),
     Channel("elevator_command_deg", "deg", "elevator command", "cmd_elevator"),
-    Channel("equivalence_ratio_command", "-", "equivalence ratio command", "cmd_eta"),
+    Channel("equivalence_ratio_command", "-", "throttle command", "cmd_eta"),
 )
 STANDARD_CHANNELS = tuple(channel.name for channel in CHANNELS)  # what envelopes cover unless told otherwise
 CHANNELS += (
@@ -96,7 +96,7 @@ REFERENCE_CHANNELS: tuple[Signal, ...] = (
     Signal("heading_reference_deg", "deg", "reference heading"),
     Signal("angle_of_attack_reference_deg", "deg", "nominal angle of attack of the reference"),
     Signal("bank_reference_deg", "deg", "nominal bank of the reference"),
-    Signal("equivalence_ratio_reference", "-", "nominal equivalence ratio of the reference"),
+    Signal("equivalence_ratio_reference", "-", "nominal throttle of the reference"),
     Signal("north_reference_m", "m", "reference north displacement"),
     Signal("east_reference_m", "m", "reference east displacement"),
 )

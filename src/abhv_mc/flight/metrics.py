@@ -204,11 +204,11 @@ METRICS: tuple[Metric, ...] = (
     ),
     *(metric for name in SURFACES for metric in _surface(name)),
     _extreme(
-        "equivalence_ratio_min", "-", "smallest throttle or equivalence ratio", "Throttle, min", "usage",
+        "equivalence_ratio_min", "-", "smallest throttle", "Throttle, min", "usage",
         "equivalence_ratio", False,
     ),
     _extreme(
-        "equivalence_ratio_max", "-", "largest throttle or equivalence ratio", "Throttle, max", "usage",
+        "equivalence_ratio_max", "-", "largest throttle", "Throttle, max", "usage",
         "equivalence_ratio", True,
     ),
     Metric(

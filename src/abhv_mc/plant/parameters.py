@@ -170,7 +170,7 @@ _TABLE: tuple[Parameter, ...] = (
     _factor("actuator.rate_limit", "rate limit of the three surfaces"),
     _factor("engine.bandwidth", "natural frequency of the engine"),
     _factor("engine.damping", "damping ratio of the engine"),
-    _factor("engine.rate_limit", "rate limit of the equivalence ratio"),
+    _factor("engine.rate_limit", "rate limit of the throttle (equivalence ratio)"),
     *(
         _error(f"initial.{name}", unit, f"error of the {name.replace('_', ' ')} at the start")
         for name, unit in _NAVIGATION.items()
@@ -186,7 +186,7 @@ _TABLE: tuple[Parameter, ...] = (
         )
     ),
     *(_factor(f"sensor.{name}_scale", f"the measured {name.replace('_', ' ')}") for name in SCALED_SENSORS),
-    _factor("engine.equivalence_ratio_limit", "upper limit of the equivalence ratio"),
+    _factor("engine.equivalence_ratio_limit", "upper limit of the throttle (equivalence ratio)"),
     *(
         _factor(
             f"atmosphere.density_at_{km}km", f"air density at {km} km, linear in altitude between the profile's knots"

@@ -116,7 +116,7 @@ def _balance(vehicle: Vehicle, earth: Earth, point: FlightPoint, mass: float) ->
     eta = eta_of(alpha, elevator)
     left = unbalance(alpha, elevator, eta)
     engine = constants.equivalence_ratio_max > 0.0
-    names = ("equivalence ratio" if engine else "flight path angle", "angle of attack", "elevator")
+    names = ("throttle" if engine else "flight path angle", "angle of attack", "elevator")
     lacking = [name for name, share in zip(names, left, strict=True) if abs(share) > _TOLERANCE]
     fault = f"no {' or '.join(lacking)} within the vehicle's limits balances it" if lacking else ""
 

@@ -68,11 +68,11 @@ class Unstart(StrictModel):
 
 
 class Relight(StrictModel):
-    """How an engine comes back after a failure; its flame-out follows the lag of the equivalence ratio."""
+    """How an engine comes back after a failure; its flame-out follows the lag of the throttle."""
 
     delay: Annotated[Time, Field(ge=0.0)] = Field(0.0, description="time until it begins to come back")
     time_constant: Annotated[Time, Field(ge=0.0)] = Field(
-        0.0, description="time constant of its thrust; 0: the lag of the equivalence ratio"
+        0.0, description="time constant of its thrust; 0: the lag of the throttle"
     )
 
 
@@ -111,9 +111,9 @@ class _Propulsion(StrictModel):
     )
     thrust_line: ThrustLine = Field(ThrustLine(), description="where the thrust acts; left out: along body x")
     equivalence_ratio: tuple[float, float] = Field(description="least and greatest")
-    bandwidth: Annotated[AngularRate, Positive] = Field(description="natural frequency of the equivalence ratio")
-    damping: Annotated[float, Positive] = Field(description="damping ratio of the equivalence ratio")
-    rate_limit: Annotated[Frequency, Positive] = Field(description="greatest rate of the equivalence ratio")
+    bandwidth: Annotated[AngularRate, Positive] = Field(description="natural frequency of the throttle")
+    damping: Annotated[float, Positive] = Field(description="damping ratio of the throttle")
+    rate_limit: Annotated[Frequency, Positive] = Field(description="greatest rate of the throttle")
     relight: Relight = Field(Relight(), description="how it comes back after a failure")
     unstart: Unstart | None = Field(
         default=None, description="flow outside which the engine fails; left out: the inlet stays started in any flow"

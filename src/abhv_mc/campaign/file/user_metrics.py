@@ -53,6 +53,7 @@ class MetricEntry(StrictModel):
     )
     from_: Time = Field(0.0, alias="from", description="the window's start")
     to: Time | None = Field(None, description="the window's end; by default the flight's")
+    phase: str | None = Field(None, description="the window is the phase of the mission that has this 'name'")
     settled: bool = Field(False, description="leave out ramps and steps of the bank, and 5 s after")
     empty: float | None = Field(None, description="value where no tick of the window was flown; left out: none, a miss")
     bad: Bad | None = Field(
@@ -75,6 +76,8 @@ class MetricEntry(StrictModel):
             )
         if self.to is not None and self.to <= self.from_:
             raise Refusal("an empty window", "'from' before 'to'", ("to",))
+        if self.phase is not None and (self.from_ or self.to is not None):
+            raise Refusal("'phase' beside 'from' or 'to'", "one window", ("phase",))
         return self
 
 
@@ -97,9 +100,10 @@ def declare_metrics(
     document: Document,
     where: tuple[str, ...],
     errors: list[InputError],
+    windows: Mapping[str, tuple[float, float]],
 ) -> tuple[Metric, ...]:
-    """The records of a campaign's metrics, ``own`` being name and unit of its own channels; what is wrong is added to
-    ``errors``."""
+    """The records of a campaign's metrics, with name and unit of its own channels and the ``windows`` of its mission's
+    phases; what is wrong is added to ``errors``."""
     known = known_sources(pack_sources(user_channels))
     if len(entries) > MAX_PROGRAMS:
         errors.append(document.key_error(where, f"{len(entries)} metrics", f"at most {MAX_PROGRAMS}"))
@@ -113,7 +117,13 @@ def declare_metrics(
         except Refusal as refusal:
             errors.append(document.error((*where, name, "of"), refusal.found, refusal.expected))
             nonnegative = False
-        records.append(_record(name, entry, known, nonnegative))
+        window = entry.from_, np.inf if entry.to is None else entry.to
+        if entry.phase is not None and entry.phase not in windows:
+            expected = one_of(windows, entry.phase) if windows else "a phase of the mission with this 'name'"
+            errors.append(document.error((*where, name, "phase"), f"'{entry.phase}'", expected))
+        elif entry.phase is not None:
+            window = windows[entry.phase]
+        records.append(_record(name, entry, known, nonnegative, window))
     return tuple(records)
 
 
@@ -122,7 +132,9 @@ def pack_sources(user_channels: Sequence[tuple[str, str]]) -> NDArray[np.str_]:
     return np.array(user_channels, dtype=np.str_).reshape(-1, 2)
 
 
-def _record(name: str, entry: MetricEntry, known: Mapping[str, Known], nonnegative: bool) -> Metric:
+def _record(
+    name: str, entry: MetricEntry, known: Mapping[str, Known], nonnegative: bool, window: tuple[float, float]
+) -> Metric:
     unit, statistic = _unit(name, entry, known), entry.statistic
     record = Metric(
         name,
@@ -134,8 +146,8 @@ def _record(name: str, entry: MetricEntry, known: Mapping[str, Known], nonnegati
         entry.of.strip(),
         statistic,
         limit=entry.limit or 0.0,
-        start=entry.from_,
-        end=np.inf if entry.to is None else entry.to,
+        start=window[0],
+        end=window[1],
         settled=entry.settled,
         empty=np.nan if entry.empty is None else entry.empty,
         never_negative=is_never_negative(statistic, nonnegative),

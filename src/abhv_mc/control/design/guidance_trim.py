@@ -89,7 +89,7 @@ def trim_along(
 def trim_faults(trim: GuidanceTrim, times: Floats) -> list[str]:
     """A sentence for each equation that nominal controls within their limits do not fulfil at some point."""
     words = {
-        NO_EQUIVALENCE_RATIO: "no equivalence ratio within the engine's limits holds the speed",
+        NO_EQUIVALENCE_RATIO: "no throttle within the engine's limits holds the speed",
         NO_ANGLE_OF_ATTACK: "no angle of attack in the trim tables carries the vehicle",
         NO_BANK: f"no bank within {np.rad2deg(BANK_LIMIT):.0f} deg turns the velocity",
         NO_ELEVATOR: "no elevator within its limit balances the pitching moment",

@@ -144,8 +144,8 @@ CHANNEL_FIGURES: tuple[ChannelFigure, ...] = (
     ),
     ChannelFigure(
         "equivalence_ratio",
-        "Throttle command (fuel equivalence ratio)",
-        "Commanded throttle; of an air-breathing engine its fuel equivalence ratio.",
+        "Throttle command",
+        "Commanded throttle; of a scramjet its fuel equivalence ratio.",
         (Curve("equivalence_ratio_command", "throttle (–)", "equivalence_ratio_reference"),),
         "",
         InPaper(11, "0.8 to 1.25"),
