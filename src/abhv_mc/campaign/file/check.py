@@ -18,6 +18,7 @@ from abhv_mc.campaign.file.requirements import (
     check_margins,
     check_requirements,
     check_stop,
+    phase_windows,
     select_requirements,
 )
 from abhv_mc.campaign.file.simulator import SimulatorCampaign, check_simulator, systems_key
@@ -36,7 +37,6 @@ from abhv_mc.campaign.sampling.designs import (
 )
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile, read_sample_file
-from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.metrics import MARGINS, METRICS, Metric
 from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of, read_document, validate
 from abhv_mc.kernel.plant.parameter_names import EFFECTORS, ENGINES
@@ -255,7 +255,7 @@ def _declare_metrics(
         of, entries = read_metrics_file(entries)
         place = ()
     written = frozenset(name for name, entry in entries.items() if entry.bad is not None)
-    windows = read_mission(model.mission).windows() if any(entry.phase for entry in entries.values()) else {}
+    windows = phase_windows(model) if any(entry.phase for entry in entries.values()) else {}
     return declare_metrics(entries, user_channels, of, place, errors, windows), written
 
 

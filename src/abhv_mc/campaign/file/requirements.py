@@ -112,6 +112,11 @@ def check_stop(document: Document, model: Campaign, errors: list[InputError]) ->
         errors.append(document.key_error(("stop",), found, f"sampling: {INDEPENDENT}, or no 'stop'"))
 
 
+def phase_windows(model: Campaign) -> dict[str, tuple[float, float]]:
+    """Begin and end (s) of the mission's phases that have names."""
+    return read_mission(model.mission).windows()
+
+
 def check_margins(document: Document, model: Campaign, runs: int, errors: list[InputError]) -> None:
     """Points lie within the mission; what is required of margins is required of every flight, so all have them."""
     if isinstance(model, SimulatorCampaign):
