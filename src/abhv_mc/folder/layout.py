@@ -41,6 +41,7 @@ class CampaignFolder:
         self.reference = root / "reference.parquet"
         self.margins = root / "margins.json"
         self.matrix = root / "verification_matrix.csv"
+        self.metrics = root / "metrics.csv"
         self.inputs = root / "inputs"
         self.plans = root / "plans"
         self.flights = root / "flights"
@@ -61,7 +62,7 @@ class CampaignFolder:
     def report(self) -> tuple[Path, ...]:
         """What a report writes."""
         pages = (self.root / f"report.{kind}" for kind in ("html", "json"))
-        return (*pages, self.matrix, self.root / "figures")
+        return (*pages, self.matrix, self.metrics, self.root / "figures")
 
     @property
     def parts(self) -> tuple[Path, ...]:

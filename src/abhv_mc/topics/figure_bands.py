@@ -1,17 +1,19 @@
-"""Bands over all flights, one column a controller, with the nominal flight, the reference and the command."""
+"""Bands over all flights: a column a controller, or all controllers in the same axes on a sheet of channels."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
 
 from abhv_mc.array_types import Floats
 from abhv_mc.folder.envelopes import MOST_MEDIAN
-from abhv_mc.topics.figure_style import INK, new_panels, put_legend, styled
+from abhv_mc.topics.figure_style import DASHES, INK, new_panels, put_legend, styled
 
 # Widest first; (lower, upper, opacity, words)
 BANDS = (
@@ -21,8 +23,8 @@ BANDS = (
 )
 MEDIANS = ("q50", MOST_MEDIAN)
 REFERENCE = {"color": INK, "linewidth": 0.6, "linestyle": "-"}
-NOMINAL = {"color": INK, "linewidth": 1.1, "linestyle": (0, (4, 2))}
-COMMAND = {"color": INK, "linewidth": 1.3, "linestyle": (0, (1, 1.2))}
+_INSET = (0.3, 0.66, 0.69, 0.34)  # of the axes: left, lower edge, width, height
+_SHOWN = 3.0  # s on either side of the largest move
 
 
 @dataclass(frozen=True)
@@ -31,10 +33,8 @@ class EnvelopePanel:
 
     x: Floats  # [time] s, or what the bands are drawn against
     bands: Mapping[str, Floats]  # min, q0.135, q5, q50, q95, q99.865, max -> [time]; with unknowns q50_most
-    nominal: tuple[Floats, Floats] | None = None
     reference: tuple[Floats, Floats] | None = None
-    command: tuple[Floats, Floats] | None = None
-    flights: Sequence[tuple[Floats, Floats]] = ()  # single flights, thin
+    flights: Sequence[tuple[Floats, Floats]] = ()  # single flights, the worst first
 
 
 @dataclass(frozen=True)
@@ -43,37 +43,37 @@ class EnvelopeRow:
 
     label: str  # of the y axis, with its unit
     panels: Sequence[EnvelopePanel]
-    x_label: str = "time (s)"
-    x_range: tuple[float, float] | None = None
-    note: str = field(default="")  # in the corner of each panel
+    inset: bool = False  # whether a sheet shows its largest move larger
 
 
 def _draw(axes: Axes, panel: EnvelopePanel, color: str) -> None:
+    """Bands of one controller; of its flights the worst in front, the others thin."""
+    faint = 0.5 if panel.flights else 1.0
     for low, high, opacity, _ in [band for band in BANDS if band[0] in panel.bands]:
-        axes.fill_between(panel.x, panel.bands[low], panel.bands[high], color=color, alpha=opacity, linewidth=0)
-    for x, y in panel.flights:
-        axes.plot(x, y, color=INK, linewidth=0.5, zorder=3)
-    for median in [name for name in MEDIANS if name in panel.bands]:
+        area = panel.bands[low], panel.bands[high]
+        axes.fill_between(panel.x, *area, color=color, alpha=faint * opacity, linewidth=0)
+    for x, y in panel.flights[:0:-1]:
+        axes.plot(x, y, color=INK, linewidth=0.35, alpha=0.6, zorder=3)
+    for x, y in panel.flights[:1]:
+        axes.plot(x, y, color=color, linewidth=1.5, zorder=4)
+    for median in [name for name in MEDIANS if name in panel.bands and not panel.flights]:
         axes.plot(panel.x, panel.bands[median], color=color, linewidth=1.6)
-    for curve, look in ((panel.reference, REFERENCE), (panel.nominal, NOMINAL), (panel.command, COMMAND)):
-        if curve is not None:
-            axes.plot(*curve, **look)  # type: ignore[arg-type]
+    if panel.reference is not None:
+        axes.plot(*panel.reference, **REFERENCE)  # type: ignore[arg-type]
 
 
-def _legend(figure: Figure, rows: Sequence[EnvelopeRow]) -> None:
+def _legend(figure: Figure, rows: Sequence[EnvelopeRow], shown: Sequence[str], lines: Sequence[Line2D]) -> None:
+    """These bands as far as they are drawn, these lines, and the reference."""
     panels = [panel for row in rows for panel in row.panels]
+    drawn = {name for panel in panels for name in panel.bands}
     handles: list[Patch | Line2D] = [
-        Patch(facecolor="#555555", alpha=opacity + 0.1 * i, linewidth=0, label=words)
-        for i, (_, _, opacity, words) in enumerate(BANDS)
+        Patch(facecolor=INK, alpha=opacity + 0.1 * i, linewidth=0, label=words)
+        for i, (low, _, opacity, words) in enumerate(BANDS)
+        if low in drawn and low in shown
     ]
-    medians = "least and most median" if any(MOST_MEDIAN in panel.bands for panel in panels) else "median"
-    handles.append(Line2D([], [], color="#555555", linewidth=1.2, label=medians))
-    for name, look in (("reference", REFERENCE), ("nominal", NOMINAL), ("command", COMMAND)):
-        if any(getattr(panel, name) is not None for panel in panels):
-            words = {"nominal": "nominal flight", "command": "command (median)"}.get(name, name)
-            handles.append(Line2D([], [], label=words, **look))  # type: ignore[arg-type]
-    if any(panel.flights for panel in panels):
-        handles.append(Line2D([], [], color=INK, linewidth=0.5, label="worst flights"))
+    handles += lines
+    if any(panel.reference is not None for panel in panels):
+        handles.append(Line2D([], [], label="reference", **REFERENCE))  # type: ignore[arg-type]
     put_legend(figure, handles, [str(handle.get_label()) for handle in handles])
 
 
@@ -81,7 +81,7 @@ def _legend(figure: Figure, rows: Sequence[EnvelopeRow]) -> None:
 def plot_envelopes(rows: Sequence[EnvelopeRow], titles: Sequence[str], colors: Sequence[str]) -> Figure:
     """Rows of panels, columns of controllers; y is shared along a row so that controllers compare at sight."""
     count = len(rows) * len(titles)
-    figure, grid = new_panels(count, len(titles), 1.25, between=(0.2, 0.48), sharex="row", sharey="row")
+    figure, grid = new_panels(count, len(titles), 1.0, between=(0.2, 0.3), sharex="row", sharey="row")
     for r, row in enumerate(rows):
         for c, panel in enumerate(row.panels):
             axes = grid[r, c]
@@ -90,17 +90,74 @@ def plot_envelopes(rows: Sequence[EnvelopeRow], titles: Sequence[str], colors: S
                 axes.set_title(titles[c], color=colors[c])
             if c == 0:
                 axes.set_ylabel(row.label)
-            if r == len(rows) - 1 or rows[r + 1].x_range != row.x_range:
-                axes.set_xlabel(row.x_label)
-            if row.note:
-                axes.text(0.98, 0.96, row.note, transform=axes.transAxes, ha="right", va="top", fontsize=7, color=INK)
-        first = grid[r, 0]
+            if r == len(rows) - 1:
+                axes.set_xlabel("time (s)")
         flown = np.concatenate([panel.x[np.isfinite(panel.x)] for panel in row.panels])
-        if row.x_range or flown.size:  # every flight may have ended early
-            first.set_xlim(*(row.x_range or (float(flown.min()), float(flown.max()) or 1.0)))
-        _set_y_limits(first, row)
-    _legend(figure, rows)
+        if flown.size:  # every flight may have ended early
+            grid[r, 0].set_xlim(float(flown.min()), float(flown.max()) or 1.0)
+        _set_y_limits(grid[r, 0], row)
+    if any(panel.flights for row in rows for panel in row.panels):
+        lines = [
+            Line2D([], [], color=INK, linewidth=1.5, label="worst flight"),
+            Line2D([], [], color=INK, linewidth=0.35, label="the next worst"),
+        ]
+    else:
+        two = any(MOST_MEDIAN in panel.bands for row in rows for panel in row.panels)
+        lines = [Line2D([], [], color=INK, linewidth=1.6, label="least and most median" if two else "median")]
+    _legend(figure, rows, [low for low, *_ in BANDS], lines)
     return figure
+
+
+@styled
+def plot_sheet(rows: Sequence[EnvelopeRow], labels: Mapping[str, str], colors: Mapping[str, str]) -> Figure:
+    """Small multiples: one panel a channel, in it all controllers (all flights, 5 to 95 % and the median)."""
+    figure, grid = new_panels(len(rows), 3, 1.3, between=(0.4, 0.42), top=0.24)
+    looks = [(colors[name], DASHES[i % len(DASHES)]) for i, name in enumerate(labels)]
+    for k, (axes, row) in enumerate(zip(grid.flat, rows, strict=False)):
+        _overlay(axes, row, looks)
+        axes.set_title(row.label, loc="left", fontweight="normal")
+        _set_y_limits(axes, row)
+        if row.inset:
+            _draw_inset(axes, row, looks)
+        if k >= len(rows) - 3:
+            axes.set_xlabel("time (s)")
+    lines = [
+        Line2D([], [], color=color, linestyle=dash, label=name.replace("$", r"\$"))
+        for name, (color, dash) in zip(labels.values(), looks, strict=True)
+    ]
+    _legend(figure, rows, ("min", "q5"), lines)
+    return figure
+
+
+def _overlay(axes: Axes, row: EnvelopeRow, looks: Sequence[tuple[str, Any]]) -> None:
+    for panel, (color, dash) in zip(row.panels, looks, strict=True):
+        for low, high, opacity, _ in [band for band in BANDS[::2] if band[0] in panel.bands]:
+            area = panel.bands[low], panel.bands[high]
+            axes.fill_between(panel.x, *area, color=color, alpha=0.6 * opacity, linewidth=0)
+        for median in [name for name in MEDIANS if name in panel.bands]:
+            axes.plot(panel.x, panel.bands[median], color=color, linestyle=dash, linewidth=1.0)
+    if row.panels[0].reference is not None:
+        axes.plot(*row.panels[0].reference, **REFERENCE)  # type: ignore[arg-type]
+
+
+def _draw_inset(axes: Axes, row: EnvelopeRow, looks: Sequence[tuple[str, Any]]) -> None:
+    """The seconds about the largest move, above the curves: there is made room for it."""
+    moves = [np.abs(b - np.nanmedian(panel.bands["q50"])) for panel in row.panels for b in panel.bands.values()]
+    x = row.panels[0].x
+    most = np.nanmax(np.stack([np.interp(x, x[: move.size], move) for move in moves]), axis=0)
+    if not np.isfinite(most).any() or np.ptp(x) < 4.0 * _SHOWN:
+        return
+    at = float(np.clip(x[int(np.nanargmax(most))], x[0] + _SHOWN, x[-1] - _SHOWN))
+    low, high = axes.get_ylim()
+    axes.set_yticks([tick for tick in MaxNLocator(4).tick_values(low, high) if low <= tick <= high])
+    axes.set_ylim(low, high + 0.75 * (high - low))
+    inset = axes.inset_axes(_INSET)
+    _overlay(inset, row, looks)
+    inset.set_xlim(at - _SHOWN, at + _SHOWN)
+    _set_y_limits(inset, row)
+    inset.set_xticks([float(np.ceil(at - _SHOWN)), float(np.floor(at + _SHOWN))])
+    inset.locator_params(axis="y", nbins=2)
+    inset.tick_params(length=2, pad=1)
 
 
 def _set_y_limits(axes: Axes, row: EnvelopeRow) -> None:
@@ -109,7 +166,7 @@ def _set_y_limits(axes: Axes, row: EnvelopeRow) -> None:
     left, right = axes.get_xlim()
     for panel in row.panels:
         curves = [*((panel.x, band) for band in panel.bands.values()), *panel.flights]
-        curves += [curve for curve in (panel.nominal, panel.reference, panel.command) if curve is not None]
+        curves += [panel.reference] if panel.reference is not None else []
         for x, y in curves:
             inside = y[(x >= left) & (x <= right) & np.isfinite(y)]
             if inside.size:

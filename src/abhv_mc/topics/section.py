@@ -3,12 +3,14 @@
 In every text, what stands between backticks is typed as it stands: a command, a file, a key.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import isfinite
 from typing import TypeAlias
 
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.words import bounds, estimate
+
+_IDLE = {"", "0", "\N{EM DASH}"}
 
 
 @dataclass(frozen=True)
@@ -47,25 +49,56 @@ class Table:
         """Every cell as text, those that stand for several rows or columns repeated."""
         rows: list[list[str]] = []
         for group in self.groups:
-            above: dict[int, tuple[str, int]] = {}  # column -> text of a cell from above, and rows left
-            for row in group:
-                cells = iter(row)
-                line: list[str] = []
-                while len(line) < len(self.heads):
-                    text, left = above.pop(len(line), ("", 0))
-                    if left:
-                        if left > 1:
-                            above[len(line)] = text, left - 1
-                        line.append(text)
-                        continue
-                    cell = next(cells, Cell(""))
+            lines = [[""] * len(self.heads) for _ in group]
+            for r, places in enumerate(_places(group)):
+                for at, cell in places:
                     words = f"{cell.text} ({cell.note})" if cell.note else cell.text
-                    for _ in range(cell.columns):
-                        if cell.rows > 1:
-                            above[len(line)] = words, cell.rows - 1
-                        line.append(words)
-                rows.append(line)
+                    for line in lines[r : r + cell.rows]:
+                        line[at : at + cell.columns] = [words] * cell.columns
+            rows += lines
         return rows
+
+    def without_idle(self) -> "Table":
+        """Without the columns that are empty or zero throughout."""
+        placed = [_places(group) for group in self.groups]
+        told = {
+            at
+            for places in placed
+            for row in places
+            for at, cell in row
+            if cell.head or cell.note or (cell.columns == 1 and cell.text not in _IDLE)
+        }
+        if len(told) == len(self.heads) or not self.groups:
+            return self
+        groups = tuple(
+            tuple(
+                tuple(
+                    replace(cell, columns=width)
+                    for at, cell in row
+                    if (width := len(told.intersection(range(at, at + cell.columns))))
+                )
+                for row in places
+            )
+            for places in placed
+        )
+        return replace(self, heads=tuple(head for at, head in enumerate(self.heads) if at in told), groups=groups)
+
+
+def _places(group: tuple[Row, ...]) -> list[list[tuple[int, Cell]]]:
+    """Each row's cells with their columns, beside those that come down from rows above."""
+    rows: list[list[tuple[int, Cell]]] = []
+    below: dict[int, int] = {}  # column -> rows that a cell from above still takes
+    for row in group:
+        at, places = 0, []
+        for cell in row:
+            while below.get(at, 0):
+                at += 1
+            places.append((at, cell))
+            below |= dict.fromkeys(range(at, at + cell.columns), cell.rows)
+            at += cell.columns
+        below = {column: left - 1 for column, left in below.items()}
+        rows.append(places)
+    return rows
 
 
 @dataclass(frozen=True)
@@ -104,7 +137,6 @@ class FigureText:
     name: str  # of the file, without its suffix
     title: str
     caption: str
-    gallery: bool = False  # whether it stands among the figures of channels
     alt: str = "The caption and the tables say what it shows."  # for who cannot see it
 
 
@@ -113,11 +145,6 @@ class Picture:
     """Where one of the topic's figures stands, by its name; nothing where that was not made."""
 
     name: str
-
-
-@dataclass(frozen=True)
-class Gallery:
-    """Where the figures of channels and distributions stand, of all topics."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +169,7 @@ class Fold:
     items: "tuple[Item, ...]"
 
 
-Item: TypeAlias = Text | Lead | Bullets | Table | Picture | Gallery | Widget | Heading | Fold
+Item: TypeAlias = Text | Lead | Bullets | Table | Picture | Widget | Heading | Fold
 
 
 @dataclass(frozen=True)
@@ -152,6 +179,10 @@ class Section:
     title: str
     items: tuple[Item, ...] = field(default=())
     part: bool = False  # whether it stands under the heading of the section before
+
+    def without_idle(self) -> "Section":
+        """The same, its tables without columns that are empty or zero throughout."""
+        return replace(self, items=_without_idle(self.items))
 
     def tables(self) -> list[Table]:
         """Its tables, folded ones too."""
@@ -164,3 +195,12 @@ class Section:
             elif isinstance(item, Fold):
                 waiting = [*item.items, *waiting]
         return found
+
+
+def _without_idle(items: tuple[Item, ...]) -> tuple[Item, ...]:
+    return tuple(
+        item.without_idle() if isinstance(item, Table)
+        else replace(item, items=_without_idle(item.items)) if isinstance(item, Fold)
+        else item
+        for item in items
+    )  # fmt: skip

@@ -70,7 +70,8 @@ class Models:
 
     def section(self, topic: Topic[Any]) -> Section | None:
         """A topic's section."""
-        return topic.section(self[topic], self.names)
+        section = topic.section(self[topic], self.names)
+        return section and section.without_idle()
 
     def sentences(self, topic: Topic[Any]) -> Sequence[str]:
         """A topic's answer in words."""

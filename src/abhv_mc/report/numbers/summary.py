@@ -39,28 +39,33 @@ def section_leads(models: Models, warnings: Sequence[str] = ()) -> Mapping[str, 
     ``warnings``: what else is missing.
     """
     siblings, command = name_siblings(models.results.folder, models.results.manifest)
+    held = models[VERDICTS].held_together
+    jointly = models.sentences(VERDICTS) if held is not None and held.dropped else ()  # tells which do not stand
     beside = [f"{siblings} All judged together: `{command}`"] if siblings else []
     return {
-        VERDICTS.name: [*models.sentences(VERDICTS), *finding_sentences(models), *beside],
+        VERDICTS.name: [*jointly, *finding_sentences(models, off_cards=True), *beside],
         CONVERGENCE.name: [confidence_sentence(models, warnings)],
     }
 
 
-def finding_sentences(models: Models) -> Iterator[str]:
+def finding_sentences(models: Models, off_cards: bool = False) -> Iterator[str]:
     """One of each controller: flights not computed, its loops, flights that cycle or end early, saturated surfaces,
-    tables left."""
+    tables left; ``off_cards`` what of it the cards of the first screen do not show."""
     yield from (f"{words[:1].upper()}{words[1:]}." for words in warnings_of(models) if words.startswith(IN_WIND))
     flights, margins = models[FLIGHTS], models[MARGINS]
     for name, count in flights.left_out.items():
         yield f"{name}: the machine could compute none of {count} flights, so it is not in this report; it met nothing."
     for name, part in flights.findings.items():
-        counts = flights.counts[name]
-        known = (
-            _in("the machine could not compute", counts.not_computed, counts.flown + counts.not_computed),
-            margin_words(margins, name), _cycles(part), _early(models[FAILURES], counts, name),
-            _in("surfaces reach a limit of deflection or rate in", part.saturated, part.flown),
-            _in("the vehicle's tables are left in", part.outside_tables, part.flown),
-        )  # fmt: skip
+        counts, steady = flights.counts[name], margins.steady.controllers.get(name)
+        known = [_in("the vehicle's tables are left in", part.outside_tables, part.flown)]
+        if not off_cards or (steady is not None and steady.fault is not None):
+            known.insert(0, margin_words(margins, name))
+        if not off_cards:
+            known += [
+                _in("the machine could not compute", counts.not_computed, counts.flown + counts.not_computed),
+                _cycles(part), _early(models[FAILURES], counts, name),
+                _in("surfaces reach a limit of deflection or rate in", part.saturated, part.flown),
+            ]  # fmt: skip
         words = [text for text in known if text]
         if words:
             yield f"{models.names.label(name)}: {'; '.join(words)}."

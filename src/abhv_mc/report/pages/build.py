@@ -94,10 +94,11 @@ def build_report(folder: Path, baseline: Path | None = None, svg: bool = False) 
     from abhv_mc.folder.layout import write_text
     from abhv_mc.report.numbers.report_numbers import make_numbers
     from abhv_mc.report.pages.gallery import make_figures
-    from abhv_mc.report.pages.matrix import make_matrix
+    from abhv_mc.report.pages.matrix import make_matrix, make_metrics
     from abhv_mc.report.pages.page import PageFigure, make_page
     from abhv_mc.report.pages.searched import refuse_search
     from abhv_mc.topics.figure_style import write_png, write_svg
+    from abhv_mc.topics.metrics import METRICS
     from abhv_mc.topics.topic import Models
     from abhv_mc.topics.verdicts import VERDICTS
 
@@ -126,6 +127,7 @@ def build_report(folder: Path, baseline: Path | None = None, svg: bool = False) 
         if stale not in kept:
             stale.unlink(missing_ok=True)  # another report of this folder may do the same
     page = folder / "report.html"
+    write_text(CampaignFolder(folder).metrics, make_metrics(models[METRICS]))
     write_text(page, make_page(models, figures, failed, held))
     if results.campaign.requirements:
         write_text(CampaignFolder(folder).matrix, make_matrix(models[VERDICTS], results.campaign.metrics))

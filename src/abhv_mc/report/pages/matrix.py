@@ -1,4 +1,4 @@
-"""Verdicts as other programs read them: a verification matrix (CSV), and JUnit XML for pipelines."""
+"""Results as other programs read them: a verification matrix and the metrics (CSV), and JUnit XML for pipelines."""
 
 import csv
 import io
@@ -9,6 +9,8 @@ from xml.etree import ElementTree
 from abhv_mc.campaign.file.config import TRACED
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.manifest import RequirementVerdict
+from abhv_mc.topics.metrics.model import Metrics
+from abhv_mc.topics.plain import plain
 from abhv_mc.topics.verdicts.model import Verdicts
 
 _COLUMNS = (
@@ -30,6 +32,23 @@ def make_matrix(verdicts: Verdicts, metrics: Mapping[str, Metric]) -> str:
             found = {key: getattr(verdict, key) for key in ("failures", "flights", "tolerance_limit", "words")}
             binding = "yes" if name in item.controllers else "no"
             writer.writerow({**asked, **found, "controller": name, "binding": binding, "verdict": verdict.status})
+    return text.getvalue()
+
+
+def make_metrics(found: Metrics) -> str:
+    """A row for each metric and controller: quantiles with 95 % intervals, the worst flight."""
+    rows: list[dict[str, object]] = []
+    for metric, table in found.table.items():
+        unit = table.words["unit"].removeprefix("-")
+        for name, each in table.controllers.items():
+            row: dict[str, object] = {"metric": metric, "unit": unit, "controller": name}
+            for level, interval in each.quantiles.items():
+                row |= {f"{level}_{end}": value for end, value in plain(interval).items()}
+            rows.append({**row, "worst": each.worst, "worst_flight": each.worst_flight})
+    text = io.StringIO()
+    writer = csv.DictWriter(text, rows[0] if rows else (), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
     return text.getvalue()
 
 

@@ -1,4 +1,4 @@
-"""Nominal flights in a folder: their history as Parquet, and figures of their channels."""
+"""Nominal flights in a folder: their history as Parquet, and a sheet of their channels."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -13,16 +13,17 @@ from abhv_mc.flight.plan import FlightPlan
 def write_nominal_report(
     folder: Path, plans: Mapping[str, FlightPlan], histories: Mapping[str, NDArray[np.float32]]
 ) -> Iterator[Path]:
-    """Write ``nominal.parquet``, ``reference.parquet`` and ``figures/*.png``; name what was written.
+    """Write ``nominal.parquet``, ``reference.parquet`` and ``figures/channels.png``; name what was written.
 
     ``histories`` holds each controller's flight ``[tick, channel]``, recorded at every tick.
     """
     import pyarrow.parquet as pq
 
     from abhv_mc.folder.histories import write_nominal, write_reference
-    from abhv_mc.report.figures.flown import plot_flown
     from abhv_mc.simulators.make_plans import reference_of
+    from abhv_mc.topics.envelopes.figures import plot_flown
     from abhv_mc.topics.figure_style import write_png
+    from abhv_mc.topics.labels import controller_label
 
     plan = next(iter(plans.values()))
     times = np.arange(plan.timing.ticks + 1).astype(np.float64) * plan.timing.tick
@@ -36,6 +37,6 @@ def write_nominal_report(
     }
     table = pq.read_table((folder / "reference.parquet").absolute())
     reference = {name: table[name].to_numpy() for name in table.column_names}
-    for name, figure in plot_flown(flights, reference):
-        write_png(figure, folder / "figures" / f"{name}.png")
-        yield folder / "figures" / f"{name}.png"
+    picture = folder / "figures" / "channels.png"
+    write_png(plot_flown(flights, reference, {name: controller_label(name) for name in flights}), picture)
+    yield picture

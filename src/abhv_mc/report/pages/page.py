@@ -51,7 +51,6 @@ def embed(figure: PageFigure) -> dict[str, object]:
         "name": figure.text.name,
         "file": f"figures/{figure.path.name}",
         "title": figure.text.title,
-        "gallery": figure.text.gallery,
         "caption": figure.text.caption,
         "alt": f"{figure.text.title}. {figure.text.alt}",
         "source": Markup(f"data:image/png;base64,{image}"),  # noqa: S704  letters of base64 only

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from abhv_mc.topics.comparison.model import Comparison, ControllerPair, ListedFailures
-from abhv_mc.topics.comparison.sentences import comparison_sentences
+from abhv_mc.topics.comparison.sentences import asked_of, survival_sentences
 from abhv_mc.topics.failed_flights import requirement_words
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Bullets, Cell, Fold, Item, Picture, Row, Section, Table, Text, interval_cell
@@ -31,8 +31,9 @@ def comparison_section(found: Comparison, names: Names) -> Section | None:
     usage = tuple(_usage_row(found, m, names) for m in found.compared if m not in names.asked)
     labels = names.controllers.values()
     usage_heads = ("Metric", *labels, *(f"{first} minus {label}" for label in list(labels)[1:]))
-    items = (
-        Bullets(tuple(comparison_sentences(found, names))),
+    lost = survival_sentences(found, names)
+    items: tuple[Item, ...] = (
+        *([Bullets(tuple(lost))] if lost else []),
         Text(_BETTER),
         Table("Who wins, by how much", heads, asked),
         Fold("Control usage, by how much", (Table("Control usage, by how much", usage_heads, (usage,)),)),
@@ -92,7 +93,6 @@ def _pair_items(pair: ControllerPair, names: Names) -> Iterator[Item]:
             f"Tracking error against control usage: median ratios {a} to {b} with 95 % intervals, and shares of the "
             "flights",
         )  # fmt: skip
-    compared = [(metric, entry) for metric, entry in pair.metrics.items() if entry.compared or metric in names.asked]
     levels = tuple(
         (
             Cell(names.metrics[metric].label_with_unit, head=True),
@@ -100,7 +100,7 @@ def _pair_items(pair: ControllerPair, names: Names) -> Iterator[Item]:
             Cell(count_of(entry.a_better, pair.pairs)),
             Cell(f"{significant(gain, 2)} times" if (gain := entry.pairing_gain) and gain >= 1.05 else "none"),
         )
-        for metric, entry in compared
+        for metric, entry in asked_of(pair, names).items()
     )
     yield Table(
         f"Quantile differences, {a} minus {b}",

@@ -13,7 +13,7 @@ from abhv_mc.statistics.estimates import LEVELS
 from abhv_mc.topics.failed_flights import requirement_failures
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.plain import level_name
-from abhv_mc.topics.section import FigureText, Picture, Section, Text
+from abhv_mc.topics.section import FigureText, Fold, Picture, Section, Text
 from abhv_mc.topics.topic import Drawn, Topic
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ def _section(found: Convergence, _names: Names) -> Section:
     words = "How each statistic converged. `report.json` holds these curves for every metric and requirement."
     if all(len(part.flights) < 2 for part in found.controllers.values()):
         words = "Too few flights to show how the numbers settled."
-    return Section("How sure", (Text(words), Picture("convergence")))
+    return Section("How sure", (Fold("How the numbers settled", (Text(words), Picture("convergence"))),))
 
 
 CONVERGENCE = Topic("convergence", Convergence, compute_convergence, _section, figures=_figures)

@@ -1,7 +1,14 @@
-"""What moves each error: rank coefficients, and indices where the relation is not monotonic."""
+"""What moves the errors: rank coefficients of the dispersed parameters."""
 
 from abhv_mc.topics.drivers.model import Drivers, compute_drivers
 from abhv_mc.topics.drivers.section import driver_section, driver_sentences
-from abhv_mc.topics.topic import Topic
+from abhv_mc.topics.topic import Topic, figures_of
 
-DRIVERS = Topic("drivers", Drivers, compute_drivers, driver_section, driver_sentences)
+DRIVERS = Topic(
+    "drivers",
+    Drivers,
+    compute_drivers,
+    driver_section,
+    driver_sentences,
+    figures_of("abhv_mc.topics.drivers.figures", "driver_figures"),
+)

@@ -6,7 +6,7 @@ from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.drivers.model import ControllerDrivers, Driver, Drivers, MetricDrivers, otherwise_words
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.parameter_words import parameter_doc, spoken_name
-from abhv_mc.topics.section import Bullets, Cell, Row, Section, Table, Text, interval_cell
+from abhv_mc.topics.section import Cell, Fold, Picture, Row, Section, Table, Text, interval_cell
 from abhv_mc.topics.words import joined, percent
 
 _NAMED = 2  # drivers of an error in a sentence
@@ -60,9 +60,8 @@ def driver_section(drivers: Drivers, names: Names) -> Section:
         "Drivers of the errors, largest first, and the share of the variation of ranks that all parameters explain"
     )
     heads = ("Controller", "Error", "Explained", "Driver", "SRRC", "PRCC")
-    sentences = Bullets(tuple(driver_sentences(drivers, names)))
-    table = Table("Drivers of the errors", heads, groups, caption)
-    return Section(title, (sentences, Text(method), table), part=True)
+    table = Fold("Rank coefficients in full", (Text(method), Table("Drivers of the errors", heads, groups, caption)))
+    return Section(title, (Picture("drivers"), table), part=True)
 
 
 def _group(names: Names, controller: str, metric: str, entry: MetricDrivers) -> Iterator[tuple[Row, ...]]:

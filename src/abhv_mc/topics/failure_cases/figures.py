@@ -12,7 +12,7 @@ from abhv_mc.flight.failure_case import NO_FAILURE
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_histories
 from abhv_mc.topics.failure_cases.model import FailureCases, cases_by_frequency, drawn_cases
 from abhv_mc.topics.figure_bands import off_reference
-from abhv_mc.topics.figure_style import controller_colors, label_lowest, legend_below, new_panels, styled
+from abhv_mc.topics.figure_style import DASHES, INK, controller_colors, label_lowest, legend_below, new_panels, styled
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
@@ -49,12 +49,11 @@ def plot_survival(
 ) -> Figure:
     """Share still flying against the time since the failure, one panel a case."""
     figure, grid = new_panels(len(panels), min(2, len(panels)), 1.0, between=(0.3, 0.55), sharex=True, sharey=True)
-    styles = ("-", "--", ":", "-.")
     for axes, panel in zip(grid.flat, panels, strict=False):
         for i, name in enumerate(labels):
             if name in panel.curves:
                 share = 100.0 * panel.curves[name]
-                axes.plot(times, share, color=colors[name], linestyle=styles[i % 4], label=labels[name])
+                axes.plot(times, share, color=colors[name], linestyle=DASHES[i % len(DASHES)], label=labels[name])
         axes.set_title(panel.title, fontsize=8)
         axes.set_ylim(-3.0, 103.0)
     for axes in grid[:, 0]:
@@ -76,7 +75,7 @@ def plot_bands(
             for name, table in band.bands.items():
                 axes.fill_between(times, table[0], table[2], color=colors[name], alpha=0.15, linewidth=0)
                 axes.plot(times, table[1], color=colors[name], label=labels[name])
-            axes.axvline(0.0, color="#222222", linewidth=0.5)
+            axes.axvline(0.0, color=INK, linewidth=0.5)
             if r == 0:
                 axes.set_title(band.title, fontsize=8)
         grid[r, 0].set_ylabel(row[0].label)

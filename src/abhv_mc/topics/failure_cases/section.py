@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from abhv_mc.flight.failure_case import NO_FAILURE
 from abhv_mc.topics.failure_cases.model import CaseFlights, FailureCase, FailureCases
 from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import Bullets, Cell, Picture, Row, Section, Table, Text
+from abhv_mc.topics.section import Cell, Picture, Row, Section, Table, Text
 from abhv_mc.topics.words import count_of, percent
 
 
@@ -31,7 +31,6 @@ def failure_case_section(found: FailureCases, names: Names) -> Section | None:
     return Section(
         "Failures in flight",
         (
-            Bullets(tuple(failure_case_sentences(found, names))),
             Text(
                 "A flight survives if it reaches the end of the mission. Cases are what was drawn to fail before that, "
                 "the same flights for every controller. Verdicts are of the flights of the case alone, each by itself: "

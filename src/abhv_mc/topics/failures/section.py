@@ -11,7 +11,7 @@ from abhv_mc.topics.section import Bullets, Cell, Heading, Item, Row, Section, T
 from abhv_mc.topics.words import count_of, fixed, joined, percent
 
 TITLE = "Why flights fail"
-_LISTED = 5  # rules of a kind
+_LISTED = 2  # rules of a kind
 
 
 def failure_section(failures: Failures, names: Names) -> Section:
@@ -75,11 +75,13 @@ def _rest(part: ControllerFailures) -> str:
 
 
 def _rules_section(failures: Failures, names: Names) -> Section:
+    """Those that fail, who fails most first, and where in the dispersions they do."""
     items: list[Item] = []
-    for name, kinds in failures.controllers.items():
+    ranked = sorted(failures.controllers.items(), key=lambda part: -sum(kind.failures for kind in part[1]))
+    for name, kinds in ranked:
         if kinds:
-            sentences = [words for kind in kinds for words in _sentences(kind, failures.fewest_failures)]
-            items += [Heading(names.label(name)), Bullets(tuple(sentences))]
+            sentences = tuple(_sentence(kind, failures.fewest_failures) for kind in kinds)
+            items += [Heading(names.label(name)), Bullets(sentences)]
     if not items:
         return Section(TITLE, (Text("No flight failed."),))
     command = (
@@ -93,13 +95,13 @@ def _rules_section(failures: Failures, names: Names) -> Section:
     return Section(TITLE, (*items, *notes))
 
 
-def _sentences(kind: FailureKind, fewest: int) -> list[str]:
+def _sentence(kind: FailureKind, fewest: int) -> str:
     head = (
         f"{kind.kind[0].upper()}{kind.kind[1:]} ({fixed(kind.failures, 0)} flight{'s' if kind.failures != 1 else ''})"
     )
     if kind.rules:
-        return [f"{head}: {rule.rule}" for rule in kind.rules[:_LISTED]]
+        return f"{head}: {'; '.join(rule.rule for rule in kind.rules[:_LISTED])}"
     if kind.failures == kind.flights:
-        return [f"{head}: every flight."]
+        return f"{head}: every flight."
     few = " (too few to tell)" if kind.failures < fewest else ""
-    return [f"{head}: no region holds more of them than chance explains{few}."]
+    return f"{head}: no region holds more of them than chance explains{few}."

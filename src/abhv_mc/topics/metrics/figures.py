@@ -10,6 +10,7 @@ from matplotlib.ticker import PercentFormatter
 from abhv_mc.array_types import Floats
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.topics.figure_style import (
+    DASHES,
     INK,
     controller_colors,
     distribution_steps,
@@ -37,10 +38,9 @@ def plot_distributions(spreads: Sequence[Spread], labels: Mapping[str, str], col
     """Share of flights at or below each value, one panel a metric, one line a controller."""
     columns = 3 if len(spreads) > 4 else 2
     figure, grid = new_panels(len(spreads), columns, 1.2, between=(0.25, 0.55), top=0.12, sharey=True)
-    dashes = ("-", (0, (5, 1.5)), (0, (1.5, 1)), (0, (5, 1, 1, 1)))
     for axes, spread in zip(grid.flat, spreads, strict=False):
         for i, (name, values) in enumerate(spread.values.items()):
-            look = {"color": colors[name], "linestyle": dashes[i % 4], "label": labels[name]}
+            look = {"color": colors[name], "linestyle": DASHES[i % len(DASHES)], "label": labels[name]}
             axes.step(*distribution_steps(values), where="post", **look)
         if log_if_wide(axes, "x", list(spread.values.values())):
             finite = np.concatenate(list(spread.values.values()))

@@ -23,7 +23,8 @@ def metric_section(found: Metrics, names: Names) -> Section:
     text = (
         "Quantiles over the flights with their exact 95 % intervals (order statistics), to the digits that the number "
         "of flights allows, and the worst flight. Where small values are the bad ones the quantiles are taken from "
-        'below. "Not reached": more flights ended early than lie beyond the quantile.'
+        'below. "Not reached": more flights ended early than lie beyond the quantile. `metrics.csv` has all metrics; '
+        "on paper stand those that are asked."
     )
     if not names.independent:
         text += " These intervals would be exact for independent flights, which those of this design are not."
