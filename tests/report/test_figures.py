@@ -4,38 +4,24 @@ from itertools import combinations
 import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from PIL import Image
 
 from abhv_mc.folder.flown_campaign import BANDS
 from abhv_mc.report.pages import gallery
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.gallery import make_figures
-from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, plot_envelopes
-from abhv_mc.topics.figure_style import BLUE, VERMILION, write_png
+from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, plot_envelopes, plot_sheet
+from abhv_mc.topics.figure_style import BLUE, CYCLE, INK, VERMILION, write_png
 from abhv_mc.topics.metrics.figures import Spread, plot_distributions
 from abhv_mc.topics.topic import Models
 
-FILES = [
-    "aileron",
-    "altitude_speed",
-    "angle_of_attack",
-    "bank",
-    "convergence",
-    "distribution_asked",
-    "elevator",
-    "equivalence_ratio",
-    "error_against_usage",
-    "ground_track",
-    "heading",
-    "rudder",
-    "sideslip",
-    "worst_flights",
-]
+FILES = ["channels", "convergence", "distribution_asked", "drivers", "error_against_usage", "worst_flights"]
 
 
 def _panel(shift=0.0):
     x = np.linspace(0.0, 10.0, 50)
-    return EnvelopePanel(x, {name: np.sin(x) + 0.1 * i + shift for i, name in enumerate(BANDS)}, command=(x, np.cos(x)))
+    return EnvelopePanel(x, {name: np.sin(x) + 0.1 * i + shift for i, name in enumerate(BANDS)})
 
 
 def test_the_report_holds_every_figure_at_print_resolution(report_folder):
@@ -43,6 +29,7 @@ def test_the_report_holds_every_figure_at_print_resolution(report_folder):
     for path in (report_folder / "figures").glob("*.png"):
         with Image.open(path) as image:
             assert image.width == 1440  # 7.2 in at 200 dpi
+            assert image.convert("RGBA").getpixel((0, 0))[3] == 0  # the page's ground
             assert image.info["dpi"] == pytest.approx((200, 200), abs=0.1)
         assert path.stat().st_size < 400_000  # in full colour: a palette took half of the report's time
 
@@ -55,7 +42,7 @@ def test_rows_share_their_axes_so_that_controllers_compare():
     assert left.get_ylabel() == "y (m)"
     assert left.get_xlabel() == "time (s)"
     words = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert words == ["all flights", "0.135–99.865 %", "5–95 %", "median", "command (median)"]
+    assert words == ["all flights", "0.135–99.865 %", "5–95 %", "median"]
 
 
 def test_a_users_settings_of_the_plotting_library_do_not_reach_the_figures(tmp_path):
@@ -88,9 +75,36 @@ def test_with_unknowns_the_median_has_two_lines():
     assert np.allclose(lines[1].get_ydata() - lines[0].get_ydata(), 0.2)
 
 
-def test_a_zoomed_row_takes_its_limits_from_inside():
-    figure = plot_envelopes([EnvelopeRow("y", [_panel()], x_range=(0.0, 1.0))], ["A"], [BLUE])
-    assert figure.axes[0].get_ylim()[0] > -0.2  # sin falls to -1 only later
+def test_an_inset_shows_the_largest_move_in_room_of_its_own():
+    x = np.linspace(0.0, 60.0, 601)
+    needle = np.exp(-((x - 40.0) ** 2)) - 2.0 * np.exp(-((x - 5.0) ** 2))
+    row = EnvelopeRow("rudder (deg)", [EnvelopePanel(x, {"q50": needle})], inset=True)
+    (axes,) = [a for a in plot_sheet([row], {"a": "A"}, {"a": BLUE}).axes if a.get_visible()]
+    (inset,) = axes.child_axes
+    assert inset.get_xlim() == pytest.approx((2.0, 8.0), abs=0.2)
+    bottom = inset.get_position(original=True).y0
+    assert bottom > axes.get_position().y0
+    assert axes.transData.transform((0.0, needle.max()))[1] < inset.get_window_extent().y0  # the curve ends below it
+
+
+def test_of_the_worst_flights_the_worst_is_in_front():
+    x = np.linspace(0.0, 10.0, 50)
+    panel = replace(_panel(), flights=[(x, np.sin(x) + k) for k in range(5)])
+    *others, front = plot_envelopes([EnvelopeRow("y", [panel])], ["A"], [BLUE]).axes[0].lines
+    assert len(others) == 4 and np.array_equal(front.get_ydata(), np.sin(x))
+    assert front.get_linewidth() > 3.0 * max(line.get_linewidth() for line in others)
+
+
+def test_ink_and_colours_are_legible_on_white_and_on_a_dark_page():
+    def luminance(color):
+        channels = np.array(to_rgb(color))
+        linear = np.where(channels <= 0.03928, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4)
+        return linear @ [0.2126, 0.7152, 0.0722]
+
+    for color in (INK, *CYCLE):
+        for ground in ("#ffffff", "#16181b"):
+            low, high = sorted([luminance(color), luminance(ground)])
+            assert (high + 0.05) / (low + 0.05) >= 3.0, (color, ground)
 
 
 @pytest.fixture(scope="module")
@@ -124,13 +138,13 @@ def test_nothing_is_cut_off_and_no_panel_reaches_into_another(figures):
 
 def test_altitude_errors_are_in_metres_and_a_moving_reference_is_not_the_flights_spread(figures):
     """The band of all flights spans the ticks of a tenth of a second, in which the reference itself moves 15 m."""
-    assert "(m)" in figures["altitude_speed"].axes[0].get_ylabel()
+    altitude = next(a for a in figures["channels"].axes if a.get_title(loc="left") == "altitude error (m)")
     assert "(m)" in figures["worst_flights"].axes[0].get_ylabel()
-    low, high = figures["altitude_speed"].axes[0].get_ylim()
+    low, high = altitude.get_ylim()
     assert -40.0 < low < 0.0 < high < 40.0
-    track, deviation = figures["ground_track"].axes[0], figures["ground_track"].axes[3]
-    assert len(track.collections) == 3
-    assert len(deviation.collections) == 2
+    track = figures["channels"].axes[0]
+    controllers = len(track.lines) - 1
+    assert len(track.collections) == len(altitude.collections) == 2 * controllers
 
 
 def test_failed_flights_keep_the_curve_from_100_percent():

@@ -1,6 +1,7 @@
 """What a reader sees in a real browser: the first screen, the flights behind points and names, paper, accessibility."""
 
 import json
+import re
 import shlex
 import shutil
 import subprocess
@@ -80,6 +81,21 @@ def test_the_answer_is_on_the_first_screen(page, folder, dark):
     page.show(folder / "report.html", dark=dark)
     found = page.ask(FIRST)
     assert max(found["ends"]) < 900 and found["words"] <= 80 and found["cut"] == []
+
+
+SIZE = """(() => {
+  const count = (text) => text.trim().split(/\\s+/).length;
+  const options = [...document.querySelectorAll("option")].map((o) => o.textContent).join(" ");
+  const rows = document.getElementById("flight-rows").innerText;
+  return { height: document.documentElement.scrollHeight,
+    words: count(document.body.innerText) - count(options) - count(rows) }; })()"""
+
+
+def test_the_default_campaign_is_read_in_few_words(page, report_folder):
+    """Words that are seen: not those of closed lists, nor the rows of the list of flights."""
+    page.show(report_folder / "report.html")
+    found = page.ask(SIZE)
+    assert found["height"] <= 9000 and found["words"] <= 3000
 
 
 WIDE = """[...document.querySelectorAll("table")].filter((t) => t.clientWidth && t.getBoundingClientRect().width
@@ -163,7 +179,15 @@ def test_paper_is_evidence(page, report_folder, report_json, size, tmp_path):
     flat = "".join(text.split())
     for words in (report_json["digest"], "seed2014", "abhvmc0.1.0", "abhv-mcrun", *report_json["files"].values()):
         assert words in flat, words
-    assert 0 < text.count("\f") <= 12
+    assert 0 < text.count("\f") <= 10
+    assert "Prepared Checked Approved Date" in " ".join(text.split())
+    zoom = 3  # with it all sizes below are whole numbers
+    words = ["pdftohtml", "-xml", "-i", "-stdout", "-zoom", str(zoom), target]
+    told = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+    sizes = {number: int(size) / zoom for number, size in re.findall(r'<fontspec id="(\d+)" size="(\d+)"', told)}
+    lines = [(sizes[number], line) for number, line in re.findall(r'font="(\d+)">(.*)</text>', told)]
+    assert min(size for size, _ in lines) >= 8.0
+    assert max(size for size, line in lines if "confidence of 1 less" in line) >= 9.0  # running text
 
 
 def test_no_figure_is_small_on_paper(page, report_folder):

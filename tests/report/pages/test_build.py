@@ -39,7 +39,7 @@ def lost(tmp_path_factory):
 
 
 def test_a_campaign_without_a_whole_flight_gets_its_report(lost):
-    assert (lost / "report.html").is_file() and (lost / "figures/ground_track.png").is_file()
+    assert (lost / "report.html").is_file() and (lost / "figures/channels.png").is_file()
 
 
 def test_a_second_run_with_nothing_new_does_not_make_the_report_again(lost, monkeypatch, capsys):

@@ -8,7 +8,9 @@ from report.synthetic import write_campaign
 
 from abhv_mc.campaign.file.config import Sampling
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.topics.drivers.model import Share, compute_drivers, otherwise_words
+from abhv_mc.topics.drivers.figures import _bars, driver_figures
+from abhv_mc.topics.drivers.model import Driver, MetricDrivers, Share, compute_drivers, otherwise_words
+from abhv_mc.topics.topic import Models
 
 METRIC = "altitude_error_max_m"
 
@@ -55,3 +57,23 @@ def test_each_parameter_is_named_once():
         "drag",
     ]
     assert otherwise_words([entry(density, lift, 0.5), entry(lift, density, 0.1)]) == ["density", "lift"]
+
+
+def test_a_tornado_has_the_largest_drivers_of_any_controller_first(results):
+    """A controller whose error has no monotonic relation shows shares of the variance of ranks."""
+    drivers = compute_drivers(results)
+    names = Models(results).names
+    ((text, figure),) = driver_figures(drivers, names)
+    assert text.name == "drivers" and len(figure.axes) == len(drivers.controllers)
+    labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
+    for metric in names.asked:
+        assert names.metrics[metric].label in labels
+    entry = MetricDrivers(0.2, False, (Share("aero.lift", 0.1, 0.9, None), Share("aero.drag", 0.3, 0.4, None)), ())
+    density = Driver("atmosphere.density", True, (-0.95, -1.0, -0.9), (0.0, 0.0, 0.0), 0.0, True, None)
+    bars = _bars([entry, MetricDrivers(0.9, True, (), (density,)), None])
+    assert [(bar.label, bar.effects) for bar in bars] == [
+        ("density, high or low", [None, (-0.95, -1.0, -0.9), None]),
+        ("lift", [(0.9, 0.1, 0.9), None, None]),
+        ("drag", [(0.4, 0.3, 0.4), None, None]),
+    ]
+    assert all(bar.shares == [True, False, False] for bar in bars)

@@ -56,15 +56,13 @@ def finding_sentences(models: Models, off_cards: bool = False) -> Iterator[str]:
     for name, count in flights.left_out.items():
         yield f"{name}: the machine could compute none of {count} flights, so it is not in this report; it met nothing."
     for name, part in flights.findings.items():
-        counts, steady = flights.counts[name], margins.steady.controllers.get(name)
+        counts = flights.counts[name]
         known = [_in("the vehicle's tables are left in", part.outside_tables, part.flown)]
-        if not off_cards or (steady is not None and steady.fault is not None):
-            known.insert(0, margin_words(margins, name))
         if not off_cards:
-            known += [
+            known = [
                 _in("the machine could not compute", counts.not_computed, counts.flown + counts.not_computed),
-                _cycles(part), _early(models[FAILURES], counts, name),
-                _in("surfaces reach a limit of deflection or rate in", part.saturated, part.flown),
+                margin_words(margins, name), _cycles(part), _early(models[FAILURES], counts, name),
+                _in("surfaces reach a limit of deflection or rate in", part.saturated, part.flown), *known,
             ]  # fmt: skip
         words = [text for text in known if text]
         if words:

@@ -21,7 +21,7 @@ _WORDS = FigureText(
     "The channels over all flights",
     "Bands of all controllers in the same axes; insets show the largest move. The altitude error has no band of all "
     "flights where the reference climbs.",
-    alt="The table below has the smallest and the largest value of each channel.",
+    alt="The table above has the smallest and the largest value of each channel.",
 )
 
 

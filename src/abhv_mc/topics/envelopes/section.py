@@ -37,7 +37,7 @@ def envelope_section(found: Envelopes, names: Names) -> Section:
     rows = tuple(_row(found, names, curve, of_paper) for curve in CURVES)
     heads = ("Channel", *names.controllers.values(), *(["Figure", "The paper's single flight"] if of_paper else []))
     table = Table("Smallest and largest value of each channel", heads, (tuple(row for row in rows if row),))
-    sheet = Fold("All channels on one sheet", (Picture("channels"), table))
+    sheet = Fold("All channels on one sheet", (table, Picture("channels")))
     return Section("Bands over time", (*items, Widget("bands"), sheet))
 
 

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.folder.steady_margins import ControllerMargins, LoopMargins
 from abhv_mc.topics.margins.model import FlightMargins, Margins, loop_name
+from abhv_mc.topics.margins.sentences import margin_words
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Cell, Heading, Item, Picture, Row, Section, Table, Text
 from abhv_mc.topics.words import count_of, fixed, percent
@@ -31,16 +32,16 @@ def margin_section(margins: Margins, names: Names) -> Section | None:
             "Stability margins of each loop, nominal and least over the corners",
             ("Controller", "Loop", "Gain (dB)", "corners", "Phase (deg)", "corners", "Delay (ms)", "corners"),
             tuple(
-                _steady_group(names.label(name), entry, steady.corners) for name, entry in steady.controllers.items()
+                _steady_group(names.label(name), entry, steady.corners, margin_words(margins, name))
+                for name, entry in steady.controllers.items()
             ),
         ),
     ]
     return Section("Stability", (*items, *_flight_items(margins, names)))
 
 
-def _steady_group(label: str, entry: ControllerMargins, corners: int) -> tuple[Row, ...]:
+def _steady_group(label: str, entry: ControllerMargins, corners: int, why: str) -> tuple[Row, ...]:
     if not entry.nominal or not entry.nominal[-1].stable:
-        why = "no margins: unstable, or without a trim (see the answer)"
         return ((Cell(label, head=True), Cell(why, columns=7)),)
     note = f"unstable at {entry.corners_unstable} of {corners} corners" if entry.corners_unstable else ""
     least = {row.loop: row for row in entry.corners}
