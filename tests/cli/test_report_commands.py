@@ -1,13 +1,17 @@
 """report, compare and verify campaign, as a user calls them."""
 
+import io
 import json
+import shutil
 
 import pytest
 from report.synthetic import write_campaign
 from typer.testing import CliRunner
 
 from abhv_mc.cli.app import app
+from abhv_mc.cli.printing import say
 from abhv_mc.io.documents import InputError
+from abhv_mc.report.pages.pdf import NAMES
 
 
 @pytest.fixture(scope="module")
@@ -30,6 +34,38 @@ def test_report_and_its_verification(folder):
     told = run("verify", "campaign", folder)
     assert told.exit_code == 1
     assert told.stdout == "flights.counts.tlc.flown: 13 in the report, 12 from the data\n"
+
+
+def test_report_on_paper(folder, tmp_path, monkeypatch):
+    """Where a Chromium is found; else it is said before anything is made."""
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    found = run("report", folder, "-o", tmp_path / "there", "--pdf").exception
+    assert isinstance(found, InputError) and "no Chromium" in found.found and "chromium" in found.expected
+    assert not (tmp_path / "there").exists()
+    monkeypatch.undo()
+    if not any(map(shutil.which, NAMES)):
+        pytest.skip("no Chromium is installed")
+    made = run("report", folder, "-o", tmp_path / "there", "--pdf")
+    assert made.stdout.split() == [str(tmp_path / "there" / f"report.{kind}") for kind in ("html", "pdf")]
+    assert (tmp_path / "there/report.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_verdicts_have_colours_on_a_terminal_alone(monkeypatch):
+    class Screen(io.StringIO):
+        def isatty(self):
+            return True
+
+    screen, pipe = Screen(), io.StringIO()
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+    for file in (screen, pipe):
+        say("tlc 2 PASS, 1 FAIL \x1b[2J", file=file)
+    assert screen.getvalue() == "tlc 2 \x1b[32mPASS\x1b[0m, 1 \x1b[31mFAIL\x1b[0m \\x1b[2J\n"
+    assert pipe.getvalue() == "tlc 2 PASS, 1 FAIL \\x1b[2J\n"
+    monkeypatch.setenv("NO_COLOR", "1")
+    screen.truncate(0)
+    say("FAIL", file=screen)
+    assert "\x1b" not in screen.getvalue()
 
 
 def test_compare(folder, tmp_path):

@@ -14,6 +14,7 @@ import typer
 
 from abhv_mc import __version__
 from abhv_mc.cli.errors import exit_code_of, settle_output
+from abhv_mc.cli.help import Command, Group
 from abhv_mc.cli.printing import say
 from abhv_mc.execution.interrupts import sigterm_as_interrupt
 from abhv_mc.io.address import hide_key
@@ -32,6 +33,7 @@ _MODULES = {"import": "importing"}  # where a command's name is a word of Python
 
 app = typer.Typer(
     name="abhv-mc",
+    cls=Group,
     help="Monte Carlo dispersion analysis of a six-degree-of-freedom air-breathing hypersonic vehicle.",
     epilog="Exit codes: 0 done; 1 done, but a requirement or a verification failed; 2 bad input; "
     "3 interrupted or incomplete, and the same command resumes.",
@@ -67,9 +69,11 @@ for _panel, _names in _COMMANDS.items():
     for _name in _names:
         _module = import_module(f"abhv_mc.cli.{_MODULES.get(_name, _name)}")
         if hasattr(_module, "app"):
-            app.add_typer(_module.app, name=_name, rich_help_panel=_panel)
+            for _inner in _module.app.registered_commands:
+                _inner.cls = Command
+            app.add_typer(_module.app, name=_name, cls=Group, rich_help_panel=_panel)
         else:
-            app.command(_name, rich_help_panel=_panel)(_module.command)
+            app.command(_name, cls=Command, rich_help_panel=_panel)(_module.command)
 
 
 def main() -> None:

@@ -6,14 +6,14 @@ from typing import Annotated
 import typer
 
 from abhv_mc.cli.errors import ExitCode
-from abhv_mc.cli.options import Json, parse_names
+from abhv_mc.cli.options import Json, folder_argument, parse_names
 from abhv_mc.cli.outputs import output, output_folder
 from abhv_mc.cli.printing import beside, print_section, say, show
 
 
 def command(
-    folder_a: Annotated[Path, typer.Argument(metavar="DIR_A", help="Folder of a campaign.")],
-    folder_b: Annotated[Path, typer.Argument(metavar="DIR_B", help="Folder of a campaign on the same samples.")],
+    folder_a: Annotated[Path, folder_argument("Folder of a campaign.", "DIR_A")],
+    folder_b: Annotated[Path, folder_argument("Folder of a campaign on the same samples.", "DIR_B")],
     controllers: Annotated[
         str | None,
         typer.Option("--controllers", "--controller", metavar="A,B", help="Compare A of DIR_A with B of DIR_B."),

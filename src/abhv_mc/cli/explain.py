@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from abhv_mc.cli.completion import complete_metric
 from abhv_mc.cli.options import Controller, Folder, Json, TrustCode
 from abhv_mc.cli.outputs import output, output_file
 from abhv_mc.cli.printing import print_section_table, say, show
@@ -18,7 +19,12 @@ def command(
     controller: Controller = None,
     requirement: Annotated[
         str | None,
-        typer.Option(metavar="METRIC", help="Explain why it missed this requirement.", show_default="what it failed"),
+        typer.Option(
+            metavar="METRIC",
+            help="Explain why it missed this requirement.",
+            show_default="what it failed",
+            autocompletion=complete_metric,
+        ),
     ] = None,
     out: Annotated[Path | None, output(output_file, "FILE.png", "Where the figure goes.", default="in DIR")] = None,
     json: Json = None,

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from abhv_mc.campaign import MOST_WORKERS
+from abhv_mc.cli.completion import complete_controllers, complete_folder, complete_input
 from abhv_mc.cli.outputs import json_file, output_file
 from abhv_mc.io.input_error import InputError, Refusal
 from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
@@ -22,7 +23,7 @@ def _find(*kinds: str) -> Callable[[str], Path]:
 def _input(metavar: str, *kinds: str) -> Any:
     """An argument that names a file of these kinds."""
     words = f"{' or '.join(kinds).capitalize()} file, or the name of a shipped one."
-    return typer.Argument(parser=_find(*kinds), metavar=metavar, help=words)
+    return typer.Argument(parser=_find(*kinds), metavar=metavar, help=words, autocompletion=complete_input(*kinds))
 
 
 CampaignFile = Annotated[Path, _input("CAMPAIGN", "campaign")]
@@ -35,6 +36,7 @@ Vehicle = Annotated[
         parser=_find("vehicle"),
         metavar="V",
         help="Vehicle file, or the name of a shipped one.",
+        autocompletion=complete_input("vehicle"),
         show_default=f"{DEFAULT_VEHICLE}, or the campaign's",
     ),
 ]
@@ -45,17 +47,32 @@ ControllerFiles = Annotated[
         "--controller",
         metavar="A,B",
         help="Controller files or shipped names.",
+        autocompletion=complete_controllers,
         show_default="tlc,lqr, or the campaign's",
     ),
 ]
 Controllers = Annotated[
-    str | None, typer.Option("--controllers", "--controller", metavar="A,B", help="Only these of its controllers.")
+    str | None,
+    typer.Option(
+        "--controllers",
+        "--controller",
+        metavar="A,B",
+        help="Only these of its controllers.",
+        autocompletion=complete_controllers,
+    ),
 ]
 Controller = Annotated[
     str | None,
     typer.Option("--controller", "--controllers", metavar="NAME", help="Controller.", show_default="the first"),
 ]
-Folder = Annotated[Path, typer.Argument(metavar="DIR", help="A campaign's folder.")]
+
+
+def folder_argument(words: str = "A campaign's folder.", metavar: str = "DIR") -> Any:
+    """An argument that names the folder of a campaign."""
+    return typer.Argument(metavar=metavar, help=words, autocompletion=complete_folder)
+
+
+Folder = Annotated[Path, folder_argument()]
 Seed = Annotated[int | None, typer.Option(min=0, help="Seed.", show_default="the campaign's")]
 Runs = Annotated[int | None, typer.Option(min=1, help="Flights of each controller.", show_default="the campaign's")]
 Workers = Annotated[
@@ -65,7 +82,11 @@ Scheduler = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Fly on t
 Fresh = Annotated[bool, typer.Option("--fresh", help="Delete what the folder holds of a campaign first.")]
 Baseline = Annotated[
     Path | None,
-    typer.Option(metavar="DIR", help="Campaign flown before on the same samples; the report says what changed."),
+    typer.Option(
+        metavar="DIR",
+        help="Campaign flown before on the same samples; the report says what changed.",
+        autocompletion=complete_folder,
+    ),
 ]
 NoReport = Annotated[bool, typer.Option("--no-report", help="Make no report.")]
 TrustCode = Annotated[

@@ -1,5 +1,7 @@
 """What commands print: JSON for programs, and tables as wide as their text, in which no number is ever cut."""
 
+import os
+import re
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -14,9 +16,16 @@ if TYPE_CHECKING:
     from abhv_mc.topics.section import Table as SectionTable
 
 
+_COLORS = {"PASS": 32, "FAIL": 31, "NOT SHOWN": 33, "warning:": 33}  # ANSI, of words on a terminal
+_COLORED = re.compile(r"\b(?:PASS|FAIL|NOT SHOWN)\b|^warning:")
+
+
 def say(*words: Any, sep: str = " ", **options: Any) -> None:
-    """Print, as Python's own ``print``, but nothing that steers the terminal."""
-    print(printable(sep.join(map(str, words))), **options)
+    """Print, as Python's own ``print``, but nothing that steers the terminal but our own colours of verdicts."""
+    text, file = printable(sep.join(map(str, words))), options.get("file") or sys.stdout
+    if file is not None and file.isatty() and "NO_COLOR" not in os.environ and os.environ.get("TERM") != "dumb":
+        text = _COLORED.sub(lambda found: f"\x1b[{_COLORS[found[0]]}m{found[0]}\x1b[0m", text)
+    print(text, **options)
 
 
 def beside(file: Path | None) -> TextIO | None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from abhv_mc.cli.options import Json
+from abhv_mc.cli.options import Json, folder_argument
 from abhv_mc.cli.outputs import output_file_or_stream
 from abhv_mc.cli.printing import say, show
 from abhv_mc.io.input_error import InputError
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def command(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A campaign's folder, or its address.")],
+    folder: Annotated[Path, folder_argument("A campaign's folder, or its address.")],
     sql: Annotated[str, typer.Argument(metavar="SQL", help="For example: select count(*) from flights")],
     json: Json = None,
     csv: Annotated[

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from abhv_mc.cli.completion import complete_metric
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import CampaignFile, Controller, Fresh, Json, Scheduler, Seed, Workers
 from abhv_mc.cli.outputs import campaign_folder, output
@@ -14,7 +15,9 @@ from abhv_mc.cli.printing import beside, print_section, say, show
 
 def command(
     campaign: CampaignFile,
-    requirement: Annotated[str, typer.Option(help="Metric of the requirement.")],
+    requirement: Annotated[
+        str, typer.Option(metavar="METRIC", help="Metric of the requirement.", autocompletion=complete_metric)
+    ],
     out: Annotated[Path, output(campaign_folder, "DIR", "For flights and page.")],
     controller: Controller = None,
     target_cov: Annotated[

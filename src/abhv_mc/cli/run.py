@@ -125,10 +125,11 @@ def finish(
     outcomes = [ended.outcomes for ended in result.manifest.controllers.values()]
     page = ""
     if result.complete and not no_report and any(set(ended) - {"failed_to_run"} for ended in outcomes):
+        from abhv_mc.execution.progress import Waiting
         from abhv_mc.report.pages.build import build_report, is_up_to_date
 
         made = is_up_to_date(result.folder, baseline)
-        page = "report.html, up to date" if made else build_report(result.folder, baseline=baseline).name
+        page = "report.html, up to date" if made else build_report(result.folder, baseline, stage=Waiting).name
     show(result.manifest.as_entries() | {"folder": named}, json, lambda: _print_result(result, named))
     if junit is not None:
         from abhv_mc.report.pages.matrix import make_junit, verdict_cases

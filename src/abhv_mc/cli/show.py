@@ -5,13 +5,13 @@ from typing import Annotated
 
 import typer
 
-from abhv_mc.cli.options import Json
+from abhv_mc.cli.options import Json, folder_argument
 from abhv_mc.cli.printing import print_section_table, say, show
 
 
 def command(
     topic: Annotated[str, typer.Argument(metavar="TOPIC", help="A topic of the report, such as margins.")],
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a campaign.")],
+    folder: Annotated[Path, folder_argument("Folder of a campaign.")],
     json: Json = None,
 ) -> None:
     """Print what the report says of a topic: its sentences and tables, or its numbers with --json."""

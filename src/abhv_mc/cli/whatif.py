@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from abhv_mc.cli.options import Json
+from abhv_mc.cli.options import Json, folder_argument
 from abhv_mc.cli.printing import new_table, print_table, say, show
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def command(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a campaign with sampling: random.")],
+    folder: Annotated[Path, folder_argument("Folder of a campaign with sampling: random.")],
     settings: Annotated[
         list[str],
         typer.Option("--set", metavar="K=V", help="For example aero.drag.half_width=12%; may be repeated."),

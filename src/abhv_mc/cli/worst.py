@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from abhv_mc.cli.completion import complete_metric
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import CampaignFile, Controller, Fresh, Json, Scheduler, Seed, Workers
 from abhv_mc.cli.outputs import campaign_folder, output
@@ -14,7 +15,7 @@ from abhv_mc.io.input_error import InputError
 
 def command(
     campaign: CampaignFile,
-    metric: Annotated[str, typer.Option(help="Metric to search.")],
+    metric: Annotated[str, typer.Option(metavar="METRIC", help="Metric to search.", autocompletion=complete_metric)],
     out: Annotated[Path, output(campaign_folder, "DIR", "For flights and page.")],
     controller: Controller = None,
     above: Annotated[bool, typer.Option("--above", help="Large values are bad.")] = False,

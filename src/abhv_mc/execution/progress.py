@@ -7,7 +7,7 @@ import time
 from types import TracebackType
 from typing import Any, TextIO
 
-_PLAIN_INTERVAL, _CLOCK = 10.0, 1.0  # s between plain lines, and of a clock on a terminal
+_PLAIN_INTERVAL, _CLOCK = 5.0, 1.0  # s between plain lines, and of a clock on a terminal
 
 
 class Progress:

@@ -19,7 +19,7 @@ from abhv_mc.execution.completion import Completion
 from abhv_mc.execution.executor import Executor, open_executor
 from abhv_mc.execution.flight_counts import count_flights, flight_values, judge_requirements
 from abhv_mc.execution.interrupts import interrupts_deferred, sigterm_as_interrupt
-from abhv_mc.execution.progress import Progress
+from abhv_mc.execution.progress import Progress, Waiting
 from abhv_mc.execution.retention import HistoryFile, list_histories, write_kept_histories
 from abhv_mc.execution.setup import OpenCampaign, Request, open_campaign
 from abhv_mc.flight.channels import CHANNEL_INDEX
@@ -294,7 +294,8 @@ class _Run:
     def _write_stability(self) -> None:
         """The margins in steady flight, of all controllers of the folder."""
         if self.engine.find_stability is not None:
-            found = self.engine.find_stability(self.campaign, self.plans)
+            with Waiting("margins"):
+                found = self.engine.find_stability(self.campaign, self.plans)
             write_text(self.folder.margins, json.dumps(found, indent=1, allow_nan=False) + "\n")
 
     def _list_histories(self) -> list[HistoryFile]:

@@ -142,12 +142,15 @@ def _overlay(axes: Axes, row: EnvelopeRow, looks: Sequence[tuple[str, Any]]) -> 
 
 def _draw_inset(axes: Axes, row: EnvelopeRow, looks: Sequence[tuple[str, Any]]) -> None:
     """The seconds about the largest move, above the curves: there is made room for it."""
-    moves = [np.abs(b - np.nanmedian(panel.bands["q50"])) for panel in row.panels for b in panel.bands.values()]
-    x = row.panels[0].x
-    most = np.nanmax(np.stack([np.interp(x, x[: move.size], move) for move in moves]), axis=0)
-    if not np.isfinite(most).any() or np.ptp(x) < 4.0 * _SHOWN:
+    peaks = []
+    for panel in row.panels:
+        middle = np.nanmedian(panel.bands["q50"])
+        most = np.fmax.reduce([np.abs(band - middle) for band in panel.bands.values()])
+        peaks.append((float(np.nanmax(most)), float(panel.x[np.nanargmax(most)])))
+    start, end = row.panels[0].x[0], row.panels[0].x[-1]
+    if end - start < 4.0 * _SHOWN:
         return
-    at = float(np.clip(x[int(np.nanargmax(most))], x[0] + _SHOWN, x[-1] - _SHOWN))
+    at = float(np.clip(max(peaks)[1], start + _SHOWN, end - _SHOWN))
     low, high = axes.get_ylim()
     axes.set_yticks([tick for tick in MaxNLocator(4).tick_values(low, high) if low <= tick <= high])
     axes.set_ylim(low, high + 0.75 * (high - low))

@@ -3,8 +3,8 @@
 import gc
 import hashlib
 import json
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,8 @@ from abhv_mc.folder.layout import CampaignFolder, hash_file
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.siblings import name_siblings
 from abhv_mc.report.numbers.compare import compare_baseline
+
+Stage = Callable[[str], AbstractContextManager[object]]
 
 
 def hash_files(folder: Path) -> dict[str, str]:
@@ -82,10 +84,10 @@ def _seldom_collecting() -> Iterator[None]:
 
 
 @_seldom_collecting()
-def build_report(folder: Path, baseline: Path | None = None, svg: bool = False) -> Path:
+def build_report(folder: Path, baseline: Path | None = None, svg: bool = False, stage: Stage = nullcontext) -> Path:
     """Write `report.json`, `figures/*.png` and `report.html` into a campaign's folder.
 
-    ``svg``: each figure as `figures/*.svg`, too.
+    ``svg``: each figure as `figures/*.svg`, too; ``stage``: says what is done while it is done.
 
     Needs nothing but what the campaign wrote there, and the folder of a ``baseline`` to compare it with. Returns the
     path of the page.
@@ -107,20 +109,22 @@ def build_report(folder: Path, baseline: Path | None = None, svg: bool = False) 
     results = read_flown(folder)
     models = Models(results)
     held = compare_baseline(results, baseline) if baseline else None
-    numbers = {**make_numbers(models, held), "files": hash_files(folder)}
+    with stage("report: statistics"):
+        numbers = {**make_numbers(models, held), "files": hash_files(folder)}
     figures_folder = folder / "figures"
     figures_folder.mkdir(exist_ok=True)
     figures, failed = [], []
-    for shown, made in make_figures(models).items():
-        try:
-            for text, figure in made:
-                path = figures_folder / f"{text.name}.png"
-                width, height = write_png(figure, path)
-                if svg:
-                    write_svg(figure, path.with_suffix(".svg"))
-                figures.append(PageFigure(text, path, width, height))
-        except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
-            failed.append(f"figures of {shown} could not be made ({type(error).__name__}: {error})")
+    with stage("report: figures"):
+        for shown, made in make_figures(models).items():
+            try:
+                for text, figure in made:
+                    path = figures_folder / f"{text.name}.png"
+                    width, height = write_png(figure, path)
+                    if svg:
+                        write_svg(figure, path.with_suffix(".svg"))
+                    figures.append(PageFigure(text, path, width, height))
+            except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
+                failed.append(f"figures of {shown} could not be made ({type(error).__name__}: {error})")
     results.refuse_changes()
     kept = {figure.path.with_suffix(kind) for figure in figures for kind in ((".png", ".svg") if svg else (".png",))}
     for stale in [*figures_folder.glob("*.png"), *figures_folder.glob("*.svg")]:

@@ -17,7 +17,7 @@ from abhv_mc.report.pages.answer_page import Answer, make_table, write_answer_pa
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.comparison.model import metric_differences
 from abhv_mc.topics.figure_style import CYCLE
-from abhv_mc.topics.labels import controller_label
+from abhv_mc.topics.labels import full_labels
 from abhv_mc.topics.section import Bullets, FigureText, Item, Lead, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
 from abhv_mc.topics.words import bounds, count_of, ends_of, estimate, fixed, joined, p_value, significant
@@ -142,7 +142,7 @@ def _folder_names(a: FlownCampaign, b: FlownCampaign) -> tuple[str, str]:
 
 
 def _labels(a: FlownCampaign, b: FlownCampaign, pair: CampaignPair) -> Labels:
-    one, other = map(controller_label, pair.controllers)
+    one, other = (full_labels(each.folder, [name])[name] for each, name in zip((a, b), pair.controllers, strict=True))
     if a.folder.resolve() == b.folder.resolve():
         return f"{one} against {other}", one, other
     first, second = _folder_names(a, b)
@@ -215,7 +215,8 @@ def _tables(pair: CampaignPair, found: Compared, labels: Labels, folders: tuple[
     title, a, b = labels
     words = found.words
     rows = []
-    for metric, entry in sorted(pair.metrics.items(), key=lambda item: not item[1].compared):
+    differing = [item for item in pair.metrics.items() if item[1].a_better or item[1].b_better]
+    for metric, entry in sorted(differing, key=lambda item: not item[1].compared):
         won = "mixed" if entry.mixed else {pair.a: a, pair.b: b}.get(entry.winner or "", "neither")
         ends = entry.median_difference, entry.quantile_differences["q95"]
         levels = [_with_bounds(each) for each in ends]

@@ -1,0 +1,37 @@
+"""A page on paper: printed by a Chromium that is installed."""
+
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+from abhv_mc.io.input_error import InputError
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
+_LONGEST = 120.0  # s
+
+
+def find_browser() -> str:
+    """A Chromium's program. Raises InputError where none is found."""
+    found = next(filter(None, map(shutil.which, NAMES)), None)
+    if found is None:
+        raise InputError("--pdf", "no Chromium", f"one of {', '.join(NAMES)} on PATH; any browser prints report.html")
+    return found
+
+
+def print_pdf(page: Path, browser: str) -> Path:
+    """Print a page beside itself; returns the PDF's path. Raises InputError where the browser printed nothing."""
+    target = page.with_suffix(".pdf")
+    target.unlink(missing_ok=True)
+    with tempfile.TemporaryDirectory() as profile:
+        words = [
+            browser, "--headless", "--disable-gpu", "--no-sandbox", f"--user-data-dir={profile}",
+            "--no-pdf-header-footer", f"--print-to-pdf={target.absolute()}", page.absolute().as_uri(),
+        ]  # fmt: skip
+        try:
+            done = subprocess.run(words, capture_output=True, text=True, timeout=_LONGEST, check=False)  # noqa: S603
+        except subprocess.TimeoutExpired:
+            raise InputError(browser, f"nothing printed in {_LONGEST:g} s", "a Chromium that prints") from None
+    if not target.is_file():
+        raise InputError(browser, f"no PDF was printed: {done.stderr[-200:].strip()}", "a Chromium that prints")
+    return target
