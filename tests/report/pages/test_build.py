@@ -67,5 +67,5 @@ def test_a_report_is_up_to_date_until_something_changes(lost):
 
 def test_figures_are_svg_where_asked_for(lost):
     assert not list((lost / "figures").glob("*.svg"))
-    build_with(lost, "ground_track", svg=True)
-    assert [path.name for path in (lost / "figures").glob("*.svg")] == ["ground_track.svg"] and is_up_to_date(lost)
+    build_with(lost, "channels", svg=True)
+    assert [path.name for path in (lost / "figures").glob("*.svg")] == ["channels.svg"] and is_up_to_date(lost)
