@@ -3,6 +3,7 @@
 # make test-all  these, and the thorough tests (15 min)     make bench-peers  speed beside other simulators
 # make docs    the site, in docs/_build/html                make example      renew reports/example
 # make lock    renew both lock files                        make dist         build and check what a release publishes
+# make verify-others  other people's problems, beside their numbers
 # make newest-numba  a short flight with the newest numba, pre-releases included: reports, never fails
 #
 # PYTHON=python3.12 make test chooses the interpreter that .venv is made with.
@@ -16,7 +17,7 @@ REPORT := reports/s_manoeuvre/report.html
 TEST_WORKERS ?= 2
 SELF_CHECKS := tests/verification tests/kernel/world tests/control/design/test_retuned.py
 
-.PHONY: run test test-all test-thorough docs example verify bench performance bench-peers newest-numba lock dist clean
+.PHONY: run test test-all test-thorough docs example verify verify-others bench performance bench-peers newest-numba lock dist clean
 .DELETE_ON_ERROR:
 # Containers often set it: every start would compile all packages again, for seconds.
 unexport PYTHONDONTWRITEBYTECODE
@@ -62,6 +63,16 @@ dist: $(DEV_INSTALLED)
 verify: $(DEV_INSTALLED)
 	$(BIN)/abhv-mc verify all --references tests/reference
 	$(BIN)/python -m pytest -s $(SELF_CHECKS)
+
+OTHERS := $(BIN)/python -m benchmarks.others
+RESULTS := benchmarks/results/others
+
+# Other people's problems, with docs/explanation/on-others-ground.md. AEROBENCH: the folder `code` of AeroBenchVVPython.
+verify-others: $(DEV_INSTALLED)
+	$(OTHERS).reliability --json $(RESULTS)_reliability.json
+	$(OTHERS).sensitivity --json $(RESULTS)_sensitivity.json
+	$(if $(AEROBENCH),$(OTHERS).gcas_search $(AEROBENCH) --json $(RESULTS)_gcas.json)
+	$(OTHERS).page
 
 bench: $(INSTALLED)
 	$(BIN)/abhv-mc bench

@@ -14,9 +14,11 @@ and ``--held-out`` takes cases of other shapes and dimensions, on which nothing 
 
 import argparse
 import json
+import math
 import sys
 import time
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,34 +41,48 @@ from abhv_mc.search.methods.subset import SubsetPlan  # noqa: E402
 FLIGHTS = 20_000
 
 
-def study(case: Case, first: int, seeds: int) -> dict[str, float | int | str]:
-    right = refused = usable = 0
-    ratios, evaluations = [], []
-    for seed in range(first, first + seeds):
-        plan = SubsetPlan(case.dimension, case.threshold, seed, choose_chains(FLIGHTS))
-        found = estimate_rare(case.severity, plan, flights=FLIGHTS)
-        evaluations.append(found.flights)
-        if found.refusal is not None:
-            refused += 1
-            continue
-        right += found.low <= case.probability <= found.high
-        usable += found.check is not None and found.check.usable
-        ratios.append(found.probability / case.probability)
-    cov = float(np.std(ratios) / np.mean(ratios))
-    mean = float(np.mean(evaluations))
+class Answer(NamedTuple):
+    """What a method says of one seed."""
+
+    probability: float
+    low: float  # of its 95 % interval
+    high: float
+    evaluations: int
+    refused: bool = False
+    checked: bool = False  # by importance sampling
+
+
+def estimate(case: Case, seed: int) -> Answer:
+    """What `abhv-mc rare` says with the default settings."""
+    plan = SubsetPlan(case.dimension, case.threshold, seed, choose_chains(FLIGHTS))
+    found = estimate_rare(case.severity, plan, flights=FLIGHTS)
+    checked = found.check is not None and found.check.usable
+    return Answer(found.probability, found.low, found.high, found.flights, found.refusal is not None, checked)
+
+
+def summarise(case: Case, answers: list[Answer]) -> dict[str, float | int | str | list[int]]:
+    """How often they are right, and how far off they are."""
+    given = [one for one in answers if not one.refused]
+    right = sum(one.low <= case.probability <= one.high for one in given)
+    ratios = [one.probability / case.probability for one in given]
+    cov = float(np.std(ratios) / np.mean(ratios)) if given else math.nan
+    mean = float(np.mean([one.evaluations for one in answers]))
     return {
-        "case": case.name,
-        "probability": case.probability,
-        "seeds": [first, first + seeds - 1],
-        "refused": refused,
-        "right_of_given": right / max(1, seeds - refused),
-        "right_of_all": right / seeds,
-        "mean_over_truth": float(np.mean(ratios)),
+        "refused": len(answers) - len(given),
+        "right_of_given": right / max(1, len(given)),
+        "right_of_all": right / len(answers),
+        "mean_over_truth": float(np.mean(ratios)) if given else math.nan,
         "cov": cov,
         "evaluations": mean,
         "plain_over_these": (1.0 - case.probability) / (case.probability * cov**2) / mean,
-        "checked_by_importance_sampling": usable,
+        "checked_by_importance_sampling": sum(one.checked for one in given),
     }
+
+
+def study(case: Case, first: int, seeds: int) -> dict[str, float | int | str | list[int]]:
+    answers = [estimate(case, seed) for seed in range(first, first + seeds)]
+    head = {"case": case.name, "probability": case.probability, "seeds": [first, first + seeds - 1]}
+    return {**head, **summarise(case, answers)}
 
 
 def study_missed(seeds: int) -> None:

@@ -22,7 +22,7 @@ def prepare(app) -> None:
         if folder.name != "study":
             rmtree(folder)
     write_new_campaign(work / "first-campaign" / "shown")
-    for page in ("own-mission", "own-controller", "worst-case", "number-of-flights"):
+    for page in ("own-mission", "own-controller", "own-simulator", "worst-case", "number-of-flights"):
         (work / page).mkdir()
         for file in (source / "tutorials" / "files" / page).glob("*"):
             copy(file, work / page)

@@ -6,14 +6,20 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 import abhv_mc
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.kinds import find_kind
+from abhv_mc.cli.app import app
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.execution.setup import Request
+from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import InputError
 from abhv_mc.shipped import shipped_campaigns, shipped_files
 from abhv_mc.simulators.check_inputs import check_inputs
 from abhv_mc.simulators.new_campaign import write_new_campaign
+from abhv_mc.simulators.new_simulator import write_new_simulator
 
 
 def test_new_folder_stands_alone(tmp_path: Path) -> None:
@@ -67,6 +73,30 @@ def test_a_law_in_c_flies_as_the_same_law_in_python_and_builds_by_its_makefile(t
     text = (c / "my_law.yaml").read_text().replace("sources: [my_law.c]", "library: libmy_law.so")
     (c / "my_law.yaml").write_text(text)
     assert abhv_mc.fly("level", controller=c / "my_law.yaml", every=100).equals(flights[0])
+
+
+def fly_both(folder: Path) -> list[dict]:
+    """The metrics of 20 flights of each system of a new simulator's campaign."""
+    out = folder / "out"
+    run_campaign(Request(folder / "campaign.yaml", out, runs=20))
+    flights = read_flown(out).flights
+    return [{name: flights[system].metrics[name].tolist() for name in ("apogee", "load_max")} for system in flights]
+
+
+@pytest.mark.skipif(shutil.which("cc") is None or shutil.which("make") is None, reason="no C compiler")
+def test_a_simulator_in_c_flies_as_the_same_one_in_python(tmp_path: Path) -> None:
+    python, c = (write_new_simulator(tmp_path / kind, kind)[0].parent for kind in ("python", "command"))
+    assert (c / "rocket").is_file()
+    flown = fly_both(python)
+    assert flown == fly_both(c)
+    predicted, timed = flown
+    assert max(predicted["apogee"]) < max(timed["apogee"])  # brakes that see too much height
+
+
+def test_without_a_compiler_the_program_is_left_to_be_built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    told = CliRunner().invoke(app, ["new", str(tmp_path / "study"), "--simulator", "command"])
+    assert told.exit_code == 0 and "make" in told.output and not (tmp_path / "study" / "rocket").exists()
 
 
 def test_an_unknown_name_is_refused_with_the_known_ones(tmp_path: Path) -> None:

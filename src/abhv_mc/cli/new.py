@@ -19,10 +19,17 @@ def command(
     language: Annotated[
         str | None, typer.Argument(metavar="[LANGUAGE]", help="Of the law: python or c.", show_default="python")
     ] = None,
+    simulator: Annotated[
+        str | None,
+        typer.Option("--simulator", metavar="KIND", help="A simulator of your own instead: python or command."),
+    ] = None,
 ) -> None:
     """Write a commented campaign with its vehicle, mission and control files to start from."""
     from abhv_mc.simulators.new_campaign import write_new_campaign
 
+    if simulator is not None:
+        _begin_simulator(folder, simulator, law)
+        return
     if language is not None and not law:
         raise InputError(language, "a language without --law", "--law before it")
     chosen = (language or "python") if law else None
@@ -31,4 +38,16 @@ def command(
     if law:
         file = "my_law.c" if chosen == "c" else "my_law.py"
         say(f"  cd {folder} && abhv-mc fly level --controllers control/my_law.yaml   # after each edit of {file}")
+    say(f"  cd {folder} && abhv-mc run {campaign.name}")
+
+
+def _begin_simulator(folder: Path, kind: str, law: bool) -> None:
+    from abhv_mc.simulators.new_simulator import write_new_simulator
+
+    if law:
+        raise InputError("--simulator", "it beside --law", "one of both: a law flies this program's vehicles")
+    campaign, *others = write_new_simulator(folder, kind)
+    say(f"{campaign} and {', '.join(file.name for file in others)}. Next:")
+    if kind == "command" and others[-1].suffix:
+        say(f"  cd {folder} && make   # no C compiler was found here: it needs one, by the name cc")
     say(f"  cd {folder} && abhv-mc run {campaign.name}")

@@ -87,9 +87,14 @@ def print_section_table(table: "SectionTable") -> None:
     rows = table.plain_rows()
     kept = [k for k in range(len(table.heads)) if not (rows and all(row[k].startswith("`") for row in rows))]
     drawn = new_table([table.heads[k] for k in kept], (), table.caption or table.title)
-    for row in rows:
-        drawn.add_row(*(row[k] for k in kept))
+    notes = []  # rows of one cell over several columns
+    for row, cells in zip(rows, (row for group in table.groups for row in group), strict=True):
+        if any(cell.columns > 1 for cell in cells):
+            notes.append(": ".join(dict.fromkeys(row)))
+        else:
+            drawn.add_row(*(row[k] for k in kept))
     print_table(drawn)
+    say(*notes, sep="\n", end="\n" * bool(notes))
 
 
 def print_section(section: "Section") -> None:

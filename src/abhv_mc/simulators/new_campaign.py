@@ -43,10 +43,7 @@ def write_new_campaign(folder: Path, name: str = DEFAULT, law: str | None = None
     known = shipped_files("campaign")
     if name not in known:
         raise InputError("--from", f"'{name}'", one_of(known, name))
-    if folder.exists() and not folder.is_dir():
-        raise InputError(folder, "a file", "a new or an empty folder")
-    if folder.is_dir() and any(folder.iterdir()):
-        raise InputError(folder, "a folder that is not empty", "a new or an empty one")
+    refuse_filled(folder)
     source = known[name]
     campaign = read_campaign(source).model
     named = (campaign.vehicle, campaign.mission, *campaign.controllers.values())
@@ -61,6 +58,14 @@ def write_new_campaign(folder: Path, name: str = DEFAULT, law: str | None = None
     if law is not None:
         written += _add_law(folder, written[0], law)
     return written + _write_schemas(folder, [file for file in written if file.suffix == ".yaml"])
+
+
+def refuse_filled(folder: Path) -> None:
+    """Raise :class:`InputError` for a file, or for a folder that holds something."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError(folder, "a file", "a new or an empty folder")
+    if folder.is_dir() and any(folder.iterdir()):
+        raise InputError(folder, "a folder that is not empty", "a new or an empty one")
 
 
 def _write_schemas(folder: Path, files: list[Path]) -> list[Path]:

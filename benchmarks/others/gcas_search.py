@@ -1,0 +1,91 @@
+"""AeroBench's ground collision avoidance: at which call each search finds the first flight into the ground.
+
+    python -m benchmarks.others.gcas_search AEROBENCH/code [--seeds 5] [--calls 320] [--json FILE]
+
+AEROBENCH is a copy of AeroBenchVVPython (GPL 3, no package; nothing of it is here). `abhv-mc worst` flies
+`gcas/campaign.yaml`; the random flights are those that it flies for comparison. Simulated annealing is scipy's
+dual_annealing without local search, which PSY-TaLiRo's DualAnnealing calls.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.dataset
+from scipy.optimize import dual_annealing
+
+from benchmarks.document import write_json
+
+CAMPAIGN = Path(__file__).parent / "gcas" / "campaign.yaml"
+BOX = {"roll": (36.0, 51.0), "pitch": (-72.0, -63.0), "yaw": (-67.5, -22.5)}  # deg, as in the campaign
+
+
+def search(seed: int, calls: int) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest altitudes, ft, in the order of the calls: of the search, and of as many random flights."""
+    with tempfile.TemporaryDirectory() as folder:
+        words = ["worst", str(CAMPAIGN), "--metric", "altitude_min", "--flights", str(calls), "--seed", str(seed)]
+        command = [sys.executable, "-m", "abhv_mc", *words, "-o", f"{folder}/worst"]
+        subprocess.run(command, check=True, capture_output=True)
+        table = pyarrow.dataset.dataset(f"{folder}/worst/flights").to_table().sort_by("flight")
+    return tuple(np.split(table["altitude_min"].to_numpy(), 2))
+
+
+def anneal(seed: int, calls: int) -> np.ndarray:
+    """The same of simulated annealing."""
+    from gcas import fly
+
+    found: list[float] = []
+
+    def value(angles: np.ndarray) -> float:
+        inputs = dict(zip(BOX, angles.tolist(), strict=True))
+        found.append(fly(inputs, {"altitude": 2330.0})["altitude_min"])
+        return found[-1]
+
+    dual_annealing(value, list(BOX.values()), rng=seed, maxfun=calls, no_local_search=True)
+    return np.array(found[:calls])
+
+
+def summarise(values: np.ndarray) -> dict[str, Any]:
+    """The lowest altitude, and the number of the first call below the ground, None where there is none."""
+    below = np.flatnonzero(values <= 0.0)
+    return {"calls": len(values), "lowest_ft": float(values.min()), "first": int(below[0]) + 1 if below.size else None}
+
+
+def study(seeds: int, calls: int) -> list[dict[str, Any]]:
+    """A row for each seed."""
+    rows = []
+    for seed in range(1, seeds + 1):
+        found, random = search(seed, calls)
+        methods = {"worst": found, "random": random, "annealing": anneal(seed, calls)}
+        rows.append({"seed": seed, **{name: summarise(values) for name, values in methods.items()}})
+        print(describe(rows[-1]), flush=True)
+    return rows
+
+
+def describe(row: dict[str, Any]) -> str:
+    """A row of the page's table."""
+    words = [f"{one['first'] or 'none'}, {one['lowest_ft']:.1f} ft" for name, one in row.items() if name != "seed"]
+    return f"| {row['seed']} | " + " | ".join(words) + " |"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("aerobench", type=Path)
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--calls", type=int, default=320)
+    parser.add_argument("--json", type=Path, default=None)
+    arguments = parser.parse_args()
+    sys.path += [str(arguments.aerobench.resolve()), str(CAMPAIGN.parent)]
+    os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), sys.path[-2]]))
+    rows = study(arguments.seeds, arguments.calls)
+    if arguments.json:
+        write_json(arguments.json, rows)
+
+
+if __name__ == "__main__":
+    main()

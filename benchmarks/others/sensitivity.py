@@ -1,0 +1,139 @@
+"""Sobol' indices of published test functions from a plain sample, as a report's drivers have them.
+
+    python -m benchmarks.others.sensitivity [--samples 20] [--flights 2000] [--json FILE]
+
+`statistics.given_data` takes outputs by rank, so its truth is the index of the ranks, by pick and freeze on 2**20
+points (Saltelli et al. 2010), not the published index of the values; both are printed. Beside it stands OpenTURNS'
+rank-based estimate of first order (RankSobolSensitivityAlgorithm) on the same ranks; it has no total one.
+"""
+
+import argparse
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import openturns as ot
+from scipy.stats import qmc, rankdata
+
+from abhv_mc.statistics.given_data import given_data_indices
+from benchmarks.document import write_json
+
+FIRST_SEED = 30_000
+_POINTS = 20  # a power of two of the reference
+
+
+@dataclass(frozen=True)
+class TestFunction:
+    """A function of points in the unit cube [point, input], with its published indices of first order and in total."""
+
+    name: str
+    value: Callable[[np.ndarray], np.ndarray]
+    first: np.ndarray
+    total: np.ndarray
+
+
+def ishigami(a: float = 7.0, b: float = 0.1) -> TestFunction:
+    """T. Ishigami, T. Homma, "An importance quantification technique in uncertainty analysis", ISUMA 1990."""
+
+    def value(x: np.ndarray) -> np.ndarray:
+        x = np.pi * (2.0 * x - 1.0)
+        return np.sin(x[:, 0]) + a * np.sin(x[:, 1]) ** 2 + b * x[:, 2] ** 4 * np.sin(x[:, 0])
+
+    alone = np.array([0.5 * (1.0 + b * np.pi**4 / 5.0) ** 2, a**2 / 8.0, 0.0])
+    both = b**2 * np.pi**8 * (1.0 / 18.0 - 1.0 / 50.0)  # of x1 and x3
+    variance = alone.sum() + both
+    return TestFunction("Ishigami", value, alone / variance, (alone + np.array([both, 0.0, both])) / variance)
+
+
+def sobol_g(a: tuple[float, ...] = (0.0, 1.0, 4.5, 9.0, 99.0, 99.0, 99.0, 99.0)) -> TestFunction:
+    """A. Saltelli, I. M. Sobol', "About the use of rank transformation in sensitivity analysis", RESS 50 (1995)."""
+    weights = np.array(a)
+
+    def value(x: np.ndarray) -> np.ndarray:
+        return np.prod((np.abs(4.0 * x - 2.0) + weights) / (1.0 + weights), axis=1)
+
+    alone = 1.0 / (3.0 * (1.0 + weights) ** 2)
+    everything = np.prod(1.0 + alone)
+    return TestFunction(
+        "Sobol' g", value, alone / (everything - 1.0), alone * everything / (1.0 + alone) / (everything - 1.0)
+    )
+
+
+def rank_indices(function: TestFunction) -> tuple[np.ndarray, np.ndarray]:
+    """First and total indices of the ranks of the output."""
+    count = len(function.first)
+    a, b = np.split(qmc.Sobol(2 * count, seed=FIRST_SEED).random_base2(_POINTS), 2, axis=1)
+    values = function.value(a)
+    known = np.sort(values)
+
+    def ranks(x: np.ndarray) -> np.ndarray:
+        return np.searchsorted(known, function.value(x)) / len(known)
+
+    of_a, of_b = ranks(a), ranks(b)
+    first, total = np.empty(count), np.empty(count)
+    for i in range(count):
+        mixed = a.copy()
+        mixed[:, i] = b[:, i]
+        of_mixed = ranks(mixed)
+        first[i] = np.mean(of_b * (of_mixed - of_a)) / of_a.var()
+        total[i] = 0.5 * np.mean((of_a - of_mixed) ** 2) / of_a.var()
+    return first, total
+
+
+def study(samples: int, flights: int) -> Iterator[dict[str, Any]]:
+    """A row for each input of each function."""
+    for function in (ishigami(), sobol_g()):
+        ours, theirs = [], []
+        for seed in range(FIRST_SEED, FIRST_SEED + samples):
+            x = np.random.default_rng(seed).random((flights, len(function.first)))
+            y = function.value(x)
+            ours.append(given_data_indices(x, y[:, None]))
+            theirs.append(ot.RankSobolSensitivityAlgorithm(x, rankdata(y)[:, None]).getFirstOrderIndices())
+        first, total = rank_indices(function)
+        for i in range(len(function.first)):
+            yield {
+                "function": function.name,
+                "input": f"x{i + 1}",
+                "flights": flights,
+                "published": [float(function.first[i]), float(function.total[i])],
+                "of_ranks": [float(first[i]), float(total[i])],
+                "ours_first": mean_and_spread([one.first[i, 0] for one in ours]),
+                "ours_total": mean_and_spread([one.total[i, 0] for one in ours]),
+                "openturns_first": mean_and_spread([one[i] for one in theirs]),
+                "named": [int(sum(one.found[i, 0] for one in ours)), samples],
+            }
+
+
+def mean_and_spread(values: list[float]) -> list[float]:
+    """Mean and standard deviation."""
+    return [float(np.mean(values)), float(np.std(values, ddof=1))]
+
+
+def describe(row: dict[str, Any]) -> str:
+    """A row of the page's table."""
+    pairs = [f"{first:.3f}, {total:.3f}" for first, total in (row["published"], row["of_ranks"])]
+    spreads = [
+        f"{mean:.3f} ± {spread:.3f}" for mean, spread in (row["ours_first"], row["ours_total"], row["openturns_first"])
+    ]
+    named, samples = row["named"]
+    return f"| {row['function']} {row['input']} | " + " | ".join([*pairs, *spreads, f"{named} of {samples}"]) + " |"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--samples", type=int, default=20)
+    parser.add_argument("--flights", type=int, default=2000)
+    parser.add_argument("--json", type=Path, default=None)
+    arguments = parser.parse_args()
+    rows = []
+    for row in study(arguments.samples, arguments.flights):
+        rows.append(row)
+        print(describe(row), flush=True)
+    if arguments.json:
+        write_json(arguments.json, rows)
+
+
+if __name__ == "__main__":
+    main()

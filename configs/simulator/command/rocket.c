@@ -1,0 +1,57 @@
+/* A sounding rocket, straight up, that shall reach 3000 m, no less and no more: air brakes take away what is too much.
+ *
+ * A program that flies: each line of standard input is a flight, such as
+ *   {"inputs": {"mass": 20.1, "drag": 0.98}, "settings": {"brakes": "timed", "from": 4.5, "to": 7.0}}
+ * and is answered by one line of JSON. It may read its lines in any other way, too, such as by a library.
+ */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define GRAVITY 9.81 /* m/s2 */
+#define TARGET 3000.0 /* m */
+#define STEP 0.02 /* s */
+#define THRUST 2100.0 /* N */
+#define BURN 3.6 /* s */
+#define BODY 0.0082 /* m2, drag area */
+#define BRAKES 0.006 /* m2, when they are open */
+
+static double number(const char *line, const char *name) {
+    const char *at = strstr(line, name);
+    return at ? strtod(at + strlen(name), NULL) : NAN; /* nothing that is not a number passes as a flight */
+}
+
+/* The law that is judged: by the clock, or where the rocket would fly too high without brakes. */
+static int brakes_open(const char *line, double time, double height, double speed, double mass) {
+    if (strstr(line, "\"brakes\": \"timed\""))
+        return number(line, "\"from\":") <= time && time < number(line, "\"to\":");
+    double k = 0.5 * 1.225 * exp(-height / 9000.0) * BODY / mass;
+    return height + log(1.0 + k * speed * speed / GRAVITY) / (2.0 * k) > TARGET;
+}
+
+int main(void) {
+    char line[4096];
+    while (fgets(line, sizeof line, stdin)) {
+        double mass = number(line, "\"mass\":"), drag = number(line, "\"drag\":");
+        double more = number(line, "\"thrust\":"), altimeter = number(line, "\"altimeter\":");
+        double time = 0.0, height = 0.0, speed = 0.0, load = 0.0;
+        while (time < BURN || speed > 0.0) {
+            double density = 1.225 * exp(-height / 9000.0);
+            double thrust = 0.0, area = BODY * drag;
+            if (time < BURN)
+                thrust = THRUST * more;
+            else if (brakes_open(line, time, height * altimeter, speed, mass))
+                area += BRAKES;
+            double force = thrust - 0.5 * density * speed * speed * area;
+            speed += (force / mass - GRAVITY) * STEP;
+            height += speed * STEP;
+            time += STEP;
+            load = fmax(load, fabs(force / mass) / GRAVITY);
+        }
+        printf("{\"apogee\": %.17g, \"apogee_miss\": %.17g, \"load_max\": %.17g, \"end_time\": %.17g}\n", height,
+               fabs(height - TARGET), load, time);
+        fflush(stdout); /* each flight is answered when it is done: a later one may crash */
+    }
+    return 0;
+}

@@ -1,0 +1,45 @@
+"""The page on other people's problems says what is stored, and what is stored comes out again."""
+
+from types import SimpleNamespace
+
+import openturns as ot
+import pytest
+from scipy.stats import norm
+
+from benchmarks.others import page, reliability, sensitivity
+from benchmarks.rare_coverage import estimate
+
+
+@pytest.mark.parametrize("part", page.HEADS)
+def test_the_page_shows_what_is_stored(part: str) -> None:
+    text = page.PAGE.read_text()
+    held = text.partition(f"<!-- {part} -->\n")[2].partition(f"\n<!-- /{part} -->")[0]
+    assert held == page.make_table(part, page.read_rows(part))
+
+
+def test_the_page_counts_the_intervals_that_are_stored() -> None:
+    rows = page.read_rows("reliability")
+    for method in ("ours", "openturns"):
+        right, given = page.count_right(rows, method)
+        assert f"**{right} of {given}**" in page.PAGE.read_text()
+
+
+@pytest.mark.parametrize(("operator", "threshold"), [(ot.Less(), 0.0), (ot.Greater(), 4.0)])
+def test_a_problem_fails_on_its_own_side_for_both_methods(operator: ot.ComparisonOperator, threshold: float) -> None:
+    strength = ot.RandomVector(ot.JointDistribution([ot.Normal(4.0, 1.0), ot.Normal(2.0, 1.0)]))
+    output = ot.CompositeRandomVector(ot.SymbolicFunction(["r", "s"], ["r - s"]), strength)
+    event = ot.ThresholdEvent(output, operator, threshold)
+    truth = float(norm.sf(2.0 / 2.0**0.5))  # 2 below the mean of r - s, and 2 above it
+    problem = SimpleNamespace(getEvent=lambda: event, getName=lambda: "R-S", getProbability=lambda: truth)
+    for answer in (estimate(reliability.make_case(problem), 1), reliability.sample_subsets(problem, 1)):
+        assert answer.probability == pytest.approx(truth, rel=0.15)
+        assert answer.low < answer.probability < answer.high
+
+
+def test_indices_of_the_test_functions_come_out_again() -> None:
+    stored = page.read_rows("sensitivity")
+    for row, before in zip(sensitivity.study(3, 2000), stored, strict=True):
+        assert row["published"] == before["published"]
+        assert row["of_ranks"] == pytest.approx(before["of_ranks"], abs=1e-9)
+        assert row["ours_total"][0] == pytest.approx(before["of_ranks"][1], abs=0.06)
+        assert (row["named"][0] == 3) == (before["named"][0] == 20)
