@@ -7,8 +7,14 @@ from urllib.parse import parse_qs
 
 import numpy as np
 import pytest
+from own_simulators import dive_campaign
 from report.browser import open_browser
+from scipy.spatial.transform import Rotation
 
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.execution.setup import Request
+from abhv_mc.folder.flown_campaign import read_flown
+from abhv_mc.report.pages.build import build_report
 from abhv_mc.topics.failed_flights import requirement_failures
 from abhv_mc.topics.parameter_words import shown_value, spoken_name
 
@@ -157,3 +163,58 @@ def test_two_flights_lie_over_one_another_and_a_link_restores_all_of_it(shown, r
     assert shown.ask("document.getElementById('flight-title').textContent") == title
     assert shown.ask("document.getElementById('flight-channel').value") == "bank_deg"
     assert shown.ask("document.getElementById('flights-outcome').value") == "missed 1" and shown.ask(ROWS) == rows
+
+
+PLACE = 'flightPath(document.createElement("div"), {}).attitude(%s)'
+SLIDER = """((value) => { const slider = document.querySelector("#flight-path input");
+  if (value !== null) { slider.value = value; slider.dispatchEvent(new Event("input")); }
+  return Number(slider.value); })(%s)"""
+PIXELS = 'document.querySelector("#flight-path canvas").toDataURL()'
+
+
+@pytest.mark.parametrize("angles", [(90, 0, 0, 0, 0), (100, 5, -50, 3, 0), (-170, -20, 65, 12, -4)])
+def test_body_axes_are_those_of_the_angles(shown, angles):
+    """Heading, path angle and bank turn north, east, down to the wind, sideslip and angle of attack to the body."""
+    names = ("heading_deg", "flight_path_angle_deg", "bank_deg", "angle_of_attack_deg", "sideslip_deg")
+    heading, climb, bank, attack, slip = angles
+    wind = Rotation.from_euler("ZYX", [heading, climb, bank], degrees=True)
+    body = wind * Rotation.from_euler("ZY", [-slip, attack], degrees=True)
+    found = shown.ask(PLACE % json.dumps(dict(zip(names, angles, strict=True))))
+    np.testing.assert_allclose(found, body.as_matrix().T, atol=1e-12)
+
+
+def test_a_flight_is_played_and_moved_through_in_space(shown):
+    shown.ask("document.querySelector('#flight-rows button').click()")
+    assert shown.ask(SLIDER % "null") == 0.0
+    first = shown.ask(PIXELS)
+    assert shown.ask(SLIDER % 30) == pytest.approx(30.0, abs=0.1)
+    later = shown.ask(PIXELS)
+    assert later != first
+    shown.ask("document.querySelector('#flight-path canvas').focus()")
+    shown.press("ArrowDown")
+    assert shown.ask(PIXELS) != later
+    shown.ask("document.querySelector('#flight-path button').focus()")
+    shown.press("Enter")
+    shown.wait_for(f"{SLIDER % 'null'} > 32")
+    shown.press("Enter")
+    assert shown.ask("document.querySelector('#flight-path button').textContent") == "Play"
+
+
+def test_flights_of_a_users_simulator_are_shown_in_its_words(page, tmp_path, monkeypatch):
+    """It has neither histories nor bands: nothing of the page was drawn."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    run_campaign(Request(dive_campaign(tmp_path / "own"), tmp_path / "out", workers=1))
+    results = read_flown(tmp_path / "out")
+    page.call("Page.navigate", url=build_report(tmp_path / "out").as_uri())
+    page.wait_for("Boolean(document.querySelector('#flight-rows button'))")
+    page.ask("document.querySelector('#flight-rows button').click()")
+    name = results.controllers[results.ranking.controller[0]]
+    row = results.ranking.row[0]
+    number = results.flights[name].flight[row]
+    assert page.ask("document.getElementById('flight-title').textContent") == f"{name}, flight {number}: ground"
+    words = page.ask("document.getElementById('flight-words').textContent")
+    assert f"speed {results.samples['speed'][number]:.3g}\N{NO-BREAK SPACE}ft/s" in words
+    assert page.ask("document.getElementById('flight-plots').hidden")
+    beside = page.ask("document.querySelector('#flight-required tbody td').textContent").replace("\N{MINUS SIGN}", "-")
+    low = results.flights[name].metrics["altitude_min"][row]
+    assert float(beside.split("\N{NO-BREAK SPACE}")[0]) == pytest.approx(low, rel=1e-3) and "missed" in beside

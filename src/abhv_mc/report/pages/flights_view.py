@@ -30,7 +30,7 @@ _HISTORY_RATE = 5.0  # Hz
 _STRIPS = 24  # dispersions drawn
 _HEADED = 4  # metrics in the table
 _FAR = 3.0  # spans of the flights; a limit further away than that is not drawn
-SCRIPTS = ("flight_axes.js", "flight_panel.js", "flights.js")  # in the order in which they build
+SCRIPTS = ("flight_axes.js", "flight_path.js", "flight_panel.js", "flights.js")  # in the order in which they build
 STYLES = ("style.css", "flights.css")
 # Around their middle; one fewer than colours, so that pairs come again late.
 SHAPES = {
@@ -194,6 +194,7 @@ def make_flights_view(results: FlownCampaign, labels: Mapping[str, str], colors:
         "outcomes": {k: results.campaign.outcomes.codes[k].replace("_", " ") for k in np.unique(outcome).tolist()},
         "order": np.argsort(order).tolist(),
         "histories": bool(channels),
+        "drawn_again": results.campaign.has_histories,
         "total": int(number.size),
         "left": ""
         if number.size == total

@@ -133,5 +133,5 @@ const flightAxes = (() => {
     for (const value of open) if (Number.isFinite(value)) pen.fillRect((wide * (value - ends[0])) / (ends[1] - ends[0] || 1) - 1, 0, 2, high);
   };
 
-  return { text, labelOf, drawScatter, drawStrip };
+  return { text, ticks, labelOf, drawScatter, drawStrip };
 })();

@@ -1,4 +1,4 @@
-// A flight that is open, and a second one laid over it: in words, beside its limits, over time and on the ground.
+// A flight that is open, and a second one laid over it: in words, beside its limits, over time, on the ground, in space.
 const flightPanel = (source, style, { columnOf, nameOf, changed }) => {
   const at = (id) => document.getElementById(id);
   const { text, labelOf } = flightAxes;
@@ -32,8 +32,9 @@ const flightPanel = (source, style, { columnOf, nameOf, changed }) => {
   };
   const roomWords = (requirement, value, missed) => {
     const share = room(requirement, value);
+    if (missed && !(share < 0)) return share >= 0 ? "missed: it ended early" : "missed";
     const words = Number.isFinite(share) ? `${text(100 * Math.abs(share), 2)}\u00a0% ${share < 0 ? "over" : "to spare"}` : "";
-    return missed ? ["missed", words].filter(Boolean).join(", ") : words;
+    return missed ? `missed, ${words}` : words;
   };
 
   const fillRequired = () => {
@@ -125,6 +126,7 @@ const flightPanel = (source, style, { columnOf, nameOf, changed }) => {
     }
   };
 
+  const path = flightPath(at("flight-path"), style);
   const show = async (given, wanted) => {
     flights = given;
     channel = wanted;
@@ -141,7 +143,8 @@ const flightPanel = (source, style, { columnOf, nameOf, changed }) => {
     at("over-flight").value = over.flight;
     fillRequired();
     await draw();
+    path.show(flights.filter((each) => each.history).map((each) => ({ history: each.history, name: shortName(each), color: lookOf(flights.indexOf(each)).color })));
   };
   at("flight-channel").addEventListener("change", () => { channel = at("flight-channel").value; changed(channel); draw(); });
-  return { show, draw };
+  return { show, draw: () => { draw(); path.draw(); } };
 };

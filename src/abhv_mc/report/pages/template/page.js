@@ -127,19 +127,21 @@
     describe(channel, controllers);
   }
 
-  for (const channel of data.channels) {
-    const option = document.createElement("option");
-    option.value = channel.name;
-    option.textContent = channel.unit ? `${channel.label} (${channel.unit})` : channel.label;
-    channelBox.append(option);
+  const controls = document.getElementById("controls"); // none where a campaign keeps no bands
+  if (controls) {
+    for (const channel of data.channels) {
+      const option = document.createElement("option");
+      option.value = channel.name;
+      option.textContent = channel.unit ? `${channel.label} (${channel.unit})` : channel.label;
+      channelBox.append(option);
+    }
+    data.controllers.forEach((controller) => { controller.box = addBox("controllers-boxes", controller.name, controller.label, true); });
+    layers.forEach((layer) => { layer.box = addBox("layers-boxes", layer.name, layer.label, layer.on); });
+    const first = data.channels.findIndex((channel) => channel.name === "bank_deg");
+    channelBox.selectedIndex = Math.max(first, 0);
+    channelBox.addEventListener("change", draw);
+    controls.addEventListener("submit", (event) => event.preventDefault());
   }
-  data.controllers.forEach((controller) => { controller.box = addBox("controllers-boxes", controller.name, controller.label, true); });
-  layers.forEach((layer) => { layer.box = addBox("layers-boxes", layer.name, layer.label, layer.on); });
-  const first = data.channels.findIndex((channel) => channel.name === "bank_deg");
-  channelBox.selectedIndex = Math.max(first, 0);
-  channelBox.addEventListener("change", draw);
-  const controls = document.getElementById("controls");
-  controls.addEventListener("submit", (event) => event.preventDefault());
 
   // The plotting library travels compressed; unpacked, it runs like any script of the page.
   const start = async () => {
@@ -147,8 +149,10 @@
     script.textContent = await (await unpack("plotly-packed")).text();
     document.head.append(script);
     codes = new Uint8Array(await (await unpack("arrays-packed")).arrayBuffer());
-    controls.hidden = false;
-    if (data.channels.length) draw();
+    if (controls) {
+      controls.hidden = false;
+      if (data.channels.length) draw();
+    }
     const color = (name) => () => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
     const style = { font: "system-ui, Segoe UI, Liberation Sans, Arial, sans-serif", ink: color("--ink"), line: color("--line"), link: color("--link"), paper: color("--paper") };
     flights = await flightsView(pageFlights(page.flights, page.places, data.bands, numbers), style);
@@ -166,10 +170,10 @@
     }
   };
   if (typeof DecompressionStream === "undefined") {
-    words.textContent = "This browser is too old for the interactive envelopes; the figures below show the same bands.";
+    if (words) words.textContent = "This browser is too old for the interactive envelopes; the figures below show the same bands.";
   } else {
     start();
   }
 
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { if (!controls.hidden) { draw(); flights?.draw(); } });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { if (controls && !controls.hidden) draw(); flights?.draw(); });
 })();
