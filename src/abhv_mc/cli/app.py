@@ -21,7 +21,7 @@ from abhv_mc.io.address import hide_key
 
 _COMMANDS = {
     "Start": ("new", "import", "validate", "plan", "list"),
-    "Fly": ("run", "merge", "fly", "replay"),
+    "Fly": ("run", "adopt", "merge", "fly", "replay"),
     "Search": ("worst", "rare", "tune"),
     "Look": ("report", "show", "explore", "compare", "explain", "whatif", "status", "query", "export", "trim"),
     "Analyse": ("margins", "linearize"),

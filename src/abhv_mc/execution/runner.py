@@ -73,7 +73,12 @@ def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
         executor = stack.enter_context(
             open_executor(engine, execution, request.workers, cluster, request.check_workers)
         )
-        return _Run(opened, engine, executor).run()
+        return fly_opened(opened, engine, executor)
+
+
+def fly_opened(opened: OpenCampaign, engine: Engine, executor: Executor) -> RunResult:
+    """Fly what an open folder misses of its campaign, and make what follows from all flights."""
+    return _Run(opened, engine, executor).run()
 
 
 class _Run:
@@ -100,7 +105,9 @@ class _Run:
     def run(self) -> RunResult:
         """Fly and finish."""
         runs = dict.fromkeys(self.completion.done, self.campaign.runs)
-        for rows, digest in read_flown_blocks(self.folder, runs, self.samples, self.columns, self.files):
+        for rows, digest in read_flown_blocks(
+            self.folder, runs, self.samples, self.columns, self.files, keep_lost=self.campaign.adopted
+        ):
             self.completion.add(rows, digest)
         if self.manifest.complete and self.completion.whole() and self._has_products():
             if self._judge() != self.manifest:  # with another controller first

@@ -112,7 +112,7 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     files = begin_folder(folder, inputs, plans, stack)
     _write_samples(folder, requested)
     _write_nominal(folder, requested, plans, nominal)
-    manifest = replace(_new_manifest(requested, inputs, engine, plans, told), shard=request.shard, files=files.listed())
+    manifest = replace(make_manifest(requested, inputs, engine, plans, told), shard=request.shard, files=files.listed())
     write_manifest(folder.manifest, manifest)
     return OpenCampaign(folder, ready, manifest, tuple(plans), files)
 
@@ -263,9 +263,10 @@ def _check_drawn(folder: CampaignFolder, campaign: Experiment) -> None:
             raise InputError(folder.samples, found, "the versions that the manifest names, or --fresh")
 
 
-def _new_manifest(
+def make_manifest(
     campaign: Experiment, inputs: FolderInputs, engine: Engine, plans: dict[str, FlightPlan], told: Sequence[str]
 ) -> Manifest:
+    """Of a campaign that is about to fly; ``told``: what its first flights say."""
     from datetime import UTC, datetime
 
     ours = [] if campaign.own else plans.values()

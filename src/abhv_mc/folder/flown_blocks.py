@@ -14,13 +14,18 @@ from abhv_mc.folder.samples import SampleReader
 
 
 def read_flown_blocks(
-    folder: CampaignFolder, runs: Mapping[str, int], samples: SampleReader, columns: tuple[str, ...], files: FileHashes
+    folder: CampaignFolder,
+    runs: Mapping[str, int],
+    samples: SampleReader,
+    columns: tuple[str, ...],
+    files: FileHashes,
+    keep_lost: bool = False,
 ) -> Iterator[tuple[FlightRows, Digest]]:
     """The whole blocks of each controller's ``runs`` flights, which the machine could compute all, with their digests.
 
     Others are deleted, and their flights are missing then: blocks that are damaged, of other samples or metrics, that
-    overlap, and those with a flight that could not be computed, which perhaps can be now. Files that the manifest names
-    come first: where a kill left a joined file beside those that it is made of, they are the ones that count.
+    overlap, and (unless ``keep_lost``) those with a flight that could not be computed, which perhaps can be now. Files
+    that the manifest names come first: where a kill left a joined file beside those that it is made of, they count.
     """
     flown = {name: np.zeros(number, bool) for name, number in runs.items()}
     for path in sorted(folder.flights.glob("*.parquet"), key=lambda path: (not files.knows(path), path)):
@@ -34,7 +39,7 @@ def read_flown_blocks(
                 pieces, held = pieces + 1, (rows, digest)
                 if rows.columns != columns or not np.array_equal(rows.samples, samples.rows(rows.first, rows.stop)):
                     raise DamagedFileError(f"{path.name} belongs to no part of this campaign")
-                if Outcome.FAILED_TO_RUN.code in rows.outcome:
+                if not keep_lost and Outcome.FAILED_TO_RUN.code in rows.outcome:
                     raise DamagedFileError(f"{path.name} has flights that could not be computed")
         except DamagedFileError:
             path.unlink()

@@ -16,7 +16,7 @@ from abhv_mc.campaign.file.check import check_campaign
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.references import find_references
 from abhv_mc.campaign.file.requirements import join_requirements, select_requirements
-from abhv_mc.campaign.file.simulator import SYSTEMS, systems_key
+from abhv_mc.campaign.file.simulator import SYSTEMS, is_own, systems_key
 from abhv_mc.folder.layout import CampaignFolder, is_inside, write_bytes, write_whole
 from abhv_mc.folder.manifest import Manifest
 from abhv_mc.io.documents import Document, InputError, read_document, write_document
@@ -81,9 +81,10 @@ def collect_inputs(campaign: Experiment) -> FolderInputs:
             name: _take(path, f"inputs/controllers/{name}", copies) for name, path in model.controllers.items()
         }
     else:
-        base, place = campaign.document.path.parent / campaign.own.simulator.folder, "inputs/simulator"
-        copies |= {f"{place}/{n}": read_input(path) for n, path in campaign.own.simulator.find_files(base).items()}
-        data["simulator"] = {**data["simulator"], "folder": place}
+        if simulator := campaign.own.simulator:
+            base, place = campaign.document.path.parent / simulator.folder, "inputs/simulator"
+            copies |= {f"{place}/{name}": read_input(path) for name, path in simulator.find_files(base).items()}
+            data["simulator"] = {**data["simulator"], "folder": place}
         data[SYSTEMS] = campaign.own.systems
     if model.channels is not None:
         data["channels"] = _take(model.channels, "inputs/channels", copies)
@@ -147,7 +148,7 @@ def merge_inputs(flown: FolderInputs, asked: FolderInputs, selected: bool = Fals
 def _for_controllers(data: dict[str, Any], names: list[str]) -> dict[str, Any]:
     """The data with the requirements that apply to these, whatever entries they are written in, in one order."""
     selected = join_requirements(select_requirements(data.get("requirements") or [], names), (), names)
-    systems = {SYSTEMS: {name: data[SYSTEMS][name] for name in names}} if "simulator" in data else {}
+    systems = {SYSTEMS: {name: data[SYSTEMS][name] for name in names}} if is_own(data) else {}
     ordered = sorted(selected, key=lambda entry: json.dumps(entry, sort_keys=True))
     return {**data, **systems, "requirements": ordered}
 

@@ -74,6 +74,8 @@ def _check(file: Path, kind: str, flown: tuple[Path, Path] | None, pending: Pend
         if drawn:
             more = f" and {len(drawn) - _NAMED} more" if len(drawn) > _NAMED else ""
             yield f"{', '.join(drawn[:_NAMED])}{more}: is this one value for the whole programme? Then 'unknowns'"
+        if checked.own and checked.adopted:
+            return
         if checked.own:
             check_user_code(checked)
             try:

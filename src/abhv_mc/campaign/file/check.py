@@ -21,7 +21,7 @@ from abhv_mc.campaign.file.requirements import (
     phase_windows,
     select_requirements,
 )
-from abhv_mc.campaign.file.simulator import SimulatorCampaign, check_simulator, systems_key
+from abhv_mc.campaign.file.simulator import SimulatorCampaign, check_simulator, is_own, systems_key
 from abhv_mc.campaign.file.unknowns import check_unknowns
 from abhv_mc.campaign.file.user_metrics import (
     declare_metrics,
@@ -65,8 +65,7 @@ def check_campaign(document: Document) -> Experiment:
         raise document.error((), f"a {kind} file", "a campaign file")
     document = name_effectors(read_requirements(document))
     wrong = list(find_wrong_kinds(document))
-    of_own = isinstance(document.data, dict) and "simulator" in document.data
-    file: type[Campaign] = SimulatorCampaign if of_own else Campaign
+    file: type[Campaign] = SimulatorCampaign if is_own(document.data) else Campaign
     try:
         model = validate(document, file)
     except InputErrors as refused:
@@ -126,6 +125,7 @@ def _check(document: Document, model: Campaign) -> Experiment:
         derived=derived,
         unknowns=unknowns,
         parameters=parameters,
+        columns=tuple(dict.fromkeys((*names, *parameters.index))) if own and not own.simulator else None,
     )
 
 

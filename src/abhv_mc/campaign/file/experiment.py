@@ -106,12 +106,17 @@ class Experiment:
         return own_outcomes(self.own.outcomes) if self.own else OUTCOMES
 
     @property
+    def adopted(self) -> bool:
+        """Whether its flights have been flown by somebody else."""
+        return self.own is not None and self.own.simulator is None
+
+    @property
     def seed(self) -> int:
         return self.model.seed
 
     @property
     def sampling(self) -> str:
-        return self.model.sampling.design
+        return "adopted" if self.adopted else self.model.sampling.design
 
     @property
     def runs_at_point(self) -> int:
@@ -121,6 +126,8 @@ class Experiment:
     @property
     def judged(self) -> bool:
         """Whether the flights at each point are independent draws, so that requirements get verdicts."""
+        if self.own and self.adopted:
+            return self.own.independent
         return self.sampling == INDEPENDENT
 
     @property

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from abhv_mc.campaign.file.simulator import is_own
 from abhv_mc.io.documents import Document, InputError, InputErrors
 
 Place = tuple[int, int]
@@ -32,7 +33,7 @@ def find_more(document: Document, known: Sequence[InputError], check: Callable[[
     wrong = {_part_at(document, place) for place in told}
     here = document.path.name  # a file that is there, in the place of one that is not
     data: dict[str, Any] = {"name": "name", "vehicle": here, "mission": here, "controllers": {"name": here}}
-    if isinstance(document.data, dict) and "simulator" in document.data:
+    if is_own(document.data):
         data = {"name": "name", "simulator": {"command": [here]}, "metrics": {"name": {}}}
     places: dict[tuple[Any, ...], Place] = {}
     for section, value in document.data.items() if isinstance(document.data, dict) else ():

@@ -69,7 +69,12 @@ def make_schema(kind: str) -> Schema:
     if kind == "campaign":
         either = TypeAdapter(Campaign | SimulatorCampaign).json_schema(schema_generator=_Generator)
         ours, own = either.pop("anyOf")
-        made = {**either, "if": {"required": ["simulator"]}, "then": own, "else": ours}
+        made = {
+            **either,
+            "if": {"anyOf": [{"required": ["simulator"]}, {"required": ["inputs"]}]},
+            "then": own,
+            "else": ours,
+        }
         _enumerate(made["$defs"])
     else:
         made = MODELS[kind].model_json_schema(schema_generator=_Generator)

@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 from abhv_mc.campaign.file.config import Campaign, Execution, Name
 from abhv_mc.campaign.file.user_metrics import MetricName
 from abhv_mc.control.law_file import expand
-from abhv_mc.flight.metrics import Bad, Metric, label_of
+from abhv_mc.flight.metrics import MARGIN_NAMES, Bad, Metric, label_of
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel
 from abhv_mc.io.units import Time, parse_in_any_unit
@@ -17,7 +17,8 @@ from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.plant.parameters import Parameter, Parameters
 
 SYSTEMS = "systems"
-_TAKEN = ("flight", "controller", "system", "outcome", "end_time", "end_time_s", "history", "error", "point")
+_TAKEN = {"flight", "controller", "system", "outcome", "end_time", "end_time_s", "history", "error", "point"}
+_OUTCOMES = {Outcome.OK.code, Outcome.FAILED_TO_RUN.code}
 Unit = Annotated[str, Field(min_length=1, max_length=30)]
 
 
@@ -104,7 +105,12 @@ class SimulatorCampaign(Campaign):
     """A campaign file with a simulator of the user's own."""
 
     model_config = ConfigDict(json_schema_extra=_leave_out)
-    simulator: Simulator = Field(description="what flies, in place of vehicle, mission and controllers")
+    simulator: Simulator | None = Field(
+        None, description="what flies, in place of vehicle, mission and controllers; left out: `adopt` takes flights"
+    )
+    independent: bool = Field(
+        False, description="without a simulator: yes where flights are independent draws of the dispersions"
+    )
     systems: Annotated[dict[Name, dict[str, Any]], Field(min_length=1)] = Field(
         {"system": {}}, description="what is compared: settings of the simulator by name; the first has to meet it all"
     )
@@ -126,14 +132,13 @@ class SimulatorCampaign(Campaign):
 
     @model_validator(mode="after")
     def _names(self) -> "SimulatorCampaign":
-        for key, names in (("inputs", self.inputs), ("metrics", self.metrics), ("outcomes", self.outcomes)):
-            for name in names:
-                if (
-                    name in _TAKEN
-                    or (key == "metrics" and name in self.inputs)
-                    or (key == "outcomes" and name in {outcome.code for outcome in Outcome})
-                ):
+        taken = {"inputs": _TAKEN, "metrics": {*_TAKEN, *MARGIN_NAMES, *self.inputs}, "outcomes": _OUTCOMES}
+        for key, names in taken.items():
+            for name in getattr(self, key):
+                if name in names:
                     raise Refusal(f"'{name}', a name that is taken", "another name", (key, name))
+        if self.independent and self.simulator:
+            raise Refusal("'independent' beside a simulator", "'sampling', which says it", ("independent",))
         return self
 
     @property
@@ -145,7 +150,12 @@ class SimulatorCampaign(Campaign):
 
 def systems_key(data: Mapping[str, Any]) -> str:
     """The key of a campaign file under which stands what is compared."""
-    return SYSTEMS if "simulator" in data else "controllers"
+    return SYSTEMS if is_own(data) else "controllers"
+
+
+def is_own(data: object) -> bool:
+    """Whether a campaign file is one of a user's simulator, or of flights that somebody else has flown."""
+    return isinstance(data, dict) and ("simulator" in data or "inputs" in data)
 
 
 def parse_limit(value: float | str | None, unit: str) -> float | None:
@@ -156,9 +166,14 @@ def parse_limit(value: float | str | None, unit: str) -> float | None:
 def check_simulator(document: Document, model: SimulatorCampaign, errors: list[InputError]) -> None:
     """What is wrong with the simulator is added to ``errors``."""
     try:
-        model.simulator.find_files(document.path.parent / model.simulator.folder)
+        if model.simulator:
+            model.simulator.find_files(document.path.parent / model.simulator.folder)
     except Refusal as refusal:
         errors.append(document.error(("simulator", *refusal.keys), refusal.found, refusal.expected))
+    for key in ("unknowns", "derived", "stop", "sampling", "correlations"):
+        if not model.simulator and key in model.model_fields_set:
+            found = f"'{key}' of flights that have been flown"
+            errors.append(document.key_error((key,), found, "a simulator, or none of it"))
     if "envelopes" in model.keep.model_fields_set:
         found = "envelopes of flights that return no history"
         errors.append(document.key_error(("keep", "envelopes"), found, "no 'envelopes' here"))

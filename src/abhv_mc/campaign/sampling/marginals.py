@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Mask
 
 # Corners, grid and trial flights take an unbounded distribution between these probabilities: +-3 sigma of a normal.
 TAIL_PROBABILITY = 0.0013498980316301
@@ -207,3 +207,20 @@ class SometimesMarginal:
     def at_fraction(self, fraction: Floats) -> Floats:
         """Values of the drawn distribution's extent: trial flights ask whether a failure matters when it comes."""
         return self.drawn.at_fraction(fraction)
+
+
+_SLACK = 1e-9  # of a distribution's width: values of a table may be rounded
+
+
+def outside(marginal: Marginal, values: Floats) -> Mask:
+    """Which values [flight] a distribution never has."""
+    if isinstance(marginal, SometimesMarginal):
+        return outside(marginal.drawn, values) & (values != marginal.nominal)
+    if isinstance(marginal, MixtureMarginal):
+        return np.logical_and.reduce([outside(part, values) for part in marginal.parts])
+    if isinstance(marginal, DiscreteMarginal):
+        slack = _SLACK * float(np.ptp(marginal.values))
+        return np.asarray(np.abs(values[:, None] - marginal.values).min(axis=1) > slack)
+    low, high = marginal.frozen.support()  # type: ignore[attr-defined]
+    slack = _SLACK * (high - low) if np.isfinite(high - low) else 0.0
+    return np.asarray((values < low - slack) | (values > high + slack))

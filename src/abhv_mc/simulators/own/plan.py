@@ -14,7 +14,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.file.simulator import SimulatorCampaign
+from abhv_mc.campaign.file.simulator import Simulator, SimulatorCampaign
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.io.input_error import InputError
@@ -82,7 +82,11 @@ class OwnPlan:
 
 def make_own_plans(campaign: Experiment, model: SimulatorCampaign, names: Iterable[str]) -> dict[str, OwnPlan]:
     """The plans of some of a campaign's systems."""
-    simulator, base = model.simulator, campaign.document.path.parent / model.simulator.folder
+    simulator = model.simulator
+    if simulator is None:
+        found = "a campaign without a simulator: nothing can fly"
+        raise campaign.document.error((), found, "'simulator' here; abhv-mc adopt TABLE takes flights that were flown")
+    base = campaign.document.path.parent / simulator.folder
     hashes = {name: hashlib.sha256(read_input(path)).hexdigest() for name, path in simulator.find_files(base).items()}
     outcomes = {
         code: number for code, number in campaign.outcomes.numbers.items() if number != int(Outcome.FAILED_TO_RUN)
@@ -108,10 +112,11 @@ def make_own_plans(campaign: Experiment, model: SimulatorCampaign, names: Iterab
 
 def own_source(campaign: Experiment, model: SimulatorCampaign) -> UserSource:
     """The simulator's files, by which it is trusted. Nothing is run."""
-    base = campaign.document.path.parent / model.simulator.folder
-    files = tuple((name, read_input(path)) for name, path in model.simulator.find_files(base).items())
-    text = json.dumps([model.simulator.python, model.simulator.command])
-    return UserSource(text, str(base / (model.simulator.python or (model.simulator.command or ("",))[0])), files)
+    simulator = model.simulator or Simulator(command=("",))
+    base = campaign.document.path.parent / simulator.folder
+    files = tuple((name, read_input(path)) for name, path in simulator.find_files(base).items())
+    text = json.dumps([simulator.python, simulator.command])
+    return UserSource(text, str(base / (simulator.python or (simulator.command or ("",))[0])), files)
 
 
 def nominal_rows(campaign: Experiment, flights: int = 1) -> Floats:

@@ -53,6 +53,9 @@ def _flown(found: Flights, campaign: Experiment, names: Names) -> str:
     if campaign.stops_when_proven:
         text += f" (at most {fixed(campaign.runs, 0)}; it stops when proven)"
     seeds = f"seeds {', '.join(map(str, campaign.pooled_seeds))} one after the other"
+    if campaign.adopted:
+        independent = "are" if campaign.independent else "are not said to be"
+        return f"{text}, adopted from a table; they {independent} independent draws. "
     text += f" ({campaign.sampling.replace('_', ' ')} sampling, "
     text += f"{seeds if campaign.pooled_seeds else f'seed {campaign.seed}'}). "
     if found.dispersions:
