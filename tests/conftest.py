@@ -28,6 +28,7 @@ _THOROUGH = (
     "control/design/test_retuned.py",
     "control/design/test_robust.py",
     "docs",
+    "execution/test_adopt_ours.py",
     "execution/test_c_simulator.py",
     "execution/test_cluster.py",
     "execution/test_faults.py",
