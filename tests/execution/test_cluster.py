@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from fake_flight import DENSITY, ENGINE, fly, make_plan, write_campaign
+from own_simulators import dive_campaign
 from search import tuned_flight
 from search.line_flight import LINE, METRIC, write_line
 
@@ -279,3 +280,11 @@ def test_searches_find_the_same_on_a_cluster(tmp_path, two_workers):
     here = tune_controller(request, tuned_flight.ENGINE).as_json()
     elsewhere = replace(request, out=tmp_path / "there.yaml", scheduler=address)
     assert tune_controller(elsewhere, tuned_flight.ENGINE).as_json() == here
+
+
+def test_a_users_simulator_flies_on_a_cluster(two_workers, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    path = dive_campaign(tmp_path / "own", runs=300, execution={"batch": 40})
+    local = run_campaign(Request(path, tmp_path / "local", workers=2)).manifest
+    far = run_campaign(Request(path, tmp_path / "far", scheduler=two_workers.address)).manifest
+    assert far.complete and far.digest == local.digest

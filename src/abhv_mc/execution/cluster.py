@@ -77,6 +77,16 @@ def fly_remote(
         watch.end()
 
 
+def fly_own_remote(fly: Fly, source: str, plan: FlightPlan, parameters: Floats) -> FlightBlock:
+    """What a worker of the cluster does with a user's simulator, which lies there as here: the block, signed."""
+    if source and code_hash() != source:
+        raise UnusableError("a worker of the cluster has another version of the program: start it anew")
+    try:
+        return sign(fly(plan, parameters, None))
+    except InputError as error:
+        raise UnusableError(f"a worker of the cluster: {error}") from None
+
+
 class _Watch:
     """Ends the process where a batch takes longer than ``limit``, s."""
 
@@ -97,7 +107,7 @@ class Cluster:
     """Flies on the workers of a scheduler; threads may call :meth:`fly` side by side."""
 
     def __init__(self, client: "Client", engine: Engine) -> None:
-        self._client, self._engine = client, engine
+        self._client, self.engine = client, engine
         self.limit = 600.0  # s that one flight, or 16 in a batch, may take
         self.check: Check = Attestation(engine).check
         self._plans: dict[int, tuple[Future, FlightPlan]] = {}  # held, so that no id comes twice
@@ -110,7 +120,12 @@ class Cluster:
 
     def fly(self, plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
         """As the engine's ``fly``; what cannot be computed has the outcome ``failed_to_run``."""
-        return fly_with_retries(partial(self._attempt, plan), plan, parameters, recorded)
+        if self.engine.close is None:
+            return fly_with_retries(partial(self._attempt, plan), plan, parameters, recorded)
+        try:
+            return self._attempt(plan, parameters, recorded)
+        except FlightLostError as lost:  # its flights cost no worker: it is the machine
+            raise UnusableError(str(lost)) from None
 
     def _hold(self, plan: FlightPlan) -> "Future":
         """The plan on the cluster: held anew where Dask gave it up, as it does after workers that died with it."""
@@ -126,12 +141,13 @@ class Cluster:
     def _attempt(self, plan: FlightPlan, parameters: Floats, recorded: Recorded) -> FlightBlock:
         from distributed import CancelledError, KilledWorker
 
-        engine, limit = self._engine, time_limit(min(len(parameters), AT_ONCE), self.limit)
+        engine, limit = self.engine, time_limit(min(len(parameters), AT_ONCE), self.limit)
         source = engine.source if engine.checked else ""
-        held, code = self._hold(plan), code_of(plan)
-        future = self._client.submit(
-            fly_remote, engine.fly, source, held, code, parameters, recorded, limit, pure=False
-        )
+        if engine.close is not None:
+            future = self._client.submit(fly_own_remote, engine.fly, source, plan, parameters, pure=False)
+        else:
+            given = self._hold(plan), code_of(plan), parameters, recorded, limit
+            future = self._client.submit(fly_remote, engine.fly, source, *given, pure=False)
         try:
             block: FlightBlock = future.result()
         except UnusableError:

@@ -54,7 +54,8 @@ def open_executor(
     number = workers or execution.workers or count_cores()
     isolation = engine.isolation if execution.isolation == "auto" else execution.isolation
     if cluster is not None:
-        cluster.limit, cluster.check = limit or cluster.limit, check
+        cluster.engine, cluster.limit = engine, limit or cluster.limit
+        cluster.check = check if engine.close is None else lambda _plan, _rows, block: block  # its bits are its own
         yield Executor(cluster.fly, workers or cluster.room)
     elif isolation == PROCESSES:
         with contextlib.closing(WorkerPool(engine.fly, number, limit, check)) as pool:
