@@ -89,9 +89,7 @@ def _copy_files(app, error):
     """The parts of MathJax that its loader reads, and a report to look at."""
     if error is not None or app.builder.format != "html":
         return
-    shutil.copyfile(
-        HERE / "_build/flown/study/reports/s_manoeuvre/report.html", Path(app.outdir) / "_static/report.html"
-    )
+    shutil.copyfile(HERE / "_build/flown/study/default/report.html", Path(app.outdir) / "_static/report.html")
     package = importlib.util.find_spec("sphinx-mathjax-offline").submodule_search_locations[0]
     source, target = Path(package) / "static" / "mathjax", Path(app.outdir) / "_static" / "mathjax"
     for part in ("tex-chtml.js", "output/chtml/fonts", "input/tex/extensions"):

@@ -49,11 +49,11 @@ def flight_figures(found: Flights, names: Names) -> Iterator[tuple[FigureText, F
         if len(panels) == len(controllers):
             rows.append(EnvelopeRow(label, panels))
     if rows:
-        flown = "; ".join(f"{names.label(n)}: {', '.join(map(str, listed[n]))}" for n in controllers if listed[n])
         text = FigureText(
             "worst_flights",
             "The worst flights",
-            f"The worst flights, over the bands of all flights. Flights of {flown}.",
+            "The worst flight of each controller, and thin the next worst, over the bands of all flights; the tables "
+            "above have their numbers.",
         )
         colors = controller_colors(controllers)
         yield text, plot_envelopes(rows, list(names.controllers.values()), list(colors.values()))
