@@ -56,7 +56,7 @@ def estimate_campaign(campaign: Experiment, engine: Engine, workers: int | None 
     plans = make_plans(campaign, campaign.controllers, engine)
     campaign = make_ready(campaign, plans)
     every = history_every = cells = 0
-    if campaign.own is not None:
+    if campaign.user_model is not None:
         fly_first(campaign, engine, workers)
     else:
         first = next(iter(plans.values()))

@@ -15,8 +15,8 @@ from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.simulators.engine import Engine
-from abhv_mc.simulators.own.fly import seconds_of_a_flight
 from abhv_mc.simulators.simulate import simulate
+from abhv_mc.simulators.user_simulator.user_flights import seconds_of_a_flight
 
 _LONG = 1.0  # s: flights that take longer are not flown for a check alone
 

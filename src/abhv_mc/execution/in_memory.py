@@ -39,7 +39,7 @@ def simulate_table(
     for kind, given, known in (
         ("inputs", names, experiment.parameters.dispersible),
         ("controllers", flying, experiment.controllers),
-        ("channels", channels, tuple(CHANNEL_INDEX) if experiment.own is None else ()),
+        ("channels", channels, tuple(CHANNEL_INDEX) if experiment.user_model is None else ()),
     ):
         for name in given:
             if name not in known or list(given).count(name) > 1:
@@ -53,7 +53,7 @@ def simulate_table(
     engine = engine_of(experiment, engine)
     plans = make_plans(experiment, flying, engine)
     recording = None
-    if experiment.own is None:
+    if experiment.user_model is None:
         plans = {name: plan.lean_for({*experiment.names, *names}) for name, plan in plans.items()}
         for plan in plans.values():
             check_rows(plan, full_rows(names, rows, experiment.derived))

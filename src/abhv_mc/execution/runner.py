@@ -38,7 +38,7 @@ from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, RUNNING, Manifest, wr
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.simulators.engine import Engine, check_source, engine_of, make_engine
 from abhv_mc.simulators.make_plans import record_every
-from abhv_mc.simulators.own.fly import seconds_of_a_flight
+from abhv_mc.simulators.user_simulator.user_flights import seconds_of_a_flight
 
 _SAVE_INTERVAL = 5.0  # s between manifests on disk
 
@@ -165,7 +165,7 @@ class _Run:
         if self.campaign.has_histories and not self._has_envelopes():
             states, runs = self.folder.envelope_states, self.campaign.runs
             self.collectors = {name: Collector(states, name, runs, self.cells) for name in self.plans}
-        if self.campaign.own is not None:
+        if self.campaign.user_model is not None:
             self._time_flights()
         while missing := self.completion.find_missing(self.collectors):
             self._fly_missing(missing)
@@ -191,7 +191,7 @@ class _Run:
         )
         backpressure = Backpressure(2 * self.workers)
         plain = None
-        if self.campaign.own is None:
+        if self.campaign.user_model is None:
             plain = envelope_states.ENVELOPE_FLIGHTS, choose_plain(total, self.workers, self.batch)
         tasks = (
             delayed(backpressure.call)(
@@ -232,7 +232,7 @@ class _Run:
                 self.campaign.outcomes.of(flown.outcome),
                 self._make_values(flown),
                 self.columns,
-                np.inf if self.campaign.own else self.plans[block.controller].timing.duration,
+                np.inf if self.campaign.user_model else self.plans[block.controller].timing.duration,
             )
             digest = write_block(self.folder.flights, rows, self.schema)
             self.manifest = replace(self.manifest, flown_by=note_flyers(

@@ -104,7 +104,7 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     if request.shard is None:
         _compile_margins(requested, plans, engine, stack)
     nominal = _fly_nominal(requested, plans, engine)
-    told = fly_first(make_ready(requested, plans), engine, request.workers) if requested.own else ()
+    told = fly_first(make_ready(requested, plans), engine, request.workers) if requested.user_model else ()
     if requested.unknowns.names:
         requested = name_points(requested, plans, engine, request.workers)
         inputs = collect_inputs(requested)
@@ -157,7 +157,7 @@ def _resume(
     judged_anew = next(iter(merged.systems)) != next(iter(before.systems))
     changed = added or longer or judged_anew or not files.knows(folder.campaign)  # the last: killed while it grew
     with_nominal = not added and all(map(files.knows, (folder.nominal, folder.reference)))
-    with_nominal = with_nominal or requested.own is not None
+    with_nominal = with_nominal or requested.user_model is not None
     if added or longer or not with_nominal or not manifest.complete:
         check_source(folder, manifest, engine)
         _start_workers(request, engine)
@@ -171,14 +171,15 @@ def _resume(
     campaign = _join(requested, inputs, merged if changed else before)
     if not files.knows(folder.samples):
         _write_samples(folder, campaign)
-    if requested.own is not None:
-        held = requested.model.model_copy(update={"systems": campaign.own.systems if campaign.own else {}})
+    if requested.user_model is not None:
+        systems = campaign.user_model.systems if campaign.user_model else {}
+        held = requested.model.model_copy(update={"systems": systems})
         plans = make_plans(replace(requested, model=held), campaign.controllers, engine)
     else:
         names, trusted = campaign.controllers, request.trust_code
         plans = {name: new.get(name) or read_trusted_plan(folder, campaign, name, trusted) for name in names}
     if changed:
-        first = () if campaign.own is None else manifest.warnings
+        first = () if campaign.user_model is None else manifest.warnings
         manifest = replace(manifest, warnings=tuple(dict.fromkeys([*first, *find_warnings(plans, campaign)])))
     if not with_nominal:
         _write_nominal(folder, campaign, plans, _fly_nominal(campaign, plans, engine))
@@ -220,7 +221,7 @@ def _fly_nominal(
     campaign: Experiment, plans: dict[str, FlightPlan], engine: Engine
 ) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float32]]]:
     """Fly the probes of the dispersions; times and history ``[time, channel]`` of each controller's nominal flight."""
-    if campaign.own is not None:
+    if campaign.user_model is not None:
         return {}
     first = next(iter(plans.values()))
     record_every(campaign.document, first, campaign.model.keep.envelopes.rate, "envelopes")
@@ -236,7 +237,7 @@ def _write_nominal(
     nominal: dict[str, tuple[NDArray[np.float64], NDArray[np.float32]]],
 ) -> None:
     """The nominal flights and the reference, at the rate of the histories."""
-    if campaign.own is not None:
+    if campaign.user_model is not None:
         return
     first = next(iter(plans.values()))
     every = record_every(campaign.document, first, campaign.model.keep.histories.rate, "histories")
@@ -269,7 +270,7 @@ def make_manifest(
     """Of a campaign that is about to fly; ``told``: what its first flights say."""
     from datetime import UTC, datetime
 
-    ours = [] if campaign.own else plans.values()
+    ours = [] if campaign.user_model else plans.values()
     sources = [source for plan in ours for source in (plan.source, plan.channels_source) if source]
     return Manifest(
         name=campaign.model.name,

@@ -90,13 +90,13 @@ _OF_A_SIMULATOR = {
     Outcome.OK: "The flight reached its end.",
     Outcome.FAILED_TO_RUN: "The flight could not be computed (a crash, the time limit, or no answer that counts).",
 }
-_FIRST_OWN = 100  # number of the first outcome that a user's simulator declares
+_FIRST_DECLARED = 100  # number of the first outcome that a user's simulator declares
 OUTCOMES = Outcomes({int(o): o.code for o in Outcome}, {o.code: words for o, words in SENTENCES.items()})
 
 
-def own_outcomes(declared: Mapping[str, str]) -> Outcomes:
+def simulator_outcomes(declared: Mapping[str, str]) -> Outcomes:
     """The outcomes of a user's simulator, whose own have a code and a sentence each."""
-    codes = {int(o): o.code for o in _OF_A_SIMULATOR} | dict(enumerate(declared, _FIRST_OWN))
+    codes = {int(o): o.code for o in _OF_A_SIMULATOR} | dict(enumerate(declared, _FIRST_DECLARED))
     return Outcomes(codes, {o.code: words for o, words in _OF_A_SIMULATOR.items()} | dict(declared))
 
 

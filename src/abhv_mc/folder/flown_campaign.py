@@ -149,7 +149,7 @@ def read_flown(root: Path) -> FlownCampaign:
     files = data_files(folder, manifest)
     flights = read_flights(folder.flights, files, campaign.metrics, ends=campaign.outcomes)
     with_histories = campaign.has_histories
-    reference = _columns(read_table(folder.reference, "the mission's reference")) if campaign.own is None else {}
+    reference = _columns(read_table(folder.reference, "the mission's reference")) if campaign.user_model is None else {}
     return FlownCampaign(
         folder=root,
         campaign=campaign,
@@ -159,7 +159,7 @@ def read_flown(root: Path) -> FlownCampaign:
         envelopes=_read_envelopes(folder.envelopes) if with_histories else {},
         reference={name: value.astype(np.float64) for name, value in reference.items()},
         nominal=_read_nominal(folder.nominal) if with_histories else {},
-        steady_margins=SteadyMargins() if campaign.own else read_steady_margins(folder.margins),
+        steady_margins=SteadyMargins() if campaign.user_model else read_steady_margins(folder.margins),
     )
 
 

@@ -74,18 +74,18 @@ def collect_inputs(campaign: Experiment) -> FolderInputs:
     model = campaign.model
     data: dict[str, Any] = dict(campaign.document.data)  # type: ignore[arg-type]
     copies: dict[str, bytes] = {}
-    if campaign.own is None:
+    if campaign.user_model is None:
         data["vehicle"] = _take(model.vehicle, "inputs/vehicle", copies)
         data["mission"] = _take(model.mission, "inputs/mission", copies)
         data["controllers"] = {
             name: _take(path, f"inputs/controllers/{name}", copies) for name, path in model.controllers.items()
         }
     else:
-        if simulator := campaign.own.simulator:
+        if simulator := campaign.user_model.simulator:
             base, place = campaign.document.path.parent / simulator.folder, "inputs/simulator"
             copies |= {f"{place}/{name}": read_input(path) for name, path in simulator.find_files(base).items()}
             data["simulator"] = {**data["simulator"], "folder": place}
-        data[SYSTEMS] = campaign.own.systems
+        data[SYSTEMS] = campaign.user_model.systems
     if model.channels is not None:
         data["channels"] = _take(model.channels, "inputs/channels", copies)
     if isinstance(model.metrics, Path):

@@ -33,17 +33,17 @@ class Parameter:
     unit: str  # SI, or what a user's simulator has; "-" for a factor (1.0 = nominal)
     nominal: float
     doc: str
-    own: bool = False  # whether it is an input of a user's simulator
+    of_user: bool = False  # whether it is an input of a user's simulator
     seed: bool = False  # whether it says which noise a flight meets, and not how much of anything
 
     @property
     def is_factor(self) -> bool:
         """Whether it multiplies (1 = nominal) rather than adds."""
-        return self.nominal == 1.0 and (self.unit == "-" or not self.own)
+        return self.nominal == 1.0 and (self.unit == "-" or not self.of_user)
 
     def read(self, value: float | str, of_nominal: bool = False) -> float:
         """A quantity in its unit; ``of_nominal``: a percentage is of its nominal value. Raises Refusal."""
-        if not self.own:
+        if not self.of_user:
             return parse_in_unit(value, self.unit)
         if of_nominal and self.unit != "%" and isinstance(value, str) and value.rstrip().endswith("%"):
             if self.nominal == 0.0:

@@ -165,7 +165,7 @@ def _find_requirement(campaign: Experiment, controller: str, metric: str) -> Req
     bound = [item for item in campaign.requirements if not item.named or controller in item.controllers]
     own = [item for item in bound if item.metric == metric]
     where = ("requirements",)
-    if campaign.own is None and metric in BUILT_IN and BUILT_IN[metric].plateaus:
+    if campaign.user_model is None and metric in BUILT_IN and BUILT_IN[metric].plateaus:
         values = " or ".join(f"{value:g}" for value in BUILT_IN[metric].plateaus)
         said = f"'{metric}', of which many flights share the value {values}"
         wish = "a metric that grows from flight to flight: on a plateau no flight is nearer to failing than another"

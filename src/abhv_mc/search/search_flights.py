@@ -137,7 +137,7 @@ class SearchFlights:
     @property
     def duration(self) -> float:
         """Of a flight that does not end early, s; a user's simulator has none."""
-        return 0.0 if self.campaign.own else self.plan.timing.duration
+        return 0.0 if self.campaign.user_model else self.plan.timing.duration
 
     def rows(self) -> FlightRows:
         """All flights so far."""
@@ -259,13 +259,13 @@ def open_search(
             manifest, files = flown.manifest, flown.files
             plan = (
                 make_plans(campaign, [name], engine)[name]
-                if campaign.own
+                if campaign.user_model
                 else read_trusted_plan(folder, campaign, name)
             )
         else:
             plan = make_plans(campaign, [name], engine)[name]
             ready = make_ready(campaign, {name: plan})
-            if campaign.own is not None:
+            if campaign.user_model is not None:
                 fly_first(ready, engine, request.workers)
             else:
                 fly_probes(ready, engine.fly, plan.timing.ticks)

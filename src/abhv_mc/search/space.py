@@ -156,7 +156,7 @@ def make_space(campaign: Experiment, with_unknowns: bool = False) -> Space:
     moved = (*names, *(each.name for each in campaign.derived))
     seeds = (
         find_seeds((), campaign.parameters)
-        if campaign.own
+        if campaign.user_model
         else tuple(
             seed for seed, cause in _SEEDS.items() if seed in campaign.names or any(n.endswith(cause) for n in moved)
         )

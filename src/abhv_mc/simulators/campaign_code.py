@@ -6,7 +6,7 @@ from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.control.controller_file import Controller, read_controller
 from abhv_mc.control.law_file import USER_LAWS, UserController
 from abhv_mc.io.documents import read_document
-from abhv_mc.simulators.own.plan import own_source
+from abhv_mc.simulators.user_simulator.user_plan import simulator_source
 from abhv_mc.user_code.law_source import law_place, read_law_source
 from abhv_mc.user_code.source import UserSource, read_source
 from abhv_mc.user_code.trust import check_trusted, is_in_a_folder
@@ -19,8 +19,8 @@ def check_user_code(campaign: Experiment, trusted: bool = False) -> list[UserSou
     Not run here. Raises InputError for others, unless he says that he trusts them.
     """
     model, foreign = campaign.model, is_in_a_folder(campaign.document.path)
-    if campaign.own is not None:
-        source = own_source(campaign, campaign.own)
+    if campaign.user_model is not None:
+        source = simulator_source(campaign, campaign.user_model)
         if foreign or is_in_a_folder(Path(source.file)):
             check_trusted(source, trusted)
             return []

@@ -12,8 +12,8 @@ from abhv_mc.control.mission import read_mission
 from abhv_mc.io.documents import InputError, InputErrors, read_document
 from abhv_mc.simulators.campaign_code import check_user_code
 from abhv_mc.simulators.feasibility import find_impossible
-from abhv_mc.simulators.own.plan import make_own_plans
-from abhv_mc.simulators.own.process import LostFlightError, Process
+from abhv_mc.simulators.user_simulator.process import LostFlightError, Process
+from abhv_mc.simulators.user_simulator.user_plan import make_user_plans
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
 
@@ -67,19 +67,19 @@ def _check(file: Path, kind: str, flown: tuple[Path, Path] | None, pending: Pend
             pending += [(path, kind, None) for _, kind, path in files_named(read_document(file))]
             raise
         campaign = checked.model
-        problems = find_impossible(checked, None if checked.own else load_vehicle(campaign.vehicle))
+        problems = find_impossible(checked, None if checked.user_model else load_vehicle(campaign.vehicle))
         if problems:
             raise InputErrors(problems)
         drawn = [name for name in checked.names if name.startswith("aero.") or name.endswith("_effectiveness")]
         if drawn:
             more = f" and {len(drawn) - _NAMED} more" if len(drawn) > _NAMED else ""
             yield f"{', '.join(drawn[:_NAMED])}{more}: is this one value for the whole programme? Then 'unknowns'"
-        if checked.own and checked.adopted:
+        if checked.user_model and checked.adopted:
             return
-        if checked.own:
+        if checked.user_model:
             check_user_code(checked)
             try:
-                Process(next(iter(make_own_plans(checked, checked.own, checked.controllers).values()))).end()
+                Process(next(iter(make_user_plans(checked, checked.user_model, checked.controllers).values()))).end()
             except (LostFlightError, OSError) as error:
                 place = checked.document.key_error(("simulator",), str(error), "a simulator that starts")
                 raise InputErrors([place]) from None

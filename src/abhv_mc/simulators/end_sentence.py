@@ -22,7 +22,7 @@ _ORDER = sorted(range(len(CHANNELS)), key=lambda i: "measured" not in CHANNELS[i
 
 def end_of(experiment: Experiment, controller: str, row: Floats, outcome: int) -> str:
     """Sentences on the end of the flight of ``row`` [1, input]."""
-    if experiment.own is not None:
+    if experiment.user_model is not None:
         return experiment.outcomes.sentences[experiment.outcomes.codes[outcome]]
     return describe_end(experiment.systems[controller].plan, experiment.rows(row), Outcome(outcome))
 

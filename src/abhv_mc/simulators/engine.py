@@ -44,16 +44,16 @@ def make_engine() -> Engine:
 
 def engine_of(experiment: Experiment, engine: Engine | None = None) -> Engine:
     """What flies an experiment: a user's simulator, or ``engine`` (by default the compiled flight)."""
-    if experiment.own is None:
+    if experiment.user_model is None:
         return engine or make_engine()
-    from abhv_mc.simulators.own.fly import end_processes, fly_own
+    from abhv_mc.simulators.user_simulator.user_flights import end_processes, fly_user_simulator
 
-    return Engine(_no_plan, fly_own, code_hash(), checked=True, close=end_processes)  # type: ignore[arg-type]
+    return Engine(_no_plan, fly_user_simulator, code_hash(), checked=True, close=end_processes)  # type: ignore[arg-type]
 
 
 def fly_of(experiment: Experiment, fly: Fly) -> Fly:
     """What flies its flights: ``fly``, or the user's simulator."""
-    return fly if experiment.own is None else engine_of(experiment).fly
+    return fly if experiment.user_model is None else engine_of(experiment).fly
 
 
 def _no_plan(*_: object) -> FlightPlan:

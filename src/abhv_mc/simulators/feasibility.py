@@ -27,7 +27,7 @@ _FIRST = 1000  # flights whose derived inputs are looked at
 def find_impossible(campaign: Experiment, vehicle: Vehicle | None = None) -> list[InputError]:
     """Everything of that kind, each with its place in the file; with ``vehicle`` also what that has nothing of."""
     found = [*_requirements(campaign)]
-    if campaign.own is None:
+    if campaign.user_model is None:
         found += [*_laws(campaign), *_derived(campaign)]
     return found if vehicle is None else [*found, *_lacking(campaign, vehicle)]
 

@@ -25,8 +25,8 @@ from abhv_mc.plant.parameters import DISTURBANCES
 from abhv_mc.simulators.campaign_code import check_user_code
 from abhv_mc.simulators.engine import Engine, check_source
 from abhv_mc.simulators.feasibility import asked_in_vain
-from abhv_mc.simulators.own.plan import make_own_plans
 from abhv_mc.simulators.stored_plans import read_trusted_plan
+from abhv_mc.simulators.user_simulator.user_plan import make_user_plans
 from abhv_mc.user_code.closure import check_closure
 from abhv_mc.user_code.source import read_source
 from abhv_mc.user_code.user_channels import compile_channels
@@ -53,8 +53,8 @@ def make_plans(campaign: Experiment, names: Iterable[str], engine: Engine) -> di
     """The plans of some of a campaign's controllers, with what it declares. Raises InputError."""
     model = campaign.model
     check_user_code(campaign)
-    if campaign.own is not None:
-        return make_own_plans(campaign, campaign.own, names)  # type: ignore[return-value]
+    if campaign.user_model is not None:
+        return make_user_plans(campaign, campaign.user_model, names)  # type: ignore[return-value]
     made = {name: engine.prepare(model.vehicle, model.mission, model.controllers[name], name) for name in names}
     _check_delays(campaign, made.values())
     _check_oscillation(campaign, made.values())
@@ -135,7 +135,7 @@ def take_plans(
     """The plans of another folder of the same inputs; empty without one. Raises InputError where it does not fit."""
     if root is None:
         return {}
-    if campaign.own is not None:
+    if campaign.user_model is not None:
         raise InputError("--plans", "plans of a user's simulator, which has none", "a run without --plans")
     source, names = CampaignFolder(root), campaign.model.controllers
     manifest = read_checked(source, [source.plan(name) for name in names])
@@ -149,7 +149,7 @@ def take_plans(
 
 def find_warnings(plans: dict[str, FlightPlan], campaign: Experiment) -> list[str]:
     """What the plans say about their mission, and what of the campaign cannot come out, each sentence once."""
-    if campaign.own is not None:
+    if campaign.user_model is not None:
         return asked_in_vain(campaign)
     plain = [warning for plan in plans.values() for warning in plan.warnings.tolist()]
     return list(dict.fromkeys([*_sensing(plans, campaign), *plain, *asked_in_vain(campaign)]))

@@ -8,8 +8,8 @@ from abhv_mc.campaign.file.experiment import Experiment, System
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.simulators.engine import Fly, Recorded, make_engine
 from abhv_mc.simulators.margin_plans import make_margin_plans
-from abhv_mc.simulators.own.fly import fly_own
-from abhv_mc.simulators.own.plan import OwnPlan
+from abhv_mc.simulators.user_simulator.user_flights import fly_user_simulator
+from abhv_mc.simulators.user_simulator.user_plan import UserPlan
 
 
 def make_ready(experiment: Experiment, plans: Mapping[str, FlightPlan], margins: bool = False) -> Experiment:
@@ -23,7 +23,7 @@ def make_ready(experiment: Experiment, plans: Mapping[str, FlightPlan], margins:
 
 def here(plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
     """The executor that flies in this thread."""
-    return (fly_own if isinstance(plan, OwnPlan) else make_engine().fly)(plan, parameters, recorded)
+    return (fly_user_simulator if isinstance(plan, UserPlan) else make_engine().fly)(plan, parameters, recorded)
 
 
 def simulate(

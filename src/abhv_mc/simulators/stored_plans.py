@@ -24,8 +24,8 @@ from abhv_mc.kernel.plant.air_profile import PROFILE
 from abhv_mc.kernel.plant.state import N_STATES
 from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.plant.effectiveness import make_effectiveness
-from abhv_mc.simulators.own.plan import make_own_plans, own_source
 from abhv_mc.simulators.simulate import make_ready
+from abhv_mc.simulators.user_simulator.user_plan import make_user_plans, simulator_source
 from abhv_mc.stability.fly_with_margins import MarginPlan
 from abhv_mc.user_code.c_source import with_library
 from abhv_mc.user_code.law_source import read_law_source
@@ -88,9 +88,9 @@ def read_trusted_plan(
 
     Raises InputError where the code is missing, or is not in the user's list of what he has flown.
     """
-    if campaign.own is not None:
-        check_trusted(own_source(campaign, campaign.own), trusted)
-        return make_own_plans(campaign, campaign.own, [controller])[controller]  # type: ignore[return-value]
+    if campaign.user_model is not None:
+        check_trusted(simulator_source(campaign, campaign.user_model), trusted)
+        return make_user_plans(campaign, campaign.user_model, [controller])[controller]  # type: ignore[return-value]
     check_vehicle_trusted(campaign.model.vehicle, trusted)
     plan = read_plan(folder.plan(controller), load_vehicle(campaign.model.vehicle))
     if plan.source_hash:

@@ -24,7 +24,6 @@ class Names:
     independent: bool = True  # whether its flights are independent draws, so that exact statistics hold
     judged: bool = True  # whether those at each value of its unknowns are, so that there are verdicts and winners
     parameters: Parameters = OURS  # what its flights are given
-    own: bool = False  # whether a simulator of the user's flies
 
     def label(self, controller: str) -> str:
         """How a controller is called in print."""
@@ -37,5 +36,5 @@ def names_of(results: FlownCampaign) -> Names:
     campaign, folder = results.campaign, shlex.quote(results.folder.as_posix())
     asked, requirements = results.asked, campaign.requirements
     design = "several-point" if campaign.unknowns.names else campaign.sampling
-    known = campaign.independent, campaign.judged, campaign.parameters, campaign.own is not None
+    known = campaign.independent, campaign.judged, campaign.parameters
     return Names(labels, campaign.metrics, asked, requirements, folder, design, *known)

@@ -35,7 +35,7 @@ def axis_unit(name: str, known: Parameters = OURS) -> tuple[str, float]:
     if is_factor(name, known):
         return "factor", 1.0
     unit = known[name].unit
-    word, scale = (unit, 1.0) if known[name].own else _SHOWN.get(unit, (unit, 1.0))
+    word, scale = (unit, 1.0) if known[name].of_user else _SHOWN.get(unit, (unit, 1.0))
     return "" if word == "-" else word, scale
 
 

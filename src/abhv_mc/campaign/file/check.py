@@ -201,7 +201,7 @@ def _make_marginals(
     marginals: dict[str, Marginal] = {}
     for name, distribution in model.dispersions.items():
         where = ("dispersions", name)
-        if name not in parameters.dispersible or (parameters[name].seed and parameters[name].own):
+        if name not in parameters.dispersible or (parameters[name].seed and parameters[name].of_user):
             found = f"unknown parameter '{name}'" if name not in parameters else f"'{name}', a seed"
             errors.append(document.key_error(where, found, one_of(parameters.dispersible, name)))
             continue

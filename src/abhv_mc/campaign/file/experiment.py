@@ -30,7 +30,7 @@ from abhv_mc.campaign.sampling.samples import (
 from abhv_mc.campaign.sampling.seeds import Seeds, find_seeds
 from abhv_mc.campaign.sampling.streams import stream_key
 from abhv_mc.flight.metrics import MARGINS, Metric
-from abhv_mc.flight.outcome import OUTCOMES, Outcomes, own_outcomes
+from abhv_mc.flight.outcome import OUTCOMES, Outcomes, simulator_outcomes
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.documents import Document
 from abhv_mc.plant.parameters import OURS, Parameters
@@ -93,22 +93,22 @@ class Experiment:
 
     @property
     def controllers(self) -> tuple[str, ...]:
-        return tuple(self.own.systems if self.own else self.model.controllers)
+        return tuple(self.user_model.systems if self.user_model else self.model.controllers)
 
     @property
-    def own(self) -> SimulatorCampaign | None:
+    def user_model(self) -> SimulatorCampaign | None:
         """The model of a campaign with a simulator of the user's own; None: ours flies."""
         return self.model if isinstance(self.model, SimulatorCampaign) else None
 
     @cached_property
     def outcomes(self) -> Outcomes:
         """How its flights may end."""
-        return own_outcomes(self.own.outcomes) if self.own else OUTCOMES
+        return simulator_outcomes(self.user_model.outcomes) if self.user_model else OUTCOMES
 
     @property
     def adopted(self) -> bool:
         """Whether its flights have been flown by somebody else."""
-        return self.own is not None and self.own.simulator is None
+        return self.user_model is not None and self.user_model.simulator is None
 
     @property
     def seed(self) -> int:
@@ -126,8 +126,8 @@ class Experiment:
     @property
     def judged(self) -> bool:
         """Whether the flights at each point are independent draws, so that requirements get verdicts."""
-        if self.own and self.adopted:
-            return self.own.independent
+        if self.user_model and self.adopted:
+            return self.user_model.independent
         return self.sampling == INDEPENDENT
 
     @property
@@ -167,7 +167,7 @@ class Experiment:
     @property
     def has_histories(self) -> bool:
         """Whether its flights have any."""
-        return self.own is None
+        return self.user_model is None
 
     @property
     def dispersions(self) -> dict[str, dict[str, Any]]:

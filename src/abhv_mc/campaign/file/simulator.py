@@ -145,7 +145,7 @@ class SimulatorCampaign(Campaign):
     def parameters(self) -> Parameters:
         """What flights are given."""
         entries = self.inputs.items()
-        return Parameters(tuple(Parameter(n, e.unit, e.nominal, e.doc, own=True, seed=e.seed) for n, e in entries))
+        return Parameters(tuple(Parameter(n, e.unit, e.nominal, e.doc, of_user=True, seed=e.seed) for n, e in entries))
 
 
 def systems_key(data: Mapping[str, Any]) -> str:

@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-from abhv_mc.simulators.own.plan import OwnPlan
+from abhv_mc.simulators.user_simulator.user_plan import UserPlan
 from abhv_mc.user_code.child import describe_exit
 
 _AHEAD = 64  # lines that are sent before the first of them is answered
@@ -25,7 +25,7 @@ class LostFlightError(Exception):
 class Process:
     """Its pipes are never blocked on, so that a flight that hangs is seen."""
 
-    def __init__(self, plan: OwnPlan) -> None:
+    def __init__(self, plan: UserPlan) -> None:
         """Raises OSError where it cannot be started, and LostFlightError where its Python file does not run."""
         self._errors: Any = tempfile.TemporaryFile()  # noqa: SIM115  it lives as long as the process
         try:

@@ -15,8 +15,8 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, Recording
-from abhv_mc.simulators.own.plan import OwnPlan
-from abhv_mc.simulators.own.process import LostFlightError, Process
+from abhv_mc.simulators.user_simulator.process import LostFlightError, Process
+from abhv_mc.simulators.user_simulator.user_plan import UserPlan
 
 _SPECIAL = {"outcome", "end_time"}
 _seconds: dict[object, float] = {}  # mean time of a flight of the last block, by process and system
@@ -37,7 +37,7 @@ class _Pool:
         self.closed = False
         self.owner = os.getpid()
 
-    def take(self, plan: OwnPlan) -> Process:
+    def take(self, plan: UserPlan) -> Process:
         """A process that waits for flights, or a new one."""
         with self.lock:
             if idle := self.idle.get(plan.process):
@@ -50,7 +50,7 @@ class _Pool:
             process.end()
         return process
 
-    def give_back(self, plan: OwnPlan, process: Process) -> None:
+    def give_back(self, plan: UserPlan, process: Process) -> None:
         with self.lock:
             self.idle.setdefault(plan.process, []).append(process)
 
@@ -80,7 +80,7 @@ def seconds_of_a_flight(plans: Iterable[Any]) -> float:
     return max(_seconds.get((plan.process, plan.controller), 0.0) for plan in plans)
 
 
-def fly_own(plan: OwnPlan, parameters: Floats, recorded: Recording | int | None = None) -> FlightBlock:
+def fly_user_simulator(plan: UserPlan, parameters: Floats, recorded: Recording | int | None = None) -> FlightBlock:
     """Fly ``parameters`` [flight, input], in the inputs' own units; ``failed_to_run`` for what cannot be computed."""
     del recorded
     flights = len(parameters)
@@ -145,7 +145,7 @@ def _read(answer: bytes, names: list[str], expected: set[str], codes: dict[str, 
     return codes[code], end if code == "ok" or math.isfinite(end) else 0.0, values
 
 
-def _tell(plan: OwnPlan, reason: str) -> None:
+def _tell(plan: UserPlan, reason: str) -> None:
     if (words := f"{plan.controller}: a flight could not be computed: {reason}") not in _told:
         _told.add(words)
         print(words, file=sys.stderr, flush=True)

@@ -12,9 +12,9 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
-from abhv_mc.simulators.own.fly import end_processes
-from abhv_mc.simulators.own.plan import make_own_plans
 from abhv_mc.simulators.simulate import make_ready, simulate
+from abhv_mc.simulators.user_simulator.user_flights import end_processes
+from abhv_mc.simulators.user_simulator.user_plan import make_user_plans
 
 LOST = int(Outcome.FAILED_TO_RUN)
 # Flights that go wrong, by the delay that is asked for.
@@ -60,8 +60,8 @@ def fly(inputs, settings):
 
 def ready(path: Path) -> Experiment:
     campaign = read_campaign(path)
-    assert campaign.own is not None
-    return make_ready(campaign, make_own_plans(campaign, campaign.own, campaign.controllers))  # type: ignore[arg-type]
+    assert campaign.user_model is not None
+    return make_ready(campaign, make_user_plans(campaign, campaign.user_model, campaign.controllers))  # type: ignore[arg-type]
 
 
 def fly_delays(path: Path, delays: list[float]) -> FlightBlock:

@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-import numpy as np
-
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.simulator import Simulator, SimulatorCampaign
@@ -25,7 +23,7 @@ _PYTHON = (sys.executable, "-P", str(Path(__file__).with_name("python_lines.py")
 
 
 @dataclass(frozen=True)
-class OwnPlan:
+class UserPlan:
     """Everything that is needed to fly one system, apart from its flights' inputs; it travels to other machines."""
 
     controller: str  # its name in the campaign
@@ -80,7 +78,7 @@ class OwnPlan:
             program.chmod(program.stat().st_mode | stat.S_IXUSR)
 
 
-def make_own_plans(campaign: Experiment, model: SimulatorCampaign, names: Iterable[str]) -> dict[str, OwnPlan]:
+def make_user_plans(campaign: Experiment, model: SimulatorCampaign, names: Iterable[str]) -> dict[str, UserPlan]:
     """The plans of some of a campaign's systems."""
     simulator = model.simulator
     if simulator is None:
@@ -93,7 +91,7 @@ def make_own_plans(campaign: Experiment, model: SimulatorCampaign, names: Iterab
     }
     records = campaign.parameters.records
     return {
-        name: OwnPlan(
+        name: UserPlan(
             name,
             simulator.command or (),
             str(base.resolve()),
@@ -110,15 +108,10 @@ def make_own_plans(campaign: Experiment, model: SimulatorCampaign, names: Iterab
     }
 
 
-def own_source(campaign: Experiment, model: SimulatorCampaign) -> UserSource:
+def simulator_source(campaign: Experiment, model: SimulatorCampaign) -> UserSource:
     """The simulator's files, by which it is trusted. Nothing is run."""
     simulator = model.simulator or Simulator(command=("",))
     base = campaign.document.path.parent / simulator.folder
     files = tuple((name, read_input(path)) for name, path in simulator.find_files(base).items())
     text = json.dumps([simulator.python, simulator.command])
     return UserSource(text, str(base / (simulator.python or (simulator.command or ("",))[0])), files)
-
-
-def nominal_rows(campaign: Experiment, flights: int = 1) -> Floats:
-    """Full rows [flight, input] of nominal flights."""
-    return np.tile(campaign.parameters.nominal, (flights, 1))
