@@ -128,6 +128,17 @@ def test_a_clicked_flight_opens_at_the_channel_of_its_worst_metric(shown, models
         assert ("missed" in cell) == bool(requirement_failures(results.flights[name], item)[row])
 
 
+def test_a_lost_flight_opens_at_the_limit_that_it_left(page, failing_folder):
+    page.call("Page.navigate", url="about:blank")
+    page.show(build_report(failing_folder))
+    choose(page, "flights-outcome", "failed")
+    page.ask("document.querySelector('#flight-rows button').click()")
+    assert page.ask("document.getElementById('flight-title').textContent").endswith(": sideslip limit")
+    assert page.ask("document.getElementById('flight-channel').value") == "sideslip_deg"
+    cells = page.ask("[...document.querySelectorAll('#flight-required tbody td')].map((cell) => cell.textContent)")
+    assert all("missed" in cell for cell in cells)
+
+
 def test_the_band_behind_an_error_holds_the_flight(shown):
     """The band of the speed error is that of the speed less the reference, which the folder does not keep."""
     shown.ask("document.querySelector('#flight-rows button').click()")
@@ -150,7 +161,7 @@ def test_two_flights_lie_over_one_another_and_a_link_restores_all_of_it(shown, r
     shown.ask("document.querySelector('#flight-over button').click()")
     choose(shown, "flight-channel", "bank_deg")
     title = shown.ask("document.getElementById('flight-title').textContent")
-    assert title == f"{first} Over it LQR retuned, flight {number}: ok"
+    assert title == f"{first}. Over it LQR retuned, flight {number}: ok"
     flown = [trace["name"] for trace in shown.ask(HISTORY) if trace["name"].split()[-1].isdecimal()]
     assert len(flown) == 2
     assert shown.ask("document.querySelectorAll('#flight-required thead th').length") == 3

@@ -148,6 +148,7 @@ def _criterion(record: Metric, channels: Collection[str]) -> dict[str, Any]:
         "metric": record.name,
         "channel": record.of if record.of in stems else max(begun, key=lambda name: len(stems[name]), default=None),
         "sides": sides.get(record.statistic, ()) if record.of in stems else (),
+        "settled": record.settled,
         "from": record.start,
         "to": record.end if np.isfinite(record.end) else None,
     }

@@ -63,7 +63,9 @@ const flightPanel = (source, style, { columnOf, nameOf, changed }) => {
   const fillChannels = (held) => {
     const known = view.channels.filter(({ name }) => held.includes(name));
     at("flight-channel").replaceChildren(...known.map((entry) => new Option(labelOf(entry), entry.name)));
-    const worst = view.criteria[flights[0].by]?.channel;
+    // Of a flight that ended early by the limit that it left ('sideslip limit'), where a channel is called so.
+    const [ended] = known.filter(({ label }) => flights[0].outcome.startsWith(label.toLowerCase())).sort((a, b) => b.label.length - a.label.length);
+    const worst = ended?.name ?? view.criteria[flights[0].by]?.channel;
     if (!known.some(({ name }) => name === channel)) channel = known.some(({ name }) => name === worst) ? worst : known[0]?.name;
     at("flight-channel").value = channel;
   };
@@ -92,7 +94,7 @@ const flightPanel = (source, style, { columnOf, nameOf, changed }) => {
   };
   const limitTraces = (time) => view.criteria.filter((each) => each.channel === channel).flatMap((each) =>
     columnOf(each.metric).limits.flatMap((limit) => each.sides.map((side) => side * limit)).map((level, i) => ({
-      type: "scatter", mode: "lines", x: [each.from, Math.min(each.to ?? Infinity, time.at(-1))], y: [level, level], name: `limit of ${columnOf(each.metric).label}`,
+      type: "scatter", mode: "lines", x: [each.from, Math.min(each.to ?? Infinity, time.at(-1))], y: [level, level], name: `limit of ${columnOf(each.metric).label}${each.settled ? " (not within 5 s of a step)" : ""}`,
       legendgroup: each.metric, showlegend: i === 0, line: { color: style.ink(), width: 1.5, dash: "6px,4px" } })));
 
   const draw = async () => {
@@ -108,6 +110,8 @@ const flightPanel = (source, style, { columnOf, nameOf, changed }) => {
     const behind = await Promise.all(apart.map(([each]) => source.behind(each.controller, channel)));
     if (wanted !== channel) return;
     const traces = apart.flatMap(([each, i], n) => behindTraces(each, behind[n], i));
+    at("flight-bands").hidden = behind.every((each) => each?.q5?.some(Number.isFinite));
+    at("flight-bands").textContent = `No bands of ${channel} are kept: add it to keep: envelopes: channels.`;
     for (const [each, i] of shown) {
       const { time, channels } = each.history;
       const line = (y, name, dash) => ({ type: "scatter", mode: "lines", x: time, y, name, line: { ...lookOf(i), dash } });
@@ -132,11 +136,16 @@ const flightPanel = (source, style, { columnOf, nameOf, changed }) => {
     channel = wanted;
     const [first, second] = flights;
     const title = (each) => `${nameOf(each.controller, each.flight)}: ${each.outcome}`;
-    at("flight-title").textContent = title(first) + (second ? ` Over it ${title(second)}` : "");
+    at("flight-title").textContent = title(first) + (second ? `. Over it ${title(second)}` : "");
     at("flight-words").textContent = [first, ...(second && (second.flight !== first.flight) ? [second] : [])]
       .map((each) => `${second ? `Flight ${each.flight}: ` : ""}${dispersionWords(each)}`).join(". ");
-    at("flight-command").textContent = `abhv-mc replay ${view.folder} --flight ${first.flight} --controller ${controllers[first.controller].name}`;
-    at("flight-note").textContent = [...new Set(flights.map((each) => each.note))].join(" ");
+    ["flight-command", "over-command"].forEach((id, i) => {
+      const each = flights[i];
+      at(id).hidden = !each;
+      if (each) at(id).textContent = `abhv-mc replay ${view.folder} --flight ${each.flight} --controller ${controllers[each.controller].name}`;
+    });
+    const notes = flights.map((each) => (each.note && second ? `${shortName(each)}: ${each.note}` : each.note));
+    at("flight-note").textContent = notes.join(" ").trim();
     at("over-none").hidden = !second;
     const over = second ?? { controller: (first.controller + 1) % controllers.length, flight: first.flight };
     at("over-controller").value = controllers[over.controller].name;
