@@ -5,10 +5,10 @@ from typing import Annotated
 
 import typer
 
-from abhv_mc.cli.completion import complete_metric
 from abhv_mc.cli.options import Controller, Folder, Json, TrustCode
 from abhv_mc.cli.outputs import output, output_file
 from abhv_mc.cli.printing import print_section_table, say, show
+from abhv_mc.cli.shell_completion import complete_metric
 from abhv_mc.io.input_error import InputError
 
 

@@ -10,8 +10,8 @@ from typing import Annotated, Any
 import typer
 
 from abhv_mc.campaign import MOST_WORKERS
-from abhv_mc.cli.completion import complete_controllers, complete_folder, complete_input
 from abhv_mc.cli.outputs import json_file, output_file
+from abhv_mc.cli.shell_completion import complete_controllers, complete_folder, complete_input
 from abhv_mc.io.input_error import InputError, Refusal
 from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
 

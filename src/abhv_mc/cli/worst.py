@@ -5,11 +5,11 @@ from typing import Annotated, Literal
 
 import typer
 
-from abhv_mc.cli.completion import complete_metric
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import CampaignFile, Controller, Fresh, Json, Scheduler, Seed, Workers
 from abhv_mc.cli.outputs import campaign_folder, output
 from abhv_mc.cli.printing import beside, print_section, say, show
+from abhv_mc.cli.shell_completion import complete_metric
 from abhv_mc.io.input_error import InputError
 
 

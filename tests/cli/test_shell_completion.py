@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from abhv_mc.cli.completion import complete_controllers, complete_folder, complete_input, complete_metric
+from abhv_mc.cli.shell_completion import complete_controllers, complete_folder, complete_input, complete_metric
 
 
 def test_shipped_names_come_before_files(tmp_path, monkeypatch):
