@@ -71,6 +71,7 @@ RESULTS := benchmarks/results/others
 verify-others: $(DEV_INSTALLED)
 	$(OTHERS).reliability --json $(RESULTS)_reliability.json
 	$(OTHERS).sensitivity --json $(RESULTS)_sensitivity.json
+	$(OTHERS).rocketpy_table adopt --json $(RESULTS)_rocketpy.json
 	$(if $(AEROBENCH),$(OTHERS).gcas_search $(AEROBENCH) --json $(RESULTS)_gcas.json)
 	$(OTHERS).page
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.document import replace_part
-from benchmarks.others import gcas_search, reliability, sensitivity
+from benchmarks.others import gcas_search, reliability, rocketpy_table, sensitivity
 
 RESULTS = Path(__file__).parents[1] / "results"
 PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "on-others-ground.md"
@@ -26,11 +26,21 @@ HEADS: dict[str, tuple[str, ...]] = {
         "named as a driver",
     ),
     "gcas": ("seed", "`worst`", "random", "simulated annealing"),
+    "rocketpy": (
+        "metric",
+        "RocketPy: median (95 %)",
+        "RocketPy: 5 % quantile",
+        "here: median",
+        "here: 5 % quantile",
+        "RocketPy: share of the variance",
+        "here: drivers, the strongest first",
+    ),
 }
 ROWS: dict[str, Callable[[dict[str, Any]], str]] = {
     "reliability": reliability.describe,
     "sensitivity": sensitivity.describe,
     "gcas": gcas_search.describe,
+    "rocketpy": rocketpy_table.describe,
 }
 
 

@@ -7,8 +7,6 @@ import time
 
 from rocketpy import Environment, Flight, Rocket, SolidMotor
 
-from benchmarks.peers.peer import read_work, write_result
-
 SECONDS = 60.0
 
 
@@ -48,6 +46,8 @@ def make_rocket() -> Rocket:
 
 
 def main() -> None:
+    from benchmarks.peers.peer import read_work, write_result
+
     work = read_work()
     environment = Environment(latitude=32.99, longitude=-106.97, elevation=1400.0)
     environment.set_atmospheric_model(type="standard_atmosphere")

@@ -6,7 +6,7 @@ import openturns as ot
 import pytest
 from scipy.stats import norm
 
-from benchmarks.others import page, reliability, sensitivity
+from benchmarks.others import page, reliability, rocketpy_table, sensitivity
 from benchmarks.rare_coverage import estimate
 
 
@@ -43,3 +43,15 @@ def test_indices_of_the_test_functions_come_out_again() -> None:
         assert row["of_ranks"] == pytest.approx(before["of_ranks"], abs=1e-9)
         assert row["ours_total"][0] == pytest.approx(before["of_ranks"][1], abs=0.06)
         assert (row["named"][0] == 3) == (before["named"][0] == 20)
+
+
+def test_the_adopted_table_gives_the_stored_numbers_again() -> None:
+    stored = page.read_rows("rocketpy")
+    assert rocketpy_table.adopt() == stored
+    for row in stored:
+        for share, (value, low, high) in row["ours"].items():
+            theirs, *ends = row["theirs"][share]
+            assert value == pytest.approx(theirs, rel=1e-9)
+            assert (low, high) == pytest.approx(ends, rel=0.005)  # bootstrapped
+        most = max(row["theirs"]["variance"], key=row["theirs"]["variance"].get)
+        assert row["drivers"][0] == most

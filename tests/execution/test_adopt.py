@@ -126,3 +126,14 @@ def test_nothing_flies_without_a_simulator(flown: Path, tmp_path: Path) -> None:
     assert adopted.complete
     with pytest.raises(InputError, match="a campaign that is flown by itself"):
         adopt_table(flown, dive_campaign(tmp_path / "own", DIVE, runs=300), tmp_path / "other")
+
+
+def test_what_an_adopted_campaign_may_do_next_is_no_command(flown: Path, tmp_path: Path) -> None:
+    requirement = {"metric": "altitude_min", "above": "-100000 ft", "probability": "99.5 %"}
+    path = asked(tmp_path, **plain_inputs(tmp_path), requirements=[requirement])
+    adopt_table(flown, path, tmp_path / "adopted")
+    build_report(tmp_path / "adopted")
+    judgement = json.loads((tmp_path / "adopted" / "report.json").read_text())["judgement"]
+    assert judgement["met"] == "not shown"
+    assert judgement["next"] is not None and judgement["next"]["command"] == ""
+    assert "not asked" not in (tmp_path / "adopted" / "report.html").read_text()  # margins, which nobody could ask for

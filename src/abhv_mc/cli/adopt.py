@@ -23,7 +23,7 @@ def command(
     """Make a campaign's folder, and its report, of flights that somebody else has flown.
 
     TABLE has a column for each input and metric, system (of several), outcome and, where wanted, flight. Units stand
-    in the heads, as in 'altitude_min [ft]'. Verdicts need 'independent: yes' in FILE.
+    in the heads, as in 'altitude_min [ft]'. Verdicts need 'independent: true' in FILE.
     """
     from abhv_mc.cli.run import finish
     from abhv_mc.execution.adopt import adopt_table

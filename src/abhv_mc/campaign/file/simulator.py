@@ -60,7 +60,7 @@ class Input(StrictModel):
 
     unit: Unit = Field("-", description="any text; '-' of a plain number")
     nominal: float = Field(0.0, description="its nominal value, in this unit")
-    seed: bool = Field(False, description="yes: a whole number drawn for each flight, and no quantity")
+    seed: bool = Field(False, description="true: a whole number drawn for each flight, and no quantity")
     doc: str = Field("", description="what it is, for the report")
 
 
@@ -109,7 +109,7 @@ class SimulatorCampaign(Campaign):
         None, description="what flies, in place of vehicle, mission and controllers; left out: `adopt` takes flights"
     )
     independent: bool = Field(
-        False, description="without a simulator: yes where flights are independent draws of the dispersions"
+        False, description="without a simulator: true where flights are independent draws of the dispersions"
     )
     systems: Annotated[dict[Name, dict[str, Any]], Field(min_length=1)] = Field(
         {"system": {}}, description="what is compared: settings of the simulator by name; the first has to meet it all"

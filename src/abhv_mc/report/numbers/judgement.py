@@ -69,7 +69,10 @@ def judge_campaign(models: Models) -> Judgement:
     }  # fmt: skip
     answer = told[met] + (winner[better] if better in winner else f" {names.label(better)} is better.")
     because = tuple(_reasons(models))[:_REASONS]
-    return Judgement(met, better, because, _sure(models), _next(models, met), answer)
+    following = _next(models, met)
+    if following and models.results.campaign.adopted:  # nothing here flies more of them, or again
+        following = Next(following.why)
+    return Judgement(met, better, because, _sure(models), following, answer)
 
 
 def _binding(verdicts: Verdicts) -> list[ControllerVerdict | None]:

@@ -174,7 +174,7 @@ def _margin(models: Models, name: str) -> tuple[str, bool]:
     """The least margins in steady flight in words, and whether they are less than is customary."""
     found = least_margins(models[MARGINS], name)
     if found is None:
-        return "margins: not asked", False
+        return "" if models.results.campaign.user_model else "margins: not asked", False
     if not found.stable:
         return "unstable", True
     parts = [f"{fixed(found.gain, 1)} dB ({found.gain_loop})"] if math.isfinite(found.gain) else ["any gain"]
