@@ -140,3 +140,13 @@ def test_a_law_behind_its_own_limit_at_the_trim_is_linearized_where_it_comes_to_
     flown = fly(plan, dispersions, record_every=100, keep_states=True).states[:, -1, s.ALTITUDE]
     np.testing.assert_allclose(points.points.path[:, 0], flown, atol=0.01)
     assert np.all(np.abs(points.points.path[:, 0] - mission.start.altitude) > 2.0)  # an error of its own, in m
+
+
+@pytest.mark.parametrize("law", ["cascade.yaml", "cascade_c/cascade_c.yaml"])
+def test_the_laws_that_new_writes_have_customary_margins_on_the_default_vehicle(law):
+    vehicle, mission, _ = read("lqr", vehicle="abhv")
+    controller, user_code = read_law(CONFIGS / law)
+    plan = make_steady_plan(vehicle, mission, controller, "law", user_code=user_code)
+    margins = analyse(linearize(plan, trim_points(plan, parameters()).points)).margins
+    assert decibels(np.minimum(margins.gain_high, 1.0 / np.maximum(margins.gain_low, 1e-6))).min() > 6.0
+    assert np.rad2deg(margins.phase).min() > 45.0

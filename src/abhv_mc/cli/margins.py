@@ -181,6 +181,7 @@ def find_flown(vehicle: Path | None, mission: Path, controllers: str | None, tru
 
 def _print_rows(title: str, rows: list[dict[str, Any]], stability: "Stability") -> None:
     from abhv_mc.stability.analysis import NO_SLOPES
+    from abhv_mc.topics.margins.model import loop_name
 
     if not stability.poles[0].size:
         say(f"{title}: no margins: {NO_SLOPES}")
@@ -194,7 +195,7 @@ def _print_rows(title: str, rows: list[dict[str, Any]], stability: "Stability") 
     for row in rows[:-1]:
         none = row.get("reason", "none")
         values = (f"{row[key]:.{digits}f}" if row[key] is not None else none for key, _, digits in _COLUMNS)
-        table.add_row(row["loop"], *values)
+        table.add_row(loop_name(row["loop"]), *values)
     print_table(table)
     everything = rows[-1]
     gain = "any" if everything["disk_gain_db"] is None else f"{everything['disk_gain_db']:.2f} dB"
