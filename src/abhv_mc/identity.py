@@ -155,5 +155,7 @@ def find_machine() -> dict[str, Any]:
 
 
 def count_cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """Cores that this process may use: those it may run on, or as many as a container's quota keeps busy."""
+    from joblib import cpu_count
+
+    return int(cpu_count())

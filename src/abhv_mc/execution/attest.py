@@ -4,7 +4,7 @@ import sys
 import threading
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,7 +12,9 @@ from abhv_mc.array_types import Floats
 from abhv_mc.execution.retry import UnusableError
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.identity import Flyer, this_flyer
-from abhv_mc.simulators.engine import Engine
+
+if TYPE_CHECKING:  # which a worker process need not import
+    from abhv_mc.simulators.engine import Engine
 
 Check = Callable[[FlightPlan, Floats, FlightBlock], FlightBlock]
 
@@ -25,7 +27,7 @@ def sign(block: FlightBlock) -> FlightBlock:
 class Attestation:
     """Compares who flew with who asked; threads may call it side by side."""
 
-    def __init__(self, engine: Engine, every_worker: bool = False) -> None:
+    def __init__(self, engine: "Engine", every_worker: bool = False) -> None:
         """``every_worker``: fly one flight of each again; otherwise of each host with another kind of processor."""
         self._engine, self._every = engine, every_worker
         self._seen: set[Any] = set()

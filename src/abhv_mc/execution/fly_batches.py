@@ -1,16 +1,19 @@
 """What every worker does with a block: fly it in calls of so many flights as fill the lanes, and join these."""
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks
-from abhv_mc.simulators.engine import Fly, Recorded
+
+if TYPE_CHECKING:  # which a worker process need not import
+    from abhv_mc.simulators.engine import Fly, Recorded
 
 AT_ONCE = 256  # flights of one call: enough for every lane, few enough to lose
 
 
 def fly_in_batches(
-    fly: Fly, plan: FlightPlan, parameters: Floats, recorded: Recorded, begin: Callable[[], None] = lambda: None
+    fly: "Fly", plan: FlightPlan, parameters: Floats, recorded: "Recorded", begin: Callable[[], None] = lambda: None
 ) -> FlightBlock:
     """Fly all rows; ``begin`` is called before each call of ``fly``."""
     blocks = []

@@ -7,6 +7,7 @@ have ended or held up its process, ``law_crashed`` or ``law_hung``, which count 
 import math
 import sys
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,10 +16,12 @@ from abhv_mc.execution.fly_batches import AT_ONCE, fly_in_batches
 from abhv_mc.flight.lost import make_lost
 from abhv_mc.flight.outcome import Outcome, find_lost_outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks, recording_of
-from abhv_mc.simulators.engine import Recorded
 from abhv_mc.simulators.margin_plans import count_metrics
 
-Attempt = Callable[[Floats, Recorded], FlightBlock]
+if TYPE_CHECKING:  # which a worker process need not import
+    from abhv_mc.simulators.engine import Recorded
+
+Attempt = Callable[[Floats, "Recorded"], FlightBlock]
 
 PIECE = 16  # flights of the first smaller pieces, and those that one time limit holds for
 _told: set[str] = set()  # losses that were said already
@@ -42,7 +45,7 @@ def time_limit(flights: int, one: float) -> float:
     return one * math.ceil(flights / PIECE)
 
 
-def fly_with_retries(attempt: Attempt, plan: FlightPlan, parameters: Floats, recorded: Recorded) -> FlightBlock:
+def fly_with_retries(attempt: Attempt, plan: FlightPlan, parameters: Floats, recorded: "Recorded") -> FlightBlock:
     """What ``attempt`` makes of the rows, with ``failed_to_run`` for those that are lost alone, too.
 
     A block of several batches is flown batch by batch then. Raises UnusableError where not one of
@@ -67,7 +70,7 @@ def _fly(
     attempt: Attempt,
     plan: FlightPlan,
     parameters: Floats,
-    recorded: Recorded,
+    recorded: "Recorded",
     sizes: tuple[int, ...],
     reasons: list[str],
 ) -> FlightBlock:
@@ -86,6 +89,6 @@ def _fly(
         return join_blocks([_fly(attempt, plan, piece, recorded, sizes[1:], reasons) for piece in pieces])
 
 
-def make_failed(plan: FlightPlan, recorded: Recorded) -> FlightBlock:
+def make_failed(plan: FlightPlan, recorded: "Recorded") -> FlightBlock:
     """The row of one flight that could not be computed."""
     return make_lost(plan, Outcome.FAILED_TO_RUN, recording_of(recorded), count_metrics(plan))

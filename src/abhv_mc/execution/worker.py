@@ -6,19 +6,22 @@ import threading
 import time
 from multiprocessing import parent_process
 from multiprocessing.connection import Connection, wait
+from typing import TYPE_CHECKING
 
 from abhv_mc.execution.attest import sign
 from abhv_mc.execution.fly_batches import AT_ONCE, fly_in_batches
 from abhv_mc.execution.retry import PIECE, time_limit
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
-from abhv_mc.simulators.engine import Fly
 from abhv_mc.user_code.child import allow_here
+
+if TYPE_CHECKING:  # which a worker process need not import
+    from abhv_mc.simulators.engine import Fly
 
 _LEAST, _TIMES = 30.0, 20.0  # s for 16 flights, and times the processor time of 16 flights like the nominal one
 
 
-def serve(connection: Connection, fly: Fly) -> None:
+def serve(connection: Connection, fly: "Fly") -> None:
     """Answer jobs (key of the plan, plan when it is new, parameters, what to record, limit) until the parent hangs up.
 
     Each is answered as each batch starts with the processor time (s) that it may take, after which SIGPROF ends the
@@ -39,11 +42,8 @@ def serve(connection: Connection, fly: Fly) -> None:
         try:
             if plan is not None:
                 plans[key] = plan
-                fly(plan, nominal_parameters(), None)  # loads or compiles, which is no flight's time
-            if limit is None and key not in usual:
-                start = time.process_time()
-                fly(plans[key], nominal_parameters(), None)
-                usual[key] = max(_LEAST, _TIMES * PIECE * (time.process_time() - start))
+            if key not in usual:
+                usual[key] = _usual_limit(fly, plans[key])
             allowed = time_limit(min(len(parameters), AT_ONCE), usual[key] if limit is None else limit)
 
             def begin(allowed: float = allowed) -> None:
@@ -57,6 +57,16 @@ def serve(connection: Connection, fly: Fly) -> None:
             answer = f"{type(error).__name__}: {error}"
         signal.setitimer(signal.ITIMER_PROF, 0.0)
         connection.send(answer)
+
+
+def _usual_limit(fly: "Fly", plan: FlightPlan) -> float:
+    """What 16 flights like the nominal one may take, s of the processor."""
+    for _ in range(2):  # the first may load or compile, which is no flight's time
+        start = time.process_time()
+        fly(plan, nominal_parameters(), None)
+        if (limit := _TIMES * PIECE * (time.process_time() - start)) < _LEAST:
+            break
+    return max(_LEAST, limit)
 
 
 def _end_with_parent() -> None:

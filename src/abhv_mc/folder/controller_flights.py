@@ -16,6 +16,7 @@ from abhv_mc.flight.metrics import BUILT_IN, Metric
 from abhv_mc.flight.outcome import OUTCOMES, Outcome, Outcomes
 from abhv_mc.folder.file_columns import SpooledColumns, missing_file, read_pieces
 from abhv_mc.folder.flights import END_TIME, INPUT
+from abhv_mc.io.parquet_columns import column_values, distinct_texts
 from abhv_mc.statistics.estimates import severity
 
 _EXPECTED = "a block of flights"
@@ -126,10 +127,10 @@ def read_flights(
     collected: dict[str, _Collected] = {}
     expected = ["flight", "controller", "outcome", *metrics]
     for table in chain.from_iterable(read_pieces(path, _EXPECTED, expected) for path in files):
-        flight = table["flight"].to_numpy().astype(np.int64)
-        names, owner = _distinct(table, "controller")
-        codes, which = _distinct(table, "outcome")
-        values = np.stack([table[name].to_numpy() for name in metrics])
+        flight = column_values(table["flight"]).astype(np.int64)
+        names, owner = distinct_texts(table["controller"])
+        codes, which = distinct_texts(table["outcome"])
+        values = np.stack([column_values(table[name]) for name in metrics])
         outcome = np.array([ends.numbers[code] for code in codes], dtype=np.uint8)[which]
         for k, name in enumerate(names):
             rows = owner == k
@@ -145,10 +146,3 @@ def _find_metrics(schema: pa.Schema) -> list[str]:
     """Columns of numbers that are no samples, whose names have a point, or a mark."""
     floats = [field for field in schema if "." not in field.name and pa.types.is_floating(field.type)]
     return [field.name for field in floats if INPUT not in (field.metadata or {})]
-
-
-def _distinct(table: pa.Table, name: str) -> tuple[list[str], NDArray[np.intp]]:
-    """The texts of a column, ascending, and which of them each row [row] has."""
-    column = table[name].cast(pa.string()).combine_chunks().dictionary_encode()
-    texts, back = np.unique(np.array(column.dictionary.to_pylist(), dtype=np.str_), return_inverse=True)
-    return texts.tolist(), back[np.asarray(column.indices.to_numpy())]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.folder.flights import make_field, write_parquet
+from abhv_mc.io.parquet_columns import number_column, text_column
 
 QUANTILES = (0.00135, 0.05, 0.50, 0.95, 0.99865)
 QUANTILE_COLUMNS = ("q0.135", "q5", "q50", "q95", "q99.865")
@@ -71,11 +72,11 @@ def write_envelopes(
     ]
     size = shape[0] * shape[1]
     arrays = [
-        pa.array(np.repeat(list(tables), size)),
-        pa.array(np.tile(np.repeat(channels, len(times)), len(tables))),
-        pa.array(np.tile(times, shape[0] * len(tables))),
-        pa.array(np.concatenate(counts)),
-        *(pa.array(np.concatenate(parts)) for parts in columns.values()),
+        text_column(np.repeat(list(tables), size).tolist()),
+        text_column(np.tile(np.repeat(channels, len(times)), len(tables)).tolist()),
+        number_column(np.tile(times, shape[0] * len(tables))),
+        number_column(np.concatenate(counts)),
+        *(number_column(np.concatenate(parts)) for parts in columns.values()),
     ]
     table = pa.Table.from_arrays(arrays, schema=pa.schema(fields, {"flights": str(flights)}))
     write_parquet(path, table, ["time", *columns], ["controller", "channel"])

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.io.documents import InputError
+from abhv_mc.io.parquet_columns import column_values
 
 _HELD = 32 * 2**20  # bytes of a table that stay in memory; a larger one goes to a temporary file
 _CHUNK = 16_384  # rows written at once
@@ -76,7 +77,7 @@ class FileColumns(_Columns):
     def __getitem__(self, name: str) -> Floats:
         if name not in self._places:
             raise KeyError(name)
-        return np.asarray(read_table(self._path, self._expected, [name])[name].to_numpy(), dtype=np.float64)
+        return column_values(read_table(self._path, self._expected, [name])[name]).astype(np.float64)
 
 
 class SpooledColumns(_Columns):

@@ -17,7 +17,7 @@ from abhv_mc.flight.metrics import ENGINE_FAILED, METRICS, Metric
 from abhv_mc.flight.outcome import OUTCOMES, Outcomes
 from abhv_mc.folder.digest import Digest, digest_rows
 from abhv_mc.folder.layout import write_whole
-from abhv_mc.io.parquet_columns import column_values
+from abhv_mc.io.parquet_columns import column_values, number_column, text_column
 from abhv_mc.plant.parameters import OURS, Parameter, Parameters
 
 END_TIME = Signal("end_time_s", "s", "time at which the flight ended")
@@ -150,10 +150,10 @@ def parse_block_name(path: Path) -> tuple[str, int, int]:
 def write_block(folder: Path, rows: FlightRows, schema: pa.Schema) -> Digest:
     """Write one block's file into ``folder`` and give its digest."""
     digest = rows.digest()
-    columns: list[Any] = [rows.flights, pa.repeat(rows.controller, len(rows.outcome)), pa.array(rows.outcome)]
-    columns.append(pa.array(rows.cases))
-    columns += [np.ascontiguousarray(column) for column in (*rows.samples.T, *rows.values.T)]
-    table = pa.Table.from_arrays([pa.array(column) for column in columns], schema=schema)
+    texts = (rows.controller,) * len(rows.outcome), rows.outcome, rows.cases
+    columns = [number_column(rows.flights), *map(text_column, texts)]
+    columns += map(number_column, (*rows.samples.T, *rows.values.T))
+    table = pa.Table.from_arrays(columns, schema=schema)
     write_rows(block_path(folder, rows.controller, rows.first, rows.stop), schema, [table], digest)
     return digest
 
@@ -179,7 +179,7 @@ def read_pieces(path: Path, names: Sequence[str]) -> Iterator[tuple[FlightRows, 
     controller, first, stop = parse_block_name(path)
     digest = Digest()
     try:
-        with pq.ParquetFile(path, page_checksum_verification=True) as file:  # read_table would import pandas
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
             for group in range(file.num_row_groups):
                 table = file.read_row_group(group)
                 rows = _take_rows(table, controller, first, names)

@@ -8,8 +8,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
@@ -27,7 +25,9 @@ from abhv_mc.folder.ranking import Ranking, rank_flights
 from abhv_mc.folder.samples import POINT
 from abhv_mc.folder.steady_margins import SteadyMargins, read_steady_margins
 from abhv_mc.io.input_error import InputError
+from abhv_mc.io.parquet_columns import column_values, distinct_texts
 
+_HISTORIES = "histories of flights"
 BANDS = ("min", *QUANTILE_COLUMNS, "max")
 
 
@@ -112,7 +112,14 @@ class FlownCampaign:
 
 
 def _columns(table: pa.Table) -> dict[str, Any]:
-    return {name: table[name].to_numpy(zero_copy_only=False) for name in table.column_names}
+    return {name: _values(table[name]) for name in table.column_names}
+
+
+def _values(column: pa.ChunkedArray) -> NDArray[Any]:
+    if not pa.types.is_string(column.type):
+        return column_values(column)
+    texts, which = distinct_texts(column)
+    return np.array(texts)[which]
 
 
 def _read_envelopes(path: Path) -> dict[tuple[str, str], Envelope]:
@@ -166,11 +173,8 @@ def read_flown(root: Path) -> FlownCampaign:
 def read_histories(root: Path, controller: str) -> dict[int, dict[str, Floats]]:
     """The kept histories of one controller: flight -> "time" and channels -> [time]; empty where none are kept."""
     kept: dict[int, dict[str, Floats]] = {}
-    for path in _history_files(root):
-        table = pq.read_table(path, filters=[("controller", "=", controller)], partitioning=None)
-        if not table.num_rows:
-            continue
-        columns = _columns(table.drop_columns(["controller"]))
+    for path in _history_files(root, controller):
+        columns = _columns(read_table(path, _HISTORIES).drop_columns(["controller"]))
         numbers = columns.pop("flight")
         for number in np.unique(numbers):
             rows = np.flatnonzero(numbers == number)
@@ -180,11 +184,15 @@ def read_histories(root: Path, controller: str) -> dict[int, dict[str, Floats]]:
 
 def kept_flights(root: Path, controller: str) -> set[int]:
     """The flights of one controller whose histories are kept."""
-    only = {"filters": [("controller", "=", controller)], "partitioning": None}
-    tables = (pq.read_table(path, columns=["flight"], **only) for path in _history_files(root))
-    return {int(number) for table in tables for number in pc.unique(table["flight"]).to_pylist()}
+    tables = (read_table(path, _HISTORIES, ["flight"]) for path in _history_files(root, controller))
+    return {number for table in tables for number in np.unique(column_values(table["flight"])).tolist()}
 
 
-def _history_files(root: Path) -> Iterator[Path]:
+def _history_files(root: Path, controller: str) -> Iterator[Path]:
+    """Each holds flights of one controller."""
     folder = CampaignFolder(root)
-    return (path for path in data_files(folder, read_manifest(folder.manifest)) if path.parent == folder.histories)
+    for path in data_files(folder, read_manifest(folder.manifest)):
+        if path.parent == folder.histories:
+            names, _ = distinct_texts(read_table(path, _HISTORIES, ["controller"])["controller"])
+            if names == [controller]:
+                yield path

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS, REFERENCE_CHANNELS
 from abhv_mc.folder.flights import make_field, write_parquet
+from abhv_mc.io.parquet_columns import number_column, text_column
 
 _TIME = make_field("time", pa.float64(), "s", "time since the start")
 _CONTROLLER = make_field("controller", pa.string(), "-", "name of the controller")
@@ -38,10 +39,10 @@ def write_histories(
         metadata={f"abhv_mc.{key}": text for key, text in (metadata or {}).items()},
     )
     columns = [
-        pa.array(np.asarray(flights, np.int64)[number]),
-        pa.repeat(controller, len(number)),
-        pa.array(times[time]),
-        *(pa.array(history[:, :, CHANNEL_INDEX[name]][rows]) for name in channels),
+        number_column(np.asarray(flights, np.int64)[number]),
+        text_column([controller] * len(number)),
+        number_column(times[time]),
+        *(number_column(history[:, :, CHANNEL_INDEX[name]][rows]) for name in channels),
     ]
     write_parquet(path, pa.Table.from_arrays(columns, schema=schema), ["time", *channels], ["flight", "controller"])
 
@@ -59,8 +60,8 @@ def write_nominal(path: Path, times: Floats, nominal: dict[str, NDArray[np.float
     tables = []
     for controller, history in nominal.items():
         rows = ~np.isnan(history[:, CHANNEL_INDEX["altitude_m"]])
-        columns = [pa.repeat(controller, int(rows.sum())), pa.array(times[rows])]
-        columns += [pa.array(np.ascontiguousarray(column)) for column in history[rows].T]
+        columns = [text_column([controller] * int(rows.sum())), number_column(times[rows])]
+        columns += map(number_column, history[rows].T)
         tables.append(pa.Table.from_arrays(columns, schema=pa.schema(fields)))
     write_parquet(path, pa.concat_tables(tables), ["time", *CHANNEL_INDEX], ["controller"])
 
@@ -68,5 +69,6 @@ def write_nominal(path: Path, times: Floats, nominal: dict[str, NDArray[np.float
 def write_reference(path: Path, reference: Mapping[str, Floats]) -> None:
     """Write the mission's reference: ``time`` and REFERENCE_CHANNELS [time], in their units."""
     fields = [_TIME, *(make_field(signal.name, pa.float64(), signal.unit, signal.doc) for signal in REFERENCE_CHANNELS)]
-    table = pa.Table.from_pydict(dict(reference), schema=pa.schema(fields))
+    schema = pa.schema(fields)
+    table = pa.Table.from_arrays([number_column(reference[name]) for name in schema.names], schema=schema)
     write_parquet(path, table, table.column_names, [])

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 from abhv_mc.array_types import Floats
 from abhv_mc.folder.flights import make_field, make_input_field
 from abhv_mc.folder.layout import write_whole
-from abhv_mc.io.parquet_columns import column_values
+from abhv_mc.io.parquet_columns import column_values, number_column
 from abhv_mc.plant.parameters import OURS, Parameters
 
 POINT = "point"
@@ -48,8 +48,8 @@ def write_samples(
                 values = draw(first, stop)
                 number = np.arange(first, stop)
                 numbers = [number, number % points] if points > 1 else [number]
-                columns = [*numbers, *(np.ascontiguousarray(column) for column in values.T)]
-                writer.write_table(pa.Table.from_arrays([pa.array(c) for c in columns], schema=schema))
+                columns = [*numbers, *values.T]
+                writer.write_table(pa.Table.from_arrays([*map(number_column, columns)], schema=schema))
 
     write_whole(path, write)
 

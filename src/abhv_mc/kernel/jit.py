@@ -143,23 +143,48 @@ def _make_private() -> tuple[Any, Any]:
     """What makes a function that kernels call, and what makes a kernel, with numba's private classes."""
     from llvmlite.binding import parse_assembly
     from numba.core import types
-    from numba.core.caching import NullCache
+    from numba.core.caching import FunctionCache, NullCache
     from numba.core.codegen import JITCodeLibrary
     from numba.core.compiler import Compiler
     from numba.core.registry import CPUDispatcher
+    from numba.core.runtime.nrt import rtsys
 
     def count_arrays(kinds: Any) -> int:
         tuples = [kind for kind in kinds if isinstance(kind, types.BaseTuple)]
         return sum(isinstance(kind, types.Array) for kind in kinds) + sum(map(count_arrays, tuples))
 
     class InlinedLibrary(JITCodeLibrary):
-        """Code that only becomes part of a kernel's: neither optimized by itself nor made machine code."""
+        """Code that only becomes part of a kernel's: neither linked nor optimized nor made machine code by itself."""
 
-        def _optimize_final_module(self) -> None:
-            pass
-
-        def _finalize_final_module(self) -> None:
+        def finalize(self) -> None:
             self._finalized = True
+
+        def part(self) -> Any:
+            return super()._get_module_for_linking()
+
+        def _get_module_for_linking(self) -> Any:  # for numba's own functions: with all that it calls
+            return link(self.part().clone(), self)
+
+    def link(module: Any, caller: Any) -> Any:
+        """The module with all that ``caller`` calls at any depth, each linked once.
+
+        A function comes after all that call it: LLVM leaves out what nobody has called yet.
+        """
+        order: dict[Any, None] = {}
+
+        def visit(library: Any) -> None:
+            for called in (
+                library._linking_libraries if library is caller or isinstance(library, InlinedLibrary) else ()
+            ):
+                if called not in order:
+                    visit(called)
+            order[library] = None
+
+        visit(caller)
+        for library in list(order)[-2::-1]:
+            part = library.part() if isinstance(library, InlinedLibrary) else library._get_module_for_linking()
+            module.link_in(part, preserve=True)
+        return module
 
     class InlinedCompiler(Compiler):
         def compile_extra(self, function: Any) -> Any:
@@ -193,10 +218,22 @@ def _make_private() -> tuple[Any, Any]:
     class KernelLibrary(JITCodeLibrary):
         """Machine code that nothing links: it is kept with its names alone, without the code that it was made from."""
 
+        def finalize(self) -> None:
+            link(self._final_module, self)
+            self._linking_libraries = []
+            super().finalize()
+
         def serialize_using_object_code(self) -> Any:
             names = [f.name for f in self._final_module.functions if not f.is_declaration]
             stubs = parse_assembly("\n".join(f'@"{name}" = global i8 0' for name in names))
             return self.name, "object", (self._get_compiled_object(), stubs.as_bitcode())
+
+    class KernelCache(FunctionCache):
+        """Loads a kernel without what only compiling needs: rules for all of numpy, which take longer than it."""
+
+        def load_overload(self, sig: Any, target_context: Any) -> Any:
+            rtsys.initialize(target_context)
+            return self._load_overload(sig, target_context)
 
     class KernelCompiler(Compiler):
         def compile_extra(self, function: Any) -> Any:
@@ -208,7 +245,7 @@ def _make_private() -> tuple[Any, Any]:
         def __init__(self, function: Any, **options: Any) -> None:
             options |= {"nopython": True, "no_cfunc_wrapper": True}
             super().__init__(function, targetoptions=options, pipeline_class=KernelCompiler)
-            self.enable_caching()
+            self._cache: Any = KernelCache(function)
 
         def compile(self, sig: Any) -> Any:
             if not source_unchanged():  # keep nothing under the name of a source that was edited meanwhile

@@ -1,19 +1,22 @@
 """Plans of the flights whose stability margins a campaign asks for."""
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.input_error import InputError
 from abhv_mc.stability.fly_with_margins import MarginPlan, add_margins
 
+if TYPE_CHECKING:  # which a worker process need not import
+    from abhv_mc.campaign.file.experiment import Experiment
+
 _LOOKED_AT = 1000  # flights whose sensors are to repeat with the law
 
 
-def make_margin_plans(campaign: Experiment, plans: Mapping[str, FlightPlan]) -> dict[str, MarginPlan]:
+def make_margin_plans(campaign: "Experiment", plans: Mapping[str, FlightPlan]) -> dict[str, MarginPlan]:
     """The plans with margins; none where the campaign asks for none. Raises InputError where there can be none."""
     model = campaign.model
     if model.margins is None:

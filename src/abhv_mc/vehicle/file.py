@@ -12,6 +12,7 @@ import numpy as np
 from abhv_mc.array_types import Ints
 from abhv_mc.io.documents import Document, Refusal, read_document, validate
 from abhv_mc.io.input_error import one_of
+from abhv_mc.io.input_files import made_once
 from abhv_mc.io.units import parse_unit
 from abhv_mc.kernel.plant.vehicle import (
     COEFFICIENTS,
@@ -50,6 +51,10 @@ class VehicleFile:
 
 def read_vehicle_file(path: str | Path) -> VehicleFile:
     """Read and check a vehicle file and its tables. Raises :class:`abhv_mc.io.documents.InputError`."""
+    return made_once("vehicle file", path, lambda: _read_vehicle_file(path))
+
+
+def _read_vehicle_file(path: str | Path) -> VehicleFile:
     document = read_document(path)
     content = validate(document, VehicleDocument)
     effectors = tuple(content.effectors)

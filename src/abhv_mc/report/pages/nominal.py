@@ -20,6 +20,7 @@ def write_nominal_report(
     import pyarrow.parquet as pq
 
     from abhv_mc.folder.histories import write_nominal, write_reference
+    from abhv_mc.io.parquet_columns import column_values
     from abhv_mc.simulators.make_plans import reference_of
     from abhv_mc.topics.envelopes.figures import plot_flown
     from abhv_mc.topics.figure_style import write_png
@@ -35,8 +36,8 @@ def write_nominal_report(
         name: {"time": times} | {channel: history[:, i].astype(np.float64) for channel, i in CHANNEL_INDEX.items()}
         for name, history in histories.items()
     }
-    table = pq.read_table((folder / "reference.parquet").absolute())
-    reference = {name: table[name].to_numpy() for name in table.column_names}
+    table = pq.ParquetFile(folder / "reference.parquet").read()
+    reference = {name: column_values(table[name]) for name in table.column_names}
     picture = folder / "figures" / "channels.png"
     write_png(plot_flown(flights, reference, {name: controller_label(name) for name in flights}), picture)
     yield picture
