@@ -98,3 +98,11 @@ def test_processes_import_from_beside_the_callers_script_and_not_from_the_workin
         program, cwd=tmp_path / "here", env=environment, capture_output=True, text=True, check=False, timeout=120.0
     )
     assert done.returncode == 0, done.stderr
+
+
+def test_a_worker_imports_only_what_it_flies():
+    code = f"""
+import sys, {module.serve.__module__}, abhv_mc.stability.fly_with_margins
+print({{"scipy.special", "pyarrow", "pandas", "joblib"}} & set(sys.modules))
+"""
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "set()\n"
