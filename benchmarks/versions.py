@@ -4,8 +4,8 @@
 
 CHECKOUT is another version's working tree (``git worktree add --detach ../before REVISION``), whose configuration both
 fly, in this environment. Processor time of all processes unless a line says otherwise; ratios are medians over the
-rounds, this version's over the other's. Flights: 64 dispersed ones in a process, the best of 7. The rounds ``--cold`` begin with nothing
-compiled and take minutes each. Writes a table of ``docs/explanation/performance.md``.
+rounds, this version's over the other's. Flights: 64 dispersed ones in a process, the best of 7. The rounds ``--cold``
+begin with nothing compiled and take minutes each. Writes a table of ``docs/explanation/performance.md``.
 """
 
 import argparse
@@ -152,7 +152,8 @@ def main() -> None:
     revision = subprocess.run(
         ["git", "-C", str(other), "rev-parse", "--short", "HEAD"], capture_output=True, check=False, text=True
     )
-    note = make_note(describe_machine(load), options.rounds).replace("processes", "rounds") + f" Starts and kernels: {options.cold} round(s)."
+    note = make_note(describe_machine(load), options.rounds).replace("processes", "rounds")
+    note += f" Kernels and first starts: {options.cold}."
     head = [
         note,
         "",
