@@ -12,6 +12,8 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.io.input_error import InputError
+from abhv_mc.simulators.check_inputs import check_inputs
 from abhv_mc.simulators.simulate import make_ready, simulate
 from abhv_mc.simulators.user_simulator.user_flights import end_processes
 from abhv_mc.simulators.user_simulator.user_plan import make_user_plans
@@ -158,3 +160,9 @@ def test_other_files_than_the_campaign_was_begun_with_do_not_fly(tmp_path: Path)
     (tmp_path / "dive.py").write_text(DIVE + "\n")
     with pytest.raises(Exception, match="other content"):
         simulate(campaign, "v1", campaign.make_samples().draw(0, 1))
+
+
+def test_a_file_that_does_not_run_is_refused_in_its_own_words(tmp_path: Path) -> None:
+    campaign = dive_campaign(tmp_path, "import math\n\nmath.nothing\n", runs=300)
+    with pytest.raises(InputError, match=r": AttributeError: module 'math' .* \(dive\.py, line 3\)"):
+        check_inputs(campaign)

@@ -1,6 +1,7 @@
 """One process of a user's simulator: it is sent lines of JSON, and watched flight by flight."""
 
 import contextlib
+import json
 import os
 import select
 import signal
@@ -50,9 +51,9 @@ class Process:
         self._rest, self._waiting = b"", b""  # of an answer, and lines that are not sent yet
         if plan.python:
             (answer,) = self.answers([], 1, _START)
-            if not answer.startswith(b'{"ready"'):
+            if (error := json.loads(answer).get("error")) is not None:
                 self.end()
-                raise LostFlightError(answer.decode())
+                raise LostFlightError(error)
 
     def answers(self, lines: list[bytes], number: int, limit: float) -> Iterator[bytes]:
         """The answers to ``lines`` one by one, each within ``limit`` s of the one before. Raises LostFlightError."""
