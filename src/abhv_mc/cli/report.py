@@ -15,7 +15,8 @@ def command(
     out: Annotated[Path | None, output(output_folder, "DIR", "Where to.", "DIR; reports/NAME for an address")] = None,
     baseline: Baseline = None,
     svg: Annotated[bool, typer.Option("--svg", help="Write each figure as SVG, too.")] = False,
-    pdf: Annotated[bool, typer.Option("--pdf", help="Print report.pdf, where a Chromium is found.")] = False,
+    pdf: Annotated[bool, typer.Option("--pdf", help="Print report.pdf (A4), where a Chromium is found.")] = False,
+    letter: Annotated[bool, typer.Option("--letter", help="Print it on US letter.")] = False,
 ) -> None:
     """Make the page, the figures and report.json from a campaign's Parquet alone."""
     import shutil
@@ -28,7 +29,7 @@ def command(
     from abhv_mc.report.pages.build import build_report
     from abhv_mc.report.pages.pdf import find_browser, print_pdf
 
-    browser = find_browser() if pdf else None
+    browser = find_browser() if pdf or letter else None
 
     with fetched(folder) as source:
         page = build_report(source, baseline, svg, stage=Waiting)
@@ -42,5 +43,5 @@ def command(
         say(page)
         if browser is not None:
             with Waiting("report: PDF"):
-                printed = print_pdf(page, browser)
+                printed = print_pdf(page, browser, letter)
             say(printed)

@@ -19,14 +19,20 @@ def find_browser() -> str:
     return found
 
 
-def print_pdf(page: Path, browser: str) -> Path:
-    """Print a page beside itself; returns the PDF's path. Raises InputError where the browser printed nothing."""
+def print_pdf(page: Path, browser: str, letter: bool = False) -> Path:
+    """Print a page beside itself, on A4 or letter; returns the PDF's path.
+
+    Raises InputError where the browser printed nothing.
+    """
     target = page.with_suffix(".pdf")
     target.unlink(missing_ok=True)
     with tempfile.TemporaryDirectory() as profile:
+        sized = Path(profile) / page.name
+        size = f"<style>@page {{ size: {'letter' if letter else 'A4'}; }}</style></head>"
+        sized.write_text(page.read_text(encoding="utf-8").replace("</head>", size, 1), encoding="utf-8")
         words = [
             browser, "--headless", "--disable-gpu", "--no-sandbox", f"--user-data-dir={profile}",
-            "--no-pdf-header-footer", f"--print-to-pdf={target.absolute()}", page.absolute().as_uri(),
+            "--no-pdf-header-footer", f"--print-to-pdf={target.absolute()}", sized.as_uri(),
         ]  # fmt: skip
         try:
             done = subprocess.run(words, capture_output=True, text=True, timeout=_LONGEST, check=False)  # noqa: S603
