@@ -70,9 +70,10 @@ const flightPanel = (source, style, { columnOf, nameOf, changed }) => {
     at("flight-channel").value = channel;
   };
 
+  const narrow = () => at("flight-history").clientWidth < 560; // the legend takes a line for each of its entries then
   const layout = (x, y, extra = {}) => ({
     margin: { l: 60, r: 10, t: 8, b: 42 }, height: 300, hovermode: "closest", paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
-    font: { family: style.font, size: 12, color: style.ink() }, legend: { orientation: "h", y: -0.22 },
+    font: { family: style.font, size: 12, color: style.ink() }, legend: { orientation: "h", y: narrow() ? -0.42 : -0.22 },
     modebar: { bgcolor: "rgba(0,0,0,0)", color: style.ink(), activecolor: style.link() },
     hoverlabel: { bgcolor: style.paper(), font: { color: style.ink() } },
     xaxis: { title: { text: x }, gridcolor: style.line(), zeroline: false },
@@ -119,7 +120,7 @@ const flightPanel = (source, style, { columnOf, nameOf, changed }) => {
       if (channels[entry.command]) traces.push(line(channels[entry.command], `${shortName(each)}, command`, "dot"));
     }
     traces.push(...limitTraces(shown.map(([each]) => each.history.time).reduce((a, b) => (a.at(-1) > b.at(-1) ? a : b))));
-    Plotly.react("flight-history", traces, layout("time (s)", labelOf(entry), { height: 360 }), config);
+    Plotly.react("flight-history", traces, layout("time (s)", labelOf(entry), { height: narrow() ? 480 : 360 }), config);
     const tracked = flown.filter(({ history: { channels } }) => channels.north_m && channels.east_m);
     at("flight-track").hidden = !tracked.length;
     at("flight-track").parentElement.classList.toggle("alone", !tracked.length);
