@@ -102,6 +102,8 @@ def test_the_map_of_a_period_is_one_computed_apart(tmp_path, rates, ticks, path,
     poles, others = (np.linalg.eigvals(each) for each in (closed_period(linear, 0), by_hand))
     for pole in others[np.abs(others) > 1e-6]:
         assert np.abs(poles - pole).min() < 1e-8
+    slow = others[np.abs(others) > np.exp(-10.0 * 0.01 * ticks)]
+    assert max(np.abs(analyse(linear).poles[0] - np.log(pole) / (0.01 * ticks)).min() for pole in slow) < 1e-6
 
 
 def test_a_mode_that_stays_is_named(tmp_path):
