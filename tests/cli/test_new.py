@@ -36,6 +36,7 @@ def test_new_folder_stands_alone(tmp_path: Path) -> None:
 def test_editors_find_the_schema_of_every_file(tmp_path: Path) -> None:
     files = [file for file in write_new_campaign(tmp_path / "study") if file.suffix == ".yaml"]
     assert len(files) > 4
+    files += write_new_simulator(tmp_path / "simulator", "python")[:1]
     for file in files:
         name = file.read_text().splitlines()[0].removeprefix("# yaml-language-server: $schema=")
         schema = json.loads((file.parent / name).read_text())

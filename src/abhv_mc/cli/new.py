@@ -47,7 +47,8 @@ def _begin_simulator(folder: Path, kind: str, law: bool) -> None:
     if law:
         raise InputError("--simulator", "it beside --law", "one of both: a law flies this program's vehicles")
     campaign, *others = write_new_simulator(folder, kind)
-    say(f"{campaign} and {', '.join(file.name for file in others)}. Next:")
-    if kind == "command" and others[-1].suffix:
+    names = [file.name for file in others if file.suffix != ".json"]
+    say(f"{campaign} and {', '.join(names)}. Next:")
+    if kind == "command" and "rocket" not in names:
         say(f"  cd {folder} && make   # no C compiler was found here: it needs one, by the name cc")
     say(f"  cd {folder} && abhv-mc run {campaign.name}")

@@ -4,6 +4,7 @@ import json
 import os
 import re
 import shutil
+from collections.abc import Iterable
 from pathlib import Path
 
 from abhv_mc.campaign.file.check import read_campaign
@@ -57,7 +58,7 @@ def write_new_campaign(folder: Path, name: str = DEFAULT, law: str | None = None
     written[0].write_text(source.read_text(encoding="utf-8").replace("../configs/", ""), encoding="utf-8")
     if law is not None:
         written += _add_law(folder, written[0], law)
-    return written + _write_schemas(folder, [file for file in written if file.suffix == ".yaml"])
+    return written + write_schemas(folder, [file for file in written if file.suffix == ".yaml"])
 
 
 def refuse_filled(folder: Path) -> None:
@@ -68,11 +69,11 @@ def refuse_filled(folder: Path) -> None:
         raise InputError(folder, "a folder that is not empty", "a new or an empty one")
 
 
-def _write_schemas(folder: Path, files: list[Path]) -> list[Path]:
-    """Write the schemas, and begin each of the YAML files with the line by which editors find its own."""
+def write_schemas(folder: Path, files: list[Path], kinds: Iterable[str] = MODELS) -> list[Path]:
+    """Write the schemas of ``kinds``, and begin each of the YAML files with the line by which editors find its own."""
     written = []
     (folder / _SCHEMAS).mkdir()
-    for kind in MODELS:
+    for kind in kinds:
         written.append(folder / _SCHEMAS / f"{kind}.schema.json")
         written[-1].write_text(json.dumps(make_schema(kind), indent=1) + "\n", encoding="utf-8")
     for file in files:

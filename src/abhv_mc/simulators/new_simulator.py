@@ -6,7 +6,7 @@ from pathlib import Path
 
 from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.shipped import shipped_configs
-from abhv_mc.simulators.new_campaign import refuse_filled
+from abhv_mc.simulators.new_campaign import refuse_filled, write_schemas
 
 SIMULATORS = ("python", "command")
 
@@ -32,6 +32,7 @@ def write_new_simulator(folder: Path, kind: str) -> list[Path]:
     for file in sorted((source / kind).iterdir()):
         if file.is_file():
             written.append(Path(shutil.copyfile(file, folder / file.name)))
+    written += write_schemas(folder, written[:1], ["campaign"])
     if kind == "command":
         try:
             subprocess.run(["make", "--quiet"], cwd=folder, capture_output=True, check=True)  # noqa: S607
