@@ -13,9 +13,9 @@ from abhv_mc.flight.outcome import OUTCOMES
 from abhv_mc.folder.export import export_csv
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.samples import SampleReader
+from abhv_mc.report.pages.verify import differences
 from abhv_mc.shipped import shipped_folder
 from abhv_mc.topics.comparison import COMPARISON
-from abhv_mc.topics.drivers import DRIVERS
 from abhv_mc.topics.failures import FAILURES
 from abhv_mc.topics.plain import plain
 from abhv_mc.topics.topic import Models
@@ -38,7 +38,9 @@ def test_ours_adopted_say_the_same(name: str, tmp_path: Path) -> None:
         "systems": {each: {} for each in campaign.controllers},
         "inputs": {r.name: {"unit": r.unit, "nominal": r.nominal, "seed": r.seed} for r in records},
         "dispersions": {key: law for key, law in campaign.dispersions.items() if not campaign.parameters[key].seed},
-        "metrics": {each: {"unit": campaign.metrics[each].unit} for each in required},
+        "metrics": {
+            each: {key: getattr(campaign.metrics[each], key) for key in ("unit", "label", "doc")} for each in required
+        },
         "outcomes": {code: words for code, words in OUTCOMES.sentences.items() if code not in ("ok", "failed_to_run")},
         "requirements": entries,
     }
@@ -47,14 +49,10 @@ def test_ours_adopted_say_the_same(name: str, tmp_path: Path) -> None:
     assert adopted.requirements == ours.requirements
     assert adopted.requirements_shown == ours.requirements_shown
     one, two = (Models(read_flown(tmp_path / folder)) for folder in ("ours", "adopted"))
-    for topic in (VERDICTS, FAILURES, DRIVERS):
-        first, second = plain(one[topic]), plain(two[topic])
-        if topic is DRIVERS:  # of the metrics that both have
-            for part in (first, second):
-                for each in part["controllers"].values():
-                    each["metrics"] = {key: value for key, value in each["metrics"].items() if key in required}
-        assert second == first, topic.name
-    first, second = plain(one[COMPARISON]), plain(two[COMPARISON])
-    assert second.keys() == first.keys()
-    for a, b in zip(first["pairs"], second["pairs"], strict=True):
-        assert {m: b["metrics"][m] for m in required} == {m: a["metrics"][m] for m in required}
+    for topic in (VERDICTS, FAILURES):
+        assert not list(differences(plain(one[topic]), plain(two[topic]))), topic.name
+    first, second = plain(one[COMPARISON])["pairs"], plain(two[COMPARISON])["pairs"]
+    for pair in (*first.values(), *second.values()):  # what both have
+        pair["metrics"] = {metric: pair["metrics"][metric] for metric in required}
+        del pair["usage"], pair["surfaces"]
+    assert not list(differences(first, second))

@@ -81,7 +81,8 @@ def metrics(
         from abhv_mc.campaign.file.check import read_campaign
         from abhv_mc.shipped import find_input
 
-        records += read_campaign(find_input(campaign, "campaign")).declared
+        read = read_campaign(find_input(campaign, "campaign"))
+        records = [*read.measured] if read.own else [*records, *read.declared]
     if json is not None:
         show([record.as_entry() for record in records], json, lambda: None)
         return
