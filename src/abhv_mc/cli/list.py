@@ -82,7 +82,7 @@ def metrics(
         from abhv_mc.shipped import find_input
 
         read = read_campaign(find_input(campaign, "campaign"))
-        records = [*read.measured] if read.own else [*records, *read.declared]
+        records = [*read.measured] if read.user_model else [*records, *read.declared]
     if json is not None:
         show([record.as_entry() for record in records], json, lambda: None)
         return

@@ -163,7 +163,7 @@ def find_flown(vehicle: Path | None, mission: Path, controllers: str | None, tru
         from abhv_mc.campaign.file.check import read_campaign
 
         campaign = read_campaign(mission)
-        if campaign.own is not None:
+        if campaign.user_model is not None:
             found = "a user's simulator, which has no plant to linearize"
             raise campaign.document.error((), found, "a campaign of our own: with vehicle, mission and controllers")
         check_user_code(campaign, trust_code)

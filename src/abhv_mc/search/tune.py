@@ -188,7 +188,7 @@ def tune_controller(
 def _tune(request: TuneRequest, engine: Engine, tell: Callable[[TuneFound], None] | None) -> TuneFound:
     campaign, name = read_searched(request.campaign, request.controller, request.seed)
     model = campaign.model
-    if campaign.own is not None:
+    if campaign.user_model is not None:
         words = "a user's simulator, which has no controllers to tune"
         raise campaign.document.error((), words, "a campaign of our own: with vehicle, mission and controllers")
     block, document, where = read_tune_block(campaign, request.block)

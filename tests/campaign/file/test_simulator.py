@@ -64,7 +64,7 @@ def test_units_may_be_any_text(tmp_path: Path) -> None:
 
 
 def test_seeds_are_whole_numbers_of_each_flight(tmp_path: Path) -> None:
-    inputs = {"altitude": {"unit": "ft", "nominal": 2330.0}, "noise": {"seed": True}}
+    inputs = {"altitude": {"unit": "ft", "nominal": 2330.0}, "noise": {"seed": "yes"}}
     laws = {"altitude": {"distribution": "normal", "sigma": 50.0}}
     seeds = read_campaign(dive_campaign(tmp_path, inputs=inputs, dispersions=laws)).make_samples()
     drawn = seeds.draw(0, 100)[:, 1]

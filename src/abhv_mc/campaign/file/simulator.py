@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
@@ -52,6 +52,13 @@ class Simulator(StrictModel):
         return {path.relative_to(folder).as_posix(): path for path in (*named, *expand(folder, self.files))}
 
 
+YesNo = Annotated[
+    bool,
+    BeforeValidator(
+        lambda value: {"yes": True, "no": False}.get(value, value) if isinstance(value, str) else value,
+        json_schema_input_type=bool | Literal["yes", "no"],
+    ),
+]
 InputName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_.]*$", max_length=60)]
 
 
@@ -60,7 +67,7 @@ class Input(StrictModel):
 
     unit: Unit = Field("-", description="any text; '-' of a plain number")
     nominal: float = Field(0.0, description="its nominal value, in this unit")
-    seed: bool = Field(False, description="true: a whole number drawn for each flight, and no quantity")
+    seed: YesNo = Field(False, description="yes: a whole number drawn for each flight, and no quantity")
     doc: str = Field("", description="what it is, for the report")
 
 
@@ -108,8 +115,8 @@ class SimulatorCampaign(Campaign):
     simulator: Simulator | None = Field(
         None, description="what flies, in place of vehicle, mission and controllers; left out: `adopt` takes flights"
     )
-    independent: bool = Field(
-        False, description="without a simulator: true where flights are independent draws of the dispersions"
+    independent: YesNo = Field(
+        False, description="without a simulator: yes where flights are independent draws of the dispersions"
     )
     systems: Annotated[dict[Name, dict[str, Any]], Field(min_length=1)] = Field(
         {"system": {}}, description="what is compared: settings of the simulator by name; the first has to meet it all"
