@@ -215,7 +215,8 @@ class Results:
         refuse_changes(self._paths, self.manifest)
         if again.differences:
             raise RuntimeError(f"flight {flight} differs from the stored one: {'; '.join(again.differences)}")
-        table = pd.DataFrame(again.block.history[0], columns=list(CHANNEL_INDEX)).dropna(how="all")
+        channels = list(CHANNEL_INDEX) if again.block.history.size else []  # a user's simulator returns none
+        table = pd.DataFrame(again.block.history[0], columns=channels).dropna(how="all")
         table.insert(0, "time", again.block.times[table.index])
         return table.reset_index(drop=True)
 

@@ -15,6 +15,7 @@ from abhv_mc.execution.setup import Request
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.pages.build import build_report
+from abhv_mc.results import Results
 from abhv_mc.simulators.engine import make_engine
 
 
@@ -41,6 +42,7 @@ def test_a_campaign_is_flown_judged_and_explained(tmp_path: Path) -> None:
     failed = int(np.argmin(results.flights["v1"].metrics["altitude_min"]))
     fly = make_engine().fly
     assert replay_flight(out, "v1", failed, fly).differences == ()
+    assert Results(out).replay(failed, "v1").columns.tolist() == ["time"]
     found = explain_flight(out, "v1", failed, fly)
     assert set(found.causes) <= {"altitude", "speed", "delay", "thrust"}
     assert found.causes
