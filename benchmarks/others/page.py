@@ -13,9 +13,9 @@ from benchmarks.others import gcas_search, reliability, rocketpy_table, sensitiv
 
 RESULTS = Path(__file__).parents[1] / "results"
 PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "on-others-ground.md"
-_METHOD = ("calls", "mean/truth", "cov", "right")
+_METHOD = ("calls", "estimate", "right")
 HEADS: dict[str, tuple[str, ...]] = {
-    "reliability": ("problem", "inputs", "published", *_METHOD, *(f"{word}, OpenTURNS" for word in _METHOD)),
+    "reliability": ("problem", "inputs", "published", *_METHOD, *(f"OT {word}" for word in _METHOD)),
     "sensitivity": (
         "function, input",
         "published: first, total",

@@ -101,12 +101,8 @@ def describe(row: dict[str, Any]) -> str:
         found, seeds = row[method], row["seeds"][1] - row["seeds"][0] + 1
         given = seeds - found["refused"]
         right = round(found["right_of_given"] * given)
-        words += [
-            f"{found['evaluations']:.0f}",
-            f"{found['mean_over_truth']:.3f}",
-            f"{found['cov']:.2f}",
-            f"{right} of {given}",
-        ]
+        truth = f"{found['mean_over_truth']:.2f} ± {found['cov']:.2f}"
+        words += [f"{found['evaluations']:.0f}", truth, f"{right}" if given == seeds else f"{right} of {given}"]
     return f"| {row['case']} | {row['dimension']} | {row['probability']:.3g} | " + " | ".join(words) + " |"
 
 
