@@ -106,7 +106,7 @@ def fly(plan: FlightPlan, parameters: np.ndarray, record_every: Recording | int 
             elif metric.statistic == Statistic.FINAL:
                 metrics[:, row] = last[:, column]
     outcome = np.where(lost, Outcome.SIDESLIP_LIMIT, Outcome.OK).astype(np.int64)
-    return record(FlightBlock(outcome, end, metrics, history, ticks), recording_of(record_every))
+    return record(FlightBlock(outcome, end, metrics, history, ticks), recording_of(record_every, plan))
 
 
 def record(block: FlightBlock, recording: Recording) -> FlightBlock:

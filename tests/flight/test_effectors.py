@@ -1,7 +1,6 @@
 """Effectors with actuators of their own: against a brute-force integration, against actuators of the axes, failing."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,16 +9,19 @@ from short_flights import change_vehicle, cut, rows_of
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.flight.fly import fly, fly_until, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
+from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import prepare
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.kernel.plant.vehicle import VARIABLES
 from abhv_mc.shipped import shipped_configs
+from abhv_mc.simulators.end_sentence import describe_end
 from abhv_mc.simulators.engine import make_engine
 from abhv_mc.simulators.make_plans import make_plans
-from abhv_mc.stability.linearize import actuator_matrices
-from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc.stability.analysis import analyse
+from abhv_mc.stability.linearize import linearize
+from abhv_mc.stability.points import flown_points
 
 CONFIGS = shipped_configs()
 COUNT = 16
@@ -146,6 +148,13 @@ def test_a_law_in_plain_python_commands_the_same(tmp_path, flown) -> None:
     assert np.array_equal(positions(plain, [20]), positions(flown, [20]))
 
 
+def test_an_effectors_command_that_is_no_number_ends_the_flight_by_its_name(tmp_path) -> None:
+    plan = make_plan(tmp_path, '"flap_2": 0.1, "flap_4": (step - step) / (step - step) if time > 0.1 else step')
+    block = fly(plan, nominal_parameters(1))
+    assert block.outcome[0] == Outcome.NOT_FINITE
+    assert "effector flap_4 at 0.11 s" in describe_end(plan, nominal_parameters(1), Outcome.NOT_FINITE)
+
+
 def test_groups_do_not_matter(flown) -> None:
     parameters = nominal_parameters(40)
     parameters[:, PARAMETER_INDEX["actuator.bandwidth"]] = np.linspace(0.7, 1.3, 40)
@@ -183,12 +192,11 @@ def test_elevons_with_actuators_alike_fly_as_the_axes_do(tmp_path) -> None:
     assert difference[..., s.ALTITUDE].max() < 1e-6
     assert difference[..., s.ROLL_RATE : s.YAW_RATE + 1].max() < 1e-10
     assert blocks[1].metrics[0, METRIC_INDEX["aileron_travel_deg"]] > 0.0
-    lane = np.ones((1, s.LAW))
-    assert np.array_equal(*(actuator_matrices(plan, lane)[0] for plan in plans))
-    uneven = load_vehicle(driven)
-    uneven.effectors[0, 3] = 20.0
-    with pytest.raises(InputError, match=r"right_elevon .20 rad/s.*left_elevon .50 rad/s"):
-        actuator_matrices(replace(plans[1], vehicle=uneven), lane)
+    states = [flown_points(plan, parameters[:1], 5.0).points for plan in plans]
+    of_axes, of_effectors = (analyse(linearize(*each)) for each in zip(plans, states, strict=True))
+    assert of_axes.inputs == of_effectors.inputs
+    np.testing.assert_allclose(of_effectors.margins.gain_high, of_axes.margins.gain_high, rtol=1e-4)
+    np.testing.assert_allclose(of_effectors.margins.delay, of_axes.margins.delay, rtol=1e-4)
 
 
 def test_a_campaign_with_failures_of_axes_is_refused_where_effectors_move_themselves(tmp_path) -> None:
@@ -204,6 +212,30 @@ def test_a_campaign_with_failures_of_axes_is_refused_where_effectors_move_themse
     assert weaker.names == ("control.effector_3_effectiveness",)
     with pytest.raises(InputError, match="failure of an effector: flap_0"):
         make_plans(read_campaign(tmp_path / "failing.yaml"), ["tlc"], make_engine())
+
+
+def test_all_laws_of_a_campaign_fly_one_list_of_actuators_whose_usage_is_counted(tmp_path) -> None:
+    write_vehicle(tmp_path, "  left: {aileron: -1, elevator: 1}\n  right: {aileron: 1, elevator: 1}")
+    (tmp_path / "own.py").write_text(LAW.format(given='"left": step', how=""), encoding="utf-8")
+    (tmp_path / "own.yaml").write_text("law: python\nfile: own.py\nrate: 100 Hz\n", encoding="utf-8")
+    tlc, level = str(CONFIGS / "control" / "tlc.yaml"), str(CONFIGS / "mission" / "level.yaml")
+    text = {"name": "one", "vehicle": "vehicle.yaml", "mission": level, "runs": 2, "seed": 1, "dispersions": {}}
+    text |= {"requirements": [{"metric": "left_max_deg", "below": 30, "probability": 0.5}]}
+    text |= {"metrics": {"swing_deg": {"of": "left_deg - right_command_deg", "statistic": "peak_to_peak"}}}
+    for controllers in ({"tlc": tlc, "own": "own.yaml"}, {"tlc": tlc}):
+        (tmp_path / "one.yaml").write_text(json.dumps(text | {"controllers": controllers}), encoding="utf-8")
+        if len(controllers) == 1:
+            with pytest.raises((InputError, InputErrors), match="left_"):
+                read_campaign(tmp_path / "one.yaml")
+            continue
+        campaign = read_campaign(tmp_path / "one.yaml")
+        plans = make_plans(campaign, controllers, make_engine())
+        for plan in plans.values():
+            assert [m.name for m in plan.metrics] == [m.name for m in campaign.measured] and "left" in plan.effectors
+            block = fly(cut(plan, 60), nominal_parameters(1), 1)
+            at = [channel.name for channel in plan.channels].index("left_deg")
+            place = [metric.name for metric in plan.metrics].index("left_max_deg")
+            assert block.metrics[0, place] == pytest.approx(np.abs(block.history[0, :, at]).max(), rel=1e-6)
 
 
 STEP_LAW = """

@@ -22,7 +22,7 @@ def fly_line(plan, parameters, record_every=None):
         np.zeros((len(lift), ticks, len(CHANNELS)), np.float32) + parameters[:, [DENSITY]].astype(np.float32)[:, None]
     )
     ended = np.full(len(lift), int(Outcome.OK)), np.full(len(lift), 2.0)
-    return record(FlightBlock(*ended, metrics, history, np.arange(ticks) * 0.1), recording_of(record_every))
+    return record(FlightBlock(*ended, metrics, history, np.arange(ticks) * 0.1), recording_of(record_every, plan))
 
 
 LINE = Engine(prepare, fly_line, "line")

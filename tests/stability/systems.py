@@ -12,7 +12,8 @@ from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.stability.analysis import analyse
 from abhv_mc.stability.disturbed import fly_disturbed
-from abhv_mc.stability.linearize import PLANT_STATES, closed_loop, linearize
+from abhv_mc.stability.inputs import plant_states
+from abhv_mc.stability.linearize import closed_loop, linearize
 from abhv_mc.stability.points import flown_points
 from abhv_mc.stability.probe import law_memory_rows
 from abhv_mc.stability.sensing import sensor_states
@@ -78,8 +79,10 @@ CHANGE = {
 def assert_predicted(plan, dispersions, first, ticks, every=1):
     """The product of the ticks' linear maps against a full flight from the kept state, 0.2 % of each state's swing."""
     delay = round(dispersions[0, PARAMETER_INDEX["sensor.delay"]] / plan.timing.tick)
-    change = np.zeros(18 + len(law_memory_rows(plan)))
-    change[[PLANT_STATES.index(name) for name in CHANGE]] = list(CHANGE.values())
+    states = plant_states(plan.vehicle)
+    n, k = len(states), len(states) - 2
+    change = np.zeros(n + len(law_memory_rows(plan)))
+    change[[states.index(name) for name in CHANGE]] = list(CHANGE.values())
     flown = fly_disturbed(plan, dispersions, first, change, ticks)
     flown -= fly_disturbed(plan, dispersions, first, 0.0 * change, ticks)
     sensors = len(sensor_states(plan, flown_points(plan, dispersions, first * plan.timing.tick).points))
@@ -87,6 +90,6 @@ def assert_predicted(plan, dispersions, first, ticks, every=1):
     for tick in range(first, first + ticks, every):
         linear = linearize(plan, flown_points(plan, dispersions, (tick + every // 2) * plan.timing.tick).points)
         expected = np.linalg.matrix_power(closed_loop(linear, 0), every) @ expected
-    scale = np.abs(flown).max(axis=0)[:18]
-    scale[10:16:2], scale[11:17:2] = scale[10:16:2].max(), scale[11:17:2].max()  # surfaces are compared with each other
-    np.testing.assert_allclose(flown[-1, :18] / scale, expected[:18] / scale, rtol=0.0, atol=2e-3)
+    scale = np.abs(flown).max(axis=0)[:n]
+    scale[10:k:2], scale[11:k:2] = scale[10:k:2].max(), scale[11:k:2].max()  # surfaces are compared with each other
+    np.testing.assert_allclose(flown[-1, :n] / scale, expected[:n] / scale, rtol=0.0, atol=2e-3)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from short_flights import assert_same, disperse, short_plan
+from short_flights import assert_same, change_vehicle, disperse, short_plan
 from user_code.test_user_law import CASCADE
 
 from abhv_mc.control.controller_file import read_controller
@@ -155,7 +155,7 @@ def test_a_law_that_returns_an_error_or_no_number_ends_its_flight(make):
     block = fly(plan, parameters)
     assert {Outcome(code) for code in block.outcome} == {Outcome.NOT_FINITE}
     assert describe_end(plan, parameters[:1], Outcome.NOT_FINITE).endswith(
-        "The first was the equivalence ratio command (equivalence_ratio_command) at 0.31 s."
+        "The first was the throttle command (equivalence_ratio_command) at 0.31 s."
     )
 
 
@@ -317,3 +317,61 @@ def test_code_in_the_style_of_simulinks_coder_flies(make, tmp_path):
     short = short_plan(600, tmp_path / "ert.yaml", "level")
     parameters = disperse(70)
     assert np.array_equal(fly(short, parameters).metrics, fly(make(PYTHON, 6.0), parameters).metrics, equal_nan=True)
+
+
+ELEVONS = """
+int abhv_law_step(const abhv_measured *m, const abhv_reference *r, const double *k, const abhv_settings *s,
+                  double time, double dt, void *state, abhv_command *c) {
+    (void)k, (void)s, (void)time, (void)dt, (void)state;
+    c->elevator = r->elevator + 2.0 * (m->angle_of_attack - r->angle_of_attack) + 1.5 * m->pitch_rate;
+    c->aileron = -0.26 * m->bank - 0.08 * m->roll_rate;
+    c->rudder = 0.04 * m->yaw_rate;
+    c->equivalence_ratio = r->equivalence_ratio - 0.02 * (m->speed - r->speed);
+    c->effectors[0] = c->elevator + 0.9 * c->aileron + 1e-7 * m->onboard.moment.pitch;
+    c->effectors[1] = c->elevator - c->aileron + 0.1 * m->onboard.last.rudder;
+    return 0;
+}
+size_t abhv_law_state_size(void) { return 0; }
+"""
+ELEVONS_IN_PYTHON = """
+from abhv_mc.extend import Command, controller
+
+@controller
+def law(measured, reference, onboard):
+    elevator = reference.elevator + 2.0 * (measured.angle_of_attack - reference.angle_of_attack)
+    elevator = elevator + 1.5 * measured.pitch_rate
+    aileron = -0.26 * measured.bank - 0.08 * measured.roll_rate
+    return Command(
+        aileron, 0.04 * measured.yaw_rate, elevator,
+        reference.equivalence_ratio - 0.02 * (measured.speed - reference.speed),
+        effectors={
+            "right": elevator + 0.9 * aileron + 1e-7 * onboard.moment.pitch,
+            "left": elevator - aileron + 0.1 * onboard.last.rudder,
+        },
+    )
+"""
+
+
+def test_it_commands_effectors_by_name_and_sees_the_nominal_vehicle(tmp_path):
+    lines = "\neffectors:\n  left: {aileron: -1, elevator: 1}\n  fin: {rudder: 1}\n  right: {aileron: 1, elevator: 1}\n"
+    terms = "{table: roll_aileron, times: right, scale: 0.5}\n    - {table: roll_aileron, times: left, scale: -0.5}"
+    vehicle = change_vehicle(
+        tmp_path, ("\npropulsion:", f"{lines}\npropulsion:"), ("{table: roll_aileron, times: aileron}", terms)
+    )
+    (tmp_path / "law.c").write_text(f'#include "abhv_law.h"\n{INIT}{ELEVONS}')
+    (tmp_path / "law.py").write_text(ELEVONS_IN_PYTHON)
+    head = "law: c\nsources: [law.c]\neffectors: [right, left]\n"
+    (tmp_path / "c.yaml").write_text(f"{head}onboard: true\n")
+    (tmp_path / "blind.yaml").write_text(head)
+    (tmp_path / "wrong.yaml").write_text(f"{head}onboard: true\n".replace("left", "lift"))
+    (tmp_path / "python.yaml").write_text("law: python\nfile: law.py\n")
+    c, python = (short_plan(100, tmp_path / f"{name}.yaml", "level", vehicle) for name in ("c", "python"))
+    parameters = disperse(4)
+    assert_same(fly(c, parameters, 10), fly(python, parameters, 10))
+    ours, theirs = (linearize(plan, flown_points(plan, parameters[1:2], 0.5).points) for plan in (c, python))
+    assert ours.inputs == ("left", "fin", "right", "aileron", "rudder", "elevator", "equivalence_ratio")
+    np.testing.assert_allclose(ours.law_D[..., :10], theirs.law_D[..., :10], rtol=0, atol=1e-9)
+    with pytest.raises(InputError, match=r"law.c:14.*onboard"):
+        short_plan(100, tmp_path / "blind.yaml", "level", vehicle)
+    with pytest.raises((InputError, InputErrors), match="lift"):
+        short_plan(100, tmp_path / "wrong.yaml", "level", vehicle)

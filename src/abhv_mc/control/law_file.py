@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 
 from abhv_mc.io.documents import File, Refusal, StrictModel, one_of
 from abhv_mc.io.units import Frequency, parse_any, parse_in_unit, parse_unit
+from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
 
 Rate = Annotated[Frequency, Field(gt=0.0)]
 _RATE = "control ticks per second"
@@ -63,6 +64,14 @@ class CController(ControllerModel):
     units: dict[str, str] = Field(
         {}, description="SI units of settings, as {bank_limit: rad}: these are refused without a unit, or in another"
     )
+    effectors: tuple[str, ...] = Field(
+        (),
+        max_length=MAX_ACTUATORS,
+        description="the vehicle's effectors that it commands, in their order in the struct",
+    )
+    onboard: bool = Field(
+        False, description="whether measured->onboard is the nominal vehicle, as laws in Python see it"
+    )
 
     @model_validator(mode="after")
     def _check(self) -> "CController":
@@ -97,9 +106,11 @@ class FmuController(ControllerModel):
 
     law: Literal["fmu"] = Field(description="the control law")
     file: File = Field(description="the FMU, of FMI 2.0 or 3.0")
-    inputs: dict[str, str] = Field(description="its inputs: measured.NAME, reference.NAME, gains.NAME or time")
+    inputs: dict[str, str] = Field(
+        description="its inputs: measured.NAME, reference.NAME, onboard.NAME, gains.NAME or time"
+    )
     outputs: dict[str, str] = Field(
-        description="the command's fields, such as elevator, and the outputs that give them"
+        description="the command's fields, such as elevator, or the vehicle's effectors, and the outputs that give them"
     )
     params: dict[str, Any] = Field({}, description="start values of its parameters, with units where it has them")
     design: File | None = Field(None, description="gains: a Python file with design(), or a CSV file over time")

@@ -84,11 +84,11 @@ def _fly(
         if not sizes:
             reasons.append(str(error))
             outcome = find_lost_outcome(plan.law, error.hung) if error.process else Outcome.FAILED_TO_RUN
-            return make_lost(plan, outcome, recording_of(recorded), count_metrics(plan))
+            return make_lost(plan, outcome, recording_of(recorded, plan), count_metrics(plan))
         pieces = np.split(parameters, range(sizes[0], len(parameters), sizes[0]))
         return join_blocks([_fly(attempt, plan, piece, recorded, sizes[1:], reasons) for piece in pieces])
 
 
 def make_failed(plan: FlightPlan, recorded: "Recorded") -> FlightBlock:
     """The row of one flight that could not be computed."""
-    return make_lost(plan, Outcome.FAILED_TO_RUN, recording_of(recorded), count_metrics(plan))
+    return make_lost(plan, Outcome.FAILED_TO_RUN, recording_of(recorded, plan), count_metrics(plan))

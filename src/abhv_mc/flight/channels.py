@@ -6,6 +6,7 @@ tables, or a named row, all in SI and radians, converted to degrees where the un
 metrics may name every source. A new one is an entry here, and a function there where the lane memory does not hold it.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from abhv_mc.kernel.plant.vehicle import MAX_EFFECTORS
@@ -104,6 +105,7 @@ REFERENCE_CHANNELS: tuple[Signal, ...] = (
 CHANNEL_INDEX: dict[str, int] = {signal.name: i for i, signal in enumerate(CHANNELS)}
 
 SURFACES = ("aileron", "elevator", "rudder")
+SWINGS = {"bank": "bank error", "angle_of_attack": "angle-of-attack error", "sideslip": "sideslip"}  # that cycle
 # Sources that no history records.
 _SOURCES: tuple[Source, ...] = (
     *(
@@ -115,26 +117,12 @@ _SOURCES: tuple[Source, ...] = (
         for name in SURFACES
     ),
     *(
-        Source(
-            f"{name}_ripple_deg",
-            "deg",
-            f"largest cycle of the {words} in settled stretches so far, from side to side",
-            f"{name}_ripple_deg",
-            True,
+        Source(f"{name}{end}", unit, doc.format(words), f"{name}{end}", True)
+        for end, unit, doc in (
+            ("_ripple_deg", "deg", "largest cycle of the {} in settled stretches so far, from side to side"),
+            ("_cycle_hz", "Hz", "frequency of the largest cycle of the {}"),
         )
-        for name, words in (
-            ("bank", "bank error"),
-            ("angle_of_attack", "angle-of-attack error"),
-            ("sideslip", "sideslip"),
-        )
-    ),
-    *(
-        Source(f"{name}_cycle_hz", "Hz", f"frequency of the largest cycle of the {words}", f"{name}_cycle_hz", True)
-        for name, words in (
-            ("bank", "bank error"),
-            ("angle_of_attack", "angle-of-attack error"),
-            ("sideslip", "sideslip"),
-        )
+        for name, words in SWINGS.items()
     ),
     Source("fuel_left_kg", "kg", "mass above the empty one, infinite where no fuel burns", "fuel_left_kg"),
     Source("fuel_used_kg", "kg", "mass at the start minus mass", "fuel_used_kg"),
@@ -147,3 +135,26 @@ _SOURCES: tuple[Source, ...] = (
     Source("outside_tables", "-", "above zero outside the tables (clamped)", "outside", True),
 )
 SOURCES: dict[str, Source] = {source.name: source for source in (*CHANNELS, *_SOURCES)}
+
+
+def effector_sources(names: Sequence[str]) -> tuple[Source, ...]:
+    """Of effectors that have actuators: deflections and commands, which are recorded, and which are at a limit."""
+    return tuple(
+        kind(f"{name}_{end}", unit, f"{words} {name}", f"{block}+{i}", kind is Source)
+        for kind, end, unit, words, block in (
+            (Channel, "deg", "deg", "deflection of the effector", "effector_at"),
+            (Channel, "command_deg", "deg", "command of the effector", "effector_asked"),
+            (Source, "saturated", "-", "1 with the deflection or command at its limit of", "effector_saturated"),
+        )
+        for i, name in enumerate(effector_words(names))
+    )
+
+
+def effector_channels(names: Sequence[str]) -> tuple[Channel, ...]:
+    """Those that are recorded."""
+    return tuple(source for source in effector_sources(names) if isinstance(source, Channel))
+
+
+def effector_words(names: Sequence[str]) -> list[str]:
+    """How channels and metrics call effectors: an axis that is one is no deflection of that axis."""
+    return [f"{name}_effector" if f"{name}_deg" in SOURCES else name for name in names]

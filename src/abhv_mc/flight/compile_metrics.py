@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.flight.channels import SOURCES
+from abhv_mc.flight.channels import SOURCES, effector_sources
 from abhv_mc.flight.metrics import Metric
-from abhv_mc.flight.observed import find_factor
+from abhv_mc.flight.observed import find_factor, find_place
 from abhv_mc.io.input_error import Refusal, describe, one_of
 from abhv_mc.io.unit_pattern import NUMBER
 from abhv_mc.kernel.flight.counting import (
@@ -28,7 +28,6 @@ from abhv_mc.kernel.flight.counting import (
     Programs,
     Statistic,
 )
-from abhv_mc.kernel.flight.observe import find_row
 from abhv_mc.kernel.laws.user import CHANNEL, MAX_CHANNELS
 
 _LEAN_EMPTY = {  # what the accumulator of a lean metric starts from
@@ -48,18 +47,21 @@ class Known(NamedTuple):
 
 
 @cache
-def _known_sources() -> dict[str, Known]:
+def _known_sources(effectors: tuple[str, ...]) -> dict[str, Known]:
     return {
-        name: Known(entry.unit, find_row(entry.source), find_factor(entry.source, entry.unit), entry.nonnegative)
-        for name, entry in SOURCES.items()
+        each.name: Known(each.unit, find_place(each.source), find_factor(each.source, each.unit), each.nonnegative)
+        for each in (*SOURCES.values(), *effector_sources(effectors))
     }
 
 
-def known_sources(user_channels: NDArray[np.str_]) -> dict[str, Known]:
-    """The sources of the program, and the channels of the user's own file ``[channel, 2]``, each name and unit."""
+def known_sources(user_channels: NDArray[np.str_], effectors: tuple[str, ...] = ()) -> dict[str, Known]:
+    """The sources of the program, those of ``effectors`` with actuators, and the channels of the user's own file.
+
+    ``user_channels`` [channel, 2]: of each name and unit.
+    """
     if len(user_channels) > MAX_CHANNELS:
         raise ValueError(f"{len(user_channels)} channels of the user's own")
-    return _known_sources() | {
+    return _known_sources(effectors) | {
         name: Known(unit, CHANNEL + i, 1.0) for i, (name, unit) in enumerate(user_channels.tolist())
     }
 
@@ -115,8 +117,8 @@ def _floats(values: object) -> NDArray[np.float64]:
 
 
 def _is_lean(metric: Metric, known: Mapping[str, Known]) -> bool:
-    """Whether a metric is one row over the whole flight, which one accumulator counts as well as a program."""
-    if metric.of not in known or metric.start > 0.0 or metric.end < math.inf:
+    """Whether a metric of the program's is one row over the whole flight, which one accumulator counts as well."""
+    if metric.group == "user" or metric.of not in known or metric.start > 0.0 or metric.end < math.inf:
         return False
     nonnegative = known[metric.of].nonnegative
     if metric.statistic == Statistic.TIME_OUTSIDE and not (nonnegative and metric.limit == 0.0):

@@ -76,7 +76,7 @@ def fly(
     Raises ValueError for an array of the wrong type or shape.
     """
     parameters = check_parameters(parameters)
-    recording = recording_of(record_every)
+    recording = recording_of(record_every, plan)
     if must_fly_elsewhere(plan):
         return fly_in_child(fly, plan, parameters, recording, lanes, keep_states, start)
     results = make_results(plan, len(parameters), recording, keep_states)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.bounds import Bounds
-from abhv_mc.flight.channels import SURFACES, Signal
+from abhv_mc.flight.channels import SURFACES, SWINGS, Signal, effector_words
 from abhv_mc.kernel.flight.counting import Statistic
 
 Bad = Literal["high", "low", "size"]  # large values, small values, large absolute values
@@ -229,24 +229,17 @@ METRICS: tuple[Metric, ...] = (
     *(
         Metric(
             f"{name}_ripple_deg", "deg", f"largest cycle of the {words} in settled stretches, from side to side",
-            f"{label} ripple", "high", "tracking", f"{name}_ripple_deg", Statistic.MAX, **_ZERO, finding="cycles",
+            f"{label_of(name, '-')} ripple", "high", "tracking", f"{name}_ripple_deg", Statistic.MAX, **_ZERO,
+            finding="cycles",
         )
-        for name, words, label in (
-            ("bank", "bank error", "Bank"),
-            ("angle_of_attack", "angle-of-attack error", "Angle of attack"),
-            ("sideslip", "sideslip", "Sideslip"),
-        )
+        for name, words in SWINGS.items()
     ),
     *(
         Metric(
             f"{name}_cycle_hz", "Hz", f"frequency of the largest cycle of the {words}, zero without one",
-            f"{label} cycle frequency", "high", "tracking", f"{name}_cycle_hz", Statistic.FINAL, **_ZERO,
+            f"{label_of(name, '-')} cycle frequency", "high", "tracking", f"{name}_cycle_hz", Statistic.FINAL, **_ZERO,
         )
-        for name, words, label in (
-            ("bank", "bank error", "Bank"),
-            ("angle_of_attack", "angle-of-attack error", "Angle of attack"),
-            ("sideslip", "sideslip", "Sideslip"),
-        )
+        for name, words in SWINGS.items()
     ),
     _time("engine_failed_s", "time with a failed or unstarted engine", "Engine failed", "loads", "engine_failed"),
     _time(
@@ -289,6 +282,24 @@ MARGIN_FAULTS: tuple[Signal, ...] = (
 MARGIN_VALUES: tuple[Signal, ...] = (*MARGINS, *MARGIN_FAULTS)
 MARGIN_NAMES = tuple(metric.name for metric in MARGINS)
 
+
+def effector_metrics(names: Iterable[str]) -> tuple[Metric, ...]:
+    """What is counted of effectors that have actuators, as a campaign declares metrics."""
+    return tuple(
+        Metric(
+            f"{name}_{end}", unit, f"{name.replace('_', ' ')}: {words}", f"{label_of(name, '-')}{after}",
+            "high", "usage", f"{name}{of}", statistic, **_ZERO,
+        )
+        for name in effector_words(list(names))
+        for end, unit, words, after, of, statistic in (
+            ("rms_deg", "deg", "deflection, rms", ", rms", "_deg", Statistic.RMS),
+            ("max_deg", "deg", "largest absolute deflection", ", max", "_deg", Statistic.MAX_ABS),
+            ("travel_deg", "deg", "sum of the absolute changes of the deflection", " travel", "_deg", Statistic.TRAVEL),
+            ("saturation_s", "s", "time at its limit", " saturation", "_saturated", Statistic.TIME_OUTSIDE),
+        )
+    )  # fmt: skip
+
+
 METRIC_INDEX: dict[str, int] = {metric.name: i for i, metric in enumerate(METRICS)}
 BUILT_IN: dict[str, Metric] = {metric.name: metric for metric in (*METRICS, *MARGINS)}
 SURFACE_USAGE = tuple(m.name for m in METRICS if m.group == "usage" and m.statistic == Statistic.RMS)
@@ -323,6 +334,6 @@ def _record(text: dict[str, Any]) -> Metric:
     text["statistic"] = Statistic[text["statistic"]]
     text |= {name: float(text[name]) for name in ("limit", "start", "end", "empty")}
     text |= {name: text[name] == "1" for name in ("settled", "never_negative")}
-    if text["bad"] not in ("high", "low", "size") or text["group"] != "user":
+    if text["bad"] not in ("high", "low", "size") or text["group"] not in ("user", "usage"):
         raise ValueError(f"a declared metric that is bad when {text['bad']}, of the group {text['group']}")
     return Metric(**text)

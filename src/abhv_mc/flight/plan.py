@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats, Singles
 from abhv_mc.flight import outcome
-from abhv_mc.flight.channels import CHANNELS
+from abhv_mc.flight.channels import CHANNELS, Channel, effector_channels
 from abhv_mc.flight.metrics import METRICS, NO_METRICS, Metric, unpack_metrics
 from abhv_mc.identity import Flyer
 from abhv_mc.kernel.flight.interface import Timing
@@ -17,10 +17,11 @@ from abhv_mc.kernel.flight.sensors import MAX_DELAY_TICKS
 from abhv_mc.kernel.plant.air_profile import no_profile
 from abhv_mc.kernel.plant.parameter_names import ALL_SENSORS, PARAMETER_INDEX
 from abhv_mc.kernel.plant.slopes import Effectiveness
-from abhv_mc.kernel.plant.vehicle import DRIVEN, Tables, Vehicle
+from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc.kernel.world.earth import Earth
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.vehicle.foreign import VehicleCode
+from abhv_mc.vehicle.model import name_effectors
 
 Limits = outcome.Limits
 
@@ -31,7 +32,7 @@ class Recording(NamedTuple):
     """What is recorded of flights."""
 
     every: int  # control ticks between samples, 0 for none
-    channels: tuple[int, ...] = tuple(range(len(CHANNELS)))  # of CHANNELS
+    channels: tuple[int, ...] = tuple(range(len(CHANNELS)))  # of the plan's
     extremes: bool = False  # over every control tick around each sample, of all flights together
 
     def count_samples(self, timing: "Timing") -> int:
@@ -39,9 +40,9 @@ class Recording(NamedTuple):
         return timing.ticks // self.every + 1 if self.every else 0
 
 
-def recording_of(asked: Recording | int | None) -> Recording:
+def recording_of(asked: Recording | int | None, plan: "FlightPlan") -> Recording:
     """What is asked for; a number stands for samples of every channel so many control ticks apart, None for nothing."""
-    return asked if isinstance(asked, Recording) else Recording(asked or 0)
+    return asked if isinstance(asked, Recording) else Recording(asked or 0, tuple(range(len(plan.channels))))
 
 
 # Beginnings of the names of dispersions that a lean flight does not know.
@@ -104,7 +105,7 @@ class FlightPlan:
         """
         vehicle, foreign = self.vehicle, self.vehicle.foreign
         plain = self.law in ("tlc", "lqr") and not (self.channels_hash or foreign.aerodynamics or foreign.propulsion)
-        whole = vehicle.constants.inlet.unstarts == 0.0 and not vehicle.effectors[:, DRIVEN].any()
+        whole = not (vehicle.constants.inlet.unstarts or vehicle.constants.driven)
         calm = len(self.profile) == 0 and not any(name.startswith(NOT_LEAN) for name in names)
         return replace(self, lean=bool(plain and whole and calm))
 
@@ -112,6 +113,16 @@ class FlightPlan:
     def metrics(self) -> tuple[Metric, ...]:
         """The columns of its flights' metrics: those of the program, then the declared ones."""
         return (*METRICS, *unpack_metrics(self.declared))
+
+    @property
+    def effectors(self) -> tuple[str, ...]:
+        """The names of effectors that have actuators; none where the three axes have them."""
+        return name_effectors(self.vehicle) if self.vehicle.constants.driven else ()
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """What its histories may record."""
+        return (*CHANNELS, *effector_channels(self.effectors))
 
 
 @dataclass(frozen=True)

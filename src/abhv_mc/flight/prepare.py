@@ -21,6 +21,7 @@ from abhv_mc.control.design.reference import make_mission_trim_tables, make_star
 from abhv_mc.control.design.tlc_design import make_tlc_gains, make_tlc_settings
 from abhv_mc.control.law_file import USER_LAWS, CController, PythonController, UserController
 from abhv_mc.control.mission import Mission, read_mission
+from abhv_mc.flight.metrics import effector_metrics, pack_metrics
 from abhv_mc.flight.native_check import check_native
 from abhv_mc.flight.outcome import EndBounds
 from abhv_mc.flight.plan import FlightPlan, Limits
@@ -46,6 +47,7 @@ from abhv_mc.user_code.native import NativeLaw
 from abhv_mc.user_code.settings import NO_COMMANDS, CommandSteps, make_commands, make_user_settings
 from abhv_mc.user_code.vehicle_functions import find_code, load_vehicle
 from abhv_mc.vehicle.limits import tighter
+from abhv_mc.vehicle.model import name_effectors
 from abhv_mc.vehicle.sensing import choose_sensing
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
 
@@ -145,7 +147,7 @@ def make_plan(
     """
     sensing = choose_sensing(mission.sensing, vehicle.constants.sensing)
     vehicle = vehicle._replace(constants=vehicle.constants._replace(sensing=sensing))
-    if user_code is not None and isinstance(user_code.law, Law):
+    if user_code is not None:
         vehicle = drive_commanded(vehicle, user_code.law.source)
     mission = on_glide_path(mission, vehicle)
     timing = make_timing(mission, controller.rate)
@@ -199,6 +201,7 @@ def make_plan(
         source_hash=user_code.law.source.hash if user_code else "",
         source=user_code.law.source if user_code else None,
         vehicle_code=find_code(vehicle),
+        declared=pack_metrics(effector_metrics(name_effectors(vehicle)) if constants.driven else ()),
     )
 
 

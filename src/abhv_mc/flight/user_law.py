@@ -47,7 +47,7 @@ def open_law(plan: FlightPlan, width: int, memory_in_rows: bool = False, flights
     :func:`law_memory`; ``flights`` says how many are flown. Raises ValueError for a plan whose source is missing: a
     stored plan has none.
     """
-    address, onboard, channels, context = 0, 0, 0, 0
+    address, channels, context, onboard = 0, 0, 0, int(sees_onboard(plan))
     made: Any = None  # held while it flies
     if plan.law == PYTHON:
         law = load_plan_law(plan)
@@ -57,13 +57,13 @@ def open_law(plan: FlightPlan, width: int, memory_in_rows: bool = False, flights
             made = compile_law(source, gains, width, effectors)
         else:
             made = PlainLaw(law, gains, width, memory_in_rows, effectors)
-        address, onboard = int(made.address), int("onboard" in law.arguments)
+        address = int(made.address)
     elif plan.law in NATIVE:
         places = -(-max(min(flights, TOGETHER), 1) // width) * width  # more are flown after these
         memory = len(native_memory(plan)) if memory_in_rows else None
         source = _checked(plan.source, plan.source_hash)
         gains, seen = tuple(plan.gain_names.tolist()), measured_count(plan)
-        made = open_native(source, gains, width, places, memory, seen)
+        made = open_native(source, gains, width, places, memory, seen, name_effectors(plan.vehicle))
         address, context = made.address, made.context
     if plan.channels_hash:
         channels = int(compile_channels(_checked(plan.channels_source, plan.channels_hash), width).address)
@@ -102,6 +102,16 @@ def asks_for_more(plan: FlightPlan) -> bool:
     law = load_plan_law(plan)
     files = (content.decode(errors="replace") for name, content in law.source.files if name.endswith(".py"))
     return "measured" in law.arguments and any(map(_names_more, (law.source.text, *files)))
+
+
+def sees_onboard(plan: FlightPlan) -> bool:
+    """Whether the plan's law is given the nominal vehicle."""
+    if plan.law not in NATIVE:
+        return plan.law == PYTHON and "onboard" in load_plan_law(plan).arguments
+    recipe = NativeLaw(_checked(plan.source, plan.source_hash)).recipe
+    return bool(recipe.get("onboard")) or any(
+        wired.startswith("onboard.") for wired in recipe.get("inputs", {}).values()
+    )
 
 
 def _names_more(text: str) -> bool:
@@ -154,24 +164,26 @@ def must_fly_elsewhere(plan: FlightPlan) -> bool:
     return plan.law in NATIVE and not may_run_here()
 
 
+def _python_memory(law: Law) -> dict[str, float]:
+    if "memory" not in law.arguments:
+        return {}
+    names = getattr(law.memory, "_fields", ())
+    defaults = getattr(law.memory, "_field_defaults", {})
+    if not names or len(names) > MAX_MEMORY or not all(is_number(defaults.get(name)) for name in names):
+        found = "a law in plain Python whose memory is no NamedTuple of numbers"
+        raise InputError(law.source.file, found, "such a Memory, of which slopes can be taken")
+    return {name: float(defaults[name]) for name in names}
+
+
 def law_memory(plan: FlightPlan) -> dict[str, tuple[int, float]]:
     """Row of the lane memory and value at the start of each number that the plan's own law remembers, by its name.
 
     The last commands are among them where the law sees them (``onboard``): they start as the nominal flight's
     actuators do. Raises InputError for a memory in plain Python that is no named tuple of numbers.
     """
-    if plan.law in NATIVE:
-        return {name: (MEMORY + i, value) for i, (name, value) in enumerate(native_memory(plan).items())}
-    law = load_plan_law(plan)
-    names: tuple[str, ...] = ()
-    if "memory" in law.arguments:
-        names = getattr(law.memory, "_fields", ())
-        defaults = getattr(law.memory, "_field_defaults", {})
-        if not names or len(names) > MAX_MEMORY or not all(is_number(defaults.get(name)) for name in names):
-            found = "a law in plain Python whose memory is no NamedTuple of numbers"
-            raise InputError(law.source.file, found, "such a Memory, of which slopes can be taken")
-    rows = {name: (MEMORY + i, float(law.memory._field_defaults[name])) for i, name in enumerate(names)}
-    if "onboard" in law.arguments:
+    starts = native_memory(plan) if plan.law in NATIVE else _python_memory(load_plan_law(plan))
+    rows = {name: (MEMORY + i, value) for i, (name, value) in enumerate(starts.items())}
+    if sees_onboard(plan):
         last = {
             "onboard.last.aileron": (s.CMD_AILERON, s.AILERON),
             "onboard.last.rudder": (s.CMD_RUDDER, s.RUDDER),

@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS, REFERENCE_CHANNELS
+from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS, REFERENCE_CHANNELS, Signal
 from abhv_mc.folder.flights import make_field, write_parquet
 from abhv_mc.io.parquet_columns import number_column, text_column
 
@@ -26,14 +26,16 @@ def write_histories(
     history: NDArray[np.float32],
     channels: Sequence[str],
     metadata: dict[str, str] | None = None,
+    known: Sequence[Signal] = CHANNELS,
 ) -> None:
-    """Write ``history[flight, time, channel]`` (all CHANNELS) as rows of the named channels.
+    """Write ``history[flight, time, channel]`` (all of the plan's) as rows of the named ones of its ``known`` channels.
 
     A flight that ended early has rows up to its end.
     """
     rows = ~np.isnan(history[:, :, CHANNEL_INDEX["altitude_m"]])
     number, time = np.nonzero(rows)
-    fields = [CHANNELS[CHANNEL_INDEX[name]] for name in channels]
+    places = {signal.name: i for i, signal in enumerate(known)}
+    fields = [known[places[name]] for name in channels]
     schema = pa.schema(
         [_FLIGHT, _CONTROLLER, _TIME, *(make_field(f.name, pa.float32(), f.unit, f.doc) for f in fields)],
         metadata={f"abhv_mc.{key}": text for key, text in (metadata or {}).items()},
@@ -42,7 +44,7 @@ def write_histories(
         number_column(np.asarray(flights, np.int64)[number]),
         text_column([controller] * len(number)),
         number_column(times[time]),
-        *(number_column(history[:, :, CHANNEL_INDEX[name]][rows]) for name in channels),
+        *(number_column(history[:, :, places[name]][rows]) for name in channels),
     ]
     write_parquet(path, pa.Table.from_arrays(columns, schema=schema), ["time", *channels], ["flight", "controller"])
 
@@ -61,7 +63,7 @@ def write_nominal(path: Path, times: Floats, nominal: dict[str, NDArray[np.float
     for controller, history in nominal.items():
         rows = ~np.isnan(history[:, CHANNEL_INDEX["altitude_m"]])
         columns = [text_column([controller] * int(rows.sum())), number_column(times[rows])]
-        columns += map(number_column, history[rows].T)
+        columns += map(number_column, history[rows].T[: len(CHANNELS)])
         tables.append(pa.Table.from_arrays(columns, schema=pa.schema(fields)))
     write_parquet(path, pa.concat_tables(tables), ["time", *CHANNEL_INDEX], ["controller"])
 

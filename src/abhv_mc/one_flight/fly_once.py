@@ -38,9 +38,7 @@ class OneFlight:
     @property
     def metrics(self) -> dict[str, float]:
         """Its metrics by name."""
-        from abhv_mc.flight.metrics import METRICS
-
-        return {metric.name: float(self.block.metrics[0, i]) for i, metric in enumerate(METRICS)}
+        return {metric.name: float(self.block.metrics[0, i]) for i, metric in enumerate(self.plan.metrics)}
 
 
 def fly_once(
@@ -97,20 +95,19 @@ def fly(
     """
     import pandas as pd
 
-    from abhv_mc.flight.channels import CHANNELS
-    from abhv_mc.flight.metrics import METRICS
-
     flight = fly_once(mission, vehicle, controller, dispersions, check_count(every, 1, "every"))
-    table = pd.DataFrame(flight.block.history[0].astype("float64"), columns=[channel.name for channel in CHANNELS])
+    table = pd.DataFrame(
+        flight.block.history[0].astype("float64"), columns=[channel.name for channel in flight.plan.channels]
+    )
     table.insert(0, "time", flight.block.times)
     table = table[table["time"] <= flight.end_time + 1e-9].reset_index(drop=True)
     table.attrs = {
-        "units": {"time": "s"} | {channel.name: channel.unit for channel in CHANNELS},
+        "units": {"time": "s"} | {channel.name: channel.unit for channel in flight.plan.channels},
         "outcome": flight.outcome,
         "sentence": flight.sentence,
         "end_time_s": flight.end_time,
         "metrics": flight.metrics,
-        "metric_units": {metric.name: metric.unit for metric in METRICS},
+        "metric_units": {metric.name: metric.unit for metric in flight.plan.metrics},
         "warnings": flight.plan.warnings.tolist(),
     }
     return table

@@ -144,7 +144,7 @@ def analyse_place(place: Place) -> "tuple[Linear, Stability]":
     from abhv_mc.stability.linearize import linearize
 
     linear = linearize(place.plan, place.points)
-    return linear, analyse(linear, _FREQUENCIES)
+    return linear, analyse(linear, _FREQUENCIES, apart=True)
 
 
 def linearize(
@@ -286,11 +286,11 @@ def fly_on(
 
     from abhv_mc.simulators.make_plans import check_rows
     from abhv_mc.stability.disturbed import fly_disturbed
-    from abhv_mc.stability.linearize import PLANT_STATES
+    from abhv_mc.stability.inputs import plant_states
     from abhv_mc.stability.probe import law_memory_rows
 
     plan = make_flight_plan(mission, vehicle, controller)
-    names = [*PLANT_STATES, *(f"law_{name}" for name in law_memory_rows(plan))]
+    names = [*plant_states(plan.vehicle), *(f"law_{name}" for name in law_memory_rows(plan))]
     change = np.zeros(len(names))
     for name, value in (disturbance or {}).items():
         if name not in names:

@@ -16,14 +16,12 @@ from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import user_parts_of
 from abhv_mc.io.documents import InputError
-from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.simulators.controller_numbers import ControllerNumbers
 from abhv_mc.simulators.engine import Engine
 from abhv_mc.simulators.make_plans import declare
 from abhv_mc.stability.analysis import margins_of_flights
 from abhv_mc.stability.fly_with_margins import add_margins
 from abhv_mc.stability.steady import make_steady_plan
-from abhv_mc.user_code.vehicle_functions import load_vehicle
 
 Time = Literal["trim"] | float  # s
 
@@ -77,11 +75,11 @@ class Candidates:
     def _steady(self, controller: Controller, plan: FlightPlan) -> FlightPlan | None:
         try:
             parts = user_parts_of(plan)
-            steady = make_steady_plan(*self._vehicle_and_mission, controller, self.name, user_code=parts)
+            steady = make_steady_plan(plan.vehicle, self._mission, controller, self.name, user_code=parts)
         except (InputError, np.linalg.LinAlgError):
             return None
         return steady.lean_for(self.campaign.varied)
 
     @functools.cached_property
-    def _vehicle_and_mission(self) -> tuple[Vehicle, Mission]:
-        return load_vehicle(self.campaign.model.vehicle), read_mission(self.campaign.model.mission)
+    def _mission(self) -> Mission:
+        return read_mission(self.campaign.model.mission)

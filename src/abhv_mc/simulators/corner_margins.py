@@ -40,17 +40,16 @@ def describe_stability(campaign: Experiment, plans: Mapping[str, FlightPlan]) ->
     from abhv_mc.control.mission import read_mission
     from abhv_mc.flight.prepare import user_parts_of
     from abhv_mc.stability.steady import make_steady_plan
-    from abhv_mc.user_code.vehicle_functions import load_vehicle
 
     model = campaign.model
-    vehicle, mission = load_vehicle(model.vehicle), read_mission(model.mission)
+    vehicle, mission = next(iter(plans.values())).vehicle, read_mission(model.mission)
     if vehicle.constants.surface_limit == 0.0 or vehicle.constants.equivalence_ratio_max == 0.0:
         return {}
     rows, found = make_corners(campaign), {}
     for name, file in model.controllers.items():
         try:
             user_code = user_parts_of(plans[name])
-            steady = make_steady_plan(vehicle, mission, read_controller(file), name, user_code=user_code)
+            steady = make_steady_plan(plans[name].vehicle, mission, read_controller(file), name, user_code=user_code)
             found[name] = _describe(name, steady.lean_for(campaign.varied), rows)
         except InputError as error:
             found[name] = {"fault": error.found}

@@ -14,7 +14,6 @@ from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.flight.memory import make_memory
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.user_code.child import in_child
-from abhv_mc.vehicle.model import name_effectors
 
 _NEVER = "stagnation_heat_flux_w_m2"  # of a vehicle without a nose radius
 _ORDER = sorted(range(len(CHANNELS)), key=lambda i: "measured" not in CHANNELS[i].name)  # laws see what is measured
@@ -40,15 +39,14 @@ def _find(plan: FlightPlan, parameters: Floats) -> str:
     recording, memory = Recording(1), make_memory(LANES)
     results = make_results(plan, 1, recording, False)
     fly_in_memory(plan, parameters, results, recording, memory)
-    end = int(results.end_tick[0])
+    end, lane = int(results.end_tick[0]), memory.Z[:, 0]
+    commands = [name for i, name in enumerate(plan.effectors) if np.isnan(lane[s.EFFECTOR_COMMAND + i])]
     for tick in range(max(end - 1, 0), end + 1):
         row = results.history[0, tick]
         if np.isfinite(row).any():  # else a sample that does not count
             broken = [CHANNELS[i] for i in _ORDER if not np.isfinite(row[i]) and CHANNELS[i].name != _NEVER]
-            if broken:
+            if broken and not (commands and broken[0].source.startswith("cmd_")):  # which all effectors' make
                 return f"{broken[0].doc} ({broken[0].name}) at {tick * plan.timing.tick:g} s"
-    lane = memory.Z[:, 0]
     states = [name for name, value in zip(s.STATES, lane, strict=False) if not np.isfinite(value)]
-    commands = [n for i, n in enumerate(name_effectors(plan.vehicle)) if np.isnan(lane[s.EFFECTOR_COMMAND + i])]
-    words = f"state {states[0]}" if states else f"command of the effector {', '.join(commands[:1])}"
+    words = f"command of the effector {commands[0]}" if commands else f"state {', '.join(states[:1])}"
     return f"{words} at {end * plan.timing.tick:g} s"

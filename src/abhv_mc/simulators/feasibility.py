@@ -144,7 +144,7 @@ def _has(vehicle: Vehicle, name: str) -> bool:
             return bool(np.any(vehicle.build_up.factor == PARAMETER_INDEX[name]))
         return bool(np.any(vehicle.build_up.coefficient == COEFFICIENTS.index(coefficient)))
     if effector := re.match(r"effector_(\d+)", rest):
-        return int(effector[1]) < len(vehicle.effectors)
+        return int(effector[1]) < len(vehicle.effector_mix)
     if group == "engine":
         return vehicle.constants.equivalence_ratio_max > 0.0
     if name == "mass.inertia_13":

@@ -20,7 +20,6 @@ from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.documents import Document, InputError
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.plant.parameter_names import AXES, PARAMETER_INDEX
-from abhv_mc.kernel.plant.vehicle import DRIVEN
 from abhv_mc.plant.parameters import DISTURBANCES
 from abhv_mc.simulators.campaign_code import check_user_code
 from abhv_mc.simulators.engine import Engine, check_source
@@ -28,10 +27,11 @@ from abhv_mc.simulators.feasibility import asked_in_vain
 from abhv_mc.simulators.stored_plans import read_trusted_plan
 from abhv_mc.simulators.user_simulator.user_plan import make_user_plans
 from abhv_mc.user_code.closure import check_closure
+from abhv_mc.user_code.effector_commands import find_driven
 from abhv_mc.user_code.source import read_source
 from abhv_mc.user_code.user_channels import compile_channels
 from abhv_mc.vehicle.limits import STILL_AIR, refuse_oscillation
-from abhv_mc.vehicle.model import name_effectors
+from abhv_mc.vehicle.model import drive, name_effectors
 from abhv_mc.vehicle.sensing import IN_WIND, describe_sensing
 
 _RARELY = 1e-6  # probability that a law may have beyond a bound
@@ -56,10 +56,10 @@ def make_plans(campaign: Experiment, names: Iterable[str], engine: Engine) -> di
     if campaign.user_model is not None:
         return make_user_plans(campaign, campaign.user_model, names)  # type: ignore[return-value]
     made = {name: engine.prepare(model.vehicle, model.mission, model.controllers[name], name) for name in names}
-    _check_delays(campaign, made.values())
-    _check_oscillation(campaign, made.values())
-    _check_axes(campaign, made.values())
     plans = {name: declare(campaign, plan) for name, plan in made.items()}
+    _check_delays(campaign, plans.values())
+    _check_oscillation(campaign, plans.values())
+    _check_axes(campaign, plans.values())
     for plan in plans.values():
         if plan.channels_source is not None:
             compile_channels(plan.channels_source, LANES)  # now, before anything is written
@@ -99,7 +99,7 @@ def _check_axes(campaign: Experiment, plans: Iterable[FlightPlan]) -> None:
     """Raise InputError for failures of axes where effectors are driven or commanded: they have no actuators there."""
     failing = [name for name in campaign.varied if name.startswith(_AXIS_FAILURES)]
     for plan in plans:
-        if failing and plan.vehicle.effectors[:, DRIVEN].any():
+        if failing and plan.vehicle.constants.driven:
             found = f"'{failing[0]}', of an axis, where '{plan.controller}' moves effectors by actuators of their own"
             names = ", ".join(name_effectors(plan.vehicle))
             place = ("sampling",) if campaign.sample_file is not None else ("dispersions", failing[0])
@@ -116,7 +116,12 @@ def check_rows(plan: FlightPlan, parameters: Floats) -> None:
 
 
 def declare(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
-    """The plan with the metrics and channels that the campaign itself declares: no file of plans holds them."""
+    """The plan with the metrics and channels that the campaign itself declares: no file of plans holds them.
+
+    All of its laws fly one list of actuators.
+    """
+    if find_driven(campaign.model.vehicle, campaign.model.controllers.values()):
+        plan = replace(plan, vehicle=drive(plan.vehicle))
     if campaign.model.channels is not None:
         channels = read_source(campaign.model.channels)
         check_closure(channels)

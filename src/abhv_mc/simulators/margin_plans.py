@@ -28,9 +28,8 @@ def make_margin_plans(campaign: "Experiment", plans: Mapping[str, FlightPlan]) -
     from abhv_mc.stability.periods import find_period
     from abhv_mc.stability.sensing import repeats_after, sensor_ticks
     from abhv_mc.stability.steady import make_steady_plan
-    from abhv_mc.user_code.vehicle_functions import load_vehicle
 
-    vehicle, mission = load_vehicle(model.vehicle), read_mission(model.mission)
+    vehicle, mission = next(iter(plans.values())).vehicle, read_mission(model.mission)
     if vehicle.constants.surface_limit == 0.0 or vehicle.constants.equivalence_ratio_max == 0.0:
         found = "margins of a vehicle without control surfaces or engine"
         raise InputError(model.vehicle, found, "one with both")
@@ -38,7 +37,7 @@ def make_margin_plans(campaign: "Experiment", plans: Mapping[str, FlightPlan]) -
     made: dict[str, MarginPlan] = {}
     for name, plan in plans.items():
         law = read_controller(model.controllers[name])
-        steady = make_steady_plan(vehicle, mission, law, name, user_code=user_parts_of(plan))
+        steady = make_steady_plan(plan.vehicle, mission, law, name, user_code=user_parts_of(plan))
         period = find_period(steady).ticks  # a law that has none is refused before anything flies
         for ticks in np.unique(sensor_ticks(steady, sampled), axis=0):
             repeats_after(ticks, period)

@@ -36,6 +36,8 @@ class Stability(NamedTuple):
     # none where vehicle or law have no slopes at the point
     margins: Margins  # nan for systems that are not stable
     cut: Ints  # [system, input] where an input has no loop, see abhv_mc.stability.linearize
+    inputs: tuple[str, ...]
+    apart: "Stability | None" = None  # of effectors one by one, of a law that commands axes, where it was asked for
 
 
 class FlightMargins(NamedTuple):
@@ -53,8 +55,10 @@ class FlightMargins(NamedTuple):
         return np.column_stack([self.gain_db, self.phase_deg, self.delay_ms, self.disk])
 
 
-def analyse(linear: Linear, frequencies: int = FREQUENCIES) -> Stability:
-    """Poles of the closed loops and margins of those that are stable."""
+def analyse(linear: Linear, frequencies: int = FREQUENCIES, apart: bool = False) -> Stability:
+    """Poles of the closed loops and margins of those that are stable; ``apart``: those of single effectors, too."""
+    if apart and linear.apart is not None:
+        return analyse(linear, frequencies)._replace(apart=analyse(linear.apart, frequencies))
     discrete, span = _closed_poles(linear), linear.period * max(len(linear.phases), 1)
     with np.errstate(divide="ignore"):
         poles = [np.log(z[z != 0.0].astype(np.complex128)) / span for z in discrete]
@@ -68,11 +72,11 @@ def analyse(linear: Linear, frequencies: int = FREQUENCIES) -> Stability:
             for into, value in zip(margins, find_lifted_margins(linear, int(i), omega), strict=True):
                 into[i] = value[0]
     elif chosen.size:
-        loops = make_loops(linear._replace(**{name: getattr(linear, name)[chosen] for name in Linear._fields[1:-1]}))
+        loops = make_loops(linear._replace(**{name: getattr(linear, name)[chosen] for name in Linear._fields[1:-3]}))
         found = find_margins(lambda i, w: loop_gains(loops, i, w), grid, linear.period)
         for into, value in zip(margins, found, strict=True):
             into[chosen] = value
-    return Stability(stable, poles, margins, linear.cut)
+    return Stability(stable, poles, margins, linear.cut, linear.inputs)
 
 
 def _shapes(systems: int, inputs: int) -> list[tuple[int, ...]]:

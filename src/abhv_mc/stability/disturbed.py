@@ -7,36 +7,41 @@ from abhv_mc.flight.arguments import Kept
 from abhv_mc.flight.fly import fly_until
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.effectors import POSITION, STAGE
 from abhv_mc.stability import path_coordinates as path
+from abhv_mc.stability.inputs import actuator_columns, as_axes
 from abhv_mc.stability.probe import begin, law_at, law_memory_rows
-
-_ACTUATORS = (s.AILERON, s.AILERON_RATE, s.RUDDER, s.RUDDER_RATE, s.ELEVATOR, s.ELEVATOR_RATE, s.ETA, s.ETA_RATE)
 
 
 def closed_states(plan: FlightPlan, kept: Kept) -> Floats:
-    """States [flight, 18 + memory] of the closed loop: path coordinates, actuators, the law's memory; as flown."""
+    """States [flight, n + memory] of the closed loop: path coordinates, actuators, the law's memory; as flown."""
     now = kept.rows[:, s.X : s.X + s.N_STATES]
     memory = law_at(plan, begin(plan, kept)[0], kept.tick)
-    return np.hstack([path.make_path(now), now[:, _ACTUATORS], memory])
+    return np.hstack([path.make_path(now), kept.rows[:, actuator_columns(plan.vehicle)], memory])
 
 
 def disturb(plan: FlightPlan, kept: Kept, change: Floats) -> Kept:
-    """The same flights with ``change`` [18 + memory] added to the states of the closed loop.
+    """The same flights with ``change`` [n + memory] added to the states of the closed loop.
 
     A law takes up its memory at the first tick of a mission: there, a change of it is not felt.
     """
     rows, there = kept.rows.copy(), closed_states(plan, kept) + change
     states = rows[:, s.X : s.X + s.N_STATES]
-    moved = path.make_states(there[:, :10], there[:, 10:18:2], states[:, s.LATITUDE], states[:, s.MASS])
+    columns = np.array(actuator_columns(plan.vehicle))
+    n = 10 + len(columns)
+    shown = as_axes(plan.vehicle, there[:, 10:n:2])
+    moved = path.make_states(there[:, :10], shown, states[:, s.LATITUDE], states[:, s.MASS])
     moved[:, s.LONGITUDE] = states[:, s.LONGITUDE]
-    moved[:, _ACTUATORS] = there[:, 10:18]
     rows[:, s.X : s.X + s.N_STATES] = rows[:, s.XS : s.XS + s.N_STATES] = moved
-    rows[:, list(law_memory_rows(plan).values())] = there[:, 18:]
+    rows[:, columns] = there[:, 10:n]
+    if plan.vehicle.constants.driven:
+        rows[:, columns[:-2:2] + STAGE - POSITION] = there[:, 10 : n - 2 : 2]
+    rows[:, list(law_memory_rows(plan).values())] = there[:, n:]
     return Kept(kept.tick, rows)
 
 
 def fly_disturbed(plan: FlightPlan, parameters: Floats, tick: int, change: Floats, ticks: int) -> Floats:
-    """States [tick, 18 + memory] of one flight's closed loop from ``tick`` on, with ``change`` then added to them.
+    """States [tick, n + memory] of one flight's closed loop from ``tick`` on, with ``change`` then added to them.
 
     ``parameters`` [1, parameter]; the mission's last tick is the last one at most.
     """

@@ -13,17 +13,14 @@ from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.kernel.flight.sensors import MAX_DELAY_TICKS
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import NEVER
-from abhv_mc.kernel.plant.vehicle import MAX_EFFECTORS
+from abhv_mc.kernel.plant.vehicle import BANDWIDTH, IDEAL, MAX_EFFECTORS
 from abhv_mc.stability import path_coordinates as path
+from abhv_mc.stability.inputs import INPUTS, held_at, mix_matrix, mixes, name_inputs, sticks_here
 from abhv_mc.stability.periods import law_phases
-from abhv_mc.stability.probe import check_linear
 from abhv_mc.stability.sensing import add_sensors
 from abhv_mc.stability.slopes import Points, plant_slopes
-from abhv_mc.vehicle.model import drive_axes
+from abhv_mc.vehicle.model import list_actuators
 
-INPUTS = ("aileron", "rudder", "elevator", "equivalence_ratio")
-ACTUATOR_STATES = tuple(f"{name}{part}" for name in INPUTS for part in ("", "_rate"))
-PLANT_STATES = (*path.COORDINATES, *ACTUATOR_STATES)
 _N_PATH = len(path.COORDINATES)
 _AIR_SIDESLIP = _N_PATH  # behind the rates, in what plant_slopes gives
 _WHOLE = 1e-7  # how near to a whole number a slope of the measurement is taken for one
@@ -40,22 +37,23 @@ class Linear(NamedTuple):
 
     period: float  # s, of the control
     plant_A: Floats  # [point, 10, 10] continuous, path coordinates
-    plant_B: Floats  # [point, 10, 4] continuous, positions of surfaces and engine
-    A: Floats  # [point, 18, 18] discrete, path coordinates and actuators
-    B: Floats  # [point, 18, 4] commands
+    plant_B: Floats  # [point, 10, actuator] continuous, positions of surfaces or effectors, and engine
+    A: Floats  # [point, n, n] discrete, path coordinates and actuators: 18 states with three surfaces
+    B: Floats  # [point, n, input] commands
     law_A: Floats  # [point, memory, memory], sensors' states behind the law's
     law_B: Floats  # [point, memory, 10] measurement
-    law_C: Floats  # [point, 4, memory] commands
-    law_D: Floats  # [point, 4, 10]
+    law_C: Floats  # [point, input, memory] commands
+    law_D: Floats  # [point, input, 10]
     delay: Ints  # [point] age of the measurement, control periods
-    sense: Floats  # [point, 10, 18] measurement, delay apart; a frozen one is a row of zeros
-    cut: Ints  # [point, 4] STUCK or NO_EFFECT where an input has no loop, else 0
+    sense: Floats  # [point, 10, n] measurement, delay apart; a frozen one is a row of zeros
+    cut: Ints  # [point, input] STUCK or NO_EFFECT where an input has no loop, else 0
     phases: "tuple[Linear, ...]" = ()  # of a law of several rates: the models of each tick of its period, from this one
+    inputs: tuple[str, ...] = INPUTS  # of the plant, which the law commands
+    apart: "Linear | None" = None  # with effectors one by one as inputs, where the law commands axes that are mixed
 
 
 def linearize(plan: FlightPlan, points: Points) -> Linear:
-    """Linear models at points of flights. Raises InputError for what has none at the four inputs."""
-    check_linear(plan)
+    """Linear models at points of flights."""
     plant = plant_slopes(plan, points)
     plant_A, plant_B = plant.slope[:, :_N_PATH, :10], plant.slope[:, :_N_PATH, 10:]
     held_B = np.zeros_like(plant_B)
@@ -64,12 +62,11 @@ def linearize(plan: FlightPlan, points: Points) -> Linear:
     A, B = hold(plan, points.lane, plant_A, plant_B, held_B)
     felt = np.abs(plant_B).max(axis=1) + np.abs(held_B).max(axis=1)
     cut = np.where(felt < _FELT, NO_EFFECT, 0)
-    stuck = points.lane[:, s.STUCK_SURFACE : s.STUCK_SURFACE + 3] != NEVER
-    cut[:, :3][stuck] = STUCK
-    for i, name in enumerate(INPUTS[:3]):
-        here = stuck[:, i] & (points.lane[:, s.parameter_row(f"failure.{name}.stuck_at")] == NEVER)
+    stuck, here = held_at(plan.vehicle, points.lane) != NEVER, sticks_here(plan.vehicle, points.lane)
+    cut[:, :-1][stuck] = STUCK
+    for i in range(stuck.shape[1]):
         B[stuck[:, i], :, i] = 0.0
-        A[here, :, 11 + 2 * i] = 0.0  # its rate is taken from it at every tick
+        A[here[:, i], :, 11 + 2 * i] = 0.0  # its rate is taken from it at every tick
     m, n = points.memory.shape[1], points.measured.shape[1]
     age = (points.lane[:, s.parameter_row("sensor.delay")] / plan.timing.tick + 0.5).astype(np.int64)
     phases = tuple(
@@ -86,91 +83,104 @@ def linearize(plan: FlightPlan, points: Points) -> Linear:
             np.minimum(age, MAX_DELAY_TICKS),
             _sensing(plant.slope[:, _AIR_SIDESLIP + 1 :]),
             cut,
+            inputs=name_inputs(plan.vehicle),
         )
         for law in law_phases(plan, points)
     )
     phases = add_sensors(plan, points, phases)
-    return phases[0]._replace(phases=phases if len(phases) > 1 else ())
+    whole = phases[0]._replace(phases=phases if len(phases) > 1 else ())
+    if not mixes(plan):
+        return whole
+    axes = tuple(_mixed(phase, mix_matrix(plan.vehicle)) for phase in phases)
+    return axes[0]._replace(phases=axes if len(phases) > 1 else (), apart=whole)
+
+
+def _mixed(linear: Linear, mix: Floats) -> Linear:
+    """The same with the axes, which ``mix`` [effector, axis] makes effectors' commands of, as inputs."""
+    back, moves = np.linalg.pinv(mix), linear.cut == 0
+    felt = (moves[:, :, None] & (mix != 0.0)).any(axis=1)
+    stuck = ((linear.cut == STUCK)[:, :, None] & (mix != 0.0)).any(axis=1)
+    cut = np.where(felt, 0, np.where(stuck, STUCK, NO_EFFECT))
+    law_C, law_D = back @ linear.law_C, back @ linear.law_D
+    return linear._replace(B=linear.B @ mix, law_C=law_C, law_D=law_D, cut=cut, inputs=INPUTS)
 
 
 def _sensing(slope: Floats) -> Floats:
-    """Measurement of the plant's 18 states from its slopes [point, measured, 14], cleared of the last digits."""
+    """Measurement of the plant's states from its slopes [point, measured, 10 + input], cleared of the last digits."""
     whole = np.round(slope)
     clean = np.where(np.abs(slope - whole) < _WHOLE, whole, slope)
-    sense = np.zeros((*slope.shape[:2], 18))
+    sense = np.zeros((*slope.shape[:2], 2 * slope.shape[2] - 10))
     sense[:, :, :10], sense[:, :, 10::2] = clean[:, :, :10], clean[:, :, 10:]
     return sense
 
 
 def actuator_matrices(plan: FlightPlan, lane: Floats) -> tuple[Floats, Floats]:
-    """A [point, 8, 8] and B [point, 8, 4] of surfaces and engine: position and rate of each towards its command.
+    """A [point, 2 k, 2 k] and B [point, 2 k, k] of actuators: position and rate of each towards its command.
 
     ``lane`` [point, row] is the kernel's memory of the points.
     """
-    c = drive_axes(plan.vehicle).constants
-
-    def factor(name: str) -> Floats:
-        return lane[:, s.parameter_row(name)]
-
-    surface = c.surface_bandwidth * factor("actuator.bandwidth"), c.surface_damping * factor("actuator.damping")
-    engine = c.engine_bandwidth * factor("engine.bandwidth"), c.engine_damping * factor("engine.damping")
-    A, B = np.zeros((len(lane), 8, 8)), np.zeros((len(lane), 8, 4))
-    surface = (np.full(len(lane), _AT_ONCE), np.ones(len(lane))) if c.ideal_surfaces > 0.0 else surface
-    engine = (np.full(len(lane), _AT_ONCE), np.ones(len(lane))) if c.ideal_engine > 0.0 else engine
-    for i, (bandwidth, damping) in enumerate((surface, surface, surface, engine)):
+    c, actuator = plan.vehicle.constants, list_actuators(plan.vehicle).actuator[:, BANDWIDTH : IDEAL + 1]
+    kinds = [*actuator.tolist(), [c.engine_bandwidth, c.engine_damping, c.ideal_engine]]
+    k = len(kinds)
+    A, B = np.zeros((len(lane), 2 * k, 2 * k)), np.zeros((len(lane), 2 * k, k))
+    for i, (bandwidth, damping, ideal) in enumerate(kinds):
+        group = "actuator" if i < k - 1 else "engine"
+        w = _AT_ONCE if ideal else bandwidth * lane[:, s.parameter_row(f"{group}.bandwidth")]
+        zeta = 1.0 if ideal else damping * lane[:, s.parameter_row(f"{group}.damping")]
         A[:, 2 * i, 2 * i + 1] = 1.0
-        A[:, 2 * i + 1, 2 * i], A[:, 2 * i + 1, 2 * i + 1] = -(bandwidth**2), -2.0 * damping * bandwidth
-        B[:, 2 * i + 1, i] = bandwidth**2
+        A[:, 2 * i + 1, 2 * i], A[:, 2 * i + 1, 2 * i + 1] = -(w**2), -2.0 * zeta * w
+        B[:, 2 * i + 1, i] = w**2
     return A, B
 
 
 def hold(plan: FlightPlan, lane: Floats, plant_A: Floats, plant_B: Floats, held_B: Floats) -> tuple[Floats, Floats]:
-    """Plant and actuators under held commands: discrete A [point, 18, 18] and B [point, 18, 4].
+    """Plant and actuators under held commands: discrete A [point, n, n] and B [point, n, actuator].
 
-    ``held_B`` [point, 10, 4] is what positions do that are held over the tick as they were at its beginning.
+    ``held_B`` [point, 10, actuator] is what positions do that are held over the tick as they were at its beginning.
     """
     from scipy.linalg import expm
 
     actuator_A, actuator_B = actuator_matrices(plan, lane)
-    size = 26 if held_B.any() else 22
+    n, k = 10 + actuator_A.shape[1], actuator_B.shape[2]
+    size = n + (2 * k if held_B.any() else k)
     together = np.zeros((len(plant_A), size, size))
     together[:, :10, :10] = plant_A
-    together[:, :10, 10:18:2] = plant_B
-    together[:, 10:18, 10:18] = actuator_A
-    together[:, 10:18, 18:22] = actuator_B
-    together[:, :10, 22:] = held_B[:, :, : size - 22]
+    together[:, :10, 10:n:2] = plant_B
+    together[:, 10:n, 10:n] = actuator_A
+    together[:, 10:n, n : n + k] = actuator_B
+    together[:, :10, n + k :] = held_B[:, :, : size - n - k]
     # Rates in units of the position times their bandwidth: the exponential's argument is then small.
     scale = np.ones((len(plant_A), size))
-    scale[:, 11:18:2] = np.sqrt(actuator_B[:, 1::2].sum(axis=-1))
+    scale[:, 11:n:2] = np.sqrt(actuator_B[:, 1::2].sum(axis=-1))
     balanced = together * scale[:, None, :] / scale[:, :, None]
     end = expm(plan.timing.tick * balanced) * scale[:, :, None] / scale[:, None, :]
-    end[:, :18, 10:18:2][:, :, : size - 22] += end[:, :18, 22:]
-    return np.ascontiguousarray(end[:, :18, :18]), np.ascontiguousarray(end[:, :18, 18:22])
+    end[:, :n, 10:n:2][:, :, : size - n - k] += end[:, :n, n + k :]
+    return np.ascontiguousarray(end[:, :n, :n]), np.ascontiguousarray(end[:, :n, n : n + k])
 
 
 def open_loop(linear: Linear, point: int) -> tuple[Floats, Floats, Floats]:
     """A, B, C of all loops cut at the plant's inputs: from what goes in there to minus what the law commands.
 
-    States are the plant's 18, the law's memory and, newest first, the old measurements that a delay keeps.
+    States are the plant's, the law's memory and, newest first, the old measurements that a delay keeps.
     """
     m, d = linear.law_A.shape[1], int(linear.delay[point])
     sense = linear.sense[point]
-    measured = len(sense)
-    n = 18 + m + measured * d
+    measured, p = sense.shape
+    n = p + m + measured * d
     seen = np.zeros((measured, n))  # the measurement that the law sees, of the whole state
     if d:
         seen[:, n - measured :] = np.eye(measured)
     else:
-        seen[:, :18] = sense
-    A, B = np.zeros((n, n)), np.zeros((n, 4))
-    A[:18, :18], B[:18] = linear.A[point], linear.B[point]
-    A[18 : 18 + m] = linear.law_B[point] @ seen
-    A[18 : 18 + m, 18 : 18 + m] += linear.law_A[point]
+        seen[:, :p] = sense
+    A, B = np.zeros((n, n)), np.zeros((n, linear.B.shape[2]))
+    A[:p, :p], B[:p] = linear.A[point], linear.B[point]
+    A[p : p + m] = linear.law_B[point] @ seen
+    A[p : p + m, p : p + m] += linear.law_A[point]
     if d:
-        A[18 + m : 18 + m + measured, :18] = sense
-        A[18 + m + measured :, 18 + m : n - measured] = np.eye(measured * (d - 1))
+        A[p + m : p + m + measured, :p] = sense
+        A[p + m + measured :, p + m : n - measured] = np.eye(measured * (d - 1))
     C = -linear.law_D[point] @ seen
-    C[:, 18 : 18 + m] -= linear.law_C[point]
+    C[:, p : p + m] -= linear.law_C[point]
     return A, B, C
 
 

@@ -11,22 +11,13 @@ from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.input_error import InputError
 from abhv_mc.stability import path_coordinates as path
-from abhv_mc.stability.linearize import (
-    INPUTS,
-    PLANT_STATES,
-    Linear,
-    actuator_matrices,
-    closed_loop,
-    closed_period,
-    open_loop,
-)
+from abhv_mc.stability.inputs import mix_matrix, plant_states
+from abhv_mc.stability.linearize import Linear, actuator_matrices, closed_loop, closed_period, open_loop
 from abhv_mc.stability.probe import law_memory_rows
 from abhv_mc.stability.sensing import sensor_states
 from abhv_mc.stability.slopes import Points
 
 FORMATS = (".npz", ".mat", ".json")
-_INPUT_UNITS = ("rad", "rad", "rad", "-")
-_ACTUATOR_UNITS = [unit for each in _INPUT_UNITS for unit in (each, "rad/s" if each == "rad" else "1/s")]
 
 
 def make_model(plan: FlightPlan, points: Points, linear: Linear) -> dict[str, Any]:
@@ -41,43 +32,48 @@ def make_model(plan: FlightPlan, points: Points, linear: Linear) -> dict[str, An
     memory = [*(f"law_{name}" for name in law_memory_rows(plan)), *sensor_states(plan, points)]
     old = [f"{name}_{age}_ago" for age in range(1, d + 1) for name in path.COORDINATES]
     actuator_A, actuator_B = actuator_matrices(plan, points.lane[:1])
-    A, B = np.zeros((18, 18)), np.zeros((18, 4))
+    p, k = 10 + actuator_A.shape[1], len(linear.inputs)
+    plant, inputs, input_units = plant_states(plan.vehicle), linear.inputs, (*["rad"] * (k - 1), "-")
+    A, B = np.zeros((p, p)), np.zeros((p, k))
     A[:10, :10], A[:10, 10::2] = linear.plant_A[0], linear.plant_B[0]
-    A[10:, 10:], B[10:] = actuator_A[0], actuator_B[0]
-    C, no_feedthrough = np.eye(10, 18), np.zeros((10, 4))
+    A[10:, 10:], B[10:] = (
+        actuator_A[0],
+        actuator_B[0] if linear.apart is None else actuator_B[0] @ mix_matrix(plan.vehicle),
+    )
+    C, no_feedthrough = np.eye(10, p), np.zeros((10, k))
     loop_A, loop_B, loop_C = open_loop(linear, 0)
     n = len(loop_A)
-    states = [*PLANT_STATES, *memory, *old]
-    units = [*path.UNITS, *_ACTUATOR_UNITS, *[""] * m, *path.UNITS * d]
+    states = [*plant, *memory, *old]
+    units = [*path.UNITS, *["rad", "rad/s"] * (p // 2 - 6), "-", "1/s", *[""] * m, *path.UNITS * d]
     several = {"ticks": len(linear.phases), "closed_over_ticks": {"A": closed_period(linear, 0), "states": states}}
     return (several if linear.phases else {}) | {
         "period_s": linear.period,
         "measurement_delay_periods": d,
         "plant_continuous": {
             "A": A, "B": B, "C": C, "D": no_feedthrough,
-            **_names(PLANT_STATES, units[:18], INPUTS, _INPUT_UNITS, path.COORDINATES, path.UNITS),
+            **_names(plant, units[:p], inputs, input_units, path.COORDINATES, path.UNITS),
         },
         "plant": {
             "A": linear.A[0], "B": linear.B[0], "C": C, "D": no_feedthrough,
-            **_names(PLANT_STATES, units[:18], INPUTS, _INPUT_UNITS, path.COORDINATES, path.UNITS),
+            **_names(plant, units[:p], inputs, input_units, path.COORDINATES, path.UNITS),
         },
         "law": {
             "A": linear.law_A[0], "B": linear.law_B[0], "C": linear.law_C[0], "D": linear.law_D[0],
-            **_names(memory, [""] * m, path.COORDINATES, path.UNITS, INPUTS, _INPUT_UNITS),
+            **_names(memory, [""] * m, path.COORDINATES, path.UNITS, inputs, input_units),
         },
         "loop": {
-            "A": loop_A, "B": loop_B, "C": loop_C, "D": np.zeros((4, 4)),
-            **_names(states, units, INPUTS, _INPUT_UNITS, INPUTS, _INPUT_UNITS),
+            "A": loop_A, "B": loop_B, "C": loop_C, "D": np.zeros((k, k)),
+            **_names(states, units, inputs, input_units, inputs, input_units),
         },
         "closed": {
             "A": closed_loop(linear, 0),
             "B": loop_B,
             "C": np.vstack([np.eye(10, n), -loop_C]),
-            "D": np.zeros((14, 4)),
-            **_names(states, units, INPUTS, _INPUT_UNITS, [*path.COORDINATES, *INPUTS], [*path.UNITS, *_INPUT_UNITS]),
+            "D": np.zeros((10 + k, k)),
+            **_names(states, units, inputs, input_units, [*path.COORDINATES, *inputs], [*path.UNITS, *input_units]),
         },
         "point": {
-            "states": np.concatenate([points.path[0], np.column_stack([points.controls[0], np.zeros(4)]).ravel()]),
+            "states": np.append(points.path[0], np.pad(points.controls[0][:, None], ((0, 0), (0, 1)))),
             "measured": points.measured[0],
             "law_memory": points.memory[0],
             "mass_kg": float(points.mass[0]),

@@ -5,9 +5,8 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.kernel.plant.vehicle import VARIABLES, Tables
-from abhv_mc.stability import path_coordinates as path
-from abhv_mc.stability.probe import ask_plant, law_tick
-from abhv_mc.stability.slopes import Points
+from abhv_mc.stability.probe import law_tick
+from abhv_mc.stability.slopes import Points, ask_at
 
 _NEAR = 0.02  # of the cell's length
 _DEGREES = ("angle_of_attack", "sideslip", "aileron", "rudder", "elevator")
@@ -15,12 +14,11 @@ _DEGREES = ("angle_of_attack", "sideslip", "aileron", "rudder", "elevator")
 
 def near_nodes(plan: FlightPlan, points: Points) -> list[str]:
     """A sentence for each variable of the first point that lies close to a node of the plant's or guidance's tables."""
-    states = path.make_states(points.path[:1], points.controls[:1], points.latitude[:1], points.mass[:1])
-    variables = ask_plant(plan, points.lane[:1], points.tick, np.zeros(1, np.int64), states).variables
+    variables = ask_at(plan, points, points.path[:1], points.controls[:1], np.zeros(1, np.int64))[0].variables
     answer = law_tick(plan, points.tick, points.measured[:1], points.memory[:1])
     guided = answer.variables.copy()
     guided[:, VARIABLES.index("angle_of_attack")] = answer.guidance[:, 1]
-    guided[:, VARIABLES.index("equivalence_ratio")] = answer.command[:, 3]
+    guided[:, VARIABLES.index("equivalence_ratio")] = answer.command[:, -1]
     found = _near("the vehicle's tables", plan.vehicle.tables, variables[0])
     if plan.law == "tlc":
         found += _near("the tables at trim", plan.trim_tables, guided[0])

@@ -80,7 +80,7 @@ def _find_period(plan: FlightPlan) -> Period:
     moved = np.append(np.ones(n, bool), ~carried)
     late = values[settling:]
     responses = (late[:, 2:] - late[:, :1]) / steps[:, None]
-    responses = responses[:, moved][:, :, np.append(~carried, np.ones(4, bool))]
+    responses = responses[:, moved][:, :, np.append(~carried, np.ones(values.shape[2] - len(names), bool))]
     before, command = memory[settling - 1 : -1, 0], late[:, 0, len(names) :]
     clocks = before[:, carried]
     only_grow = (np.diff(clocks, axis=0) >= 0.0).all(axis=0) | (np.diff(clocks, axis=0) <= 0.0).all(axis=0)
@@ -134,16 +134,15 @@ def law_phases(plan: FlightPlan, points: Points) -> list[Slopes]:
     return phases
 
 
-def over_period(phases: list[Slopes]) -> Slopes:
+def over_period(plan: FlightPlan, points: Points) -> Slopes:
     """The memory after a period and the mean command in it, and their slopes over its constant measurement and memory.
 
     Of a single tick that tick's own.
     """
+    phases = law_phases(plan, points)
     if len(phases) == 1:
         return phases[0]
-    after = phases[0]
-    m = after.value.shape[1] - 4
-    n = after.slope.shape[2] - m
+    after, m, n = phases[0], points.memory.shape[1], points.measured.shape[1]
     memory, command, value = after.slope[:, :m], after.slope[:, m:], after.value[:, m:]
     for law in phases[1:]:
         slope = law.slope[:, :, n:] @ memory

@@ -15,7 +15,8 @@ from abhv_mc.kernel.flight.observe import ALIVE
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import NEVER
 from abhv_mc.stability import path_coordinates as path
-from abhv_mc.stability.periods import SWITCHES, law_phases, over_period, switching
+from abhv_mc.stability.inputs import actuator_columns, held_at, range_of
+from abhv_mc.stability.periods import SWITCHES, over_period, switching
 from abhv_mc.stability.probe import begin, law_at, law_tick
 from abhv_mc.stability.slopes import Points
 
@@ -45,7 +46,7 @@ def flown_points(plan: FlightPlan, parameters: Floats, time: float) -> Found:
     now = lane[:, s.X : s.X + s.N_STATES]
     points = Points(
         path.make_path(now),
-        np.ascontiguousarray(now[:, path.CONTROLS]),
+        kept.rows[:, actuator_columns(plan.vehicle)[::2]],
         now[:, s.LATITUDE],
         now[:, s.MASS],
         sensed[:, s.MEASURED : s.MEASURED + measured_count(plan)],
@@ -56,7 +57,7 @@ def flown_points(plan: FlightPlan, parameters: Floats, time: float) -> Found:
     limited = behind_limit(plan, points)
     switches = np.zeros(len(ended), bool)
     if plan.law in USER_LAWS:
-        switches = switching(plan, over_period(law_phases(plan, points)))
+        switches = switching(plan, over_period(plan, points))
     faults = [
         f"the flight has ended before {time:g} s" if e else SWITCHES if w else AT_LIMIT if b else ""
         for e, b, w in zip(ended.tolist(), limited.tolist(), switches.tolist(), strict=True)
@@ -67,11 +68,10 @@ def flown_points(plan: FlightPlan, parameters: Floats, time: float) -> Found:
 def behind_limit(plan: FlightPlan, points: Points) -> NDArray[np.bool_]:
     """Whether the law, left free, commands what it or the vehicle's record does not allow, [point]."""
     free = law_tick(plan, points.tick, points.measured, points.memory)
-    c = plan.vehicle.constants
-    eta = free.command[:, 3]
-    beyond = np.asarray((eta < c.equivalence_ratio_min) | (eta > c.equivalence_ratio_max))
-    moves = points.lane[:, s.STUCK_SURFACE : s.STUCK_SURFACE + 3] == NEVER
-    beyond |= (moves & (np.abs(free.command[:, :3]) > c.surface_limit)).any(axis=1)
+    low, high = range_of(plan.vehicle)
+    outside = (free.command < low) | (free.command > high)
+    outside[:, :-1] &= held_at(plan.vehicle, points.lane) == NEVER
+    beyond = np.asarray(outside.any(axis=1))
     if plan.law in USER_LAWS:  # its limits of the angle of attack and the bank are in its code
         return beyond
     low, high, bank = plan.settings[-3:]

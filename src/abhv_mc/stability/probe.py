@@ -18,7 +18,6 @@ from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.native_check import check_states
 from abhv_mc.flight.plan import FlightPlan, Recording
 from abhv_mc.flight.user_law import law_memory, measured_count, must_fly_elsewhere, open_law, open_vehicle
-from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.flight.memory import Z_ROWS, make_memory
 from abhv_mc.kernel.jit import is_kept
@@ -27,9 +26,8 @@ from abhv_mc.kernel.laws.user import FAULT
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.vehicle import VARIABLES
 from abhv_mc.kernel.stability.probes import PlantAnswer, make_probe_begin, make_probe_law, make_probe_plant
+from abhv_mc.stability.inputs import from_axes, mixes, moving_of
 from abhv_mc.user_code.child import in_child
-from abhv_mc.user_code.effector_commands import commands_effectors
-from abhv_mc.vehicle.model import drive_axes
 
 # What a law of the program remembers from tick to tick, as rows of the lane memory; the last commands are among it
 # where it uses them.
@@ -63,7 +61,7 @@ class LawTick(NamedTuple):
     """What a law makes of a measurement."""
 
     memory: Floats  # [point, memory] after the tick
-    command: Floats  # [point, 4] aileron, rudder, elevator, equivalence ratio; nan where a user law fails
+    command: Floats  # [point, input] nan where a user law fails
     variables: Floats  # [point, variable] at which it looked its tables up
     guidance: Floats  # [point, 3] commanded flight path angle, angle of attack, bank
 
@@ -77,42 +75,41 @@ def choose_probe(make: Callable[[bool], Any], lean: bool) -> Any:
     return full if is_kept(full) else make(True)
 
 
-def check_linear(plan: FlightPlan) -> None:
-    """Raise InputError for what has no linear model at the four inputs."""
-    drive_axes(plan.vehicle)
-    if plan.source is not None and plan.law == "python" and commands_effectors(plan.source):
-        expected = "a law that commands aileron, rudder and elevator alone, for margins and linear models"
-        raise InputError(plan.source.file, "a law that commands effectors", expected)
-
-
 def begin(plan: FlightPlan, kept: Kept) -> tuple[Floats, Floats]:
     """Lane memories [flight, row] of kept flights with the measurement of their tick, and with what then has failed."""
     before = np.ascontiguousarray(kept.rows[:, :Z_ROWS])
     sensed, acting = np.empty_like(before), np.empty_like(before)
-    flown = replace(plan, vehicle=drive_axes(plan.vehicle))
-    kernel_plan = make_kernel_plan(flown, nominal_parameters(), Recording(0))
-    with open_vehicle(flown, LANES) as vehicle:
-        arguments = kernel_plan._replace(user_code=vehicle), make_memory(LANES)
-        choose_probe(make_probe_begin, plan.lean)(*arguments, before, np.arange(len(before)), kept.tick, sensed, acting)
+    kernel_plan = make_kernel_plan(plan, nominal_parameters(), Recording(0))
+    numbers, moving = np.arange(len(before)), moving_of(plan, kept)
+    with open_vehicle(plan, LANES) as vehicle:
+        arguments = kernel_plan._replace(user_code=vehicle), make_memory(LANES), before, moving
+        choose_probe(make_probe_begin, plan.lean)(*arguments, numbers, kept.tick, sensed, acting)
     return sensed, acting
 
 
 def ask_plant(
-    plan: FlightPlan, lane: Floats, tick: int, flight: Ints, states: Floats, held: bool = False
+    plan: FlightPlan,
+    lane: Floats,
+    tick: int,
+    flight: Ints,
+    states: Floats,
+    held: bool = False,
+    at: Floats | None = None,
 ) -> PlantAnswer:
     """The plants of flights with the memory ``lane`` [flight, row] at ``states`` [point, state] of ``flight`` [point].
 
     ``held``: effectors that failures made slow, and that are held over a tick, are where the state's mix puts them.
+    ``at`` [point, input]: where effectors with actuators are.
     """
     points = len(states)
     count = measured_count(plan)
     sizes = s.AILERON, len(VARIABLES), count
     answer = PlantAnswer(*(np.empty((points, size)) for size in sizes))
-    flown = replace(plan, vehicle=drive_axes(plan.vehicle))
-    kernel_plan = make_kernel_plan(flown, nominal_parameters(), Recording(0))
+    kernel_plan = make_kernel_plan(plan, nominal_parameters(), Recording(0))
     rows = np.ascontiguousarray(lane[:, : s.LAW])
-    numbers = np.asarray(flight, dtype=np.int64), np.ascontiguousarray(states), np.arange(points)
-    with open_vehicle(flown, LANES) as vehicle:
+    positions = np.empty((points, 0)) if at is None else np.ascontiguousarray(at[:, :-1])
+    numbers = np.asarray(flight, dtype=np.int64), np.ascontiguousarray(states), positions, np.arange(points)
+    with open_vehicle(plan, LANES) as vehicle:
         user_code = vehicle._replace(more=int(count > s.N_MEASURED))
         arguments = kernel_plan._replace(user_code=user_code), make_memory(LANES), held
         choose_probe(make_probe_plant, plan.lean)(*arguments, rows, *numbers, tick, answer)
@@ -144,9 +141,17 @@ def law_tick(plan: FlightPlan, tick: int, measured: Floats, memory: Floats) -> L
     free, later = _without_limits(plan, tick), max(tick, 1)
     before = np.hstack([measured, memory, np.zeros((len(measured), 1))])
     (after,), (seen,) = _run_law(free, later, rows, before)
-    variables, guidance, command = np.split(seen, [len(VARIABLES), len(VARIABLES) + 3], axis=1)
+    command = _commands(plan, seen)
     command[after[:, -1] > 0.0] = np.nan
-    return LawTick(after[:, count:-1], command, variables, guidance)
+    return LawTick(after[:, count:-1], command, seen[:, : len(VARIABLES)], seen[:, len(VARIABLES) : len(VARIABLES) + 3])
+
+
+def _commands(plan: FlightPlan, seen: Floats) -> Floats:
+    """Commands [..., input] to the actuators, of what the probe has seen."""
+    command = from_axes(plan.vehicle, seen[..., _N_SEEN - 4 : _N_SEEN])
+    if plan.vehicle.constants.driven and not mixes(plan):
+        command[..., :-1] = seen[..., _N_SEEN:]
+    return command
 
 
 def law_at(plan: FlightPlan, sensed: Floats, tick: int) -> Floats:
@@ -168,7 +173,7 @@ def law_at(plan: FlightPlan, sensed: Floats, tick: int) -> Floats:
 
 
 def run_law(plan: FlightPlan, tick: int, start: Floats, ticks: int, follow: Ints, change: Floats) -> Floats:
-    """The law's memory after each of some ticks and its commands there, [tick, point, memory + 4], its limits off.
+    """The law's memory after each of some ticks and its commands there, [tick, point, memory + input], its limits off.
 
     ``start`` [point, measured + memory]; each point goes on with what point ``follow`` [point] has after the tick, plus
     ``change`` [point, measured + memory].
@@ -177,7 +182,7 @@ def run_law(plan: FlightPlan, tick: int, start: Floats, ticks: int, follow: Ints
     rows = np.array([*range(s.MEASURED, s.MEASURED + count), *law_memory_rows(plan).values(), FAULT], np.int64)
     start, change = (np.pad(each, ((0, 0), (0, 1))) for each in (start, change))
     after, seen = _run_law(_without_limits(plan, 1), tick, rows, start, ticks, (follow, change))
-    return np.concatenate([after[:, :, count:-1], seen[:, :, -4:]], axis=2)
+    return np.concatenate([after[:, :, count:-1], _commands(plan, seen)], axis=2)
 
 
 def _run_law(
@@ -186,7 +191,8 @@ def _run_law(
     """Memory rows [tick, point, row] after each tick, and what the law saw and gave; ``goes_on`` as of run_law."""
     if must_fly_elsewhere(plan):
         return in_child(_run_law, plan, tick, rows, before, ticks, goes_on, limit=_LONGEST)
-    after, seen = np.empty((ticks, *before.shape)), np.empty((ticks, len(before), _N_SEEN))
+    width = _N_SEEN + len(plan.vehicle.effectors.mix) * int(plan.vehicle.constants.driven)
+    after, seen = np.empty((ticks, *before.shape)), np.empty((ticks, len(before), width))
     with open_law(plan, LANES, memory_in_rows=True) as user_code:
         kernel_plan = make_kernel_plan(plan, nominal_parameters(), Recording(0))._replace(user_code=user_code)
         memory, numbers = make_memory(LANES), np.arange(len(before))

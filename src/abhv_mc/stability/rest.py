@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.kernel.laws import columns as ref
-from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import NEVER
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.differences import Slopes
-from abhv_mc.stability.periods import law_phases, over_period, pass_period
+from abhv_mc.stability.inputs import held_at, mixes
+from abhv_mc.stability.periods import over_period, pass_period
 from abhv_mc.stability.slopes import Points, plant_slopes
 
 _ITERATIONS = 40
@@ -30,9 +30,12 @@ def leave_limits(plan: FlightPlan, points: Points, at_errors_zero: Floats) -> tu
     A command is behind a limit where speed, or angles and rates, no longer move it as they do at the measurement
     ``at_errors_zero`` [point, measured] of the nominal vehicle.
     """
-    free = over_period(law_phases(plan, points._replace(measured=at_errors_zero)))
-    limited = _limited(plan, points, free)
-    rows = np.flatnonzero(limited)
+    free = over_period(plan, points._replace(measured=at_errors_zero))
+    limited = apart = _limited(plan, points, free)
+    if plan.vehicle.constants.driven and not mixes(plan):  # no mix says where it rests
+        command = over_period(plan, points).value[:, points.memory.shape[1] :]
+        apart = limited | (np.abs(command - points.controls) > _AT_REST).any(axis=1)
+    rows = np.flatnonzero(apart)
     if not rows.size:
         return points, limited
     some = points._replace(**{name: getattr(points, name)[rows] for name in Points._fields[:-1]})
@@ -41,25 +44,25 @@ def leave_limits(plan: FlightPlan, points: Points, at_errors_zero: Floats) -> tu
     at_rest &= ~_limited(plan, found, free)
     for name in ("path", "controls", "measured", "memory"):
         getattr(points, name)[rows[at_rest]] = getattr(found, name)[at_rest]
-    limited[rows] = ~at_rest
+    limited[rows] &= ~at_rest
     return points, limited
 
 
-def _moves(points: Points) -> NDArray[np.bool_]:
-    """Whether the law moves each of the four controls, [point, 4]."""
-    stuck = points.lane[:, s.STUCK_SURFACE : s.STUCK_SURFACE + 3] != NEVER
-    return np.hstack([~stuck, np.ones((len(stuck), 1), bool)])
+def _moves(plan: FlightPlan, points: Points) -> NDArray[np.bool_]:
+    """Whether the law moves each of the inputs, [point, input]."""
+    free = held_at(plan.vehicle, points.lane) == NEVER
+    return np.hstack([free, np.ones((len(free), 1), bool)])
 
 
 def _limited(plan: FlightPlan, points: Points, free: Slopes) -> NDArray[np.bool_]:
-    now = over_period(law_phases(plan, points))
+    now = over_period(plan, points)
     here, at_zero = (_strengths(each.slope[:, points.memory.shape[1] :]) for each in (now, free))
     lost = (at_zero > _ROUNDING) & (here < _LOST * at_zero)
-    return np.asarray((lost.any(axis=2) & _moves(points)).any(axis=1))
+    return np.asarray((lost.any(axis=2) & _moves(plan, points)).any(axis=1))
 
 
 def _strengths(slope: Floats) -> Floats:
-    """How much the speed, and all angles and rates together, move each command, [point, 4, 2]."""
+    """How much the speed, and all angles and rates together, move each command, [point, input, 2]."""
     angles = np.linalg.norm(slope[:, :, path.GAMMA : path.R + 1], axis=2)
     return np.stack([np.abs(slope[:, :, path.SPEED]), angles], axis=2)
 
@@ -70,8 +73,8 @@ def _come_to_rest(plan: FlightPlan, points: Points, free: Slopes) -> tuple[Point
     By Newton's method with the law's slopes ``free`` of its limits.
     """
     m, n = points.memory.shape[1], points.measured.shape[1]
-    law_measured, law_memory = free.slope[:, :, :n], free.slope[:, :, n:] - np.eye(m + 4, m)
-    moves = _moves(points)
+    law_measured, law_memory = free.slope[:, :, :n], free.slope[:, :, n:] - np.eye(free.slope.shape[1], m)
+    moves, k = _moves(plan, points), 10 + points.controls.shape[1]
     for iteration in range(_ITERATIONS + 1):
         plant = plant_slopes(plan, points)
         frozen = (plant.slope[:, _MEASURED:] == 0.0).all(axis=2)
@@ -85,16 +88,16 @@ def _come_to_rest(plan: FlightPlan, points: Points, free: Slopes) -> tuple[Point
         at_rest = np.asarray(np.abs(left).max(axis=1) < _AT_REST)
         if iteration == _ITERATIONS or at_rest.all():
             break
-        J = np.zeros((*left.shape, 14 + m))
-        J[:, :10, :14] = plant.slope[:, :10]
-        J[:, 10:, :14] = law_measured @ plant.slope[:, _MEASURED:]
-        J[:, 10:, 14:] = law_memory
+        J = np.zeros((*left.shape, k + m))
+        J[:, :10, :k] = plant.slope[:, :10]
+        J[:, 10:, :k] = law_measured @ plant.slope[:, _MEASURED:]
+        J[:, 10:, k:] = law_memory
         J[:, 10 + m :][~moves] = 0.0
-        J[:, 10 + m :, 10:14] -= np.eye(4)
+        J[:, 10 + m :, 10:k] -= np.eye(k - 10)
         known = np.isfinite(J).all(axis=(1, 2)) & np.isfinite(left).all(axis=1) & ~at_rest
-        step = np.zeros((len(J), 14 + m))
+        step = np.zeros((len(J), k + m))
         step[known] = np.einsum("pij,pj->pi", np.linalg.pinv(J[known], rcond=1e-13), left[known])
-        path_step, controls_step, memory_step = np.split(step, [10, 14], axis=1)
+        path_step, controls_step, memory_step = np.split(step, [10, k], axis=1)
         points = points._replace(
             path=points.path - path_step,
             controls=points.controls - controls_step,

@@ -1,11 +1,12 @@
 """Margins as rows of plain numbers, for JSON and tables."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from abhv_mc.stability.analysis import Stability
-from abhv_mc.stability.linearize import INPUTS, REASONS
+from abhv_mc.stability.linearize import REASONS
 from abhv_mc.stability.margins import disk_gain_and_phase
 
 _LOOP = (
@@ -24,25 +25,11 @@ def margin_values(stability: Stability, system: int = 0) -> dict[str, dict[str, 
     Infinite where nothing makes a loop unstable, not-a-number where the closed loop is unstable as it is, and where
     there is no loop (:func:`cut_loops`).
     """
-    cut = stability.cut[system]
+    values = {name: _margins_of_loop(of, system, i) for name, of, i in _loops(stability)}
     m = stability.margins
-    with np.errstate(divide="ignore", invalid="ignore"):
-        low, high = 20.0 * np.log10(m.gain_low[system]), 20.0 * np.log10(m.gain_high[system])
+    with np.errstate(divide="ignore"):
         gain, phase = disk_gain_and_phase(m.all_disk[system])
         disk_gain = 20.0 * np.log10(gain)
-    values = {
-        name: {
-            "gain_margin_low_db": float(low[i]),
-            "gain_margin_high_db": float(high[i]),
-            "phase_margin_deg": float(np.rad2deg(m.phase[system, i])),
-            "delay_margin_ms": float(1e3 * m.delay[system, i]),
-            "sensitivity_peak": float(m.sensitivity[system, i]),
-            "crossover_rad_s": float(m.crossover[system, i]),
-        }
-        if not cut[i]
-        else dict.fromkeys(_LOOP, np.nan)
-        for i, name in enumerate(INPUTS)
-    }
     values["all"] = {
         "disk_margin": float(m.all_disk[system]),
         "disk_gain_db": float(disk_gain),
@@ -52,9 +39,26 @@ def margin_values(stability: Stability, system: int = 0) -> dict[str, dict[str, 
     return values
 
 
+def _loops(stability: Stability) -> Iterator[tuple[str, Stability, int]]:
+    """Name and place of each loop: those that count, then those of single effectors."""
+    yield from ((name, stability, i) for i, name in enumerate(stability.inputs))
+    if stability.apart is not None:
+        for i, name in enumerate(stability.apart.inputs[:-1]):
+            yield f"{name}_effector" if name in stability.inputs else name, stability.apart, i
+
+
+def _margins_of_loop(stability: Stability, system: int, i: int) -> dict[str, float]:
+    m = stability.margins
+    with np.errstate(divide="ignore", invalid="ignore"):
+        low, high = 20.0 * np.log10(m.gain_low[system, i]), 20.0 * np.log10(m.gain_high[system, i])
+    phase, delay = np.rad2deg(m.phase[system, i]), 1e3 * m.delay[system, i]
+    values = (low, high, phase, delay, m.sensitivity[system, i], m.crossover[system, i])
+    return {name: np.nan if stability.cut[system, i] else float(x) for name, x in zip(_LOOP, values, strict=True)}
+
+
 def cut_loops(stability: Stability, system: int = 0) -> dict[str, str]:
     """Why an input has no loop: ``stuck``, or ``no effect`` (as of an engine without fuel)."""
-    return {name: REASONS[int(why)] for name, why in zip(INPUTS, stability.cut[system], strict=True) if why}
+    return {name: REASONS[why] for name, of, i in _loops(stability) if (why := int(of.cut[system, i]))}
 
 
 def make_rows(controller: str, time: float | None, stability: Stability, system: int = 0) -> list[dict[str, Any]]:

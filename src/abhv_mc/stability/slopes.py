@@ -7,11 +7,14 @@ import numpy as np
 from abhv_mc.array_types import Floats, Ints
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.kernel.plant.vehicle import VARIABLES
+from abhv_mc.kernel.stability.probes import PlantAnswer
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.differences import Slopes, cells_of, differentiate
+from abhv_mc.stability.inputs import as_axes
 from abhv_mc.stability.probe import ask_plant, law_tick
 
-_STEPS = np.array([0.5, 0.02, *[2e-5] * 8, *[2e-5] * 4])  # of the path coordinates and the actuators' positions
+_STEPS = np.array([0.5, 0.02, *[2e-5] * 8])  # of the path coordinates
+_MOVE = 2e-5  # of the actuators' positions
 # Of what laws of the user's own may ask for besides: m/s, -, g, rad (attitude, position), m, m/s, m.
 _MORE_STEPS = np.array([0.02, 1e-5, 1e-4, *[2e-5] * 3, *[1e-7] * 2, 0.5, 0.5, 0.02, 0.5])
 _CHANGE = 2e-5  # rad: what a step in the law's memory is to change in a command
@@ -23,7 +26,7 @@ class Points(NamedTuple):
     """Where the flights are linearized, one row each, SI and radians."""
 
     path: Floats  # [point, 10] path coordinates of the truth
-    controls: Floats  # [point, 4] positions of surfaces and engine
+    controls: Floats  # [point, input] positions, see abhv_mc.stability.inputs
     latitude: Floats  # [point]
     mass: Floats  # [point]
     measured: Floats  # [point, 10] what the law sees
@@ -35,13 +38,12 @@ class Points(NamedTuple):
 def plant_slopes(plan: FlightPlan, points: Points, held: bool = False) -> Slopes:
     """Rates of the path coordinates, sideslip to the air and measurement [point, 10 + 1 + 10], and their slopes.
 
-    Slopes [point, 21, 14] are over the path coordinates and the controls; ``held`` as in
+    Slopes [point, 21, 10 + input] are over the path coordinates and the controls; ``held`` as in
     :func:`abhv_mc.stability.probe.ask_plant`.
     """
 
     def rates(x: Floats, point: Ints) -> tuple[Floats, Ints]:
-        states = path.make_states(x[:, :10], x[:, 10:], points.latitude[point], points.mass[point])
-        answer = ask_plant(plan, points.lane, points.tick, point, states, held)
+        answer, states = ask_at(plan, points, x[:, :10], x[:, 10:], point, held)
         measured = answer.measured
         for angle in _TURNING:  # without the step at half a turn
             measured[:, angle] = x[:, angle] + _wrapped(measured[:, angle] - x[:, angle])
@@ -50,7 +52,18 @@ def plant_slopes(plan: FlightPlan, points: Points, held: bool = False) -> Slopes
         return values, cells_of(plan.vehicle.tables, answer.variables)
 
     at = np.hstack([points.path, points.controls])
-    return differentiate(rates, at, np.broadcast_to(_STEPS, at.shape))
+    steps = np.append(_STEPS, np.full(points.controls.shape[1], _MOVE))
+    return differentiate(rates, at, np.broadcast_to(steps, at.shape))
+
+
+def ask_at(
+    plan: FlightPlan, points: Points, coordinates: Floats, controls: Floats, point: Ints, held: bool = False
+) -> tuple[PlantAnswer, Floats]:
+    """The plants of ``point`` at path coordinates and positions, and their states."""
+    shown = as_axes(plan.vehicle, controls)
+    states = path.make_states(coordinates, shown, points.latitude[point], points.mass[point])
+    at = controls if plan.vehicle.constants.driven else None
+    return ask_plant(plan, points.lane, points.tick, point, states, held, at), states
 
 
 def _wrapped(angle: Floats) -> Floats:
@@ -65,7 +78,7 @@ def law_slopes(plan: FlightPlan, points: Points) -> Slopes:
         answer = law_tick(plan, points.tick, x[:, :n], x[:, n:])
         trimmed = answer.variables.copy()  # guidance looks the trim up where it sends the vehicle to
         trimmed[:, VARIABLES.index("angle_of_attack")] = answer.guidance[:, 1]
-        trimmed[:, VARIABLES.index("equivalence_ratio")] = answer.command[:, 3]
+        trimmed[:, VARIABLES.index("equivalence_ratio")] = answer.command[:, -1]
         cells = [cells_of(plan.vehicle.tables, answer.variables), cells_of(plan.trim_tables, trimmed)]
         return np.hstack([answer.memory, answer.command]), np.hstack(cells)
 
@@ -76,7 +89,7 @@ def law_slopes(plan: FlightPlan, points: Points) -> Slopes:
 
 def measured_steps(count: int) -> Floats:
     """Steps of the first ``count`` measured quantities."""
-    return np.append(_STEPS[:10], _MORE_STEPS)[:count]
+    return np.append(_STEPS, _MORE_STEPS)[:count]
 
 
 def memory_steps(plan: FlightPlan, points: Points) -> Floats:

@@ -22,9 +22,10 @@ from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import NEVER, PARAMETER_INDEX
 from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.stability import path_coordinates as path
-from abhv_mc.stability.periods import SWITCHES, find_period, law_phases, over_period, switching
+from abhv_mc.stability.inputs import as_axes, from_axes, held_at, mix_matrix, range_of
+from abhv_mc.stability.periods import SWITCHES, find_period, over_period, switching
 from abhv_mc.stability.points import AT_LIMIT, Found
-from abhv_mc.stability.probe import begin, check_linear, law_memory_rows
+from abhv_mc.stability.probe import begin, law_memory_rows
 from abhv_mc.stability.rest import leave_limits
 from abhv_mc.stability.slopes import Points, plant_slopes
 from abhv_mc.user_code.design import DesignModel
@@ -36,7 +37,7 @@ _GROWS = 1e-7  # what it changes by where the law finds no equilibrium: a sidesl
 _RESTING = 1e5  # how much more that counts than the controls, where not both can be met
 _BALANCED = 1e-9  # rad/s2 and so on: what a trim may leave of any rate
 _UNKNOWNS = (path.ALPHA, path.BETA, path.BANK, path.P, path.Q, path.R, 10, 11, 12, 13)
-_SURFACES = slice(6, 9)  # among them
+_CONTROLS = slice(6, 10)  # among them: the axes and the engine
 _LARGEST = np.array([0.05, 0.05, 0.2, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.3])  # a Newton step of the unknowns
 _EXPECTED = slice(1, 11)  # of what plant_slopes gives: all rates but the altitude's, and the sideslip to the air
 _BEYOND = "the trim is beyond the limits of surfaces or engine"
@@ -57,7 +58,6 @@ def make_steady_plan(
     """
     level = mission.model_copy(update={"manoeuvre": Level(kind="level"), "duration": 2.0 / controller.rate})
     plan = make_plan(vehicle, level, controller, name, user_code=user_code)
-    check_linear(plan)
     trim_tables = make_mission_trim_tables(mission, vehicle)
     row = plan.reference[0].copy()
     heading_rate = _turn_of_bank(vehicle, plan, row, bank) if bank else 0.0
@@ -121,47 +121,55 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
     rudder leaves the sideslip free. The law is at rest there: errors zero, integrals whatever holds the trim; a law
     that finds no rest is a fault.
     """
-    row, constants = plan.reference[0], plan.vehicle.constants
+    row = plan.reference[0]
     _, begun = begin(plan, fly_until(plan, steady_air(parameters), 0))
     _, lane = begin(plan, Kept(1, begun))  # a measurement that fails at the start is frozen from the second tick on
     out = lane[:, s.ENGINE_FAILED] > 0.0  # its thrust has decayed
     lane[out, s.ENGINE_THRUST] = lane[out, s.parameter_row("failure.engine.thrust")]
     count, nothing = len(lane), np.empty((len(lane), 0))
-    held = lane[:, s.STUCK_SURFACE : s.STUCK_SURFACE + 3]
-    stuck = held != NEVER
+    held, mix = held_at(plan.vehicle, lane), mix_matrix(plan.vehicle)
+    stuck = np.pad(held != NEVER, ((0, 0), (0, 1)))
+    held = np.pad(held, ((0, 0), (0, 1)))
     at = np.zeros((count, 14))
     at[:, path.ALTITUDE], at[:, path.SPEED], at[:, path.CHI] = row[ref.ALTITUDE], row[ref.SPEED], row[ref.HEADING]
     at[:, path.ALPHA], at[:, path.BANK] = row[ref.ANGLE_OF_ATTACK], row[ref.BANK]
     at[:, 12:] = row[ref.ELEVATOR], row[ref.EQUIVALENCE_RATIO]
-    at[:, 10:13] = np.where(stuck, held, at[:, 10:13])
+
+    def controls(at: Floats) -> Floats:
+        return np.where(stuck, held, from_axes(plan.vehicle, at[:, 10:]))
+
     latitude, mass = lane[:, s.X + s.LATITUDE], lane[:, s.X + s.MASS]
-    points = Points(at[:, :10], at[:, 10:], latitude, mass, nothing, nothing, lane, 1)
-    holds = np.hstack([np.ones((count, 9), bool), ~stuck[:, :2].any(axis=1, keepdims=True), stuck])
+    points = Points(at[:, :10], controls(at), latitude, mass, nothing, nothing, lane, 1)
+    moved = np.where(stuck[:, :, None], 0.0, mix)  # [point, input, axis]
+    lateral = np.linalg.matrix_rank(moved[:, :, :2]) == np.linalg.matrix_rank(mix[:, :2])
+    holds = np.hstack([np.ones((count, 9), bool), lateral[:, None]])
     user_law = plan.law in USER_LAWS
     at_errors_zero = plant_slopes(plan, points).value[:, _EXPECTED.stop :] if user_law else nothing
     for _ in range(_ITERATIONS):
-        found = plant_slopes(plan, points._replace(path=at[:, :10], controls=at[:, 10:]))
-        left = np.hstack([found.value[:, _EXPECTED], np.where(stuck, at[:, 10:13] - held, 0.0)])
+        found = plant_slopes(plan, points._replace(path=at[:, :10], controls=controls(at)))
+        left = found.value[:, _EXPECTED].copy()
         left[:, path.CHI - 1] -= row[ref.HEADING_RATE]
         left[~holds] = 0.0
         J = np.zeros((*left.shape, len(_UNKNOWNS)))
-        J[:, :10] = found.slope[:, _EXPECTED][:, :, list(_UNKNOWNS)]
-        J[:, 10:, _SURFACES] = np.eye(3)
+        J[:, :, : _CONTROLS.start] = found.slope[:, _EXPECTED][:, :, list(_UNKNOWNS[: _CONTROLS.start])]
+        J[:, :, _CONTROLS] = found.slope[:, _EXPECTED][:, :, 10:] @ moved
         J[~holds] = 0.0
         moving = np.isfinite(J).all(axis=(1, 2)) & ~(np.abs(left).max(axis=1) < 0.01 * _BALANCED)
         if not moving.any():
             break
         step = np.einsum("pij,pj->pi", np.linalg.pinv(J[moving], rcond=1e-13), left[moving])
         at[np.ix_(moving, _UNKNOWNS)] -= np.clip(step, -_LARGEST, _LARGEST)
-    limit = constants.surface_limit * lane[:, s.parameter_row("actuator.deflection_limit")]
-    eta_max = constants.equivalence_ratio_max * lane[:, s.parameter_row("engine.equivalence_ratio_limit")]
-    beyond = (np.abs(at[:, 10:13]) > limit[:, None]).any(axis=1)
-    beyond |= (at[:, 13] > eta_max) | (at[:, 13] < constants.equivalence_ratio_min)
+    limits = [np.tile(each, (count, 1)) for each in range_of(plan.vehicle)]
+    for each in limits:
+        each[:, :-1] *= lane[:, [s.parameter_row("actuator.deflection_limit")]]
+    limits[1][:, -1] *= lane[:, s.parameter_row("engine.equivalence_ratio_limit")]
+    reached = controls(at)
+    beyond = ((reached < limits[0]) | (reached > limits[1])).any(axis=1)
     off = ~(np.abs(left).max(axis=1) < _BALANCED)
     measured = found.value[:, _EXPECTED.stop :].copy()
     frozen = (found.slope[:, _EXPECTED.stop :] == 0.0).all(axis=2)
     measured[:, :10][frozen[:, :10]] = at[:, :10][frozen[:, :10]]  # it failed in this steady flight
-    points = points._replace(path=at[:, :10], controls=at[:, 10:], measured=measured)
+    points = points._replace(path=at[:, :10], controls=reached, measured=measured)
     memory, grows, switches = _memory_at_rest(plan, points)
     points = points._replace(memory=memory)
     points, limited = leave_limits(plan, points, at_errors_zero) if user_law else (points, np.zeros(count, bool))
@@ -200,9 +208,9 @@ def _memory_at_rest(plan: FlightPlan, points: Points) -> tuple[Floats, NDArray[n
     memory[:, period.carried] = period.start[period.carried]
     uneven = grows
     last = [s.CMD <= row < s.CMD + 4 for row in law_memory_rows(plan).values()]
-    memory[:, last] = points.controls[:, : sum(last)]
+    memory[:, last] = as_axes(plan.vehicle, points.controls)[:, : sum(last)]
     for _ in range(8 if count else int(plan.law in USER_LAWS)):
-        law = over_period(law_phases(plan, points._replace(memory=memory)))
+        law = over_period(plan, points._replace(memory=memory))
         uneven = switching(plan, law)
         if not count:
             break

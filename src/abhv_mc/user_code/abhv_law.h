@@ -16,7 +16,7 @@
 extern "C" {
 #endif
 
-typedef struct { /* what the sensors say */
+@ONBOARD@typedef struct { /* what the sensors say */
 @MEASURED@
 } abhv_measured;
 
@@ -26,6 +26,7 @@ typedef struct { /* the mission's reference at the tick, and the nominal along i
 
 typedef struct { /* the last three are what metrics compare with: left alone, they are the reference's */
 @COMMAND@
+    double effectors[@MOST@]; /* rad, in the order of the controller file; left alone, they follow the axes */
 } abhv_command;
 
 size_t abhv_law_state_size(void);

@@ -18,12 +18,14 @@ from abhv_mc.array_types import Floats
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.jit_pointer import address_of, call_c, floats_at
 from abhv_mc.kernel.laws.columns import REFERENCE
-from abhv_mc.kernel.laws.user import FAULT, MAX_MEMORY, MEMORY
+from abhv_mc.kernel.laws.user import FAULT, MAX_MEMORY, MEMORY, N_ONBOARD, ONBOARD
 from abhv_mc.kernel.numerics.lane_memory import aligned_zeros
 from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
 from abhv_mc.user_code.c_source import describe_layout, interface, recipe_of, refuse_platform
 from abhv_mc.user_code.child import may_run_here
 from abhv_mc.user_code.compiled import COMMAND_ROWS, build_loop, find_place, indent, lane_of
+from abhv_mc.user_code.effector_commands import effector_rows
 from abhv_mc.user_code.law_interface import NOT_GIVEN
 from abhv_mc.user_code.plain_law import LAW_FAILED
 from abhv_mc.user_code.source import UserSource
@@ -31,8 +33,9 @@ from abhv_mc.user_code.unpack import BUILT, unpack
 
 _SYSTEM = ("/lib", "/lib64", "/usr/lib", "/usr/lib64", "/System", "/usr/local/lib")
 _LINE = 64  # bytes that states begin at multiples of
-_COMMAND = 8 * s.N_SEEN  # where in the buffer the command lies
-_NUMBERS = _COMMAND + 8 * len(COMMAND_ROWS)  # and the numbers of a memory
+_ONBOARD = (*range(ONBOARD, ONBOARD + N_ONBOARD), *range(s.CMD, s.CMD + 4))  # its rows
+_COMMAND = 8 * (s.N_SEEN + len(_ONBOARD))  # where in the buffer the command lies
+_NUMBERS = _COMMAND + 8 * (len(COMMAND_ROWS) + MAX_ACTUATORS)  # and the numbers of a memory
 
 
 class CLibrary(NamedTuple):
@@ -78,7 +81,7 @@ def load_library(source: UserSource) -> CLibrary:
         raise InputError(source.file, found, "both of abhv_law_state_get and _set, or none")
     if address := find("abhv_law_interface", False):
         told = ctypes.string_at(address).decode(errors="replace")
-        expected = f"{interface()} {describe_layout(recipe['settings'])}"
+        expected = f"{interface(recipe['onboard'])} {describe_layout(recipe['settings'])}"
         if told != expected:
             found = f"a library built with other headers ({told})"
             raise InputError(source.file, found, f"one built with those of this controller ({expected})")
@@ -146,14 +149,17 @@ class CFlights:
         """Nothing: all of it is memory of this process."""
 
 
-def open_c_law(source: UserSource, gains: int, width: int, places: int, memory: int | None, seen: int) -> CFlights:
-    """The law for ``width`` lanes, with room for the states of ``places`` flights.
+def open_c_law(
+    source: UserSource, gains: int, width: int, places: int, memory: int | None, seen: int, effectors: tuple[str, ...]
+) -> CFlights:
+    """The law for ``width`` lanes, with room for the states of ``places`` flights; ``effectors`` are the vehicle's.
 
     With ``memory`` numbers the lanes' rows hold them, as those of a compiled law, and the state is made anew of them at
     each tick. The first ``seen`` measured quantities are given, the others are not-a-number.
     """
     library = load_library(source)
-    loop = compile_adapter(width, memory, seen)
+    recipe: Any = recipe_of(source)
+    loop = compile_adapter(width, memory, seen, recipe["onboard"], effector_rows(source, effectors))
     stride = -(-max(library.state_size, 1) // _LINE) * _LINE
     states = aligned_zeros(stride // 8 * places)
     buffer = aligned_zeros(_NUMBERS // 8 + MAX_MEMORY)
@@ -184,14 +190,15 @@ _CALL = """\
             failed = call_c(init, (settings, first, state))
 {restore}
 {seen}
-        command[4], command[5], command[6] = inf, inf, inf
+        for i in range(4, {commands}):
+            command[i] = inf
         if failed == 0 and total - total == 0.0:
             failed = call_c(step, (buffer, reference, gains, settings, time, dt, state, buffer + {command}))
         else:
             command[0] = nan
         if failed != 0:
             Z[{fault} + lane] = {law_failed}
-            for i in range(7):
+            for i in range({commands}):
                 command[i] = 0.0
 {write}
 {keep}
@@ -199,10 +206,11 @@ _CALL = """\
 
 
 @functools.cache
-def compile_adapter(width: int, memory: int | None, given: int) -> Any:
+def compile_adapter(width: int, memory: int | None, given: int, onboard: bool, effectors: tuple[int, ...]) -> Any:
     """The compiled loop, the same for every law; ``memory`` and ``given``, which it calls ``seen``, as in
-    :func:`open_c_law`.
+    :func:`open_c_law`. ``effectors``: rows of those that the law commands.
     """
+    commanded = (*COMMAND_ROWS, *effectors)
     at = functools.partial(lane_of, width)
     rows = [at(MEMORY + i) for i in range(memory or 0)]
     restored = [f"numbers[{i}] = {row}" for i, row in enumerate(rows)]
@@ -210,7 +218,8 @@ def compile_adapter(width: int, memory: int | None, given: int) -> Any:
     kept = [f"{row} = numbers[{i}]" for i, row in enumerate(rows)]
     seen = [f"seen[{i}] = {at(s.MEASURED + i)}" for i in range(given)]
     seen += [f"total += seen[{i}]" for i in range(s.N_MEASURED)]
-    text = (_HEAD + (find_place(width, 7, "places") if memory is None else "") + _CALL).format(
+    seen += [f"seen[{s.N_SEEN + i}] = {at(row)}" for i, row in enumerate(_ONBOARD if onboard else ())]
+    text = (_HEAD + (find_place(width, 7, "places", commanded) if memory is None else "") + _CALL).format(
         width=width,
         command=_COMMAND,
         numbers=_NUMBERS,
@@ -221,7 +230,8 @@ def compile_adapter(width: int, memory: int | None, given: int) -> Any:
         keep="" if not rows else indent(8, [f"call_c(get, (state, buffer + {_NUMBERS}))", *kept]),
         seen=indent(8, seen),
         law_failed=LAW_FAILED,
-        write=indent(8, [f"{at(row)} = command[{i}]" for i, row in enumerate(COMMAND_ROWS)]),
+        write=indent(8, [f"{at(row)} = command[{i}]" for i, row in enumerate(commanded)]),
+        commands=len(commanded),
     )
     names = {"floats_at": floats_at, "address_of": address_of, "call_c": call_c, "inf": NOT_GIVEN, "nan": float("nan")}
     return build_loop("c", text, names)

@@ -20,7 +20,8 @@ from abhv_mc.kernel.compiler_target import code_folder
 from abhv_mc.kernel.jit import compiler
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.numerics.lane_math import COS, HALF_PI, SIN
-from abhv_mc.user_code.law_interface import COMMAND_FIELDS, Measured
+from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
+from abhv_mc.user_code.law_interface import COMMAND_FIELDS, Measured, Onboard, onboard_fields
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import BUILT
 
@@ -46,21 +47,33 @@ def find_compiler() -> str:
     return told.stdout.splitlines()[0]
 
 
-def make_header() -> str:
+def make_header(onboard: bool = False) -> str:
     """The text of abhv_law.h for this version's measurements, reference and commands."""
     fields = {"MEASURED": Measured._fields, "REFERENCE": REFERENCE, "COMMAND": COMMAND_FIELDS}
-    text = _HEADER.read_text(encoding="utf-8").replace("@INTERFACE@", interface())
+    text = _HEADER.read_text(encoding="utf-8").replace("@INTERFACE@", interface(onboard))
+    seen = "\n    abhv_onboard onboard;" if onboard else ""
     for mark, names in fields.items():
-        text = text.replace(f"@{mark}@", "\n".join(f"    double {name};" for name in names))
+        lines = "\n".join(f"    double {name};" for name in names)
+        text = text.replace(f"@{mark}@", lines + seen if mark == "MEASURED" else lines)
+    text = text.replace("@MOST@", str(MAX_ACTUATORS)).replace("@ONBOARD@", _struct(Onboard) if onboard else "")
     for mark, numbers in {"SIN": SIN, "COS": COS, "HALF_PI": HALF_PI}.items():
         for i, number in enumerate(numbers):
             text = text.replace(f"@{mark}{i}@", repr(number))
     return text
 
 
-def interface() -> str:
+def _struct(kind: Any) -> str:
+    """A named tuple as a struct, after those that it holds."""
+    inner = [hint for hint in dict.fromkeys(kind.__annotations__.values()) if hasattr(hint, "_fields")]
+    types = {hint: f"abhv_{hint.__name__.lower()}" for hint in inner}
+    fields = "\n".join(f"    {types.get(hint, 'double')} {name};" for name, hint in kind.__annotations__.items())
+    return f"{''.join(map(_struct, inner))}typedef struct {{\n{fields}\n}} abhv_{kind.__name__.lower()};\n\n"
+
+
+def interface(onboard: bool = False) -> str:
     """What a library must have been built with, as abhv_law.h says it."""
-    names = ";".join(",".join(group) for group in (Measured._fields, REFERENCE, COMMAND_FIELDS))
+    groups = Measured._fields, REFERENCE, (*COMMAND_FIELDS, f"effectors[{MAX_ACTUATORS}]")
+    names = ";".join(",".join(group) for group in groups) + (";" + ",".join(onboard_fields()) if onboard else "")
     return hashlib.sha256(names.encode()).hexdigest()[:16]
 
 
@@ -88,7 +101,9 @@ def read_c_source(controller: CController) -> UserSource:
         "sources": names[: len(controller.sources)],
         "flags": list(controller.flags),
         "compiler": find_compiler() if controller.sources else None,
-        "interface": interface(),
+        "interface": interface(controller.onboard),
+        "onboard": controller.onboard,
+        "effectors": controller.effectors,
         "platform": describe_platform(),
         "settings": controller.layout,
         "design": find_name(paths, controller.design),
@@ -117,14 +132,14 @@ def with_library(source: UserSource) -> UserSource:
         return source
     kept = code_folder(compiler()) / "laws" / f"built_{source.hash[:24]}.so"
     if not kept.is_file():
-        content = _build(source, recipe["sources"], recipe["flags"], recipe["settings"])
+        content = _build(source, recipe["sources"], recipe["flags"], recipe["settings"], recipe["onboard"])
         with atomic_write(kept) as temporary:
             temporary.write_bytes(content)
     return replace(source, library=kept.read_bytes())
 
 
-def _build(source: UserSource, sources: Sequence[str], flags: Sequence[str], layout: Layout) -> bytes:
-    headers = {"abhv_law.h": make_header(), "abhv_settings.h": make_settings_header(layout)}
+def _build(source: UserSource, sources: Sequence[str], flags: Sequence[str], layout: Layout, onboard: bool) -> bytes:
+    headers = {"abhv_law.h": make_header(onboard), "abhv_settings.h": make_settings_header(layout)}
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         for name, content in {**dict(source.files), **{name: text.encode() for name, text in headers.items()}}.items():
@@ -174,7 +189,7 @@ def refuse_platform(source: UserSource) -> str | None:
 
 def write_headers(controller: CController, folder: Path) -> list[Path]:
     """Write abhv_law.h and abhv_settings.h, with which a user builds the library himself."""
-    texts = {"abhv_law.h": make_header(), "abhv_settings.h": make_settings_header(controller.layout)}
+    texts = {"abhv_law.h": make_header(controller.onboard), "abhv_settings.h": make_settings_header(controller.layout)}
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
     return [folder / name for name in texts]

@@ -7,6 +7,7 @@ import re
 import sys
 import types
 from collections import namedtuple
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from abhv_mc.kernel.jit_pointer import Uncompilable, compile_pointer
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.laws.user import FAULT, MEMORY, ONBOARD
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.user_code.effector_commands import find_commanded, tuple_codes
+from abhv_mc.user_code.effector_commands import effector_rows, tuple_codes
 from abhv_mc.user_code.law_interface import (
     COMMAND_FIELDS,
     Coefficients,
@@ -104,12 +105,13 @@ def indent(spaces: int, lines: list[str]) -> str:
     return "\n".join(" " * spaces + line for line in lines or ["pass"])
 
 
-def find_place(width: int, following: int, places: str) -> str:
+def find_place(width: int, following: int, places: str, commanded: Iterable[int]) -> str:
     """Lines of the loop of a law whose memory lies in a place for each flight, of which the lane holds the number.
 
-    ``following`` and ``places``: where in the context the next number stands, and how many there are in words of it.
+    ``following`` and ``places``: where in the context the next number stands, and how many there are in words of it;
+    ``commanded``: the rows of what it commands.
     """
-    repeat = [f"{lane_of(width, row)} = {lane_of(width, row)[:-1]} - 1]" for row in (*COMMAND_ROWS, FAULT)]
+    repeat = [f"{lane_of(width, row)} = {lane_of(width, row)[:-1]} - 1]" for row in (*commanded, FAULT)]
     held = f"Z[{MEMORY * width} + lane"
     return f"""\
         if tick == 0:
@@ -254,8 +256,8 @@ def _make_loop(law: Law, gains: tuple[str, ...], width: int, effectors: tuple[st
             inside.append(f"{lane(MEMORY + i)} = after.{field}")
     else:
         inside.append(f"command = {call}")
-    for i, name in enumerate(find_commanded(law.source)):
-        inside.append(f"{lane(s.EFFECTOR_COMMAND + effectors.index(name))} = command.effectors[{i}]")
+    for i, row in enumerate(effector_rows(law.source, effectors)):
+        inside.append(f"{lane(row)} = command.effectors[{i}]")
     for field, row in zip(COMMAND_FIELDS, COMMAND_ROWS, strict=True):
         inside.append(f"{lane(row)} = command.{field}")
     inside.append(f"if command.throttle != {_GIVEN}:")

@@ -5,18 +5,30 @@ Compiled code has no dictionaries: the numbers of a law to be compiled become a 
 
 import ast
 import types
+from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
+from abhv_mc.control.controller_file import read_controller
+from abhv_mc.control.law_file import UserController
+from abhv_mc.io.documents import read_document
 from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.vehicle import Vehicle
+from abhv_mc.user_code.c_source import recipe_of
+from abhv_mc.user_code.law_source import read_law_source
 from abhv_mc.user_code.source import UserSource
-from abhv_mc.vehicle.model import drive_all, name_effectors
+from abhv_mc.vehicle.file import pack_vehicle, read_vehicle_file
+from abhv_mc.vehicle.model import drive, name_effectors
 
 _EXPECTED = 'Command(..., effectors={"name": ...}), the same names in each Command of the law'
 
 
 def find_commanded(source: UserSource) -> tuple[str, ...]:
-    """The effectors that a law's Commands name, sorted; none for a law that leaves them to their mix."""
+    """The effectors that a law commands, of one in Python sorted; none for a law that leaves them to their mix."""
+    recipe = recipe_of(source)
+    if recipe is not None:
+        return tuple(recipe.get("effectors", ()))
     found: set[str] = set()
     for _, given in _commands(ast.parse(source.text)):
         if isinstance(given, ast.Dict):
@@ -26,8 +38,15 @@ def find_commanded(source: UserSource) -> tuple[str, ...]:
     return tuple(sorted(found))
 
 
+def effector_rows(source: UserSource, effectors: tuple[str, ...]) -> tuple[int, ...]:
+    """Rows of the lane memory of the ``effectors``, the vehicle's, that a law commands."""
+    return tuple(s.EFFECTOR_COMMAND + effectors.index(name) for name in find_commanded(source))
+
+
 def commands_effectors(source: UserSource) -> bool:
-    """Whether any Command of a law is given effectors."""
+    """Whether a law commands effectors, in any of its Commands."""
+    if recipe_of(source) is not None:
+        return bool(find_commanded(source))
     return any(given is not None for _, given in _commands(ast.parse(source.text)))
 
 
@@ -61,6 +80,23 @@ def tuple_codes(source: UserSource) -> dict[str, types.CodeType]:
     return {each.co_name: each for each in code.co_consts if isinstance(each, types.CodeType)}
 
 
+def find_driven(vehicle: Path, controllers: Iterable[Path]) -> tuple[str, ...]:
+    """Names of a vehicle's effectors where it gives them actuators or a law commands some; nothing is run.
+
+    None where a file is wrong: whoever makes the plans says so.
+    """
+    try:
+        content = read_document(vehicle).data
+        if not isinstance(content, dict) or not content.get("effectors"):
+            return ()
+        packed = pack_vehicle(read_vehicle_file(vehicle), {})
+        laws = map(read_controller, controllers)
+        own = (read_law_source(law) for law in laws if isinstance(law, UserController))
+        return name_effectors(packed) if packed.constants.driven or any(map(commands_effectors, own)) else ()
+    except InputError:
+        return ()
+
+
 def drive_commanded(vehicle: Vehicle, source: UserSource) -> Vehicle:
     """The vehicle as a law flies it: one that commands effectors finds an actuator at each of them.
 
@@ -72,7 +108,7 @@ def drive_commanded(vehicle: Vehicle, source: UserSource) -> Vehicle:
     for name in find_commanded(source):
         if name not in known:
             raise InputError(source.file, f"the effector '{name}'", one_of(known, name))
-    return drive_all(vehicle)
+    return drive(vehicle)
 
 
 def _commands(tree: ast.Module) -> list[tuple[ast.Call, Any]]:

@@ -25,6 +25,7 @@ from abhv_mc.kernel.jit import compiler
 from abhv_mc.kernel.laws.user import MAX_MEMORY
 from abhv_mc.user_code.c_source import recipe_of, refuse_platform
 from abhv_mc.user_code.child import may_run_here
+from abhv_mc.user_code.effector_commands import effector_rows, find_commanded
 from abhv_mc.user_code.fmu_loop import FLAGS, Wire, compile_fmu_adapter
 from abhv_mc.user_code.law_interface import find_unit
 from abhv_mc.user_code.source import UserSource
@@ -94,7 +95,10 @@ def load_fmu(source: UserSource) -> Fmu:
         found = f"an FMU whose library does not load here ({error})"
         raise InputError(source.file, found, "one with binaries for this platform") from None
     inputs = tuple(wiring.wire(name, wired) for name, wired in recipe["inputs"].items())
-    outputs = tuple(wiring.wire(name, field) for field, name in recipe["outputs"].items())
+    outputs = tuple(
+        wiring.wire(name, f"effectors.{field}" if field in recipe["effectors"] else field)
+        for field, name in recipe["outputs"].items()
+    )
     return Fmu(
         version,
         dll,
@@ -203,9 +207,14 @@ class FmuFlights:
 
 
 def open_fmu(
-    source: UserSource, gains: tuple[str, ...], width: int, places: int, memory_in_rows: bool = False
+    source: UserSource,
+    gains: tuple[str, ...],
+    width: int,
+    places: int,
+    memory_in_rows: bool = False,
+    effectors: tuple[str, ...] = (),
 ) -> FmuFlights:
-    """The law for ``width`` lanes, with instances for ``places`` flights.
+    """The law for ``width`` lanes, with instances for ``places`` flights; ``effectors`` are the vehicle's.
 
     With ``memory_in_rows`` the lanes' rows hold the states that the FMU names, as those of a compiled law, and an
     instance is reset and given them at each tick. Raises InputError.
@@ -218,7 +227,8 @@ def open_fmu(
         raise InputError(source.file, f"an input from '{unknown[0]}'", one_of([f"gains.{g}" for g in gains]))
     recipe: Any = recipe_of(source)
     remade = len(states) if memory_in_rows else None
-    loop = compile_fmu_adapter(fmu.version, fmu.inputs, fmu.outputs, len(fmu.params), gains, width, remade)
+    rows = tuple(zip(find_commanded(source), effector_rows(source, effectors), strict=True))
+    loop = compile_fmu_adapter(fmu.version, fmu.inputs, fmu.outputs, len(fmu.params), gains, width, remade, rows)
     instances = np.array([fmu.instantiate() for _ in range(places)], np.int64)
     if not instances.all():
         raise InputError(source.file, "an FMU that makes no instance", "one for each of many flights")

@@ -7,11 +7,11 @@ import numpy as np
 
 from abhv_mc.kernel.jit_pointer import call_c, floats_at
 from abhv_mc.kernel.laws.columns import REFERENCE
-from abhv_mc.kernel.laws.user import FAULT, MEMORY
+from abhv_mc.kernel.laws.user import FAULT, MEMORY, N_ONBOARD, ONBOARD
 from abhv_mc.kernel.numerics.float_bits import float_bits
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.user_code.compiled import COMMAND_ROWS, build_loop, find_place, indent, lane_of
-from abhv_mc.user_code.law_interface import COMMAND_FIELDS, NOT_GIVEN, Measured
+from abhv_mc.user_code.law_interface import COMMAND_FIELDS, NOT_GIVEN, Measured, onboard_fields
 from abhv_mc.user_code.plain_law import LAW_FAILED
 
 FLAGS = 8  # numbers' room for what a step of FMI 3.0 says
@@ -81,8 +81,15 @@ def compile_fmu_adapter(
     gains: tuple[str, ...],
     width: int,
     remade: int | None,
+    effectors: tuple[tuple[str, int], ...] = (),
 ) -> Any:
-    """The compiled loop for a wiring; ``remade``: states that are in the lanes' rows and set anew at each tick."""
+    """The compiled loop for a wiring; ``remade``: states that are in the lanes' rows and set anew at each tick.
+
+    ``effectors``: name and row of those that it commands.
+    """
+    written = dict(zip(COMMAND_FIELDS, COMMAND_ROWS, strict=True)) | {
+        f"effectors.{name}": row for name, row in effectors
+    }
 
     at = functools.partial(lane_of, width)
 
@@ -92,6 +99,9 @@ def compile_fmu_adapter(
             return at(s.MEASURED + Measured._fields.index(field))
         if group == "reference":
             return f"row[r + {REFERENCE.index(field)}]"
+        if group == "onboard":
+            place = onboard_fields().index(field)
+            return at(ONBOARD + place if place < N_ONBOARD else s.CMD + place - N_ONBOARD)
         return "time" if group == "time" else f"column[k + {gains.index(field)}]"
 
     def to_fmu(wire: Wire) -> str:
@@ -126,7 +136,7 @@ def compile_fmu_adapter(
         f"    failed = call_c(get, {kept})",
         *(f"    {r} = kept[{i}]" for i, r in enumerate(rows)),
     ]
-    text = (_HEAD + (find_place(width, 14, "context[13]") if remade is None else "") + _CALL).format(
+    text = (_HEAD + (find_place(width, 14, "context[13]", written.values()) if remade is None else "") + _CALL).format(
         at_inputs=at_inputs,
         at_outputs=at_outputs,
         at_flags=at_flags,
@@ -145,7 +155,7 @@ def compile_fmu_adapter(
         begin=indent(12, begin),
         flags={2: "", 3: ", flags, flags + 8, flags + 16, flags + 24"}[version],
         law_failed=LAW_FAILED,
-        write=indent(8, [f"{at(row)} = {from_fmu(f)}" for row, f in zip(COMMAND_ROWS, COMMAND_FIELDS, strict=True)]),
+        write=indent(8, [f"{at(row)} = {from_fmu(field)}" for field, row in written.items()]),
     )
     names = {"floats_at": floats_at, "float_bits": float_bits, "call_c": call_c, "inf": NOT_GIVEN}
     names |= {"nan": float("nan"), "yes": np.int32(1), "no": np.int32(0)}

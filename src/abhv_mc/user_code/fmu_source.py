@@ -6,11 +6,11 @@ from abhv_mc.control.law_file import FmuController, find_files
 from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.user_code.c_source import describe_platform, find_name, read_native_source
-from abhv_mc.user_code.law_interface import COMMAND_FIELDS, Measured
+from abhv_mc.user_code.law_interface import COMMAND_FIELDS, Measured, onboard_fields
 from abhv_mc.user_code.source import UserSource
 
 _NEEDED = COMMAND_FIELDS[:4]
-_GROUPS = {"measured": Measured._fields, "reference": REFERENCE}
+_GROUPS = {"measured": Measured._fields, "reference": REFERENCE, "onboard": onboard_fields()}
 
 
 def read_fmu_source(controller: FmuController) -> UserSource:
@@ -23,6 +23,7 @@ def read_fmu_source(controller: FmuController) -> UserSource:
         "library": None,
         "inputs": controller.inputs,
         "outputs": controller.outputs,
+        "effectors": [name for name in controller.outputs if name not in COMMAND_FIELDS],
         "params": controller.params,
         "platform": describe_platform(),
         "settings": [],
@@ -39,9 +40,6 @@ def _check_names(controller: FmuController) -> None:
             choices = [f"{each}.{entry}" for each, entries in _GROUPS.items() for entry in entries]
             found = f"'{source}' for the input '{name}'"
             raise InputError(controller.file, found, one_of([*choices, "gains.NAME", "time"], source))
-    for name in controller.outputs:
-        if name not in COMMAND_FIELDS:
-            raise InputError(controller.file, f"the output '{name}'", one_of(COMMAND_FIELDS, name))
     missing = [name for name in _NEEDED if name not in controller.outputs]
     if missing:
         raise InputError(controller.file, f"no output for {', '.join(missing)}", "all four controls")

@@ -114,6 +114,15 @@ class Onboard(NamedTuple):
     last: LastCommand
 
 
+def onboard_fields(kind: Any = Onboard) -> list[str]:
+    """Names of its numbers in their order: 'mach', 'moment.roll'."""
+    return [
+        f"{name}.{inner}" if inner else name
+        for name, hint in kind.__annotations__.items()
+        for inner in (onboard_fields(hint) if hasattr(hint, "_fields") else [""])
+    ]
+
+
 class Air(NamedTuple):
     """The flow that a vehicle's functions are given."""
 
@@ -186,8 +195,13 @@ _UNITS = {  # of measurements, reference and commands, SI; what is in no group i
 
 
 def find_unit(name: str) -> str | None:
-    """The SI unit of a quantity that a law is given or gives: measured.altitude, time, elevator; None for a gain."""
+    """The SI unit of a quantity that a law is given or gives: measured.altitude, time, elevator.
+
+    None for a gain and what is onboard.
+    """
     group, _, field = name.rpartition(".")
-    if group == "gains" or not field:
+    if group.startswith(("gains", "onboard")) or not field:
         return None
+    if group == "effectors":
+        return "rad"
     return next((unit for unit, names in _UNITS.items() if field in names), "-")

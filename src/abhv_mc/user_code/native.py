@@ -67,12 +67,18 @@ def find_memory(source: UserSource, settings: Floats, first: Floats) -> dict[str
 
 
 def open_native(
-    source: UserSource, gains: tuple[str, ...], width: int, places: int, memory: int | None, seen: int
+    source: UserSource,
+    gains: tuple[str, ...],
+    width: int,
+    places: int,
+    memory: int | None,
+    seen: int,
+    effectors: tuple[str, ...],
 ) -> CFlights | FmuFlights:
     """A law for the flights of one call; see :func:`abhv_mc.user_code.c_law.open_c_law`."""
     if _is_c(source):
-        return open_c_law(source, len(gains), width, places, memory, seen)
-    return open_fmu(source, gains, width, places, memory is not None)
+        return open_c_law(source, len(gains), width, places, memory, seen, effectors)
+    return open_fmu(source, gains, width, places, memory is not None, effectors)
 
 
 def _is_c(source: UserSource) -> bool:

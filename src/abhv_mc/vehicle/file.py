@@ -1,6 +1,7 @@
 """Read a vehicle file and pack it: everything becomes SI and radians here."""
 
 import math
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,10 +17,10 @@ from abhv_mc.io.input_files import made_once
 from abhv_mc.io.units import parse_unit
 from abhv_mc.kernel.plant.vehicle import (
     COEFFICIENTS,
-    DRIVEN,
     VARIABLES,
     BuildUp,
     Constants,
+    Effectors,
     Inlet,
     LoadBounds,
     Sensing,
@@ -31,7 +32,7 @@ from abhv_mc.vehicle.foreign import VehicleCode, make_code, reference_point
 from abhv_mc.vehicle.pack import Axis, Table, make_constant, pack_tables
 from abhv_mc.vehicle.propulsion_keys import PROPULSION_TABLES, Capture, ThrustFunction, engine_rows
 from abhv_mc.vehicle.sensing import choose_sensing
-from abhv_mc.vehicle.surface_keys import AXIS_DEFLECTIONS, IdealSurfaces, Surfaces
+from abhv_mc.vehicle.surface_keys import AXIS_DEFLECTIONS, Effector, IdealSurfaces, Surfaces
 from abhv_mc.vehicle.table_file import parse_role, read_rows, read_table
 
 _LARGEST_IMPULSE = 1e4  # s: no air-breathing engine comes near; an exhaust velocity in m/s lies beyond
@@ -175,7 +176,10 @@ def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
     foreign = file.code.pack() if file.code else no_functions()
     constants = _make_constants(content)
     mix = _effector_mix(content)
-    effectors = mix, _effectors(content, constants), _letters(list(content.effectors)), _axis_shares(mix)
+    named = {VARIABLES[i] for i in (*build_up.variable, *tables.axis_variable)}
+    for function in file.code.functions() if file.code else ():
+        named |= set(re.findall(r"\w+", function.text))
+    effectors = mix, _effectors(content, constants, mix, named), _letters(list(content.effectors))
     engines = np.array(engine_rows(content.propulsion.engines) if content.propulsion else []).reshape(-1, 4)
     return Vehicle(constants, tables, build_up, *effectors, engines, foreign)
 
@@ -244,11 +248,17 @@ def _axis_shares(mix: np.ndarray) -> np.ndarray:
     return shares
 
 
-def _effectors(content: VehicleDocument, constants: Constants) -> np.ndarray:
-    """The columns of ``Vehicle.effectors``; what an effector does not say is as the surfaces have it."""
-    rows = np.zeros((len(content.effectors), DRIVEN + 1))
-    c = constants
-    for row, effector in zip(rows, content.effectors.values(), strict=True):
+def _effectors(content: VehicleDocument, constants: Constants, mix: np.ndarray, named: set[str]) -> Effectors:
+    """The list of actuators: the file's effectors, then each axis that the aerodynamics name.
+
+    What an effector does not say is as the surfaces have it.
+    """
+    axes = [i for i, axis in enumerate(AXIS_DEFLECTIONS) if axis in named]
+    own = [VARIABLES.index("effector_0") + e for e in range(len(mix))]
+    variables = np.array([*own, *(VARIABLES.index(AXIS_DEFLECTIONS[i]) for i in axes)], dtype=np.int64)
+    mix = np.vstack([mix, np.eye(3)[axes]])
+    rows, c = np.zeros((len(mix), 6)), constants
+    for row, effector in zip(rows, [*content.effectors.values(), *[Effector()] * len(axes)], strict=True):
         low, high = effector.limits or (-c.surface_limit, c.surface_limit)
         moves = effector.rate is not None or effector.bandwidth is not None
         ideal = effector.ideal or (c.ideal_surfaces > 0.0 and not moves)
@@ -259,9 +269,8 @@ def _effectors(content: VehicleDocument, constants: Constants) -> np.ndarray:
             effector.bandwidth or c.surface_bandwidth,
             effector.damping or c.surface_damping,
             ideal,
-            effector.driven,
         )
-    return rows
+    return Effectors(variables, mix, rows, _axis_shares(mix), np.linalg.pinv(mix))
 
 
 def _letters(names: Sequence[str]) -> Ints:
@@ -315,4 +324,5 @@ def _make_constants(content: VehicleDocument) -> Constants:
         relight_time_constant=jet.relight.time_constant if jet else 0.0,
         ideal_surfaces=1.0 if isinstance(surfaces, IdealSurfaces) else 0.0,
         ideal_engine=1.0 if function and function.ideal else 0.0,
+        driven=float(any(effector.driven for effector in content.effectors.values())),
     )

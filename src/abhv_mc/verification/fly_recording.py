@@ -17,7 +17,7 @@ from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.kernel.world.earth import Earth
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.user_code.vehicle_functions import find_code
-from abhv_mc.vehicle.model import follow_axes
+from abhv_mc.vehicle.model import drive
 
 _INF = math.inf
 _NO_LIMITS = Limits(-_INF, _INF, -_INF, _INF, _INF)
@@ -50,7 +50,7 @@ def make_replay_plan(vehicle: Vehicle, earth: Earth, start: Floats, controls: Fl
     gains = np.zeros((ticks, len(RECORDED_GAINS)))
     gains[:, :4] = controls
     gains[:-1, 4:] = np.diff(controls, axis=0) / timing.tick
-    vehicle = follow_axes(vehicle)
+    vehicle = drive(vehicle, False)
     return FlightPlan(
         controller="recorded",
         law="recorded",

@@ -37,10 +37,11 @@ from abhv_mc.campaign.sampling.designs import (
 )
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile, read_sample_file
-from abhv_mc.flight.metrics import MARGINS, METRICS, Metric
+from abhv_mc.flight.metrics import MARGINS, METRICS, Metric, effector_metrics
 from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of, read_document, validate
 from abhv_mc.kernel.plant.parameter_names import EFFECTORS, ENGINES
 from abhv_mc.plant.parameters import OURS, Parameters
+from abhv_mc.user_code.effector_commands import find_driven
 
 
 def read_campaign(
@@ -256,7 +257,9 @@ def _declare_metrics(
         place = ()
     written = frozenset(name for name, entry in entries.items() if entry.bad is not None)
     windows = phase_windows(model) if any(entry.phase for entry in entries.values()) else {}
-    return declare_metrics(entries, user_channels, of, place, errors, windows), written
+    effectors = find_driven(model.vehicle, model.controllers.values())
+    own = declare_metrics(entries, user_channels, of, place, errors, windows, effectors)
+    return (*effector_metrics(effectors), *own), written
 
 
 def _check_runs(

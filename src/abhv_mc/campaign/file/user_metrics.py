@@ -20,13 +20,14 @@ from abhv_mc.flight.metrics import (
     Bad,
     Metric,
     default_bad,
+    effector_metrics,
     is_never_negative,
     label_of,
     name_end,
 )
 from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, describe, one_of, read_document, validate
 from abhv_mc.io.units import Time
-from abhv_mc.kernel.flight.counting import MAX_PROGRAMS, Statistic
+from abhv_mc.kernel.flight.counting import MAX_DECLARED, Statistic
 from abhv_mc.user_code.source import compile_text, read_source
 
 STATISTICS = tuple(statistic.word for statistic in Statistic)
@@ -101,15 +102,20 @@ def declare_metrics(
     where: tuple[str, ...],
     errors: list[InputError],
     windows: Mapping[str, tuple[float, float]],
+    effectors: tuple[str, ...] = (),
 ) -> tuple[Metric, ...]:
-    """The records of a campaign's metrics, with name and unit of its own channels and the ``windows`` of its mission's
-    phases; what is wrong is added to ``errors``."""
-    known = known_sources(pack_sources(user_channels))
-    if len(entries) > MAX_PROGRAMS:
-        errors.append(document.key_error(where, f"{len(entries)} metrics", f"at most {MAX_PROGRAMS}"))
+    """The records of a campaign's metrics; what is wrong is added to ``errors``.
+
+    ``user_channels``: name and unit of its own channels; ``windows``: of its mission's phases; ``effectors``: those
+    that have actuators.
+    """
+    known = known_sources(pack_sources(user_channels), effectors)
+    taken = _TAKEN | {metric.name for metric in effector_metrics(effectors)}
+    if len(entries) > MAX_DECLARED:
+        errors.append(document.key_error(where, f"{len(entries)} metrics", f"at most {MAX_DECLARED}"))
     records = []
     for name, entry in entries.items():
-        if name in _TAKEN:
+        if name in taken:
             found = f"'{name}', a metric of the program"
             errors.append(document.key_error((*where, name), found, "another name"))
         try:

@@ -17,9 +17,11 @@ from abhv_mc.kernel.numerics.angles import larger, smaller
 from abhv_mc.kernel.numerics.lane_math import sincos
 from abhv_mc.kernel.numerics.tables import natural
 from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
 
-MAX_LEAN = 42  # as many as the program's own metrics
-MAX_PROGRAMS = 48
+MAX_DECLARED = 48  # metrics of a campaign's own
+MAX_LEAN = 42 + 3 * MAX_ACTUATORS  # as many as the program's own metrics
+MAX_PROGRAMS = MAX_DECLARED + MAX_ACTUATORS
 MAX_REGISTERS = 16
 
 

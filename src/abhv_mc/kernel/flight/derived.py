@@ -164,13 +164,15 @@ def surface_saturated(Z, lane, plan, tick):
 
     A command at the stop counts too: the surface creeps towards it and may never arrive.
     """
+    if plan.constants.driven > 0.0:
+        return Z[s.ANY_SATURATED, lane]
     nominal_limit = plan.constants.surface_limit
     limit = nominal_limit * Z[_LIMIT, lane]
     largest = larger(abs(Z[X + s.AILERON, lane]), abs(Z[X + s.RUDDER, lane]))
     largest = larger(largest, abs(Z[X + s.ELEVATOR, lane]))
     command = larger(abs(Z[s.CMD_AILERON, lane]), abs(Z[s.CMD_RUDDER, lane]))
     command = larger(command, abs(Z[s.CMD_ELEVATOR, lane]))
-    saturated = ((largest >= limit or command >= nominal_limit) and limit > 0.0) or Z[s.EFFECTOR_AT_LIMIT, lane] > 0.0
+    saturated = (largest >= limit or command >= nominal_limit) and limit > 0.0
     return 1.0 if saturated else 0.0
 
 

@@ -12,7 +12,7 @@ from abhv_mc.kernel.numerics.angles import larger, smaller
 from abhv_mc.kernel.numerics.tables import natural
 from abhv_mc.kernel.plant import state as s
 
-MAX_RECORDED = 64  # channels
+MAX_RECORDED = 96  # channels
 HIDDEN = 2 * MAX_RECORDED  # row of E: 0, or NaN in the lanes that do not count
 E_ROWS = HIDDEN + 1
 

@@ -31,11 +31,11 @@ from abhv_mc.kernel.plant.air_data import air_data, deflections, move_air
 from abhv_mc.kernel.plant.air_profile import nominal_density, nominal_wind
 from abhv_mc.kernel.plant.disturbance import Disturbances, active_disturbances, any_lane, calm, disturb
 from abhv_mc.kernel.plant.effectors import (
-    any_driven,
+    begin_effectors,
+    count_driven,
     end_effectors,
     finish_effectors,
     leave_effectors,
-    move_ideal_effectors,
     place_effectors,
     run_effectors,
     set_effectors,
@@ -198,7 +198,6 @@ def bin_tick(plan, memory, results, width, tick, first, last):
 def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flights, n):
     """One group of flights from ``first_tick`` to before tick ``end``, or until all of them have ended."""
     Z, O, A, step, steps_per_tick = memory.Z, memory.O, memory.A, plan.timing.step, plan.timing.steps_per_tick
-    effectors = plan.vehicle.effectors
     tick_length = step * steps_per_tick
     for tick in range(first_tick, end):
         begin_tick(plan, memory, width, active, tick)
@@ -209,7 +208,7 @@ def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flight
         if law != RECORDED:
             command_ideal(Z, width, plan.vehicle.constants)
         if active is not None:
-            move_ideal_effectors(A, width, effectors)
+            begin_effectors(Z, A, width, plan.vehicle)
         flying = True
         for evaluation in range(4 * steps_per_tick):  # one loop, so that its code is there once
             stage = evaluation % 4
@@ -228,11 +227,11 @@ def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flight
             elif stage == 2:
                 set_actuators(Z, width)
                 if active is not None:
-                    end_effectors(A, width, effectors)
+                    end_effectors(A, width, plan.vehicle)
             elif stage == 3:
                 finish_step(Z, width, step, O[observe.ALIVE])
                 if active is not None:
-                    finish_effectors(A, width, effectors, O[observe.ALIVE])
+                    finish_effectors(Z, A, width, plan.vehicle, O[observe.ALIVE])
         if not flying:
             break
 
@@ -247,7 +246,7 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
     that have ended go to flights that still fly.
     """
     saved, order, keeps = memory.saved, memory.order, results.kept.shape[1] > 0
-    driven = any_driven(plan.vehicle)
+    driven = count_driven(plan.vehicle) > 0
     start, last = plan.first_tick, plan.timing.ticks if keeps else plan.timing.ticks + 1
     compacted = 1 < width < last_flight - first_flight  # otherwise there is one group, or no lane to give away
     for first in range(first_flight, last_flight, saved.shape[0]):
@@ -307,7 +306,7 @@ def start_lanes(plan, memory, width, find, flights, n):
     start_flights(Z, width, plan.initial_state)
     start_failures(Z, width)
     prepare_actuators(Z, width, plan.vehicle.constants, plan.timing.step)
-    leave_effectors(Z, width, plan.vehicle.effectors)
+    leave_effectors(Z, width, plan.vehicle)
     start_active(plan, memory, width, find(Z, width, plan))
     start_observing(Z, memory.O, width, plan.counted)
 

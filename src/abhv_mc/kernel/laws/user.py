@@ -14,6 +14,7 @@ from abhv_mc.kernel.laws.tlc import N_ROWS as N_TLC_ROWS
 from abhv_mc.kernel.laws.tlc import RHO_NOM, SLOPES, nominal_forces, nominal_variables, nominal_vehicle
 from abhv_mc.kernel.numerics.angles import clamp
 from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.effectors import count_driven, leave_effectors, share_commands
 from abhv_mc.kernel.plant.equations import thrust
 from abhv_mc.kernel.plant.state import LAW, variable_row
 
@@ -44,13 +45,11 @@ def own_tick(plan, memory, width, tick):
     dt = plan.timing.step * plan.timing.steps_per_tick
     if user_code.onboard > 0:
         nominal_onboard(plan, memory, width, tick)
-    effectors = plan.vehicle.effectors.shape[0]
-    for i in range(effectors):
-        for lane in range(width):
-            Z[s.EFFECTOR_COMMAND + i, lane] = math.inf
+    leave_effectors(Z, width, plan.vehicle)
     if user_code.address != 0:
         call_address(user_code.address, user_code.context, Z, plan.reference, plan.gains, plan.settings, tick, dt)
-    finish_commands(Z, width, plan.vehicle.constants, effectors, plan.reference, tick)
+    finish_commands(Z, width, plan.vehicle.constants, count_driven(plan.vehicle), plan.reference, tick)
+    share_commands(Z, width, plan.vehicle)
 
 
 @lanes

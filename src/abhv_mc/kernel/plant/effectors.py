@@ -1,24 +1,27 @@
 """The vehicle's own surfaces: mixed from the three axis deflections, or each moved by an actuator of its own.
 
-What actuators of effectors need has a memory of its own, ``A[row, lane]``: vehicles without them never touch it.
+Where they have actuators, these are the whole list: an axis is then what a law commands, mixed before them, and what
+is shown of its deflection is what theirs make together. What actuators of effectors need has a memory of its own,
+``A[row, lane]``: vehicles without them never touch it.
 """
 
 import math
 
 from abhv_mc.kernel.jit import lanes
-from abhv_mc.kernel.numerics.angles import clamp, smaller
+from abhv_mc.kernel.numerics.angles import clamp
+from abhv_mc.kernel.numerics.tables import natural
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.actuator_step import N_ACTUATOR_ROWS
 from abhv_mc.kernel.plant.actuators import Actuator, prepare_actuator, run_actuator
 from abhv_mc.kernel.plant.disturbance import any_lane
-from abhv_mc.kernel.plant.state import XS, X, parameter_row, variable_row
-from abhv_mc.kernel.plant.vehicle import BANDWIDTH, DAMPING, DRIVEN, HIGH, IDEAL, LOW, MAX_EFFECTORS, RATE
+from abhv_mc.kernel.plant.state import VAR, XS, X, parameter_row, variable_row
+from abhv_mc.kernel.plant.vehicle import BANDWIDTH, DAMPING, HIGH, IDEAL, LOW, MAX_ACTUATORS, RATE
 
 # Rows of an effector: position, rate, the position of the stages, both after the step, its command, the factor on its
 # rate limit; then what its actuator needs.
 POSITION, MOVES, STAGE, NEXT, NEXT_RATE, COMMAND, SLOWED, BLOCK = range(8)
 N_EFFECTOR_ROWS = BLOCK + N_ACTUATOR_ROWS
-A_ROWS = MAX_EFFECTORS * N_EFFECTOR_ROWS
+A_ROWS = MAX_ACTUATORS * N_EFFECTOR_ROWS
 
 _EFFECTOR = variable_row("effector_0")
 _DELTA = variable_row("aileron")  # then rudder and elevator
@@ -29,12 +32,9 @@ _K_RATE = parameter_row("actuator.rate_limit")
 
 
 @lanes
-def any_driven(vehicle):
-    """Whether an effector has an actuator of its own."""
-    driven = False
-    for e in range(vehicle.effectors.shape[0]):
-        driven |= vehicle.effectors[e, DRIVEN] > 0.0
-    return driven
+def count_driven(vehicle):
+    """How many effectors have actuators: all of the list, or none."""
+    return vehicle.effectors.mix.shape[0] if vehicle.constants.driven > 0.0 else 0
 
 
 @lanes
@@ -50,123 +50,165 @@ def set_effectors(Z, width, mix):
 
 @lanes
 def place_effectors(Z, A, width, vehicle, failing, without):
-    """Deflections of the stage, from the axes' (effective) deflections among the variables and from the actuators.
+    """Deflections of the stage, from the axes' (effective) deflections among the variables or from the actuators.
 
     ``failing``: an effector of some flight fails, see :mod:`abhv_mc.kernel.plant.failures`. ``without``: the axis whose
     part is left out, -1 for none; its deflection among the variables is 0 then.
     """
-    mix = vehicle.effector_mix
-    set_effectors(Z, width, mix)
-    for e in range(mix.shape[0]):
-        if vehicle.effectors[e, DRIVEN] > 0.0:
-            stage = e * N_EFFECTOR_ROWS + STAGE
-            for lane in range(width):
-                Z[_EFFECTOR + e, lane] = A[stage, lane]
-            for i in range(3):
-                if i == without or any_lane(Z, width, s.EFFECT + i, 1, 1.0):
-                    weaken_effector(Z, A, width, vehicle, e, i, without)
-    if failing:
-        for e in range(mix.shape[0]):
-            for lane in range(width):
-                mixed = Z[_EFFECTOR + e, lane]
-                Z[_EFFECTOR + e, lane] = Z[s.EFFECTOR_GAIN + e, lane] * mixed + Z[s.EFFECTOR_OFFSET + e, lane]
+    driven = count_driven(vehicle)
+    for e in range(driven):
+        row, stage = natural(VAR + vehicle.effectors.variable[e]), e * N_EFFECTOR_ROWS + STAGE
+        for lane in range(width):
+            Z[row, lane] = A[stage, lane]
+        for i in range(3):
+            if i == without or any_lane(Z, width, s.EFFECT + i, 1, 1.0):
+                weaken_effector(Z, A, width, vehicle, e, i, without)
+        if failing:
+            fail_effector(Z, width, row, e)
+    if driven == 0:
+        set_effectors(Z, width, vehicle.effector_mix)
+        if failing:
+            for e in range(vehicle.effector_mix.shape[0]):
+                fail_effector(Z, width, _EFFECTOR + e, e)
+
+
+@lanes
+def fail_effector(Z, width, row, e):
+    """What a failure leaves of an effector's deflection."""
+    for lane in range(width):
+        Z[row, lane] = Z[s.EFFECTOR_GAIN + e, lane] * Z[row, lane] + Z[s.EFFECTOR_OFFSET + e, lane]
 
 
 @lanes
 def weaken_effector(Z, A, width, vehicle, e, i, without):
     """Less of the axis' part of an effector, which the positions of its set make."""
-    share, mix = vehicle.effector_share, vehicle.effector_mix
-    for f in range(mix.shape[0]):
+    share, row = vehicle.effectors.share, natural(VAR + vehicle.effectors.variable[e])
+    for f in range(share.shape[1]):
         if share[i, e, f] != 0.0:
-            driven = vehicle.effectors[f, DRIVEN] > 0.0
             for lane in range(width):
-                mixed = 0.0
-                for axis in range(3):
-                    mixed += mix[f, axis] * Z[XS + s.AILERON + axis, lane]
-                position = A[f * N_EFFECTOR_ROWS + STAGE, lane] if driven else mixed
                 kept = 0.0 if i == without else Z[s.EFFECT + i, lane]
-                Z[_EFFECTOR + e, lane] += (kept - 1.0) * (share[i, e, f] * position)
+                Z[row, lane] += (kept - 1.0) * (share[i, e, f] * A[f * N_EFFECTOR_ROWS + STAGE, lane])
 
 
 @lanes
-def leave_effectors(Z, width, effectors):
+def leave_effectors(Z, width, vehicle):
     """No law commands them."""
-    for e in range(effectors.shape[0]):
+    for e in range(count_driven(vehicle)):
         for lane in range(width):
             Z[s.EFFECTOR_COMMAND + e, lane] = math.inf
 
 
 @lanes
+def share_commands(Z, width, vehicle):
+    """Of a law that commands effectors: the mix of its axes for the others, and the axes' that all of them make."""
+    mix, axes, count = vehicle.effectors.mix, vehicle.effectors.axes, count_driven(vehicle)
+    for lane in range(width):
+        given = False
+        for e in range(count):
+            given |= Z[s.EFFECTOR_COMMAND + e, lane] != math.inf
+        if given:
+            aileron, rudder, elevator = 0.0, 0.0, 0.0
+            for e in range(count):
+                mixed = mix[e, 0] * Z[s.CMD_AILERON, lane]
+                mixed += mix[e, 1] * Z[s.CMD_RUDDER, lane] + mix[e, 2] * Z[s.CMD_ELEVATOR, lane]
+                own = Z[s.EFFECTOR_COMMAND + e, lane]
+                own = mixed if own == math.inf else own
+                Z[s.EFFECTOR_COMMAND + e, lane] = own
+                aileron += axes[0, e] * own
+                rudder += axes[1, e] * own
+                elevator += axes[2, e] * own
+            Z[s.CMD_AILERON, lane], Z[s.CMD_RUDDER, lane], Z[s.CMD_ELEVATOR, lane] = aileron, rudder, elevator
+
+
+@lanes
 def start_effectors(Z, A, width, vehicle, step):
     """Effectors where the axes' deflections at the start put them, at rest."""
-    effectors = vehicle.effectors
-    for e in range(effectors.shape[0]):
+    actuator, mix = vehicle.effectors.actuator, vehicle.effectors.mix
+    for e in range(count_driven(vehicle)):
         first = e * N_EFFECTOR_ROWS
-        if effectors[e, DRIVEN] > 0.0:
+        for lane in range(width):
+            bandwidth = actuator[e, BANDWIDTH] * Z[_K_BANDWIDTH, lane]
+            damping = actuator[e, DAMPING] * Z[_K_DAMPING, lane]
+            prepare_actuator(A, lane, first + BLOCK, bandwidth, damping, step)
+            mixed = 0.0
+            for i in range(3):
+                mixed += mix[e, i] * Z[X + s.AILERON + i, lane]
+            factor = Z[_K_LIMIT, lane]
+            mixed = clamp(mixed, actuator[e, LOW] * factor, actuator[e, HIGH] * factor)
+            A[first + POSITION, lane], A[first + STAGE, lane] = mixed, mixed
+            A[first + MOVES, lane] = 0.0
+    show_axes(Z, A, width, vehicle)
+
+
+@lanes
+def show_axes(Z, A, width, vehicle):
+    """The axes' deflections and rates that those of the effectors make."""
+    axes, count = vehicle.effectors.axes, count_driven(vehicle)
+    if count > 0:
+        for i in range(3):
             for lane in range(width):
-                bandwidth = effectors[e, BANDWIDTH] * Z[_K_BANDWIDTH, lane]
-                damping = effectors[e, DAMPING] * Z[_K_DAMPING, lane]
-                prepare_actuator(A, lane, first + BLOCK, bandwidth, damping, step)
-                mixed = 0.0
-                for i in range(3):
-                    mixed += vehicle.effector_mix[e, i] * Z[X + s.AILERON + i, lane]
-                factor = Z[_K_LIMIT, lane]
-                mixed = clamp(mixed, effectors[e, LOW] * factor, effectors[e, HIGH] * factor)
-                A[first + POSITION, lane], A[first + STAGE, lane] = mixed, mixed
-                A[first + MOVES, lane] = 0.0
+                position, rate = 0.0, 0.0
+                for e in range(count):
+                    position += axes[i, e] * A[e * N_EFFECTOR_ROWS + POSITION, lane]
+                    rate += axes[i, e] * A[e * N_EFFECTOR_ROWS + MOVES, lane]
+                Z[X + s.AILERON + i, lane], Z[XS + s.AILERON + i, lane] = position, position
+                Z[X + s.AILERON_RATE + i, lane], Z[XS + s.AILERON_RATE + i, lane] = rate, rate
 
 
 @lanes
 def command_effectors(Z, A, width, vehicle):
-    """Commands of the tick: what the law gives an effector, else the mix of the axes', within its limits.
-
-    What an axis' failure does to its rate it does to the effectors that it moves.
-    """
-    effectors, mix = vehicle.effectors, vehicle.effector_mix
-    for lane in range(width):
-        Z[s.EFFECTOR_AT_LIMIT, lane] = 0.0
-    for e in range(effectors.shape[0]):
-        if effectors[e, DRIVEN] > 0.0:
-            first = e * N_EFFECTOR_ROWS
-            for lane in range(width):
-                mixed, slowed = 0.0, 1.0
-                for i in range(3):
-                    mixed += mix[e, i] * Z[s.ACTUATED + i, lane]
-                    slowed = smaller(slowed, Z[s.RATE_FACTOR + i, lane] if mix[e, i] != 0.0 else 1.0)
-                given = Z[s.EFFECTOR_COMMAND + e, lane]
-                asked = mixed if given == math.inf else given
-                factor = Z[_K_LIMIT, lane]
-                low, high = effectors[e, LOW] * factor, effectors[e, HIGH] * factor
-                at_limit = asked < low or asked > high
-                Z[s.EFFECTOR_AT_LIMIT, lane] = 1.0 if at_limit else Z[s.EFFECTOR_AT_LIMIT, lane]
-                A[first + COMMAND, lane], A[first + SLOWED, lane] = clamp(asked, low, high), slowed
+    """Commands of the tick: what the law gives an effector, else the mix of the axes', within its limits."""
+    actuator, mix = vehicle.effectors.actuator, vehicle.effectors.mix
+    for e in range(count_driven(vehicle)):
+        first = e * N_EFFECTOR_ROWS
+        for lane in range(width):
+            mixed = 0.0
+            for i in range(3):
+                mixed += mix[e, i] * Z[s.ACTUATED + i, lane]
+            given = Z[s.EFFECTOR_COMMAND + e, lane]
+            asked = mixed if given == math.inf else given
+            factor = Z[_K_LIMIT, lane]
+            Z[s.EFFECTOR_ASKED + e, lane] = asked
+            A[first + COMMAND, lane] = clamp(asked, actuator[e, LOW] * factor, actuator[e, HIGH] * factor)
+            A[first + SLOWED, lane] = 1.0
 
 
 @lanes
-def move_ideal_effectors(A, width, effectors):
-    """Effectors without dynamics are where they are commanded, from the tick's start."""
-    for e in range(effectors.shape[0]):
-        if effectors[e, DRIVEN] > 0.0 and effectors[e, IDEAL] > 0.0:
-            first = e * N_EFFECTOR_ROWS
+def begin_effectors(Z, A, width, vehicle):
+    """Those without dynamics are where they are commanded, from the tick's start; what is shown of all at the tick."""
+    actuator = vehicle.effectors.actuator
+    for lane in range(width):
+        Z[s.ANY_SATURATED, lane] = 0.0
+    for e in range(count_driven(vehicle)):
+        first = e * N_EFFECTOR_ROWS
+        if actuator[e, IDEAL] > 0.0:
             for lane in range(width):
                 A[first + POSITION, lane], A[first + STAGE, lane] = A[first + COMMAND, lane], A[first + COMMAND, lane]
+        for lane in range(width):
+            low, high = actuator[e, LOW] * Z[_K_LIMIT, lane], actuator[e, HIGH] * Z[_K_LIMIT, lane]
+            at, asked = A[first + POSITION, lane], Z[s.EFFECTOR_ASKED + e, lane]
+            saturated = high > low and (at <= low or at >= high or asked <= low or asked >= high)
+            Z[s.EFFECTOR_AT + e, lane] = at
+            Z[s.EFFECTOR_SATURATED + e, lane] = 1.0 if saturated else 0.0
+            Z[s.ANY_SATURATED, lane] = 1.0 if saturated else Z[s.ANY_SATURATED, lane]
+    show_axes(Z, A, width, vehicle)
 
 
 @lanes
 def run_effectors(Z, A, width, vehicle, step):
     """Effectors with actuators of their own through a step, after its first stage."""
-    effectors = vehicle.effectors
+    actuator = vehicle.effectors.actuator
     low, high, rate_limit = Z[s.LIMITS], Z[s.LIMITS + 1], Z[s.LIMITS + 2]
-    for e in range(effectors.shape[0]):
+    for e in range(count_driven(vehicle)):
         first = e * N_EFFECTOR_ROWS
-        if effectors[e, DRIVEN] > 0.0 and effectors[e, IDEAL] > 0.0:
+        if actuator[e, IDEAL] > 0.0:
             for lane in range(width):
                 A[first + NEXT, lane], A[first + NEXT_RATE, lane] = A[first + POSITION, lane], 0.0
-        elif effectors[e, DRIVEN] > 0.0:
+        else:
             for lane in range(width):
                 factor = Z[_K_LIMIT, lane]
-                low[lane], high[lane] = effectors[e, LOW] * factor, effectors[e, HIGH] * factor
-                rate_limit[lane] = effectors[e, RATE] * Z[_K_RATE, lane] * A[first + SLOWED, lane]
+                low[lane], high[lane] = actuator[e, LOW] * factor, actuator[e, HIGH] * factor
+                rate_limit[lane] = actuator[e, RATE] * Z[_K_RATE, lane] * A[first + SLOWED, lane]
             rows = Actuator(
                 first + POSITION,
                 first + MOVES,
@@ -180,23 +222,22 @@ def run_effectors(Z, A, width, vehicle, step):
 
 
 @lanes
-def end_effectors(A, width, effectors):
+def end_effectors(A, width, vehicle):
     """Their positions at the end of the step, for its last stage."""
-    for e in range(effectors.shape[0]):
+    for e in range(count_driven(vehicle)):
         first = e * N_EFFECTOR_ROWS
-        if effectors[e, DRIVEN] > 0.0:
-            for lane in range(width):
-                A[first + STAGE, lane] = A[first + NEXT, lane]
+        for lane in range(width):
+            A[first + STAGE, lane] = A[first + NEXT, lane]
 
 
 @lanes
-def finish_effectors(A, width, effectors, alive):
+def finish_effectors(Z, A, width, vehicle, alive):
     """Their state after the step. A flight that has ended (``alive`` 0) keeps its own."""
-    for e in range(effectors.shape[0]):
+    for e in range(count_driven(vehicle)):
         first = e * N_EFFECTOR_ROWS
-        if effectors[e, DRIVEN] > 0.0:
-            for lane in range(width):
-                flies = alive[lane] > 0.0
-                A[first + POSITION, lane] = A[first + NEXT, lane] if flies else A[first + POSITION, lane]
-                A[first + MOVES, lane] = A[first + NEXT_RATE, lane] if flies else A[first + MOVES, lane]
-                A[first + STAGE, lane] = A[first + POSITION, lane]
+        for lane in range(width):
+            flies = alive[lane] > 0.0
+            A[first + POSITION, lane] = A[first + NEXT, lane] if flies else A[first + POSITION, lane]
+            A[first + MOVES, lane] = A[first + NEXT_RATE, lane] if flies else A[first + MOVES, lane]
+            A[first + STAGE, lane] = A[first + POSITION, lane]
+    show_axes(Z, A, width, vehicle)

@@ -14,7 +14,7 @@ from abhv_mc.kernel.plant.disturbance import any_lane
 from abhv_mc.kernel.plant.effectors import COMMAND, MOVES, N_EFFECTOR_ROWS, POSITION, SLOWED, command_effectors
 from abhv_mc.kernel.plant.parameter_names import AXES, EFFECTORS, ENGINES, FAILURE_TIMES, NEVER
 from abhv_mc.kernel.plant.state import XS, X, parameter_row, variable_row
-from abhv_mc.kernel.plant.vehicle import DRIVEN
+from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
 
 N_AXES, N_EFFECTORS, N_ENGINES = len(AXES), len(EFFECTORS), len(ENGINES)
 _N_FIRST = 4  # effectors whose failures stand in a block of their own
@@ -60,7 +60,7 @@ class Failures(NamedTuple):
 def possible_failures(Z, width, constants):
     """From the parameters, which are constant over a flight, and whether the vehicle's inlet may unstart."""
     return Failures(
-        any_lane(Z, width, _TIMES, 3 * N_AXES, NEVER),
+        constants.driven == 0.0 and any_lane(Z, width, _TIMES, 3 * N_AXES, NEVER),
         any_lane(Z, width, _EFFECTOR_TIMES, 3 * _N_FIRST, NEVER)
         or any_lane(Z, width, _MORE_TIMES, 3 * (N_EFFECTORS - _N_FIRST), NEVER)
         or any_lane(Z, width, _EFFECTOR_EFFECTIVENESS, N_EFFECTORS, 1.0),
@@ -78,8 +78,8 @@ def start_failures(Z, width):
             Z[s.RATE_FACTOR + i, lane] = 1.0
             Z[s.EFFECT + i, lane] = Z[_EFFECTIVENESS + i, lane]
             Z[s.STUCK_SURFACE + i, lane] = NEVER
-        for i in range(N_EFFECTORS):
-            Z[s.EFFECTOR_GAIN + i, lane] = Z[_EFFECTOR_EFFECTIVENESS + i, lane]
+        for i in range(MAX_ACTUATORS):
+            Z[s.EFFECTOR_GAIN + i, lane] = Z[_EFFECTOR_EFFECTIVENESS + i, lane] if i < N_EFFECTORS else 1.0
             Z[s.STUCK_EFFECTOR + i, lane] = NEVER
             Z[s.SLOW_EFFECTOR + i, lane] = NEVER
         Z[s.ENGINE_THRUST, lane] = 1.0
@@ -186,7 +186,7 @@ def fail_effectors(Z, A, width, vehicle, time, tick):
     """
     constants, mix = vehicle.constants, vehicle.effector_mix
     for e in range(mix.shape[0]):
-        if vehicle.effectors[e, DRIVEN] > 0.0:
+        if constants.driven > 0.0:
             fail_driven_effector(Z, A, width, e, time)
             continue
         times, how = failure_rows(e)

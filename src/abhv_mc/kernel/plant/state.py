@@ -7,7 +7,7 @@ lane loops vector code.
 from abhv_mc.kernel.numerics.random_numbers import N_STREAM_ROWS
 from abhv_mc.kernel.plant.actuator_step import N_ACTUATOR_ROWS
 from abhv_mc.kernel.plant.parameter_names import ALL_SENSORS, ENGINES, PARAMETER_INDEX, PARAMETER_NAMES, SENSORS
-from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, FIXED_TABLE_ROWS, MAX_EFFECTORS, VARIABLES
+from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, FIXED_TABLE_ROWS, MAX_ACTUATORS, VARIABLES
 from abhv_mc.kernel.world.turbulence import N_FILTER_STATES
 
 # The state, in this order: geodetic altitude, longitude, latitude, body velocity u v w (Earth-relative),
@@ -71,10 +71,12 @@ PER_MASS_FACTOR = FILTERS + N_FILTER_STATES  # 1 / the dispersion of the mass, b
 ACTUATORS = PER_MASS_FACTOR + 1  # surfaces, then engine: what they need for a step, by flight
 LIMITS = ACTUATORS + 2 * N_ACTUATOR_ROWS  # of the actuator at work: lowest, highest, fastest
 FAILURE = LIMITS + 3  # what has failed at the tick, and what failures remember
-FOREIGN = FAILURE + 20 + 4 * MAX_EFFECTORS + N_MEASURED  # what functions of the vehicle's own are given and give
+FOREIGN = FAILURE + 20 + 4 * MAX_ACTUATORS + N_MEASURED  # what functions of the vehicle's own are given and give
 EFFECTOR_COMMAND = FOREIGN + 23  # what a law commands of the vehicle's effectors themselves, infinite where nothing
-EFFECTOR_AT_LIMIT = EFFECTOR_COMMAND + MAX_EFFECTORS  # 1 where one that is driven is asked for more than its limits
-ENGINE_WHOLE = EFFECTOR_AT_LIMIT + 1  # factor on the thrust of all engines, then of each; where the rest of it acts
+# Of effectors with actuators: position, what it is asked for, whether one of both is at its limit; whether any is.
+EFFECTOR_AT, EFFECTOR_ASKED, EFFECTOR_SATURATED = (EFFECTOR_COMMAND + i * MAX_ACTUATORS for i in range(1, 4))
+ANY_SATURATED = EFFECTOR_SATURATED + MAX_ACTUATORS
+ENGINE_WHOLE = ANY_SATURATED + 1  # factor on the thrust of all engines, then of each; where the rest of it acts
 LAW = ENGINE_WHOLE + 1 + len(ENGINES) + 3  # the rows of control and flight follow: the law's own memory first
 
 CMD_AILERON, CMD_RUDDER, CMD_ELEVATOR, CMD_ETA = range(CMD, AIR)
@@ -104,7 +106,7 @@ ACTUATED, RATE_FACTOR, EFFECT = FAILURE, FAILURE + 4, FAILURE + 7
 ENGINE_THRUST, ENGINE_DRAG, ENGINE_PITCH, ENGINE_FAILED = range(FAILURE + 10, FAILURE + 14)
 STUCK_SURFACE, UNSTARTED, UNSTART_TIME, FAILED_TIME = FAILURE + 14, FAILURE + 17, FAILURE + 18, FAILURE + 19
 EFFECTOR_GAIN, EFFECTOR_OFFSET, STUCK_EFFECTOR, SLOW_EFFECTOR, FROZEN = (
-    FAILURE + 20 + i * MAX_EFFECTORS for i in range(5)
+    FAILURE + 20 + i * MAX_ACTUATORS for i in range(5)
 )
 ENGINE_RUNS, ENGINE_ARM = ENGINE_WHOLE + 1, ENGINE_WHOLE + 1 + len(ENGINES)
 

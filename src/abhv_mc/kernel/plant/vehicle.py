@@ -13,6 +13,7 @@ import numpy as np
 from abhv_mc.array_types import Floats, Ints
 
 MAX_EFFECTORS = 16  # surfaces of a vehicle's own
+MAX_ACTUATORS = MAX_EFFECTORS + 3  # with the axes that the aerodynamics name themselves
 MAX_ENGINES = 4
 
 # What a table axis or a build-up term may depend on, SI and radians.
@@ -177,11 +178,21 @@ class Constants(NamedTuple):
     sensing: Sensing = Sensing()  # what angles and speed are measured against
     ideal_surfaces: float = 0.0  # 1: deflections are what is commanded
     ideal_engine: float = 0.0
+    driven: float = 0.0  # 1: the list of actuators is that of Effectors; 0: the three axes, which effectors follow
 
 
-# Columns of ``Vehicle.effectors``: rad, rad, rad/s, rad/s, -, and 1 or 0: moves without dynamics; has an actuator of
-# its own, or follows the three axis deflections.
-LOW, HIGH, RATE, BANDWIDTH, DAMPING, IDEAL, DRIVEN = range(7)
+# Columns of ``Effectors.actuator``: rad, rad, rad/s, rad/s, -, and 1 or 0: moves without dynamics.
+LOW, HIGH, RATE, BANDWIDTH, DAMPING, IDEAL = range(6)
+
+
+class Effectors(NamedTuple):
+    """The list of actuators where effectors have their own: the file's, then each axis that the aerodynamics name."""
+
+    variable: Ints  # [effector] index into VARIABLES of its deflection
+    mix: Floats  # [effector, 3] radians of effector per radian of (aileron, rudder, elevator)
+    actuator: Floats  # [effector, 6] the columns above; what the file does not say is the surfaces'
+    share: Floats  # [axis, effector, effector] an axis' part of deflections, from those of the same set
+    axes: Floats  # [axis, effector] pseudo-inverse of the mix: the axes' deflections of the effectors'
 
 
 class Vehicle(NamedTuple):
@@ -191,8 +202,7 @@ class Vehicle(NamedTuple):
     tables: Tables
     build_up: BuildUp
     effector_mix: Floats  # [effector, 3] radians of effector per radian of (aileron, rudder, elevator)
-    effectors: Floats  # [effector, 7] the columns above; of one that is not driven, the surfaces' numbers
+    effectors: Effectors
     effector_names: Ints  # [effector, letter] code points, zeros behind
-    effector_share: Floats  # [axis, effector, effector] an axis' part of deflections, from those of the same set
     engines: Floats  # [engine, 4] share of the thrust; x, y, z of it from where all of it acts, m; none: one engine
     foreign: Foreign = no_functions()

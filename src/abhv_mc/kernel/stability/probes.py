@@ -21,6 +21,7 @@ from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.actuators import pass_commands
 from abhv_mc.kernel.plant.air_profile import nominal_density
 from abhv_mc.kernel.plant.disturbance import calm, density_profile
+from abhv_mc.kernel.plant.effectors import N_EFFECTOR_ROWS, STAGE
 from abhv_mc.kernel.plant.equations import Stage
 from abhv_mc.kernel.plant.failures import Failures, fail_plant, fail_sensors
 from abhv_mc.kernel.plant.parameter_names import NEVER
@@ -60,27 +61,28 @@ def _begin(plan, memory, width, active, tick, sensed, acting, start, n):
 
 
 @lanes
-def _begin_all(plan, memory, before, numbers, find, tick, sensed, acting):
+def _begin_all(plan, memory, before, moving, numbers, find, tick, sensed, acting):
     Z, width = memory.Z, memory.Z.shape[1]
     for start in range(0, before.shape[0], width):
         n = min(width, before.shape[0] - start)
         _load(Z, 0, width, before, numbers, start, n)
+        _load(memory.A, 0, width, moving, numbers, start, n)
         _begin(plan, memory, width, find(Z, width, plan), tick, sensed, acting, start, n)
 
 
 def make_probe_begin(lean: bool) -> Callable[..., Any]:
     """The tick's beginning; see :func:`abhv_mc.kernel.flight.fly_lanes.make_fly_lanes` of ``lean``."""
 
-    def probe_begin(plan, memory, before, numbers, tick, sensed, acting):
-        """The tick's beginning, from the lane memory ``before`` [point, row] it.
+    def probe_begin(plan, memory, before, moving, numbers, tick, sensed, acting):
+        """The tick's beginning, from the lane memory ``before`` [point, row] it, and its effectors' ``moving``.
 
         ``sensed`` [point, row] is the memory with the tick's measurement, ``acting`` with what has failed in the plant.
         """
         if has_width(memory, LANES):
             if lean:
-                _begin_all(plan, memory, before, numbers, nothing_active, tick, sensed, acting)
+                _begin_all(plan, memory, before, moving, numbers, nothing_active, tick, sensed, acting)
             else:
-                _begin_all(plan, memory, before, numbers, find_active, tick, sensed, acting)
+                _begin_all(plan, memory, before, moving, numbers, find_active, tick, sensed, acting)
 
     return _named(probe_begin, lean)
 
@@ -100,7 +102,7 @@ def _answer(plan, memory, width, active, held, tick, answer, start, n):
         density_profile(Z, width)
         nominal_density(Z, width, plan.profile)
         if held:
-            for e in range(plan.vehicle.effectors.shape[0]):
+            for e in range(plan.vehicle.effector_mix.shape[0]):
                 for lane in range(width):
                     Z[s.SLOW_EFFECTOR + e, lane] = NEVER
             pass_commands(Z, width)
@@ -128,30 +130,36 @@ def _answer(plan, memory, width, active, held, tick, answer, start, n):
 
 
 @lanes
-def _answer_all(plan, memory, held, acting, flight, states, numbers, find, tick, answer):
+def _answer_all(plan, memory, held, acting, flight, states, positions, numbers, find, tick, answer):
     Z, width = memory.Z, memory.Z.shape[1]
     for start in range(0, states.shape[0], width):
         n = min(width, states.shape[0] - start)
         _load(Z, 0, width, acting, flight, start, n)
         _load(Z, X, width, states, numbers, start, n)
         _load(Z, XS, width, states, numbers, start, n)
+        for lane in range(width):
+            for e in range(positions.shape[1]):
+                memory.A[e * N_EFFECTOR_ROWS + STAGE, lane] = positions[numbers[start + min(lane, n - 1)], e]
         _answer(plan, memory, width, find(Z, width, plan), held, tick, answer, start, n)
 
 
 def make_probe_plant(lean: bool) -> Callable[..., Any]:
     """The plant at states; see :func:`abhv_mc.kernel.flight.fly_lanes.make_fly_lanes` of ``lean``."""
 
-    def probe_plant(plan, memory, held, acting, flight, states, numbers, tick, answer):
+    def probe_plant(plan, memory, held, acting, flight, states, positions, numbers, tick, answer):
         """Fill ``answer`` for ``states`` [point, state] of flights with the lane memory ``acting`` [flight, row].
 
-        ``flight`` [point] says whose; ``numbers`` [point] counts the points. Slow effectors stay where they are or,
-        with ``held``, are where the state's mix puts them at the beginning of a tick.
+        ``positions`` [point, effector] are those of effectors with actuators. ``flight`` [point] says whose;
+        ``numbers`` [point] counts the points. Slow effectors stay where they are or, with ``held``, are where the
+        state's mix puts them at the beginning of a tick.
         """
         if has_width(memory, LANES):
             if lean:
-                _answer_all(plan, memory, held, acting, flight, states, numbers, nothing_active, tick, answer)
+                _answer_all(
+                    plan, memory, held, acting, flight, states, positions, numbers, nothing_active, tick, answer
+                )
             else:
-                _answer_all(plan, memory, held, acting, flight, states, numbers, find_active, tick, answer)
+                _answer_all(plan, memory, held, acting, flight, states, positions, numbers, find_active, tick, answer)
 
     return _named(probe_plant, lean)
 
@@ -176,6 +184,8 @@ def _law_all(plan, memory, active, tick, rows, numbers, before, after, seen):
                 seen[start + lane, s.N_VARIABLES + i] = Z[s.COMMANDS + i, lane]
             for i in range(4):
                 seen[start + lane, s.N_VARIABLES + 3 + i] = Z[s.CMD + i, lane]
+            for e in range(seen.shape[1] - s.N_VARIABLES - 7):
+                seen[start + lane, s.N_VARIABLES + 7 + e] = Z[s.EFFECTOR_COMMAND + e, lane]
 
 
 def make_probe_law(lean: bool) -> Callable[..., Any]:

@@ -1,6 +1,6 @@
 """Bode and Nichols figures of single loops, each broken at its actuator with the others closed."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.stability.lifted import fundamental_gains
-from abhv_mc.stability.linearize import INPUTS, Linear
+from abhv_mc.stability.linearize import Linear
 from abhv_mc.stability.margins import close
 from abhv_mc.stability.responses import loop_gains, make_loops
 from abhv_mc.topics.figure_style import CYCLE, INK, new_figure, styled, write_png
@@ -24,20 +24,25 @@ def write_loop_figures(folder: Path, stem: str, linear: Linear) -> Iterator[Path
         gains = fundamental_gains(linear, omega)
     else:
         gains = close(loop_gains(make_loops(linear), np.zeros(_POINTS, np.int64), omega))[1].L
-    for name, figure in (("bode", plot_bode(omega, gains)), ("nichols", plot_nichols(gains))):
+    for name, figure in (
+        ("bode", plot_bode(omega, gains, linear.inputs)),
+        ("nichols", plot_nichols(gains, linear.inputs)),
+    ):
         path = folder / f"{name}_{stem}.png"
         write_png(figure, path)
         yield path
 
 
 @styled
-def plot_bode(omega: Floats, gains: NDArray[np.complex128]) -> Figure:
+def plot_bode(omega: Floats, gains: NDArray[np.complex128], inputs: Sequence[str]) -> Figure:
     """Gain and phase of loops [frequency, loop] over frequency (rad/s)."""
     figure = new_figure(4.6)
     upper, lower = figure.subplots(2, 1, sharex=True)
-    for i, name in enumerate(INPUTS):
-        upper.semilogx(omega, 20.0 * np.log10(np.abs(gains[:, i])), color=CYCLE[i], label=name.replace("_", " "))
-        lower.semilogx(omega, _phase(gains[:, i]), color=CYCLE[i])
+    for i, name in enumerate(inputs):
+        upper.semilogx(
+            omega, 20.0 * np.log10(np.abs(gains[:, i])), color=CYCLE[i % len(CYCLE)], label=name.replace("_", " ")
+        )
+        lower.semilogx(omega, _phase(gains[:, i]), color=CYCLE[i % len(CYCLE)])
     upper.axhline(0.0, color=INK, linewidth=0.6)
     lower.axhline(-180.0, color=INK, linewidth=0.6)
     upper.set_ylabel("loop gain, dB")
@@ -48,14 +53,14 @@ def plot_bode(omega: Floats, gains: NDArray[np.complex128]) -> Figure:
 
 
 @styled
-def plot_nichols(gains: NDArray[np.complex128]) -> Figure:
+def plot_nichols(gains: NDArray[np.complex128], inputs: Sequence[str]) -> Figure:
     """Gain over phase of loops [frequency, loop]; the crosses are the points where a loop would be neutral."""
     figure = new_figure(4.2)
     axes = figure.subplots()
     turns: set[int] = set()
-    for i, name in enumerate(INPUTS):
+    for i, name in enumerate(inputs):
         phase, gain = _phase(gains[:, i]), 20.0 * np.log10(np.abs(gains[:, i]))
-        axes.plot(phase, gain, color=CYCLE[i], label=name.replace("_", " "))
+        axes.plot(phase, gain, color=CYCLE[i % len(CYCLE)], label=name.replace("_", " "))
         near = np.abs(gain) < 40.0
         turns |= set(np.round((phase[near] + 180.0) / 360.0).astype(int).tolist())
     for turn in sorted(turns):

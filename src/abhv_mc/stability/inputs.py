@@ -1,0 +1,88 @@
+"""What moves the plant in a linear model: the three surfaces, or effectors that have actuators, and the engine."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.array_types import Floats
+from abhv_mc.control.law_file import USER_LAWS
+from abhv_mc.flight.arguments import Kept
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.kernel.flight.memory import O_ROWS, Z_ROWS
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.effectors import MOVES, N_EFFECTOR_ROWS, POSITION
+from abhv_mc.kernel.plant.parameter_names import EFFECTORS, NEVER
+from abhv_mc.kernel.plant.vehicle import HIGH, LOW, Vehicle
+from abhv_mc.stability import path_coordinates as path
+from abhv_mc.user_code.effector_commands import commands_effectors
+from abhv_mc.vehicle.model import list_actuators, name_effectors
+
+INPUTS = ("aileron", "rudder", "elevator", "equivalence_ratio")
+
+
+def name_inputs(vehicle: Vehicle) -> tuple[str, ...]:
+    """Their names, the engine last."""
+    return (*name_effectors(vehicle), INPUTS[3]) if vehicle.constants.driven else INPUTS
+
+
+def plant_states(vehicle: Vehicle) -> tuple[str, ...]:
+    """Names of the states of vehicle and actuators: path coordinates, position and rate of each input."""
+    return (*path.COORDINATES, *(f"{name}{part}" for name in name_inputs(vehicle) for part in ("", "_rate")))
+
+
+def mixes(plan: FlightPlan) -> bool:
+    """Whether the plan's law commands axes, which are mixed before the actuators."""
+    own = plan.law in USER_LAWS and plan.source is not None and commands_effectors(plan.source)
+    return bool(plan.vehicle.constants.driven) and not own
+
+
+def mix_matrix(vehicle: Vehicle) -> Floats:
+    """[input, 4] inputs of the three axes and the engine."""
+    made = np.pad(list_actuators(vehicle).mix, ((0, 1), (0, 1)))
+    made[-1, -1] = 1.0
+    return made
+
+
+def from_axes(vehicle: Vehicle, axes: Floats) -> Floats:
+    """Positions or commands [point, input] of the three axes and the engine [point, 4]."""
+    return axes @ mix_matrix(vehicle).T if vehicle.constants.driven else axes
+
+
+def as_axes(vehicle: Vehicle, inputs: Floats) -> Floats:
+    """What axes [point, 4] these positions or commands [point, input] make."""
+    return inputs @ np.linalg.pinv(mix_matrix(vehicle)).T if vehicle.constants.driven else inputs
+
+
+def range_of(vehicle: Vehicle) -> tuple[Floats, Floats]:
+    """Least and greatest nominal positions, each [input]."""
+    c, actuator = vehicle.constants, list_actuators(vehicle).actuator
+    return np.append(actuator[:, LOW], c.equivalence_ratio_min), np.append(actuator[:, HIGH], c.equivalence_ratio_max)
+
+
+def held_at(vehicle: Vehicle, lane: Floats) -> Floats:
+    """Deflections [point, input - 1] at which surfaces or effectors stick, NEVER where they do not."""
+    first = s.STUCK_EFFECTOR if vehicle.constants.driven else s.STUCK_SURFACE
+    return lane[:, first : first + len(list_actuators(vehicle).mix)]
+
+
+def sticks_here(vehicle: Vehicle, lane: Floats) -> NDArray[np.bool_]:
+    """Which of these stick where they were [point, input - 1]."""
+    stuck = held_at(vehicle, lane) != NEVER
+    names = EFFECTORS[: len(vehicle.effector_mix)] if vehicle.constants.driven else INPUTS[:3]
+    for i, name in enumerate(names):
+        stuck[:, i] &= lane[:, s.parameter_row(f"failure.{name}.stuck_at")] == NEVER
+    return np.asarray(stuck)
+
+
+def moving_of(plan: FlightPlan, kept: Kept) -> Floats:
+    """The memory of the effectors' actuators [flight, row]; without columns where there are none."""
+    return np.ascontiguousarray(kept.rows[:, Z_ROWS + O_ROWS :] if plan.vehicle.constants.driven else kept.rows[:, :0])
+
+
+def actuator_columns(vehicle: Vehicle) -> list[int]:
+    """Columns of kept flights' rows that hold position and rate of each input, in turns."""
+    first = s.X + s.AILERON, s.X + s.AILERON_RATE
+    pairs = [(first[0] + i, first[1] + i) for i in range(3)]
+    if vehicle.constants.driven:
+        places = (Z_ROWS + O_ROWS + e * N_EFFECTOR_ROWS for e in range(len(vehicle.effectors.mix)))
+        pairs = [(place + POSITION, place + MOVES) for place in places]
+    return [column for pair in (*pairs, (s.X + s.ETA, s.X + s.ETA_RATE)) for column in pair]

@@ -1,0 +1,104 @@
+"""Linear models and margins of effectors whose actuators differ, for laws of axes and laws of effectors."""
+
+import numpy as np
+import pytest
+from flight.test_effectors_apart import FUNCTIONS, LAW, VEHICLE
+from short_flights import cut, rows_of
+from stability.systems import assert_predicted
+
+from abhv_mc.control.mission import read_mission
+from abhv_mc.flight.prepare import prepare, read_law
+from abhv_mc.shipped import shipped_configs
+from abhv_mc.stability.analysis import analyse
+from abhv_mc.stability.linearize import closed_loop, linearize
+from abhv_mc.stability.points import flown_points
+from abhv_mc.stability.rows import cut_loops, margin_values
+from abhv_mc.stability.steady import make_steady_plan, trim_points
+from abhv_mc.user_code.vehicle_functions import load_vehicle
+
+MISSION = shipped_configs() / "mission" / "level.yaml"
+LEVEL = LAW.replace("bank - 0.2", "bank + 0.8 * (measured.heading - reference.heading)")
+AXES = LEVEL[: LEVEL.index("    return Command(")] + (
+    "    return Command(aileron, 0.5 * measured.yaw_rate + 0.3 * measured.sideslip, elevator, throttle=throttle)\n"
+)
+EFFECTORS = ("left", "right", "flap", "rudder")
+
+
+@pytest.fixture
+def write(tmp_path):
+    """The three files, with a law."""
+
+    def written(law):
+        for name, text in (("plank.yaml", VEHICLE), ("plank.py", FUNCTIONS), ("own.py", law)):
+            (tmp_path / name).write_text(text, encoding="utf-8")
+        (tmp_path / "own.yaml").write_text("law: python\nfile: own.py\nrate: 100 Hz\n", encoding="utf-8")
+        return tmp_path / "plank.yaml", MISSION, tmp_path / "own.yaml"
+
+    return written
+
+
+@pytest.mark.parametrize("law", [LEVEL, AXES], ids=["effectors", "axes"])
+def test_the_closed_loop_is_that_of_full_flights(write, law) -> None:
+    assert_predicted(cut(prepare(*write(law), "own"), 200), rows_of({"actuator.bandwidth": 0.9}), 100, 40, 10)
+
+
+def trimmed(files, **case):
+    law, code = read_law(files[2])
+    plan = make_steady_plan(load_vehicle(files[0]), read_mission(files[1]), law, "own", user_code=code)
+    found = trim_points(plan, rows_of({name.replace("__", "."): x for name, x in case.items()}))
+    assert found.faults == [""]
+    return linearize(plan, found.points), found.points
+
+
+def assert_neutral(linear, margins) -> None:
+    """With each loop's gain at its margin the closed loop has a pole on the unit circle."""
+    assert np.isfinite(margins.gain_high).any()
+    for i in np.flatnonzero(np.isfinite(margins.gain_high[0])):
+        B = linear.B.copy()
+        B[:, :, i] *= margins.gain_high[0, i]
+        poles = np.linalg.eigvals(closed_loop(linear._replace(B=B), 0))
+        w = margins.gain_high_frequency[0, i] * linear.period
+        assert np.abs(poles - np.exp(1j * w)).min() < 1e-6
+
+
+def test_a_law_of_axes_counts_their_loops_and_shows_those_of_effectors(write) -> None:
+    linear, points = trimmed(write(AXES))
+    stability = analyse(linear, 400, apart=True)
+    assert stability.stable[0] and linear.apart is not None
+    assert_neutral(linear, stability.margins)
+    assert_neutral(linear.apart, stability.apart.margins)
+    named = ("aileron", "rudder", "elevator", "equivalence_ratio", "left", "right", "flap", "rudder_effector", "all")
+    assert tuple(margin_values(stability)) == named
+    np.testing.assert_allclose(np.sort(stability.poles[0]), np.sort(stability.apart.poles[0]), atol=1e-6)
+    assert points.controls[0, 2] == pytest.approx(0.25 * points.controls[0, :2].sum(), abs=1e-9)  # the mix
+
+
+def test_a_law_of_effectors_counts_theirs_and_rests_where_it_puts_them(write) -> None:
+    linear, points = trimmed(write(LEVEL))
+    stability = analyse(linear, 400, apart=True)
+    assert stability.inputs == (*EFFECTORS, "equivalence_ratio") and stability.apart is None
+    assert stability.stable[0]
+    assert_neutral(linear, stability.margins)
+    flap = 0.02 - 0.4 * points.path[0, 8]  # where no mix would put it
+    assert points.controls[0, 2] == pytest.approx(flap, abs=1e-8)
+
+
+def test_less_effectiveness_at_an_effectors_margin_is_neutral(write) -> None:
+    """The margin below 1 of a loop is the effectiveness with which the vehicle is neutral."""
+    files = write(AXES)
+    whole, _ = trimmed(files)
+    half, _ = trimmed(files, control__effector_0_effectiveness=0.5)
+    expected = whole.apart.plant_B[0, :, 0] * 0.5
+    np.testing.assert_allclose(half.apart.plant_B[0, :, 0], expected, atol=2e-3 * np.abs(expected).max())
+
+
+def test_a_stuck_effector_has_no_loop(write) -> None:
+    files = write(AXES)
+    plan = cut(prepare(*files, "own"), 200)
+    rows = rows_of({"failure.effector_2.stuck_time": 0.5, "failure.effector_2.stuck_at": 0.03})
+    points = flown_points(plan, rows, 1.5).points
+    assert points.controls[0, 2] == pytest.approx(0.03, abs=1e-6)
+    stability = analyse(linearize(plan, points), apart=True)
+    assert cut_loops(stability) == {"flap": "stuck"}
+    _, points = trimmed(files, failure__effector_2__stuck_time=0.0, failure__effector_2__stuck_at=0.03)
+    assert points.controls[0, 2] == pytest.approx(0.03, abs=1e-12)
