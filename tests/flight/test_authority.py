@@ -22,7 +22,7 @@ NOTHING = {"constant": 0, "unit": "1/deg"}
             "ghame_x",
             {"capture_area_ratio": {"constant": 0}},
             "mission/level",
-            "no equivalence ratio within the engine's limits",
+            "no throttle within the engine's limits",
         ),
     ],
     ids=["no surfaces", "a rudder that does nothing", "no thrust"],

@@ -114,8 +114,8 @@ def test_the_turning_earth_carries_an_eastbound_flight(vehicle):
     ("point", "word"),
     [
         (FlightPoint(20e3, 1400.0, math.radians(88.0)), "angle of attack"),
-        (FlightPoint(20e3, 1400.0, 0.0, speed_rate=100.0), "equivalence ratio"),
-        (FlightPoint(20e3, 1400.0, 0.0, speed_rate=-100.0), "equivalence ratio"),
+        (FlightPoint(20e3, 1400.0, 0.0, speed_rate=100.0), "throttle"),
+        (FlightPoint(20e3, 1400.0, 0.0, speed_rate=-100.0), "throttle"),
     ],
 )
 def test_what_cannot_be_balanced_says_why(vehicle, point, word):

@@ -77,7 +77,7 @@ def test_an_interval_without_a_root_gives_its_nearest_end(vehicle, trim_tables):
     assert too_fast.status[0] == NO_EQUIVALENCE_RATIO
     assert too_fast.equivalence_ratio[0] == high
     (sentence,) = trim_faults(too_fast, np.array([2.5]))
-    assert "no equivalence ratio" in sentence
+    assert "no throttle" in sentence
     assert "at 1 of 1 points, first at 2.50 s" in sentence
     chosen = trim_along(vehicle, trim_tables, points(axial=-5.0), MASS, equivalence_ratio_range=(0.9, 1.1))
     assert chosen.status[0] == NO_EQUIVALENCE_RATIO
