@@ -123,6 +123,16 @@ def test_replay_names_what_differs(abhv_mc, flown, monkeypatch):
     assert code == 1 and "speed_error_max_mps" in out and "differ" in out
 
 
+def test_show_flights_names_the_dispersions(abhv_mc, flown):
+    named = json.loads(abhv_mc("show", "flights", flown, "--json", "-")[1])["dispersions"]
+    _, out, _ = abhv_mc("show", "flights", flown)
+    assert named and all(any(line.split()[:1] == [name] for line in out.splitlines()) for name in named)
+
+
+def test_replay_without_a_controller_flies_the_first_as_explain_does(abhv_mc, flown):
+    assert abhv_mc("replay", flown, "--flight", 17) == abhv_mc("replay", flown, "--flight", 17, "--controller", "one")
+
+
 @pytest.mark.parametrize("words", [("--flight", 60, "--controller", "one"), ("--flight", 1, "--controller", "tow")])
 def test_replay_of_what_is_not_there(abhv_mc, flown, words):
     assert abhv_mc("replay", flown, *words)[0] == 2

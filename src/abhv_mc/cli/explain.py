@@ -52,17 +52,16 @@ def _explain_one(
     trust_code: bool,
 ) -> None:  # fmt: skip
     from abhv_mc.analysis.explain import explain_flight
-    from abhv_mc.folder.inputs import read_folder_campaign
+    from abhv_mc.folder.inputs import first_controller
     from abhv_mc.folder.layout import CampaignFolder
     from abhv_mc.report.pages.explained import explanation_numbers, explanation_words, write_explained_figure
     from abhv_mc.simulators.engine import make_engine
     from abhv_mc.user_code.run_in_thread import run_in_thread
 
-    paths = CampaignFolder(folder)
-    name = controller or read_folder_campaign(paths).controllers[0]
+    name = controller or first_controller(folder)
     fly = make_engine().fly
     found = run_in_thread(lambda: explain_flight(folder, name, flight, fly, requirement, trust_code=trust_code))
-    path = out or paths.explained / f"{name}-{flight}.png"
+    path = out or CampaignFolder(folder).explained / f"{name}-{flight}.png"
     words, numbers = explanation_words(found), explanation_numbers(found)
     if found.block.history.size:
         write_explained_figure(found, path)

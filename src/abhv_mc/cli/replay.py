@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from abhv_mc.cli.errors import ExitCode
-from abhv_mc.cli.options import Folder, Json, TrustCode
+from abhv_mc.cli.options import Controller, Folder, Json, TrustCode
 from abhv_mc.cli.outputs import output, output_file
 from abhv_mc.cli.printing import say, show
 from abhv_mc.io.input_error import InputError
@@ -16,7 +16,7 @@ from abhv_mc.io.input_error import InputError
 def command(
     folder: Folder,
     flight: Annotated[int, typer.Option(min=0, help="Number of the flight.")],
-    controller: Annotated[str, typer.Option("--controller", "--controllers", metavar="NAME", help="Controller.")],
+    controller: Controller = None,
     out: Annotated[Path | None, output(output_file, "FILE.parquet", "Write its history at full rate.")] = None,
     json: Json = None,
     trust_code: TrustCode = False,
@@ -29,11 +29,13 @@ def command(
     from abhv_mc.cli.announce import announce_compiling
     from abhv_mc.flight.channels import CHANNEL_INDEX
     from abhv_mc.folder.histories import write_histories
+    from abhv_mc.folder.inputs import first_controller
     from abhv_mc.simulators.engine import make_engine
     from abhv_mc.user_code.run_in_thread import run_in_thread
 
     if out is not None and out.suffix != ".parquet":  # the only kind it writes, whatever the name promises
         raise InputError("--output", f"'{out.name}'", "a name that ends in .parquet")
+    controller = controller or first_controller(folder)
     announce_compiling()
     fly = make_engine().fly
     replay = run_in_thread(lambda: replay_flight(folder, controller, flight, fly, trust_code=trust_code))

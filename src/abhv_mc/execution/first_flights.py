@@ -4,6 +4,8 @@ They fly in the workers, side by side. Where a flight takes long they are the ca
 """
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
 
@@ -26,6 +28,10 @@ def fly_first(campaign: Experiment, engine: Engine, workers: int | None) -> list
 
     Raises InputError where no flight of a system can be computed.
     """
+    checks = {
+        name: each._replace(plan=replace(cast("Any", each.plan), check=True)) for name, each in campaign.systems.items()
+    }
+    campaign = replace(campaign, systems=checks)
     rows = campaign.make_samples().draw(0, min(2, campaign.runs))
     systems = list(campaign.systems)
     plans = [system.plan for system in campaign.systems.values()]

@@ -179,3 +179,8 @@ def read_folder_inputs(folder: CampaignFolder, manifest: Manifest) -> FolderInpu
 def read_folder_campaign(folder: CampaignFolder) -> Experiment:
     """The campaign of a results folder. Raises InputError where there is none."""
     return check_campaign(read_document(folder.campaign))
+
+
+def first_controller(folder: Path) -> str:
+    """The first controller, or system, of a results folder: what a command means that names none."""
+    return read_folder_campaign(CampaignFolder(folder)).controllers[0]

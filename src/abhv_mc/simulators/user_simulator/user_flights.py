@@ -146,6 +146,7 @@ def _read(answer: bytes, names: list[str], expected: set[str], codes: dict[str, 
 
 
 def _tell(plan: UserPlan, reason: str) -> None:
-    if (words := f"{plan.controller}: a flight could not be computed: {reason}") not in _told:
+    which = "a first flight, flown for a check and none of the campaign's," if plan.check else "a flight"
+    if (words := f"{plan.controller}: {which} could not be computed: {reason}") not in _told:
         _told.add(words)
         print(words, file=sys.stderr, flush=True)
