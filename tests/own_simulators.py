@@ -1,6 +1,7 @@
 """Simulators of a stranger's, and campaigns that fly them."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -54,3 +55,8 @@ def dive_campaign(folder: Path, source: str = DIVE, **changes: Any) -> Path:
     path = folder / "dive.yaml"
     path.write_text(json.dumps({key: value for key, value in content.items() if value is not None}))
     return path
+
+
+def shown_text(page: Path) -> str:
+    """What a page says without its scripts."""
+    return re.sub(r"(?s)<(script|style|noscript).*?</\1>|<[^>]*>", " ", page.read_text("utf-8"))

@@ -2,14 +2,16 @@
 
 import csv
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 import pyarrow.csv as pc
 import pyarrow.parquet as pq
 import pytest
-from own_simulators import DIVE, dive_campaign
+from own_simulators import DIVE, dive_campaign, shown_text
 
+from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.execution.adopt import adopt_table
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
@@ -18,6 +20,7 @@ from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.verify import verify_campaign
+from abhv_mc.simulators.engine import make_engine
 
 
 @pytest.fixture
@@ -137,3 +140,20 @@ def test_what_an_adopted_campaign_may_do_next_is_no_command(flown: Path, tmp_pat
     assert judgement["met"] == "not shown"
     assert judgement["next"] is not None and judgement["next"]["command"] == ""
     assert "not asked" not in (tmp_path / "adopted" / "report.html").read_text()  # margins, which nobody could ask for
+
+
+def test_what_is_said_of_adopted_flights_names_nothing_that_cannot_be_done(flown: Path, tmp_path: Path) -> None:
+    out = tmp_path / "adopted"
+    hard = [{"metric": "load", "below": 100.0, "probability": "99.5 %"}]
+    table = rewritten(flown, lambda _, row: {**row, "outcome": "ok"})
+    adopt_table(table, asked(tmp_path, **plain_inputs(tmp_path), requirements=hard), out)
+    page = shown_text(build_report(out))
+    report, manifest = (json.loads((out / name).read_text()) for name in ("report.json", "manifest.json"))
+    judged = report["judgement"]
+    assert judged["met"] == "not shown" and "larger table" in judged["next"]["why"] and not judged["next"]["command"]
+    assert "--runs" not in json.dumps([report["verdicts"], manifest["requirements"]])
+    for command in ("run", "explain", "replay"):
+        assert f"abhv-mc {command}" not in page
+    assert not re.search("[Cc]ontroller|Control usage|Bands over time|fly it again|seed 0", page)
+    with pytest.raises(InputError, match="nothing can fly"):
+        replay_flight(out, "v1", 0, make_engine().fly)

@@ -1,10 +1,11 @@
 """Campaigns of a user's simulator: flown, gone on with, joined, and never run by a folder."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-from own_simulators import DIVE, dive_campaign
+from own_simulators import DIVE, dive_campaign, shown_text
 
 from abhv_mc.analysis.explain import explain_flight
 from abhv_mc.analysis.failure_map import map_failures
@@ -114,3 +115,21 @@ def test_a_simulator_that_flies_nothing_is_refused_before_anything_is_written(tm
     with pytest.raises(InputError, match="no flight of 'v1'"):
         run_campaign(Request(path, tmp_path / "out"))
     assert not (tmp_path / "out").exists()
+
+
+def test_what_fails_in_a_check_alone_is_said_to_be_none_of_the_campaign(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    nominal = DIVE.replace(
+        "    v, dive", "    if inputs['altitude'] == 2330.0: raise ValueError('planted')\n    v, dive", 1
+    )
+    manifest = run_campaign(Request(dive_campaign(tmp_path / "own", nominal, runs=20), tmp_path / "out")).manifest
+    assert "failed_to_run" not in manifest.controllers["v1"].outcomes
+    told = [line for line in capfd.readouterr().err.splitlines() if "planted" in line]
+    assert told and all("none of the campaign's" in line for line in told)
+
+
+def test_a_report_of_its_systems_calls_them_systems(tmp_path: Path) -> None:
+    run_campaign(Request(dive_campaign(tmp_path / "own"), tmp_path / "out"))
+    text = shown_text(build_report(tmp_path / "out"))
+    assert "System" in text and not re.search("[Cc]ontroller|Control usage", text.replace("--controller", ""))

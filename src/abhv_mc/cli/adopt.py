@@ -30,4 +30,4 @@ def command(
     from abhv_mc.shipped import find_input
 
     result = adopt_table(table, find_input(campaign, "campaign"), out, fresh)
-    finish(result, no_report, json, out or result.folder, junit)
+    finish(result, no_report, json, out or result.folder, junit, flies=False)

@@ -111,10 +111,11 @@ def finish(
     place: Path | None = None,
     junit: Path | None = None,
     baseline: Path | None = None,
+    flies: bool = True,
 ) -> None:
     """Make the report, say what came of it, and end with the exit code that it deserves.
 
-    ``place`` is what the user calls the folder: perhaps an address.
+    ``place`` is what the user calls the folder: perhaps an address; ``flies``: whether the command flies again.
     """
     from abhv_mc.cli.announce import announce_warnings
     from abhv_mc.folder.siblings import name_siblings
@@ -143,7 +144,8 @@ def finish(
         say(f"report    {named}/{page}", file=told)
     if lost := sum(ended.get("failed_to_run", 0) for ended in outcomes):
         count = "1 flight" if lost == 1 else f"{lost} flights"
-        say(f"{count} could not be computed: the same command tries again", file=sys.stderr)
+        again = ": the same command tries again" if flies else ""
+        say(f"{count} could not be computed{again}", file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE)
     siblings, merge = name_siblings(result.folder, result.manifest)
     if siblings:
@@ -189,7 +191,7 @@ def print_requirements(manifest: "Manifest") -> None:
     """A table of the requirements: what each asks of whom, what was counted, the verdict and what it rests on."""
     if not manifest.requirements:
         return
-    table = new_table(("controller", "requirement", "in", "verdict", ""), (), padding=(0, 1, 0, 0))
+    table = new_table(("", "requirement", "in", "verdict", ""), (), padding=(0, 1, 0, 0))
     for entries, mark in ((manifest.requirements, " (binding)"), (manifest.requirements_shown, "")):
         for entry in entries:
             verdict, _, words = entry.words.partition(": ")

@@ -161,7 +161,7 @@ def judge_requirements(manifest: Manifest, all_counts: Mapping[str, FlightCounts
             failures_measured=int(count.measured[point]),
             failures_not_computed=verdict.uncomputed,
             verdict=verdict.status,
-            words=verdict_words(verdict),
+            words=verdict_words(verdict, not campaign.adopted),
         )
         judged[count.binds].append(entry)
     return replace(manifest, requirements=tuple(judged[True]), requirements_shown=tuple(judged[False]))

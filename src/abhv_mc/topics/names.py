@@ -24,6 +24,8 @@ class Names:
     independent: bool = True  # whether its flights are independent draws, so that exact statistics hold
     judged: bool = True  # whether those at each value of its unknowns are, so that there are verdicts and winners
     parameters: Parameters = OURS  # what its flights are given
+    kind: str = "controller"  # what is judged, in a word
+    flies: bool = True  # whether a flight can be flown again: not where a table was adopted
 
     def label(self, controller: str) -> str:
         """How a controller is called in print."""
@@ -36,5 +38,5 @@ def names_of(results: FlownCampaign) -> Names:
     campaign, folder = results.campaign, shlex.quote(results.folder.as_posix())
     asked, requirements = results.asked, campaign.requirements
     design = "several-point" if campaign.unknowns.names else campaign.sampling
-    known = campaign.independent, campaign.judged, campaign.parameters
+    known = campaign.independent, campaign.judged, campaign.parameters, campaign.kind, not campaign.adopted
     return Names(labels, campaign.metrics, asked, requirements, folder, design, *known)

@@ -74,18 +74,20 @@ def _words(value: object) -> str:
 
 
 def _section(found: Provenance, names: Names) -> Section:
-    text = (
+    again = (
         f"To fly it again: `abhv-mc run {names.folder}/campaign.yaml -o ANOTHER_FOLDER`; the digest below must come "
-        f"out the same. To make this page again: `abhv-mc report {names.folder}`. To check every number on it against "
-        f"the data: `abhv-mc verify campaign {names.folder}`. `report.json` beside this page holds every number "
-        "unrounded."
+    )
+    text = (
+        f"{f'{again}out the same. ' if names.flies else ''}To make this page again: `abhv-mc report {names.folder}`. "
+        f"To check every number on it against the data: `abhv-mc verify campaign {names.folder}`. `report.json` beside "
+        "this page holds every number unrounded."
     )
     made, files = (
         tuple((Cell(key, head=True), Cell(value)) for key, value in rows.items())
         for rows in (found.manifest, found.files)
     )
     return Section(
-        "How to fly it again",
+        "How to fly it again" if names.flies else "Where the numbers come from",
         (
             Text(text),
             Fold("Provenance", (Table("Provenance", ("What", "Value"), (made,), numbers=False),)),

@@ -111,6 +111,11 @@ class Experiment:
         return self.user_model is not None and self.user_model.simulator is None
 
     @property
+    def kind(self) -> str:
+        """What is judged and compared, in a word."""
+        return "system" if self.user_model else "controller"
+
+    @property
     def seed(self) -> int:
         return self.model.seed
 

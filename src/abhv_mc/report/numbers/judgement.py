@@ -57,22 +57,19 @@ def judge_campaign(models: Models) -> Judgement:
     verdicts, names = models[VERDICTS], models.names
     met, better = _met(verdicts), _better(models)
     binding = list(dict.fromkeys(name for item in verdicts.requirements for name in item.asked.controllers))
-    who = joined(list(map(names.label, binding))) if len(binding) <= 2 else f"{len(binding)} controllers"
+    who = joined(list(map(names.label, binding))) if len(binding) <= 2 else f"{len(binding)} {names.kind}s"
     told = {
         "yes": f"Requirements met by {who}.", "no": f"Requirements not met by {who}.",
         "not shown": f"Not shown that {who} meet{'s' if len(binding) == 1 else ''} the requirements.",
         "nothing required": "Nothing is required.",
     }  # fmt: skip
     winner = {
-        MIXED: " Mixed: none is better throughout.", NO_DIFFERENCE: " No controller is shown to be better.",
+        MIXED: " Mixed: none is better throughout.", NO_DIFFERENCE: f" No {names.kind} is shown to be better.",
         ALONE: "",
     }  # fmt: skip
     answer = told[met] + (winner[better] if better in winner else f" {names.label(better)} is better.")
     because = tuple(_reasons(models))[:_REASONS]
-    following = _next(models, met)
-    if following and models.results.campaign.adopted:  # nothing here flies more of them, or again
-        following = Next(following.why)
-    return Judgement(met, better, because, _sure(models), following, answer)
+    return Judgement(met, better, because, _sure(models), _next(models, met), answer)
 
 
 def _binding(verdicts: Verdicts) -> list[ControllerVerdict | None]:
@@ -211,8 +208,10 @@ def _next(models: Models, met: Met) -> Next | None:
     """What helps: why flights fail; more flights, where they promise a PASS; what is missing for all jointly."""
     if models.results.manifest.state != "complete" or not models.names.independent:
         return None
-    verdicts = models[VERDICTS]
+    verdicts, flies = models[VERDICTS], models.names.flies
     why_failed = Next("see what makes flights fail", "abhv-mc explain DIR --all")
+    if not flies:
+        why_failed = Next("see 'Why flights fail' in the report")
     if met == "no":
         return why_failed
     if met == "not shown":
@@ -225,13 +224,15 @@ def _next(models: Models, met: Met) -> Next | None:
         need = max(each.flights for each in found if each)
         if need > _MOST_TIMES * max(each.flights for each in open_ones):
             return Next(f"{fixed(need, 0)} flights would do, more than {_MOST_TIMES} times those flown")
-        return Next(f"{fixed(need, 0)} flights would do", _more(need))
+        return _more(need, f"{fixed(need, 0)} flights would do", flies)
     jointly = flights_jointly(verdicts)
-    return Next(f"all stand with {fixed(jointly, 0)} flights if no more fail", _more(jointly)) if jointly else None
+    return _more(jointly, f"all stand with {fixed(jointly, 0)} flights if no more fail", flies) if jointly else None
 
 
-def _more(flights: int) -> str:
-    return f"abhv-mc run DIR/campaign.yaml -o DIR --runs {flights}"
+def _more(flights: int, why: str, flies: bool) -> Next:
+    if not flies:
+        return Next(f"adopt a larger table: {why}")
+    return Next(why, f"abhv-mc run DIR/campaign.yaml -o DIR --runs {flights}")
 
 
 def judgement_lead(found: Judgement, folder: str) -> Lead:

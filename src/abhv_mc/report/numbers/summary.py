@@ -100,7 +100,7 @@ def confidence_sentence(models: Models, warnings: Sequence[str] = ()) -> str:
     """What the intervals and verdicts rest on; ``warnings``: what else is missing."""
     campaign, names, requirements = models.results.campaign, models.names, models[VERDICTS].requirements
     flights = joined([fixed(count, 0) for count in sorted({each.flown for each in models[FLIGHTS].counts.values()})])
-    text = f"Based on {flights} flights of each controller, the same dispersions for all"
+    text = f"Based on {flights} flights of each {names.kind}, the same dispersions for all"
     text += "; intervals are 95 %." if names.independent else "."
     if campaign.unknowns.names:
         text += (

@@ -226,9 +226,10 @@ def _tables(pair: CampaignPair, found: Compared, labels: Labels, folders: tuple[
         rows.append([words[metric]["label_with_unit"], *levels, *counts, won if entry.compared else ""])
     apart = "median difference (95 %)", "of 95 % quantiles (95 %)"
     heads = ("metric", *apart, f"{a} better", f"{b} better", "pairing gain", "better")
+    used = " and in control usage" if any(pair.usage.values()) else ""
     caption = (
         f"{a} minus {b}, over {fixed(pair.pairs, 0)} flights; a dash: more flights were lost than lie beyond the "
-        "quantile. A winner is named in what is asked and in control usage, allowing for all of these. Pairing gain: "
+        f"quantile. A winner is named in what is asked{used}, allowing for all of these. Pairing gain: "
         "an unpaired comparison of the means would need this many times the flights."
     )
     yield make_table(f"{title}: differences", caption, heads, rows)

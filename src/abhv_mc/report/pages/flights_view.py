@@ -82,6 +82,8 @@ def describe_flights(
     return {
         "name": results.campaign.name.replace("_", " "),
         "folder": shlex.quote(results.folder.as_posix()),
+        "kind": results.campaign.kind.capitalize(),
+        "flies": not results.campaign.adopted,
         "controllers": [
             {"name": name, "label": labels[name], "color": colors[name], "mark": SHAPES[mark_of(k)]}
             for k, name in enumerate(names)

@@ -125,6 +125,7 @@ def make_page(
     places, packed = pack_arrays({**arrays, **view.arrays})
     verdicts, state = models[VERDICTS], results.manifest.state
     seeds = f"seeds {', '.join(map(str, campaign.pooled_seeds))}" if campaign.pooled_seeds else f"seed {campaign.seed}"
+    drawn = "adopted from a table" if campaign.adopted else seeds
     flown = fixed(next(iter(models[FLIGHTS].counts.values())).flown, 0)
     title = campaign.name.replace("_", " ")
     return (
@@ -132,7 +133,7 @@ def make_page(
         .get_template("page.html.j2")
         .render(
             title=title,
-            kicker=f"{title} \N{MIDDLE DOT} {flown} flights each, {seeds}",
+            kicker=f"{title} \N{MIDDLE DOT} {flown} flights each, {drawn}",
             question=campaign.question or f"What does the campaign {campaign.name} show?",
             state=state,
             sections=page_sections(models, warnings),
@@ -150,6 +151,7 @@ def make_page(
             baseline_line=baseline_line(baseline, names),
             limit_place=LIMIT_PLACE,
             shapes=SHAPES,
+            campaign=campaign,
             more_rows=more_words(verdicts.glance),
         )
     )

@@ -37,6 +37,7 @@ class UserPlan:
     metrics: tuple[Metric, ...]
     outcomes: tuple[tuple[str, int], ...]  # codes that a flight may return, with their numbers
     time_limit: float  # s of one flight, by the clock
+    check: bool = False  # whether its flights are flown for a check, none of the campaign's
 
     @property
     def process(self) -> tuple[object, ...]:
@@ -80,10 +81,7 @@ class UserPlan:
 
 def make_user_plans(campaign: Experiment, model: SimulatorCampaign, names: Iterable[str]) -> dict[str, UserPlan]:
     """The plans of some of a campaign's systems."""
-    simulator = model.simulator
-    if simulator is None:
-        found = "a campaign without a simulator: nothing can fly"
-        raise campaign.document.error((), found, "'simulator' here; abhv-mc adopt TABLE takes flights that were flown")
+    simulator = _simulator(campaign, model)
     base = campaign.document.path.parent / simulator.folder
     hashes = {name: hashlib.sha256(read_input(path)).hexdigest() for name, path in simulator.find_files(base).items()}
     outcomes = {
@@ -108,9 +106,17 @@ def make_user_plans(campaign: Experiment, model: SimulatorCampaign, names: Itera
     }
 
 
+def _simulator(campaign: Experiment, model: SimulatorCampaign) -> Simulator:
+    """What flies. Raises InputError where nothing does."""
+    if model.simulator is None:
+        found = "a campaign without a simulator: nothing can fly"
+        raise campaign.document.error((), found, "'simulator' here; abhv-mc adopt TABLE takes flights that were flown")
+    return model.simulator
+
+
 def simulator_source(campaign: Experiment, model: SimulatorCampaign) -> UserSource:
     """The simulator's files, by which it is trusted. Nothing is run."""
-    simulator = model.simulator or Simulator(command=("",))
+    simulator = _simulator(campaign, model)
     base = campaign.document.path.parent / simulator.folder
     files = tuple((name, read_input(path)) for name, path in simulator.find_files(base).items())
     text = json.dumps([simulator.python, simulator.command])

@@ -22,7 +22,7 @@ def comparison_section(found: Comparison, names: Names) -> Section | None:
     if not found.pairs:
         return None
     first = names.label(next(iter(names.controllers)))
-    heads = ("Metric", "Controller", "Median", f"{first} minus this", "Better")
+    heads = ("Metric", names.kind.capitalize(), "Median", f"{first} minus this", "Better")
     pairs = [
         Fold(f"{names.label(pair.a)} against {names.label(pair.b)}", tuple(_pair_items(pair, names)))
         for pair in found.pairs.values()
@@ -32,14 +32,15 @@ def comparison_section(found: Comparison, names: Names) -> Section | None:
     labels = names.controllers.values()
     usage_heads = ("Metric", *labels, *(f"{first} minus {label}" for label in list(labels)[1:]))
     lost = survival_sentences(found, names)
+    title = "Control usage, by how much"
     items: tuple[Item, ...] = (
         *([Bullets(tuple(lost))] if lost else []),
         Text(_BETTER),
         Table("Who wins, by how much", heads, asked),
-        Fold("Control usage, by how much", (Table("Control usage, by how much", usage_heads, (usage,)),)),
+        *([Fold(title, (Table(title, usage_heads, (usage,)),))] if usage else []),
         Picture("error_against_usage"),
     )
-    return Section("Which controller, and by how much", (*items, *pairs))
+    return Section(f"Which {names.kind}, and by how much", (*items, *pairs))
 
 
 def _metric_rows(found: Comparison, metric: str, names: Names) -> Iterator[Row]:

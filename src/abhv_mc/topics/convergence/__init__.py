@@ -97,7 +97,7 @@ def _figures(found: Convergence, names: Names) -> Iterator[Drawn]:
         text = FigureText(
             "convergence",
             "How the numbers settled",
-            "The 95 % quantile of each error (the median where more than 5 % of a controller's flights ended early) "
+            "The 95 % quantile of each error (the median where more than 5 % of its flights ended early) "
             "after so many flights, in flight order, with its exact 95 % interval where the flights bound it on both "
             "sides.",
         )

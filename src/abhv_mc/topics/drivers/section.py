@@ -59,7 +59,7 @@ def driver_section(drivers: Drivers, names: Names) -> Section:
     caption = (
         "Drivers of the errors, largest first, and the share of the variation of ranks that all parameters explain"
     )
-    heads = ("Controller", "Error", "Explained", "Driver", "SRRC", "PRCC")
+    heads = (names.kind.capitalize(), "Error", "Explained", "Driver", "SRRC", "PRCC")
     table = Fold("Rank coefficients in full", (Text(method), Table("Drivers of the errors", heads, groups, caption)))
     return Section(title, (Picture("drivers"), table), part=True)
 

@@ -7,10 +7,12 @@ from abhv_mc.topics.section import Cell, Fold, Item, Picture, Row, Section, Tabl
 from abhv_mc.topics.words import fixed
 
 
-def envelope_section(found: Envelopes, names: Names) -> Section:
-    """What bands are, the interactive ones, and the sheet of all channels with their ranges."""
+def envelope_section(found: Envelopes, names: Names) -> Section | None:
+    """What bands are, the interactive ones, and the sheet of all channels; None of adopted flights."""
     items: list[Item] = []
     campaign = found.source.campaign
+    if campaign.adopted:
+        return None
     if not campaign.has_histories:
         text = "The simulator returns no histories: there are no bands over time and no curves of single flights."
         return Section("Bands over time", (Text(text),))

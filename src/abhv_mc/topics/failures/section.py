@@ -30,7 +30,7 @@ def failure_section(failures: Failures, names: Names) -> Section:
 
 def map_table(found: Mapping[str, ControllerFailures], names: Names) -> Table:
     """For each controller with failed flights a row a group, and what is in none."""
-    heads = ("Controller", "Failed", "Still fails with", "Values", "Flights", "One of them")
+    heads = (names.kind.capitalize(), "Failed", "Still fails with", "Values", "Flights", "One of them")
     groups = tuple(_map_group(name, part, names) for name, part in found.items() if part.failed)
     return Table("Map of failures", heads, groups, numbers=False)
 
@@ -85,14 +85,14 @@ def _rules_section(failures: Failures, names: Names) -> Section:
     if not items:
         return Section(TITLE, (Text("No flight failed."),))
     command = (
-        f"`abhv-mc explain {names.folder} --all` finds for the failed flights the smallest sets of dispersions that "
+        f"`abhv-mc explain {names.folder} --all` finds for the failed flights the smallest sets of dispersions with "
+        "which they still fail; this page then shows them."
     )
     rate = percent(failures.false_discovery_rate, 1)
     note = (
         f"Rules of one parameter or two at deciles of the samples, tested exactly, at a false-discovery rate of {rate}"
     )
-    notes = Text(f"{command}with which they still fail; this page then shows them."), Text(f"{note}.")
-    return Section(TITLE, (*items, *notes))
+    return Section(TITLE, (*items, *([Text(command)] if names.flies else []), Text(f"{note}.")))
 
 
 def _sentence(kind: FailureKind, fewest: int) -> str:

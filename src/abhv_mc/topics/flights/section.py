@@ -26,23 +26,28 @@ def _items(found: Flights, names: Names) -> Iterator[Item]:
         rows = [_dispersion(name, _law(entry), _settings(entry), names) for name, entry in found.dispersions.items()]
         rows += [_dispersion(name, "derived", text, names) for name, text in found.derived.items()]
         yield Table("Dispersions", ("Parameter", "Meaning", "Distribution", "Settings"), (tuple(rows),), numbers=False)
-    heads = ("Controller", "Flown", "Ended early", "Not computed", "Outcomes")
+    heads = (names.kind.capitalize(), "Flown", "Ended early", "Not computed", "Outcomes")
     counts = tuple(_counts(names.label(name), entry) for name, entry in found.counts.items())
     yield Table("How the flights ended", heads, (counts,), numbers=False)
     yield Widget("flights")
-    yield Text(
+    drawn = found.source is None or found.source.campaign.has_histories
+    words = (
         "Flights that ended early come first, the earliest before all others, then those furthest past (or nearest to) "
-        "a limit, in units of it as in the chart (without requirements, of the median). Their histories are kept: a "
-        "number draws it above; on paper the first five are listed. "
-        f"`abhv-mc explain {names.folder} --flight NUMBER` finds the smallest set of dispersions that still makes a "
-        "flight fail."
+        "a limit, in units of it as in the chart (without requirements, of the median). "
+        f"{'Their histories are kept: a number draws it above' if drawn else 'A number opens it above'}; on paper the "
+        "first five are listed."
     )
+    if names.flies:
+        words += f" `abhv-mc explain {names.folder} --flight NUMBER` finds the smallest set of dispersions that still "
+        words += "makes a flight fail."
+    yield Text(words)
     asked = (names.metrics[metric].label_with_unit for metric in names.asked[:_COLUMNS])
     worst_heads = ("Flight", "Outcome", "Worst in", "Beyond its limit (units of it)", *asked, "Largest dispersions")
     for name, flights in found.worst.items():
         title = f"Worst flights of {names.label(name)}"
-        again = Text(f"Again, bit for bit: `abhv-mc replay {names.folder} --controller {name} --flight NUMBER`")
-        yield Fold(title, (again, Table(title, worst_heads, (tuple(_worst(name, each, names) for each in flights),))))
+        again = f"Again, bit for bit: `abhv-mc replay {names.folder} --controller {name} --flight NUMBER`"
+        table = Table(title, worst_heads, (tuple(_worst(name, each, names) for each in flights),))
+        yield Fold(title, (Text(again), table) if names.flies else (table,))
     yield Picture("worst_flights")
 
 

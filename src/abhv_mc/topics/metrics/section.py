@@ -15,7 +15,7 @@ GROUPS = {
     "stability": "Stability margins",
     "user": "Metrics of this campaign",
 }
-_HEADS = ("Metric", "Controller", "Median", "95 %", "99.73 %", "Worst", "Flight")
+_HEADS = ("Median", "95 %", "99.73 %", "Worst", "Flight")
 
 
 def metric_section(found: Metrics, names: Names) -> Section:
@@ -39,7 +39,7 @@ def _folds(found: Metrics, names: Names) -> Iterator[Fold]:
             if own == group and (group == "asked" or not table.same_as):
                 listed.append(_rows(table, names))
         if listed:
-            yield Fold(title, (Table(title, _HEADS, tuple(listed)),))
+            yield Fold(title, (Table(title, ("Metric", names.kind.capitalize(), *_HEADS), tuple(listed)),))
 
 
 def _rows(table: MetricTable, names: Names) -> tuple[Row, ...]:

@@ -137,11 +137,12 @@ def _verdict(results: FlownCampaign, item: Requirement, name: str, verdict: Verd
     flights, points = results.flights[name], len(results.campaign.unknowns.points)
     given, early = results.campaign.judged, requirement_failures(flights, item) & flights.failed
     tolerance, room, beyond = find_tolerance(flights, item, points) if given else (None, None, False)
+    flies = not results.campaign.adopted
     return ControllerVerdict(
         **vars(verdict),
-        words=verdict_words(verdict),
+        words=verdict_words(verdict, flies),
         ended_early=int(early[flights.flight % points == point].sum()),
-        advice=advice_words(verdict) if verdict.status == "NOT SHOWN" else "",
+        advice=advice_words(verdict, flies) if verdict.status == "NOT SHOWN" else "",
         tolerance_limit=tolerance,
         room=room,
         beyond_lost=beyond,

@@ -12,9 +12,14 @@ from abhv_mc.topics.words import count_of, joined, percent, significant
 _DROPPED = 4  # verdicts that do not stand jointly, told by name
 _DASH = "\N{EM DASH}"
 _HEADS = (
-    "Requirement", "Controller", "Verdict", "Failed", "of these ended early", "of these not computed",
-    "Tolerance limit", "Room to the requirement", "What would show it",
-)  # fmt: skip
+    "Verdict",
+    "Failed",
+    "of these ended early",
+    "of these not computed",
+    "Tolerance limit",
+    "Room to the requirement",
+    "What would show it",
+)
 _RULE = (
     "PASS: if the true success probability were below the requirement, so few failures would occur with at most the "
     "consumer's risk, however often one looks or extends. FAIL: if it were met, so many would occur with at most the "
@@ -61,7 +66,8 @@ def verdict_section(verdicts: Verdicts, names: Names) -> Section:
     if not verdicts.requirements:
         return Section(title, (Text("The campaign requires nothing."),))
     groups = tuple(_group(entry, names) for entry in verdicts.requirements)
-    table = Table("Requirements in full", _HEADS, groups, numbers=False)
+    heads = "Requirement", names.kind.capitalize(), *_HEADS
+    table = Table("Requirements in full", heads, groups, numbers=False)
     if verdicts.held_together is None:
         return Section(title, (Text(_ESTIMATES), table))
     return Section(title, (Text(_RULE), table, _one_look(verdicts, names)))

@@ -145,6 +145,7 @@ const flightPanel = (source, style, { columnOf, nameOf, changed }) => {
       at(id).hidden = !each;
       if (each) at(id).textContent = `abhv-mc replay ${view.folder} --flight ${each.flight} --controller ${controllers[each.controller].name}`;
     });
+    at("flight-again").hidden = !view.flies;
     const notes = flights.map((each) => (each.note && second ? `${shortName(each)}: ${each.note}` : each.note));
     at("flight-note").textContent = notes.join(" ").trim();
     at("over-none").hidden = !second;

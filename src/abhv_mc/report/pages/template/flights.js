@@ -63,7 +63,7 @@ const flightsView = async (source, style) => {
   };
   const restop = oneStop(at("flight-rows"));
 
-  const heads = [["flight", "Flight"], ["controller", "Controller"], ["outcome", "Outcome"],
+  const heads = [["flight", "Flight"], ["controller", view.kind], ["outcome", "Outcome"],
     ...view.headed.map((name) => [name, labelOf(columnOf(name))])];
   for (const [name, words] of heads) {
     const head = Object.assign(document.createElement("th"), { scope: "col" });
@@ -218,6 +218,7 @@ const flightsView = async (source, style) => {
   }
   for (const entry of columns) for (const id of ["scatter-x", "scatter-y"]) at(id).append(new Option(labelOf(entry), entry.name));
   view.requirements.forEach((each, k) => at("flights-outcome").append(new Option(`missed: ${each.words}`, `missed ${k}`)));
+  at("flights-kind").textContent = `${view.kind}s`;
   for (const controller of controllers) {
     const input = Object.assign(document.createElement("input"), { type: "checkbox", name: `flights-${controller.name}`, value: controller.name });
     const label = Object.assign(document.createElement("label"), { className: "name" });
