@@ -15,7 +15,7 @@ from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.folder.plan_file import flatten
 from abhv_mc.io.input_error import InputError
-from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.kernel.plant.parameter_names import MORE_SENSORS, PARAMETER_INDEX, SCALED_SENSORS
 from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.shipped import shipped_campaigns
 from abhv_mc.simulators.stored_plans import read_plan
@@ -119,6 +119,9 @@ WITHOUT_EFFECT = {
     *(f"aero.yawing_moment.{cause}" for cause in ("pitch_rate", "elevator")),
     *(f"atmosphere.density_at_{km}km" for km in (10, 30, 35, 40)),
     *(f"control.effector_{i}_effectiveness" for i in range(16)),
+    # What TLC does not measure.
+    *(f"sensor.{name}_{error}" for name in MORE_SENSORS for error in ("bias", "noise", "lag", "interval")),
+    *(f"sensor.{name}_scale" for name in MORE_SENSORS if name in SCALED_SENSORS),
 }
 MOVED = {"m": 5.0, "m/s": 2.0, "1/s": 1e-4, "rad": 0.002, "rad/s": 0.002, "s": 0.03, "-": 0.1}
 LIMITS = {
