@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from abhv_mc.analysis.explain import Explanation
     from abhv_mc.folder.flown_campaign import FlownCampaign
-    from abhv_mc.report.numbers.judgement import Judgement
+    from abhv_mc.report.numbers.judged import Judgement
     from abhv_mc.topics.topic import Models
 
 _AXES = {
@@ -103,7 +103,7 @@ class Results:
     @property
     def summary(self) -> list[str]:
         """The campaign in sentences, as the report begins."""
-        from abhv_mc.report.numbers.judgement import judgement_lead
+        from abhv_mc.report.numbers.judged import judgement_lead
         from abhv_mc.report.numbers.summary import confidence_sentence, summary_sentences
 
         first = judgement_lead(self.judgement, self._models.names.folder)

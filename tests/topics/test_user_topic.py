@@ -13,22 +13,23 @@ import abhv_mc
 from abhv_mc.cli.app import app
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.pages.verify import skipped_topics, verify_campaign
-from abhv_mc.topics import Topic, register, registry
+from abhv_mc.topics import Topic, register
+from abhv_mc.topics.user_topics import REGISTERED
 
 EXAMPLE = Path(__file__).parents[2] / "docs/how-to/correlate.py"
 
 
 @pytest.fixture
-def topic(monkeypatch):
-    monkeypatch.setattr(registry, "_registered", {})
+def topic():
     spec = importlib.util.spec_from_file_location("correlate", EXAMPLE)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     register(module.CORRELATE)
-    return module.CORRELATE
+    yield module.CORRELATE
+    REGISTERED.clear()
 
 
-def test_it_stands_everywhere(topic, tmp_path, monkeypatch):
+def test_it_stands_everywhere(topic, tmp_path):
     folder = write_campaign(tmp_path / "c", runs=40)
     page = build_with(folder).read_text(encoding="utf-8")
     assert '<section id="correlate"' in page and '<a href="#correlate">Rank correlations</a>' in page
@@ -38,7 +39,7 @@ def test_it_stands_everywhere(topic, tmp_path, monkeypatch):
     shown = CliRunner().invoke(app, ["show", "correlate", str(folder)])
     assert shown.exit_code == 0 and "Speed error, max" in shown.stdout
     assert list(verify_campaign(folder)) == []
-    monkeypatch.setattr(registry, "_registered", {})
+    REGISTERED.clear()
     assert list(verify_campaign(folder)) == [] and skipped_topics(folder) == ["correlate"]
 
 

@@ -1,6 +1,5 @@
 """The topics of a report in its order: those of the program, of installed packages, and of a notebook."""
 
-from importlib.metadata import entry_points
 from typing import Any
 
 from abhv_mc.io.input_error import InputError, describe, one_of
@@ -15,32 +14,20 @@ from abhv_mc.topics.margins import MARGINS
 from abhv_mc.topics.metrics import METRICS
 from abhv_mc.topics.provenance import PROVENANCE
 from abhv_mc.topics.topic import Topic
+from abhv_mc.topics.user_topics import REGISTERED, user_topics
 from abhv_mc.topics.verdicts import VERDICTS
 
-GROUP = "abhv_mc.topics"  # of entry points: name = "package.module:TOPIC"
 BUILT_IN: tuple[Topic[Any], ...] = (
     VERDICTS, COMPARISON, METRICS, FLIGHTS, FAILURE_CASES, FAILURES, DRIVERS, ENVELOPES, MARGINS, CONVERGENCE,
     PROVENANCE,
 )  # fmt: skip
-_registered: dict[str, Topic[Any]] = {}
 
 
 def register(topic: Topic[Any]) -> None:
     """Add a user's topic to the reports of this process. Raises InputError for the name of a built-in one."""
     if topic.name in {each.name for each in BUILT_IN}:
         raise InputError("topic", f"'{topic.name}', which is built in", "another name")
-    _registered[topic.name] = topic
-
-
-def user_topics() -> tuple[Topic[Any], ...]:
-    """Those that installed packages and notebooks have added. Raises InputError for an entry point that is none."""
-    found: dict[str, Topic[Any]] = {}
-    for entry in entry_points(group=GROUP):
-        topic = entry.load()
-        if not isinstance(topic, Topic):
-            raise InputError(f"entry point {entry.name} of {GROUP}", describe(topic), "an abhv_mc.topics.Topic")
-        found[topic.name] = topic
-    return tuple({**found, **_registered}.values())
+    REGISTERED[topic.name] = topic
 
 
 def all_topics() -> tuple[Topic[Any], ...]:

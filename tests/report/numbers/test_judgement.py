@@ -9,13 +9,8 @@ from report.synthetic import write_campaign
 
 from abhv_mc.cli.app import app
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.report.numbers.judgement import (
-    ALONE,
-    NO_DIFFERENCE,
-    flights_jointly,
-    judge_campaign,
-    read_judgement,
-)
+from abhv_mc.report.numbers.judged import read_judgement
+from abhv_mc.report.numbers.judgement import ALONE, NO_DIFFERENCE, flights_jointly, judge_campaign
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.statistics.family import hold_family
 from abhv_mc.statistics.verdicts import judge

@@ -1,14 +1,10 @@
 """The judgement on a campaign: are its requirements met, which controller is better, why, how sure, and what next."""
 
-import json
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Literal, TypeAlias
 
 from abhv_mc.flight.metrics import GAIN_MARGIN
-from abhv_mc.folder.manifest import Manifest
+from abhv_mc.report.numbers.judged import Judgement, Met, Next
 from abhv_mc.statistics.evidence import flights_to_pass
 from abhv_mc.statistics.verdicts import advise
 from abhv_mc.topics.comparison import COMPARISON
@@ -18,38 +14,16 @@ from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.margins import MARGINS
 from abhv_mc.topics.margins.model import least_margins
 from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import Lead
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
 from abhv_mc.topics.verdicts.model import ControllerVerdict, Verdicts
 from abhv_mc.topics.words import count_of, fixed, joined, percent, significant
 
-Met: TypeAlias = Literal["yes", "no", "not shown", "nothing required"]
 MIXED, NO_DIFFERENCE, ALONE = "mixed", "no difference shown", "none to compare"
 _REASONS = 3
 _SAME_USAGE = 0.05  # of a ratio of surface usage: nearer to 1 goes without saying
 _MOST_TIMES = 10  # the flights flown: an extension beyond that is not advised
 _FAIR = 0.25  # chance of a PASS with which one is
-
-
-@dataclass(frozen=True)
-class Next:
-    """What to do next; no command where nothing that can be run would help. DIR in it is the results folder."""
-
-    why: str
-    command: str = ""
-
-
-@dataclass(frozen=True)
-class Judgement:
-    """Two answers and what they rest on."""
-
-    met: Met  # of the binding controllers
-    better: str  # a controller, MIXED, NO_DIFFERENCE or ALONE
-    because: tuple[str, ...]  # those first that would change a decision
-    sure: str
-    next: Next | None
-    answer: str  # both answers in words
 
 
 def judge_campaign(models: Models) -> Judgement:
@@ -233,25 +207,3 @@ def _more(flights: int, why: str, flies: bool) -> Next:
     if not flies:
         return Next(f"adopt a larger table: {why}")
     return Next(why, f"abhv-mc run DIR/campaign.yaml -o DIR --runs {flights}")
-
-
-def judgement_lead(found: Judgement, folder: str) -> Lead:
-    """The judgement in words; ``folder`` as a command names it."""
-    told = ""
-    if found.next:
-        command = f": `{found.next.command.replace('DIR', folder)}`" if found.next.command else ""
-        told = f"Next: {found.next.why}{command}."
-    return Lead(found.answer, found.because, found.sure, told)
-
-
-def read_judgement(folder: Path, manifest: Manifest) -> Judgement | None:
-    """The judgement that a folder's `report.json` holds; None where that is not of its flights, or is not there."""
-    try:
-        held = json.loads((folder / "report.json").read_text("utf-8"))
-        if (held["digest"], held["state"]) != (manifest.digest, manifest.state):
-            return None
-        found = held["judgement"]
-        following = Next(**found["next"]) if found["next"] else None
-        return Judgement(**{**found, "because": tuple(found["because"]), "next": following})
-    except (OSError, ValueError, KeyError, TypeError):
-        return None

@@ -11,8 +11,9 @@ from abhv_mc.report.numbers.judgement import judge_campaign
 from abhv_mc.topics.margins import MARGINS
 from abhv_mc.topics.margins.sentences import missing_margins
 from abhv_mc.topics.plain import plain
-from abhv_mc.topics.registry import BUILT_IN, user_topics
+from abhv_mc.topics.registry import BUILT_IN
 from abhv_mc.topics.topic import Models
+from abhv_mc.topics.user_topics import user_topics
 
 FORMAT = 2
 

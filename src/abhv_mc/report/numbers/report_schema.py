@@ -5,9 +5,10 @@ from dataclasses import fields, is_dataclass
 from types import NoneType, UnionType
 from typing import Any, Literal, TypeAlias, Union, get_args, get_origin, get_type_hints
 
-from abhv_mc.report.numbers.judgement import Judgement
+from abhv_mc.report.numbers.judged import Judgement
 from abhv_mc.topics.plain import DRAWN
-from abhv_mc.topics.registry import BUILT_IN, user_topics
+from abhv_mc.topics.registry import BUILT_IN
+from abhv_mc.topics.user_topics import user_topics
 
 _PLAIN = {str: "string", int: "integer", bool: "boolean", NoneType: "null"}
 _HASHES = {"type": "object", "additionalProperties": {"type": ["string", "null"]}}

@@ -8,12 +8,10 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
-from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.hashes import data_files
 from abhv_mc.folder.layout import CampaignFolder, hash_file
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.siblings import name_siblings
-from abhv_mc.report.numbers.compare import compare_baseline
 
 Stage = Callable[[str], AbstractContextManager[object]]
 
@@ -39,7 +37,7 @@ def hash_pages(folder: Path, names: Iterable[str]) -> dict[str, str | None]:
 def make_key(folder: Path, baseline: Path | None = None) -> str:
     """What a report follows from: the data and manifests of the folder and its baseline, and the program."""
     import abhv_mc
-    from abhv_mc.topics.registry import user_topics
+    from abhv_mc.topics.user_topics import user_topics
 
     source = Path(abhv_mc.__file__).parent
     parts = sorted(
@@ -93,7 +91,9 @@ def build_report(folder: Path, baseline: Path | None = None, svg: bool = False, 
     path of the page.
     Raises InputError where a file is missing or unreadable.
     """
+    from abhv_mc.folder.flown_campaign import read_flown
     from abhv_mc.folder.layout import write_text
+    from abhv_mc.report.numbers.compare import compare_baseline
     from abhv_mc.report.numbers.report_numbers import make_numbers
     from abhv_mc.report.pages.gallery import make_figures
     from abhv_mc.report.pages.matrix import make_matrix, make_metrics

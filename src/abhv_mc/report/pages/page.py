@@ -13,7 +13,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from abhv_mc.report.numbers.compare import Baseline
-from abhv_mc.report.numbers.judgement import judge_campaign, judgement_lead
+from abhv_mc.report.numbers.judged import judgement_lead
+from abhv_mc.report.numbers.judgement import judge_campaign
 from abhv_mc.report.numbers.summary import section_leads
 from abhv_mc.report.pages.first_screen import (
     LIMIT_PLACE,
