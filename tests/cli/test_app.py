@@ -86,6 +86,20 @@ def test_interrupt_leaves_with_incomplete(moment: str, number: str) -> None:
     assert answer.stderr.startswith("interrupted") and "Traceback" not in answer.stderr
 
 
+def test_a_command_that_asks_with_sql_ends_without_a_word():
+    """What is not searched for garbage at the end is a leak to duckdb."""
+    code = (
+        "import sys\n"
+        "from abhv_mc.cli import app\n"
+        "def ask():\n    import duckdb; duckdb.connect().sql('select 1').fetchall()\n"
+        "app.app.command('ask')(ask)\n"
+        "sys.argv = ['abhv-mc', 'ask']; app.main()\n"
+    )
+    program = [sys.executable, "-c", code]
+    answer = subprocess.run(program, capture_output=True, text=True, check=False, timeout=120.0)
+    assert (answer.returncode, answer.stderr) == (0, "")
+
+
 @pytest.mark.parametrize("ending", ["", "; raise SystemExit(1)"])
 def test_output_that_nobody_reads_any_more_is_no_failed_requirement(ending):
     """`status DIR | head -1` ended with exit code 1, which says that a requirement failed."""
