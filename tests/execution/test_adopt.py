@@ -19,6 +19,7 @@ from abhv_mc.folder.export import export_csv
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.pages.build import build_report
+from abhv_mc.report.pages.compare_page import compare_folders
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.simulators.engine import make_engine
 
@@ -157,3 +158,15 @@ def test_what_is_said_of_adopted_flights_names_nothing_that_cannot_be_done(flown
     assert not re.search("[Cc]ontroller|Control usage|Bands over time|fly it again|seed 0", page)
     with pytest.raises(InputError, match="nothing can fly"):
         replay_flight(out, "v1", 0, make_engine().fly)
+
+
+def test_two_adopted_folders_are_compared_and_stopped_at_a_gate(flown: Path, tmp_path: Path) -> None:
+    campaign, folders = asked(tmp_path, **plain_inputs(tmp_path)), (tmp_path / "a", tmp_path / "b")
+    lower = rewritten(flown, lambda _, row: {**row, "altitude_min": float(row["altitude_min"]) - 150.0})
+    for table, out in zip((flown, lower), folders, strict=True):
+        adopt_table(table, campaign, out)
+    found = compare_folders(*folders, ("v1", "v1"), {"altitude_min": 0.05}, tmp_path / "compared")
+    (pair,) = found.found.paired
+    assert not pair.not_worse["altitude_min"].shown and pair.any_failure.only_b
+    page = shown_text(tmp_path / "compared" / "report.html")
+    assert "abhv-mc compare" in page and "abhv-mc replay" not in page and "abhv-mc explain" not in page

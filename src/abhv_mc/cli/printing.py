@@ -83,9 +83,13 @@ def print_table(table: "Table", **options: Any) -> None:
 
 
 def print_section_table(table: "SectionTable") -> None:
-    """Print a table of a topic's section, without its commands: they are wider than a terminal."""
+    """Print a table of a topic's section, without its commands, which are wider than a terminal."""
     rows = table.plain_rows()
-    kept = [k for k in range(len(table.heads)) if not (rows and all(row[k].startswith("`abhv-mc ") for row in rows))]
+    kept = [
+        k
+        for k in range(len(table.heads))
+        if not (rows and all(row[k].startswith("`abhv-mc ") or not row[k] for row in rows))
+    ]
     drawn = new_table([table.heads[k] for k in kept], (), table.caption or table.title)
     notes = []  # rows of one cell over several columns
     for row, cells in zip(rows, (row for group in table.groups for row in group), strict=True):

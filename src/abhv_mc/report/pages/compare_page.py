@@ -72,7 +72,7 @@ def make_comparison(a: FlownCampaign, b: FlownCampaign, found: Compared) -> Sect
         labels = _labels(a, b, pair)
         answers += _sentences(pair, found, labels, a)
         if not _is_same(pair):
-            tables += _tables(pair, found, labels, (a.folder, b.folder))
+            tables += _tables(pair, found, labels, (a, b))
     answers.append(
         "Differences are of the same flights, the first minus the second, with 95 % intervals; a flight that ended "
         "early counts as worse than any that did not."
@@ -108,8 +108,10 @@ def _lead(a: FlownCampaign, b: FlownCampaign, found: Compared) -> Lead:
     alone = len(told) == 1
     words = "; ".join(answer if alone else f"{answer} ({joined(titles)})" for answer, titles in told.items())
     failed = any(pair.any_failure.only_b for pair in found.paired)
-    command = shlex.join(["abhv-mc", "explain", b.folder.as_posix(), "--all"])
-    following = f"Next: see what makes flights fail: `{command}`." if failed else ""
+    command = f": `{shlex.join(['abhv-mc', 'explain', b.folder.as_posix(), '--all'])}`"
+    if b.campaign.adopted:
+        command = " in the second's report"
+    following = f"Next: see what makes flights fail{command}." if failed else ""
     return Lead(f"{words[0].upper()}{words[1:]}.", tuple(because[:3]), next=following)
 
 
@@ -211,7 +213,7 @@ def _with_bounds(interval: Interval) -> str:
     return f"{estimate(interval)} ({ends})" if ends else estimate(interval)
 
 
-def _tables(pair: CampaignPair, found: Compared, labels: Labels, folders: tuple[Path, Path]) -> Iterator[Table]:
+def _tables(pair: CampaignPair, found: Compared, labels: Labels, of: Sequence[FlownCampaign]) -> Iterator[Table]:
     title, a, b = labels
     words = found.words
     rows = []
@@ -234,8 +236,10 @@ def _tables(pair: CampaignPair, found: Compared, labels: Labels, folders: tuple[
     )
     yield make_table(f"{title}: differences", caption, heads, rows)
     yield _failure_table(pair, found.requirements, labels)
-    if lost := _lost_rows(pair, found.requirements, labels, folders):
-        caption = "Of each requirement and side the first ten; each is flown again, bit for bit, by the command."
+    if lost := _lost_rows(pair, found.requirements, labels, of):
+        caption = "Of each requirement and side the first ten"
+        if not all(each.campaign.adopted for each in of):
+            caption += "; each is flown again, bit for bit, by the command"
         columns = ("flight", "fails under", "and not under", "what", "flown again by")
         yield make_table(f"{title}: flights that only one fails", caption, columns, lost)
     usage = [
@@ -271,7 +275,7 @@ def _failure_table(pair: CampaignPair, requirements: Sequence[str], labels: Labe
 
 
 def _lost_rows(
-    pair: CampaignPair, requirements: Sequence[str], labels: Labels, folders: tuple[Path, Path]
+    pair: CampaignPair, requirements: Sequence[str], labels: Labels, of: Sequence[FlownCampaign]
 ) -> list[list[str]]:
     """A row for each listed flight that only one fails."""
     missed: dict[tuple[int, int], list[str]] = {}  # side and flight: what it fails there and not on the other side
@@ -282,8 +286,9 @@ def _lost_rows(
     return [
         [
             str(flight), labels[1 + side], labels[2 - side], "; ".join(words),
-            "`" + shlex.join(["abhv-mc", "replay", str(folders[side]), "--flight", str(flight), "--controller",
-                              pair.controllers[side]]) + "`",
+            "" if of[side].campaign.adopted else "`" + shlex.join(
+                ["abhv-mc", "replay", str(of[side].folder), "--flight", str(flight), "--controller",
+                 pair.controllers[side]]) + "`",
         ]
         for (side, flight), words in sorted(missed.items())
     ]  # fmt: skip
