@@ -30,13 +30,13 @@ class Loops(NamedTuple):
 def make_loops(linear: Linear) -> Loops:
     """The loops of linear models."""
     closes = (linear.cut == 0)[:, :, None]  # what commands a stuck surface belongs to no loop
-    plant = _hessenberg(linear.A, linear.B, linear.sense)
-    law = _hessenberg(linear.law_A, linear.law_B, np.where(closes, linear.law_C, 0.0))
+    plant = to_hessenberg(linear.A, linear.B, linear.sense)
+    law = to_hessenberg(linear.law_A, linear.law_B, np.where(closes, linear.law_C, 0.0))
     law_D = np.where(closes, linear.law_D, 0.0)
     return Loops(*plant, *law, np.ascontiguousarray(law_D), linear.delay, linear.period)
 
 
-def _hessenberg(A: Floats, B: Floats, C: Floats) -> tuple[Floats, Floats, Floats]:
+def to_hessenberg(A: Floats, B: Floats, C: Floats) -> tuple[Floats, Floats, Floats]:
     """The same systems in coordinates in which A has but one diagonal below the main one."""
     from scipy.linalg import hessenberg
 
