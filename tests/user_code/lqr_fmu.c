@@ -4,7 +4,8 @@
 #include "lqr.c"
 
 enum { MEASURED, REFERENCE = MEASURED + sizeof(abhv_measured) / 8, GAINS = REFERENCE + sizeof(abhv_reference) / 8 };
-enum { PARAMS = GAINS + 24, OUTPUTS = PARAMS + 3, SPEED = OUTPUTS + 7, RATE, COUNT }; /* SPEED: a state, m */
+enum { PARAMS = GAINS + 24, OUTPUTS = PARAMS + 3, SPEED = OUTPUTS + 7, RATE, MORE, COUNT = MORE + 4 };
+/* SPEED: a state, m. MORE: the vehicle's pitching moment, the last rudder, and the elevons' commands */
 
 typedef struct {
     double v[COUNT];
@@ -22,6 +23,8 @@ static int tick(lqr *own, double time, double dt) {
     own->v[SPEED] += dt * (m->speed - ((const abhv_reference *)(v + REFERENCE))->speed);
     own->v[OUTPUTS + 3] -= 0.001 * v[SPEED];
 #endif
+    own->v[MORE + 2] = v[OUTPUTS + 2] + 0.9 * v[OUTPUTS] + 1e-7 * v[MORE];
+    own->v[MORE + 3] = v[OUTPUTS + 2] - v[OUTPUTS] + 0.1 * v[MORE + 1];
     return failed;
 }
 

@@ -22,6 +22,7 @@ PARAMS = ("alpha_min", "alpha_max", "bank_limit")
 INPUTS = [f"measured.{name}" for name in Measured._fields] + [f"reference.{name}" for name in REFERENCE]
 INPUTS += [f"gains.{name}" for name in GAINS]
 OUTPUTS = [f"command.{name}" for name in COMMAND_FIELDS]
+SEEN, ELEVONS = ("onboard.moment.pitch", "onboard.last.rudder"), ("right", "left")
 LAYOUT = [("angle_of_attack", 2), ("bank_limit", 0)]
 
 
@@ -51,10 +52,12 @@ def make_fmu(file: Path, version: int, repository: Path, units: dict[str, str] |
 
 
 def describe(version: int, units: dict[str, str], memory: str) -> str:
-    kinds = [("input", INPUTS), ("parameter", PARAMS), ("output", OUTPUTS)]
-    lines, number = [], 0
-    for causality, names in kinds:
-        for name in names:
+    end = len(INPUTS) + len(PARAMS) + len(OUTPUTS)  # a state and its rate
+    kinds = [("input", 0, INPUTS), ("parameter", len(INPUTS), PARAMS), ("output", end - len(OUTPUTS), OUTPUTS)]
+    kinds += [("input", end + 2, SEEN), ("output", end + 4, ELEVONS)]
+    lines = []
+    for causality, first, names in kinds:
+        for number, name in enumerate(names, first):
             unit = f' unit="{units[name]}"' if name in units else ""
             start = "" if causality == "output" else ' start="0"'
             more = ' variability="fixed"' if causality == "parameter" else ""
@@ -63,17 +66,16 @@ def describe(version: int, units: dict[str, str], memory: str) -> str:
                 lines.append(f"<ScalarVariable {head}><Real{unit}{start}/></ScalarVariable>")
             else:
                 lines.append(f"<Float64 {head}{unit}{start}/>")
-            number += 1
     structure = ""
     if memory == "named":
-        of = len(lines) + 1 if version == 2 else number
+        of = len(lines) + 1 if version == 2 else end
         local = {"speed_integral": ('initial="exact"', 'start="0"'), "rate": ("", f'derivative="{of}"')}
         for i, (name, (more, start)) in enumerate(local.items()):
-            head = f'name="{name}" valueReference="{number + i}" causality="local" {more}'
+            head = f'name="{name}" valueReference="{end + i}" causality="local" {more}'
             two = f"<ScalarVariable {head}><Real {start}/></ScalarVariable>"
             lines.append(two if version == 2 else f"<Float64 {head} {start}/>")
         two = f'<Derivatives><Unknown index="{len(lines)}"/></Derivatives>'
-        structure = two if version == 2 else f'<ContinuousStateDerivative valueReference="{number + 1}"/>'
+        structure = two if version == 2 else f'<ContinuousStateDerivative valueReference="{end + 1}"/>'
     token = 'guid="{lqr}"' if version == 2 else 'instantiationToken="{lqr}"'
     degree = (
         '<UnitDefinitions><Unit name="deg"><BaseUnit rad="1" factor="0.017453292519943295"/></Unit></UnitDefinitions>'

@@ -1,16 +1,17 @@
 """A law as an FMU of FMI 2.0 and 3.0 flies as the program's own law, resets between flights and leaks nothing."""
 
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
-from short_flights import assert_same, disperse, short_plan
+from short_flights import assert_same, change_vehicle, disperse, short_plan
 
 pytest.importorskip("fmpy")
 if shutil.which("cc") is None:
     pytest.skip("no C compiler", allow_module_level=True)
 
-from user_code.make_fmu import make_fmu, measure_leak, write_controller
+from user_code.make_fmu import ELEVONS, SEEN, make_fmu, measure_leak, write_controller
 
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
@@ -20,6 +21,7 @@ from abhv_mc.stability.linearize import linearize
 from abhv_mc.stability.points import flown_points
 from abhv_mc.stability.probe import law_memory_rows
 from abhv_mc.user_code.child import in_child
+from abhv_mc.user_code.law_interface import COMMAND_FIELDS
 
 
 @pytest.fixture
@@ -102,6 +104,50 @@ def test_slopes_are_those_of_the_built_in_lqr_and_of_the_states_that_it_names(ma
 def test_slopes_of_an_fmu_that_hides_what_it_remembers_are_refused_by_name(make):
     with pytest.raises(InputError, match=r"lqr\.fmu.*Derivatives"):
         flown_points(make(2, 3.0, memory="hidden"), nominal_parameters(), 0.5)
+
+
+def fly_elevons(make, folder, python, seen):
+    """Flights of the FMU and of the LQR in Python with elevons that ``python`` commands, and both plans."""
+    ways = dict(zip(ELEVONS, (1, -1), strict=True))
+    elevons = "".join(f"\n  {name}: {{aileron: {way}, elevator: 1}}" for name, way in ways.items())
+    rolls = "{table: roll_aileron, times: right, scale: 0.5}\n    - {table: roll_aileron, times: left, scale: -0.5}"
+    vehicle = change_vehicle(
+        folder,
+        ("\npropulsion:", f"\neffectors:{elevons}\n  fin: {{rudder: 1}}\n\npropulsion:"),
+        ("{table: roll_aileron, times: aileron}", rolls),
+    )
+    make(3)
+    text = (folder / "mine.yaml").read_text()
+    text = text.replace("outputs:\n", "".join(f"  {name}: {name}\n" for name in seen) + "outputs:\n")
+    text = text.replace("params:\n", "".join(f"  {name}: {name}\n" for name in ELEVONS) + "params:\n")
+    (folder / "mine.yaml").write_text(text)
+    law = (Path(__file__).parent / "lqr_law.py").read_text()
+    law = law.replace("settings, gains):", f"settings, gains{', onboard' if seen else ''}):")
+    law = law.replace("    return Command(\n", "    lqr = Axes(\n")
+    axes = 'Axes = NamedTuple("Axes", [(name, float) for name in Command._fields[:7]])\n\n\n'
+    given = ", ".join(f"lqr.{name}" for name in COMMAND_FIELDS)
+    text = f"{law.replace('@controller', f'{axes}@controller')}    return Command({given}, effectors={{{python}}})\n"
+    (folder / "law.py").write_text(text)
+    (folder / "law.yaml").write_text("law: python\nfile: law.py\n")
+    plans = [short_plan(100, folder / f"{name}.yaml", vehicle=vehicle) for name in ("mine", "law")]
+    return *(fly(plan, disperse(4), 10) for plan in plans), *plans
+
+
+def test_it_commands_effectors_by_name(make, tmp_path):
+    python = '"left": lqr.elevator - lqr.aileron, "right": lqr.elevator + 0.9 * lqr.aileron'
+    ours, theirs, *plans = fly_elevons(make, tmp_path, python, ())
+    assert_same(ours, theirs)
+    found, expected = (linearize(plan, flown_points(plan, disperse(2)[1:], 0.5).points) for plan in plans)
+    assert found.inputs == expected.inputs and set(found.inputs) >= {"right", "left", "fin"}
+    scale = np.abs(expected.law_D).max()
+    np.testing.assert_allclose(found.law_D[..., :10], expected.law_D[..., :10], rtol=0, atol=1e-6 * scale)
+
+
+def test_it_sees_the_nominal_vehicle_and_its_last_command(make, tmp_path):
+    python = '"left": lqr.elevator - lqr.aileron + 0.1 * onboard.last.rudder, '
+    python += '"right": lqr.elevator + 0.9 * lqr.aileron + 1e-7 * onboard.moment.pitch'
+    ours, theirs, *_ = fly_elevons(make, tmp_path, python, SEEN)
+    assert_same(ours, theirs)
 
 
 @pytest.mark.thorough
