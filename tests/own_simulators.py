@@ -18,6 +18,22 @@ def fly(inputs, settings):
     return found
 """
 
+# The same with a history, sampled as no grid is and at 0.5 s as it is kept.
+DIVE_HISTORY = (
+    DIVE
+    + """
+well = fly
+
+def fly(inputs, settings):
+    times = [0.0, 0.3, 0.5, 1.0, 1.5 + 0.1 * inputs["thrust"]]
+    sink = inputs["speed"] * math.sin(math.radians(inputs["dive"]))
+    history = {"time": times, "sink_rate": [sink - 10.0 * t for t in times]}
+    history["altitude"] = [inputs["altitude"] - sink * t * t for t in times]
+    return well(inputs, settings) | {"history": history}
+"""
+)
+DIVE_CHANNELS = {"altitude": {"unit": "ft", "doc": "above the ground"}, "sink_rate": {"unit": "ft/s"}}
+
 
 def dive_campaign(folder: Path, source: str = DIVE, **changes: Any) -> Path:
     """A campaign of a recovery from a dive, whose simulator is ``source``; ``changes`` of None leave a key out."""

@@ -142,7 +142,7 @@ def test_a_channel_that_a_flight_does_not_have_costs_no_rows(flown, monkeypatch)
     history[0, :, CHANNEL_INDEX["stagnation_heat_flux_w_m2"]] = np.nan
     history[0, 3:] = np.nan
     block = SimpleNamespace(history=history, times=np.arange(5.0))
-    again = SimpleNamespace(differences=(), block=block)
+    again = SimpleNamespace(differences=(), block=block, channels=CHANNELS)
     monkeypatch.setattr("abhv_mc.analysis.replay.replay_flight", lambda *_: again)
     assert results.replay(17, "two").time.tolist() == [0.0, 1.0, 2.0]
 

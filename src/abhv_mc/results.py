@@ -208,14 +208,13 @@ class Results:
         import pandas as pd
 
         from abhv_mc.analysis.replay import replay_flight
-        from abhv_mc.flight.channels import CHANNEL_INDEX
         from abhv_mc.simulators.engine import make_engine
 
         again = replay_flight(self.folder, controller or self.controllers[0], flight, make_engine().fly)
         refuse_changes(self._paths, self.manifest)
         if again.differences:
             raise RuntimeError(f"flight {flight} differs from the stored one: {'; '.join(again.differences)}")
-        channels = list(CHANNEL_INDEX) if again.block.history.size else []  # a user's simulator returns none
+        channels = [channel.name for channel in again.channels]
         table = pd.DataFrame(again.block.history[0], columns=channels).dropna(how="all")
         table.insert(0, "time", again.block.times[table.index])
         return table.reset_index(drop=True)

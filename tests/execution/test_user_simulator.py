@@ -4,8 +4,9 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
-from own_simulators import DIVE, dive_campaign, shown_text
+from own_simulators import DIVE, DIVE_CHANNELS, DIVE_HISTORY, dive_campaign, shown_text
 
 from abhv_mc.analysis.explain import explain_flight
 from abhv_mc.analysis.failure_map import map_failures
@@ -13,9 +14,12 @@ from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
+from abhv_mc.explore.counts import open_flights
+from abhv_mc.explore.server import ExploreServer
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.pages.build import build_report
+from abhv_mc.report.pages.flights_view import make_flights_view
 from abhv_mc.results import Results
 from abhv_mc.simulators.engine import make_engine
 
@@ -133,3 +137,57 @@ def test_a_report_of_its_systems_calls_them_systems(tmp_path: Path) -> None:
     run_campaign(Request(dive_campaign(tmp_path / "own"), tmp_path / "out"))
     text = shown_text(build_report(tmp_path / "out"))
     assert "System" in text and not re.search("[Cc]ontroller|Control usage", text.replace("--controller", ""))
+
+
+def test_histories_that_a_flight_returns_are_kept_and_opened(tmp_path: Path) -> None:
+    keep = {"histories": {"flights": "worst 5", "rate": "2 Hz"}}
+    path = dive_campaign(tmp_path / "own", DIVE_HISTORY, histories=DIVE_CHANNELS, keep=keep, runs=20)
+    out = tmp_path / "out"
+    manifest = run_campaign(Request(path, out)).manifest
+    assert not manifest.not_made
+    results, opened = read_flown(out), Results(out)
+    kept = opened.histories.set_index(["controller", "flight", "time"]).loc["v1"]
+    numbers = kept.index.get_level_values("flight").unique()
+    assert len(numbers) == 5
+    for number in numbers:
+        given = {name: values[number] for name, values in results.samples.items()}
+        flown = kept.loc[number]
+        assert flown.index.tolist() == [0.0, 0.5, 1.0, 1.5]
+        sink = given["speed"] * np.sin(np.radians(60.0))
+        assert flown["sink_rate"].to_numpy() == pytest.approx(np.float32(sink - 10.0 * flown.index))
+        at_own_samples = flown["altitude"].iloc[:3].to_numpy()
+        assert (at_own_samples == np.float32(given["altitude"] - sink * flown.index[:3] ** 2)).all()
+        end = 1.5 + 0.1 * given["thrust"]  # linear between the last samples
+        between = np.interp(1.5, [1.0, end], given["altitude"] - sink * np.array([1.0, end**2]))
+        assert flown["altitude"].iloc[3] == pytest.approx(between, rel=1e-6)
+    field = pq.read_schema(next((out / "histories").glob("v1-*.parquet"))).field("altitude")
+    assert field.type == "float"
+    assert field.metadata[b"unit"] == b"ft"
+
+    build_report(out)
+    view = make_flights_view(results, {"v1": "v1", "v2": "v2"}, {"v1": "", "v2": ""})
+    assert [(each["label"], each["unit"]) for each in view.data["channels"]] == [
+        ("Altitude", "ft"),
+        ("Sink rate", "ft/s"),
+    ]
+    assert view.arrays["history:altitude"].shape == (10, 4)
+    assert max(view.data["rows"]["history"]) == 9
+    assert view.data["criteria"][0]["channel"] == "altitude"
+
+    again = opened.replay(int(numbers[0]), "v1")
+    assert again["altitude"].to_numpy() == pytest.approx(kept.loc[numbers[0]]["altitude"].to_numpy(), rel=0)
+    with open_flights(out) as table, ExploreServer(out, table, make_engine()) as server:
+        assert [each["name"] for each in table.view["channels"]] == ["altitude", "sink_rate"]
+        history = server.open_flight("v2", 3)["history"]
+        assert history is not None
+        assert history["time"].tolist() == [0.0, 0.5, 1.0, 1.5]
+        assert set(history["channels"]) == {"altitude", "sink_rate"}
+
+
+@pytest.mark.parametrize(
+    ("keep", "found"), [({"histories": {"channels": ["mach"]}}, "channels"), ({"envelopes": {}}, "envelopes")]
+)
+def test_channels_and_bands_are_of_our_own_simulator(tmp_path: Path, keep: dict[str, object], found: str) -> None:
+    path = dive_campaign(tmp_path / "own", DIVE_HISTORY, histories=DIVE_CHANNELS, keep=keep)
+    with pytest.raises(InputError, match=f"{found} of "):
+        run_campaign(Request(path, tmp_path / "out"))

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from own_simulators import DIVE, dive_campaign
+from own_simulators import DIVE, DIVE_CHANNELS, DIVE_HISTORY, dive_campaign
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import read_campaign
@@ -117,6 +117,48 @@ def test_what_goes_wrong_costs_one_flight_and_none_is_flown_twice(
         "exit code 3",
     ):
         assert words in told
+
+
+def test_a_history_that_is_none_costs_its_flight(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    source = (
+        DIVE_HISTORY
+        + """
+whole = fly
+
+def fly(inputs, settings):
+    found = whole(inputs, settings)
+    history = found["history"]
+    match inputs["delay"]:
+        case 2.0:
+            del history["time"]
+        case 3.0:
+            history["altitude"].pop()
+        case 4.0:
+            history["time"].reverse()
+        case 5.0 | 6.0:
+            history["altitude"][2] = math.nan
+        case 7.0:
+            del found["history"]
+        case 8.0:
+            found["history"] = {name: [] for name in history}
+    return found | ({"outcome": "ground"} if inputs["delay"] == 6.0 else {"outcome": "ok"})
+"""
+    )
+    path = dive_campaign(tmp_path, source, histories=DIVE_CHANNELS)
+    block = fly_delays(path, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0])
+    assert (block.outcome == LOST).tolist() == [False, True, True, True, True, False, True, True]
+    told = capfd.readouterr().err
+    for words in (
+        "its history holds sink_rate, altitude; declared are time, altitude, sink_rate",
+        "the columns of its history are no lists of numbers of one length",
+        "the time of its history does not ascend",
+        "altitude of its history is not a finite number, and the outcome is ok",
+        "it did not return history",
+    ):
+        assert words in told
+    path = dive_campaign(tmp_path, source)
+    assert fly_delays(path, [1.0]).outcome.tolist() == [LOST]
+    assert "it returned 'history', which the campaign does not declare" in capfd.readouterr().err
 
 
 def test_declared_files_are_read_and_modules_imported(tmp_path: Path) -> None:

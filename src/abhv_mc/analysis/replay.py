@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from abhv_mc.flight.channels import CHANNELS, Signal
 from abhv_mc.flight.outcome import OUTCOMES, Outcomes
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder.flights import DamagedFileError, FlightRows, parse_block_name, read_pieces
@@ -31,6 +32,7 @@ class Replay:
     differences: tuple[str, ...]  # what differs from the stored row in any bit
     sentence: str  # how the flight ended
     ends: Outcomes = OUTCOMES
+    channels: tuple[Signal, ...] = CHANNELS  # of the block's history, where it has one
 
     @property
     def outcome(self) -> str:
@@ -61,7 +63,7 @@ def replay_flight(
     samples = dict(zip(experiment.inputs, row.samples[0].tolist(), strict=True))
     metrics = dict(zip(row.columns, values.tolist(), strict=False))
     end = end_of(experiment, controller, row.samples, outcome)
-    return Replay(controller, flight, block, samples, metrics, tuple(differences), end, ends)
+    return Replay(controller, flight, block, samples, metrics, tuple(differences), end, ends, experiment.channels)
 
 
 def find_row(folder: CampaignFolder, controller: str, flight: int) -> FlightRows:

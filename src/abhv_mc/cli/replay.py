@@ -27,7 +27,6 @@ def command(
     """
     from abhv_mc.analysis.replay import replay_flight
     from abhv_mc.cli.announce import announce_compiling
-    from abhv_mc.flight.channels import CHANNEL_INDEX
     from abhv_mc.folder.histories import write_histories
     from abhv_mc.folder.inputs import first_controller
     from abhv_mc.simulators.engine import make_engine
@@ -43,7 +42,8 @@ def command(
     if out is not None and not block.history.size:
         raise InputError("--output", "flights that return no history", "no --output")
     if out is not None:
-        write_histories(out, controller, [flight], block.times, block.history, list(CHANNEL_INDEX))
+        names = [channel.name for channel in replay.channels]
+        write_histories(out, controller, [flight], block.times, block.history, names, known=replay.channels)
 
     def in_words() -> None:
         end = replay.outcome + ("" if isnan(block.end_time[0]) else f" after {block.end_time[0]:g} s")

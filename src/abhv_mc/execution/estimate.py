@@ -58,6 +58,7 @@ def estimate_campaign(campaign: Experiment, engine: Engine, workers: int | None 
     every = history_every = cells = 0
     if campaign.user_model is not None:
         fly_first(campaign, engine, workers)
+        history_every = 1
     else:
         first = next(iter(plans.values()))
         every = record_every(campaign.document, first, model.keep.envelopes.rate, "envelopes")
@@ -85,8 +86,8 @@ def estimate_campaign(campaign: Experiment, engine: Engine, workers: int | None 
                 continue
             block = simulate(campaign, name, values[:16], history_every, engine.fly)
             path = Path(folder) / "history.parquet"
-            channels = model.keep.histories.channels
-            write_histories(path, name, range(len(block.outcome)), block.times, block.history, channels)
+            of = path, name, range(len(block.outcome)), block.times, block.history
+            write_histories(*of, campaign.kept_channels, known=campaign.channels)
             histories_size += path.stat().st_size // len(block.outcome)
     workers = workers or model.execution.workers or count_cores()
     counts: FlightCounts = next(iter(make_flight_counts(campaign).values()))

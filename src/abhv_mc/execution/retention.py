@@ -83,7 +83,7 @@ def list_histories(
         kept = choose_kept(keep.flights, campaign.runs, counts, worst.get(name, ()))
         for part, first in enumerate(range(0, len(kept), _FLIGHTS_PER_FILE)):
             flights = kept[first : first + _FLIGHTS_PER_FILE]
-            mark = hashlib.sha256(repr((flights, keep.channels, keep.rate)).encode()).hexdigest()
+            mark = hashlib.sha256(repr((flights, campaign.kept_channels, keep.rate)).encode()).hexdigest()
             files.append(HistoryFile(folder.histories / f"{name}-{part:06d}.parquet", name, flights, mark, hashes))
     return files
 
@@ -106,7 +106,7 @@ def write_kept_histories(
 
     def fly_again(part: int) -> tuple[int, FlightBlock]:
         name = missing[part].controller
-        every = round(1.0 / (keep.rate * campaign.systems[name].plan.timing.tick))
+        every = 1 if campaign.user_model else round(1.0 / (keep.rate * campaign.systems[name].plan.timing.tick))
         rows = np.concatenate([samples.rows(flight, flight + 1) for flight in missing[part].flights])
         return part, simulate(campaign, name, rows, every, fly)
 
@@ -122,7 +122,7 @@ def write_kept_histories(
             failed += [f"no history of flight {k} of {file.controller}" for k in np.array(file.flights)[lost]]
             metadata = {} if lost.any() else {"kept": file.mark}
             plan = campaign.systems[file.controller].plan
-            names = (*keep.channels, *(channel.name for channel in effector_channels(plan.effectors)))
+            names = (*campaign.kept_channels, *(channel.name for channel in effector_channels(plan.effectors)))
             of = file.path, file.controller, file.flights, block.times, block.history
             write_histories(*of, names, metadata, plan.channels)
             backpressure.free()

@@ -140,7 +140,7 @@ class _Run:
 
     def _knows_envelopes(self) -> bool:
         """Whether they are there, or cannot be."""
-        return not self.campaign.has_histories or self.files.knows(self.folder.envelopes)
+        return not self.campaign.has_bands or self.files.knows(self.folder.envelopes)
 
     def _make_cells(self) -> Cells:
         keep = self.campaign.model.keep.envelopes
@@ -159,10 +159,10 @@ class _Run:
     def _fly(self) -> None:
         """Fly what is missing, step by step where the campaign stops when proven."""
         self.recording = None
-        if self.campaign.has_histories:
+        if self.campaign.has_bands:
             self.cells = self._make_cells()
             self.recording = self.cells.recording
-        if self.campaign.has_histories and not self._has_envelopes():
+        if self.campaign.has_bands and not self._has_envelopes():
             states, runs = self.folder.envelope_states, self.campaign.runs
             self.collectors = {name: Collector(states, name, runs, self.cells) for name in self.plans}
         if self.campaign.user_model is not None:

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown
 from abhv_mc.folder.sql import open_database
 from abhv_mc.io.input_error import InputError, describe, one_of
@@ -80,7 +79,7 @@ def open_flights(root: Path) -> Iterator[FlightTable]:
         connection.unregister("ranks")
         ends = find_ranges(connection, columns)
         labels, colors = full_labels(results.folder, names), controller_colors(names)
-        channels = CHANNEL_INDEX if results.campaign.has_histories else ()
+        channels = [channel.name for channel in results.campaign.channels]
         view = describe_flights(results, labels, colors, ends, channels)
         (total,) = connection.execute("select count(*) from shown").fetchone() or (0,)
         view |= {"total": total, "left": "", "histories": False}  # every flight has one: it is flown again

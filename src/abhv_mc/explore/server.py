@@ -18,7 +18,6 @@ from urllib.parse import parse_qs, urlsplit
 
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.explore.counts import FlightTable, count_flights, find_flight, find_nearest, list_flights, parse_asked
-from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder.flown_campaign import read_histories
 from abhv_mc.io.input_error import InputError
@@ -90,12 +89,12 @@ class ExploreServer(ThreadingHTTPServer):
         return {**found, "note": f"{again.sentence} Its metrics {same}", "history": self._history(again.block)}
 
     def _history(self, block: FlightBlock) -> dict[str, Any] | None:
-        """What a flight's record says of each channel, thinned; None of a user's simulator."""
-        if not self.table.results.campaign.has_histories:
+        """What a flight's record says of each channel, thinned; None without a record."""
+        if not block.history.size:
             return None
         every = max(1, -(-block.times.size // _MOST_TIMES))
-        flown = block.history[0, ::every].astype(float)
-        channels = {channel.name: flown[:, i] for i, channel in enumerate(CHANNELS)}
+        flown, known = block.history[0, ::every].astype(float), self.table.results.campaign.channels
+        channels = {channel.name: flown[:, i] for i, channel in enumerate(known)}
         return {"time": block.times[::every], "channels": channels}
 
     def behind(self, controller: str, channel: str) -> dict[str, Any]:

@@ -30,9 +30,9 @@ def write_histories(
 ) -> None:
     """Write ``history[flight, time, channel]`` (all of the plan's) as rows of the named ones of its ``known`` channels.
 
-    A flight that ended early has rows up to its end.
+    A flight that ended early has rows up to its end: those with a number in the first channel.
     """
-    rows = ~np.isnan(history[:, :, CHANNEL_INDEX["altitude_m"]])
+    rows = ~np.isnan(history[:, :, 0])
     number, time = np.nonzero(rows)
     places = {signal.name: i for i, signal in enumerate(known)}
     fields = [known[places[name]] for name in channels]

@@ -56,7 +56,7 @@ def read_worst(folder: CampaignFolder, campaign: Experiment, number: int) -> dic
     """Numbers of the worst flights of each controller, of those in the folder. Raises InputError without a flight."""
     criteria = campaign.criteria
     columns = {criterion.metric for criterion in criteria} | {END_TIME.name}
-    held = read_flights(folder.flights, records=campaign.metrics, columns=columns)
+    held = read_flights(folder.flights, records=campaign.metrics, columns=columns, ends=campaign.outcomes)
     flights = {name: held[name] for name in campaign.controllers if name in held}
     ranking = rank_flights(flights, criteria)
     return {name: each.flight[ranking.rows_of(name)[:number]].tolist() for name, each in flights.items()}

@@ -29,6 +29,7 @@ from abhv_mc.campaign.sampling.samples import (
 )
 from abhv_mc.campaign.sampling.seeds import Seeds, find_seeds
 from abhv_mc.campaign.sampling.streams import stream_key
+from abhv_mc.flight.channels import CHANNELS, Signal
 from abhv_mc.flight.metrics import MARGINS, Metric
 from abhv_mc.flight.outcome import OUTCOMES, Outcomes, simulator_outcomes
 from abhv_mc.flight.plan import FlightPlan
@@ -169,9 +170,25 @@ class Experiment:
         """Where: "trim", or s."""
         return self.model.margins.at if self.model.margins else ()
 
+    @cached_property
+    def channels(self) -> tuple[Signal, ...]:
+        """What histories of its flights hold; nothing of a user's simulator that returns none."""
+        return self.user_model.returned_channels if self.user_model else CHANNELS
+
+    @property
+    def kept_channels(self) -> tuple[str, ...]:
+        """Those that kept flights are written with."""
+        keep = self.model.keep.histories.channels
+        return tuple(channel.name for channel in self.channels) if self.user_model else keep
+
     @property
     def has_histories(self) -> bool:
         """Whether its flights have any."""
+        return bool(self.channels)
+
+    @property
+    def has_bands(self) -> bool:
+        """Whether it has a nominal flight and bands over time."""
         return self.user_model is None
 
     @property

@@ -9,6 +9,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 from abhv_mc.campaign.file.config import Campaign, Execution, Name
 from abhv_mc.campaign.file.user_metrics import MetricName
 from abhv_mc.control.law_file import expand
+from abhv_mc.flight.channels import Signal
 from abhv_mc.flight.metrics import MARGIN_NAMES, Bad, Metric, label_of
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel
@@ -87,6 +88,13 @@ class OwnMetric(StrictModel):
         return Metric(name, self.unit, self.doc, label, self.bad or "high", "user", "", Statistic.MAX)
 
 
+class OwnChannel(StrictModel):
+    """A column of the history that a flight returns."""
+
+    unit: Unit = Field("-", description="any text; '-' of a plain number")
+    doc: str = Field("", description="what it is, for the report")
+
+
 def _refuse(value: Any) -> None:
     raise Refusal("it beside 'simulator'", "nothing: it is of this program's own simulator")
 
@@ -128,6 +136,9 @@ class SimulatorCampaign(Campaign):
     outcomes: dict[MetricName, str] = Field(
         {}, description="ways in which a flight ends early, by the code that it returns: a sentence for each"
     )
+    histories: dict[MetricName, OwnChannel] = Field(
+        {}, description="columns of the history that a flight returns beside its time (s), by name"
+    )
     execution: SimulatorExecution = Field(default_factory=SimulatorExecution, description="how it is flown")
     vehicle: Refused = None  # type: ignore[assignment]
     mission: Refused = None  # type: ignore[assignment]
@@ -140,6 +151,7 @@ class SimulatorCampaign(Campaign):
     @model_validator(mode="after")
     def _names(self) -> "SimulatorCampaign":
         taken = {"inputs": _TAKEN, "metrics": {*_TAKEN, *MARGIN_NAMES, *self.inputs}, "outcomes": _OUTCOMES}
+        taken["histories"] = {*_TAKEN, "time"}
         for key, names in taken.items():
             for name in getattr(self, key):
                 if name in names:
@@ -147,6 +159,11 @@ class SimulatorCampaign(Campaign):
         if self.independent and self.simulator:
             raise Refusal("'independent' beside a simulator", "'sampling', which says it", ("independent",))
         return self
+
+    @property
+    def returned_channels(self) -> tuple[Signal, ...]:
+        """What the history of a flight holds."""
+        return tuple(Signal(name, entry.unit, entry.doc) for name, entry in self.histories.items())
 
     @property
     def parameters(self) -> Parameters:
@@ -177,10 +194,13 @@ def check_simulator(document: Document, model: SimulatorCampaign, errors: list[I
             model.simulator.find_files(document.path.parent / model.simulator.folder)
     except Refusal as refusal:
         errors.append(document.error(("simulator", *refusal.keys), refusal.found, refusal.expected))
-    for key in ("unknowns", "derived", "stop", "sampling", "correlations"):
+    for key in ("unknowns", "derived", "stop", "sampling", "correlations", "histories"):
         if not model.simulator and key in model.model_fields_set:
             found = f"'{key}' of flights that have been flown"
             errors.append(document.key_error((key,), found, "a simulator, or none of it"))
     if "envelopes" in model.keep.model_fields_set:
-        found = "envelopes of flights that return no history"
+        found = "envelopes of flights of a user's simulator, of which there are none"
         errors.append(document.key_error(("keep", "envelopes"), found, "no 'envelopes' here"))
+    if "channels" in model.keep.histories.model_fields_set:
+        found = "channels of this program's own simulator"
+        errors.append(document.key_error(("keep", "histories", "channels"), found, "nothing: all 'histories' are kept"))

@@ -98,7 +98,7 @@ def describe_flights(
         "strips": list(results.dispersed[:_STRIPS]),
         "x": (results.dispersed or results.metrics)[0],
         "y": headed[0],
-        "channels": [describe_channel(name, channels) for name in channels],
+        "channels": [describe_channel(name, channels, results.campaign.channels) for name in channels],
         "bars": BARS,
         "cells": CELLS,
         "listed": LISTED,
@@ -253,8 +253,7 @@ def _add_histories(
     for channel in held:
         table = np.full((len(found), time.size), np.nan)
         for i, (_, columns) in enumerate(found):
-            values = columns[channel][::every]
-            table[i, : values.size] = values
+            table[i] = np.interp(time, columns["time"], columns[channel], np.nan, np.nan)
         arrays[f"history:{channel}"] = table
     for i, (row, _) in enumerate(found):
         history[row] = i

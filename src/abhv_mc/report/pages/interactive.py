@@ -1,6 +1,6 @@
 """What stands behind flights over time: the bands and the nominal flight of a channel, and the page's view of them."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -19,9 +19,10 @@ _OFF_REFERENCE = {
 }
 
 
-def describe_channel(name: str, held: Collection[str]) -> dict[str, str | None]:
-    """A channel's label, unit and meaning, and which of those ``held`` is its command; None without one."""
-    signal = _SIGNALS.get(name, Signal(name, "-", ""))
+def describe_channel(name: str, held: Collection[str], known: Sequence[Signal] = CHANNELS) -> dict[str, str | None]:
+    """The label, unit and meaning of a channel of ``known``, and which of those ``held`` is its command; None without
+    one."""
+    signal = next((each for each in known if each.name == name), Signal(name, "-", ""))
     command = _beside(signal, "command")
     return {
         "name": name,
@@ -40,7 +41,7 @@ def _beside(signal: Signal, kind: str) -> str:
 
 def _label(signal: Signal) -> str:
     """'Angle of attack command' of 'angle_of_attack_command_deg'."""
-    words = signal.name if signal.unit == "-" else signal.name.rpartition("_")[0]
+    words = signal.name.rpartition("_")[0] if signal.unit != "-" and signal.name in _SIGNALS else signal.name
     words = words.replace("_", " ")
     return words[:1].upper() + words[1:]
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.simulator import Simulator, SimulatorCampaign
+from abhv_mc.flight.channels import Signal
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.io.input_error import InputError
@@ -37,6 +38,9 @@ class UserPlan:
     metrics: tuple[Metric, ...]
     outcomes: tuple[tuple[str, int], ...]  # codes that a flight may return, with their numbers
     time_limit: float  # s of one flight, by the clock
+    channels: tuple[Signal, ...] = ()  # of the history that a flight returns
+    rate: float = 10.0  # Hz that it is recorded with
+    effectors: tuple[str, ...] = ()
     check: bool = False  # whether its flights are flown for a check, none of the campaign's
 
     @property
@@ -101,6 +105,8 @@ def make_user_plans(campaign: Experiment, model: SimulatorCampaign, names: Itera
             campaign.measured,
             tuple(outcomes.items()),
             simulator.time_limit,
+            campaign.channels,
+            campaign.model.keep.histories.rate,
         )
         for name in names
     }

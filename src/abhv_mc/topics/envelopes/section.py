@@ -13,8 +13,9 @@ def envelope_section(found: Envelopes, names: Names) -> Section | None:
     campaign = found.source.campaign
     if campaign.adopted:
         return None
-    if not campaign.has_histories:
-        text = "The simulator returns no histories: there are no bands over time and no curves of single flights."
+    if not campaign.has_bands:
+        kept = "; the view of the flights draws those that are kept" if campaign.has_histories else ""
+        text = f"There are no bands over time of a user's simulator{kept or ', which returns no histories'}."
         return Section("Bands over time", (Text(text),))
     if found.step_s is not None:
         flown = max(flights.flight.size for flights in found.source.flights.values())
