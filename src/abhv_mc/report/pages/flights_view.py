@@ -101,6 +101,7 @@ def describe_flights(
         "channels": [describe_channel(name, channels, results.campaign.channels) for name in channels],
         "bars": BARS,
         "cells": CELLS,
+        "banded": results.campaign.has_bands,
         "listed": LISTED,
     }  # fmt: skip
 

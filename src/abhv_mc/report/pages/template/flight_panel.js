@@ -112,7 +112,7 @@ const flightPanel = (source, style, { columnOf, nameOf, changed }) => {
     if (wanted !== channel) return;
     const traces = apart.flatMap(([each, i], n) => behindTraces(each, behind[n], i));
     at("flight-bands").hidden = behind.every((each) => each?.q5?.some(Number.isFinite));
-    at("flight-bands").textContent = `No bands of ${channel} are kept: add it to keep: envelopes: channels.`;
+    at("flight-bands").textContent = view.banded ? `No bands of ${channel} are kept: add it to keep: envelopes: channels.` : "";
     for (const [each, i] of shown) {
       const { time, channels } = each.history;
       const line = (y, name, dash) => ({ type: "scatter", mode: "lines", x: time, y, name, line: { ...lookOf(i), dash } });
