@@ -22,6 +22,11 @@ from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
 
 
+def _no_advice(difference: str) -> bool:
+    """How a verdict would stand with more flights is said otherwise of a table, which nothing here can fly."""
+    return difference.partition(":")[0].rpartition(".")[2] not in ("words", "advice")
+
+
 @pytest.mark.parametrize("name", ["s_manoeuvre", "wide"])
 def test_ours_adopted_say_the_same(name: str, tmp_path: Path) -> None:
     path = shipped_folder() / "campaigns" / f"{name}.yaml"
@@ -46,11 +51,12 @@ def test_ours_adopted_say_the_same(name: str, tmp_path: Path) -> None:
     }
     (tmp_path / "adopted.yaml").write_text(json.dumps(content))
     adopted = adopt_table(table, tmp_path / "adopted.yaml", tmp_path / "adopted").manifest
-    assert adopted.requirements == ours.requirements
-    assert adopted.requirements_shown == ours.requirements_shown
+    for key in ("requirements", "requirements_shown"):
+        found, flown_here = (plain(getattr(manifest, key)) for manifest in (adopted, ours))
+        assert not list(filter(_no_advice, differences(found, flown_here)))
     one, two = (Models(read_flown(tmp_path / folder)) for folder in ("ours", "adopted"))
     for topic in (VERDICTS, FAILURES):
-        assert not list(differences(plain(one[topic]), plain(two[topic]))), topic.name
+        assert not list(filter(_no_advice, differences(plain(one[topic]), plain(two[topic])))), topic.name
     first, second = plain(one[COMPARISON])["pairs"], plain(two[COMPARISON])["pairs"]
     for pair in (*first.values(), *second.values()):  # what both have
         pair["metrics"] = {metric: pair["metrics"][metric] for metric in required}
