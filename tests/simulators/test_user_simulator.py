@@ -176,6 +176,16 @@ def test_declared_files_are_read_and_modules_imported(tmp_path: Path) -> None:
     assert fly_delays(undeclared, [1.0]).outcome.tolist() == [LOST]
 
 
+def test_python_keeps_what_it_compiled_of_declared_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its temporary file beside them, 'dive.cpython-311.pyc.1406', was taken for one that is read: no flight flew."""
+    monkeypatch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)
+    path = dive_campaign(tmp_path)
+    for _ in range(2):  # written, then read
+        end_processes()
+        assert fly_delays(path, [1.0]).outcome.tolist() != [LOST]
+        assert list(tmp_path.glob("__pycache__/dive.*.pyc"))
+
+
 def test_a_program_speaks_lines(tmp_path: Path) -> None:
     program = (
         "import json, sys\n"

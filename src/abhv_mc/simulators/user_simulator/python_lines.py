@@ -67,8 +67,8 @@ def _only(declared: set[str], folder: str) -> Any:
         if event == "open" and isinstance(arguments[0], str) and str(arguments[1] or "r").startswith("r"):
             path = os.path.abspath(arguments[0])  # noqa: PTH100  links are as their user named them
             if path.startswith(folder):
-                parts = Path(path).parts
-                path = importlib.util.source_from_cache(path) if "__pycache__" in parts else path
+                kept = path.endswith(".pyc") and Path(path).parent.name == "__pycache__"
+                path = importlib.util.source_from_cache(path) if kept else path
                 if path not in declared and Path(path).is_file():
                     raise PermissionError(f"it reads {path.removeprefix(folder)}, which 'files' does not name")
 
