@@ -17,6 +17,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.flight.compile_metrics import compile_metrics, known_sources
 from abhv_mc.flight.observed import make_observed
 from abhv_mc.flight.plan import FlightPlan, Recording
+from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.kernel.flight.interface import LQR, PYTHON, RECORDED, TLC, KernelPlan, KernelResults
 from abhv_mc.kernel.flight.memory import SAVED_ROWS, Memory
 from abhv_mc.kernel.laws.columns import LQR_GAINS, LQR_SETTINGS, REFERENCE, TLC_GAINS, TLC_SETTINGS
@@ -57,6 +58,7 @@ def make_results(
         np.full(bins, np.inf),
         np.full(bins, -np.inf),
         np.zeros((flights, SAVED_ROWS if keep else 0)),
+        np.full((sum(metric.statistic == Statistic.QUANTILE for metric in plan.metrics), flights, plan.timing.ticks + 1), np.nan),
     )
 
 
@@ -154,6 +156,7 @@ def check_written(plan: KernelPlan, memory: Memory, results: KernelResults) -> N
     check_shape(results.states, (flights, samples if results.states.size else 0, N_STATES), "results.states")
     check_shape(results.low, (samples if results.low.size else 0, channels), "results.low")
     check_shape(results.high, results.low.shape, "results.high")
+    check_shape(results.samples, (None, flights, plan.timing.ticks + 1), "results.samples")
     check_shape(results.kept, (flights, SAVED_ROWS if results.kept.size else 0), "results.kept")
     written = []
     for value, of in ((memory, "memory"), (results, "results")):

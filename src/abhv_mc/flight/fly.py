@@ -13,6 +13,7 @@ from abhv_mc.flight.last_tick import open_memory
 from abhv_mc.flight.lost import fly_in_child
 from abhv_mc.flight.plan import NOT_LEAN, FlightBlock, FlightPlan, Recording, recording_of
 from abhv_mc.flight.user_law import must_fly_elsewhere, open_law
+from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.kernel.flight.fly_lanes import make_fly_lanes
 from abhv_mc.kernel.flight.interface import LANES, KernelResults
 from abhv_mc.kernel.flight.memory import Memory, make_memory
@@ -118,6 +119,21 @@ def fly_in_memory(
     in_rows = memory_in_rows or start is not None
     with open_law(plan, width, memory_in_rows=in_rows, flights=len(parameters)) as user_code:
         choose_flight(width, plan.lean)(kernel_plan._replace(user_code=user_code), memory, results)
+    fill_quantiles(plan, results, complete=start is None)
+
+
+def fill_quantiles(plan: FlightPlan, results: KernelResults, complete: bool) -> None:
+    """Metrics that are quantiles over the ticks that counted (numpy's ``linear``); none of flights without their start.
+
+    Where no tick counted, or one was not a number, the compiled flight has filled in what stands.
+    """
+    quantiles = [(i, metric.limit) for i, metric in enumerate(plan.metrics) if metric.statistic == Statistic.QUANTILE]
+    for (place, share), samples in zip(quantiles, results.samples, strict=True):
+        values = results.metrics[:, place]
+        for flight in np.flatnonzero(np.isfinite(values)):
+            seen = samples[flight][~np.isnan(samples[flight])]
+            if seen.size:
+                values[flight] = np.quantile(seen, share) if complete else np.nan
 
 
 def join_bins(low: Floats, high: Floats, history: Singles) -> tuple[Singles, Singles]:

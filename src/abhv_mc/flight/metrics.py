@@ -20,7 +20,7 @@ Bad = Literal["high", "low", "size"]  # large values, small values, large absolu
 Group = Literal["tracking", "usage", "loads", "stability", "user"]
 
 
-NEEDS_LIMIT = (Statistic.TIME_OUTSIDE, Statistic.LAST_OUTSIDE, Statistic.FIRST_OUTSIDE, Statistic.SHARE_OUTSIDE)
+NEEDS_LIMIT = (Statistic.TIME_OUTSIDE, Statistic.LAST_OUTSIDE, Statistic.FIRST_OUTSIDE)
 TAKES_LIMIT = (*NEEDS_LIMIT, Statistic.REVERSALS)
 _SIZES = (Statistic.MAX_ABS, Statistic.RMS, Statistic.PEAK_TO_PEAK, Statistic.TRAVEL, *TAKES_LIMIT)
 # Ends of names by unit, where they are not the unit's own letters.
@@ -36,7 +36,7 @@ class Metric(Signal):
     group: Group
     of: str  # a source, or an expression of sources; "" for a margin
     statistic: Statistic
-    limit: float = 0.0
+    limit: float = 0.0  # of a quantile the share
     start: float = 0.0  # s, of its window
     end: float = math.inf  # s
     settled: bool = False  # whether 5 s after each step of the reference are left out
@@ -71,6 +71,7 @@ class Metric(Signal):
             return "of the linearized loops"
         words = f"{self.statistic.word} of {self.of}"
         words += f", limit {self.limit:g}" if self.statistic in TAKES_LIMIT else ""
+        words += f", share {self.limit:g}" if self.statistic == Statistic.QUANTILE else ""
         words += f", from {self.start:g} s" if self.start else ""
         words += f", to {self.end:g} s" if self.end < math.inf else ""
         return f"{words}, settled stretches only" if self.settled else words
@@ -84,6 +85,7 @@ class Metric(Signal):
         """The record with the keys by which a campaign declares a metric."""
         words = {key: getattr(self, key) for key in ("name", "label", "unit", "doc", "bad", "group", "of", "settled")}
         words |= {"statistic": self.statistic.word, "limit": self.limit if self.statistic in TAKES_LIMIT else None}
+        words["share"] = self.limit if self.statistic == Statistic.QUANTILE else None
         return words | {"from": self.start, "to": self.end if self.end < math.inf else None}
 
 

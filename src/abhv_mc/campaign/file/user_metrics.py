@@ -26,7 +26,7 @@ from abhv_mc.flight.metrics import (
     name_end,
 )
 from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, describe, one_of, read_document, validate
-from abhv_mc.io.units import Time
+from abhv_mc.io.units import Fraction, Time
 from abhv_mc.kernel.flight.counting import MAX_DECLARED, Statistic
 from abhv_mc.user_code.source import compile_text, read_source
 
@@ -52,6 +52,9 @@ class MetricEntry(StrictModel):
     limit: Annotated[float, Field(ge=0.0)] | None = Field(
         None, description="in the unit of 'of': for *_outside, or the least turn of reversals"
     )
+    share: Annotated[Fraction, Field(gt=0.0, lt=1.0)] | None = Field(
+        None, description="of quantile: of the ticks, those at which the value is at most the quantile"
+    )
     from_: Time = Field(0.0, alias="from", description="the window's start")
     to: Time | None = Field(None, description="the window's end; by default the flight's")
     phase: str | None = Field(None, description="the window is the phase of the mission that has this 'name'")
@@ -75,6 +78,9 @@ class MetricEntry(StrictModel):
                 f"it with {', '.join(statistic.word for statistic in TAKES_LIMIT)}",
                 ("limit",),
             )
+        if (self.share is None) == (self.statistic == Statistic.QUANTILE):
+            found = "'quantile' without 'share'" if self.share is None else f"a share with '{self.statistic.word}'"
+            raise Refusal(found, "'share: 95 %' with 'quantile', and only there")
         if self.to is not None and self.to <= self.from_:
             raise Refusal("an empty window", "'from' before 'to'", ("to",))
         if self.phase is not None and (self.from_ or self.to is not None):
@@ -151,7 +157,7 @@ def _record(
         "user",
         entry.of.strip(),
         statistic,
-        limit=entry.limit or 0.0,
+        limit=entry.limit or entry.share or 0.0,
         start=window[0],
         end=window[1],
         settled=entry.settled,
@@ -165,7 +171,7 @@ def _unit(name: str, entry: MetricEntry, known: Mapping[str, Known]) -> str:
     """The unit of a metric: what the entry says, what its channel and statistic make, what its name ends with."""
     if entry.unit is not None:
         return entry.unit
-    if entry.statistic in (Statistic.REVERSALS, Statistic.SHARE_OUTSIDE):
+    if entry.statistic == Statistic.REVERSALS:
         return "-"
     if entry.statistic in NEEDS_LIMIT:
         return "s"

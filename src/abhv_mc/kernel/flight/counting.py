@@ -42,7 +42,7 @@ class Statistic(IntEnum):
     FIRST_OUTSIDE = 11  # s; the end of the window or of the flight where it never was
     REVERSALS = 12  # times that it turned back by more than the limit
     SUM = 13  # over the ticks
-    SHARE_OUTSIDE = 14  # of the ticks, those at which the size of the value is above the limit
+    QUANTILE = 14  # over the ticks: all values are kept, see results.samples
 
     @property
     def word(self) -> str:
@@ -111,9 +111,10 @@ N_ROWS = MAX_LEAN + ROWS * MAX_PROGRAMS
 _LOAD, _CONSTANT, _ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _MINIMUM, _MAXIMUM, _ABSOLUTE, _ROOT, _SINE, _COSINE = map(
     int, Operation
 )
-_MIN, _MAX, _MAX_ABS, _MEAN, _RMS, _FINAL, _INTEGRAL, _PEAK, _TRAVEL, _TIME, _LAST, _FIRST, _REVERSALS, _SUM, _SHARE = (
-    map(int, Statistic)
-)
+(
+    _MIN, _MAX, _MAX_ABS, _MEAN, _RMS, _FINAL, _INTEGRAL, _PEAK, _TRAVEL, _TIME, _LAST, _FIRST, _REVERSALS, _SUM,
+    _QUANTILE,
+) = map(int, Statistic)  # fmt: skip
 
 
 @lanes
@@ -128,8 +129,11 @@ def start_counting(O, width, counted, first_row):
 
 
 @lanes
-def count_tick(memory, width, plan, tick, first_row):
-    """Add the tick to the metrics of the flights that count; their rows of O begin at ``first_row``."""
+def count_tick(memory, width, plan, samples, flights, n, tick, first_row):
+    """Add the tick to the metrics of the flights that count, ``flights`` in the first ``n`` lanes.
+
+    Their rows of O begin at ``first_row``; ``samples`` [quantile, flight, tick] keeps what quantiles are taken of.
+    """
     Z, T, O, lean, programs = memory.Z, memory.T, memory.O, plan.counted.lean, plan.counted.programs
     dt = plan.timing.step * plan.timing.steps_per_tick
     now = tick * dt
@@ -145,6 +149,7 @@ def count_tick(memory, width, plan, tick, first_row):
                 Z[s.COUNTED],
                 width,
             )
+    kept = 0
     for m in range(programs.statistic.size):
         inside = now >= programs.start[m] - 1e-9 and now <= programs.end[m] + 1e-9
         if inside and (settled or programs.settled[m] == 0):
@@ -152,6 +157,10 @@ def count_tick(memory, width, plan, tick, first_row):
             for i in range(programs.first[m], programs.first[m + 1]):
                 value = natural(programs.code[i, 1])
                 calculate(Z, T, programs.code[i], programs.constant[i], width)
+            if programs.statistic[m] == _QUANTILE:
+                for lane in range(n):
+                    if Z[s.COUNTED, lane] > 0.0:
+                        samples[kept, flights[lane], tick] = T[value, lane]
             row = natural(first_row + MAX_LEAN + ROWS * m)
             count_value(
                 O,
@@ -165,6 +174,7 @@ def count_tick(memory, width, plan, tick, first_row):
                 dt,
                 width,
             )
+        kept += 1 if programs.statistic[m] == _QUANTILE else 0
 
 
 @lanes
@@ -268,16 +278,15 @@ def count_value(O, row, value, counted, statistic, limit, factor, tick, dt, widt
             step = abs(x - c[lane]) * factor if statistic == _TRAVEL else 0.5 * dt * (x + c[lane])
             a[lane] += step if follows else 0.0
             c[lane] = x
-    elif statistic in (_TIME, _LAST, _FIRST, _SHARE):
-        passed = 1.0 if statistic == _SHARE else dt
+    elif statistic in (_TIME, _LAST, _FIRST):
         for lane in range(width):
             outside = counted[lane] > 0.0 and abs(value[lane]) > limit
             before = a[lane]
             latest = now * dt if statistic == _LAST or b[lane] == 0.0 else before
-            after = before + passed if statistic in (_TIME, _SHARE) else latest
+            after = before + dt if statistic == _TIME else latest
             a[lane] = after if outside else before
             b[lane] = 1.0 if outside else b[lane]
-    else:  # _REVERSALS: b is the turning point so far, c the sense in which it moves
+    elif statistic == _REVERSALS:  # b is the turning point so far, c the sense in which it moves
         for lane in range(width):
             x = value[lane]
             begins = count[lane] == 0.0
@@ -320,7 +329,7 @@ def finish_value(statistic, a, b, count, start, last, empty):
         value = b
     elif statistic == _PEAK:
         value = b - a
-    elif statistic in (_MEAN, _SHARE):
+    elif statistic == _MEAN:
         value = a * inverse
     elif statistic == _RMS:
         value = math.sqrt(a * inverse)

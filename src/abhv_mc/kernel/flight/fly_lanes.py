@@ -159,8 +159,8 @@ def control(plan, memory, width, law, active, tick):
 
 
 @lanes
-def observe_tick(plan, memory, width, active, tick):
-    """Limits and metrics at a control tick."""
+def observe_tick(plan, memory, results, width, active, flights, n, tick):
+    """Limits and metrics at a control tick, of the ``flights`` in the first ``n`` lanes."""
     inlet = plan.vehicle.constants.inlet
     if active is not None and inlet.unstarts > 0.0:
         watch_inlet(memory.Z, width, inlet, tick * plan.timing.step * plan.timing.steps_per_tick)
@@ -171,7 +171,7 @@ def observe_tick(plan, memory, width, active, tick):
     ended = check_limits(memory.Z, memory.O, width, plan.observed, tick)
     if ended > 0.0 or tick == plan.timing.ticks:
         finish_flights(memory.Z, memory.O, width, plan, tick)
-    count_tick(memory, width, plan, tick, observe.FIRST_METRIC)
+    count_tick(memory, width, plan, results.samples, flights, n, tick, observe.FIRST_METRIC)
 
 
 @lanes
@@ -214,7 +214,7 @@ def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flight
             stage = evaluation % 4
             evaluate(plan, memory, width, runge_kutta_stage(stage, step), active)
             if evaluation == 0:
-                observe_tick(plan, memory, width, active, tick)
+                observe_tick(plan, memory, results, width, active, flights, n, tick)
                 record_tick(plan, memory, results, flights, n, tick)
                 flying = tick < plan.timing.ticks and any_lane(O, width, observe.ALIVE, 1, 0.0)
                 bin_tick(plan, memory, results, width, tick, tick == first_tick, not flying or tick + 1 == end)

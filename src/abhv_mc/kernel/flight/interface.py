@@ -93,3 +93,4 @@ class KernelResults(NamedTuple):
     low: Floats  # [sample, channel] least and greatest values of all flights, from the sample to the tick before the
     high: Floats  # next, the first above the second where nobody flew; no samples where not asked for
     kept: Floats  # [flight, row] memories before the last tick; no rows where not asked for
+    samples: Floats  # [quantile, flight, tick] of metrics that are quantiles, in their order; not-a-number where none
