@@ -19,7 +19,7 @@ from abhv_mc.flight.native_check import check_states
 from abhv_mc.flight.plan import FlightPlan, Recording
 from abhv_mc.flight.user_law import law_memory, measured_count, must_fly_elsewhere, open_law, open_vehicle
 from abhv_mc.kernel.flight.interface import LANES
-from abhv_mc.kernel.flight.memory import Z_ROWS, make_memory
+from abhv_mc.kernel.flight.memory import SAVED_ROWS, Z_ROWS, make_memory
 from abhv_mc.kernel.jit import is_kept
 from abhv_mc.kernel.laws.tlc import D_ALPHA, D_R, I_ALTITUDE, I_RATE
 from abhv_mc.kernel.laws.user import FAULT
@@ -73,6 +73,13 @@ def choose_probe(make: Callable[[bool], Any], lean: bool) -> Any:
         return make(False)
     full = choose_probe(make, False)
     return full if is_kept(full) else make(True)
+
+
+def compile_probes(plan: FlightPlan) -> None:
+    """Have the probes compiled, or loaded, by asking them nothing."""
+    _, lane = begin(plan, Kept(0, np.empty((0, SAVED_ROWS))))
+    ask_plant(plan, lane, 0, np.empty(0, np.int64), np.empty((0, s.N_STATES)))
+    law_tick(plan, 1, np.empty((0, measured_count(plan))), np.empty((0, len(law_memory_rows(plan)))))
 
 
 def begin(plan: FlightPlan, kept: Kept) -> tuple[Floats, Floats]:
