@@ -114,7 +114,9 @@ def expected(name, get, settled):
             "swing": lambda: np.ptp(error[window]) if window.any() else np.nan,
             "path": lambda: np.abs(np.diff(get("elevator_deg"))).sum(),
             "outside": lambda: 0.01 * outside.sum(),
-            "mostly": lambda: np.quantile(np.abs(error[settled[: len(t)]]), 0.95) if settled[: len(t)].any() else np.nan,
+            "mostly": lambda: (
+                np.quantile(np.abs(error[settled[: len(t)]]), 0.95) if settled[: len(t)].any() else np.nan
+            ),
             "seldom": lambda: np.quantile(rate[window], 0.025) if window.any() else np.nan,
             "settling": lambda: t[np.flatnonzero(outside)[-1]] if outside.any() else 0.0,
             "begins": lambda: t[early[0]] if early.size else t[-1],

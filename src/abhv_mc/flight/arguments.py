@@ -58,7 +58,10 @@ def make_results(
         np.full(bins, np.inf),
         np.full(bins, -np.inf),
         np.zeros((flights, SAVED_ROWS if keep else 0)),
-        np.full((sum(metric.statistic == Statistic.QUANTILE for metric in plan.metrics), flights, plan.timing.ticks + 1), np.nan),
+        np.full(
+            (sum(metric.statistic == Statistic.QUANTILE for metric in plan.metrics), flights, plan.timing.ticks + 1),
+            np.nan,
+        ),
     )
 
 

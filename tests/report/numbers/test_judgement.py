@@ -28,7 +28,7 @@ def judged(folder, requirements, **keys):
 @pytest.mark.parametrize(
     ("limit", "probability", "met", "command"),
     [
-        (1e6, 0.5, "yes", None),
+        (1e6, 0.5, "yes", ""),
         (1e6, 0.99, "not shown", "--runs"),
         (1e6, 0.999999, "not shown", ""),  # would take more than ten times the flights
         (1e-9, 0.9, "no", "explain DIR --all"),
@@ -37,8 +37,8 @@ def judged(folder, requirements, **keys):
 def test_what_is_met_and_what_would_help(tmp_path, limit, probability, met, command):
     found, _ = judged(tmp_path / "c", [REQUIRED.format(limit=limit, probability=probability)])
     assert found.met == met
-    assert found.next is None if command is None else command in found.next.command
-    assert (found.next is not None and found.next.command == "") == (command == "")
+    assert command in found.next.command
+    assert (found.next.command == "") == (command == "")
 
 
 @pytest.mark.parametrize(("limit", "probability"), [(1e6, 0.99), (1e-9, 0.9)])

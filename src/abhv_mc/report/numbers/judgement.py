@@ -7,6 +7,7 @@ from abhv_mc.flight.metrics import GAIN_MARGIN
 from abhv_mc.report.numbers.judged import Judgement, Met, Next
 from abhv_mc.statistics.evidence import flights_to_pass
 from abhv_mc.statistics.verdicts import advise
+from abhv_mc.statistics.winner import RISK as WINNERS_RISK
 from abhv_mc.topics.comparison import COMPARISON
 from abhv_mc.topics.comparison.model import ControllerPair
 from abhv_mc.topics.comparison.sentences import closer_in, standing, verdict_of
@@ -32,8 +33,10 @@ def judge_campaign(models: Models) -> Judgement:
     met, better = _met(verdicts), _better(models)
     binding = list(dict.fromkeys(name for item in verdicts.requirements for name in item.asked.controllers))
     who = joined(list(map(names.label, binding))) if len(binding) <= 2 else f"{len(binding)} {names.kind}s"
+    others = [names.label(name) for name in names.controllers if name not in binding and _passes(verdicts, name)]
+    too = f"; {joined(others)} meet{'s' if len(others) == 1 else ''} them, too" if others else ""
     told = {
-        "yes": f"Requirements met by {who}.", "no": f"Requirements not met by {who}.",
+        "yes": f"Requirements met by {who}{too}.", "no": f"Requirements not met by {who}.",
         "not shown": f"Not shown that {who} meet{'s' if len(binding) == 1 else ''} the requirements.",
         "nothing required": "Nothing is required.",
     }  # fmt: skip
@@ -49,6 +52,11 @@ def judge_campaign(models: Models) -> Judgement:
 def _binding(verdicts: Verdicts) -> list[ControllerVerdict | None]:
     """None of a controller none of whose flights could be computed."""
     return [item.controllers.get(name) for item in verdicts.requirements for name in item.asked.controllers]
+
+
+def _passes(verdicts: Verdicts, name: str) -> bool:
+    """Whether a controller meets every requirement, bound by them or not."""
+    return all(name in item.controllers and item.controllers[name].status == "PASS" for item in verdicts.requirements)
 
 
 def _met(verdicts: Verdicts) -> Met:
@@ -125,14 +133,13 @@ def _closer(pair: ControllerPair, names: Names) -> str:
 
 
 def _angles(pair: ControllerPair, names: Names) -> str:
-    """'TLC is closer than LQR with and without ramps in sideslip, only without in bank.': which has the smaller
-    rms error on more flights; '' where the campaign counts no rms error of settled stretches."""
+    """'TLC is closer than LQR over the whole flight and when settled in sideslip, only when settled in bank.': which
+    has the smaller rms error on more flights; '' where the campaign counts no rms error of settled stretches."""
     found = closer_in(pair, names)
-    ramps = "" if (True, True) in found else " ramps"  # named before
     sides = {
-        (True, True): "with and without ramps",
-        (False, True): f"only without{ramps}",
-        (True, False): f"only with{ramps}",
+        (True, True): "over the whole flight and when settled",
+        (False, True): "only when settled",
+        (True, False): "only over the whole flight",
     }
     parts = [f"{words} in {joined(found[side])}" for side, words in sides.items() if side in found]
     words = ", ".join(parts) if parts else "in no angle"
@@ -159,6 +166,8 @@ def _sure(models: Models) -> str:
     risk = max(entry.asked.consumer_risk for entry in verdicts.requirements)
     passed = held.stand + len(held.dropped)
     text = f"Each verdict at {percent(risk, 2)} risk."
+    if models.names.judged and models[COMPARISON].pairs:
+        text = f"Each verdict at {percent(risk, 2)} risk, all winners together at {percent(WINNERS_RISK, 2)}."
     if passed > 1:
         text += f" Jointly {held.stand or 'none'} of {passed} PASS stand{'s' if held.stand == 1 else ''}."
     return text
@@ -200,7 +209,9 @@ def _next(models: Models, met: Met) -> Next | None:
             return Next(f"{fixed(need, 0)} flights would do, more than {_MOST_TIMES} times those flown")
         return _more(need, f"{fixed(need, 0)} flights would do", flies)
     jointly = flights_jointly(verdicts)
-    return _more(jointly, f"all stand with {fixed(jointly, 0)} flights if no more fail", flies) if jointly else None
+    if jointly:
+        return _more(jointly, f"all stand with {fixed(jointly, 0)} flights if no more fail", flies)
+    return Next("nothing more needs to fly") if met == "yes" else None
 
 
 def _more(flights: int, why: str, flies: bool) -> Next:
