@@ -41,7 +41,7 @@ def judge_campaign(models: Models) -> Judgement:
         "nothing required": "Nothing is required.",
     }  # fmt: skip
     winner = {
-        MIXED: " Mixed: none is better throughout.", NO_DIFFERENCE: f" No {names.kind} is shown to be better.",
+        MIXED: " None is better throughout.", NO_DIFFERENCE: f" No {names.kind} is shown to be better.",
         ALONE: "",
     }  # fmt: skip
     answer = told[met] + (winner[better] if better in winner else f" {names.label(better)} is better.")
@@ -133,15 +133,11 @@ def _closer(pair: ControllerPair, names: Names) -> str:
 
 
 def _angles(pair: ControllerPair, names: Names) -> str:
-    """'TLC is closer than LQR over the whole flight and when settled in sideslip, only when settled in bank.': which
-    has the smaller rms error on more flights; '' where the campaign counts no rms error of settled stretches."""
+    """'TLC is closer than LQR in sideslip, in bank only when settled.': which has the smaller rms error on more
+    flights; '' where the campaign counts no rms error of settled stretches."""
     found = closer_in(pair, names)
-    sides = {
-        (True, True): "over the whole flight and when settled",
-        (False, True): "only when settled",
-        (True, False): "only over the whole flight",
-    }
-    parts = [f"{words} in {joined(found[side])}" for side, words in sides.items() if side in found]
+    sides = {(True, True): "", (False, True): " only when settled", (True, False): " but not when settled"}
+    parts = [f"in {joined(found[side])}{words}" for side, words in sides.items() if side in found]
     words = ", ".join(parts) if parts else "in no angle"
     return f"{names.label(pair.a)} is closer than {names.label(pair.b)} {words}." if found else ""
 
@@ -165,9 +161,9 @@ def _sure(models: Models) -> str:
         return "Exact for independent flights only: no verdicts for this design."
     risk = max(entry.asked.consumer_risk for entry in verdicts.requirements)
     passed = held.stand + len(held.dropped)
-    text = f"Each verdict at {percent(risk, 2)} risk."
+    text = f"Verdicts at {percent(risk, 2)} risk."
     if models.names.judged and models[COMPARISON].pairs:
-        text = f"Each verdict at {percent(risk, 2)} risk, all winners together at {percent(WINNERS_RISK, 2)}."
+        text = f"Verdicts at {percent(risk, 2)} risk, winners at {percent(WINNERS_RISK, 2)}."
     if passed > 1:
         text += f" Jointly {held.stand or 'none'} of {passed} PASS stand{'s' if held.stand == 1 else ''}."
     return text
@@ -192,7 +188,7 @@ def _next(models: Models, met: Met) -> Next | None:
     if models.results.manifest.state != "complete" or not models.names.independent:
         return None
     verdicts, flies = models[VERDICTS], models.names.flies
-    why_failed = Next("see what makes flights fail", "abhv-mc explain DIR --all")
+    why_failed = Next("why flights fail", "abhv-mc explain DIR --all")
     if not flies:
         why_failed = Next("see 'Why flights fail' in the report")
     if met == "no":
