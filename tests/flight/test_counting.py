@@ -172,6 +172,15 @@ def test_a_tick_that_is_not_a_number_makes_the_metric_not_a_number(plan, paramet
     assert np.isfinite(fly(declare(plan, **before), parameters[2:4]).metrics[:, -1]).all()
 
 
+def test_many_flights_with_quantiles_are_as_few():
+    """They are flown in groups, so that the ticks that are kept do not grow with the flights."""
+    entry = {"of": "pitch_rate_dps", "statistic": "quantile", "share": 0.025}
+    made, rows = declare(short_plan(50, "lqr_retuned"), low=entry), nominal_parameters(600)
+    rows[:, PARAMETER_INDEX["aero.lift"]] = np.linspace(0.9, 1.1, 600)
+    block = fly(made, rows)
+    assert np.array_equal(block.metrics[500:], fly(made, rows[500:]).metrics) and len(set(block.metrics[:, -1])) > 500
+
+
 def test_records_come_back_from_their_text(plan):
     made = declare(plan, **ENTRIES)
     again = unpack_metrics(made.declared)

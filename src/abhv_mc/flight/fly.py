@@ -11,7 +11,7 @@ from abhv_mc.array_types import Floats, Singles
 from abhv_mc.flight.arguments import Kept, check_written, make_kernel_plan, make_results
 from abhv_mc.flight.last_tick import open_memory
 from abhv_mc.flight.lost import fly_in_child
-from abhv_mc.flight.plan import NOT_LEAN, FlightBlock, FlightPlan, Recording, recording_of
+from abhv_mc.flight.plan import NOT_LEAN, FlightBlock, FlightPlan, Recording, join_blocks, recording_of
 from abhv_mc.flight.user_law import must_fly_elsewhere, open_law
 from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.kernel.flight.fly_lanes import make_fly_lanes
@@ -21,6 +21,7 @@ from abhv_mc.kernel.jit import is_kept
 from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.user_code.child import in_child
 
+_SAMPLED = 512  # flights at once where quantiles keep every tick: 25 MB each in a minute
 _LONGEST = 600.0  # s that flights of native code may take up to where they are kept
 
 _NOT_LEAN = np.array([parameter.name.startswith(NOT_LEAN) for parameter in PARAMETERS])
@@ -80,6 +81,10 @@ def fly(
     recording = recording_of(record_every, plan)
     if must_fly_elsewhere(plan):
         return fly_in_child(fly, plan, parameters, recording, lanes, keep_states, start)
+    sampled = any(metric.statistic == Statistic.QUANTILE for metric in plan.metrics)
+    if sampled and len(parameters) > _SAMPLED and not keep_states and start is None:
+        starts = range(0, len(parameters), _SAMPLED)
+        return join_blocks([fly(plan, parameters[i : i + _SAMPLED], recording, lanes) for i in starts])
     results = make_results(plan, len(parameters), recording, keep_states)
     with open_memory(lanes, len(parameters), plan.timing.tick) as memory:
         fly_in_memory(plan, parameters, results, recording, memory, start)
