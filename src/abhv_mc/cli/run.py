@@ -200,11 +200,12 @@ def print_requirements(manifest: "Manifest") -> None:
 
 
 def describe_verdicts(manifest: "Manifest") -> str:
-    """'tlc 2 PASS, 1 FAIL; lqr 3 NOT SHOWN. The exit code follows tlc (3).', how many of whose verdicts bind."""
+    """'tlc 2 PASS, 1 FAIL; lqr 3 NOT SHOWN. The exit code follows tlc (3 verdicts).'"""
     binding, shown = manifest.requirements, manifest.requirements_shown
     parts = []
     for name in manifest.controllers:
         counts = Counter(entry.verdict for entry in (*binding, *shown) if entry.controller == name)
         parts.append(f"{name} {', '.join(f'{count} {status}' for status, count in counts.items())}")
     bound = Counter(entry.controller for entry in binding)
-    return f"{'; '.join(parts)}. The exit code follows {', '.join(f'{name} ({n})' for name, n in bound.items())}."
+    follows = ", ".join(f"{name} ({n} verdict{'s' * (n > 1)})" for name, n in bound.items())
+    return f"{'; '.join(parts)}. The exit code follows {follows}."
