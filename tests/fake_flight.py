@@ -8,6 +8,7 @@ import time
 import typing
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,6 +29,9 @@ from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.simulators.engine import Engine
 from abhv_mc.user_code.vehicle_functions import load_vehicle
+
+if TYPE_CHECKING:
+    from abhv_mc.execution.runner import RunResult
 
 DENSITY, LIFT, DRAG = (PARAMETER_INDEX[name] for name in ("atmosphere.density", "aero.lift", "aero.drag"))
 LOST_BELOW = 0.91
@@ -147,6 +151,14 @@ def interrupted_after(calls: int, engine: Engine = ENGINE) -> Engine:
         return engine.fly(plan, parameters, record_every)
 
     return replace(engine, fly=fly_until)
+
+
+def run(campaign: Path, out: Path, engine: Engine = ENGINE, **options: Any) -> "RunResult":
+    """Fly a campaign; ``options`` are those of a request."""
+    from abhv_mc.execution.runner import run_campaign  # not where workers import this file
+    from abhv_mc.execution.setup import Request
+
+    return run_campaign(Request(campaign, out, **options), engine)
 
 
 def write_campaign(folder: Path, **entries: str) -> Path:

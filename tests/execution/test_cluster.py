@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from fake_flight import DENSITY, ENGINE, fly, make_plan, write_campaign
+from fake_flight import DENSITY, ENGINE, fly, fly_slowly, make_plan, run, write_campaign
 from own_simulators import dive_campaign
 from search import tuned_flight
 from search.line_flight import LINE, METRIC, write_line
@@ -32,20 +32,8 @@ from abhv_mc.search.tune import tune_controller
 from abhv_mc.search.worst import WorstSettings, find_worst
 from abhv_mc.shipped import shipped_campaigns
 from abhv_mc.simulators.engine import make_engine
-from abhv_mc.stability.fly_with_margins import fly_with_margins
 
 pytest.importorskip("distributed")
-
-
-def fly_slowly(plan, parameters, every=None):
-    time.sleep(0.1)
-    return fly(plan, parameters, every)
-
-
-def fly_compiled_when_let(plan, parameters, every=None):
-    time.sleep(0.1)
-    wait_until_let()
-    return fly_with_margins(plan, parameters, every)
 
 
 def fly_hanging(plan, parameters, every=None):
@@ -56,13 +44,9 @@ def fly_hanging(plan, parameters, every=None):
 
 
 def fly_when_let(plan, parameters, every=None):
-    wait_until_let()
-    return fly(plan, parameters, every)
-
-
-def wait_until_let():
     while Path(os.environ["HELD"]).exists():
         time.sleep(0.02)
+    return fly(plan, parameters, every)
 
 
 class Dask:
@@ -126,28 +110,12 @@ def local_folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def local(local_folder):
-    """The digest that every cluster has to give."""
-    return json.loads((local_folder / "manifest.json").read_text())["digest"]
-
-
-@pytest.fixture(scope="module")
 def two_workers(tmp_path_factory):
     cluster = Dask(tmp_path_factory.mktemp("dask"))
     cluster.start_worker()
     cluster.start_worker()
     yield cluster
     cluster.close()
-
-
-def with_blocks(folder, size):
-    """The shipped campaign, flown in blocks of so many flights."""
-    configs = str(REAL.parents[1] / "configs")
-    text = REAL.read_text(encoding="utf-8").replace("../configs", configs).replace("batch: auto", f"batch: {size}")
-    assert f"batch: {size}" in text
-    path = folder / "campaign.yaml"
-    path.write_text(text, encoding="utf-8")
-    return path
 
 
 def test_a_cluster_shards_and_one_worker_give_the_same_bits(local_folder, two_workers, tmp_path):
@@ -164,28 +132,6 @@ def test_a_cluster_shards_and_one_worker_give_the_same_bits(local_folder, two_wo
     for name in ("envelopes.parquet", "histories/tlc-000000.parquet"):
         whole = pq.read_table(local_folder / name).to_pandas()  # whose equals takes not-a-number as equal to itself
         assert len(whole) and all(pq.read_table(folder / name).to_pandas().equals(whole) for folder in folders), name
-
-
-def test_compiled_flights_stand_a_killed_worker_and_a_late_one(local, dask, tmp_path, monkeypatch):
-    monkeypatch.setenv("HELD", str(dask.held))
-    first = [dask.start_worker(), dask.start_worker()]
-    seen = []
-
-    def meddle():
-        wait_for_flights(tmp_path / "out", 3)
-        dask.held.touch()
-        dask.kill(first[0])
-        dask.start_worker()
-        seen.append(sum(1 for _ in (tmp_path / "out/flights").glob("*.parquet")))
-        dask.held.unlink()
-
-    meddler = threading.Thread(target=meddle, daemon=True)
-    meddler.start()
-    request = Request(with_blocks(tmp_path, 16), tmp_path / "out", RUNS, controllers=("tlc",), scheduler=dask.address)
-    flown = run_campaign(request, replace(make_engine(), fly=fly_compiled_when_let)).manifest
-    meddler.join()
-    assert 3 <= seen[0] < RUNS // 16
-    assert (flown.state, flown.runs_failed, flown.digest) == ("complete", 0, local)
 
 
 def test_a_plan_that_waits_on_a_killed_worker_is_held_anew(dask):
@@ -229,13 +175,13 @@ def test_a_scheduler_that_dies_ends_the_campaign_in_words_and_the_same_command_g
     killer = threading.Thread(target=kill_it, daemon=True)
     killer.start()
     with pytest.raises(BaseException) as ended:  # noqa: PT011  # of many kinds
-        run_campaign(Request(campaign, out, scheduler=dask.address), replace(ENGINE, fly=fly_slowly))
+        run(campaign, out, replace(ENGINE, fly=fly_slowly), scheduler=dask.address)
     killer.join()
     assert isinstance(ended.value, UnusableError) or exit_code_of(ended.value) == ExitCode.INCOMPLETE
     kept = sum(1 for _ in (out / "flights").glob("*.parquet"))
     assert 5 <= kept < 76 and json.loads((out / "manifest.json").read_text())["state"] == "interrupted"
-    whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
-    assert run_campaign(Request(campaign, out), ENGINE).manifest.digest == whole.digest
+    whole = run(campaign, tmp_path / "whole").manifest
+    assert run(campaign, out).manifest.digest == whole.digest
 
 
 def test_a_flight_that_hangs_costs_its_row_there_too(dask, tmp_path):

@@ -5,10 +5,8 @@ from dataclasses import replace
 
 import pyarrow.parquet as pq
 import pytest
-from fake_flight import ENGINE, fly, interrupted_after, write_campaign
+from fake_flight import ENGINE, fly, interrupted_after, run, write_campaign
 
-from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.hashes import read_checked
 from abhv_mc.folder.layout import CampaignFolder
@@ -23,6 +21,15 @@ def flip_a_bit(path):
     path.write_bytes(content[:place] + bytes([content[place] ^ 16]) + content[place + 1 :])
 
 
+ENTRIES = {"runs": "120", "keep": KEEP, "execution": "{batch: 30}"}
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole")
+    return run(write_campaign(folder / "f", **ENTRIES), folder / "out")
+
+
 GONE = pytest.param(lambda path: path.unlink(), id="gone", marks=pytest.mark.thorough)
 
 
@@ -30,10 +37,9 @@ GONE = pytest.param(lambda path: path.unlink(), id="gone", marks=pytest.mark.tho
 @pytest.mark.parametrize(
     "complete", [pytest.param(False, id="interrupted"), pytest.param(True, id="complete", marks=pytest.mark.thorough)]
 )
-def test_flights_are_flown_again_and_other_damage_is_named(tmp_path, complete, damage, capfd):
-    campaign = write_campaign(tmp_path / "f", runs="120", keep=KEEP, execution="{batch: 30}")
-    whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
-    run_campaign(Request(campaign, tmp_path / "base"), ENGINE if complete else interrupted_after(8))
+def test_flights_are_flown_again_and_other_damage_is_named(flown, tmp_path, complete, damage, capfd):
+    campaign, whole = write_campaign(tmp_path / "f", **ENTRIES), flown.manifest
+    run(campaign, tmp_path / "base", ENGINE if complete else interrupted_after(8))
     files = [path.relative_to(tmp_path / "base") for path in sorted((tmp_path / "base").rglob("*")) if path.is_file()]
     again = set()
     for file in files:
@@ -42,46 +48,45 @@ def test_flights_are_flown_again_and_other_damage_is_named(tmp_path, complete, d
         damage(out / file)
         if file.name == "manifest.json" and not (out / file).exists():
             with pytest.raises(InputError, match="--fresh"):
-                run_campaign(Request(campaign, out), ENGINE)
+                run(campaign, out)
         elif file.parts[0] in ("flights", "envelope_states", ".lock"):
             again.add(file.parts[0])
-            result = run_campaign(Request(campaign, out), ENGINE)
+            result = run(campaign, out)
             assert result.complete and result.manifest.digest == whole.digest, file
             for name in ("envelopes.parquet", "histories/one-000000.parquet"):
-                assert pq.read_table(out / name).equals(pq.read_table(tmp_path / "whole" / name)), (file, name)
+                assert pq.read_table(out / name).equals(pq.read_table(flown.folder / name)), (file, name)
         else:
             with pytest.raises(InputError, match=f"{file}: .*--fresh"):
-                run_campaign(Request(campaign, out), ENGINE)
+                run(campaign, out)
             with pytest.raises(InputError, match=str(file)):
                 read_checked(CampaignFolder(out))
-            assert run_campaign(Request(campaign, out, fresh=True), ENGINE).manifest.digest == whole.digest
+            if file.name in ("manifest.json", "campaign.yaml"):
+                assert run(campaign, out, fresh=True).manifest.digest == whole.digest
         shutil.rmtree(out)
     assert again == {"flights", ".lock"} | (set() if complete else {"envelope_states"})
 
 
-def test_a_block_with_a_flight_that_could_not_be_computed_is_flown_again(tmp_path, capfd):
+def test_a_block_with_a_flight_that_could_not_be_computed_is_flown_again(flown, tmp_path, capfd):
     def fail(plan, parameters, every=None):
         block = fly(plan, parameters, every)
         if len(parameters) == 30:  # no trial
             block.outcome[1] = Outcome.FAILED_TO_RUN
         return block
 
-    campaign = write_campaign(tmp_path / "f", runs="60", keep=KEEP, execution="{batch: 30}")
-    whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
-    first = run_campaign(Request(campaign, tmp_path / "out"), replace(ENGINE, fly=fail)).manifest
-    assert first.runs_failed == 2 and first.digest != whole.digest
-    again = run_campaign(Request(campaign, tmp_path / "out"), ENGINE).manifest
+    campaign, whole = write_campaign(tmp_path / "f", **ENTRIES), flown.manifest
+    first = run(campaign, tmp_path / "out", replace(ENGINE, fly=fail)).manifest
+    assert first.runs_failed == 4 and first.digest != whole.digest
+    again = run(campaign, tmp_path / "out").manifest
     assert again.runs_failed == 0 and again.digest == whole.digest
-    assert pq.read_table(tmp_path / "out/envelopes.parquet").equals(pq.read_table(tmp_path / "whole/envelopes.parquet"))
+    assert pq.read_table(tmp_path / "out/envelopes.parquet").equals(pq.read_table(flown.folder / "envelopes.parquet"))
 
 
-def test_a_folder_of_another_format_is_refused(tmp_path, capfd):
-    campaign = write_campaign(tmp_path / "f", runs="30")
-    run_campaign(Request(campaign, tmp_path / "out"), ENGINE)
-    path = tmp_path / "out/manifest.json"
+def test_a_folder_of_another_format_is_refused(flown, tmp_path, capfd):
+    campaign = write_campaign(tmp_path / "f", **ENTRIES)
+    path = shutil.copytree(flown.folder, tmp_path / "out") / "manifest.json"
     path.write_text(path.read_text().replace('"format": 1,', '"format": 2,'))
-    for read in (lambda: run_campaign(Request(campaign, tmp_path / "out"), ENGINE),
+    for read in (lambda: run(campaign, tmp_path / "out"),
                  lambda: read_checked(CampaignFolder(tmp_path / "out"))):  # fmt: skip
         with pytest.raises(InputError, match="format"):
             read()
-    assert run_campaign(Request(campaign, tmp_path / "out", fresh=True), ENGINE).complete
+    assert run(campaign, tmp_path / "out", fresh=True).complete

@@ -5,10 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from fake_flight import ENGINE, fly, prepare, write_campaign
+from fake_flight import ENGINE, fly, prepare, run, write_campaign
 
-from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.flight.metrics import METRICS
 from abhv_mc.folder.hashes import read_checked
 from abhv_mc.folder.layout import CampaignFolder
@@ -19,15 +17,27 @@ from abhv_mc.search.worst import WorstSettings, find_worst
 FILES = ("vehicle.yaml", "tables/cl.csv", "mission.yaml", "one.yaml")
 
 
+ENTRIES = {"runs": "60", "execution": "{batch: 15}", "keep": "{envelopes: {rate: 5 Hz}}"}
+
+
 @pytest.fixture
 def campaign(tmp_path, capfd):
-    return write_campaign(tmp_path / "f", runs="60", execution="{batch: 15}", keep="{envelopes: {rate: 5 Hz}}")
+    return write_campaign(tmp_path / "f", **ENTRIES)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole")
+    return run(write_campaign(folder / "f", **ENTRIES), folder / "out", WITH_STABILITY)
 
 
 def find_stability(campaign, plans):
     """What the vehicle's files hold when margins are found, at the end of the run."""
     vehicle = campaign.model.vehicle
     return {"vehicle": (read_input(vehicle) + read_input(vehicle.parent / "tables/cl.csv")).decode()}
+
+
+WITH_STABILITY = replace(ENGINE, find_stability=find_stability)
 
 
 def edit(file):
@@ -46,18 +56,17 @@ def editing(file, when):
         edit(file)
         return fly(plan, parameters, every)
 
-    return replace(ENGINE, prepare=prepare_and_edit, fly=fly_and_edit, find_stability=find_stability)
+    return replace(WITH_STABILITY, prepare=prepare_and_edit, fly=fly_and_edit)
 
 
 @pytest.mark.parametrize(("name", "when"), list(zip(FILES, ("prepare", "fly", "prepare", "fly"), strict=True)))
-def test_what_flies_is_what_was_read(campaign, tmp_path, name, when):
-    whole = run_campaign(Request(campaign, tmp_path / "whole"), replace(ENGINE, find_stability=find_stability))
-    flown = run_campaign(Request(campaign, tmp_path / "out"), editing(campaign.parent / name, when))
+def test_what_flies_is_what_was_read(whole, campaign, tmp_path, name, when):
+    flown = run(campaign, tmp_path / "out", editing(campaign.parent / name, when))
     assert "edited" in (campaign.parent / name).read_text()
     assert flown.manifest.digest == whole.manifest.digest
     assert flown.manifest.inputs == whole.manifest.inputs
     assert read_checked(CampaignFolder(tmp_path / "out")).files == flown.manifest.files
-    assert (tmp_path / "out/margins.json").read_bytes() == (tmp_path / "whole/margins.json").read_bytes()
+    assert (tmp_path / "out/margins.json").read_bytes() == (whole.folder / "margins.json").read_bytes()
 
 
 def test_a_search_flies_what_was_read(campaign, tmp_path):
@@ -75,6 +84,6 @@ def test_each_input_is_opened_once(campaign, tmp_path, monkeypatch):
         return read(path)
 
     monkeypatch.setattr(Path, "read_bytes", count)
-    run_campaign(Request(campaign, tmp_path / "out"), replace(ENGINE, find_stability=find_stability))
+    run(campaign, tmp_path / "out", WITH_STABILITY)
     files = [campaign, *(campaign.parent / name for name in (*FILES, "two.yaml"))]
     assert [opened[path] for path in files] == [1] * len(files)

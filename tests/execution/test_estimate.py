@@ -3,18 +3,16 @@
 from dataclasses import replace
 
 import pytest
-from fake_flight import ENGINE, SLOW_ENGINE, write_campaign
+from fake_flight import ENGINE, SLOW_ENGINE, run, write_campaign
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.estimate import estimate_campaign
-from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 
 
 def test_disk_is_what_the_campaign_takes(tmp_path, capfd):
     campaign = write_campaign(tmp_path / "files", execution="{workers: 2, batch: 60}")
     cost = estimate_campaign(read_campaign(campaign), ENGINE)
-    run_campaign(Request(campaign, tmp_path / "out"), ENGINE)
+    run(campaign, tmp_path / "out")
     rows = sum(path.stat().st_size for path in (tmp_path / "out/flights").iterdir())
     assert cost.rows_bytes == pytest.approx(rows, rel=0.2)
     assert (cost.flights, cost.controllers, cost.workers, cost.batch, cost.kept) == (300, 2, 2, 60, 6)

@@ -7,19 +7,16 @@ import os
 import random
 import signal
 import threading
-import time
 from dataclasses import replace
 
 import numpy as np
 import psutil
 import pyarrow.parquet as pq
 import pytest
-from fake_flight import DENSITY, ENGINE, fly, write_campaign
+from fake_flight import DENSITY, ENGINE, fly, fly_slowly, run, write_campaign
 
 from abhv_mc.campaign.file.config import PROCESSES
 from abhv_mc.execution.retry import UnusableError
-from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 
 KEEP = "{histories: {flights: [worst 5, every 10], rate: 10 Hz}, envelopes: {rate: 5 Hz}}"
 
@@ -62,11 +59,6 @@ def fly_nowhere(plan, parameters, every=None):
     return fly(plan, parameters, every)
 
 
-def fly_slowly(plan, parameters, every=None):
-    time.sleep(0.03)
-    return fly(plan, parameters, every)
-
-
 def fly_after_killed_starts(folder, plan, parameters, every=None):
     """The first ten processes are killed at the start, as by a machine short of memory for a while."""
     started = folder / f"{os.getpid()}"
@@ -95,8 +87,8 @@ def test_a_bad_flight_costs_its_row(tmp_path, function, isolation, reason, capfd
     # Blocks of 150 need ten limits of processor time, so a hanging flight is found after 3 s, then after 0.3 s, twice.
     execution = f"{{workers: 2, batch: 150, isolation: {isolation}, flight_time_limit: 0.3 s}}"
     campaign = write_campaign(tmp_path / "f", execution=execution, keep=KEEP, controllers="{one: one.yaml}")
-    whole = run_campaign(Request(campaign, tmp_path / "a"), ENGINE)
-    flawed = run_campaign(Request(campaign, tmp_path / "b"), engine_of(function))
+    whole = run(campaign, tmp_path / "a")
+    flawed = run(campaign, tmp_path / "b", engine_of(function))
     rows = [pq.read_table(tmp_path / out / "flights").sort_by("flight") for out in ("a", "b")]
     bad = is_bad(rows[0]["atmosphere.density"].to_numpy())
     assert 1 <= bad.sum() <= 5
@@ -109,31 +101,31 @@ def test_a_bad_flight_costs_its_row(tmp_path, function, isolation, reason, capfd
     assert manifest.digest != whole.manifest.digest
     counts = pq.read_table(tmp_path / "b/envelopes.parquet")["count"].to_pylist()
     assert max(counts) == 300 - bad.sum()
-    again = run_campaign(Request(campaign, tmp_path / "b"), engine_of(function)).manifest
+    again = run(campaign, tmp_path / "b", engine_of(function)).manifest
     assert again.controllers == manifest.controllers and again.digest == manifest.digest
 
 
 def test_a_machine_that_flies_nothing_stops_the_campaign(tmp_path, capfd):
     campaign = write_campaign(tmp_path / "f", runs="32", execution="{workers: 2, batch: 16}")
     with pytest.raises(UnusableError, match="exit code 3"):
-        run_campaign(Request(campaign, tmp_path / "out"), engine_of(fly_nowhere))
+        run(campaign, tmp_path / "out", engine_of(fly_nowhere))
     assert not list((tmp_path / "out/flights").glob("*.parquet"))
-    assert run_campaign(Request(campaign, tmp_path / "out"), ENGINE).complete
+    assert run(campaign, tmp_path / "out").complete
 
 
 def test_starts_that_are_killed_are_tried_again_and_cost_no_flight(tmp_path, capfd):
     campaign = write_campaign(tmp_path / "f", execution="{workers: 2, batch: 100}")
-    whole = run_campaign(Request(campaign, tmp_path / "a"), ENGINE).manifest
+    whole = run(campaign, tmp_path / "a").manifest
     (tmp_path / "started").mkdir()
     fly_late = functools.partial(fly_after_killed_starts, tmp_path / "started")
-    flown = run_campaign(Request(campaign, tmp_path / "b"), engine_of(fly_late)).manifest
+    flown = run(campaign, tmp_path / "b", engine_of(fly_late)).manifest
     assert len(list((tmp_path / "started").iterdir())) > 10
     assert flown.digest == whole.digest and flown.runs_failed == 0
 
 
 def test_killed_workers_lose_nothing(tmp_path, capfd):
     campaign = write_campaign(tmp_path / "f", execution="{workers: 2, batch: 4}")
-    whole = run_campaign(Request(campaign, tmp_path / "a"), ENGINE).manifest
+    whole = run(campaign, tmp_path / "a").manifest
     moments, kills, ended = random.Random(4), [], threading.Event()
 
     def kill_workers():
@@ -146,7 +138,7 @@ def test_killed_workers_lose_nothing(tmp_path, capfd):
     killer = threading.Thread(target=kill_workers)
     killer.start()
     try:
-        flown = run_campaign(Request(campaign, tmp_path / "b"), engine_of(fly_slowly)).manifest
+        flown = run(campaign, tmp_path / "b", engine_of(fly_slowly)).manifest
     finally:
         ended.set()
         killer.join()

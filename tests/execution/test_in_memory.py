@@ -3,13 +3,11 @@
 import numpy as np
 import pandas as pd
 import pytest
-from fake_flight import ENGINE, write_campaign
+from fake_flight import ENGINE, run, write_campaign
 
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.in_memory import simulate_table
-from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import InputError
@@ -24,7 +22,7 @@ def draw(experiment, flights):
 
 def test_a_table_of_samples_gives_the_campaigns_flights_to_the_bit(tmp_path):
     path = write_campaign(tmp_path, runs="70", keep="{histories: {flights: [3], rate: 10 Hz}, envelopes: {rate: 5 Hz}}")
-    folder = run_campaign(Request(path, tmp_path / "flown", workers=1), ENGINE).folder
+    folder = run(path, tmp_path / "flown", workers=1).folder
     experiment, flown = read_campaign(path), read_flown(folder).flights
     found = simulate_table(experiment, draw(experiment, 70), channels=[HEIGHT], engine=ENGINE)
     assert found.sizes["flight"] == 70 and tuple(found.controller.to_numpy()) == tuple(flown)

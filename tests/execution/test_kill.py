@@ -13,11 +13,9 @@ from dataclasses import replace
 import psutil
 import pyarrow.parquet as pq
 import pytest
-from fake_flight import ENGINE, SLOW_ENGINE, write_campaign
+from fake_flight import SLOW_ENGINE, run, write_campaign
 
 from abhv_mc.campaign.file.config import PROCESSES, THREADS
-from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.folder import envelope_states as collector
 from abhv_mc.folder.layout import StorageFullError
 
@@ -31,7 +29,7 @@ def fly_in_child(campaign, out, number, isolation=THREADS):
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in a background job
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     collector.ENVELOPE_FLIGHTS = number
-    run_campaign(Request(campaign, out, workers=2), replace(SLOW_ENGINE, isolation=isolation))
+    run(campaign, out, replace(SLOW_ENGINE, isolation=isolation), workers=2)
 
 
 def count_blocks(out):
@@ -102,7 +100,7 @@ def test_random_kills_lose_nothing(tmp_path, seed, monkeypatch, capfd):
     number, isolation = (100, 4096)[seed % 2], THREADS if seed < 2 else PROCESSES
     monkeypatch.setattr(collector, "ENVELOPE_FLIGHTS", number)
     campaign = Campaign(tmp_path, number, isolation, seed)
-    whole = run_campaign(Request(campaign.file, tmp_path / "whole"), ENGINE).manifest
+    whole = run(campaign.file, tmp_path / "whole").manifest
     folders = 0
     while len(campaign.kills) < ROUNDS:
         out, folders = tmp_path / f"out{folders}", folders + 1
@@ -110,7 +108,7 @@ def test_random_kills_lose_nothing(tmp_path, seed, monkeypatch, capfd):
             pass
         said = f"seed {seed}, kills: {campaign.kills}"
         assert code == 0, said
-        done = run_campaign(Request(campaign.file, out), ENGINE)  # complete: reads and proves every block
+        done = run(campaign.file, out)  # complete: reads and proves every block
         assert done.complete and done.manifest.runs_failed == 0, said
         assert done.manifest.digest == whole.digest, said
         for name in ("samples.parquet", "envelopes.parquet", "histories/one-000000.parquet"):
@@ -130,14 +128,14 @@ def test_a_polite_signal_ends_with_a_manifest_that_says_so(tmp_path, number, cap
     child.join(60.0)
     child.kill()
     assert child.exitcode == 0
-    result = run_campaign(Request(campaign, tmp_path / "out", runs=None), ENGINE)
+    result = run(campaign, tmp_path / "out", runs=None)
     assert result.complete
 
 
 def test_runs_that_start_in_one_new_folder_at_the_same_moment(tmp_path, capfd):
     """One of them flies; the others are told so, or go on with what it has begun, and nothing is lost."""
     campaign = write_campaign(tmp_path / "files", execution="{batch: 64}")
-    whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
+    whole = run(campaign, tmp_path / "whole").manifest
     for k in range(4):
         out = tmp_path / f"out{k}"
         children = [SERVER.Process(target=fly_in_child, args=(campaign, out, 4096)) for _ in range(3)]
@@ -146,7 +144,7 @@ def test_runs_that_start_in_one_new_folder_at_the_same_moment(tmp_path, capfd):
         for child in children:
             child.join()
         assert 0 in [child.exitcode for child in children]
-        done = run_campaign(Request(campaign, out), ENGINE)
+        done = run(campaign, out)
         assert done.complete and done.manifest.digest == whole.digest
         assert sorted(done.manifest.files) == sorted(whole.files)
 
@@ -163,7 +161,7 @@ def fly_within(campaign, out, size):
 def test_a_disk_that_fills_up_anywhere_loses_nothing(tmp_path, capfd):
     """Plans, samples, states of envelopes, blocks, histories: each file is once the one that does not fit."""
     campaign = write_campaign(tmp_path / "files", execution="{batch: 100}")
-    whole = run_campaign(Request(campaign, tmp_path / "whole"), ENGINE).manifest
+    whole = run(campaign, tmp_path / "whole").manifest
     sizes = {path.stat().st_size for path in (tmp_path / "whole").rglob("*") if path.is_file()}
     codes = []
     for size in sorted(sizes):
@@ -173,5 +171,5 @@ def test_a_disk_that_fills_up_anywhere_loses_nothing(tmp_path, capfd):
         codes.append(child.exitcode)
         assert not list((tmp_path / "out").rglob("*.temporary"))
     assert codes.count(3) > 5 and set(codes) <= {0, 3}
-    done = run_campaign(Request(campaign, tmp_path / "out"), ENGINE)
+    done = run(campaign, tmp_path / "out")
     assert done.complete and done.manifest.digest == whole.digest

@@ -6,14 +6,12 @@ import random
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from fake_flight import interrupted_after
+from fake_flight import interrupted_after, run
 
 from abhv_mc.analysis.explain import explain_flight
 from abhv_mc.analysis.failure_map import map_failures
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.input_error import InputError
@@ -58,11 +56,11 @@ def _table(folder, controller):
 def test_the_first_flights_have_them_whatever_flies_the_blocks(engine, tmp_path):
     """TLC is unstable above 1.10 times the rudder, LQR everywhere; no bit depends on blocks or on what was resumed."""
     margins = "{at: [trim, 30 s], flights: 12}"
-    first = run_campaign(Request(_write(tmp_path / "a.yaml", margins), tmp_path / "a", workers=2), engine)
+    first = run(_write(tmp_path / "a.yaml", margins), tmp_path / "a", engine, workers=2)
     other = _write(tmp_path / "b.yaml", margins, batch="7")
-    cut = run_campaign(Request(other, tmp_path / "b", workers=1), interrupted_after(4, engine))
+    cut = run(other, tmp_path / "b", interrupted_after(4, engine), workers=1)
     assert not cut.complete
-    second = run_campaign(Request(other, tmp_path / "b", workers=1), engine)
+    second = run(other, tmp_path / "b", engine, workers=1)
     assert second.manifest.digest == first.manifest.digest
     tlc, lqr = _table(first.folder, "tlc"), _table(first.folder, "lqr")
     assert np.isnan(tlc["gain_margin_min_db"][12:]).all() and np.isfinite(tlc["disk_margin_min"][:12]).all()
@@ -97,7 +95,7 @@ def test_no_dispersion_and_no_margin_costs_a_flown_campaign(engine, tmp_path, se
     entries = "".join(f"  {name}: {{distribution: {law}}}\n" for name, law in laws.items())
     text = f"{head}{entries}requirements{rest.partition('requirements')[2]}"
     path.write_text(text.replace(f", lqr: {shipped_configs()}/control/lqr.yaml", ""), encoding="utf-8")
-    manifest = run_campaign(Request(path, tmp_path / "c", runs=6, workers=1), engine).manifest
+    manifest = run(path, tmp_path / "c", engine, runs=6, workers=1).manifest
     assert manifest.state == "complete" and manifest.runs_failed == 0
     stability = json.loads((tmp_path / "c/margins.json").read_text(encoding="utf-8"))["controllers"]
     assert not any("not computed" in entry.get("fault", "") for entry in stability.values())
@@ -114,7 +112,7 @@ def test_margins_that_fail_are_named_and_cost_no_flight(engine, tmp_path, monkey
     monkeypatch.setattr(fly_with_margins, "_find", find_some)
     monkeypatch.setattr(corner_margins, "_describe", lambda *_: 1 // 0)
     path = _write(tmp_path / "c.yaml", "{at: [trim], flights: all}")
-    folder = run_campaign(Request(path, tmp_path / "c", runs=12, workers=1), engine).folder
+    folder = run(path, tmp_path / "c", engine, runs=12, workers=1).folder
     table = _table(folder, "tlc")
     failed = table["control.rudder_effectiveness"] > 1.15
     assert 0 < failed.sum() < 12 and np.array_equal(np.isnan(table["gain_margin_min_db"]), failed)
@@ -128,7 +126,7 @@ def required(engine, tmp_path_factory):
     """A campaign that requires margins of all flights."""
     folder = tmp_path_factory.mktemp("required")
     path = _write(folder / "c.yaml", "{at: [trim], flights: all}", REQUIRED)
-    return run_campaign(Request(path, folder / "c", runs=12, workers=1), engine)
+    return run(path, folder / "c", engine, runs=12, workers=1)
 
 
 def test_they_can_be_required_of_all_flights(required):
@@ -171,19 +169,20 @@ def test_a_missed_margin_is_explained(engine, required):
         explain_flight(required.folder, "tlc", int(np.flatnonzero(~missed)[0]), engine.fly, "gain_margin_min_db")
 
 
-def test_delays_that_no_flight_remembers_are_refused(engine, tmp_path):
-    path = _write(tmp_path / "e.yaml", "null")
-    late = "  sensor.delay: {distribution: uniform, low: 0 ms, high: 300 ms}\nrequirements:"
-    path.write_text(path.read_text(encoding="utf-8").replace("requirements:", late), encoding="utf-8")
-    with pytest.raises(InputError, match=r"300 ms.*0 to 250 ms"):
-        run_campaign(Request(path, tmp_path / "e", workers=1), engine)
-    assert not (tmp_path / "e").exists()
-
-
-def test_samples_that_repeat_too_late_for_margins_are_refused(engine, tmp_path):
-    path = _write(tmp_path / "e.yaml", "{at: [trim]}")
-    late = "  sensor.bank_interval: {distribution: discrete, values: [10 ms, 1.01 s]}\nrequirements:"
-    path.write_text(path.read_text(encoding="utf-8").replace("requirements:", late), encoding="utf-8")
-    with pytest.raises(InputError, match="after 101 ticks"):
-        run_campaign(Request(path, tmp_path / "e", workers=1), engine)
+@pytest.mark.parametrize(
+    ("margins", "late", "words"),
+    [
+        ("null", "sensor.delay: {distribution: uniform, low: 0 ms, high: 300 ms}", r"300 ms.*0 to 250 ms"),
+        (
+            "{at: [trim]}",
+            "sensor.bank_interval: {distribution: discrete, values: [10 ms, 1.01 s]}",
+            "after 101 ticks",
+        ),
+    ],
+)
+def test_delays_that_no_flight_remembers_and_samples_too_far_apart_are_refused(engine, tmp_path, margins, late, words):
+    path = _write(tmp_path / "e.yaml", margins)
+    path.write_text(path.read_text("utf-8").replace("requirements:", f"  {late}\nrequirements:"), encoding="utf-8")
+    with pytest.raises(InputError, match=words):
+        run(path, tmp_path / "e", engine, workers=1)
     assert not (tmp_path / "e").exists()

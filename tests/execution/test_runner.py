@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,12 +14,10 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from fake_flight import ENGINE, fly, interrupted_after, write_campaign
+from fake_flight import ENGINE, fly, interrupted_after, make_plan, run, write_campaign
 
+from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution import runner
-from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
-from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.folder import envelope_states as collector
 from abhv_mc.folder.hashes import find_damage
@@ -27,16 +26,25 @@ from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.io.input_error import InputError
 
-GRID = "{design: grid, levels: 3}"
-
 
 @pytest.fixture
 def campaign(tmp_path):
     return write_campaign(tmp_path / "files")
 
 
-def run(campaign, out, engine=ENGINE, **options):
-    return run_campaign(Request(campaign, out, **options), engine)
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """300 flights that no test changes; their campaign's files are gone."""
+    folder = tmp_path_factory.mktemp("whole")
+    result = run(write_campaign(folder / "files"), folder / "out")
+    shutil.rmtree(folder / "files")
+    return result
+
+
+@pytest.fixture
+def flown(whole, tmp_path):
+    """A copy of their folder."""
+    return shutil.copytree(whole.folder, tmp_path / "out")
 
 
 def flights(folder):
@@ -44,45 +52,36 @@ def flights(folder):
     return table.sort_by([("controller", "ascending"), ("flight", "ascending")])
 
 
-def test_what_a_folder_holds(campaign, tmp_path):
-    result = run(campaign, tmp_path / "out")
-    assert result.complete and result.manifest.runs_done == 300
-    table = flights(tmp_path / "out")
+def test_what_a_folder_holds(whole):
+    assert whole.complete and whole.manifest.runs_done == 300
+    table = flights(whole.folder)
     assert table.num_rows == 600
     leading = ["flight", "controller", "outcome", "failure.case", "atmosphere.density", "aero.lift"]
     assert table.column_names[:6] == leading
-    samples = pq.read_table(tmp_path / "out/samples.parquet")
+    samples = pq.read_table(whole.folder / "samples.parquet")
     for name in ("atmosphere.density", "aero.lift"):
         np.testing.assert_array_equal(table[name].to_numpy()[:300], samples[name].to_numpy())
     assert table.schema.field("speed_error_max_mps").metadata[b"unit"] == b"m/s"
-    outcomes = result.manifest.controllers["one"].outcomes
+    outcomes = whole.manifest.controllers["one"].outcomes
     lost = int((samples["atmosphere.density"].to_numpy() < 0.91).sum())
     assert outcomes == {"ok": 300 - lost, "sideslip_limit": lost}
-    requirement = result.manifest.requirements[0]
-    assert (requirement.failures, requirement.failures_ended_early, requirement.failures_measured) == (
-        lost,
-        lost,
-        0,
-    )
+    found = whole.manifest.requirements[0]
+    assert (found.failures, found.failures_ended_early, found.failures_measured) == (lost, lost, 0)
 
 
 @pytest.mark.parametrize("options", [{"workers": 1}, {"workers": 3}, {"controllers": ("two",)}])
-def test_digest_does_not_depend_on_how_it_is_flown(campaign, tmp_path, options):
-    whole = run(campaign, tmp_path / "a").manifest
+def test_digest_does_not_depend_on_how_it_is_flown(whole, campaign, tmp_path, options):
     other = run(campaign, tmp_path / "b", **options).manifest
-    assert other.digests["two"] == whole.digests["two"]
+    assert other.digests["two"] == whole.manifest.digests["two"]
     if "controllers" not in options:
-        assert other.digest == whole.digest
+        assert other.digest == whole.manifest.digest
 
 
 @pytest.mark.parametrize("batch", [16, 1000])
-@pytest.mark.parametrize("number", [4096, 100])
-def test_block_size_changes_neither_digest_nor_envelopes(tmp_path, batch, number, monkeypatch):
-    monkeypatch.setattr(collector, "ENVELOPE_FLIGHTS", number)
-    one = run(write_campaign(tmp_path / "f1"), tmp_path / "a")
-    two = run(write_campaign(tmp_path / "f2", execution=f"{{batch: {batch}}}"), tmp_path / "b")
-    assert one.manifest.digest == two.manifest.digest
-    tables = [pq.read_table(r.folder / "envelopes.parquet") for r in (one, two)]
+def test_block_size_changes_neither_digest_nor_envelopes(whole, tmp_path, batch):
+    other = run(write_campaign(tmp_path / "f", execution=f"{{batch: {batch}}}"), tmp_path / "b")
+    assert other.manifest.digest == whole.manifest.digest
+    tables = [pq.read_table(result.folder / "envelopes.parquet") for result in (whole, other)]
     assert tables[0].equals(tables[1])
 
 
@@ -92,21 +91,19 @@ def test_no_run_imports_pandas(campaign, tmp_path):
 import sys
 from pathlib import Path
 sys.path.insert(0, {str(Path(__file__).parents[1])!r})
-from fake_flight import ENGINE
-from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
+from fake_flight import run
 from abhv_mc.folder.flown_campaign import read_flown
+out = Path({str(tmp_path / "out")!r})
 for _ in range(2):
-    assert run_campaign(Request(Path({str(campaign)!r}), Path({str(tmp_path / "out")!r})), ENGINE).complete
-read_flown(Path({str(tmp_path / "out")!r})).ranking
+    assert run(Path({str(campaign)!r}), out).complete
+read_flown(out).ranking
 print("pandas" in sys.modules)
 """
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert ended.stdout == "False\n", ended.stderr
 
 
-def test_interrupt_keeps_what_landed_and_resume_completes_it(campaign, tmp_path):
-    whole = run(campaign, tmp_path / "a")
+def test_interrupt_keeps_what_landed_and_resume_completes_it(whole, campaign, tmp_path):
     first = run(campaign, tmp_path / "b", interrupted_after(6), workers=1)
     assert first.manifest.state == "interrupted"
     kept = sum(facts.flights_done for facts in first.manifest.controllers.values())
@@ -118,12 +115,13 @@ def test_interrupt_keeps_what_landed_and_resume_completes_it(campaign, tmp_path)
     assert before.items() <= after.items()  # nothing was flown twice
     names = ["envelopes.parquet", *(f"histories/{name}-000000.parquet" for name in ("one", "two"))]
     for name in names:
-        assert pq.read_table(tmp_path / "a" / name).equals(pq.read_table(tmp_path / "b" / name))
+        assert pq.read_table(whole.folder / name).equals(pq.read_table(tmp_path / "b" / name))
 
 
 def test_envelopes_are_of_the_first_flights(campaign, tmp_path, monkeypatch):
     monkeypatch.setattr(collector, "ENVELOPE_FLIGHTS", 100)
     few = run(campaign, tmp_path / "few", runs=100).folder / "envelopes.parquet"
+    campaign = write_campaign(tmp_path / "files", execution="{batch: 16}")
     many = run(campaign, tmp_path / "many").folder / "envelopes.parquet"
     assert pq.read_table(few).equals(pq.read_table(many)) and pq.read_table(few)["count"].to_numpy().max() == 100
     assert pq.read_schema(many).metadata[b"flights"] == b"100"
@@ -132,16 +130,16 @@ def test_envelopes_are_of_the_first_flights(campaign, tmp_path, monkeypatch):
     assert many.stat().st_mtime_ns == before  # more flights change nothing of them
 
 
-def test_extending_keeps_flights_bit_for_bit(campaign, tmp_path):
+def test_extending_keeps_flights_bit_for_bit(whole, campaign, tmp_path):
     run(campaign, tmp_path / "out", runs=100)
     before = flights(tmp_path / "out")
     result = run(campaign, tmp_path / "out", runs=300)
     after = flights(tmp_path / "out")
     mask = np.tile(np.arange(300) < 100, 2)
     assert after.filter(mask).equals(before)
-    whole = run(campaign, tmp_path / "other", runs=300)
     assert result.manifest.digest == whole.manifest.digest
-    assert pq.read_table(tmp_path / "out/envelopes.parquet").equals(pq.read_table(tmp_path / "other/envelopes.parquet"))
+    tables = [pq.read_table(folder / "envelopes.parquet") for folder in (result.folder, whole.folder)]
+    assert tables[0].equals(tables[1])
 
 
 def test_fewer_flights_and_stratified_extensions_are_refused(tmp_path):
@@ -167,7 +165,7 @@ def test_requirements_of_controllers_that_are_flown_one_after_the_other(tmp_path
     def pairs(manifest):
         return sorted(repr(entry) for entry in manifest.requirements)
 
-    orders = ([("one",), None], [("two",), None], [("one",), ("two",), ("one",), None], [("two",), ("one",), ("two",)])
+    orders = [("one",), ("two",), ("one",), None], [("two",), ("one",), ("two",)]
     for i, order in enumerate(orders):
         out = tmp_path / f"{i}"
         for names in (*order, order[-1], None):
@@ -204,21 +202,19 @@ def test_requirements_without_controllers_follow_the_first_of_the_file(campaign,
         (dict(dispersions="{aero.lift: {distribution: normal, sigma: 6 %}}"), 'sigma: "5 %" -> "6 %"'),
     ],
 )
-def test_a_changed_campaign_does_not_resume(tmp_path, change, words):
-    run(write_campaign(tmp_path / "files"), tmp_path / "out")
-    held = {p: p.read_bytes() for p in (tmp_path / "out").rglob("*") if p.is_file() and p.name != ".lock"}
+def test_a_changed_campaign_does_not_resume(flown, tmp_path, change, words):
+    held = {p: p.read_bytes() for p in flown.rglob("*") if p.is_file() and p.name != ".lock"}
     with pytest.raises(InputError) as caught:
-        run(write_campaign(tmp_path / "files", **change), tmp_path / "out")
+        run(write_campaign(tmp_path / "files", **change), flown)
     assert words in str(caught.value)
-    assert held == {p: p.read_bytes() for p in (tmp_path / "out").rglob("*") if p.is_file() and p.name != ".lock"}
+    assert held == {p: p.read_bytes() for p in flown.rglob("*") if p.is_file() and p.name != ".lock"}
 
 
-def test_a_changed_input_file_does_not_resume(campaign, tmp_path):
-    run(campaign, tmp_path / "out")
+def test_a_changed_input_file_does_not_resume(campaign, flown):
     (campaign.parent / "tables/cl.csv").write_text("mach,value\n1,3\n2,3\n")
     with pytest.raises(InputError, match=r"inputs/vehicle/tables/cl.csv: other content"):
-        run(campaign, tmp_path / "out")
-    assert run(campaign, tmp_path / "out", fresh=True).complete
+        run(campaign, flown)
+    assert run(campaign, flown, fresh=True).complete
 
 
 def test_other_code_does_not_continue(campaign, tmp_path):
@@ -227,23 +223,17 @@ def test_other_code_does_not_continue(campaign, tmp_path):
         run(campaign, tmp_path / "out", replace(ENGINE, source="other"))
 
 
-def test_the_resolved_campaign_flies_the_same(campaign, tmp_path):
-    first = run(campaign, tmp_path / "a").manifest
-    for path in campaign.parent.rglob("*"):
-        if path.is_file():
-            path.unlink()
-    second = run(tmp_path / "a/campaign.yaml", tmp_path / "b").manifest
-    assert second.digest == first.digest and second.campaign_hash == first.campaign_hash
+def test_the_resolved_campaign_flies_the_same(whole, tmp_path):
+    again = run(whole.folder / "campaign.yaml", tmp_path / "b").manifest
+    assert again.digest == whole.manifest.digest and again.campaign_hash == whole.manifest.campaign_hash
 
 
-def test_two_processes_do_not_share_a_folder(campaign, tmp_path):
-    run(campaign, tmp_path / "out", interrupted_after(5))
-    with hold_lock(tmp_path / "out/.lock"), pytest.raises(InputError, match=f"process {os.getpid()}"):
-        run(campaign, tmp_path / "out")
+def test_two_processes_do_not_share_a_folder(campaign, flown):
+    with hold_lock(flown / ".lock"), pytest.raises(InputError, match=f"process {os.getpid()}"):
+        run(campaign, flown)
 
 
-def test_a_full_disk_keeps_what_was_flown(campaign, tmp_path, monkeypatch):
-    digest = run(campaign, tmp_path / "a").manifest.digest
+def test_a_full_disk_keeps_what_was_flown(whole, campaign, tmp_path, monkeypatch):
     write, count = runner.write_block, iter(range(1000))
 
     def full(*arguments):
@@ -261,7 +251,7 @@ def test_a_full_disk_keeps_what_was_flown(campaign, tmp_path, monkeypatch):
         assert json.loads((tmp_path / "b/manifest.json").read_text())["state"] == "interrupted"
         assert not list((tmp_path / "b").rglob("*.temporary"))
     monkeypatch.undo()
-    assert run(campaign, tmp_path / "b").manifest.digest == digest
+    assert run(campaign, tmp_path / "b").manifest.digest == whole.manifest.digest
 
 
 def test_a_folder_of_somebody_else_is_left_alone(campaign, tmp_path):
@@ -273,13 +263,12 @@ def test_a_folder_of_somebody_else_is_left_alone(campaign, tmp_path):
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["thesis.tex"]
 
 
-def test_kept_histories_are_the_worst_and_the_chosen(campaign, tmp_path):
-    run(campaign, tmp_path / "out")
-    rows = flights(tmp_path / "out").slice(0, 300)  # controller one
+def test_kept_histories_are_the_worst_and_the_chosen(whole):
+    rows = flights(whole.folder).slice(0, 300)  # controller one
     early = np.array(rows["outcome"].to_pylist()) != "ok"
     metric = rows["altitude_error_max_m"].to_numpy()
     worst = np.lexsort([np.arange(300), np.where(early, 0.0, -metric), ~early])[:5]  # all early ends at the same time
-    table = pq.read_table(tmp_path / "out/histories/one-000000.parquet")
+    table = pq.read_table(whole.folder / "histories/one-000000.parquet")
     assert sorted(set(table["flight"].to_pylist())) == sorted({7, *worst.tolist()})
     assert str(table.schema.field("altitude_m").type) == "float"
     for flight in set(table["flight"].to_pylist()):
@@ -295,14 +284,13 @@ def test_a_dispersion_that_changes_nothing_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "sampling", ["sobol", "halton", "lhs", "corners", "{design: grid, levels: 3}", "one_at_a_time"]
+    ("sampling", "runs", "expected"),
+    [("sobol", "64", 64), ("{design: grid, levels: 3}", "null", 9), ("one_at_a_time", "null", 5)],
 )
-def test_every_design_flies(tmp_path, sampling):
-    factorial = "corners" in sampling or "levels" in sampling or "time" in sampling
-    extra = {"runs": "null"} if factorial else {"runs": "64"}
+def test_designs_fly(tmp_path, sampling, runs, expected):
     keep = "{histories: {flights: every 3}}"
-    manifest = run(write_campaign(tmp_path / "files", sampling=sampling, keep=keep, **extra), tmp_path / "out").manifest
-    expected = {"corners": 4, GRID: 9, "one_at_a_time": 5}.get(sampling, 64)
+    campaign = write_campaign(tmp_path / "files", sampling=sampling, keep=keep, runs=runs)
+    manifest = run(campaign, tmp_path / "out").manifest
     assert manifest.runs_done == manifest.runs_planned == expected
     assert manifest.requirements[0].verdict == "ESTIMATE"
 
@@ -314,17 +302,9 @@ def test_samples_from_a_file_fly_as_they_are(tmp_path):
     run(campaign, tmp_path / "out")
     table = flights(tmp_path / "out")
     assert table["aero.drag"].to_pylist() == [0.9, 1.1, 1.2] * 2
-    expected = fly_rows([0.9, 1.1, 1.2])
+    block = fly(make_plan("one"), full_rows(("aero.drag",), np.array([[0.9], [1.1], [1.2]]), ()))
+    expected = block.metrics[:, METRIC_INDEX["altitude_error_max_m"]].tolist()
     assert table["altitude_error_max_m"].to_pylist()[:3] == expected
-
-
-def fly_rows(drag):
-    from fake_flight import make_plan
-
-    from abhv_mc.campaign.sampling.samples import full_rows
-
-    block = fly(make_plan("one"), full_rows(("aero.drag",), np.array(drag)[:, None], ()))
-    return block.metrics[:, METRIC_INDEX["altitude_error_max_m"]].tolist()
 
 
 def test_envelopes_are_numpys_over_all_flights(tmp_path):
@@ -342,15 +322,13 @@ def test_envelopes_are_numpys_over_all_flights(tmp_path):
             found = row[["min", "q0.135", "q5", "q50", "q95", "q99.865", "max"]].to_numpy(float)
             np.testing.assert_allclose(found[1:-1], wanted[1:-1], rtol=1e-12)
             assert found[0] <= wanted[0] and found[-1] >= wanted[-1]  # of every tick, see test_every_tick
-    assert list(CHANNEL_INDEX) and (envelope["count"] > 0).any()
 
 
-def test_fresh_from_the_folders_own_campaign_file(campaign, tmp_path):
+def test_fresh_from_the_folders_own_campaign_file(whole, flown):
     """Its inputs are deleted with the folder's content; they must have been read before."""
-    first = run(campaign, tmp_path / "out").manifest
-    again = run(tmp_path / "out/campaign.yaml", tmp_path / "out", fresh=True)
-    assert again.complete and again.manifest.digest == first.digest
-    assert (tmp_path / "out/inputs/vehicle/tables/cl.csv").exists()
+    again = run(flown / "campaign.yaml", flown, fresh=True)
+    assert again.complete and again.manifest.digest == whole.manifest.digest
+    assert (flown / "inputs/vehicle/tables/cl.csv").exists()
 
 
 def test_memory_does_not_fill_when_the_disk_is_slower_than_the_flights(campaign, tmp_path, monkeypatch):
@@ -391,11 +369,11 @@ def test_first_flights_that_never_end_are_told_and_heed_an_interrupt(tmp_path, m
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with pytest.raises(KeyboardInterrupt):
-            run_campaign(Request(campaign, tmp_path / "out"), replace(ENGINE, fly=fly_never_and_interrupt))
+            run(campaign, tmp_path / "out", replace(ENGINE, fly=fly_never_and_interrupt))
     finally:
         signal.signal(signal.SIGINT, before)
     monkeypatch.setattr("abhv_mc.execution.probe_dispersions._COMPILING", 0.0)
     campaign = write_campaign(tmp_path / "f", execution="{flight_time_limit: 0.1 s}")
     with pytest.raises(InputError, match=r"first flights of 'one' that are not done in 0\.1 s"):
-        run_campaign(Request(campaign, tmp_path / "out"), replace(ENGINE, fly=fly_never))
+        run(campaign, tmp_path / "out", replace(ENGINE, fly=fly_never))
     assert not (tmp_path / "out").exists()

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from fake_flight import ENGINE, interrupted_after, write_campaign
+from fake_flight import ENGINE, interrupted_after, run, write_campaign
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.merge import merge_campaign
@@ -26,12 +26,19 @@ ASKED = "[{metric: altitude_error_max_m, below: 50, probability: 0.93}]"
 
 def fly(tmp_path, seeds, **entries):
     campaign = write_campaign(tmp_path / "f", **{"requirements": ASKED, "runs": "200", **entries})
-    return campaign, [run_campaign(Request(campaign, tmp_path / f"seed{s}", seed=s), ENGINE).manifest for s in seeds]
+    return campaign, [run(campaign, tmp_path / f"seed{s}", seed=s).manifest for s in seeds]
 
 
-def test_a_merge_is_judged_by_the_counts_of_all(tmp_path):
-    _, parts = fly(tmp_path, (1, 2, 3))
-    merged = merge_campaign([tmp_path / f"seed{s}" for s in (1, 2, 3)], tmp_path / "all", ENGINE)
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    """The folder of three seeds, which no test changes, and their manifests."""
+    folder = tmp_path_factory.mktemp("seeds")
+    return folder, fly(folder, (1, 2, 3))[1]
+
+
+def test_a_merge_is_judged_by_the_counts_of_all(flown, tmp_path):
+    folder, parts = flown
+    merged = merge_campaign([folder / f"seed{s}" for s in (1, 2, 3)], tmp_path / "all", ENGINE)
     (entry,) = merged.manifest.requirements
     assert merged.complete and entry.flights == 600
     assert entry.failures == sum(part.requirements[0].failures for part in parts)
@@ -42,30 +49,29 @@ def test_a_merge_is_judged_by_the_counts_of_all(tmp_path):
     assert (found.flights, found.failures, found.status) == (600, entry.failures, entry.verdict)
 
 
-def test_each_flight_keeps_its_seed_and_number(tmp_path):
-    fly(tmp_path, (5, 9))
-    merge_campaign([tmp_path / "seed5", tmp_path / "seed9"], tmp_path / "all", ENGINE)
+def test_each_flight_keeps_its_seed_and_number(flown, tmp_path):
+    folder, _ = flown
+    merge_campaign([folder / "seed1", folder / "seed3"], tmp_path / "all", ENGINE)
     samples = pq.read_table(tmp_path / "all/samples.parquet").drop_columns("flight")
-    for number, seed in enumerate((5, 9)):
-        own = pq.read_table(tmp_path / f"seed{seed}/samples.parquet").drop_columns("flight")
+    for number, seed in enumerate((1, 3)):
+        own = pq.read_table(folder / f"seed{seed}/samples.parquet").drop_columns("flight")
         assert samples.slice(200 * number, 200).equals(own)
         flights = pq.read_table(tmp_path / "all/flights", filters=[("controller", "=", "two")])
-        there = pq.read_table(tmp_path / f"seed{seed}/flights", filters=[("controller", "=", "two")])
+        there = pq.read_table(folder / f"seed{seed}/flights", filters=[("controller", "=", "two")])
         ours = np.array(flights.sort_by("flight")["altitude_error_max_m"])[200 * number : 200 * number + 200]
         assert np.array_equal(ours, np.array(there.sort_by("flight")["altitude_error_max_m"]), equal_nan=True)
     pooled = read_campaign(tmp_path / "all/campaign.yaml").model.pooled
-    assert [(part.seed, part.runs) for part in pooled] == [(5, 200), (9, 200)]
+    assert [(part.seed, part.runs) for part in pooled] == [(1, 200), (3, 200)]
     assert max(pq.read_table(tmp_path / "all/envelopes.parquet")["count"].to_pylist()) == 400
 
 
-def test_a_merge_goes_on_and_can_be_merged_and_extended(tmp_path):
-    fly(tmp_path, (1, 2, 3))
-    first = [tmp_path / "seed1", tmp_path / "seed2"]
+def test_a_merge_goes_on_and_can_be_merged_and_extended(flown, tmp_path):
+    first = [flown[0] / "seed1", flown[0] / "seed2"]
     one = merge_campaign(first, tmp_path / "two", ENGINE).manifest.digest
     assert merge_campaign(first, tmp_path / "two", ENGINE).manifest.digest == one
-    three = merge_campaign([tmp_path / "two", tmp_path / "seed3"], tmp_path / "three", ENGINE)
+    three = merge_campaign([tmp_path / "two", flown[0] / "seed3"], tmp_path / "three", ENGINE)
     assert three.manifest.requirements[0].flights == 600
-    longer = run_campaign(Request(tmp_path / "three/campaign.yaml", tmp_path / "three", runs=650), ENGINE)
+    longer = run(tmp_path / "three/campaign.yaml", tmp_path / "three", runs=650)
     assert longer.complete and longer.manifest.requirements[0].flights == 650
 
 
@@ -78,22 +84,20 @@ def test_a_merge_goes_on_and_can_be_merged_and_extended(tmp_path):
         (dict(engine=replace(ENGINE, source="other")), "source hash"),
     ],
 )
-def test_what_does_not_belong_together_is_refused(tmp_path, change, words):
-    campaign, _ = fly(tmp_path, (1,))
-    if "campaign" in change:
-        campaign = write_campaign(tmp_path / "g", **{"requirements": ASKED, "runs": "200", **change["campaign"]})
+def test_what_does_not_belong_together_is_refused(flown, tmp_path, change, words):
+    campaign = write_campaign(tmp_path / "g", **{"requirements": ASKED, "runs": "200", **change.get("campaign", {})})
     other = Request(campaign, tmp_path / "other", seed=change.get("seed", 2))
     run_campaign(other, change.get("engine", ENGINE))
     with pytest.raises(InputError, match=words):
-        merge_campaign([tmp_path / "seed1", tmp_path / "other"], tmp_path / "all", ENGINE)
+        merge_campaign([flown[0] / "seed1", tmp_path / "other"], tmp_path / "all", ENGINE)
     assert not (tmp_path / "all").exists()
 
 
 def test_campaigns_beside_are_named_once_where_they_can_be_merged(tmp_path, monkeypatch):
     """Two Latin hypercubes are no draws; neither other code nor half a campaign joins."""
     campaign, parts = fly(tmp_path, (1, 2, 3))
-    run_campaign(Request(campaign, tmp_path / "other_code", seed=5), replace(ENGINE, source="other"))
-    run_campaign(Request(campaign, tmp_path / "half", seed=6), interrupted_after(5))
+    run(campaign, tmp_path / "other_code", replace(ENGINE, source="other"), seed=5)
+    run(campaign, tmp_path / "half", interrupted_after(5), seed=6)
     merge_campaign([tmp_path / "seed1", tmp_path / "seed2"], tmp_path / "all", ENGINE)
     words, command = name_siblings(tmp_path / "seed3", parts[2])
     assert "here: all (400 flights: 1 " in words and f"merge {tmp_path}/seed3 {tmp_path}/all -o" in command

@@ -1,16 +1,14 @@
 """A campaign that stops when proven: the same flights and verdicts however it is flown."""
 
-import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from fake_flight import DENSITY, ENGINE, fly, interrupted_after, write_campaign
+from fake_flight import DENSITY, ENGINE, fly, interrupted_after, run, write_campaign
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import InputError
@@ -27,30 +25,33 @@ def make(folder, **entries):
     return write_campaign(folder, **{"stop": "when proven", "runs": "2000", "requirements": BOTH, **entries})
 
 
-def run(campaign, out, engine=ENGINE, **options):
-    return run_campaign(Request(campaign, out, **options), engine)
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole")
+    return run(make(folder / "f"), folder / "out")
 
 
-def test_it_stops_once_everything_has_its_verdict(tmp_path):
-    manifest = run(make(tmp_path / "f"), tmp_path / "out").manifest
+def test_it_stops_once_everything_has_its_verdict(whole):
+    manifest = whole.manifest
     stop = manifest.stopped_at
     assert manifest.state == "complete" and 64 <= stop < 2000
     assert manifest.runs_done == stop
     assert [entry.verdict for entry in manifest.requirements] == ["PASS", "FAIL"]
     assert {entry.flights for entry in manifest.requirements} == {stop}
-    flights = pq.read_table(tmp_path / "out/flights")
+    first, second = (entry.controllers for entry in compute_verdicts(read_flown(whole.folder)).requirements)
+    assert (first["one"].status, second["two"].status) == ("PASS", "FAIL")
+    assert first["one"].room > 0.0 > (second["two"].room or -1.0)
+    flights = pq.read_table(whole.folder / "flights")
     assert sorted(flights["flight"].to_pylist()) == sorted([*range(stop), *range(stop)])
-    assert max(pq.read_table(tmp_path / "out/envelopes.parquet")["count"].to_pylist()) == stop
+    assert max(pq.read_table(whole.folder / "envelopes.parquet")["count"].to_pylist()) == stop
 
 
-@pytest.mark.parametrize("options", [{"workers": 1}, {"workers": 3, "batch": 16}])
-def test_the_result_does_not_depend_on_how_it_is_flown(tmp_path, options):
-    whole = run(make(tmp_path / "f"), tmp_path / "a").manifest
-    execution = f"{{workers: {options['workers']}, batch: {options.get('batch', 'auto')}}}"
+@pytest.mark.parametrize("execution", ["{workers: 1, batch: auto}", "{workers: 3, batch: 16}"])
+def test_the_result_does_not_depend_on_how_it_is_flown(whole, tmp_path, execution):
     other = run(make(tmp_path / "g", execution=execution), tmp_path / "b").manifest
-    assert other.digest == whole.digest and other.stopped_at == whole.stopped_at
+    assert other.digest == whole.manifest.digest and other.stopped_at == whole.manifest.stopped_at
     for name in FILES:
-        assert pq.read_table(tmp_path / "a" / name).equals(pq.read_table(tmp_path / "b" / name))
+        assert pq.read_table(whole.folder / name).equals(pq.read_table(tmp_path / "b" / name))
 
 
 def test_what_lies_beyond_the_look_at_which_it_stops_is_tried_again_too(tmp_path):
@@ -72,24 +73,23 @@ def test_what_lies_beyond_the_look_at_which_it_stops_is_tried_again_too(tmp_path
 
 
 @pytest.mark.parametrize("blocks", [1, 6])
-def test_nor_on_interruptions(tmp_path, blocks):
+def test_nor_on_interruptions(whole, tmp_path, blocks):
     campaign = make(tmp_path / "f", execution="{workers: 2, batch: 16}")
-    whole = run(campaign, tmp_path / "a").manifest
     assert not run(campaign, tmp_path / "b", interrupted_after(blocks + 2)).complete
     second = run(campaign, tmp_path / "b").manifest
-    assert second.digest == whole.digest and second.requirements == whole.requirements
+    assert second.digest == whole.manifest.digest and second.requirements == whole.manifest.requirements
 
 
-def test_a_proven_campaign_flies_nothing_more(tmp_path):
-    campaign = make(tmp_path / "f")
-    stop = run(campaign, tmp_path / "out").manifest.stopped_at
+def test_a_proven_campaign_flies_nothing_more(whole, tmp_path):
+    campaign, stop = make(tmp_path / "f"), whole.manifest.stopped_at
+    shutil.copytree(whole.folder, tmp_path / "out")
 
     def never(*_):
         raise AssertionError("flown again")
 
     assert run(campaign, tmp_path / "out", replace(ENGINE, fly=never)).complete
     again = run(tmp_path / "out/campaign.yaml", tmp_path / "again").manifest
-    assert again.campaign_hash == json.loads((tmp_path / "out/manifest.json").read_text())["campaign_hash"]
+    assert again.campaign_hash == whole.manifest.campaign_hash
     assert run(campaign, tmp_path / "out", runs=4000).manifest.stopped_at == stop
 
 
@@ -97,15 +97,6 @@ def test_what_is_not_settled_flies_to_the_end(tmp_path):
     close = "[{metric: altitude_error_max_m, below: 50, probability: 0.97}]"
     manifest = run(make(tmp_path / "f", runs="60", requirements=close), tmp_path / "out").manifest
     assert (manifest.stopped_at, manifest.requirements[0].verdict) == (60, "NOT SHOWN")
-
-
-def test_the_report_gives_the_same_verdicts(tmp_path):
-    out = tmp_path / "out"
-    manifest = run(make(tmp_path / "f"), out).manifest
-    first, second = (entry.controllers for entry in compute_verdicts(read_flown(out)).requirements)
-    assert first["one"].status == "PASS" and second["two"].status == "FAIL"
-    assert first["one"].flights == second["two"].flights == manifest.stopped_at
-    assert first["one"].room > 0.0 > (second["two"].room or -1.0)
 
 
 @pytest.mark.parametrize(

@@ -5,12 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from fake_flight import DENSITY, DRAG, ENGINE, LIFT, fly, make_plan, write_campaign
+from fake_flight import DENSITY, DRAG, ENGINE, LIFT, fly, make_plan, run, write_campaign
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.merge import merge_campaign
-from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.plan import Recording
@@ -35,10 +33,6 @@ def make(folder, **entries):
     return write_campaign(folder, **entries)
 
 
-def run(campaign, out, engine=ENGINE, **options):
-    return run_campaign(Request(campaign, out, **options), engine)
-
-
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     folder = tmp_path_factory.mktemp("unknowns")
@@ -60,11 +54,11 @@ def test_a_sample_flies_at_every_point_and_the_folder_names_them(whole):
 
 
 def test_the_search_finds_what_is_worst(whole):
-    """Beside a brute grid of 41 x 41 values, of the quantile by which points are ranked."""
+    """Beside a brute grid of 21 x 21 values, of the quantile by which points are ranked."""
     results = read_flown(whole.folder)
     number = len(results.campaign.unknowns.points)
     speed = METRIC_INDEX["speed_error_max_mps"]
-    grid = [(lift, drag) for lift in np.linspace(0.9, 1.1, 41) for drag in np.linspace(0.8, 1.15, 41)]
+    grid = [(lift, drag) for lift in np.linspace(0.9, 1.1, 21) for drag in np.linspace(0.8, 1.15, 21)]
     rows = nominal_parameters(80)
     rows[:, DENSITY] = results.samples["atmosphere.density"][::number]
     worst = []
@@ -149,14 +143,10 @@ def test_interrupted_and_resumed_it_is_the_same(whole, tmp_path):
     same(whole, run(campaign, tmp_path / "out"))
 
 
-def test_shards_merged_are_the_same(whole, tmp_path):
+def test_in_shards_or_extended_it_keeps_its_points(whole, tmp_path):
     campaign = make(tmp_path / "f")
     parts = [run(campaign, tmp_path / f"part{i}", shard=(i, 2)).folder for i in (1, 2)]
     same(whole, merge_campaign(parts, tmp_path / "merged", ENGINE))
-
-
-def test_extended_it_keeps_its_points(whole, tmp_path):
-    campaign = make(tmp_path / "f")
     run(campaign, tmp_path / "out", runs=30)
     same(whole, run(campaign, tmp_path / "out"))
 

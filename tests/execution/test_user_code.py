@@ -93,14 +93,27 @@ def threads():
     return dataclasses.replace(make_engine(), isolation="threads")
 
 
-def test_workers_resume_and_replay_give_the_same_digest(study, tmp_path):
-    """With a law, channels and a vehicle of the user's own."""
+def test_workers_resume_shards_and_replay_give_the_same_digest(study, tmp_path, capfd):
+    """With a law, channels and a vehicle of the user's own, and margins, whose steady flight needs law and vehicle."""
     vehicle = write_ghame_x(tmp_path, "body")
-    one = run_campaign(Request(study(40, vehicle), tmp_path / "one", workers=1), threads()).manifest
-    two = run_campaign(Request(study(24, vehicle), tmp_path / "two"), make_engine()).manifest  # processes
+
+    def write(runs):
+        file = study(runs, vehicle)
+        file.write_text(file.read_text() + "margins: {at: [trim, 1 s], flights: 20}\n")
+        return file
+
+    one = run_campaign(Request(write(40), tmp_path / "one", workers=1), threads()).manifest
+    two = run_campaign(Request(write(24), tmp_path / "two"), make_engine()).manifest  # processes
     assert two.digest != one.digest
-    two = run_campaign(Request(study(40, vehicle), tmp_path / "two"), make_engine()).manifest
-    assert two.digest == one.digest
+    two = run_campaign(Request(write(40), tmp_path / "two"), make_engine()).manifest
+    parts = [tmp_path / "part1", tmp_path / "part2"]
+    for i, part in enumerate(parts, 1):
+        run_campaign(Request(write(40), part, shard=(i, 2), workers=1), threads())
+    merged = merge_campaign(parts, tmp_path / "merged", threads()).manifest
+    assert one.digest == two.digest == merged.digest
+    stability = [json.loads((tmp_path / name / "margins.json").read_text()) for name in ("one", "merged")]
+    assert stability[0] == stability[1] and set(stability[0]["controllers"]) == {"mine", "lqr"}
+    assert stability[0]["controllers"]["mine"]["nominal"][0]["stable"]
     own = {"inputs/controllers/mine/law.py", "inputs/channels/channels.py", "inputs/vehicle/own.py"}
     assert own <= set(two.inputs)
     assert replay_flight(tmp_path / "two", "mine", 7, fly).differences == ()
@@ -136,21 +149,6 @@ def test_a_law_that_hangs_on_one_parameter_set_loses_that_flight_alone(study, tm
     assert flown.controllers["mine"].failed_to_run == (17,)
     assert (flown.runs_done, flown.runs_failed) == (23, 1)
     assert "not done in 0.5 s" in capfd.readouterr().err
-
-
-def test_shards_give_the_same_digest(study, tmp_path, capfd):
-    """With margins, whose steady flight needs law and vehicle, too; the merging user must have flown or trust them."""
-    file = study(32, write_ghame_x(tmp_path, "body"))
-    file.write_text(file.read_text() + "margins: {at: [trim, 1 s], flights: 20}\n")
-    whole = run_campaign(Request(file, tmp_path / "whole", workers=1), threads()).manifest
-    parts = [tmp_path / "part1", tmp_path / "part2"]
-    for i, part in enumerate(parts, 1):
-        run_campaign(Request(file, part, shard=(i, 2), workers=1), threads())
-    merged = merge_campaign(parts, tmp_path / "merged", threads())
-    assert merged.manifest.digest == whole.digest
-    stability = [json.loads((tmp_path / name / "margins.json").read_text()) for name in ("whole", "merged")]
-    assert stability[0] == stability[1] and set(stability[0]["controllers"]) == {"mine", "lqr"}
-    assert stability[0]["controllers"]["mine"]["nominal"][0]["stable"]
 
 
 def test_plans_of_a_campaign_with_other_metrics_fly_the_metrics_that_are_asked_for(study, tmp_path):
@@ -270,15 +268,15 @@ def test_nobodys_code_runs_unasked(study, tmp_path, monkeypatch):
     build_with(out)
     checked = check_inputs(out / "campaign.yaml")
     assert any("was not run" in warning for found in checked for warning in found.warnings)
-    with pytest.raises(InputError, match="--trust-code"):
-        replay_flight(out, "mine", 1, fly)
-    with pytest.raises(InputError, match="--trust-code"):
-        run_campaign(Request(out / "campaign.yaml", tmp_path / "again", runs=4), threads())
-    with pytest.raises(InputError, match="--trust-code"):
-        margins.command(out / "campaign.yaml", controllers="mine")
     level, controller = find_input("level", "mission"), str(out / "inputs" / "controllers" / "mine" / "law.yaml")
-    with pytest.raises(InputError, match="--trust-code"):
-        linearize.command(level, tmp_path / "model.npz", controller=controller)
+    for ask in (
+        lambda: replay_flight(out, "mine", 1, fly),
+        lambda: run_campaign(Request(out / "campaign.yaml", tmp_path / "again", runs=4), threads()),
+        lambda: margins.command(out / "campaign.yaml", controllers="mine"),
+        lambda: linearize.command(level, tmp_path / "model.npz", controller=controller),
+    ):
+        with pytest.raises(InputError, match="--trust-code"):
+            ask()
     assert not ran.exists()
     assert not (tmp_path / "again").exists()
     linearize.command(level, tmp_path / "model.npz", controller=controller, trust_code=True)
@@ -314,15 +312,15 @@ def test_no_command_runs_code_that_a_folder_names(study, tmp_path, monkeypatch, 
     text = text.replace("twist_max: {of: twist, statistic: max_abs}", f"twist_max: {entry}")
     (root / "campaign.yaml").write_text(text)
     campaign = root / "campaign.yaml"
-    with pytest.raises(InputError, match="--trust-code"):
-        run_campaign(Request(campaign, tmp_path / "again", runs=4), threads())
-    search = SearchRequest(campaign, tmp_path / "search")
-    with pytest.raises(InputError, match="--trust-code"):
-        find_worst(search, WorstSettings("bank_error_settled_max_deg", flights=64), threads())
-    with pytest.raises(InputError, match="--trust-code"):
-        tune_controller(TuneRequest(campaign, tmp_path / "new.yaml"), threads())
-    with pytest.raises(InputError, match="--trust-code"):
-        estimate_campaign(read_campaign(campaign), threads())
+    settings = WorstSettings("bank_error_settled_max_deg", flights=64)
+    for ask in (
+        lambda: run_campaign(Request(campaign, tmp_path / "again", runs=4), threads()),
+        lambda: find_worst(SearchRequest(campaign, tmp_path / "search"), settings, threads()),
+        lambda: tune_controller(TuneRequest(campaign, tmp_path / "new.yaml"), threads()),
+        lambda: estimate_campaign(read_campaign(campaign), threads()),
+    ):
+        with pytest.raises(InputError, match="--trust-code"):
+            ask()
     assert not ran.exists() and not (tmp_path / "again").exists()
 
 

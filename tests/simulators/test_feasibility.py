@@ -1,11 +1,9 @@
 """What cannot come out is refused at validate, with its place; run says it and flies."""
 
 import pytest
-from fake_flight import ENGINE, write_campaign
+from fake_flight import run, write_campaign
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.io.documents import InputErrors
 from abhv_mc.simulators.check_inputs import check_inputs
 from abhv_mc.simulators.feasibility import find_impossible
@@ -79,6 +77,6 @@ def test_validate_refuses_and_run_warns_flies_and_shows_nothing(repository, tmp_
     with pytest.raises(InputErrors, match="no outcome of 400 flights"):
         check_inputs(tmp_path / "c.yaml")
     fake = write_campaign(tmp_path / "f", requirements=RARE)
-    manifest = run_campaign(Request(fake, tmp_path / "out"), ENGINE).manifest
+    manifest = run(fake, tmp_path / "out").manifest
     assert manifest.warnings[0].startswith("the campaign asks for a probability of 0.9999 that no outcome of 300 fl")
     assert manifest.requirements[0].verdict in ("NOT SHOWN", "FAIL")

@@ -1,4 +1,4 @@
-"""A program in C that speaks JSON lines: crashes, hangs, kills, shards; all tables are equal."""
+"""A program that speaks JSON lines: crashes, hangs, kills, shards; all tables are equal."""
 
 import os
 import signal
@@ -21,36 +21,21 @@ from abhv_mc.folder.samples import SampleReader
 
 CRASHES, HANGS = 123, 777  # numbers of the flights
 
-PROGRAM = r"""
-#include <math.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-#include <unistd.h>
+PROGRAM = """
+import json, math, os, sys, time
 
-static double number(const char *line, const char *name) {
-    char key[64];
-    snprintf(key, sizeof key, "\"%s\": ", name);
-    const char *at = strstr(line, key);
-    return at ? strtod(at + strlen(key), NULL) : NAN;
-}
-
-int main(int count, char **given) {
-    static char line[65536];
-    double crash = strtod(given[1], NULL), hang = strtod(given[2], NULL);
-    (void)count;
-    while (fgets(line, sizeof line, stdin)) {
-        double altitude = number(line, "altitude"), speed = number(line, "speed"), pull = number(line, "pull");
-        double low = altitude - speed * sin(number(line, "dive") * M_PI / 180.0) * number(line, "delay");
-        low -= speed * speed / (32.174 * (pull - 1.0) * number(line, "thrust")) * 0.5;
-        if (pull == 5.0 && altitude == crash) abort();
-        if (pull == 5.0 && altitude == hang) for (;;) pause();
-        usleep(2000);
-        printf("{\"altitude_min\": %.17g, \"load\": %.17g}\n", low, pull * number(line, "thrust"));
-        fflush(stdout);
-    }
-    return 0;
-}
+crash, hang = map(float, sys.argv[1:])
+for line in sys.stdin:
+    given = json.loads(line)
+    v, pull = given["inputs"], given["settings"]["pull"]
+    low = v["altitude"] - v["speed"] * math.sin(math.radians(v["dive"])) * v["delay"]
+    low -= v["speed"] ** 2 / (32.174 * (pull - 1.0) * v["thrust"]) * 0.5
+    if pull == 5.0 and v["altitude"] == crash:
+        os.abort()
+    if pull == 5.0 and v["altitude"] == hang:
+        time.sleep(600.0)
+    time.sleep(0.002)
+    print(json.dumps({"altitude_min": low, "load": pull * v["thrust"]}), flush=True)
 """
 
 
@@ -59,14 +44,14 @@ def campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     folder = tmp_path / "own"
     folder.mkdir()
-    (folder / "dive.c").write_text(PROGRAM)
-    subprocess.run(["cc", "-O2", "-o", folder / "dive", folder / "dive.c", "-lm"], check=True)
-    simulator = {"command": ["./dive", "nan", "nan"], "files": ["dive.c"], "time_limit": "1 s"}
+    (folder / "program.py").write_text(PROGRAM)
+    command = [sys.executable, "program.py"]
+    simulator = {"command": [*command, "nan", "nan"], "files": ["program.py"], "time_limit": "1 s"}
     path = dive_campaign(folder, runs=1000, simulator=simulator)
     run_campaign(Request(path, tmp_path / "well", workers=2))  # draws the samples
     wrong = SampleReader(tmp_path / "well" / "samples.parquet").rows(0, 1000)[:, 0]
-    command = ["./dive", repr(float(wrong[CRASHES])), repr(float(wrong[HANGS]))]
-    return dive_campaign(folder, runs=1000, simulator={**simulator, "command": command})
+    simulator["command"] = [*command, repr(float(wrong[CRASHES])), repr(float(wrong[HANGS]))]
+    return dive_campaign(folder, runs=1000, simulator=simulator)
 
 
 def test_a_crash_and_a_hang_cost_two_flights_and_all_ways_give_equal_tables(campaign: Path, tmp_path: Path) -> None:
