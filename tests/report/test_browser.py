@@ -3,8 +3,6 @@
 import pytest
 from report.browser import open_browser
 
-from abhv_mc.topics.failed_flights import requirement_failures
-
 SAID = ("Log.entryAdded", "Runtime.consoleAPICalled", "Runtime.exceptionThrown")
 NAMES = "document.getElementById('plot').data.map((trace) => trace.name)"
 CHANNEL = """(() => { const channel = document.getElementById("channel"); channel.value = "sideslip_deg";
@@ -46,25 +44,6 @@ def test_switches_work_and_nothing_is_said_or_asked_for(page, report_folder):
     assert [event for event in page.told if event[0] in SAID] == []
     asked = {params["request"]["url"] for method, params in page.told if method == "Network.requestWillBeSent"}
     assert {url for url in asked if not url.startswith("data:")} == {path.as_uri()}
-
-
-def test_flights_are_listed_the_worst_of_all_controllers_first(page, report_folder, models):
-    """The table dealt the controllers in turn: 67 of the 100 worst failed nothing."""
-    results = models.results
-    page.show(report_folder / "report.html")
-    cells = "[row.cells[1].textContent, row.cells[0].textContent]"
-    listed = f"[...document.querySelectorAll('#flight-rows tr')].map((row) => {cells})"
-    names, speed = results.controllers, results.campaign.requirements[1]
-    labels = {"tlc": "TLC", "lqr": "LQR", "lqr_retuned": "LQR retuned"}
-    missed = {name: requirement_failures(results.flights[name], speed) for name in names}
-    ranked = [
-        (labels[names[k]], str(results.flights[names[k]].flight[row]), missed[names[k]][row])
-        for k, row in zip(results.ranking.controller, results.ranking.row, strict=True)
-    ]
-    assert [tuple(row) for row in page.ask(listed)] == [row[:2] for row in ranked][:100]
-    choice = "document.getElementById('flights-outcome')"
-    page.ask(f"({choice}.value = 'missed 1', {choice}.dispatchEvent(new Event('change')))")
-    assert [tuple(row) for row in page.ask(listed)] == [row[:2] for row in ranked if row[2]][:100] != []
 
 
 def test_no_other_script_runs(page, report_page, tmp_path):

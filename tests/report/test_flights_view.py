@@ -8,7 +8,6 @@ from urllib.parse import parse_qs
 import numpy as np
 import pytest
 from own_simulators import dive_campaign
-from report.browser import open_browser
 from scipy.spatial.transform import Rotation
 
 from abhv_mc.execution.runner import run_campaign
@@ -37,12 +36,6 @@ FROM_ONE = """(() => {
   document.getElementById("flights-low").value = 1;
   document.getElementById("flights-between").click();
 })()"""
-
-
-@pytest.fixture(scope="module")
-def page(tmp_path_factory):
-    with open_browser(tmp_path_factory.mktemp("browser") / "profile") as page:
-        yield page
 
 
 @pytest.fixture

@@ -8,7 +8,6 @@ import subprocess
 import sys
 
 import pytest
-from report.browser import open_browser
 from report.synthetic import write_campaign
 
 from abhv_mc.report.pages.build import build_report
@@ -19,12 +18,6 @@ METRICS = (
     "angle_of_attack_error_settled_max_deg", "altitude_error_rms_m", "speed_error_rms_mps", "sideslip_rms_deg",
     "heading_error_max_deg", "cross_track_error_max_m", "aileron_rms_deg", "rudder_rms_deg",
 )  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def page(tmp_path_factory):
-    with open_browser(tmp_path_factory.mktemp("browser") / "profile") as page:
-        yield page
 
 
 @pytest.fixture(scope="module")
@@ -157,15 +150,6 @@ def test_a_click_on_a_point_draws_its_flight(page, report_folder):
         named.add(name)
         page.ask("document.getElementById('scatter').scrollIntoView({ block: 'center' })")
     assert len(named) > 6
-
-
-def test_table_and_scatter_name_the_same_flights(page, failing_folder):
-    build_report(failing_folder)
-    page.show(failing_folder / "report.html")
-    page.ask("""(() => { const box = document.getElementById("flights-outcome"); box.value = "failed";
-      box.dispatchEvent(new Event("change")); })()""")
-    rows = page.ask("[...document.querySelectorAll('#flight-rows button')].map((b) => b.ariaLabel.slice(5))")
-    assert len(rows) == 24 and {name for *_, name in page.find_flights()} <= set(rows)
 
 
 @pytest.mark.parametrize("size", PAPER)

@@ -1,4 +1,4 @@
-"""Every shipped campaign is valid, and those beside the default one fly and pass through the report as they are."""
+"""Shipped campaigns beside the default one fly and pass through the report as they are."""
 
 import json
 
@@ -21,15 +21,7 @@ ENDS = {
     "rudder_deg": ("rudder_max_deg",),
     "elevator_deg": ("elevator_max_deg",),
 }
-FILES = sorted(shipped_campaigns().glob("*.yaml"))
 SHORTENED = {"wide": 60, "wind_and_sensors": 40}
-
-
-@pytest.mark.parametrize("path", FILES, ids=[path.stem for path in FILES])
-def test_it_is_valid_and_asks_something(path):
-    checked = read_campaign(path)
-    assert checked.model.name == path.stem and checked.model.question.endswith("?")
-    assert checked.runs >= 200
 
 
 def check_ranges(numbers, flights):

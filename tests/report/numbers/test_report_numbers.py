@@ -1,14 +1,9 @@
 import json
-from dataclasses import replace
 
-import numpy as np
-import pytest
 from report.synthetic import write_campaign
 
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.report.numbers.report_numbers import make_numbers
-from abhv_mc.report.numbers.summary import finding_sentences
-from abhv_mc.report.pages.first_screen import cards
 from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.plain import plain
 from abhv_mc.topics.topic import Models
@@ -44,18 +39,3 @@ def test_convergence_ends_with_the_table(failing_numbers):
         last
         == failing_numbers["metrics"]["table"]["speed_error_max_mps"]["controllers"]["tlc"]["quantiles"]["q95"]["value"]
     )
-
-
-@pytest.mark.parametrize(
-    ("varied", "card", "finding"),
-    [(("aero.lift",), "cycle", "limit cycle"), (("wind.gust_east",), "swing", "swings, in gusts")],
-)
-def test_a_cycle_in_gusts_turbulence_or_noise_is_called_a_swing(failing, varied, card, finding, monkeypatch):
-    monkeypatch.setattr(type(failing.campaign), "varied", varied)
-    flights = {
-        name: replace(found, metrics={**found.metrics, "bank_ripple_deg": np.full(found.flight.size, 9.0)})
-        for name, found in failing.flights.items()
-    }
-    models = Models(replace(failing, flights=flights))
-    assert finding in " ".join(finding_sentences(models))
-    assert f" {card}" in " ".join(cards(models, dict.fromkeys(flights, "#000"))[0].notes)

@@ -5,15 +5,13 @@ import json
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from fake_flight import ENGINE, write_campaign
+from fake_flight import run, write_campaign
 from scipy import stats
 from typer.testing import CliRunner
 
 from abhv_mc.analysis.reweight import make_change, parse_settings, weigh_flights
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.cli.app import app
-from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.report_numbers import make_numbers
@@ -27,16 +25,10 @@ LAWS = "{atmosphere.density: {distribution: uniform, half_width: %s}, aero.lift:
 
 
 def fly(folder, density="10 %", lift="5 %", seed="5", **entries):
-    files = write_campaign(
-        folder / "f",
-        runs=RUNS,
-        seed=seed,
-        requirements=REQUIREMENT,
-        keep="{histories: {flights: none}, envelopes: {channels: [altitude_m], rate: 5 Hz}}",
-        dispersions=LAWS % (density, lift),
-        **entries,
-    )
-    return run_campaign(Request(files, folder / "out"), ENGINE).folder
+    keep = "{histories: {flights: none}, envelopes: {channels: [altitude_m], rate: 5 Hz}}"
+    entries = {"runs": RUNS, "requirements": REQUIREMENT, "dispersions": LAWS % (density, lift), **entries}
+    files = write_campaign(folder / "f", seed=seed, keep=keep, **entries)
+    return run(files, folder / "out").folder
 
 
 @pytest.fixture(scope="module")
@@ -121,13 +113,12 @@ def test_what_the_flights_do_not_say_is_refused(flown, settings, words):
 
 def test_designs_without_independent_flights_are_refused(tmp_path):
     with pytest.raises(InputError, match="not independent draws"):
-        make_whatif(fly(tmp_path, sampling="lhs"), parse_settings(["aero.lift.sigma=4%"]))
+        make_whatif(fly(tmp_path, sampling="lhs", runs="20"), parse_settings(["aero.lift.sigma=4%"]))
 
 
 def test_discrete_choices_are_weighed_by_their_probabilities(tmp_path):
     laws = "{aero.lift: {distribution: discrete, values: [0.9, 1.0, 1.1]}}"
-    files = write_campaign(tmp_path / "f", runs=RUNS, requirements=REQUIREMENT, dispersions=laws)
-    folder = run_campaign(Request(files, tmp_path / "out"), ENGINE).folder
+    folder = fly(tmp_path, dispersions=laws)
     found = make_whatif(folder, parse_settings(["aero.lift.values=[0.9, 1.1]", "aero.lift.weights=[3, 1]"]))
     lift = pq.read_table(folder / "samples.parquet")["aero.lift"].to_numpy()
     counts = {value: np.sum(lift == value) for value in (0.9, 1.1)}
