@@ -1,6 +1,5 @@
 """The command line's frame: exit codes, what is said, and that starting is cheap."""
 
-import ast
 import errno
 import io
 import os
@@ -8,6 +7,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -21,13 +21,25 @@ from abhv_mc.io.documents import InputError
 HEAVY = {"duckdb", "matplotlib", "numba", "numpy", "pandas", "pyarrow", "pydantic", "scipy"}
 
 
-def run_program(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+def run_program(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-m", "abhv_mc", *arguments], capture_output=True, text=True, check=False)
+
+
+def run_command(body: str, before: str = "", stdout: Any = subprocess.PIPE) -> subprocess.CompletedProcess[str]:
+    """A program whose only command is ``body``, for standard output as it is buffered by default."""
+    code = (
+        f"import os, signal, sys, time\n{before}\nfrom abhv_mc.cli import app\n"
+        f"def command():\n    {body}\n"
+        "app.app.command('command')(command)\nsys.argv = ['abhv-mc', 'command']; app.main()\n"
+    )
     return subprocess.run(
-        [sys.executable, "-m", "abhv_mc", *arguments],
-        capture_output=True,
+        [sys.executable, "-c", code],
+        stdout=stdout,
+        stderr=subprocess.PIPE,
         text=True,
         check=False,
-        env=os.environ | environment,
+        timeout=120.0,
+        env=os.environ | {"PYTHONUNBUFFERED": ""},
     )
 
 
@@ -72,50 +84,25 @@ def test_exit_codes(error: BaseException, code: int | None, said: str, capsys: p
 # Python would die by SIGINT where it hit exec.
 @pytest.mark.parametrize(("moment", "number"), [("exec({!r})", "SIGINT"), ("{}", "SIGTERM")])
 def test_interrupt_leaves_with_incomplete(moment: str, number: str) -> None:
-    code = (
-        "import os, signal, sys, time\n"
-        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # ignored in a background job
-        "from abhv_mc.cli import app\n"
-        f"def wait():\n    {moment.format(f'os.kill(os.getpid(), signal.{number}); time.sleep(60)')}\n"
-        "app.app.command('wait')(wait)\n"
-        "sys.argv = ['abhv-mc', 'wait']; app.main()\n"
-    )
-    program = [sys.executable, "-c", code]
-    answer = subprocess.run(program, capture_output=True, text=True, check=False, timeout=120.0)
+    default = "signal.signal(signal.SIGINT, signal.default_int_handler)"  # ignored in a background job
+    answer = run_command(moment.format(f"os.kill(os.getpid(), signal.{number}); time.sleep(60)"), default)
     assert answer.returncode == ExitCode.INCOMPLETE
     assert answer.stderr.startswith("interrupted") and "Traceback" not in answer.stderr
 
 
 def test_a_command_that_asks_with_sql_ends_without_a_word():
     """What is not searched for garbage at the end is a leak to duckdb."""
-    code = (
-        "import sys\n"
-        "from abhv_mc.cli import app\n"
-        "def ask():\n    import duckdb; duckdb.connect().sql('select 1').fetchall()\n"
-        "app.app.command('ask')(ask)\n"
-        "sys.argv = ['abhv-mc', 'ask']; app.main()\n"
-    )
-    program = [sys.executable, "-c", code]
-    answer = subprocess.run(program, capture_output=True, text=True, check=False, timeout=120.0)
+    answer = run_command("import duckdb; duckdb.connect().sql('select 1').fetchall()")
     assert (answer.returncode, answer.stderr) == (0, "")
 
 
 @pytest.mark.parametrize("ending", ["", "; raise SystemExit(1)"])
 def test_output_that_nobody_reads_any_more_is_no_failed_requirement(ending):
     """`status DIR | head -1` ended with exit code 1, which says that a requirement failed."""
-    code = (
-        "import sys\n"
-        "from abhv_mc.cli import app\n"
-        f"def talk():\n    print('words' * 100){ending}\n"
-        "app.app.command('talk')(talk)\n"
-        "sys.argv = ['abhv-mc', 'talk']; app.main()\n"
-    )
-    environment = os.environ | {"PYTHONUNBUFFERED": ""}  # else nothing is left to write at the end
     read, write = os.pipe()
     os.close(read)
     with os.fdopen(write, "wb") as closed:
-        program = [sys.executable, "-c", code]
-        answer = subprocess.run(program, stdout=closed, stderr=subprocess.PIPE, text=True, check=False, env=environment)
+        answer = run_command(f"print('words' * 100){ending}", stdout=closed)
         assert answer.returncode == (ExitCode.FAILED if ending else ExitCode.INCOMPLETE)
         assert "Traceback" not in answer.stderr
 
@@ -155,15 +142,3 @@ def test_a_clock_moves_while_something_is_waited_for(monkeypatch, terminal, betw
             time.sleep(0.01)
     assert log.getvalue().startswith(f"compiling{between}compiling: 0 s so far")
     assert log.getvalue().endswith("\n")
-
-
-def test_every_command_prints_through_what_escapes():
-    """`say`, which shows a character that would steer the terminal as an escape."""
-    folder = Path(abhv_mc.__file__).parent / "cli"
-    calls = {
-        path.name
-        for path in folder.glob("*.py")
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.Name) and node.id == "print"
-    }
-    assert calls == {"printing.py", "__init__.py"}  # the latter on systems on which it does not run

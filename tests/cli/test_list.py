@@ -12,15 +12,8 @@ from abhv_mc.flight.metrics import BUILT_IN
 from abhv_mc.plant.parameters import PARAMETERS
 
 
-def schema(kind: str) -> dict:
-    answer = CliRunner().invoke(app, ["list", "schemas", kind])
-    assert answer.exit_code == 0
-    return json.loads(answer.stdout)
-
-
-@pytest.mark.parametrize("kind", ["vehicle", "controller"])
-def test_a_schema_is_printed_as_it_is(kind: str) -> None:
-    assert schema(kind) == make_schema(kind)
+def test_a_schema_is_printed_as_it_is() -> None:
+    assert json.loads(CliRunner().invoke(app, ["list", "schemas", "vehicle"]).stdout) == make_schema("vehicle")
 
 
 @pytest.mark.parametrize(

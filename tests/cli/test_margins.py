@@ -29,23 +29,7 @@ KEYS = [
 
 def _call(*words):
     """Run a command, as its errors are raised; gives its standard output."""
-    return CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=False).output
-
-
-def _run(tmp_path, at="trim", controller="tlc", **more):
-    words = [
-        "level",
-        "--vehicle",
-        "ghame_x",
-        "--at",
-        at,
-        "--controllers",
-        controller,
-        "--json",
-        tmp_path / "new/rows.json",
-    ]
-    _call("margins", *words, *(word for name, value in more.items() for word in (f"--{name}", value)))
-    return json.loads((tmp_path / "new/rows.json").read_text())["rows"]
+    return CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=False).stdout
 
 
 def test_margins_writes_rows_for_each_controller_time_and_loop(tmp_path):
@@ -65,12 +49,12 @@ def test_margins_writes_rows_for_each_controller_time_and_loop(tmp_path):
     assert "near the node 1.0000" in said.stderr
 
 
-def test_an_unstable_loop_has_no_margins_but_poles(tmp_path):
-    rows = _run(tmp_path, controller="lqr")
+def test_an_unstable_loop_has_no_margins_but_poles():
+    words = ("margins", "level", "--vehicle", "ghame_x", "--controllers", "lqr")
+    rows = json.loads(_call(*words, "--at", "trim", "--json", "-"))["rows"]
     assert not any(row["stable"] for row in rows)
     assert all(rows[0][key] is None for key in KEYS[3:9])
     np.testing.assert_allclose(rows[4]["poles"], [[0.120, 2.783]], atol=1e-3)
-    words = ("margins", "level", "--vehicle", "ghame_x", "--controllers", "lqr")
     assert "unstable, no margins; poles +0.120 +- 2.78j per second" in _call(*words)
 
 
@@ -142,6 +126,7 @@ def test_linearize_along_a_path_is_each_of_its_times(tmp_path):
         assert np.array_equal(path["plant_states"], one["plant_states"])
 
 
+@pytest.mark.thorough  # tests/search/test_worst_margins.py is quick
 def test_the_worst_margins_of_a_campaign(tmp_path, repository):
     file = tmp_path / "worst.json"
     campaign = repository / "campaigns/s_manoeuvre.yaml"

@@ -1,18 +1,15 @@
 """No command writes over what a campaign's folder holds: every option that names an output refuses it."""
 
 import json
-import os
 import shutil
 import typing
 from pathlib import Path
 
 import pytest
-from fake_flight import ENGINE, write_campaign
+from fake_flight import ENGINE, run, write_campaign
 from typer.models import OptionInfo
 
 from abhv_mc.cli.app import app
-from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.folder.layout import find_user_place
 
 # Read, or there for a while.
@@ -40,7 +37,7 @@ OPTIONS = list(TAKEN)
 def flown(tmp_path_factory):
     root = tmp_path_factory.mktemp("flown")
     campaign = write_campaign(root / "f", runs="8", keep="{envelopes: {rate: 2 Hz, channels: [altitude_m]}}")
-    return run_campaign(Request(campaign, root / "out"), ENGINE).folder
+    return run(campaign, root / "out").folder
 
 
 @pytest.fixture
@@ -99,11 +96,6 @@ def test_figures_are_not_written_over_an_input_file(call, tmp_path):
     assert (tmp_path / "one.yaml").read_text() == "{}\n"
 
 
-def test_the_page_beside_a_tuned_controller_is_no_campaigns_report(call, flown):
-    code, said = call("tune", "s_manoeuvre", "-o", flown / "report.yaml")
-    assert code == 2 and "own files" in said
-
-
 @pytest.mark.parametrize("command", ["plan", "worst", "rare", "tune", "run"])
 def test_a_shipped_campaign_is_known_by_its_name(abhv_mc, tmp_path, command):
     """`worst s_manoeuvre` failed: found no such file."""
@@ -138,10 +130,3 @@ def test_other_places_are_free(flown, tmp_path):
     (tmp_path / "manifest.json").write_text("{}")  # of a web page
     (tmp_path / "figures").mkdir()
     assert find_user_place(tmp_path / "figures/x.png") is None
-
-
-def test_a_device_is_not_renamed_over(call, tmp_path):
-    pipe = tmp_path / "device"
-    os.mkfifo(pipe)
-    code, said = call("plan", "s_manoeuvre", "--json", pipe)
-    assert code == 2 and "a pipe or a device" in said and pipe.is_fifo()

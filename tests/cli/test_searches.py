@@ -58,7 +58,7 @@ def test_rare_gives_an_estimate_or_refuses_with_exit_code_1(abhv_mc, campaign):
     numbers = read_json("rare.json")
     assert code == 0 and "95 % interval" in out and "Second opinion: " in out
     assert 0.0 < numbers["low"] < numbers["probability"] < numbers["high"] < 1.0
-    impossible = ("--requirement", "sideslip_max_deg", "--flights", 5000, "-o", "no", "--json", "no.json")
+    impossible = ("--requirement", "sideslip_max_deg", "--flights", 2000, "-o", "no", "--json", "no.json")
     code, out, err = abhv_mc("rare", campaign, *impossible)
     assert code == 1 and "no trustworthy estimate" in err and "is about" not in out
     refused = read_json("no.json")
@@ -84,23 +84,17 @@ def test_tune_writes_the_file_and_a_page_or_says_why_not(abhv_mc, tmp_path, monk
     assert not Path("no.yaml").exists()
 
 
-def test_bad_requests_leave_nothing(abhv_mc, campaign, tmp_path):
-    assert abhv_mc("worst", campaign, "--metric", METRIC, "--above", "--below", "-o", "out")[0] == 2
-    assert abhv_mc("rare", campaign, "--requirement", "bank_error_max_deg", "-o", "out")[0] == 2
-    assert not (tmp_path / "out").exists()
-
-
 def test_a_campaign_and_a_search_do_not_share_a_folder(abhv_mc, campaign):
-    assert abhv_mc("worst", campaign, "--metric", METRIC, "--flights", 400, "-o", "out")[0] == 0
+    assert abhv_mc("worst", campaign, "--metric", METRIC, "--flights", 160, "-o", "out")[0] == 0
     code, _, err = abhv_mc("run", campaign, "-o", "out", "--no-report")
     assert code == 2 and "a search's flights" in err
     assert abhv_mc("run", campaign, "-o", "flown", "--no-report")[0] in (0, 1)
-    code, _, err = abhv_mc("worst", campaign, "--metric", METRIC, "--flights", 400, "-o", "flown")
+    code, _, err = abhv_mc("worst", campaign, "--metric", METRIC, "--flights", 160, "-o", "flown")
     assert code == 2 and "a campaign's flights" in err
 
 
 def test_report_and_verify_know_a_searchs_folder(abhv_mc, campaign):
-    assert abhv_mc("worst", campaign, "--metric", METRIC, "--flights", 400, "-o", "out")[0] == 0
+    assert abhv_mc("worst", campaign, "--metric", METRIC, "--flights", 160, "-o", "out")[0] == 0
     before = Path("out/report.html").read_bytes()
     Path("out/report.html").unlink()
     code, _, err = abhv_mc("report", "out")

@@ -3,8 +3,6 @@
 import subprocess
 import sys
 
-import pytest
-
 from abhv_mc.cli.shell_completion import complete_controllers, complete_folder, complete_input, complete_metric
 
 
@@ -37,13 +35,3 @@ def test_a_shell_gets_them():
     asked = {"_ABHV_MC_COMPLETE": "complete_bash", "COMP_WORDS": "abhv-mc run s_man", "COMP_CWORD": "2"}
     told = subprocess.run(program, env=asked, capture_output=True, text=True, check=False)
     assert "s_manoeuvre" in told.stdout.split(), told.stderr
-
-
-@pytest.mark.parametrize("words", [["run"], ["worst"], ["list", "metrics"], []])
-def test_help_has_no_type_of_a_flag_and_no_cut_name(abhv_mc, words):
-    code, text, _ = abhv_mc(*words, "--help")
-    assert code == 0 and "<bool>" not in text and "\N{HORIZONTAL ELLIPSIS}" not in text
-    if words == ["run"]:
-        assert "where a requirement has failed, 3 where flights are missing" in " ".join(
-            text.replace("\n", " ").split()
-        )
