@@ -204,18 +204,6 @@ def test_a_setting_has_the_unit_that_its_file_declares(tmp_path, value, units, w
     assert read_controller(tmp_path / "law.yaml").numbers == [pytest.approx(np.radians(70.0))]
 
 
-@pytest.mark.thorough
-def test_declared_headers_are_found_and_hashed(make, tmp_path):
-    text = '#include "helper.h"\n' + PLAIN.replace("-0.26", "-HELPED")
-    (tmp_path / "helper.h").write_text("#define HELPED 0.26\n")
-    first = make(text, more="files: [helper.h]")
-    (tmp_path / "helper.h").write_text("#define HELPED 0.27\n")
-    second = make(text, more="files: [helper.h]")
-    assert first.source_hash != second.source_hash
-    parameters = disperse(2)
-    assert not np.array_equal(fly(first, parameters).metrics, fly(second, parameters).metrics, equal_nan=True)
-
-
 def build(folder: Path, text: str, layout, name: str, *flags: str) -> None:
     """As a user's own Makefile would."""
     (folder / "abhv_law.h").write_text(make_header())
@@ -260,62 +248,17 @@ def test_the_headers_functions_have_the_kernels_bits(tmp_path):
     assert np.array_equal(y, expected, equal_nan=True)
 
 
-MODEL_H = """
-typedef struct { double speed; } DW_model_T;
-typedef struct { double m[10], gamma_ref, alpha_ref, bank_ref, speed_ref, eta_ref, elevator_ref, dt; } ExtU_model_T;
-typedef struct { double aileron, rudder, elevator, eta, alpha; } ExtY_model_T;
-typedef struct { DW_model_T *dwork; ExtU_model_T *inputs; ExtY_model_T *outputs; } RT_MODEL_model_T;
-extern void model_initialize(RT_MODEL_model_T *const model_M);
-extern void model_step(RT_MODEL_model_T *const model_M);
-"""
-MODEL_C = """
-#include "model.h"
-void model_initialize(RT_MODEL_model_T *const model_M) { model_M->dwork->speed = 0.0; }
-void model_step(RT_MODEL_model_T *const model_M) {
-    const ExtU_model_T *u = model_M->inputs;
-    ExtY_model_T *y = model_M->outputs;
-    double alpha = u->alpha_ref - 0.9 * (u->m[2] - u->gamma_ref), bank = u->m[6] - u->bank_ref;
-    y->eta = u->eta_ref - 0.02 * (u->m[1] - u->speed_ref) - 0.001 * model_M->dwork->speed;
-    y->elevator = u->elevator_ref + 2.0 * (u->m[4] - alpha) + 1.5 * u->m[8];
-    y->aileron = -0.26 * bank - 1.2 * u->m[5] - 0.08 * u->m[7] + 0.06 * u->m[9];
-    y->rudder = -0.04 * bank - 0.2 * u->m[5] - 0.01 * u->m[7] + 0.04 * u->m[9];
-    y->alpha = alpha;
-    model_M->dwork->speed += u->dt * (u->m[1] - u->speed_ref);
-}
-"""
-ERT = """
-#include "abhv_law.h"
-#include "model.h"
-typedef struct { RT_MODEL_model_T m; DW_model_T dw; ExtU_model_T u; ExtY_model_T y; } all;
-size_t abhv_law_state_size(void) { return sizeof(all); }
-static RT_MODEL_model_T *wire(all *a) { a->m.dwork = &a->dw; a->m.inputs = &a->u; a->m.outputs = &a->y; return &a->m; }
-int abhv_law_init(const abhv_settings *s, const abhv_reference *r, void *state) {
-    (void)s, (void)r;
-    model_initialize(wire(state));
-    return 0;
-}
-int abhv_law_step(const abhv_measured *m, const abhv_reference *r, const double *k, const abhv_settings *s, double time,
-                  double dt, void *state, abhv_command *c) {
-    all *a = state;
-    (void)k, (void)s, (void)time;
-    memcpy(a->u.m, m, sizeof a->u.m);
-    a->u.gamma_ref = r->flight_path_angle, a->u.alpha_ref = r->angle_of_attack, a->u.bank_ref = r->bank;
-    a->u.speed_ref = r->speed, a->u.eta_ref = r->equivalence_ratio, a->u.elevator_ref = r->elevator, a->u.dt = dt;
-    model_step(&a->m);
-    c->aileron = a->y.aileron, c->rudder = a->y.rudder, c->elevator = a->y.elevator;
-    c->equivalence_ratio = a->y.eta, c->angle_of_attack = a->y.alpha;
-    return 0;
-}
-"""
-
-
-def test_code_in_the_style_of_simulinks_coder_flies(make, tmp_path):
-    """Reentrant, its model data one struct with pointers into itself, which must not move."""
-    for name, text in (("model.h", MODEL_H), ("model.c", MODEL_C), ("ert.c", ERT)):
-        (tmp_path / name).write_text(text)
-    (tmp_path / "ert.yaml").write_text('law: c\nsources: [ert.c, model.c]\nfiles: ["*.h"]\n')
-    short = short_plan(600, tmp_path / "ert.yaml", "level")
-    parameters = disperse(70)
+def test_a_law_of_several_files_whose_state_points_into_itself_flies(make, tmp_path):
+    """As Simulink's coder writes it: the state must not move."""
+    text = PLAIN.replace("long ticks; }", "long ticks; double *at; }")
+    text = text.replace("0.001 * own->speed", "gain() * *own->at")
+    text = text.replace("(void)first, (void)state;", "(void)first, ((memory *)state)->at = &((memory *)state)->speed;")
+    (tmp_path / "gain.h").write_text("double gain(void);\n")
+    (tmp_path / "gain.c").write_text('#include "gain.h"\ndouble gain(void) { return 0.001; }\n')
+    (tmp_path / "mine.c").write_text(f'#include "gain.h"\n{text}')
+    settings = "settings: {path: [0.5, 90 %], limit: 60 deg}"
+    (tmp_path / "mine.yaml").write_text(f'law: c\nsources: [mine.c, gain.c]\nfiles: ["*.h"]\n{settings}\n')
+    short, parameters = short_plan(600, tmp_path / "mine.yaml", "level"), disperse(70)
     assert np.array_equal(fly(short, parameters).metrics, fly(make(PYTHON, 6.0), parameters).metrics, equal_nan=True)
 
 

@@ -106,8 +106,10 @@ def test_slopes_of_an_fmu_that_hides_what_it_remembers_are_refused_by_name(make)
         flown_points(make(2, 3.0, memory="hidden"), nominal_parameters(), 0.5)
 
 
-def fly_elevons(make, folder, python, seen):
-    """Flights of the FMU and of the LQR in Python with elevons that ``python`` commands, and both plans."""
+def test_it_commands_effectors_by_name_and_sees_the_nominal_vehicle_and_its_last_command(make, tmp_path):
+    """As the LQR in Python with elevons does."""
+    folder, python = tmp_path, '"left": lqr.elevator - lqr.aileron + 0.1 * onboard.last.rudder, '
+    python += '"right": lqr.elevator + 0.9 * lqr.aileron + 1e-7 * onboard.moment.pitch'
     ways = dict(zip(ELEVONS, (1, -1), strict=True))
     elevons = "".join(f"\n  {name}: {{aileron: {way}, elevator: 1}}" for name, way in ways.items())
     rolls = "{table: roll_aileron, times: right, scale: 0.5}\n    - {table: roll_aileron, times: left, scale: -0.5}"
@@ -118,11 +120,11 @@ def fly_elevons(make, folder, python, seen):
     )
     make(3)
     text = (folder / "mine.yaml").read_text()
-    text = text.replace("outputs:\n", "".join(f"  {name}: {name}\n" for name in seen) + "outputs:\n")
+    text = text.replace("outputs:\n", "".join(f"  {name}: {name}\n" for name in SEEN) + "outputs:\n")
     text = text.replace("params:\n", "".join(f"  {name}: {name}\n" for name in ELEVONS) + "params:\n")
     (folder / "mine.yaml").write_text(text)
     law = (Path(__file__).parent / "lqr_law.py").read_text()
-    law = law.replace("settings, gains):", f"settings, gains{', onboard' if seen else ''}):")
+    law = law.replace("settings, gains):", "settings, gains, onboard):")
     law = law.replace("    return Command(\n", "    lqr = Axes(\n")
     axes = 'Axes = NamedTuple("Axes", [(name, float) for name in Command._fields[:7]])\n\n\n'
     given = ", ".join(f"lqr.{name}" for name in COMMAND_FIELDS)
@@ -130,24 +132,11 @@ def fly_elevons(make, folder, python, seen):
     (folder / "law.py").write_text(text)
     (folder / "law.yaml").write_text("law: python\nfile: law.py\n")
     plans = [short_plan(100, folder / f"{name}.yaml", vehicle=vehicle) for name in ("mine", "law")]
-    return *(fly(plan, disperse(4), 10) for plan in plans), *plans
-
-
-def test_it_commands_effectors_by_name(make, tmp_path):
-    python = '"left": lqr.elevator - lqr.aileron, "right": lqr.elevator + 0.9 * lqr.aileron'
-    ours, theirs, *plans = fly_elevons(make, tmp_path, python, ())
-    assert_same(ours, theirs)
+    assert_same(*(fly(plan, disperse(4), 10) for plan in plans))
     found, expected = (linearize(plan, flown_points(plan, disperse(2)[1:], 0.5).points) for plan in plans)
     assert found.inputs == expected.inputs and set(found.inputs) >= {"right", "left", "fin"}
     scale = np.abs(expected.law_D).max()
     np.testing.assert_allclose(found.law_D[..., :10], expected.law_D[..., :10], rtol=0, atol=1e-6 * scale)
-
-
-def test_it_sees_the_nominal_vehicle_and_its_last_command(make, tmp_path):
-    python = '"left": lqr.elevator - lqr.aileron + 0.1 * onboard.last.rudder, '
-    python += '"right": lqr.elevator + 0.9 * lqr.aileron + 1e-7 * onboard.moment.pitch'
-    ours, theirs, *_ = fly_elevons(make, tmp_path, python, SEEN)
-    assert_same(ours, theirs)
 
 
 @pytest.mark.thorough
