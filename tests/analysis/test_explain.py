@@ -7,11 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from fake_flight import ENGINE, LOST_BELOW, fly, write_campaign
+from fake_flight import ENGINE, LOST_BELOW, fly, run, write_campaign
 
 from abhv_mc.analysis.explain import explain_flight, mildest_first
-from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.io.documents import InputError
 
@@ -22,7 +20,7 @@ LIMIT = 4.9
 def flown(tmp_path_factory):
     folder = tmp_path_factory.mktemp("explain")
     requirements = f"[{{metric: altitude_error_max_m, below: {LIMIT}, probability: 0.9, ended_early: as_measured}}]"
-    run_campaign(Request(write_campaign(folder / "f", requirements=requirements), folder / "out"), ENGINE)
+    run(write_campaign(folder / "f", requirements=requirements), folder / "out")
     return folder / "out"
 
 
@@ -58,7 +56,7 @@ def test_an_unknown_is_a_cause_like_a_dispersion(tmp_path):
         "unknowns": "{atmosphere.density: {low: 0.88, high: 1.1}}",
         "dispersions": "{aero.lift: {distribution: normal, sigma: 5 %}}",
     }
-    folder = run_campaign(Request(write_campaign(tmp_path / "f", runs="5", **entries), tmp_path / "out"), ENGINE).folder
+    folder = run(write_campaign(tmp_path / "f", runs="5", **entries), tmp_path / "out").folder
     flights = pq.read_table(folder / "flights").to_pandas().query("controller == 'two' and outcome != 'ok'")
     found = explain_flight(folder, "two", int(flights["flight"].iloc[0]), fly)
     assert found.causes == ("atmosphere.density",) and found.samples["atmosphere.density"] < LOST_BELOW

@@ -4,11 +4,9 @@ import json
 
 import pyarrow.parquet as pq
 import pytest
-from fake_flight import ENGINE, LOST_BELOW, write_campaign
+from fake_flight import ENGINE, LOST_BELOW, run, write_campaign
 
 from abhv_mc.analysis.failure_map import MOST_FLIGHTS, map_failures, read_map, write_map
-from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import read_manifest
@@ -21,7 +19,7 @@ REQUIREMENTS = "[{metric: altitude_error_max_m, below: 4.9, probability: 0.9, en
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
     folder = tmp_path_factory.mktemp("map")
-    run_campaign(Request(write_campaign(folder / "f", requirements=REQUIREMENTS), folder / "out"), ENGINE)
+    run(write_campaign(folder / "f", requirements=REQUIREMENTS), folder / "out")
     return folder / "out"
 
 

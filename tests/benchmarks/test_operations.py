@@ -1,6 +1,5 @@
 """The counting of operations: each kind by hand, and a flight's against the flight itself."""
 
-import dataclasses
 import math
 import os
 import subprocess
@@ -8,18 +7,13 @@ import sys
 
 import numpy as np
 import pytest
+from short_flights import cut
 
 from abhv_mc.bench.speed import make_work, read_operations
-from abhv_mc.flight.fly import fly
-from benchmarks.counted import COUNTS, Counted, counted_sqrt, make_counted
+from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.folder.plan_file import write_plan
+from benchmarks.counted import COUNTS, Counted, counted_sqrt
 from benchmarks.operations import count_operations
-
-
-def shortened(plan, ticks):
-    """The same plan for fewer ticks."""
-    rows = slice(0, ticks + 1)
-    timing = plan.timing._replace(ticks=ticks)
-    return dataclasses.replace(plan, timing=timing, reference=plan.reference[rows], gains=plan.gains[rows])
 
 
 @pytest.fixture(autouse=True)
@@ -46,14 +40,6 @@ def test_what_is_no_arithmetic_does_not_count():
         x**2.0
 
 
-def test_arrays_and_their_slices_hold_counted_floats():
-    array = make_counted(np.ones((2, 3)))
-    array[0, 1] = 5.0
-    array[1][2] = 7.0
-    assert array[0, 1] + array[1, 2] == 12.0
-    assert COUNTS == {"additions": 1}
-
-
 @pytest.fixture(scope="module")
 def plans():
     return make_work(1)[0]
@@ -63,15 +49,6 @@ def test_the_counts_that_the_package_keeps_are_todays(plans):
     counted = {name: {kind: round(n) for kind, n in vars(one).items()} for name, one in count_operations(plans).items()}
     kept = {name: vars(one) for name, one in read_operations().items()}
     assert counted == kept, "count again: python -m benchmarks.operations"
-
-
-def test_a_flight_of_twice_the_length_has_nearly_twice_the_operations(plans):
-    plan = plans["lqr"]
-    half = shortened(plan, plan.timing.ticks // 2)
-    counted = count_operations({"whole": plan, "half": half})
-    assert counted["whole"].additions == pytest.approx(2.0 * counted["half"].additions, rel=2e-3)
-    for kind, number in vars(counted["whole"]).items():
-        assert number > plan.timing.ticks * plan.timing.steps_per_tick * 4, kind  # at least one in each stage
 
 
 COUNTED_FLIGHT = """
@@ -90,10 +67,7 @@ np.save(sys.argv[2], fly(plan, nominal_parameters(), lanes=1).metrics)
 
 
 def test_counted_floats_fly_the_same_flight(plans, tmp_path):
-    from abhv_mc.flight.fly import nominal_parameters
-    from abhv_mc.folder.plan_file import write_plan
-
-    short = shortened(plans["tlc"], 8)
+    short = cut(plans["tlc"], 8)
     write_plan(tmp_path / "plan.npz", short)
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     command = [sys.executable, "-c", COUNTED_FLIGHT, tmp_path / "plan.npz", tmp_path / "metrics.npy"]

@@ -81,20 +81,3 @@ def test_a_click_flies_the_flight_again_and_draws_it(page, server, way):
     assert found["same"].endswith("Its metrics equal the stored ones bit for bit.")
     if way == "table":
         assert number == page.ask("document.querySelector('#flight-rows button').textContent")
-
-
-def test_axe_finds_nothing(page):
-    axe = pytest.importorskip("axe_core_python.base")
-    page.ask("document.querySelector('#flight-rows button').click()")
-    page.wait_for("document.body.dataset.opened !== undefined")
-    page.call("Page.setBypassCSP", enabled=True)
-    page.ask(axe.AXE_FILE_PATH.read_text(encoding="utf-8"))
-    found = json.loads(page.ask("axe.run().then((found) => JSON.stringify(found.violations))", wait=True))
-    assert [(rule["id"], node["target"], node["failureSummary"]) for rule in found for node in rule["nodes"]] == []
-
-
-@pytest.mark.parametrize("token", ["", "?token=", "?token=wrong"])
-def test_without_the_token_nothing_is_shown(page, server, token):
-    page.call("Page.navigate", url=server.url.partition("?")[0] + token)
-    page.wait_for("document.body && document.body.innerText.includes('open the address')")
-    assert page.ask("document.querySelector('#scatter')") is None

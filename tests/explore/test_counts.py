@@ -1,6 +1,5 @@
 """What the browser's view counts, against numpy over the same flights."""
 
-from dataclasses import replace
 from itertools import islice
 
 import numpy as np
@@ -12,7 +11,6 @@ from abhv_mc.explore.counts import (
     count_flights,
     find_flight,
     find_nearest,
-    find_ranges,
     list_flights,
     open_flights,
     parse_asked,
@@ -32,19 +30,6 @@ def table(failing_folder):
 def bins_of(values, ends, number):
     width = ((ends[1] - ends[0]) or 1.0) / number
     return np.minimum(np.floor((values - ends[0]) / width), number - 1).astype(int)
-
-
-def held_of(table):
-    return table.cursor().execute("select * replace (controller::varchar as controller) from shown").fetchnumpy()
-
-
-def chosen_of(held, asked):
-    inside = np.isin(held["controller"].astype(str), asked.controllers)
-    if asked.outcome != "all":
-        inside &= (held["outcome"].astype(str) == "ok") == (asked.outcome == "ok")
-    for name, (low, high) in asked.brushes.items():
-        inside &= (held[name] >= low) & (held[name] <= high)
-    return inside
 
 
 @pytest.mark.parametrize("outcome", ["all", "failed", "ok"])
@@ -155,53 +140,3 @@ def test_what_the_view_never_sends_is_refused(table, change):
     assert parse_asked(sent, table).x == X
     with pytest.raises(InputError, match="request"):
         parse_asked(sent | change, table)
-
-
-def grow(table, flights):
-    """A table of so many flights, made of the ones that it holds."""
-    connection = table.connection
-    held, numbers = connection.execute("select count(*), max(flight) + 1 from shown").fetchone()
-    columns = list(table.ranges)
-    moved = ", ".join(f'"{name}" * (0.95 + 0.1 * random()) as "{name}"' for name in columns)
-    copies = -(-flights // held)
-    connection.execute("select setseed(0.5)")
-    connection.execute(
-        f"create table grown as select controller, flight + {numbers} * k as flight, outcome, "  # noqa: S608
-        f"rank + {numbers} * k as rank, {moved} from shown, range({copies}) copies(k) limit {flights}"
-    )
-    connection.execute("drop table shown")
-    connection.execute("alter table grown rename to shown")
-    return replace(table, ranges=find_ranges(connection, columns))
-
-
-def draw_asked(table, draw):
-    """Two columns against each other, and two brushes of a tenth to all of a range."""
-    names = list(table.ranges)
-    x, y, *brushed = (names[k] for k in draw.integers(len(names), size=4))
-    brushes = {}
-    for name in brushed:
-        low, high = table.ranges[name]
-        width = draw.uniform(0.1, 1.0) * (high - low)
-        start = draw.uniform(low, high - width)
-        brushes[name] = (start, start + width)
-    return Asked(x, y, tuple(entry["name"] for entry in table.view["controllers"]), "all", brushes)
-
-
-@pytest.mark.thorough
-def test_a_million_flights_are_counted_right(failing_folder):
-    draw = np.random.default_rng(3)
-    with open_flights(failing_folder) as small:
-        table = grow(small, 1_000_000)
-        held = held_of(table)
-        assert held["flight"].size == 1_000_000
-        for _ in range(6):
-            asked = draw_asked(table, draw)
-            inside = chosen_of(held, asked)
-            found = count_flights(table, asked)
-            assert found["count"] == int(inside.sum())
-            if found["cells"]:
-                across = bins_of(held[asked.x][inside], table.ranges[asked.x], counts.CELLS[0])
-                cells = np.zeros(counts.CELLS[0], int)
-                for _, i, _, number in found["cells"]:
-                    cells[i] += number
-                assert cells.tolist() == np.bincount(across, minlength=cells.size).tolist()

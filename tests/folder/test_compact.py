@@ -6,12 +6,10 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-from fake_flight import ENGINE, fly, write_campaign
+from fake_flight import ENGINE, fly, run, write_campaign
 
 from abhv_mc.analysis.replay import find_row
 from abhv_mc.execution import runner
-from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.folder import compact
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.layout import CampaignFolder
@@ -26,7 +24,7 @@ def campaign(tmp_path, monkeypatch):
     """One whose 300 flights of a controller are five files, and three when they are joined."""
     monkeypatch.setattr(compact, "_GROUP", 100)
     file = write_campaign(tmp_path / "f", controllers="{one: one.yaml}")
-    whole = run_campaign(Request(file, tmp_path / "whole"), ENGINE).manifest
+    whole = run(file, tmp_path / "whole").manifest
     monkeypatch.setattr(compact, "MANY", 2)
     monkeypatch.setattr(compact, "ROWS", 192)
     return file, whole
@@ -39,7 +37,7 @@ def names(out):
 def test_rows_digest_resume_and_growth_are_as_before(campaign, tmp_path, capfd):
     file, whole = campaign
     out = tmp_path / "out"
-    joined = run_campaign(Request(file, out), ENGINE).manifest
+    joined = run(file, out).manifest
     assert names(out) == ["one-000000000-000000192.parquet", "one-000000192-000000300.parquet"]
     assert [name for name in joined.files if "flights" in name] == [f"flights/{name}" for name in names(out)]
     assert joined.digest == whole.digest and len(names(tmp_path / "whole")) == 5
@@ -52,11 +50,11 @@ def test_rows_digest_resume_and_growth_are_as_before(campaign, tmp_path, capfd):
     def refuse(*_):
         raise AssertionError("flown again")
 
-    assert run_campaign(Request(file, out), dataclasses.replace(ENGINE, fly=refuse)).complete  # nothing to fly
-    longer = run_campaign(Request(file, out, runs=600), ENGINE).manifest
-    assert longer.digest == run_campaign(Request(file, tmp_path / "new", runs=600), ENGINE).manifest.digest
+    assert run(file, out, dataclasses.replace(ENGINE, fly=refuse)).complete  # nothing to fly
+    longer = run(file, out, runs=600).manifest
+    assert longer.digest == run(file, tmp_path / "new", runs=600).manifest.digest
     (out / "flights" / names(out)[1]).write_bytes(b"rot")
-    assert run_campaign(Request(file, out, runs=600), ENGINE).manifest.digest == longer.digest
+    assert run(file, out, runs=600).manifest.digest == longer.digest
 
 
 def test_a_kill_at_any_step_loses_nothing(campaign, tmp_path, monkeypatch, capfd):
@@ -90,12 +88,12 @@ def test_a_kill_at_any_step_loses_nothing(campaign, tmp_path, monkeypatch, capfd
     for killed in count():
         out, last, steps, flown = tmp_path / f"out{killed}", killed, count(), 0
         try:
-            run_campaign(Request(file, out), dataclasses.replace(ENGINE, fly=fly))
+            run(file, out, dataclasses.replace(ENGINE, fly=fly))
             break
         except KilledError:
             joining, dead, last = False, False, -1
         assert flown == 5
-        done = run_campaign(Request(file, out), ENGINE).manifest
+        done = run(file, out).manifest
         assert (done.state, done.digest, flown) == ("complete", whole.digest, 5)
         assert len(names(out)) == 2
     assert killed == 2 + 1 + 5  # two files, the manifest, five deletions

@@ -2,17 +2,15 @@
 
 import duckdb
 import pytest
-from fake_flight import ENGINE, write_campaign
+from fake_flight import run, write_campaign
 
-from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.folder.sql import open_database
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     root = tmp_path_factory.mktemp("flown")
-    return run_campaign(Request(write_campaign(root / "f", runs="40"), root / "out"), ENGINE).folder
+    return run(write_campaign(root / "f", runs="40"), root / "out").folder
 
 
 @pytest.mark.parametrize(

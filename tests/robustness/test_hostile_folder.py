@@ -11,10 +11,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from fake_flight import ENGINE, write_campaign
+from fake_flight import run, write_campaign
 
-from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.folder.layout import hash_file
 from abhv_mc.folder.manifest import read_manifest, write_manifest
 
@@ -25,7 +23,7 @@ pytestmark = pytest.mark.usefixtures("fake_engine")
 def folder(tmp_path, capfd):
     keep = "{envelopes: {rate: 2 Hz, channels: [altitude_m]}}"
     campaign = write_campaign(tmp_path / "f", runs="40", keep=keep, execution="{batch: 20}")
-    return run_campaign(Request(campaign, tmp_path / "out"), ENGINE).folder
+    return run(campaign, tmp_path / "out").folder
 
 
 def commands(campaign, folder):

@@ -29,30 +29,23 @@ SNIPPETS = [
 
 
 def mutate(text, chance):
-    """One to four mistakes: bytes flipped, lines doubled, cut, swapped or filled with something odd."""
+    """One to four mistakes: bytes flipped, lines doubled, cut or filled with something odd."""
     for _ in range(chance.randint(1, 4)):
         lines = text.split("\n")
         line = chance.randrange(len(lines))
-        kind = chance.randrange(7)
-        if kind == 0:
-            lines.insert(line, lines[chance.randrange(len(lines))])
-        elif kind == 1:
-            del lines[line]
-        elif kind == 2:
-            other = chance.randrange(len(lines))
-            lines[line], lines[other] = lines[other], lines[line]
-        elif kind == 3:
-            key, colon, _ = lines[line].partition(":")
-            lines[line] = key + colon + " " + chance.choice(SNIPPETS)
-        elif kind == 4:
-            place = chance.randrange(len(lines[line]) + 1)
-            lines[line] = lines[line][:place] + chance.choice(SNIPPETS) + lines[line][place:]
-        elif kind == 5:
-            lines[line] = " " * chance.randrange(6) + lines[line].lstrip()
+        head, colon, _ = lines[line].partition(":")
+        place = chance.randrange(len(lines[line]) + 1)
+        lines[line : line + 1] = chance.choice(
+            [
+                [lines[line], chance.choice(lines)],
+                [],
+                [f"{head}{colon} {chance.choice(SNIPPETS)}"],
+                [lines[line][:place] + chance.choice(SNIPPETS) + lines[line][place:]],
+                [" " * chance.randrange(6) + lines[line].lstrip()],
+            ]
+        )
         text = "\n".join(lines)
-        if kind == 6:
-            text = text[: chance.randrange(len(text) + 1)]
-    return text
+    return text if chance.random() < 0.7 else text[: chance.randrange(len(text) + 1)]
 
 
 @pytest.fixture(scope="module")

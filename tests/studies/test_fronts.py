@@ -8,9 +8,6 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[2] / "studies"))
 
 import fronts
-from robust_flights import EFFECTIVENESS, LONGEST_DELAY
-
-from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 
 
 def made_up(errors: list[float], usages: list[list[float]], broken: tuple[int, ...] = ()) -> fronts.Tried:
@@ -33,12 +30,3 @@ def test_the_best_within_a_budget_keeps_it() -> None:
     tried = made_up([1.0, 0.9, 0.8], [[u] * 6 for u in (0.5, 0.7, 0.9)])
     assert int(np.argmin(tried.within(0.75).rank())) == 1
     assert int(np.argmin(tried.within(0.3).rank())) == 0  # none keeps it: the nearest
-
-
-def test_the_hard_corners_take_both_ends_of_everything_but_the_delay() -> None:
-    rows = fronts.hard_corners()
-    assert len(np.unique(rows, axis=0)) == 16
-    surfaces = rows[:, [PARAMETER_INDEX[f"control.{name}_effectiveness"] for name in ("aileron", "rudder", "elevator")]]
-    ends = 1.0 + EFFECTIVENESS * np.array([-1.0, -1.0, 1.0, 1.0])[:, None]
-    np.testing.assert_allclose(np.sort(surfaces, axis=0)[[0, 7, 8, 15]], np.tile(ends, 3))
-    assert (rows[:, PARAMETER_INDEX["sensor.delay"]] == LONGEST_DELAY).all()
