@@ -15,6 +15,8 @@ from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.execution.adopt import adopt_table
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
+from abhv_mc.explore.counts import open_flights
+from abhv_mc.explore.server import ExploreServer
 from abhv_mc.folder.export import export_csv
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.input_error import InputError
@@ -148,6 +150,9 @@ def test_what_is_said_of_adopted_flights_names_nothing_that_cannot_be_done(flown
     for command in ("run", "explain", "replay"):
         assert f"abhv-mc {command}" not in page
     assert not re.search("[Cc]ontroller|Control usage|Bands over time|fly it again|seed 0", page)
+    with open_flights(out) as table, ExploreServer(out, table, make_engine()) as server:
+        opened = server.open_flight("v1", 0)
+    assert opened["note"] == "" and opened["history"] is None and opened["values"]
     with pytest.raises(InputError, match="nothing can fly"):
         replay_flight(out, "v1", 0, make_engine().fly)
 
@@ -161,4 +166,5 @@ def test_two_adopted_folders_are_compared_and_stopped_at_a_gate(flown: Path, tmp
     (pair,) = found.found.paired
     assert not pair.not_worse["altitude_min"].shown and pair.any_failure.only_b
     page = shown_text(tmp_path / "compared" / "report.html")
+    assert re.search(r"/a\s+adopted\s+300", page)
     assert "abhv-mc compare" in page and "abhv-mc replay" not in page and "abhv-mc explain" not in page

@@ -76,6 +76,8 @@ class ExploreServer(ThreadingHTTPServer):
         """A flight's numbers and its history: flown again, as ``abhv-mc replay`` does, by the trust list, and compared
         with the stored one; the kept one where it cannot be flown."""
         found = find_flight(self.table, controller, flight)
+        if self.table.results.campaign.adopted:  # nothing can fly it
+            return {**found, "note": "", "history": None}
         try:
             with self.one_flight:
                 again = run_in_thread(

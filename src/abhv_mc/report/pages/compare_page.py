@@ -123,9 +123,10 @@ def _is_same(pair: CampaignPair) -> bool:
 
 def _provenance(a: FlownCampaign, b: FlownCampaign, found: Compared, folder: Path) -> Table:
     """Which flights were compared, and how again."""
+    seeds = [("adopted" if each.campaign.adopted else str(each.campaign.seed)) for each in (a, b)]
     rows = [
-        [str(each.folder), str(each.campaign.seed), fixed(each.manifest.runs_done, 0), str(each.manifest.digest)]
-        for each in ((a,) if a.folder == b.folder else (a, b))
+        [str(each.folder), seed, fixed(each.manifest.runs_done, 0), str(each.manifest.digest)]
+        for each, seed in zip((a,) if a.folder == b.folder else (a, b), seeds, strict=False)
     ]
     across = next((pair.controllers for pair in found.paired if len(set(pair.controllers)) > 1), None)
     words = ["abhv-mc", "compare", str(a.folder), str(b.folder), "-o", str(folder)]
