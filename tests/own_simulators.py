@@ -32,6 +32,28 @@ def fly(inputs, settings):
     return well(inputs, settings) | {"history": history}
 """
 )
+# Histories whose samples lie anywhere, begin before 0 or after it, and lack numbers where the flight ended early.
+DIVE_SCATTERED = (
+    DIVE
+    + """
+import random
+well = fly
+
+def scattered(inputs):
+    draw = random.Random(inputs["altitude"])
+    time, times = draw.uniform(-1.0, 0.6), []
+    for _ in range(draw.randrange(1, 30)):
+        times.append(time)
+        time += draw.choice((0.001, 0.02, 0.4, 1.3))
+    return {"time": times, **{name: [draw.gauss(0.0, 9.0) for _ in times] for name in ("altitude", "sink_rate")}}
+
+def fly(inputs, settings):
+    found, history = well(inputs, settings), scattered(inputs)
+    if found["altitude_min"] < 200.0:
+        found["outcome"], history["altitude"][-1] = "ground", None
+    return found | {"history": history}
+"""
+)
 DIVE_CHANNELS = {"altitude": {"unit": "ft", "doc": "above the ground"}, "sink_rate": {"unit": "ft/s"}}
 
 

@@ -1,12 +1,17 @@
 """Campaigns of a user's simulator: flown, gone on with, joined, and never run by a folder."""
 
+import os
 import re
+import select
+import subprocess
+import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from own_simulators import DIVE, DIVE_CHANNELS, DIVE_HISTORY, dive_campaign, shown_text
+from own_simulators import DIVE, DIVE_CHANNELS, DIVE_HISTORY, DIVE_SCATTERED, dive_campaign, shown_text
 
 from abhv_mc.analysis.explain import explain_flight
 from abhv_mc.analysis.failure_map import map_failures
@@ -16,6 +21,8 @@ from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.explore.counts import open_flights
 from abhv_mc.explore.server import ExploreServer
+from abhv_mc.folder import envelope_states
+from abhv_mc.folder.envelopes import QUANTILES
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.pages.build import build_report
@@ -109,6 +116,25 @@ def test_a_simulator_that_differs_is_flown_and_marked(tmp_path: Path) -> None:
     ]
 
 
+def test_a_flight_that_hangs_ends_with_the_command_that_is_killed(tmp_path: Path) -> None:
+    alive = tmp_path / "alive"
+    os.mkfifo(alive)
+    source = DIVE + (
+        f"\nheld = open({str(alive)!r}, 'w')\n"
+        "def fly(inputs, settings):\n    print('x', file=held, flush=True)\n    time.sleep(600.0)\n"
+    )
+    path = dive_campaign(tmp_path / "own", source, simulator={"python": "dive.py", "time_limit": "600 s"})
+    command = [sys.executable, "-m", "abhv_mc", "run", str(path), "-o", str(tmp_path / "out")]
+    process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.DEVNULL)
+    with alive.open("rb", buffering=0) as held:
+        assert held.read(1)
+        process.kill()
+        process.wait()
+        while (ready := select.select([held], [], [], 60.0)[0]) and held.read(1):
+            pass
+        assert ready  # nobody holds it any more
+
+
 def test_an_input_that_changes_no_flight_is_said(tmp_path: Path) -> None:
     source = DIVE.replace('inputs["thrust"]', "1.0")
     manifest = run_campaign(Request(dive_campaign(tmp_path / "own", source, runs=20), tmp_path / "out")).manifest
@@ -168,9 +194,91 @@ def test_histories_that_a_flight_returns_are_kept_and_opened(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(
-    ("keep", "found"), [({"histories": {"channels": ["mach"]}}, "channels"), ({"envelopes": {}}, "envelopes")]
+    ("keep", "histories", "found"),
+    [
+        ({"histories": {"channels": ["altitude_m"]}}, DIVE_CHANNELS, "channels of this program's"),
+        ({"envelopes": {"channels": ["altitude_m"]}}, DIVE_CHANNELS, "channels of this program's"),
+        ({"envelopes": {}}, None, "envelopes of no 'histories'"),
+    ],
 )
-def test_channels_and_bands_are_of_our_own_simulator(tmp_path: Path, keep: dict[str, object], found: str) -> None:
-    path = dive_campaign(tmp_path / "own", DIVE_HISTORY, histories=DIVE_CHANNELS, keep=keep)
-    with pytest.raises(InputError, match=f"{found} of "):
+def test_what_is_kept_of_flights_is_in_their_histories(
+    tmp_path: Path, keep: dict[str, object], histories: object, found: str
+) -> None:
+    path = dive_campaign(tmp_path / "own", DIVE_HISTORY, histories=histories, keep=keep)
+    with pytest.raises(InputError, match=found):
         run_campaign(Request(path, tmp_path / "out"))
+
+
+RATE = 4.0  # Hz
+BANDS = {"histories": {"flights": "none"}, "envelopes": {"rate": f"{RATE:g} Hz"}}
+
+
+def bands_by_hand(folder: Path, system: str, channel: str, flights: int) -> dict[float, dict[str, float]]:
+    """Bands of the first flights of a system by time, from what its flights returned: value by value."""
+    namespace: dict[str, Any] = {}
+    exec(DIVE_SCATTERED, namespace)  # noqa: S102  our own text
+    samples, settings = read_flown(folder).samples, {"v1": {"pull": 5.0}, "v2": {"pull": 6.0}}
+    given = [{**{"dive": 60.0}, **{name: values[k] for name, values in samples.items()}} for k in range(flights)]
+    flown = [namespace["fly"](inputs, settings[system])["history"] for inputs in given]
+    paths = [(each["time"], np.array(each[channel], float)) for each in flown]
+    first, last = min(times[0] for times, _ in paths), max(times[-1] for times, _ in paths)
+    bands = {}
+    for k in range(int(np.floor(first * RATE)) - 1, int(np.ceil(last * RATE)) + 2):
+        at = lambda time: [np.interp(time, *path) for path in paths if path[0][0] <= time <= path[0][-1]]  # noqa: E731
+        now = [value for value in at(k / RATE) if not np.isnan(value)]
+        if not now:
+            continue
+        low, high = (k - 1) / RATE, (k + 1) / RATE
+        near = [
+            value for times, values in paths for time, value in zip(times, values, strict=True) if low <= time <= high
+        ]
+        near += at(low) + at(k / RATE) + at(high)
+        bands[k / RATE] = {
+            "count": len(now), "min": np.float32(np.nanmin(near)), "max": np.float32(np.nanmax(near)),
+            **{f"q{100 * q:g}": np.quantile(np.float32(now).astype(float), q) for q in QUANTILES},
+        }  # fmt: skip
+    return bands
+
+
+def test_bands_are_those_of_the_first_flights_histories(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(envelope_states, "ENVELOPE_FLIGHTS", 50)
+    path = dive_campaign(tmp_path / "own", DIVE_SCATTERED, histories=DIVE_CHANNELS, keep=BANDS, runs=60)
+    out = tmp_path / "out"
+    run_campaign(Request(path, out))
+    table = pq.read_table(out / "envelopes.parquet").to_pandas()
+    assert set(read_flown(out).flights["v1"].count_outcomes()) == {"ok", "ground"}
+    for system in ("v1", "v2"):
+        for channel in ("altitude", "sink_rate"):
+            found = table[(table["controller"] == system) & (table["channel"] == channel)].set_index("time")
+            expected = bands_by_hand(out, system, channel, 50)
+            there = found[found["count"] > 0]
+            assert there.index.tolist() == list(expected)
+            for name in next(iter(expected.values())):
+                of = [each[name] for each in expected.values()]
+                assert there[name].to_numpy() == pytest.approx(of, rel=1e-12, abs=1e-12), name
+    page = build_report(out)
+    text = shown_text(page)
+    assert "flights that have a history then of flights 0 to 49" in text
+    assert "sink rate (ft/s)" in text
+    assert 'id="plot"' in page.read_text("utf-8")
+
+
+def test_bands_are_the_same_however_flights_came_and_none_flies_twice(tmp_path: Path) -> None:
+    flown = tmp_path / "flown"
+    source = DIVE_SCATTERED + (
+        f"\nonce = fly\ndef fly(inputs, settings):\n    open({str(flown)!r}, 'a').write('x')\n"
+        "    return once(inputs, settings)\n"
+    )
+    path = dive_campaign(tmp_path / "own", source, histories=DIVE_CHANNELS, keep=BANDS, runs=60)
+    run_campaign(Request(path, tmp_path / "whole"))
+    whole = pq.read_table(tmp_path / "whole" / "envelopes.parquet")
+    run_campaign(Request(path, tmp_path / "grown", runs=25))
+    before = flown.stat().st_size
+    run_campaign(Request(path, tmp_path / "grown"))
+    assert flown.stat().st_size - before == 2 * 35
+    shards = [tmp_path / "a", tmp_path / "b"]
+    for i, out in enumerate(shards, 1):
+        run_campaign(Request(path, out, shard=(i, 2)))
+    merge_campaign(shards, tmp_path / "joined")
+    for out in ("grown", "joined"):
+        assert pq.read_table(tmp_path / out / "envelopes.parquet").equals(whole)

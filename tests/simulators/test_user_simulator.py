@@ -62,8 +62,7 @@ def fly(inputs, settings):
 
 def ready(path: Path) -> Experiment:
     campaign = read_campaign(path)
-    assert campaign.user_model is not None
-    return make_ready(campaign, make_user_plans(campaign, campaign.user_model, campaign.controllers))  # type: ignore[arg-type]
+    return make_ready(campaign, make_user_plans(campaign, campaign.controllers))  # type: ignore[arg-type]
 
 
 def fly_delays(path: Path, delays: list[float]) -> FlightBlock:
@@ -198,6 +197,22 @@ def test_a_program_speaks_lines(tmp_path: Path) -> None:
     command = {"command": [sys.executable, "program.py"], "files": ["program.py"], "time_limit": "20 s"}
     block = fly_delays(dive_campaign(tmp_path, simulator=command), [1.0] * 200)
     assert block.metrics.tolist() == [[1830.0, 1.0]] * 200
+
+
+def test_a_line_that_is_no_answer_costs_its_flight_and_shifts_no_other(tmp_path: Path) -> None:
+    program = (
+        "import json, sys\n"
+        "for line in sys.stdin:\n"
+        "    given = json.loads(line)['inputs']\n"
+        "    if given['delay'] == 2.0:\n"
+        "        print('out of the table')\n"
+        "    print(json.dumps({'altitude_min': given['delay'], 'load': 1.0}), flush=True)\n"
+    )
+    (tmp_path / "program.py").write_text(program)
+    command = {"command": [sys.executable, "program.py"], "files": ["program.py"], "time_limit": "20 s"}
+    delays = [1.0, 2.0, 1.1, 1.2, 2.0, 1.3]
+    block = fly_delays(dive_campaign(tmp_path, simulator=command), delays)
+    assert block.metrics[:, 0].tolist() == pytest.approx([1.0, np.nan, 1.1, 1.2, np.nan, 1.3], nan_ok=True)
 
 
 def test_a_program_that_cannot_be_started_is_said(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

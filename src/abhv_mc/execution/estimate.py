@@ -88,6 +88,9 @@ def estimate_campaign(campaign: Experiment, engine: Engine, workers: int | None 
             path = Path(folder) / "history.parquet"
             of = path, name, range(len(block.outcome)), block.times, block.history
             write_histories(*of, campaign.kept_channels, known=campaign.channels)
+            if campaign.user_model and campaign.has_bands:
+                cells = round(block.times.size * model.keep.envelopes.rate / model.keep.histories.rate)
+                cells *= len(campaign.channels)
             histories_size += path.stat().st_size // len(block.outcome)
     workers = workers or model.execution.workers or count_cores()
     counts: FlightCounts = next(iter(make_flight_counts(campaign).values()))

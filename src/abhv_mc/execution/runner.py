@@ -18,6 +18,7 @@ from abhv_mc.execution.cluster import connect_cluster
 from abhv_mc.execution.completion import Completion
 from abhv_mc.execution.executor import Executor, open_executor
 from abhv_mc.execution.flight_counts import count_flights, flight_values, judge_requirements
+from abhv_mc.execution.fly_batches import AT_ONCE
 from abhv_mc.execution.interrupts import interrupts_deferred, sigterm_as_interrupt
 from abhv_mc.execution.progress import Progress, Waiting
 from abhv_mc.execution.retention import HistoryFile, list_histories, write_kept_histories
@@ -143,12 +144,14 @@ class _Run:
         return not self.campaign.has_bands or self.files.knows(self.folder.envelopes)
 
     def _make_cells(self) -> Cells:
-        keep = self.campaign.model.keep.envelopes
+        keep, points = self.campaign.model.keep.envelopes, len(self.campaign.unknowns.points)
+        if self.campaign.user_model is not None:
+            names = tuple(channel.name for channel in self.campaign.channels)
+            return Cells(names, tuple(range(len(names))), 1, points=points)
         plan = next(iter(self.plans.values()))
         every = record_every(self.campaign.document, plan, keep.rate, "envelopes")
         times = np.arange(plan.timing.ticks // every + 1).astype(np.float64) * (every * plan.timing.tick)
-        points = len(self.campaign.unknowns.points)
-        return Cells(keep.channels, tuple(CHANNEL_INDEX[name] for name in keep.channels), times, every, points)
+        return Cells(keep.channels, tuple(CHANNEL_INDEX[name] for name in keep.channels), every, times, points)
 
     def _has_envelopes(self) -> bool:
         """Whether they are there, of flights that are all there: later ones change nothing of them."""
@@ -163,8 +166,8 @@ class _Run:
             self.cells = self._make_cells()
             self.recording = self.cells.recording
         if self.campaign.has_bands and not self._has_envelopes():
-            states, runs = self.folder.envelope_states, self.campaign.runs
-            self.collectors = {name: Collector(states, name, runs, self.cells) for name in self.plans}
+            states, done = self.folder.envelope_states, self.completion.done
+            self.collectors = {name: Collector(states, name, done[name], self.cells) for name in self.plans}
         if self.campaign.user_model is not None:
             self._time_flights()
         while missing := self.completion.find_missing(self.collectors):
@@ -173,13 +176,16 @@ class _Run:
     def _time_flights(self) -> None:
         """Choose blocks of a user's simulator by the time of a flight: of the first ones, or of one that is missing."""
         plans = [system.plan for system in self.campaign.systems.values()]
-        for name, (rows, _) in self.completion.find_missing({}).items():
+        for name, (rows, envelope) in self.completion.find_missing(self.collectors).items():
             if rows.any() and not seconds_of_a_flight(plans):
                 first = int(np.argmax(rows))
-                block, row = Block(name, first, first + 1, True, False), self.samples.rows(first, first + 1)
-                self._keep(*fly_block(self.campaign, block, row, None, self.fly, False))
+                block, row = (
+                    Block(name, first, first + 1, True, bool(envelope[first])),
+                    self.samples.rows(first, first + 1),
+                )
+                self._keep(*fly_block(self.campaign, block, row, self.recording, self.fly, False))
         chosen = choose_timed(self.campaign.runs, self.workers, seconds_of_a_flight(plans))
-        self.batch = self.campaign.model.execution.batch or chosen
+        self.batch = self.campaign.model.execution.batch or min(chosen, AT_ONCE if self.collectors else chosen)
 
     def _fly_missing(self, missing: dict[str, tuple[Mask, Mask]]) -> None:
         from joblib import Parallel, delayed
@@ -264,10 +270,13 @@ class _Run:
             self.files.forget(self.folder.envelopes)
         self._write_manifest(RUNNING)
         if self.collectors:
-            tables = {name: self.collectors[name].table() for name in self.plans}
+            times = np.unique(np.concatenate([collector.times for collector in self.collectors.values()]))
+            tables = {name: self.collectors[name].table(times) for name in self.plans}
+            if self.cells.times is None:  # those of a user's blocks reach beyond their flights
+                flown = np.any([table.count.any(axis=1) for table in tables.values()], axis=0)
+                times, tables = times[flown], {name: table.at(flown) for name, table in tables.items()}
             number = min(self.completion.goal(), envelope_states.ENVELOPE_FLIGHTS)
-            times, channels, points = self.cells.times, self.cells.channels, self.cells.points
-            write_envelopes(self.folder.envelopes, times, channels, tables, number, points)
+            write_envelopes(self.folder.envelopes, times, self.cells.channels, tables, number, self.cells.points)
         try:
             failed = write_kept_histories(
                 self.folder, self.campaign, histories, self.samples, self.fly, self.workers, self.files
@@ -279,7 +288,8 @@ class _Run:
             print(f"{words}: run again to try again", file=sys.stderr)
         self._write_stability()
         for name, collector in self.collectors.items():
-            if not self.completion.all_counts[name].uncomputed.any():  # else the next run tries these flights again
+            # Else the next run tries these flights again; or more of a user's, which take their time, are flown.
+            if self.campaign.user_model is None and not self.completion.all_counts[name].uncomputed.any():
                 collector.finish()
         self._join_files()
 

@@ -20,6 +20,11 @@ class Signal:
     unit: str
     doc: str
 
+    @property
+    def axis(self) -> str:
+        """The words beside an axis, where the name does not end with the unit."""
+        return f"{self.name.replace('_', ' ')} ({self.unit})".replace("(-)", "(–)")
+
 
 @dataclass(frozen=True)
 class Source(Signal):

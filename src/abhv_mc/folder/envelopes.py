@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Mask
 from abhv_mc.folder.flights import make_field, write_parquet
 from abhv_mc.io.parquet_columns import number_column, text_column
 
@@ -16,8 +16,8 @@ QUANTILES = (0.00135, 0.05, 0.50, 0.95, 0.99865)
 QUANTILE_COLUMNS = ("q0.135", "q5", "q50", "q95", "q99.865")
 MOST_MEDIAN = "q50_most"  # with unknowns the median, too, has two edges
 _DOCS = {
-    "min": "smallest value at any control tick from the time before to the time after",
-    "max": "largest value at any control tick from the time before to the time after",
+    "min": "smallest value at any control tick, or returned sample, from the time before to the time after",
+    "max": "largest value at any control tick, or returned sample, from the time before to the time after",
 } | {name: f"{name[1:]} % quantile over the flights, linear between order statistics" for name in QUANTILE_COLUMNS}
 
 
@@ -30,6 +30,12 @@ class EnvelopeTable:
     high: Floats
     least: Floats  # [quantile, time, channel]; with unknowns over the flights at one point, the least of all points
     most: Floats
+
+    def at(self, times: Mask) -> "EnvelopeTable":
+        """Some of its times."""
+        return EnvelopeTable(
+            self.count[times], self.low[times], self.high[times], self.least[:, times], self.most[:, times]
+        )
 
     def columns(self, points: int) -> dict[str, Floats]:
         """What a file has of them: the lower edge of what is below the median, the upper edge of what is above."""

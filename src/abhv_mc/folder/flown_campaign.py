@@ -155,18 +155,18 @@ def read_flown(root: Path) -> FlownCampaign:
     campaign = read_folder_campaign(folder)
     files = data_files(folder, manifest)
     flights = read_flights(folder.flights, files, campaign.metrics, ends=campaign.outcomes)
-    with_bands = campaign.has_bands
-    reference = _columns(read_table(folder.reference, "the mission's reference")) if campaign.user_model is None else {}
+    ours = campaign.user_model is None
+    reference = _columns(read_table(folder.reference, "the mission's reference")) if ours else {}
     return FlownCampaign(
         folder=root,
         campaign=campaign,
         manifest=manifest,
         samples=samples,
         flights=flights,
-        envelopes=_read_envelopes(folder.envelopes) if with_bands else {},
+        envelopes=_read_envelopes(folder.envelopes) if campaign.has_bands else {},
         reference={name: value.astype(np.float64) for name, value in reference.items()},
-        nominal=_read_nominal(folder.nominal) if with_bands else {},
-        steady_margins=SteadyMargins() if campaign.user_model else read_steady_margins(folder.margins),
+        nominal=_read_nominal(folder.nominal) if ours else {},
+        steady_margins=read_steady_margins(folder.margins) if ours else SteadyMargins(),
     )
 
 

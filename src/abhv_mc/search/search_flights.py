@@ -179,7 +179,7 @@ class SearchFlights:
         return FlightRows(self.plan.controller, first, names, samples, outcome, values, self.columns)
 
     def draw(self, severities: Floats) -> DrawnFlights | None:
-        """Fly the nominal flight and the worst of the first ones again, with their histories; None without bands.
+        """Fly the nominal flight and the worst of the first ones again, with histories; None of a user's simulator.
 
         ``severities`` [flight] of the flights from 0 on; the worst ones that lie apart from each other are drawn.
         """
@@ -187,7 +187,7 @@ class SearchFlights:
         numbers = rank_distinct(
             severities, rows.samples[: len(severities), : len(self.space.names)], _DRAWN, DRAWN_APART
         )
-        if not self.campaign.has_bands:
+        if self.campaign.user_model is not None:
             return None
         nominal = [self.campaign.parameters.nominal_of(rows.names)]
         drawn = np.concatenate([nominal, rows.samples[numbers]])

@@ -20,7 +20,7 @@ def check_user_code(campaign: Experiment, trusted: bool = False) -> list[UserSou
     """
     model, foreign = campaign.model, is_in_a_folder(campaign.document.path)
     if campaign.user_model is not None:
-        source = simulator_source(campaign, campaign.user_model)
+        source = simulator_source(campaign)
         if foreign or is_in_a_folder(Path(source.file)):
             check_trusted(source, trusted)
             return []

@@ -79,7 +79,7 @@ def _check(file: Path, kind: str, flown: tuple[Path, Path] | None, pending: Pend
         if checked.user_model:
             check_user_code(checked)
             try:
-                Process(next(iter(make_user_plans(checked, checked.user_model, checked.controllers).values()))).end()
+                Process(next(iter(make_user_plans(checked, checked.controllers).values()))).end()
             except (LostFlightError, OSError) as error:
                 place = checked.document.key_error(("simulator",), str(error), "a simulator that starts")
                 raise InputErrors([place]) from None

@@ -54,7 +54,7 @@ def make_plans(campaign: Experiment, names: Iterable[str], engine: Engine) -> di
     model = campaign.model
     check_user_code(campaign)
     if campaign.user_model is not None:
-        return make_user_plans(campaign, campaign.user_model, names)  # type: ignore[return-value]
+        return make_user_plans(campaign, names)  # type: ignore[return-value]
     made = {name: engine.prepare(model.vehicle, model.mission, model.controllers[name], name) for name in names}
     plans = {name: declare(campaign, plan) for name, plan in made.items()}
     _check_delays(campaign, plans.values())

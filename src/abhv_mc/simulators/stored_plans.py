@@ -89,8 +89,8 @@ def read_trusted_plan(
     Raises InputError where the code is missing, or is not in the user's list of what he has flown.
     """
     if campaign.user_model is not None:
-        check_trusted(simulator_source(campaign, campaign.user_model), trusted)
-        return make_user_plans(campaign, campaign.user_model, [controller])[controller]  # type: ignore[return-value]
+        check_trusted(simulator_source(campaign), trusted)
+        return make_user_plans(campaign, [controller])[controller]  # type: ignore[return-value]
     check_vehicle_trusted(campaign.model.vehicle, trusted)
     plan = read_plan(folder.plan(controller), load_vehicle(campaign.model.vehicle))
     if plan.source_hash:

@@ -32,7 +32,7 @@ def test_quantities_stay_in_the_units_of_the_inputs(tmp_path: Path) -> None:
         ({"margins": {"flights": "all"}}, "simulator"),
         ({"tune": {}}, "simulator"),
         ({"execution": {"flight_time_limit": "5 s"}}, "simulator"),
-        ({"keep": {"envelopes": {"rate": "5 Hz"}}}, "envelopes of flights"),
+        ({"keep": {"envelopes": {"rate": "5 Hz"}}}, "envelopes of no"),
         ({"dispersions": {"altitude": {"distribution": "normal", "sigma": "50 kg"}}}, "a mass"),
         ({"dispersions": {"height": {"distribution": "normal", "sigma": 50.0}}}, "unknown parameter 'height'"),
         (

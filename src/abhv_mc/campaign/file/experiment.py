@@ -188,8 +188,8 @@ class Experiment:
 
     @property
     def has_bands(self) -> bool:
-        """Whether it has a nominal flight and bands over time."""
-        return self.user_model is None
+        """Whether it has bands over time; those of a user's simulator are asked for."""
+        return self.user_model is None or "envelopes" in self.model.keep.model_fields_set
 
     @property
     def dispersions(self) -> dict[str, dict[str, Any]]:

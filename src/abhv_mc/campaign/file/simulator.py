@@ -198,9 +198,9 @@ def check_simulator(document: Document, model: SimulatorCampaign, errors: list[I
         if not model.simulator and key in model.model_fields_set:
             found = f"'{key}' of flights that have been flown"
             errors.append(document.key_error((key,), found, "a simulator, or none of it"))
-    if "envelopes" in model.keep.model_fields_set:
-        found = "envelopes of flights of a user's simulator, of which there are none"
-        errors.append(document.key_error(("keep", "envelopes"), found, "no 'envelopes' here"))
-    if "channels" in model.keep.histories.model_fields_set:
-        found = "channels of this program's own simulator"
-        errors.append(document.key_error(("keep", "histories", "channels"), found, "nothing: all 'histories' are kept"))
+    if "envelopes" in model.keep.model_fields_set and not model.histories:
+        errors.append(document.key_error(("keep", "envelopes"), "envelopes of no 'histories'", "'histories'"))
+    for key, kept in (("histories", model.keep.histories), ("envelopes", model.keep.envelopes)):
+        if "channels" in kept.model_fields_set:
+            found = "channels of this program's own simulator"
+            errors.append(document.key_error(("keep", key, "channels"), found, "nothing: all 'histories' are kept"))

@@ -89,21 +89,22 @@ def envelope_data(
     """Channels and controllers; and arrays: ``time:CONTROLLER`` and ``CHANNEL:CONTROLLER`` [band, time], the bands in
     their order and the nominal flight behind them, and ``reference:CHANNEL``, each [time]."""
     names = results.controllers
-    held = [s.name for s in CHANNELS if all((name, s.name) in results.envelopes for name in names)]
+    known = results.campaign.channels
+    held = {each.name: each for each in known if all((name, each.name) in results.envelopes for name in names)}
     channels: list[dict[str, str | None]] = []
     arrays: dict[str, Floats] = {}
     times = results.reference.get("time", np.empty(0))  # a user's simulator has none
     every = max(1, -(-times.size // _MOST_TIMES))
     arrays["reference:time"] = times[::every]
-    for channel in held:
-        reference = _beside(_SIGNALS[channel], "reference")
+    for channel, signal in held.items():
+        reference = _beside(signal, "reference")
         given = reference in _REFERENCES and reference in results.reference
         if given:
             arrays[f"reference:{reference}"] = results.reference[reference][::every]
-        channels.append({**describe_channel(channel, held), "reference": reference if given else None})
+        channels.append({**describe_channel(channel, held, known), "reference": reference if given else None})
     for name in names:
         for channel in held:
             arrays[f"time:{name}"], arrays[f"{channel}:{name}"] = channel_curves(results, name, channel)
     controllers = [{"name": name, "label": labels[name], "color": colors[name]} for name in names]
     bands = [*band_names(results), "nominal"]
-    return {"channels": channels, "controllers": controllers, "bands": bands}, arrays
+    return {"channels": channels, "controllers": controllers, "bands": bands, "nominal": bool(results.nominal)}, arrays

@@ -1,22 +1,39 @@
 """One process of a user's simulator: it is sent lines of JSON, and watched flight by flight."""
 
 import contextlib
+import functools
 import json
 import os
 import select
 import signal
 import subprocess
+import sys
 import tempfile
+import threading
 import time
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from abhv_mc.simulators.user_simulator.user_plan import UserPlan
 from abhv_mc.user_code.child import describe_exit
 
-_AHEAD = 64  # lines that are sent before the first of them is answered
+_AHEAD = 64  # lines that are sent before the first of them is answered,
+_FITS = 1 << 15  # and bytes: less than an empty pipe takes at once
 _START = 600.0  # s for a Python simulator to be imported
 _READ = 1 << 18
+_WATCH = """
+import os, sys
+running = set()
+for line in sys.stdin:
+    (running.add if int(line) > 0 else running.discard)(abs(int(line)))
+for process in running:
+    try:
+        os.killpg(process, 9)
+    except OSError:
+        pass
+"""
+_watching = threading.Lock()
 
 
 class LostFlightError(Exception):
@@ -24,13 +41,13 @@ class LostFlightError(Exception):
 
 
 class Process:
-    """Its pipes are never blocked on, so that a flight that hangs is seen."""
+    """It is read with a limit, so that a flight that hangs is seen."""
 
     def __init__(self, plan: UserPlan) -> None:
         """Raises OSError where it cannot be started, and LostFlightError where its Python file does not run."""
         self._errors: Any = tempfile.TemporaryFile()  # noqa: SIM115  it lives as long as the process
         try:
-            self._process = subprocess.Popen(  # noqa: S603  what the user's campaign names
+            started: Any = subprocess.Popen(  # noqa: S603  what the user's campaign names
                 plan.argv,
                 cwd=plan.folder,
                 stdin=subprocess.PIPE,
@@ -42,60 +59,43 @@ class Process:
         except OSError:
             self._errors.close()
             raise
-        if self._process.stdin is None or self._process.stdout is None:
-            raise OSError("no pipes")
-        self._to, self._from = self._process.stdin.fileno(), self._process.stdout.fileno()
-        os.set_blocking(self._to, False)
+        self._process = started
+        _tell_watcher(started.pid)
         self._poll = select.poll()
-        self._poll.register(self._from, select.POLLIN)
-        self._rest, self._waiting = b"", b""  # of an answer, and lines that are not sent yet
-        if plan.python:
-            (answer,) = self.answers([], 1, _START)
-            if (error := json.loads(answer).get("error")) is not None:
-                self.end()
-                raise LostFlightError(error)
+        self._poll.register(self._process.stdout.fileno(), select.POLLIN)
+        self._rest = b""  # of an answer
+        self._read: deque[bytes] = deque()
+        if plan.python and (error := self._answer(_START).get("error")) is not None:
+            self.end()
+            raise LostFlightError(error)
 
-    def answers(self, lines: list[bytes], number: int, limit: float) -> Iterator[bytes]:
+    def answers(self, lines: Sequence[bytes], limit: float) -> Iterator[dict[str, Any]]:
         """The answers to ``lines`` one by one, each within ``limit`` s of the one before. Raises LostFlightError."""
-        sent = done = 0
+        ahead = max(1, min(_AHEAD, _FITS // max(map(len, lines), default=1)))
+        for first in range(0, len(lines), ahead):
+            sent = lines[first : first + ahead]
+            with contextlib.suppress(BrokenPipeError):  # its end is read next
+                self._process.stdin.write(b"".join(sent))
+            for _ in sent:
+                yield self._answer(limit)
+
+    def _answer(self, limit: float) -> dict[str, Any]:
         deadline = time.monotonic() + limit
-        while done < number:
-            if sent - done <= _AHEAD // 2 and sent < len(lines):
-                self._waiting += b"".join(lines[sent : done + _AHEAD])
-                sent = min(done + _AHEAD, len(lines))
-            self._send()
-            ready = self._poll.poll(max(0.0, 1e3 * (deadline - time.monotonic())))
-            if not ready:
+        while not self._read:
+            if not self._poll.poll(max(0.0, 1e3 * (deadline - time.monotonic()))):
                 self.end()
                 raise LostFlightError(f"not done in {limit:g} s")
-            if not any(descriptor == self._from for descriptor, _ in ready):
-                continue
-            held = os.read(self._from, _READ)
+            held = os.read(self._process.stdout.fileno(), _READ)
             if not held:
                 raise LostFlightError(f"its process ended: {self._describe_end()}")
             *whole, self._rest = (self._rest + held).split(b"\n")
-            if whole:
-                deadline = time.monotonic() + limit
-            for answer in whole:
-                done += 1
-                yield answer
-                if done == number:
-                    break
-
-    def _send(self) -> None:
-        """As much of what waits as the pipe takes; the rest when it takes more."""
-        if self._waiting:
-            try:
-                self._waiting = self._waiting[os.write(self._to, self._waiting) :]
-            except BlockingIOError:
-                pass
-            except BrokenPipeError:
-                self._waiting = b""  # its end is read next
-        if self._waiting:
-            self._poll.register(self._to, select.POLLOUT)
-        else:
-            with contextlib.suppress(KeyError):
-                self._poll.unregister(self._to)
+            self._read.extend(whole)
+        line = self._read.popleft()
+        with contextlib.suppress(ValueError):
+            if isinstance(found := json.loads(line), dict):
+                return found
+        self.end()  # what it answers next might be of any flight
+        raise LostFlightError(f"it answered {line[:80]!r}, which is no mapping in JSON")
 
     def _describe_end(self) -> str:
         """How it ended, with the last line that it wrote on standard error."""
@@ -111,6 +111,22 @@ class Process:
             with contextlib.suppress(OSError):
                 stop()
         self._process.wait()
+        _tell_watcher(-self._process.pid)
         for stream in (self._process.stdin, self._process.stdout, self._errors):
-            if stream is not None:
-                stream.close()
+            stream.close()
+
+
+def _tell_watcher(process: int) -> None:
+    """That a process has begun, or (below zero) ended: where this one is killed, its pipe ends, and they with it."""
+    with _watching, contextlib.suppress(OSError):
+        os.write(_watcher(os.getpid()), b"%d\n" % process)
+
+
+@functools.cache
+def _watcher(_: int) -> int:
+    """The pipe to a process that ends those of this one."""
+    theirs, ours = os.pipe()
+    ends = [(os.POSIX_SPAWN_DUP2, theirs, 0)]
+    os.posix_spawn(sys.executable, [sys.executable, "-ISc", _WATCH], os.environ, file_actions=ends, setpgroup=0)
+    os.close(theirs)
+    return ours

@@ -33,7 +33,10 @@ def main(python: str, *declared: str) -> None:
     while line := read():
         given = loads(line)
         try:
-            answer = dumps(fly(given["inputs"], given["settings"]), default=_plain).encode() + b"\n"
+            found = fly(given["inputs"], given["settings"])
+            if not isinstance(found, dict):
+                raise TypeError(f"fly returned {found!r:.80}, which is no mapping")
+            answer = dumps(found, default=_plain).encode() + b"\n"
         except Exception as error:
             answer = _line({"error": _words(error, python)})
         answers.write(answer)

@@ -36,10 +36,11 @@ class UserPlan:
     inputs: tuple[str, ...]
     seeds: tuple[bool, ...]  # which of these are whole numbers
     metrics: tuple[Metric, ...]
-    outcomes: tuple[tuple[str, int], ...]  # codes that a flight may return, with their numbers
+    outcomes: dict[str, int]  # codes that a flight may return, with their numbers
     time_limit: float  # s of one flight, by the clock
     channels: tuple[Signal, ...] = ()  # of the history that a flight returns
-    rate: float = 10.0  # Hz that it is recorded with
+    rate: float = 10.0  # Hz that it is recorded with, and for bands over time
+    band_rate: float = 5.0
     effectors: tuple[str, ...] = ()
     check: bool = False  # whether its flights are flown for a check, none of the campaign's
 
@@ -56,6 +57,11 @@ class UserPlan:
         first, *rest = self.command
         file = Path(self.folder, first)
         return [str(file.resolve()) if file.is_file() else first, *rest]
+
+    @cached_property
+    def expected(self) -> set[str]:
+        """What a flight has to return."""
+        return {*(metric.name for metric in self.metrics), *(["history"] if self.channels else [])}
 
     @cached_property
     def _template(self) -> str:
@@ -83,47 +89,44 @@ class UserPlan:
             program.chmod(program.stat().st_mode | stat.S_IXUSR)
 
 
-def make_user_plans(campaign: Experiment, model: SimulatorCampaign, names: Iterable[str]) -> dict[str, UserPlan]:
-    """The plans of some of a campaign's systems."""
-    simulator = _simulator(campaign, model)
-    base = campaign.document.path.parent / simulator.folder
-    hashes = {name: hashlib.sha256(read_input(path)).hexdigest() for name, path in simulator.find_files(base).items()}
-    outcomes = {
-        code: number for code, number in campaign.outcomes.numbers.items() if number != int(Outcome.FAILED_TO_RUN)
-    }
-    records = campaign.parameters.records
+def make_user_plans(campaign: Experiment, names: Iterable[str]) -> dict[str, UserPlan]:
+    """The plans of some of a campaign's systems. Raises InputError where nothing flies it."""
+    model, simulator, base = _find_simulator(campaign)
+    files = tuple((name, hashlib.sha256(content).hexdigest()) for name, content in simulator_source(campaign).files)
+    codes, records = campaign.outcomes.numbers, campaign.parameters.records
     return {
         name: UserPlan(
-            name,
-            simulator.command or (),
-            str(base.resolve()),
-            tuple(hashes.items()),
-            simulator.python or "",
-            json.dumps(model.systems[name]),
-            tuple(record.name for record in records),
-            tuple(record.seed for record in records),
-            campaign.measured,
-            tuple(outcomes.items()),
-            simulator.time_limit,
-            campaign.channels,
-            campaign.model.keep.histories.rate,
+            controller=name,
+            command=simulator.command or (),
+            folder=str(base.resolve()),
+            files=files,
+            python=simulator.python or "",
+            settings=json.dumps(model.systems[name]),
+            inputs=tuple(record.name for record in records),
+            seeds=tuple(record.seed for record in records),
+            metrics=campaign.measured,
+            outcomes={code: number for code, number in codes.items() if code != Outcome.FAILED_TO_RUN.code},
+            time_limit=simulator.time_limit,
+            channels=campaign.channels,
+            rate=model.keep.histories.rate,
+            band_rate=model.keep.envelopes.rate,
         )
         for name in names
     }
 
 
-def _simulator(campaign: Experiment, model: SimulatorCampaign) -> Simulator:
-    """What flies. Raises InputError where nothing does."""
-    if model.simulator is None:
+def _find_simulator(campaign: Experiment) -> tuple[SimulatorCampaign, Simulator, Path]:
+    """What flies, and the folder that it lies in. Raises InputError where nothing does."""
+    model = campaign.user_model
+    if model is None or model.simulator is None:
         found = "a campaign without a simulator: nothing can fly"
         raise campaign.document.error((), found, "'simulator' here; abhv-mc adopt TABLE takes flights that were flown")
-    return model.simulator
+    return model, model.simulator, campaign.document.path.parent / model.simulator.folder
 
 
-def simulator_source(campaign: Experiment, model: SimulatorCampaign) -> UserSource:
+def simulator_source(campaign: Experiment) -> UserSource:
     """The simulator's files, by which it is trusted. Nothing is run."""
-    simulator = _simulator(campaign, model)
-    base = campaign.document.path.parent / simulator.folder
+    _, simulator, base = _find_simulator(campaign)
     files = tuple((name, read_input(path)) for name, path in simulator.find_files(base).items())
     text = json.dumps([simulator.python, simulator.command])
     return UserSource(text, str(base / (simulator.python or (simulator.command or ("",))[0])), files)

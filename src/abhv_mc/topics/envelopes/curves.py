@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from abhv_mc.campaign.file.experiment import Experiment
+
 _SIGN = ", sign open"
 
 
@@ -31,3 +33,8 @@ CURVES = (
         "equivalence_ratio_command", "throttle (–)", "equivalence_ratio_reference", paper=(11, "0.8 to 1.25")
     ),
 )  # fmt: skip
+
+
+def curves_of(campaign: Experiment) -> tuple[Curve, ...]:
+    """Those that a sheet of its flights may show: all channels of a user's simulator."""
+    return tuple(Curve(each.name, each.axis) for each in campaign.channels) if campaign.user_model else CURVES

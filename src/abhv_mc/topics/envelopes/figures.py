@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from abhv_mc.array_types import Floats
-from abhv_mc.topics.envelopes.curves import CURVES, Curve
+from abhv_mc.topics.envelopes.curves import CURVES, Curve, curves_of
 from abhv_mc.topics.envelopes.model import Envelopes
 from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, off_reference, plot_sheet, shown_bands
 from abhv_mc.topics.figure_style import controller_colors
@@ -16,13 +16,7 @@ from abhv_mc.topics.section import FigureText
 Bands = tuple[Floats, Mapping[str, Floats]]  # time and bands of a channel
 Find = Callable[[str, str], Bands | None]  # of a controller and a channel
 
-_WORDS = FigureText(
-    "channels",
-    "The channels over all flights",
-    "Bands of all controllers in the same axes; insets show the largest move. The altitude error has no band of all "
-    "flights where the reference climbs.",
-    alt="The table above has the smallest and the largest value of each channel.",
-)
+_OURS = "; insets show the largest move. The altitude error has no band of all flights where the reference climbs"
 
 
 def channel_figures(found: Envelopes, labels: Names) -> Iterator[tuple[FigureText, Figure]]:
@@ -34,8 +28,15 @@ def channel_figures(found: Envelopes, labels: Names) -> Iterator[tuple[FigureTex
         there = envelope is not None and np.isfinite(envelope.median).any()
         return (envelope.time, envelope.bands) if envelope is not None and there else None
 
-    if rows := _rows(find, tuple(labels.controllers), found.source.reference):
-        yield _WORDS, plot_sheet(rows, labels.controllers, controller_colors(tuple(labels.controllers)))
+    names, campaign = tuple(labels.controllers), found.source.campaign
+    if rows := _rows(find, names, found.source.reference, curves_of(campaign)):
+        words = FigureText(
+            "channels",
+            "The channels over all flights",
+            f"Bands of all {campaign.kind}s in the same axes{'' if campaign.user_model else _OURS}.",
+            alt="The table above has the smallest and the largest value of each channel.",
+        )
+        yield words, plot_sheet(rows, labels.controllers, controller_colors(names))
 
 
 def plot_flown(
@@ -46,14 +47,16 @@ def plot_flown(
     def find(controller: str, channel: str) -> Bands:
         return flights[controller]["time"], {"q50": flights[controller][channel]}
 
-    return plot_sheet(_rows(find, tuple(flights), reference), labels, controller_colors(tuple(flights)))
+    return plot_sheet(_rows(find, tuple(flights), reference, CURVES), labels, controller_colors(tuple(flights)))
 
 
-def _rows(find: Find, names: Sequence[str], reference: Mapping[str, Floats]) -> list[EnvelopeRow]:
-    """The ground track, then the channels that every controller has."""
-    track = [_track(find(name, "east_m"), find(name, "north_m"), reference) for name in names]
+def _rows(
+    find: Find, names: Sequence[str], reference: Mapping[str, Floats], curves: Sequence[Curve]
+) -> list[EnvelopeRow]:
+    """The ground track where it has a reference, then the channels that every controller has."""
+    track = [_track(find(name, "east_m"), find(name, "north_m"), reference) for name in names if reference]
     rows = [EnvelopeRow("north over east (km)", [each for each in track if each])]
-    for curve in CURVES:
+    for curve in curves:
         panels = [_panel(held, curve, reference) for name in names if (held := find(name, curve.channel))]
         rows.append(EnvelopeRow(curve.label, panels, inset=curve.needles))
     return [row for row in rows if len(row.panels) == len(names)]
@@ -61,7 +64,7 @@ def _rows(find: Find, names: Sequence[str], reference: Mapping[str, Floats]) -> 
 
 def _panel(held: Bands, curve: Curve, reference: Mapping[str, Floats]) -> EnvelopePanel:
     time, given = held[0], reference[curve.reference] if curve.reference else None
-    clock, less = reference["time"], given if curve.off_reference else None
+    clock, less = reference.get("time", time), given if curve.off_reference else None
     bands = {name: off_reference(time, band, clock, less) for name, band in shown_bands(held[1], less).items()}
     shown = None if given is None else (clock, off_reference(clock, given, clock, less))
     return EnvelopePanel(time, bands, reference=shown)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from abhv_mc.folder import envelope_states
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.topics.plain import DRAWN
 
@@ -22,11 +23,11 @@ class Envelopes:
 def compute_envelopes(results: FlownCampaign) -> Envelopes:
     """The ranges of every channel of which a flight was computed."""
     ranges: dict[str, dict[str, tuple[float, float]]] = {}
-    flights = 0
     for (controller, channel), envelope in results.envelopes.items():
         low, high = envelope.bands["min"], envelope.bands["max"]
-        flights = max(flights, int(envelope.count.max(initial=0)))
         if not np.isnan(low).all():
             ranges.setdefault(controller, {})[channel] = float(np.nanmin(low)), float(np.nanmax(high))
     times = next((envelope.time for envelope in results.envelopes.values() if envelope.time.size > 1), None)
+    flown = max((int(each.flight.max(initial=-1)) + 1 for each in results.flights.values()), default=0)
+    flights = min(flown, envelope_states.ENVELOPE_FLIGHTS)
     return Envelopes(ranges, None if times is None else float(times[1] - times[0]), flights, results)

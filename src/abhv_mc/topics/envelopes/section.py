@@ -1,6 +1,6 @@
 """The report's section on bands over time."""
 
-from abhv_mc.topics.envelopes.curves import CURVES, Curve
+from abhv_mc.topics.envelopes.curves import Curve, curves_of
 from abhv_mc.topics.envelopes.model import Envelopes
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Cell, Fold, Item, Picture, Row, Section, Table, Text, Widget
@@ -8,23 +8,25 @@ from abhv_mc.topics.words import fixed
 
 
 def envelope_section(found: Envelopes, names: Names) -> Section | None:
-    """What bands are, the interactive ones, and the sheet of all channels; None of adopted flights."""
+    """What bands are, the interactive ones, and the sheet of all channels; None where flights have no histories."""
     items: list[Item] = []
     campaign = found.source.campaign
-    if campaign.adopted:
+    if not campaign.has_histories:
         return None
     if not campaign.has_bands:
-        kept = "; the view of the flights draws those that are kept" if campaign.has_histories else ""
-        text = f"There are no bands over time of a user's simulator{kept or ', which returns no histories'}."
+        text = "None are kept; `keep: {envelopes: {rate: 5 Hz}}` in the campaign file asks for them."
         return Section("Bands over time", (Text(text),))
     if found.step_s is not None:
         flown = max(flights.flight.size for flights in found.source.flights.values())
         of = "" if found.flights >= flown else f" of flights 0 to {found.flights - 1}"
+        who, ends = "flights still airborne", "at any control tick; the other bands are of samples"
+        if campaign.user_model:
+            who, ends = "flights that have a history then", "of all samples returned; the other bands are of values"
+        apart = " s apart, linear between samples" if campaign.user_model else " s apart"
         items.append(
             Text(
-                f"Bands are pointwise quantiles over the flights still airborne{of}: no single flight need follow one. "
-                '"All flights" is the smallest and largest value at any control tick; the other bands are of samples '
-                f"{found.step_s:.4g} s apart."
+                f"Bands are pointwise quantiles over the {who}{of}: no single flight need follow one. "
+                f'"All flights" is the smallest and largest value {ends} {found.step_s:.4g}{apart}.'
             )
         )
         points = len(campaign.unknowns.points)
@@ -37,7 +39,7 @@ def envelope_section(found: Envelopes, names: Names) -> Section | None:
                 )
             )
     of_paper = campaign.figures == "paper"
-    rows = tuple(_row(found, names, curve, of_paper) for curve in CURVES)
+    rows = tuple(_row(found, names, curve, of_paper) for curve in curves_of(campaign))
     heads = ("Channel", *names.controllers.values(), *(["Figure", "The paper's single flight"] if of_paper else []))
     table = Table("Smallest and largest value of each channel", heads, (tuple(row for row in rows if row),))
     sheet = Fold("All channels on one sheet", (table, Picture("channels")))

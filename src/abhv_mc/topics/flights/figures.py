@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from abhv_mc.array_types import Floats
@@ -30,8 +31,9 @@ def flight_figures(found: Flights, names: Names) -> Iterator[tuple[FigureText, F
     if not any(listed.values()):
         return
     rows = []
-    clock = results.reference["time"]
-    for channel, label, given in _CHANNELS:
+    clock, campaign = results.reference.get("time", np.empty(0)), results.campaign
+    users = [(each.name, each.axis, "") for each in campaign.channels[: len(_CHANNELS)]]
+    for channel, label, given in users if campaign.user_model else _CHANNELS:
         panels, less = [], results.reference[given] if given else None
         for name in controllers:
             envelope = results.envelopes.get((name, channel))
@@ -52,8 +54,8 @@ def flight_figures(found: Flights, names: Names) -> Iterator[tuple[FigureText, F
         text = FigureText(
             "worst_flights",
             "The worst flights",
-            "The worst flight of each controller, and thin the next worst, over the bands of all flights; the tables "
-            "above have their numbers.",
+            f"The worst flight of each {campaign.kind}, and thin the next worst, over the bands of all flights; the "
+            "tables above have their numbers.",
         )
         colors = controller_colors(controllers)
         yield text, plot_envelopes(rows, list(names.controllers.values()), list(colors.values()))

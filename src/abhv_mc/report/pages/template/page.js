@@ -34,9 +34,9 @@
     { name: "wide", label: "0.135–99.865 %", low: "q0.135", high: "q99.865", opacity: 0.22, on: true },
     { name: "narrow", label: "5–95 %", low: "q5", high: "q95", opacity: 0.32, on: true },
     { name: "median", label: "median", on: true },
-    { name: "nominal", label: "nominal flight", on: false },
-    { name: "command", label: "command (median)", on: true },
-    { name: "reference", label: "reference", on: true },
+    ...(data.nominal ? [{ name: "nominal", label: "nominal flight", on: false }] : []),
+    ...(data.channels.some(({ command }) => command) ? [{ name: "command", label: "command (median)", on: true }] : []),
+    ...(data.channels.some(({ reference }) => reference) ? [{ name: "reference", label: "reference", on: true }] : []),
   ];
 
   // Named one by one: the library's own set has a button that uploads the plot's data.
@@ -58,7 +58,7 @@
     const part = (i) => parseInt(hex.slice(i, i + 2), 16);
     return `rgba(${part(1)},${part(3)},${part(5)},${opacity})`;
   };
-  const isOn = (name) => layers.find((layer) => layer.name === name).box.checked;
+  const isOn = (name) => layers.find((layer) => layer.name === name)?.box.checked;
   const shownControllers = () => data.controllers.filter((controller) => controller.box.checked);
 
   const bandTraces = (controller, channel) =>
