@@ -37,6 +37,13 @@ def change_vehicle(folder: Path, *changes: tuple[str, str], name: str = "ghame_x
     return path
 
 
+def write_law(folder: Path, text: str) -> Path:
+    """The file of a controller that is a user's law in Python, beside the law."""
+    (folder / "law.py").write_text(text, encoding="utf-8")
+    (folder / "law.yaml").write_text("law: python\nfile: law.py\nrate: 100 Hz\n", encoding="utf-8")
+    return folder / "law.yaml"
+
+
 def cut(plan: FlightPlan, ticks: int) -> FlightPlan:
     rows = {name: getattr(plan, name)[: ticks + 1] for name in ("reference", "gains")}
     return replace(plan, timing=plan.timing._replace(ticks=ticks), **rows)

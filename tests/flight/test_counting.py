@@ -186,26 +186,3 @@ def test_records_come_back_from_their_text(plan):
     again = unpack_metrics(made.declared)
     assert [repr(metric) for metric in again] == [repr(metric) for metric in made.metrics[len(METRICS) :]]
     assert {metric.bad for metric in again if metric.statistic.word == "min"} == {"low"}
-
-
-@pytest.mark.thorough
-def test_declared_metrics_do_not_depend_on_lanes(plan, parameters):
-    made = declare(plan, **ENTRIES)
-    one = fly(made, parameters[:5], lanes=1)
-    assert np.array_equal(one.metrics, fly(made, parameters).metrics[:5], equal_nan=True)
-
-
-def test_thrust_and_heat_flux_channels():
-    """Thrust is what the specific force and the drag leave; heat flux is Sutton and Graves' formula."""
-    from abhv_mc.kernel.world.atmosphere import atmosphere
-
-    nosed = {"base": "ghame_x", "reference.nose_radius": "0.5 m"}
-    block = fly(short_plan(10, "lqr", "level", nosed), nominal_parameters(), 1)
-    get = lambda name: float(block.history[0, 0, CHANNEL_INDEX[name]])  # noqa: E731
-    density = atmosphere(get("altitude_m"))[0]
-    assert np.isclose(
-        get("stagnation_heat_flux_w_m2"), 1.7415e-4 * np.sqrt(density / 0.5) * get("speed_mps") ** 3, rtol=1e-4
-    )
-    assert 1e4 < get("thrust_n") < 1e7
-    assert np.isclose(get("speed_measured_mps"), get("speed_mps"))
-    assert np.isclose(get("bank_measured_deg"), get("bank_deg"))

@@ -19,11 +19,12 @@ def _fly(plan: FlightPlan, *cases: dict[str, float], every: int | None = None):
 
 
 def test_neighbours_do_not_matter(plan: FlightPlan) -> None:
-    """A calm flight beside a turbulent one is the calm flight alone, bit for bit, and the other way round."""
-    calm, rough = {}, {"wind.turbulence": 3.0, "sensor.bank_noise": 0.01, "sensor.delay": 0.03}
-    together = _fly(plan, calm, rough)
-    assert np.array_equal(_fly(plan, calm).metrics[0], together.metrics[0])
-    assert np.array_equal(_fly(plan, rough).metrics[0], together.metrics[1])
+    """Beside turbulence and errors of sensors, each flight is the one that it is alone, bit for bit."""
+    rough = {"wind.turbulence": 3.0, "sensor.bank_noise": 0.01, "sensor.altitude_bias": 3.0, "sensor.delay": 0.03}
+    more = {"sensor.speed_lag": 0.1, "sensor.mach_noise": 0.1, "sensor.yaw_interval": 0.5, "sensor.altitude_scale": 1.1}
+    together = _fly(plan, {}, rough, more)
+    for i, case in enumerate(({}, rough, more)):
+        assert np.array_equal(_fly(plan, case).metrics[0], together.metrics[i])
 
 
 def test_turbulence_has_its_rms_from_the_start(plan: FlightPlan) -> None:

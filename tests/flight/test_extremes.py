@@ -21,12 +21,10 @@ FLIGHTS = 2 * LANES + 5
 
 @pytest.fixture(scope="module")
 def plans():
+    """Some flights end on the way."""
     made = {name: short_plan(TICKS, name) for name in ("tlc", "lqr")}
-    return {name: dataclasses.replace(plan, limits=tight(plan.limits)) for name, plan in made.items()}
-
-
-def tight(limits):
-    return limits._replace(altitude_max=20_001.5)  # some flights end on the way
+    tight = {"altitude_max": 20_001.5}
+    return {name: dataclasses.replace(plan, limits=plan.limits._replace(**tight)) for name, plan in made.items()}
 
 
 @pytest.fixture(scope="module")
@@ -40,15 +38,20 @@ def dispersed():
     return rows
 
 
+@pytest.fixture(scope="module")
+def whole(plans, dispersed):
+    """Every channel at every tick."""
+    return {law: fly(plan, dispersed, 1) for law, plan in plans.items()}
+
+
 ALL, SOME = (LANES, slice(None)), pytest.param((1, slice(4, 9)), marks=pytest.mark.thorough)
 
 
 @pytest.mark.parametrize("law", ["tlc", "lqr"])
 @pytest.mark.parametrize("every", [1, 7, 20, 300, TICKS + 1])
 @pytest.mark.parametrize("flown", [ALL, SOME], ids=["abreast", "alone"])
-def test_extremes_are_those_of_whole_histories(plans, dispersed, law, every, flown):
-    lanes, rows = flown
-    whole = fly(plans[law], dispersed, 1)
+def test_extremes_are_those_of_whole_histories(plans, dispersed, whole, law, every, flown):
+    (lanes, rows), whole = flown, whole[law]
     ends = np.unique(whole.end_time)
     assert (whole.outcome == Outcome.NOT_FINITE).any()
     assert ((ends > 0.1) & (ends < 6.0)).any() and (whole.outcome == Outcome.OK).any()

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 from short_flights import rows_of, short_plan
 
 from abhv_mc.flight.channels import CHANNEL_INDEX
@@ -56,30 +55,14 @@ def test_it_acts_from_the_first_control_tick_at_or_after_its_time(plan: FlightPl
 
 
 # Failed from the start, each is the same as the parameter that says so of the whole flight.
+_UNSTART = {"failure.engine.time": 0.0, "failure.engine.thrust": 1.0}
 _EQUAL = [
-    (
-        {"failure.elevator.loss_time": 0.0, "failure.elevator.effectiveness": 0.4},
-        {"control.elevator_effectiveness": 0.4},
-    ),
-    (
-        {"failure.aileron.loss_time": 0.0, "failure.aileron.effectiveness": 0.7},
-        {"control.aileron_effectiveness": 0.7},
-    ),
-    (
-        {f"failure.{name}.slow_time": 0.0 for name in ("aileron", "rudder", "elevator")},
-        {"actuator.rate_limit": 0.1},
-    ),
-    (
-        {"failure.engine.time": 0.0, "failure.engine.thrust": 1.0, "failure.engine.drag_increment": 0.004},
-        {"aero.drag.increment": 0.004},
-    ),
-    (
-        {
-            "failure.engine.time": 0.0,
-            "failure.engine.thrust": 1.0,
-            "failure.engine.pitching_moment_increment": 0.001,
-        },
-        {"aero.pitching_moment.increment": 0.001},
+    ({f"failure.{name}.slow_time": 0.0 for name in ("aileron", "rudder", "elevator")}, {"actuator.rate_limit": 0.1}),
+    (_UNSTART | {"failure.engine.drag_increment": 0.004}, {"aero.drag.increment": 0.004}),
+    (_UNSTART | {"failure.engine.pitching_moment_increment": 0.001}, {"aero.pitching_moment.increment": 0.001}),
+    *(
+        ({f"failure.{name}.loss_time": 0.0, f"failure.{name}.effectiveness": k}, {f"control.{name}_effectiveness": k})
+        for name, k in (("elevator", 0.4), ("aileron", 0.7))
     ),
     (
         {"failure.sensor.angle_of_attack.time": 0.0, "failure.sensor.angle_of_attack.bias": 0.01},
@@ -114,86 +97,53 @@ def test_a_surface_sticks_where_it_is_or_is_driven_where_it_is_told(plan: Flight
     assert np.ptp(command[100:]) > 0.01  # what the law asks for is still recorded
 
 
-def _moment(plan: FlightPlan, states, alpha: float, thrust_share: float = 1.0) -> float:
-    """Pitching moment about the centre of gravity, N m, from the tables by numpy; no rates."""
-    constants, vehicle = plan.vehicle.constants, plan.vehicle
-    density, _, _, sound = atmosphere(states[s.ALTITUDE])
-    speed = np.sqrt(np.sum(states[s.U : s.W + 1] ** 2))
-    variables = make_variables(
-        vehicle, mach=speed / sound, angle_of_attack=alpha, elevator=states[s.ELEVATOR],
-        equivalence_ratio=states[s.ETA], altitude=states[s.ALTITUDE], mass=states[s.MASS],
-    )  # fmt: skip
-    q_s = 0.5 * density * speed**2 * constants.area
-    fixed = {name: float(value[0]) for name, value in evaluate_fixed(vehicle, variables).items()}
-    thrust = constants.capture_thrust * states[s.ETA] * density * speed
-    thrust *= fixed["capture_area_ratio"] * fixed["specific_impulse"] * thrust_share
-    coefficient = float(evaluate_coefficients(vehicle, variables)[4, 0])
-    return q_s * constants.chord * coefficient + thrust * constants.thrust_cos * constants.thrust_offset_z
-
-
-def test_the_angle_of_attack_settles_at_a_stuck_elevators_trim() -> None:
-    level = short_plan(2500, mission="level")
-    block = _fly(level, {"failure.elevator.stuck_time": 0.0, "failure.elevator.stuck_at": np.deg2rad(-0.5)})
-    alpha = np.deg2rad(_channel(block, 0, "angle_of_attack_deg"))[1500:]
-    states = block.states[0, 1500:]
-    trims = [brentq(lambda a, x=x: _moment(level, x, a), -0.05, 0.2) for x in states[::25]]
-    assert np.rad2deg(np.mean(alpha)) == pytest.approx(np.rad2deg(np.mean(trims)), abs=0.1)
-    nominal = np.rad2deg(level.reference[0, 8])
-    assert abs(np.rad2deg(np.mean(trims)) - nominal) > 0.3  # the stuck elevator's trim is another
-
-
-def test_the_glide_after_a_flame_out_is_that_of_an_independent_integration() -> None:
-    level = short_plan(2000, mission="level")
-    block = _fly(level, {"failure.engine.time": 2.0})
-    states = block.states[0]
-    gamma = np.deg2rad(_channel(block, 0, "flight_path_angle_deg"))
-    alpha = np.deg2rad(_channel(block, 0, "angle_of_attack_deg"))
-    speed = np.sqrt(np.sum(states[:, s.U : s.W + 1] ** 2, axis=1))
-    vehicle, rows = level.vehicle, range(400, 2001)  # the thrust has decayed with the engine's lag
-    rate = []
-    for k in rows:  # V' = -D / m - g sin(gamma), with drag from the tables; drag is in the stability axes, beta 0
-        x = states[k]
-        density, _, _, sound = atmosphere(x[s.ALTITUDE])
-        variables = make_variables(
-            vehicle, mach=speed[k] / sound, angle_of_attack=alpha[k], elevator=x[s.ELEVATOR],
-            equivalence_ratio=x[s.ETA], altitude=x[s.ALTITUDE], mass=x[s.MASS],
-        )  # fmt: skip
-        drag = 0.5 * density * speed[k] ** 2 * vehicle.constants.area * evaluate_coefficients(vehicle, variables)[1, 0]
-        gravity = 9.7932 * (6371e3 / (6371e3 + x[s.ALTITUDE])) ** 2  # at 29 deg of latitude
-        rate.append(-drag / x[s.MASS] - gravity * np.sin(gamma[k]))
-    lost = np.trapezoid(rate, dx=0.01)
-    assert lost < -30.0
-    assert speed[2000] - speed[400] == pytest.approx(lost, rel=0.005)
-    assert np.all(np.ptp(states[400:, s.MASS]) < 1e-6)  # a flame-out burns no fuel
-    assert block.metrics[0, METRIC_INDEX["engine_failed_s"]] == pytest.approx(18.0, abs=0.02)
-
-
-def test_thrust_leaves_and_comes_back_as_the_engines_lag_says() -> None:
-    """Speed against an independent integration along the path flown, the thrust a continuous first-order answer."""
-    level = short_plan(500, mission="level")
-    block = _fly(level, {"failure.engine.time": 1.0, "failure.engine.duration": 2.0})
-    states, vehicle = block.states[0], level.vehicle
+def path_acceleration(plan: FlightPlan, block, share):
+    """Speed and its rate along the path flown, from the tables by numpy; the engine gives a share of its thrust."""
+    x, vehicle = block.states[0].T, plan.vehicle
     gamma, alpha = (np.deg2rad(_channel(block, 0, f"{name}_deg")) for name in ("flight_path_angle", "angle_of_attack"))
-    speed = np.sqrt(np.sum(states[:, s.U : s.W + 1] ** 2, axis=1))
-    lag, time = 2.0 * 1.0 / 20.0, 0.01 * np.arange(501)
-    runs = np.where(time < 1.0, 1.0, np.exp(-np.maximum(time - 1.0, 0.0) / lag))
-    runs = np.where(time < 3.0, runs, 1.0 - np.exp(-np.maximum(time - 3.0, 0.0) / lag))
-    rate = []
-    for k, x in enumerate(states):
-        density, _, _, sound = atmosphere(x[s.ALTITUDE])
-        variables = make_variables(
-            vehicle, mach=speed[k] / sound, angle_of_attack=alpha[k], elevator=x[s.ELEVATOR],
-            equivalence_ratio=x[s.ETA], altitude=x[s.ALTITUDE], mass=x[s.MASS],
-        )  # fmt: skip
-        c, q_bar, fixed = vehicle.constants, 0.5 * density * speed[k] ** 2, evaluate_fixed(vehicle, variables)
-        drag = q_bar * c.area * evaluate_coefficients(vehicle, variables)[1, 0]
-        captured = c.capture_thrust * x[s.ETA] * density * speed[k] * fixed["capture_area_ratio"][0]
-        force = runs[k] * (captured * fixed["specific_impulse"][0] + q_bar * fixed["thrust_area"][0])
-        gravity = 9.7932 * (6371e3 / (6371e3 + x[s.ALTITUDE])) ** 2  # at 29 deg of latitude
-        rate.append((force * np.cos(alpha[k]) - drag) / x[s.MASS] - gravity * np.sin(gamma[k]))
-    for first, last in ((0, 90), (90, 290), (290, 500)):
+    speed = np.sqrt(np.sum(x[s.U : s.W + 1] ** 2, axis=0))
+    density, _, _, sound = np.array([atmosphere(altitude) for altitude in x[s.ALTITUDE]]).T
+    variables = make_variables(
+        vehicle, mach=speed / sound, angle_of_attack=alpha, elevator=x[s.ELEVATOR],
+        equivalence_ratio=x[s.ETA], altitude=x[s.ALTITUDE], mass=x[s.MASS],
+    )  # fmt: skip
+    c, q_bar, fixed = vehicle.constants, 0.5 * density * speed**2, evaluate_fixed(vehicle, variables)
+    drag = q_bar * c.area * evaluate_coefficients(vehicle, variables)[1]
+    captured = c.capture_thrust * x[s.ETA] * density * speed * fixed["capture_area_ratio"]
+    force = share * (captured * fixed["specific_impulse"] + q_bar * fixed["thrust_area"])
+    gravity = 9.7932 * (6371e3 / (6371e3 + x[s.ALTITUDE])) ** 2  # at 29 deg of latitude
+    return speed, (force * np.cos(alpha) - drag) / x[s.MASS] - gravity * np.sin(gamma)
+
+
+@pytest.mark.parametrize(
+    ("failure", "windows", "allowed"),
+    [
+        ({"failure.engine.time": 2.0}, [(400, 2000)], {"rel": 0.005}),
+        (
+            {"failure.engine.time": 1.0, "failure.engine.duration": 2.0},
+            [(0, 90), (90, 290), (290, 500)],
+            {"abs": 0.01},
+        ),
+    ],
+    ids=["a glide", "a second's lag, twice"],
+)
+def test_speed_while_thrust_leaves_and_comes_back_is_that_of_an_independent_integration(failure, windows, allowed):
+    """The thrust a continuous first-order answer with the engine's lag."""
+    ticks = windows[-1][1]
+    level = short_plan(ticks, mission="level")
+    block = _fly(level, failure)
+    lag, time, fails = 2.0 * 1.0 / 20.0, 0.01 * np.arange(ticks + 1), failure["failure.engine.time"]
+    back = fails + failure.get("failure.engine.duration", NEVER)
+    share = np.where(time < fails, 1.0, np.exp(-np.maximum(time - fails, 0.0) / lag))
+    share = np.where(time < back, share, 1.0 - np.exp(-np.maximum(time - back, 0.0) / lag))
+    speed, rate = path_acceleration(level, block, share)
+    for first, last in windows:
         expected = np.trapezoid(rate[first : last + 1], dx=0.01)
-        assert speed[last] - speed[first] == pytest.approx(expected, abs=0.01)
+        assert speed[last] - speed[first] == pytest.approx(expected, **allowed)
+    if back == NEVER:
+        assert speed[-1] - speed[400] < -30.0
+        assert np.ptp(block.states[0, 400:, s.MASS]) < 1e-6  # a flame-out burns no fuel
+        assert block.metrics[0, METRIC_INDEX["engine_failed_s"]] == pytest.approx(18.0, abs=0.02)
 
 
 def test_a_measurement_freezes_at_its_last_value_or_is_off() -> None:

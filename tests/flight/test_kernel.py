@@ -100,16 +100,6 @@ def test_a_flight_does_not_see_the_one_before_it(plans, dispersed):
     assert_equal(result(after), result(fresh), slice(FLIGHTS, None))
 
 
-def test_states_cost_nothing_where_not_asked_for(plans, dispersed):
-    with_states = fly(plans["tlc"], dispersed, record_every=50, keep_states=True)
-    without = fly(plans["tlc"], dispersed, record_every=50)
-    assert without.states.size == 0
-    assert with_states.states.shape == (FLIGHTS, 7, 22)
-    assert_equal(result(with_states)[:4], result(without)[:4])
-    altitude = with_states.states[:, :, 0]
-    assert np.array_equal(altitude.astype(np.float32), without.history[:, :, 0], equal_nan=True)
-
-
 PLAIN = """
 import pickle, sys
 from pathlib import Path

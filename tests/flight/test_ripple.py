@@ -8,7 +8,6 @@ import pytest
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
-from abhv_mc.flight.plan import Recording
 from abhv_mc.kernel.flight.ripple import (
     FREQUENCY,
     LARGEST,
@@ -148,52 +147,3 @@ def test_the_metrics_are_those_of_the_recorded_flight(name: str) -> None:
             assert any(frequency == pytest.approx(each, rel=0.05) for each in frequencies)
     if name == "lqr":  # it cycles in angle of attack, which nobody sees in its rms
         assert block.metrics[0, METRIC_INDEX["angle_of_attack_ripple_deg"]] > 5.0
-
-
-def wide_box(flights: int, **others: float) -> np.ndarray:
-    """Random flights in the paper's box with effectiveness +-20 %."""
-    generator, rows = np.random.default_rng(1), nominal_parameters(flights)
-    widths = {"atmosphere.density": 0.1, "aero.lift": 0.1, "aero.drag": 0.15}
-    widths |= {f"control.{surface}_effectiveness": 0.2 for surface in ("aileron", "rudder", "elevator")}
-    for name, width in widths.items():
-        rows[:, PARAMETER_INDEX[name]] += generator.uniform(-width, width, flights)
-    for name, value in others.items():
-        rows[:, PARAMETER_INDEX[name.replace("__", ".")]] = value
-    return rows
-
-
-def alternations(error, settled) -> int:
-    """Sides beyond 4 deg one after another, the most of any settled stretch."""
-    sides = np.where(settled, np.sign(error) * (np.abs(error) > 4.0), np.nan)
-    sides = sides[sides != 0.0]
-    runs = np.split(sides, np.flatnonzero(np.isnan(sides)))
-    return max(1 + int(np.sum(np.diff(run[~np.isnan(run)]) != 0.0)) if (~np.isnan(run)).any() else 0 for run in runs)
-
-
-LENGTHS = ("60 s", pytest.param("180 s", marks=pytest.mark.thorough))
-
-
-@pytest.mark.parametrize("mission", ["level", "s_manoeuvre"])
-@pytest.mark.parametrize("duration", LENGTHS)
-def test_flights_that_alternate_are_seen(mission: str, duration: str) -> None:
-    plan = make_flight_plan({"base": mission, "duration": duration}, "ghame_x", controller="tlc")
-    channels = CHANNEL_INDEX["bank_deg"], CHANNEL_INDEX["bank_command_deg"]
-    block = fly(plan, wide_box(192), Recording(5, channels))
-    settled = plan.reference[: plan.timing.ticks + 1 : 5, ref.SETTLED] > 0.0
-    error = block.history[..., 0] - block.history[..., 1]
-    alternate = np.array([alternations(row, settled) >= 3 for row in error])
-    seen = block.metrics[:, METRIC_INDEX["bank_ripple_deg"]] > 5.0
-    assert alternate.sum() >= 40
-    assert np.mean(seen[alternate]) >= 0.95
-    assert not seen[np.abs(error[:, settled]).max(axis=1) < 2.5].any()
-
-
-@pytest.mark.parametrize("mission", ["level", "s_manoeuvre"])
-@pytest.mark.parametrize("controller", ["tlc_robust", "lqr_robust"])
-@pytest.mark.parametrize("duration", LENGTHS)
-@pytest.mark.parametrize("bias", [0.0, 6.0])
-def test_designs_with_margins_do_not_cycle(mission: str, controller: str, duration: str, bias: float) -> None:
-    plan = make_flight_plan({"base": mission, "duration": duration}, "ghame_x", controller=controller)
-    block = fly(plan, wide_box(64, sensor__bank_bias=np.radians(bias)))
-    for angle in ("bank", "angle_of_attack", "sideslip"):
-        assert block.metrics[:, METRIC_INDEX[f"{angle}_ripple_deg"]].max() < 3.0

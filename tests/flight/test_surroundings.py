@@ -4,11 +4,8 @@ import numpy as np
 import pytest
 
 import abhv_mc
-from abhv_mc.flight.channels import CHANNEL_INDEX
-from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.fly import fly_until, nominal_parameters
 from abhv_mc.io.documents import InputError
-from abhv_mc.kernel.laws import columns as ref
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.one_flight.given import make_document, make_flight_plan
@@ -78,7 +75,11 @@ def test_rotary_gusts_have_the_rms_of_their_spectra():
         rows[:, PARAMETER_INDEX[f"wind.{name}"]] = value
     rows[:, PARAMETER_INDEX["wind.turbulence_right"]] = 0.5
     rows[:, PARAMETER_INDEX["wind.turbulence_seed"]] = (np.arange(40) + 0.5) / 40
-    gusts = np.array([kept.rows[:, s.GUST_P : s.GUST_R + 1] for kept in _kept(plan, rows, range(1000, 6000, 250))])
+    gusts, kept = [], None
+    for tick in range(1000, 6000, 250):
+        kept = fly_until(plan, rows, tick, kept)
+        gusts.append(kept.rows[:, s.GUST_P : s.GUST_R + 1].copy())
+    gusts = np.array(gusts)
     span, sigma, length, speed = plan.vehicle.constants.span, 0.3, 200.0, 1400.0
     omega = np.geomspace(1e-2, 3e4, 200_000)
     lag = lambda b: 1.0 + (b * span * omega / (np.pi * speed)) ** 2  # noqa: E731
@@ -90,65 +91,3 @@ def test_rotary_gusts_have_the_rms_of_their_spectra():
     # The tick holds a gust over 14 m: what is faster than that is not there.
     np.testing.assert_allclose(gusts[..., 0].std(), expected[0], rtol=0.06)
     assert (gusts[..., 1:].std(axis=(0, 1)) < 1.05 * expected[1:]).all()
-
-
-def _kept(plan, rows, ticks):
-    from abhv_mc.flight.fly import fly_until
-
-    kept = None
-    for tick in ticks:
-        kept = fly_until(plan, rows, tick, kept)
-        yield kept
-
-
-LAW = """
-from typing import NamedTuple
-from abhv_mc.extend import Command, controller
-
-class Memory(NamedTuple):
-    airspeed: float = 0.0
-    mach: float = 0.0
-    load_factor: float = 0.0
-    pitch: float = 0.0
-    roll: float = 0.0
-    yaw: float = 0.0
-    latitude: float = 0.0
-    longitude: float = 0.0
-    north: float = 0.0
-    east: float = 0.0
-
-@controller
-def law(measured, reference, memory):
-    m = measured
-    kept = Memory(m.airspeed, m.mach, m.load_factor, m.pitch, m.roll, m.yaw, m.latitude, m.longitude, m.north, m.east)
-    return Command(0.0, 0.0, reference.elevator, reference.equivalence_ratio), kept
-"""
-
-
-def test_an_own_law_may_ask_for_more(tmp_path):
-    (tmp_path / "law.py").write_text(LAW)
-    (tmp_path / "law.yaml").write_text("law: python\nfile: law.py\nrate: 100 Hz\n")
-    plan = make_flight_plan({**LEVEL, "duration": "3 s"}, "ghame_x", str(tmp_path / "law.yaml"))
-    rows = nominal_parameters()
-    rows[:, PARAMETER_INDEX["wind.east"]] = 30.0
-    from abhv_mc.flight.fly import fly_until
-    from abhv_mc.flight.user_law import law_memory
-
-    seen = fly_until(plan, rows, 201).rows[0, [row for row, _ in law_memory(plan).values()]]
-    block = fly(plan, rows, 1)
-    here = block.history[0, 200].astype(np.float64)
-
-    def channel(name):
-        return here[CHANNEL_INDEX[name]]
-
-    assert block.outcome[0] == Outcome.OK
-    np.testing.assert_allclose(seen[0], channel("speed_mps") - 30.0 * np.cos(seen[3]) / np.cos(seen[3]), rtol=1e-5)
-    np.testing.assert_allclose(seen[1], channel("mach"), rtol=1e-5)
-    np.testing.assert_allclose(seen[2], channel("load_factor_g"), rtol=1e-3)
-    pitch = channel("angle_of_attack_deg") * seen[0] / channel("speed_mps") + channel("flight_path_angle_deg")
-    np.testing.assert_allclose(np.rad2deg(seen[3]), pitch, atol=0.1)
-    np.testing.assert_allclose(np.rad2deg(seen[4]), channel("bank_deg"), atol=0.05)
-    np.testing.assert_allclose(np.rad2deg(seen[5]), channel("heading_deg"), atol=0.1)
-    np.testing.assert_allclose(np.rad2deg(seen[6]), channel("latitude_deg"), rtol=1e-6)
-    np.testing.assert_allclose(seen[8:], [channel("north_m"), channel("east_m")], rtol=1e-5, atol=1e-3)
-    assert plan.reference[0, ref.HEADING] == pytest.approx(np.pi / 2.0)
