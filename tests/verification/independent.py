@@ -94,8 +94,8 @@ def fly_sphere(
     return rows
 
 
-def write_case(folder: Path, number: int, name: str, simulator: str, rows) -> Path:
-    path = folder / f"Atmos_{number:02d}_{name}" / f"Atmos_{number:02d}_sim_{simulator}.csv"
+def write_case(folder: Path, case: str, name: str, simulator: str, rows) -> Path:
+    path = folder / f"Atmos_{case}_{name}" / f"Atmos_{case}_sim_{simulator}.csv"
     path.parent.mkdir(exist_ok=True)
     with path.open("w", newline="") as file:
         writer = csv.writer(file)

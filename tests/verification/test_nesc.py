@@ -2,9 +2,11 @@
 
 import gzip
 import shutil
+from functools import cache
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 from verification.independent import FT, World, fly_sphere, write_case
 
 from abhv_mc.verification.check_rows import all_ok
@@ -13,15 +15,20 @@ from abhv_mc.verification.nesc import find_files, verify_nesc
 ROUND = {"a": 20_902_255.199 * FT, "f": 0.0, "gm": 1.407644311e16 * FT**3, "j2": 0.0}
 TUMBLING = (10.0, 20.0, 30.0)
 SYNTHETIC = {
-    4: ("RoundStill", lambda: fly_sphere(World(**ROUND, omega=0.0), rates_dps=TUMBLING)),
-    5: ("RoundRotating", lambda: fly_sphere(World(**ROUND), rates_dps=TUMBLING)),
-    7: ("SteadyWind", lambda: fly_sphere(World(), wind=lambda h: 20.0)),
-    8: ("WindShear", lambda: fly_sphere(World(), wind=lambda h: -20.0 + 0.003 * h)),
-    10: (
+    "04": ("RoundStill", {"world": World(**ROUND, omega=0.0), "rates_dps": TUMBLING}),
+    "05": ("RoundRotating", {"world": World(**ROUND), "rates_dps": TUMBLING}),
+    "07": ("SteadyWind", {"wind": lambda h: 20.0}),
+    "08": ("WindShear", {"wind": lambda h: -20.0 + 0.003 * h}),
+    "10": (
         "Northward",
-        lambda: fly_sphere(World(), 0.0, (1000.0, 0.0, -1000.0), rates_dps=(0.004178073, 0.0, 0.0)),
+        {"altitude": 0.0, "velocity_ned": (1000.0, 0.0, -1000.0), "rates_dps": (0.004178073, 0.0, 0.0)},
     ),
 }
+
+
+@cache
+def flown(case):
+    return np.array(fly_sphere(**{"world": World()} | SYNTHETIC[case][1]))
 
 
 @pytest.fixture(scope="module")
@@ -62,8 +69,7 @@ def test_without_air_it_is_simulator_4_to_its_printed_digits(rows):
 
 @pytest.mark.parametrize("case", SYNTHETIC)
 def test_the_other_cases(case, tmp_path):
-    name, fly = SYNTHETIC[case]
-    write_case(tmp_path, case, name, "99", fly())
+    write_case(tmp_path, case, SYNTHETIC[case][0], "99", flown(case).tolist())
     rows = verify_nesc(tmp_path)
     assert [row for row in rows if not row.ok] == []
     assert {row.quantity for row in rows} == {
@@ -83,11 +89,9 @@ def test_the_wrong_case_is_outside(tmp_path, given):
 
 
 def test_times_need_not_be_ticks(tmp_path):
-    rows = np.array(fly_sphere(World(), wind=lambda h: 20.0))
-    from scipy.interpolate import CubicSpline
-
+    rows = flown("07")
     times = np.linspace(0.0, 29.987, 97)
-    write_case(tmp_path, 7, "SteadyWind", "odd", CubicSpline(rows[:, 0], rows)(times).tolist())
+    write_case(tmp_path, "07", "SteadyWind", "odd", CubicSpline(rows[:, 0], rows)(times).tolist())
     assert all_ok(verify_nesc(tmp_path))
 
 

@@ -106,13 +106,3 @@ def test_the_response_is_the_promised_one(case: Case) -> None:
     times, found = response(vehicle, slowed(case.loop), round(3.0 / fast, 1), case)
     off = float(np.abs(found - promised(damping, bandwidth, times)).max())
     check([Row("response, loops apart", "promised poles", case.name, "of the error", off, _TOLERANCE)])
-
-
-def test_a_response_starts_with_its_error_and_table_1_is_not_separated():
-    vehicle = load_vehicle(shipped_configs() / "vehicle" / "ghame_x.yaml")
-    case = CASES[0]
-    _, apart = response(vehicle, slowed(case.loop), 1.0, case)
-    assert apart[0] == pytest.approx(1.0, abs=0.01)
-    times, near = response(vehicle, read_controller(shipped_configs() / "control" / "tlc.yaml"), 1.0, case)
-    assert near[0] == pytest.approx(1.0, abs=0.01)
-    assert np.abs(near - promised(3.4, 1.2, times)).max() > 0.2
