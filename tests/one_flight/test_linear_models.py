@@ -16,34 +16,14 @@ def test_margins_are_a_table_by_loop_with_units():
     assert list(table.index) == LOOPS and table.index.name == "loop"
     assert list(table.attrs["units"]) == list(table.columns)
     assert table.gain_margin_high_db["aileron"] == pytest.approx(5.65, abs=0.01)  # spec: an independent simulator
-    assert table.phase_margin_deg["equivalence_ratio"] == pytest.approx(9.4, abs=0.06)
-    assert table.gain_margin_low_db["rudder"] == -np.inf  # nothing ends it
-    assert table.disk_margin["all"] == pytest.approx(0.1408, abs=6e-5) and np.isnan(table.disk_margin["rudder"])
+    assert table.gain_margin_low_db["rudder"] == -np.inf and np.isnan(table.disk_margin["rudder"])  # nothing ends it
     assert table.attrs["stable"] and table.attrs["poles"][0].real < 0.0
     assert any("near the node 1.0000" in words for words in table.attrs["warnings"])
 
 
 @pytest.mark.thorough
-def test_a_gain_sweep_of_margins_needs_no_files():
-    def rudder(damping, **more):
-        controller = {"base": "tlc", "attitude.sideslip.bandwidth": damping}
-        return abhv_mc.margins("level", "ghame_x", controller=controller, **more).gain_margin_high_db["rudder"]
-
-    table_1 = abhv_mc.margins("level", "ghame_x").gain_margin_high_db["rudder"]
-    assert table_1 == pytest.approx(0.82, abs=0.01)
-    swept = [rudder("0.5 rad/s"), rudder("4 rad/s")]
-    assert swept[0] != swept[1] and table_1 not in swept
-    weak = abhv_mc.margins("level", "ghame_x", dispersions={"control.rudder_effectiveness": "90 %"})
-    np.testing.assert_allclose(weak.gain_margin_high_db["rudder"] - table_1, -20.0 * np.log10(0.9), atol=0.02)
-
-
 @pytest.mark.parametrize(
-    ("controller", "pole", "end"),
-    [
-        ("tlc", 8.55, 22.5),
-        pytest.param("tlc_robust", 4.08, 25.0, marks=pytest.mark.thorough),
-        ("lqr_robust", None, 60.0),
-    ],
+    ("controller", "pole", "end"), [("tlc", 8.55, 22.5), ("tlc_robust", 4.08, 25.0), ("lqr_robust", None, 60.0)]
 )
 def test_a_stuck_aileron_is_lost_where_the_loop_without_it_grows(controller, pole, end):
     """The table of docs/how-to/failures.md."""

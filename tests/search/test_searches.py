@@ -26,24 +26,6 @@ def test_rare_is_right(tmp_path, line):
     assert estimate.low <= stats.norm.sf(4.0) <= estimate.high
 
 
-def test_beyond_ten_dispersions_the_estimate_says_what_only_plain_flights_see(tmp_path):
-    moments = [f"aero.{axis}ing_moment{by}" for axis in ("pitch", "roll", "yaw") for by in ("", ".elevator", ".rudder")]
-    names = ["aero.lift", "aero.drag", *moments]
-    each = ", ".join(f"{name}: {{distribution: normal, sigma: 5 %}}" for name in names)
-    campaign = write_line(tmp_path / "files", dispersions=f"{{{each}}}")
-
-    def fly_felt(plan, parameters, record_every=None):
-        block = fly_line(plan, parameters, record_every)
-        block.metrics[:, -1] = parameters[:, [PARAMETER_INDEX[name] for name in names]].sum(axis=1)
-        return block
-
-    engine = Engine(prepare, fly_felt, "line")
-    found = find_rare(SearchRequest(campaign, tmp_path / "out"), RareSettings(METRIC, flights=8000), engine)
-    flights = 320 * len(found.estimate.repetitions)
-    words = f"end without warning only the {flights:,} plain ones speak: below {1.0 - 0.05 ** (1.0 / flights):.1e}"
-    assert found.unwarned.endswith(words) and found.numbers()["unwarned_high"] > stats.norm.sf(4.0)
-
-
 @pytest.mark.parametrize(
     "find, settings, last",
     [(find_rare, RareSettings(METRIC, flights=8000), 20), (find_worst, WorstSettings(METRIC, flights=1000), 8)],

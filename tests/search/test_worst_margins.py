@@ -39,6 +39,7 @@ def test_a_hidden_corner_is_found_and_what_is_off_the_middle_is_named(repository
     assert gain.moved[0] == "atmosphere.density" and "aero.lift" in gain.moved
 
 
+@pytest.mark.thorough
 def test_what_is_found_is_no_greater_than_at_any_corner(repository):
     campaign = read_campaign(repository / "campaigns/s_manoeuvre.yaml")
     (margins,) = trim_margins(campaign, ["tlc"]).values()

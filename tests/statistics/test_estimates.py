@@ -24,16 +24,6 @@ def test_interval_is_the_published_order_statistics():
     assert (found.low, found.high) == (4.0, 13.0)
 
 
-@pytest.mark.parametrize("probability", [0.5, 0.95])
-def test_interval_covers_as_often_as_it_says(probability):
-    draw = np.random.default_rng(1)
-    inside = 0
-    for _ in range(1000):
-        found = quantile(draw.random(200), probability)
-        inside += found.low <= probability <= found.high
-    assert inside >= 940  # 95 % less three standard errors
-
-
 def test_failed_flights_are_the_worst():
     values = np.array([3.0, 1.0, 2.0, 0.5])
     failed = np.array([False, True, False, False])
@@ -42,13 +32,6 @@ def test_failed_flights_are_the_worst():
     assert severity(np.array([-4.0, np.nan]), "size").tolist() == [4.0, np.inf]
     assert quantile(severity(values, "high", failed), 0.9).value == np.inf
     assert quantile(severity(values, "high", failed), 0.5).value == 2.5
-
-
-def test_paired_difference_sees_what_the_spread_hides():
-    draw = np.random.default_rng(2)
-    common = draw.normal(0.0, 100.0, 500)
-    found = quantile(pair_differences(common + 1.0 + draw.normal(0.0, 0.1, 500), common), 0.5)
-    assert 0.98 < found.low < found.value < found.high < 1.02
 
 
 def test_pairs_that_both_failed_are_ties():

@@ -1,25 +1,15 @@
 """Verdicts over unknowns: the points, the search, the rule, and its risk by a reduced simulation."""
 
-import importlib.util
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from abhv_mc.statistics.unknowns import corners, judge_points, points_flown, search_worst
 from abhv_mc.statistics.verdicts import judge
+from benchmarks import unknowns as benchmark
 
-ROOT = Path(__file__).parents[2]
 AT = 0.9973, 0.10
-
-
-@pytest.fixture(scope="module")
-def benchmark():
-    spec = importlib.util.spec_from_file_location("benchmark_unknowns", ROOT / "benchmarks/unknowns.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.mark.parametrize("unknowns", [1, 4, 7, 8, 11, 64])
@@ -76,7 +66,7 @@ def test_verdict_over_points(failures, uncomputed, status):
     assert found.E_fail == pytest.approx(sum(one.E_fail for one in each) / 3)
 
 
-def test_the_simulated_rule_is_the_rule(benchmark):
+def test_the_simulated_rule_is_the_rule():
     draw = np.random.default_rng(3)
     for rate in (0.0005, 0.004, 0.008):
         failed = draw.random((3, benchmark.LOOKS[-1])) < rate
@@ -96,7 +86,7 @@ def test_the_simulated_rule_is_the_rule(benchmark):
         (("", 3, 0.2, "corners"), (0.1, 0.6), (0.0, 0.0)),
     ],
 )
-def test_risks_by_simulation(benchmark, system, passes, fails):
+def test_risks_by_simulation(system, passes, fails):
     shares, _ = benchmark.simulate(benchmark.System(*system), repetitions=30)
     assert passes[0] <= shares[3] <= passes[1]
     assert fails[0] <= shares[4] <= fails[1]

@@ -1,14 +1,12 @@
 """The rule for verdicts: its published thresholds, its limits of error, and what it says beside the counts."""
 
-from importlib.util import module_from_spec, spec_from_file_location
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from abhv_mc.statistics import judge
 from abhv_mc.statistics.evidence import flights_to_fail, flights_to_pass, most_failures
 from abhv_mc.statistics.verdicts import advise, tolerance_limit
+from benchmarks import verdict_errors
 
 AT = 0.9973, 0.10
 
@@ -93,7 +91,4 @@ def test_at_the_limit_hardly_any_system_ever_passes_or_fails():
 @pytest.mark.parametrize("user", ["extend", "new_seed", "follow"])
 def test_impatient_users_pass_hardly_more_bad_systems(user):
     """Ten rounds each; 24.9 % by extensions and 34.6 % by advised new campaigns were brought to a PASS."""
-    spec = spec_from_file_location("verdict_errors", Path(__file__).parents[2] / "benchmarks/verdict_errors.py")
-    script = module_from_spec(spec)
-    spec.loader.exec_module(script)
-    assert script.persuade(getattr(script, user), 1000) <= 0.11
+    assert verdict_errors.persuade(getattr(verdict_errors, user), 1000) <= 0.11

@@ -75,13 +75,8 @@ def paraboloid(dimension: int, beta: float, curvature: float = 0.15) -> Case:
 
 def ball(dimension: int, probability: float) -> Case:
     """Outside of a ball."""
-    return Case(
-        f"ball {dimension}",
-        dimension,
-        lambda u: (u**2).sum(axis=1),
-        stats.chi2.isf(probability, dimension),
-        probability,
-    )
+    threshold = stats.chi2.isf(probability, dimension)
+    return Case(f"ball {dimension}", dimension, lambda u: (u**2).sum(axis=1), threshold, probability)
 
 
 def _branches(u: np.ndarray) -> np.ndarray:
@@ -132,13 +127,8 @@ def onion(dimension: int, threshold: float, ripple: float = 0.3, width: float = 
 
 def series(dimension: int, parts: int, beta: float) -> Case:
     """One of ``parts`` independent components fails."""
-    return Case(
-        f"series {dimension}",
-        dimension,
-        lambda u: u[:, :parts].max(axis=1),
-        beta,
-        float(-np.expm1(parts * np.log1p(-stats.norm.sf(beta)))),
-    )
+    probability = float(-np.expm1(parts * np.log1p(-stats.norm.sf(beta))))
+    return Case(f"series {dimension}", dimension, lambda u: u[:, :parts].max(axis=1), beta, probability)
 
 
 def parallel(dimension: int, parts: int, beta: float) -> Case:
@@ -155,24 +145,14 @@ def uniform_sum(dimension: int, probability: float) -> Case:
     """The sum of uniform laws, as a campaign disperses factors: a corner of the box fails (Irwin-Hall)."""
     short = (probability * math.factorial(dimension)) ** (1.0 / dimension)
     assert short <= 1.0
-    return Case(
-        f"uniform sum {dimension}",
-        dimension,
-        lambda u: stats.norm.cdf(u).sum(axis=1),
-        dimension - short,
-        probability,
-    )
+    name = f"uniform sum {dimension}"
+    return Case(name, dimension, lambda u: stats.norm.cdf(u).sum(axis=1), dimension - short, probability)
 
 
 def exponential_sum(dimension: int, probability: float) -> Case:
     """The sum of exponential laws."""
-    return Case(
-        f"exponential sum {dimension}",
-        dimension,
-        lambda u: -stats.norm.logsf(u).sum(axis=1),
-        stats.gamma(dimension).isf(probability),
-        probability,
-    )
+    name, threshold = f"exponential sum {dimension}", stats.gamma(dimension).isf(probability)
+    return Case(name, dimension, lambda u: -stats.norm.logsf(u).sum(axis=1), threshold, probability)
 
 
 def product(dimension: int, threshold: float) -> Case:
@@ -193,13 +173,8 @@ def two_balls(dimension: int, probability: float) -> Case:
 
 def two_sided(dimension: int, beta: float) -> Case:
     """One of the coordinates is far from zero on either side."""
-    return Case(
-        f"two-sided {dimension}",
-        dimension,
-        lambda u: np.abs(u).max(axis=1),
-        beta,
-        float(-np.expm1(dimension * np.log1p(-2.0 * stats.norm.sf(beta)))),
-    )
+    probability = float(-np.expm1(dimension * np.log1p(-2.0 * stats.norm.sf(beta))))
+    return Case(f"two-sided {dimension}", dimension, lambda u: np.abs(u).max(axis=1), beta, probability)
 
 
 def masked(dimension: int) -> Case:
