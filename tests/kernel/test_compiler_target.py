@@ -20,26 +20,21 @@ def nothing_chosen(monkeypatch):
         monkeypatch.setattr(numba.config, name, None)
 
 
-def pretend(monkeypatch, features):
+@pytest.mark.parametrize(
+    ("features", "chosen", "found"),
+    [
+        ({"avx2": True, "avx512f": True}, None, "+avx2,+avx512f,-prefer-256-bit"),
+        ({"avx2": True, "avx512f": False}, None, None),  # left to numba
+        ({"neon": True}, None, None),
+        ({"avx512f": True}, "CPU_NAME", None),  # a user's choice stands
+        ({"avx512f": True}, "CPU_FEATURES", None),
+    ],
+)
+def test_a_processor_with_512_bit_vectors_uses_them(monkeypatch, features, chosen, found):
     monkeypatch.setattr(compiler_target.llvm, "get_host_cpu_features", lambda: Features(features))
-
-
-def test_a_processor_with_512_bit_vectors_uses_them(monkeypatch):
-    pretend(monkeypatch, {"avx2": True, "avx512f": True})
-    assert find_features() == "+avx2,+avx512f,-prefer-256-bit"
-
-
-@pytest.mark.parametrize("features", [{"avx2": True, "avx512f": False}, {"neon": True}])
-def test_others_are_left_to_numba(monkeypatch, features):
-    pretend(monkeypatch, features)
-    assert find_features() is None
-
-
-@pytest.mark.parametrize("name", ["CPU_NAME", "CPU_FEATURES"])
-def test_a_user_s_choice_stands(monkeypatch, name):
-    pretend(monkeypatch, {"avx512f": True})
-    monkeypatch.setattr(numba.config, name, "haswell")
-    assert find_features() is None
+    if chosen:
+        monkeypatch.setattr(numba.config, chosen, "haswell")
+    assert find_features() == found
 
 
 @pytest.mark.skipif(not llvm.get_host_cpu_features().get("avx512f"), reason="no 512-bit vectors here")

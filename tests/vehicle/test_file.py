@@ -5,7 +5,7 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.plant.state import MAX_AXES, MAX_TABLE_ROWS
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
-from abhv_mc.vehicle.file import read_mass_points, read_vehicle_file
+from abhv_mc.vehicle.file import read_mass_points
 
 SMALL = """\
 name: small
@@ -84,12 +84,6 @@ def test_terms_scales_and_effectors(write):
     assert fixed["thrust_area"] == pytest.approx(25.0 * 0.09290304)
     assert fixed["specific_impulse"] == pytest.approx(1000.0)
     assert not fixed["capture_area_ratio"].any()
-
-
-def test_reads_name_and_files(write):
-    file = read_vehicle_file(write(SMALL))
-    assert file.content.name == "small"
-    assert [path.name for path in file.files] == ["vehicle.yaml", "push.csv", "coupling.csv"]
 
 
 @pytest.mark.parametrize(

@@ -32,14 +32,17 @@ def test_columns_by_the_vehicle_file_comments_and_blank_lines(tmp_path):
     assert table.values.tolist() == [[1.5, 2.5], [3.5, 4.5]]
 
 
-def test_altitude_in_kilometres_and_a_byte_order_mark(tmp_path):
-    table = read(tmp_path, "\ufeffaltitude_km,value\n20,1\n30,2\n")
-    assert table.axes[0].grid == pytest.approx([2e4, 3e4])
-
-
-def test_a_narrow_axis_in_metres_can_be_insisted_on(tmp_path):
-    table = read(tmp_path, "altitude_m,value\n0,1\n50,2\n", {"altitude_m": "altitude m"})
-    assert table.axes[0].grid.tolist() == [0.0, 50.0]
+@pytest.mark.parametrize(
+    ("text", "columns", "grid"),
+    [
+        ("\ufeffaltitude_km,value\n20,1\n30,2\n", {}, [2e4, 3e4]),
+        ("altitude_m,value\n0,1\n50,2\n", {"altitude_m": "altitude m"}, [0.0, 50.0]),
+        ("alpha_deg,value\n0,1\n0.5,2\n", {"alpha_deg": "angle_of_attack deg"}, [0.0, np.radians(0.5)]),
+    ],
+    ids=["a byte order mark", "few metres, insisted on", "few degrees, insisted on"],
+)
+def test_axes_in_other_units(tmp_path, text, columns, grid):
+    assert read(tmp_path, text, columns).axes[0].grid == pytest.approx(grid)
 
 
 @pytest.mark.parametrize(
@@ -77,11 +80,6 @@ def test_refuses_a_unit_that_contradicts_the_header(tmp_path):
     assert (caught.value.line, caught.value.column) == (1, 6)
     with pytest.raises(InputError, match="no column 'delta'"):
         read(tmp_path, GOOD, {"delta": "elevator deg"})
-
-
-def test_a_narrow_axis_in_degrees_can_be_insisted_on(tmp_path):
-    table = read(tmp_path, "alpha_deg,value\n0,1\n0.5,2\n", {"alpha_deg": "angle_of_attack deg"})
-    assert table.axes[0].grid[1] == pytest.approx(np.radians(0.5))
 
 
 def test_roles():

@@ -97,7 +97,14 @@ def mutants(campaign):
         yield f"{keys} {other}", block(data)
 
 
-@pytest.mark.parametrize("campaign", sorted(shipped_campaigns().glob("*.yaml")), ids=lambda path: path.stem)
+QUICK = ("s_manoeuvre", "failures")
+CAMPAIGNS = [
+    pytest.param(path, id=path.stem, marks=() if path.stem in QUICK else pytest.mark.thorough)
+    for path in sorted(shipped_campaigns().glob("*.yaml"))
+]
+
+
+@pytest.mark.parametrize("campaign", CAMPAIGNS)
 def test_a_replaced_value_is_taken_or_refused_with_its_place(campaign, tmp_path, abhv_mc, monkeypatch):
     """A mapping in the place of a number ended in 2,500 lines of traceback."""
     monkeypatch.setattr(try_law, "try_law", lambda *_: [])

@@ -5,7 +5,6 @@ import pytest
 from scipy import stats
 
 from abhv_mc.campaign.sampling.designs import Design, count_flights
-from abhv_mc.campaign.sampling.streams import draw_uniforms, stream_key
 
 # First numbers of seed 2014, atmosphere.density.
 PINNED = [0.017774777221241878, 0.20880064504902818]
@@ -50,12 +49,6 @@ def test_neighbouring_seeds_and_parameters_share_nothing(kind):
         correlation = correlation[:3, :3]
     assert np.abs(correlation).max() < 4.0 / np.sqrt(512)  # four standard errors
     assert len(np.unique(columns)) == columns.size
-
-
-def test_streams_do_not_overlap_when_shifted():
-    """A stream that were another one's continuation would show at some lag."""
-    one, two = (draw_uniforms(stream_key(seed, "aero.lift"), 0, 2000) for seed in (1, 2))
-    assert not np.intersect1d(one, two).size
 
 
 def test_latin_hypercube_has_one_flight_per_slice():

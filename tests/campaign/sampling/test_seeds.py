@@ -5,7 +5,6 @@ import pytest
 from fake_flight import write_campaign
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.sampling.samples import full_rows
 
 WIND = "{wind.turbulence: {distribution: uniform, low: 1 m/s, high: 2 m/s}, \
 sensor.altitude_noise: {distribution: discrete, values: [1 m, 2 m]}}"
@@ -48,20 +47,3 @@ def test_samples_from_a_file_get_seeds(tmp_path):
     (tmp_path / "s.csv").write_text("wind.turbulence\n1.0\n2.0\n", encoding="utf-8")
     source = read_campaign(path).make_samples()
     assert source.names == ("wind.turbulence", "wind.turbulence_seed") and source.draw(0, 2).shape == (2, 2)
-
-
-def test_histories_of_flights_with_turbulence_are_not_the_same(repository, tmp_path):
-    """Their correlation was 0.999 where the seed was left at its nominal value."""
-    from abhv_mc.flight.channels import CHANNEL_INDEX
-    from abhv_mc.flight.fly import fly
-    from abhv_mc.flight.prepare import prepare
-
-    configs = repository / "configs"
-    controller = configs / "control/tlc.yaml"
-    plan = prepare(configs / "vehicle/ghame_x.yaml", configs / "mission/s_manoeuvre.yaml", controller, "tlc")
-    source = samples(tmp_path, dispersions="{wind.turbulence: {distribution: uniform, low: 1 m/s, high: 1.1 m/s}}")
-    block = fly(plan, full_rows(source.names, source.draw(0, 8), ()), 5)
-    gusts = block.history[:, 200:, CHANNEL_INDEX["angle_of_attack_deg"]].astype(np.float64)
-    gusts -= gusts.mean(axis=0)
-    correlation = np.corrcoef(gusts)
-    assert np.abs(correlation[~np.eye(8, dtype=bool)]).max() < 0.8

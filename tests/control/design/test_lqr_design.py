@@ -19,9 +19,6 @@ from abhv_mc.control.design.lqr_design import (
     make_nominal,
 )
 from abhv_mc.kernel.laws.columns import LQR_ELEVATOR, LQR_GAINS, LQR_GUIDANCE, LQR_LATERAL
-from abhv_mc.kernel.world.earth import WGS84
-from abhv_mc.plant.trim import FlightPoint, trim
-from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
 
 CONFIGS = Path(__file__).parents[3] / "configs"
@@ -118,18 +115,3 @@ def test_attitude_slopes_by_hand(nominal_at, vehicle):
     assert A[1, 1] == pytest.approx(scale * damping, rel=1e-6)
     assert A[0, 1] == pytest.approx(1.0, abs=1e-3)
     assert B[0, 0] < 0.0  # more lift, less rate of angle of attack
-
-
-def test_published_effectiveness_of_the_full_scale_vehicle(nominal_at):
-    """GHAME's slow elevator: 0.31 deg/s2 per degree at 20 km and 1400 m/s."""
-    ghame = load_vehicle(CONFIGS / "vehicle" / "ghame.yaml")
-    point = trim(ghame, WGS84._replace(rotation_rate=0.0), FlightPoint(20e3, 1400.0, latitude=0.511))
-    nominal = nominal_at(0)._replace(
-        mass=ghame.constants.mass_start,
-        bank=0.0,
-        angle_of_attack=point.angle_of_attack,
-        elevator=point.elevator,
-        equivalence_ratio=point.equivalence_ratio,
-    )
-    _, B = longitudinal_model(attitude_slopes(ghame, nominal))
-    assert -B[1, 0] == pytest.approx(0.31, abs=0.02)

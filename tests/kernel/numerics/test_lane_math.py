@@ -74,36 +74,27 @@ def _angle(y_1: float, x_1: float, y_2: float, x_2: float) -> float:
     return lane_math.two_angles(y_1, x_1, y_2, x_2)[1]
 
 
-FUNCTIONS: dict[str, Callable[..., float]] = {
-    "exp": lane_math.exp,
-    "log": lane_math.log,
-    "sin": _sin,
-    "cos": _cos,
-    "tan": lane_math.tan,
-    "asin": lane_math.asin,
-    "acos": lane_math.acos,
-    "atan2": lane_math.atan2,
-    "power": lane_math.power,
-    "reciprocals": _reciprocal,
-    "two_angles": _angle,
+# Compiled, exact, and the ulps allowed; measured 0.99, 0.74, 0.76, 0.76, 2.2, 1.9, 2.1, 1.7, 1.8.
+CASES: dict[str, tuple[Callable[..., float], Callable[..., mpmath.mpf], float]] = {
+    "exp": (lane_math.exp, mpmath.exp, 1),
+    "log": (lane_math.log, mpmath.log, 1),
+    "sin": (_sin, mpmath.sin, 1),
+    "cos": (_cos, mpmath.cos, 1),
+    "tan": (lane_math.tan, mpmath.tan, 2.5),
+    "asin": (lane_math.asin, mpmath.asin, 2),
+    "acos": (lane_math.acos, mpmath.acos, 2.5),
+    "atan2": (lane_math.atan2, mpmath.atan2, 2),
+    "power": (lane_math.power, mpmath.power, 2.5),
+    "reciprocals": (_reciprocal, lambda x, y: 1 / mpmath.mpf(y), 2),
+    "two_angles": (_angle, lambda y_1, x_1, y_2, x_2: mpmath.atan2(y_2, x_2), 4),
 }
-EXACT = {
-    "reciprocals": lambda x, y: 1 / mpmath.mpf(y),
-    "two_angles": lambda y_1, x_1, y_2, x_2: mpmath.atan2(y_2, x_2),
-}
-# ulp; measured 0.99, 0.74, 0.76, 0.76, 2.2, 1.9, 2.1, 1.7, 1.8
-LIMITS = {"exp": 1, "log": 1, "sin": 1, "cos": 1, "tan": 2.5, "asin": 2, "acos": 2.5, "atan2": 2, "power": 2.5}
-LIMITS |= {"reciprocals": 2, "two_angles": 4}
 
 
-@pytest.mark.parametrize("name", FUNCTIONS)
+@pytest.mark.parametrize("name", CASES)
 def test_within_stated_ulps_of_mpmath(name: str) -> None:
-    exact = EXACT.get(name) or getattr(mpmath, name)
+    function, exact, allowed = CASES[name]
     for sample in _samples(name):
-        worst = 0.0
-        for x in np.array(sample).T.tolist():
-            worst = max(worst, _ulps(FUNCTIONS[name](*x), exact(*x)))
-        assert worst <= LIMITS[name]
+        assert max(_ulps(function(*x), exact(*x)) for x in np.array(sample).T.tolist()) <= allowed
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
@@ -168,21 +159,6 @@ def test_shallow_angles_are_two_angles_bit_for_bit(points: tuple[float, float, f
     if lane_math.is_shallow(y_1, x_1) and lane_math.is_shallow(y_2, x_2):
         shallow = lane_math.shallow_angles(y_1, x_1, y_2, x_2)
         assert repr(shallow) == repr(lane_math.two_angles(y_1, x_1, y_2, x_2))
-
-
-@given(st.floats(-1e5, 1e5))
-def test_sine_and_cosine_lie_on_the_circle_and_keep_their_symmetry(x: float) -> None:
-    sine, cosine = lane_math.sincos(x)
-    assert sine * sine + cosine * cosine == pytest.approx(1.0, abs=4e-16)
-    assert lane_math.sincos(-x) == (-sine, cosine)
-
-
-@given(st.floats(-700, 700), st.integers(1, 1 << 40))
-def test_exp_and_log_never_fall_by_more_than_their_error(x: float, steps: int) -> None:
-    higher = x + steps * math.ulp(x)
-    assert lane_math.exp(higher) >= lane_math.exp(x) * (1 - 3e-16)
-    a, b = abs(x) + 1e-9, abs(x) + 1e-9 + steps * math.ulp(abs(x) + 1e-9)
-    assert lane_math.log(b) >= lane_math.log(a) - 3e-16 * abs(lane_math.log(a))
 
 
 def test_coefficients_are_the_fits() -> None:
