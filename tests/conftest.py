@@ -88,6 +88,18 @@ def engine():
     return replace(compiled, prepare=cache(compiled.prepare))
 
 
+@pytest.fixture(scope="session")
+def flights_only(engine):
+    """The same without the margins at the corners of a campaign, which take as long as hundreds of flights."""
+    return replace(engine, find_stability=None)
+
+
+@pytest.fixture
+def no_figures(monkeypatch):
+    """Reports without figures: drawing them takes most of a report's time."""
+    monkeypatch.setattr("abhv_mc.report.pages.gallery.make_figures", lambda models: {})
+
+
 @pytest.fixture
 def fake_engine(monkeypatch, tmp_path):
     """Commands fly cheap flights, in a folder of their own."""

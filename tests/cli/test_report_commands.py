@@ -23,6 +23,7 @@ def run(*words):
     return CliRunner().invoke(app, [str(word) for word in words])
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_report_and_its_verification(folder):
     made = run("report", folder)
     assert made.exit_code == 0

@@ -21,7 +21,7 @@ from abhv_mc.execution.runner import RunResult
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.manifest import ControllerCount, Manifest, RequirementVerdict, read_manifest, write_manifest
 
-pytestmark = pytest.mark.usefixtures("fake_engine")
+pytestmark = pytest.mark.usefixtures("fake_engine", "no_figures")
 
 
 @pytest.fixture(scope="module")

@@ -136,6 +136,7 @@ def test_nothing_flies_without_a_simulator(flown: Path, tmp_path: Path) -> None:
         adopt_table(flown, dive_campaign(tmp_path / "own", DIVE, runs=300), tmp_path / "other")
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_what_is_said_of_adopted_flights_names_nothing_that_cannot_be_done(flown: Path, tmp_path: Path) -> None:
     out = tmp_path / "adopted"
     hard = [{"metric": "load", "below": 100.0, "probability": "99.5 %"}]

@@ -53,14 +53,14 @@ def _table(folder, controller):
     }
 
 
-def test_the_first_flights_have_them_whatever_flies_the_blocks(engine, tmp_path):
+def test_the_first_flights_have_them_whatever_flies_the_blocks(flights_only, tmp_path):
     """TLC is unstable above 1.10 times the rudder, LQR everywhere; no bit depends on blocks or on what was resumed."""
     margins = "{at: [trim, 30 s], flights: 12}"
-    first = run(_write(tmp_path / "a.yaml", margins), tmp_path / "a", engine, workers=2)
+    first = run(_write(tmp_path / "a.yaml", margins), tmp_path / "a", flights_only, workers=2)
     other = _write(tmp_path / "b.yaml", margins, batch="7")
-    cut = run(other, tmp_path / "b", interrupted_after(4, engine), workers=1)
+    cut = run(other, tmp_path / "b", interrupted_after(4, flights_only), workers=1)
     assert not cut.complete
-    second = run(other, tmp_path / "b", engine, workers=1)
+    second = run(other, tmp_path / "b", flights_only, workers=1)
     assert second.manifest.digest == first.manifest.digest
     tlc, lqr = _table(first.folder, "tlc"), _table(first.folder, "lqr")
     assert np.isnan(tlc["gain_margin_min_db"][12:]).all() and np.isfinite(tlc["disk_margin_min"][:12]).all()
@@ -71,7 +71,7 @@ def test_the_first_flights_have_them_whatever_flies_the_blocks(engine, tmp_path)
     weak = (rudder > 1.0) & ~unstable
     assert np.allclose(tlc["gain_margin_min_db"][:12][weak], 20 * np.log10(1.0984 / rudder[weak]), atol=0.1)
     assert (lqr["margin_points_unstable"][:12] == 2).all() and (lqr["phase_margin_min_deg"][:12] == 0.0).all()
-    replay = replay_flight(first.folder, "tlc", 3, engine.fly)
+    replay = replay_flight(first.folder, "tlc", 3, flights_only.fly)
     assert replay.differences == ()
 
 
@@ -122,11 +122,11 @@ def test_margins_that_fail_are_named_and_cost_no_flight(engine, tmp_path, monkey
 
 
 @pytest.fixture(scope="module")
-def required(engine, tmp_path_factory):
+def required(flights_only, tmp_path_factory):
     """A campaign that requires margins of all flights."""
     folder = tmp_path_factory.mktemp("required")
     path = _write(folder / "c.yaml", "{at: [trim], flights: all}", REQUIRED)
-    return run(path, folder / "c", engine, runs=12, workers=1)
+    return run(path, folder / "c", flights_only, runs=12, workers=1)
 
 
 def test_they_can_be_required_of_all_flights(required):
@@ -155,18 +155,20 @@ def test_what_cannot_be_is_refused(margins, requirements, words, tmp_path):
     assert all(each in str(refused.value) for each in words), str(refused.value)
 
 
-def test_a_missed_margin_is_explained(engine, required):
+def test_a_missed_margin_is_explained(flights_only, required):
     missed = _table(required.folder, "tlc")["gain_margin_min_db"] <= 0.1
     assert missed.any() and not missed.all()
-    found = explain_flight(required.folder, "tlc", int(np.flatnonzero(missed)[0]), engine.fly, "gain_margin_min_db")
+    found = explain_flight(
+        required.folder, "tlc", int(np.flatnonzero(missed)[0]), flights_only.fly, "gain_margin_min_db"
+    )
     assert found.causes == ("control.rudder_effectiveness",) and "gain_margin_min_db" in found.failure.words
     flights = np.flatnonzero(missed).tolist()
-    mapped = map_failures(required.folder, {"tlc": flights}, engine).controllers["tlc"]
+    mapped = map_failures(required.folder, {"tlc": flights}, flights_only).controllers["tlc"]
     groups = [group for group in mapped.groups if "gain_margin_min_db" in group.failure]
     assert [[each.parameter for each in group.dispersions] for group in groups] == [["control.rudder_effectiveness"]]
     assert sorted(groups[0].flights) == flights
     with pytest.raises(InputError, match="kept gain_margin_min_db"):
-        explain_flight(required.folder, "tlc", int(np.flatnonzero(~missed)[0]), engine.fly, "gain_margin_min_db")
+        explain_flight(required.folder, "tlc", int(np.flatnonzero(~missed)[0]), flights_only.fly, "gain_margin_min_db")
 
 
 @pytest.mark.parametrize(
@@ -180,9 +182,9 @@ def test_a_missed_margin_is_explained(engine, required):
         ),
     ],
 )
-def test_delays_that_no_flight_remembers_and_samples_too_far_apart_are_refused(engine, tmp_path, margins, late, words):
+def test_delays_and_samples_that_come_too_late_are_refused(flights_only, tmp_path, margins, late, words):
     path = _write(tmp_path / "e.yaml", margins)
     path.write_text(path.read_text("utf-8").replace("requirements:", f"  {late}\nrequirements:"), encoding="utf-8")
     with pytest.raises(InputError, match=words):
-        run(path, tmp_path / "e", engine, workers=1)
+        run(path, tmp_path / "e", flights_only, workers=1)
     assert not (tmp_path / "e").exists()

@@ -25,33 +25,33 @@ RUNS = 40
 
 
 @pytest.fixture(scope="module")
-def flown(engine, tmp_path_factory):
+def flown(flights_only, tmp_path_factory):
     """A shipped campaign, shortened."""
-    return run(CAMPAIGN, tmp_path_factory.mktemp("real") / "a", engine, runs=RUNS, workers=2)
+    return run(CAMPAIGN, tmp_path_factory.mktemp("real") / "a", flights_only, runs=RUNS, workers=2)
 
 
-def test_the_digest_is_the_same_however_it_is_flown(flown, engine, tmp_path):
+def test_the_digest_is_the_same_however_it_is_flown(flown, flights_only, tmp_path):
     text = CAMPAIGN.read_text(encoding="utf-8").replace("batch: auto", "batch: 7")
     other = tmp_path / "other.yaml"
     other.write_text(text.replace("../configs", str(CAMPAIGN.parents[1] / "configs")), encoding="utf-8")
-    stopped = interrupted_after(5, replace(engine, isolation="threads"))
+    stopped = interrupted_after(5, replace(flights_only, isolation="threads"))
     first = run(other, tmp_path / "b", stopped, runs=RUNS, workers=1)
     assert not first.complete
-    second = run(other, tmp_path / "b", engine, runs=RUNS, workers=1)
+    second = run(other, tmp_path / "b", flights_only, runs=RUNS, workers=1)
     assert second.manifest.digest == flown.manifest.digest
-    alone = run(CAMPAIGN, tmp_path / "c", engine, runs=RUNS, controllers=("tlc",))
+    alone = run(CAMPAIGN, tmp_path / "c", flights_only, runs=RUNS, controllers=("tlc",))
     assert alone.manifest.digests["tlc"] == flown.manifest.digests["tlc"]
     tables = [pq.read_table(folder / "envelopes.parquet") for folder in (flown.folder, tmp_path / "b")]
     assert tables[0].equals(tables[1])
 
 
 @pytest.mark.parametrize("controller", ["tlc", "lqr"])
-def test_stored_plans_replay_to_the_bit(flown, engine, controller):
-    replay = replay_flight(flown.folder, controller, 23, engine.fly)
+def test_stored_plans_replay_to_the_bit(flown, flights_only, controller):
+    replay = replay_flight(flown.folder, controller, 23, flights_only.fly)
     assert not replay.differences
     assert len(replay.block.times) == 6001
     configs = CAMPAIGN.parents[1] / "configs"
-    fresh = engine.prepare(
+    fresh = flights_only.prepare(
         configs / "vehicle/ghame_x.yaml", configs / "mission/s_manoeuvre.yaml", configs / f"control/{controller}.yaml",
         controller,
     )  # fmt: skip
@@ -60,12 +60,12 @@ def test_stored_plans_replay_to_the_bit(flown, engine, controller):
         assert value.tobytes() == stored[name].tobytes(), name
 
 
-def test_no_flight_leaves_the_band_of_all_flights_at_any_tick(flown, engine):
+def test_no_flight_leaves_the_band_of_all_flights_at_any_tick(flown, flights_only):
     """Bands were of samples a tenth of a second apart, and TLC's surfaces saturate in between."""
     samples = pq.read_table(flown.folder / "samples.parquet").drop_columns(["flight"])
     rows = full_rows(samples.column_names, np.column_stack([column.to_numpy() for column in samples.columns]), ())
     bands = pq.read_table(flown.folder / "envelopes.parquet").to_pandas().set_index(["controller", "channel"])
-    block = engine.fly(read_plan(flown.folder / "plans/tlc.npz", load_vehicle(VEHICLE)), rows, 1)
+    block = flights_only.fly(read_plan(flown.folder / "plans/tlc.npz", load_vehicle(VEHICLE)), rows, 1)
     between = 0
     for channel in ("aileron_deg", "rudder_deg", "sideslip_deg", "bank_deg", "speed_mps"):
         band, history = bands.loc["tlc", channel], block.history[:, :, CHANNEL_INDEX[channel]]
@@ -77,13 +77,13 @@ def test_no_flight_leaves_the_band_of_all_flights_at_any_tick(flown, engine):
     assert between  # samples alone would not hold them
 
 
-def test_a_metric_of_what_the_vehicle_does_not_have_is_refused(engine, tmp_path):
+def test_a_metric_of_what_the_vehicle_does_not_have_is_refused(flights_only, tmp_path):
     """It passed: heat that is not a number was never above its limit."""
     text = CAMPAIGN.read_text(encoding="utf-8").replace("../configs", str(CAMPAIGN.parents[1] / "configs"))
     text += "metrics: {hot_s: {of: stagnation_heat_flux_w_m2, statistic: time_outside, limit: 1}}\n"
     (tmp_path / "c.yaml").write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=r"'hot_s', which is not a number in tlc's.*reference\.nose_radius"):
-        run(tmp_path / "c.yaml", tmp_path / "out", engine, runs=RUNS)
+        run(tmp_path / "c.yaml", tmp_path / "out", flights_only, runs=RUNS)
     assert not (tmp_path / "out").exists()
 
 
@@ -111,7 +111,7 @@ LIMITS = {
 }
 
 
-def test_every_parameter_changes_a_flight(flown, engine):
+def test_every_parameter_changes_a_flight(flown, flights_only):
     """In a gusty, turbulent, noisy flight, where each of them has something to change."""
     # The first is no parameter of a vehicle; failures act in pairs, and have tests of their own.
     listed = [parameter for parameter in PARAMETERS[1:] if not parameter.name.startswith("failure.")]
@@ -125,6 +125,6 @@ def test_every_parameter_changes_a_flight(flown, engine):
     for row, parameter in zip(rows[1:], listed, strict=True):
         place = PARAMETER_INDEX[parameter.name]
         row[place] = LIMITS.get(parameter.name, row[place] + MOVED[parameter.unit])
-    metrics = engine.fly(read_plan(flown.folder / "plans/tlc.npz", load_vehicle(VEHICLE)), rows).metrics
+    metrics = flights_only.fly(read_plan(flown.folder / "plans/tlc.npz", load_vehicle(VEHICLE)), rows).metrics
     still = {p.name for p, row in zip(listed, metrics[1:], strict=True) if np.array_equal(row, metrics[0])}
     assert still == WITHOUT_EFFECT

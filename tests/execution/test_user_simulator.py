@@ -30,6 +30,8 @@ from abhv_mc.report.pages.flights_view import make_flights_view
 from abhv_mc.results import Results
 from abhv_mc.simulators.engine import make_engine
 
+pytestmark = pytest.mark.usefixtures("no_figures")
+
 
 @pytest.fixture(autouse=True)
 def own_list(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

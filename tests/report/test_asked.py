@@ -4,18 +4,16 @@ import json
 
 import pyarrow.parquet as pq
 import pytest
+from fake_flight import run
 from report.few_figures import build_with
 
 from abhv_mc.api import compare
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.folder.flights import END_TIME
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.search.rare import RareSettings, find_rare
 from abhv_mc.search.search_flights import SearchRequest
-from abhv_mc.simulators.engine import make_engine
 
 LOW = "altitude_low_m"
 CAMPAIGN = """\
@@ -44,9 +42,9 @@ def write(folder, repository, requirements=ABOVE, more=""):
 
 
 @pytest.fixture(scope="module")
-def flown(repository, tmp_path_factory):
+def flown(repository, tmp_path_factory, flights_only):
     folder = tmp_path_factory.mktemp("asked")
-    out = run_campaign(Request(write(folder, repository), folder / "out"), make_engine()).folder
+    out = run(write(folder, repository), folder / "out", flights_only).folder
     return out, build_with(out).read_text(encoding="utf-8"), json.loads((out / "report.json").read_text("utf-8"))
 
 
@@ -94,9 +92,9 @@ def test_a_requirement_rules_the_side_and_a_written_one_that_contradicts_is_refu
     assert caught.value.line == 14
 
 
-def test_margins_are_no_rare_event(repository, tmp_path):
+def test_margins_are_no_rare_event(repository, tmp_path, flights_only):
     """Many flights share their values at both ends, where no level can grow."""
     margin = "  - {metric: gain_margin_min_db, above: 6, probability: 0.9}\nmargins: {at: [trim], flights: all}\n"
     request = SearchRequest(write(tmp_path, repository, margin), tmp_path / "out")
     with pytest.raises(InputError, match="many flights share the value 0 or 60"):
-        find_rare(request, RareSettings("gain_margin_min_db"), make_engine())
+        find_rare(request, RareSettings("gain_margin_min_db"), flights_only)

@@ -20,7 +20,6 @@ def flipped(path, place):
 
 @pytest.mark.parametrize(("name", "place"), [("report.html", "pages"), ("figures/channels.png", "pictures")])
 def test_a_bit_of_a_page_or_figure_is_told_and_one_that_is_gone(copy, name, place):
-    assert not list(verify_campaign(copy))
     flipped(copy / name, (copy / name).stat().st_size // 2)
     assert next(verify_campaign(copy)).startswith(f"{place}.{name}: ")
     (copy / name).unlink()
