@@ -57,8 +57,8 @@ def _work(controller, flights, seed, ready, go, results):
             "flights": flights,
             "processor_seconds": time.process_time() - start,
             "without_margins": sum(map(bool, found.faults[0])),
-            "gain_margin_median_db": float(np.median(found.gain_db)),
-            "disk_margin_median": float(np.median(found.disk)),
+            "gain_margin_median_db": float(np.median(found.table[:, 0])),
+            "disk_margin_median": float(np.median(found.table[:, 3])),
         }
     )
 

@@ -184,14 +184,17 @@ def test_all_laws_of_a_campaign_fly_one_list_of_actuators_whose_usage_is_counted
     tlc, level = str(CONFIGS / "control" / "tlc.yaml"), str(CONFIGS / "mission" / "level.yaml")
     text = {"name": "one", "vehicle": "vehicle.yaml", "mission": level, "runs": 2, "seed": 1, "dispersions": {}}
     text |= {"requirements": [{"metric": "left_max_deg", "below": 30, "probability": 0.5}]}
+    channels = ["right_command_deg", "altitude_m", "left_deg"]
+    text |= {"keep": {"histories": {"channels": channels}}}
     text |= {"metrics": {"swing_deg": {"of": "left_deg - right_command_deg", "statistic": "peak_to_peak"}}}
     for controllers in ({"tlc": tlc, "own": "law.yaml"}, {"tlc": tlc}):
         (tmp_path / "one.yaml").write_text(json.dumps(text | {"controllers": controllers}), encoding="utf-8")
         if len(controllers) == 1:
-            with pytest.raises((InputError, InputErrors), match="left_"):
+            with pytest.raises((InputError, InputErrors), match="channel 'left_deg'"):
                 read_campaign(tmp_path / "one.yaml")
             continue
         campaign = read_campaign(tmp_path / "one.yaml")
+        assert campaign.kept_channels == ("altitude_m", "left_deg", "right_command_deg")
         plans = make_plans(campaign, controllers, make_engine())
         for plan in plans.values():
             assert [m.name for m in plan.metrics] == [m.name for m in campaign.measured] and "left" in plan.effectors

@@ -18,10 +18,11 @@ def test_the_least_margin_over_loops_and_times_counts():
             continue
         np.testing.assert_allclose(least, np.minimum(one, other), rtol=1e-6)
     assert both.faults == [[""], [""]]
-    np.testing.assert_allclose(each[0].gain_db, 2.44, atol=0.01)  # the throttle's
-    np.testing.assert_allclose(each[0].phase_deg, 9.4, atol=0.06)
-    np.testing.assert_allclose(each[0].delay_ms, 10.5, atol=0.06)
-    np.testing.assert_allclose(each[0].disk, 0.1408, atol=6e-5)
+    gain, phase, delay, disk = each[0].table.T
+    np.testing.assert_allclose(gain, 2.44, atol=0.01)  # the throttle's
+    np.testing.assert_allclose(phase, 9.4, atol=0.06)
+    np.testing.assert_allclose(delay, 10.5, atol=0.06)
+    np.testing.assert_allclose(disk, 0.1408, atol=6e-5)
 
 
 def test_200_frequencies_find_what_1000_find():
@@ -58,7 +59,7 @@ def test_a_delay_takes_what_the_delay_margin_says():
     plan = steady_plan("tlc")
     found = margins_of_flights(plan, plan, parameters(3, sensor__delay=np.array([0.0, 0.08, 0.09])), ["trim"])
     assert found.faults == [["", "", "unstable"]]  # 87 ms in all loops at once, which is what a late measurement is
-    assert found.delay_ms[1] < found.delay_ms[0]
+    assert found.table[1, 2] < found.table[0, 2]
 
 
 def test_rows_have_none_for_what_is_infinite():

@@ -12,7 +12,7 @@ from abhv_mc.shipped import shipped_configs
 from abhv_mc.stability.analysis import analyse
 from abhv_mc.stability.linearize import closed_loop, linearize
 from abhv_mc.stability.points import flown_points
-from abhv_mc.stability.rows import cut_loops, margin_values
+from abhv_mc.stability.rows import cut_loops, make_rows, margin_values
 from abhv_mc.stability.steady import make_steady_plan, trim_points
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 
@@ -69,6 +69,8 @@ def test_a_law_of_axes_counts_their_loops_and_shows_those_of_effectors(write) ->
     assert_neutral(linear.apart, stability.apart.margins)
     named = ("aileron", "rudder", "elevator", "equivalence_ratio", "left", "right", "flap", "rudder_effector", "all")
     assert tuple(margin_values(stability)) == named
+    rows = make_rows("own", None, stability)
+    assert [row["loop"] for row in rows if not row.get("counts", True)] == ["left", "right", "flap", "rudder_effector"]
     np.testing.assert_allclose(np.sort(stability.poles[0]), np.sort(stability.apart.poles[0]), atol=1e-6)
     assert points.controls[0, 2] == pytest.approx(0.25 * points.controls[0, :2].sum(), abs=1e-9)  # the mix
 

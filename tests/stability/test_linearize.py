@@ -23,8 +23,8 @@ from abhv_mc.flight.prepare import make_plan
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability import steady
 from abhv_mc.stability.analysis import analyse
-from abhv_mc.stability.inputs import INPUTS
 from abhv_mc.stability.linearize import linearize
+from abhv_mc.stability.plant_inputs import INPUTS
 from abhv_mc.stability.probe import ask_plant, begin, law_at
 from abhv_mc.stability.steady import make_steady_plan, trim_points
 

@@ -123,7 +123,7 @@ def test_a_law_without_slopes_has_no_margins(tmp_path):
     """The square root of what is zero at the reference's altitude is not a number on one side of it."""
     plan, steady = plans(write_law(tmp_path, altitude="(1.0 + 1e-9 * sqrt(measured.altitude - reference.altitude))"))
     found = margins_of_flights(plan, steady, parameters(), ["trim"])
-    assert found.faults == [[NO_SLOPES]] and found.gain_db[0] == 0.0
+    assert found.faults == [[NO_SLOPES]] and found.table[0, 0] == 0.0
 
 
 def test_a_law_behind_its_own_limit_at_the_trim_is_linearized_where_it_comes_to_rest():

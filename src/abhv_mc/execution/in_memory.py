@@ -9,7 +9,6 @@ import numpy as np
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.executor import open_executor
-from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS
 from abhv_mc.flight.plan import Recording
 from abhv_mc.folder.flights import END_TIME
 from abhv_mc.io.documents import InputError, one_of
@@ -35,11 +34,12 @@ def simulate_table(
     except ImportError:
         raise InputError("simulate", "no xarray here", "pip install 'abhv-mc[xarray]'") from None
     names = tuple(map(str, inputs.columns))
+    places = {} if experiment.user_model else {channel.name: i for i, channel in enumerate(experiment.channels)}
     flying = experiment.controllers if controllers is None else tuple(controllers)
     for kind, given, known in (
         ("inputs", names, experiment.parameters.dispersible),
         ("controllers", flying, experiment.controllers),
-        ("channels", channels, tuple(CHANNEL_INDEX) if experiment.user_model is None else ()),
+        ("channels", channels, tuple(places)),
     ):
         for name in given:
             if name not in known or list(given).count(name) > 1:
@@ -59,7 +59,7 @@ def simulate_table(
             check_rows(plan, full_rows(names, rows, experiment.derived))
         first, rate = next(iter(plans.values())), experiment.model.keep.histories.rate
         every = record_every(experiment.document, first, rate, "histories") if channels else 0
-        recording = Recording(every, tuple(CHANNEL_INDEX[name] for name in channels))
+        recording = Recording(every, tuple(places[name] for name in channels))
     ready = replace(make_ready(experiment, plans), columns=names)
     with open_executor(engine, experiment.model.execution, None, None) as executor:
         blocks = [simulate(ready, name, rows, recording, executor.fly_side_by_side) for name in flying]
@@ -71,7 +71,7 @@ def simulate_table(
     variables[END_TIME.name] = flown, np.stack([block.end_time for block in blocks]), {"units": END_TIME.unit}
     for i, name in enumerate(channels):
         history = np.stack([block.history[:, :, i] for block in blocks])
-        variables[name] = (*flown, "time"), history, {"units": CHANNELS[CHANNEL_INDEX[name]].unit}
+        variables[name] = (*flown, "time"), history, {"units": experiment.channels[places[name]].unit}
     outcomes = [experiment.outcomes.of(block.outcome) for block in blocks]
     coordinates = {"controller": list(flying), "flight": inputs.index.to_numpy()}
     if channels:

@@ -15,7 +15,6 @@ from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.execution.backpressure import Backpressure, closing_quietly
 from abhv_mc.execution.flight_counts import FlightCounts
 from abhv_mc.execution.progress import Progress
-from abhv_mc.flight.channels import effector_channels
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder.hashes import FileHashes
@@ -121,10 +120,8 @@ def write_kept_histories(
             lost = block.outcome == Outcome.FAILED_TO_RUN  # it flew the first time
             failed += [f"no history of flight {k} of {file.controller}" for k in np.array(file.flights)[lost]]
             metadata = {} if lost.any() else {"kept": file.mark}
-            plan = campaign.systems[file.controller].plan
-            names = (*campaign.kept_channels, *(channel.name for channel in effector_channels(plan.effectors)))
             of = file.path, file.controller, file.flights, block.times, block.history
-            write_histories(*of, names, metadata, plan.channels)
+            write_histories(*of, campaign.kept_channels, metadata, campaign.channels)
             backpressure.free()
             progress.add(len(file.flights))
     for path in set(folder.histories.glob("*.parquet")) - {file.path for file in expected}:

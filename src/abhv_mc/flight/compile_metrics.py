@@ -8,7 +8,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,35 +85,26 @@ def compile_metrics(metrics: Sequence[Metric], known: Mapping[str, Known]) -> Co
             program.constant[0] = 1.0 if program.code[0][0] == Operation.LOAD else program.constant[0]
     return Counted(
         Lean(
-            _ints(known.row for known in rows),
-            _floats(known.factor for known in rows),
-            _ints(metric.statistic for metric in chosen),
-            _floats(metric.empty for metric in chosen),
-            _ints(metric.settled for metric in chosen),
-            _ints(lean),
+            row=np.array([each.row for each in rows], np.int64),
+            factor=np.array([each.factor for each in rows], np.float64),
+            place=np.array(lean, np.int64),
+            **_fields(chosen, "statistic", "empty", "settled"),
         ),
         Programs(
-            np.array([line for program in programs for line in program.code], dtype=np.int64).reshape(-1, 4),
-            _floats(value for program in programs for value in program.constant),
-            _ints(np.cumsum([0, *(len(program.code) for program in programs)])),
-            _floats(factors),
-            _ints(metric.statistic for metric in rest),
-            _floats(metric.limit for metric in rest),
-            _floats(metric.start for metric in rest),
-            _floats(metric.end for metric in rest),
-            _ints(metric.settled for metric in rest),
-            _floats(metric.empty for metric in rest),
-            _ints(others),
+            code=np.array([line for program in programs for line in program.code], dtype=np.int64).reshape(-1, 4),
+            constant=np.array([value for program in programs for value in program.constant], np.float64),
+            first=np.cumsum([0, *(len(program.code) for program in programs)], dtype=np.int64),
+            factor=np.array(factors, np.float64),
+            place=np.array(others, np.int64),
+            **_fields(rest, "statistic", "limit", "start", "end", "settled", "empty"),
         ),
     )
 
 
-def _ints(values: object) -> NDArray[np.int64]:
-    return np.array([int(value) for value in values], dtype=np.int64)  # type: ignore[attr-defined]
-
-
-def _floats(values: object) -> NDArray[np.float64]:
-    return np.array(list(values), dtype=np.float64)  # type: ignore[call-overload]
+def _fields(metrics: Sequence[Metric], *names: str) -> dict[str, NDArray[Any]]:
+    """These fields of metrics, [metric]."""
+    kinds = {"statistic": np.int64, "settled": np.int64}
+    return {name: np.array([getattr(m, name) for m in metrics], kinds.get(name, np.float64)) for name in names}
 
 
 def _is_lean(metric: Metric, known: Mapping[str, Known]) -> bool:

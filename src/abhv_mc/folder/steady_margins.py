@@ -25,6 +25,7 @@ class LoopMargins:
     disk_gain_db: float | None = None
     disk_phase_deg: float | None = None
     reason: str | None = None  # why there is no loop
+    counts: bool = True  # among the least margins; not an effector's where the law commands axes
     poles: tuple[tuple[float, float], ...] = ()  # growing ones of ``all``, 1/s, real and imaginary part
 
     @property

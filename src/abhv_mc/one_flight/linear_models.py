@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from abhv_mc.flight.plan import FlightPlan
     from abhv_mc.stability.analysis import Stability, Time
     from abhv_mc.stability.linearize import Linear
-    from abhv_mc.stability.slopes import Points
+    from abhv_mc.stability.point_slopes import Points
 
 _MARGIN_UNITS = {
     "gain_margin_low_db": "dB",
@@ -286,7 +286,7 @@ def fly_on(
 
     from abhv_mc.simulators.make_plans import check_rows
     from abhv_mc.stability.disturbed import fly_disturbed
-    from abhv_mc.stability.inputs import plant_states
+    from abhv_mc.stability.plant_inputs import plant_states
     from abhv_mc.stability.probe import law_memory_rows
 
     plan = make_flight_plan(mission, vehicle, controller)

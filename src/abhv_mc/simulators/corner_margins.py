@@ -70,7 +70,7 @@ def _describe(name: str, steady: Any, parameters: Floats) -> dict[str, Any]:
     points = trim_points(steady, parameters)
     if points.faults[0]:
         return {"fault": points.faults[0]}
-    stability = analyse(linearize(steady, points.points))
+    stability = analyse(linearize(steady, points.points), apart=True)
     if not stability.poles[0].size:
         return {"fault": NO_SLOPES}
     table = [make_rows(name, None, stability, i) for i in range(len(parameters))]

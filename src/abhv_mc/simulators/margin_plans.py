@@ -26,7 +26,7 @@ def make_margin_plans(campaign: "Experiment", plans: Mapping[str, FlightPlan]) -
     from abhv_mc.control.mission import read_mission
     from abhv_mc.flight.prepare import user_parts_of
     from abhv_mc.stability.periods import find_period
-    from abhv_mc.stability.sensing import repeats_after, sensor_ticks
+    from abhv_mc.stability.sensor_states import repeats_after, sensor_ticks
     from abhv_mc.stability.steady import make_steady_plan
 
     vehicle, mission = next(iter(plans.values())).vehicle, read_mission(model.mission)

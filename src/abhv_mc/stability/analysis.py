@@ -43,16 +43,10 @@ class Stability(NamedTuple):
 class FlightMargins(NamedTuple):
     """The least margins of each flight over loops and times; 0 where a flight has none."""
 
-    gain_db: Floats  # [flight] the smaller of both sides
-    phase_deg: Floats
-    delay_ms: Floats
-    disk: Floats  # all loops at once
+    table: (
+        Floats  # [flight, 4] gain (dB, the smaller of both sides), phase (deg), delay (ms), disk of all loops at once
+    )
     faults: list[list[str]]  # [time][flight] why there is no margin; empty where there is one
-
-    @property
-    def table(self) -> Floats:
-        """The margins ``[flight, margin]`` in the order of :data:`abhv_mc.stability.fly_with_margins.MARGINS`."""
-        return np.column_stack([self.gain_db, self.phase_deg, self.delay_ms, self.disk])
 
 
 def analyse(linear: Linear, frequencies: int = FREQUENCIES, apart: bool = False) -> Stability:
@@ -118,7 +112,7 @@ def margins_of_flights(
     before or behind a limit at any of the times: 0. Without a crossing: 60 dB, 180 deg, 1000 ms.
     """
     count = len(parameters)
-    least = np.tile([[NO_GAIN_MARGIN_DB], [NO_PHASE_MARGIN_DEG], [NO_DELAY_MARGIN_MS], [np.inf]], (1, count))
+    least = np.tile([NO_GAIN_MARGIN_DB, NO_PHASE_MARGIN_DEG, NO_DELAY_MARGIN_MS, np.inf], (count, 1))
     faults: list[list[str]] = [[] for _ in times]
     for first in range(0, count, _TOGETHER):
         some = parameters[first : first + _TOGETHER]
@@ -129,19 +123,12 @@ def margins_of_flights(
                 grows = "" if stable else "unstable" if stability.poles[i].size else NO_SLOPES
                 words.append("; ".join(filter(None, (fault, grows))) if fault in ("", AT_LIMIT) else fault)
                 values = np.zeros(4) if words[-1] else _least(stability.margins, i)
-                least[:, first + i] = np.minimum(least[:, first + i], values)
-    gain, phase, delay, disk = least
-    return FlightMargins(gain, phase, delay, disk, faults)
+                least[first + i] = np.minimum(least[first + i], values)
+    return FlightMargins(least, faults)
 
 
 def _least(margins: Margins, system: int) -> Floats:
     with np.errstate(divide="ignore"):
         gain = 20.0 * np.log10(np.minimum(margins.gain_high[system], 1.0 / margins.gain_low[system])).min()
-    return np.array(
-        [
-            min(gain, NO_GAIN_MARGIN_DB),
-            min(float(np.rad2deg(margins.phase[system].min())), NO_PHASE_MARGIN_DEG),
-            min(1e3 * float(margins.delay[system].min()), NO_DELAY_MARGIN_MS),
-            margins.all_disk[system],
-        ]
-    )
+    phase, delay = margins.phase[system].min(), margins.delay[system].min()
+    return np.array([gain, np.rad2deg(phase), 1e3 * delay, margins.all_disk[system]])

@@ -65,6 +65,13 @@ def differentiate(function: Function, points: Floats, steps: Floats) -> Slopes:
     return Slopes(value, slope, uneven)
 
 
+def newton_step(J: Floats, left: Floats) -> Floats:
+    """What points [point, unknown] are off by, the least of the steps that are nearest; zero where not finite."""
+    known, step = np.isfinite(J).all(axis=(1, 2)) & np.isfinite(left).all(axis=1), np.zeros((len(J), J.shape[2]))
+    step[known] = np.einsum("pij,pj->pi", np.linalg.pinv(J[known], rcond=1e-13), left[known])
+    return step
+
+
 def _is_uneven(change: Floats) -> NDArray[np.bool_]:
     """Whether slopes left and right differ, [point, value, coordinate], by changes [point, coordinate, offset, value].
 

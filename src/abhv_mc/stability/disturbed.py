@@ -9,7 +9,7 @@ from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.effectors import POSITION, STAGE
 from abhv_mc.stability import path_coordinates as path
-from abhv_mc.stability.inputs import actuator_columns, as_axes
+from abhv_mc.stability.plant_inputs import actuator_columns, as_axes
 from abhv_mc.stability.probe import begin, law_at, law_memory_rows
 
 

@@ -15,10 +15,10 @@ from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import NEVER
 from abhv_mc.kernel.plant.vehicle import BANDWIDTH, IDEAL, MAX_EFFECTORS
 from abhv_mc.stability import path_coordinates as path
-from abhv_mc.stability.inputs import INPUTS, held_at, mix_matrix, mixes, name_inputs, sticks_here
 from abhv_mc.stability.periods import law_phases
-from abhv_mc.stability.sensing import add_sensors
-from abhv_mc.stability.slopes import Points, plant_slopes
+from abhv_mc.stability.plant_inputs import INPUTS, held_at, mix_matrix, mixes, name_inputs, sticks_here
+from abhv_mc.stability.point_slopes import Points, plant_slopes
+from abhv_mc.stability.sensor_states import add_sensors
 from abhv_mc.vehicle.model import list_actuators
 
 _N_PATH = len(path.COORDINATES)

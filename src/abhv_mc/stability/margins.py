@@ -13,7 +13,7 @@ import numpy as np
 
 from abhv_mc.array_types import Complexes, Floats, Ints
 from abhv_mc.kernel.stability.structured import peak_of_structured_singular_values, structured_singular_values
-from abhv_mc.stability.search import changes_of_sign, refine_crossings, refine_peaks
+from abhv_mc.stability.search import Quantity, changes_of_sign, refine_crossings, refine_peaks
 
 # Loop gains [point, input, input] of systems [point] at frequencies [point], rad/s.
 Response = Callable[[Ints, Floats], Complexes]
@@ -48,8 +48,10 @@ class Closed(NamedTuple):
     S: Complexes  # [..., loop]
 
 
-# One loop alone of the rows [point], which count the loops of system after system, at frequencies [point].
-Single = Callable[[Ints, Floats], Closed]
+# Loci [point, locus] of rows [point] at frequencies [point], rad/s: one for each rate of a loop, of one rate its gain.
+Loci = Callable[[Ints, Floats], Complexes]
+# The frequency, rad/s, and the least delay, s, that makes a locus of size 1 neutral; of rows at frequencies.
+Delays = Callable[[Ints, Floats, Complexes], tuple[Floats, Floats]]
 
 
 def close(L: Complexes) -> tuple[Complexes, Closed]:
@@ -81,43 +83,76 @@ def find_margins(response: Response, omega: Floats, period: float) -> Margins:
     L = L.reshape(systems, count, inputs, inputs)
     S, closed = close(L)
     # From here on a row for each loop of each system.
-    grid = np.repeat(omega, inputs, axis=0)
-    gains = np.moveaxis(closed.L, -1, 1).reshape(-1, count)
-    own = np.moveaxis(closed.S, -1, 1).reshape(-1, count)
+    grid, half = np.repeat(omega, inputs, axis=0), 0.5 * np.eye(inputs)
+    gains, own = (np.moveaxis(each, -1, 1).reshape(-1, count) for each in closed)
 
     def at(loop: Ints, frequency: Floats) -> Closed:
         _, found = close(response(loop // inputs, frequency))
         rows = np.arange(loop.size)
         return Closed(found.L[rows, loop % inputs], found.S[rows, loop % inputs])
 
-    low, low_at, high, high_at = gain_margins(at, grid, gains, period)
-    phase, crossover, delay = _phase_margins(at, grid, gains)
-    sensitivity, disk = (_largest(at, grid, own, centre) for centre in (0.0, 0.5))
-    mu, mu_at = _largest_mu(response, omega, S)
-    each = (low, low_at, high, high_at, phase, crossover, delay, sensitivity, 1.0 / disk)
-    together = (1.0 / mu, mu_at, _common_delay(response, omega, L))
-    return Margins._make([*(value.reshape(systems, inputs) for value in each), *together])
+    def alone(loop: Ints, frequency: Floats) -> Complexes:
+        return at(loop, frequency).L[:, None]
+
+    def farthest(centre: float) -> Floats:
+        return largest(lambda i, w: np.abs(at(i, w).S - centre), grid, np.abs(own - centre))
+
+    gain = gain_margins(alone, grid, gains[..., None], period)
+    phase = phase_margins(alone, grid, gains[..., None])
+    value, where = peak_of_structured_singular_values(S - half)
+    mu, mu_at = refine_peaks(
+        lambda i, w: structured_singular_values(close(response(i, w))[0] - half), omega, where, value
+    )
+    delay = phase_margins(lambda i, w: eigenvalues(response(i, w)), omega, eigenvalues(L))[2]
+    each = (*gain, *phase, farthest(0.0), 1.0 / farthest(0.5))
+    return Margins._make([*(found.reshape(systems, inputs) for found in each), 1.0 / mu, mu_at, delay])
 
 
-def _largest(at: Single, grid: Floats, own: Complexes, centre: float) -> Floats:
-    """Largest distance [row] of the sensitivity from ``centre`` over frequency."""
-    size = np.abs(own - centre)
-    found, _ = refine_peaks(lambda i, w: np.abs(at(i, w).S - centre), grid, size.argmax(axis=1), size.max(axis=1))
-    return found
+def eigenvalues(matrices: Complexes) -> Complexes:
+    """Of matrices [..., n, n]."""
+    return np.asarray(np.linalg.eigvals(matrices))
 
 
-def gain_margins(at: Single, grid: Floats, gains: Complexes, period: float) -> tuple[Floats, Floats, Floats, Floats]:
+def largest(size: Quantity, grid: Floats, values: Floats) -> Floats:
+    """Largest over frequency [row] of a size that is ``values`` [row, frequency] at the grid's."""
+    return refine_peaks(size, grid, values.argmax(axis=1), values.max(axis=1))[0]
+
+
+def _crossings(
+    of: Loci, quantity: Callable[[Complexes], Floats], grid: Floats, values: Complexes
+) -> tuple[Ints, Floats, Complexes]:
+    """Rows, frequencies and loci where a quantity of these crosses zero, by its rank, which is continuous.
+
+    ``values`` [row, frequency, locus] are those at the grid's frequencies.
+    """
+    count = values.shape[-1]
+    ranked = np.moveaxis(np.sort(quantity(values), axis=-1), -1, 1).reshape(-1, grid.shape[1])
+    each, interval = changes_of_sign(ranked)
+
+    def at(each: Ints, frequency: Floats) -> Complexes:
+        found = of(each // count, frequency)
+        order = np.argsort(quantity(found), axis=-1)
+        return np.asarray(np.take_along_axis(found, order, axis=-1)[np.arange(each.size), each % count])
+
+    grids = np.repeat(grid, count, axis=0)
+    where = refine_crossings(lambda i, w: quantity(at(i, w)), ranked, grids, each, interval)
+    return each // count, where, at(each, where)
+
+
+def gain_margins(of: Loci, grid: Floats, values: Complexes, period: float) -> tuple[Floats, Floats, Floats, Floats]:
     """Gains [row] below and above 1 that are nearest to it and make a loop neutral, each with its frequency."""
-    turned = np.sin(np.angle(gains))
-    loop, interval = changes_of_sign(turned)
-    where = refine_crossings(lambda i, w: np.sin(np.angle(at(i, w).L)), turned, grid, loop, interval)
-    value = at(loop, where).L
+
+    def turned(gains: Complexes) -> Floats:  # of what is no locus last, whatever there is of it
+        return np.where(gains == 0.0, 2.0, np.sin(np.angle(gains)))
+
+    row, where, value = _crossings(of, turned, grid, values)
     # At zero frequency and at half the sampling rate every loop is real.
     rows = np.arange(len(grid))
+    each = np.repeat(rows, values.shape[-1])
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        ends = [at(rows, np.full(rows.size, w)).L for w in (0.0, np.pi / period)]
-    loop = np.concatenate([loop, rows, rows])
-    where = np.concatenate([where, 0.0 * rows, np.pi / period + 0.0 * rows])
+        ends = [of(rows, np.full(rows.size, w)).ravel() for w in (0.0, np.pi / period)]
+    row = np.concatenate([row, each, each])
+    where = np.concatenate([where, 0.0 * each, np.pi / period + 0.0 * each])
     value = np.concatenate([value, *ends])
     with np.errstate(divide="ignore", invalid="ignore"):
         k = -1.0 / value.real
@@ -128,57 +163,35 @@ def gain_margins(at: Single, grid: Floats, gains: Complexes, period: float) -> t
     order = np.argsort(-np.abs(np.log(np.where(crosses, k, _FARTHEST))))  # the nearest last, which then stands
     for i in order[crosses[order]]:
         if k[i] < 1.0:
-            low[loop[i]], low_at[loop[i]] = k[i], where[i]
+            low[row[i]], low_at[row[i]] = k[i], where[i]
         else:
-            high[loop[i]], high_at[loop[i]] = k[i], where[i]
+            high[row[i]], high_at[row[i]] = k[i], where[i]
     return low, low_at, high, high_at
 
 
-def _phase_margins(at: Single, grid: Floats, gains: Complexes) -> tuple[Floats, Floats, Floats]:
-    size = log_size(gains)
-    loop, interval = changes_of_sign(size)
-    where = refine_crossings(lambda i, w: log_size(at(i, w).L), size, grid, loop, interval)
-    angle = np.angle(at(loop, where).L) + np.pi  # 0 .. 2 pi
+def _delays_at_once(_: Ints, frequency: Floats, locus: Complexes) -> tuple[Floats, Floats]:
+    return frequency, (np.angle(locus) + np.pi) / frequency
+
+
+def phase_margins(
+    of: Loci, grid: Floats, values: Complexes, delays: Delays = _delays_at_once
+) -> tuple[Floats, Floats, Floats]:
+    """Phase margin, rad, its frequency, rad/s, and delay margin, s, [row]: where a locus has size 1."""
+    row, where, value = _crossings(of, _log_size, grid, values)
+    turn = np.angle(value) + np.pi  # 0 .. 2 pi
+    where, late = delays(row, where, value)
     phase, delay = np.full(len(grid), np.inf), np.full(len(grid), np.inf)
     crossover = np.full(len(grid), np.nan)
-    for i, w, turn in zip(loop, where, angle, strict=True):
-        distance = min(turn, 2.0 * np.pi - turn)
+    for i, w, distance, tau in zip(row, where, np.minimum(turn, 2.0 * np.pi - turn), late, strict=True):
         if distance < phase[i]:
             phase[i], crossover[i] = distance, w
-        delay[i] = min(delay[i], turn / w)
+        delay[i] = min(delay[i], tau)
     return phase, crossover, delay
 
 
-def log_size(gains: Complexes) -> Floats:
+def _log_size(gains: Complexes) -> Floats:
     """Where there is no loop, its gain is zero."""
     return np.asarray(np.log(np.maximum(np.abs(gains), 1e-300)))
-
-
-def _largest_mu(response: Response, omega: Floats, S: Complexes) -> tuple[Floats, Floats]:
-    half = 0.5 * np.eye(S.shape[-1])
-    value, at = peak_of_structured_singular_values(S - half)
-    return refine_peaks(lambda i, w: structured_singular_values(close(response(i, w))[0] - half), omega, at, value)
-
-
-def _common_delay(response: Response, omega: Floats, L: Complexes) -> Floats:
-    """Least delay of all loops at once, s: where an eigenvalue of L has size 1, by its rank, which is continuous."""
-    systems, count, inputs = L.shape[:3]
-    sizes = np.sort(np.abs(np.linalg.eigvals(L)), axis=-1)
-    rows = np.log(np.maximum(np.moveaxis(sizes, -1, 1).reshape(-1, count), 1e-300))
-    grid = np.repeat(omega, inputs, axis=0)
-
-    def eigenvalue(row: Ints, frequency: Floats) -> Complexes:
-        values = np.linalg.eigvals(response(row // inputs, frequency))
-        order = np.argsort(np.abs(values), axis=-1)
-        chosen = np.take_along_axis(values, order, axis=-1)
-        return np.asarray(chosen[np.arange(row.size), row % inputs])
-
-    row, interval = changes_of_sign(rows)
-    where = refine_crossings(lambda i, w: np.log(np.abs(eigenvalue(i, w))), rows, grid, row, interval)
-    turn = np.angle(eigenvalue(row, where)) + np.pi
-    delay = np.full(systems, np.inf)
-    np.minimum.at(delay, row // inputs, turn / where)
-    return delay
 
 
 def disk_gain_and_phase(alpha: Floats) -> tuple[Floats, Floats]:

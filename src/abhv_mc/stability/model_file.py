@@ -3,19 +3,20 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.input_error import InputError
 from abhv_mc.stability import path_coordinates as path
-from abhv_mc.stability.inputs import mix_matrix, plant_states
 from abhv_mc.stability.linearize import Linear, actuator_matrices, closed_loop, closed_period, open_loop
+from abhv_mc.stability.plant_inputs import mix_matrix, plant_states
+from abhv_mc.stability.point_slopes import Points
 from abhv_mc.stability.probe import law_memory_rows
-from abhv_mc.stability.sensing import sensor_states
-from abhv_mc.stability.slopes import Points
+from abhv_mc.stability.sensor_states import sensor_states
 
 FORMATS = (".npz", ".mat", ".json")
 
@@ -29,49 +30,30 @@ def make_model(plan: FlightPlan, points: Points, linear: Linear) -> dict[str, An
     ``ticks`` they are those of the point's tick, and ``closed_over_ticks`` is the map of all of its ticks.
     """
     m, d = linear.law_A.shape[1], int(linear.delay[0])
-    memory = [*(f"law_{name}" for name in law_memory_rows(plan)), *sensor_states(plan, points)]
     old = [f"{name}_{age}_ago" for age in range(1, d + 1) for name in path.COORDINATES]
     actuator_A, actuator_B = actuator_matrices(plan, points.lane[:1])
     p, k = 10 + actuator_A.shape[1], len(linear.inputs)
-    plant, inputs, input_units = plant_states(plan.vehicle), linear.inputs, (*["rad"] * (k - 1), "-")
     A, B = np.zeros((p, p)), np.zeros((p, k))
-    A[:10, :10], A[:10, 10::2] = linear.plant_A[0], linear.plant_B[0]
-    A[10:, 10:], B[10:] = (
-        actuator_A[0],
-        actuator_B[0] if linear.apart is None else actuator_B[0] @ mix_matrix(plan.vehicle),
-    )
-    C, no_feedthrough = np.eye(10, p), np.zeros((10, k))
+    A[:10, :10], A[:10, 10::2], A[10:, 10:] = linear.plant_A[0], linear.plant_B[0], actuator_A[0]
+    B[10:] = actuator_B[0] if linear.apart is None else actuator_B[0] @ mix_matrix(plan.vehicle)
     loop_A, loop_B, loop_C = open_loop(linear, 0)
-    n = len(loop_A)
-    states = [*plant, *memory, *old]
-    units = [*path.UNITS, *["rad", "rad/s"] * (p // 2 - 6), "-", "1/s", *[""] * m, *path.UNITS * d]
-    several = {"ticks": len(linear.phases), "closed_over_ticks": {"A": closed_period(linear, 0), "states": states}}
-    return (several if linear.phases else {}) | {
+    n, C, none = len(loop_A), np.eye(10, p), np.zeros((10, k))
+    # Names of states, inputs and outputs with their units.
+    truth, commands = _Named(path.COORDINATES, path.UNITS), _Named(linear.inputs, (*["rad"] * (k - 1), "-"))
+    memory = _Named([*(f"law_{name}" for name in law_memory_rows(plan)), *sensor_states(plan, points)], [""] * m)
+    plant = _Named(plant_states(plan.vehicle), [*path.UNITS, *["rad", "rad/s"] * (p // 2 - 6), "-", "1/s"])
+    states = _Named((*plant.names, *memory.names, *old), (*plant.units, *memory.units, *path.UNITS * d))
+    both = _Named((*truth.names, *commands.names), (*truth.units, *commands.units))
+    closed_C, no_feedthrough = np.vstack([np.eye(10, n), -loop_C]), np.zeros((10 + k, k))
+    over_ticks = {"A": closed_period(linear, 0), "states": list(states.names)}
+    return ({"ticks": len(linear.phases), "closed_over_ticks": over_ticks} if linear.phases else {}) | {
         "period_s": linear.period,
         "measurement_delay_periods": d,
-        "plant_continuous": {
-            "A": A, "B": B, "C": C, "D": no_feedthrough,
-            **_names(plant, units[:p], inputs, input_units, path.COORDINATES, path.UNITS),
-        },
-        "plant": {
-            "A": linear.A[0], "B": linear.B[0], "C": C, "D": no_feedthrough,
-            **_names(plant, units[:p], inputs, input_units, path.COORDINATES, path.UNITS),
-        },
-        "law": {
-            "A": linear.law_A[0], "B": linear.law_B[0], "C": linear.law_C[0], "D": linear.law_D[0],
-            **_names(memory, [""] * m, path.COORDINATES, path.UNITS, inputs, input_units),
-        },
-        "loop": {
-            "A": loop_A, "B": loop_B, "C": loop_C, "D": np.zeros((k, k)),
-            **_names(states, units, inputs, input_units, inputs, input_units),
-        },
-        "closed": {
-            "A": closed_loop(linear, 0),
-            "B": loop_B,
-            "C": np.vstack([np.eye(10, n), -loop_C]),
-            "D": np.zeros((10 + k, k)),
-            **_names(states, units, inputs, input_units, [*path.COORDINATES, *inputs], [*path.UNITS, *input_units]),
-        },
+        "plant_continuous": _part(A, B, C, none, plant, commands, truth),
+        "plant": _part(linear.A[0], linear.B[0], C, none, plant, commands, truth),
+        "law": _part(linear.law_A[0], linear.law_B[0], linear.law_C[0], linear.law_D[0], memory, truth, commands),
+        "loop": _part(loop_A, loop_B, loop_C, np.zeros((k, k)), states, commands, commands),
+        "closed": _part(closed_loop(linear, 0), loop_B, closed_C, no_feedthrough, states, commands, both),
         "point": {
             "states": np.append(points.path[0], np.pad(points.controls[0][:, None], ((0, 0), (0, 1)))),
             "measured": points.measured[0],
@@ -79,13 +61,21 @@ def make_model(plan: FlightPlan, points: Points, linear: Linear) -> dict[str, An
             "mass_kg": float(points.mass[0]),
             "latitude_rad": float(points.latitude[0]),
         },
-    }  # fmt: skip
+    }
 
 
-def _names(states: Any, state_units: Any, inputs: Any, input_units: Any, outputs: Any, output_units: Any) -> Any:
-    named = {"states": states, "inputs": inputs, "outputs": outputs}
-    units = {"state_units": state_units, "input_units": input_units, "output_units": output_units}
-    return {key: list(values) for key, values in (named | units).items()}
+class _Named(NamedTuple):
+    names: Sequence[str]
+    units: Sequence[str]
+
+
+def _part(
+    A: Floats, B: Floats, C: Floats, D: Floats, states: _Named, inputs: _Named, outputs: _Named
+) -> dict[str, Any]:
+    signals = {"state": states, "input": inputs, "output": outputs}
+    named = {f"{kind}s": list(signal.names) for kind, signal in signals.items()}
+    units = {f"{kind}_units": list(signal.units) for kind, signal in signals.items()}
+    return {"A": A, "B": B, "C": C, "D": D} | named | units
 
 
 def stack_models(models: Sequence[dict[str, Any]], times: Sequence[float]) -> dict[str, Any]:

@@ -5,8 +5,8 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.kernel.plant.vehicle import VARIABLES, Tables
+from abhv_mc.stability.point_slopes import Points, ask_at
 from abhv_mc.stability.probe import law_tick
-from abhv_mc.stability.slopes import Points, ask_at
 
 _NEAR = 0.02  # of the cell's length
 _DEGREES = ("angle_of_attack", "sideslip", "aileron", "rudder", "elevator")

@@ -21,8 +21,8 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.laws import columns as ref
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.stability.differences import Slopes
-from abhv_mc.stability.probe import begin, law_at, law_memory_rows, law_tick, run_law
-from abhv_mc.stability.slopes import Points, law_slopes, measured_steps
+from abhv_mc.stability.point_slopes import Points, law_slopes, measured_steps
+from abhv_mc.stability.probe import begin, law_at, law_memory_rows, run_law
 
 LONGEST = 100  # ticks of a period
 _SETTLING = 2.0  # s
@@ -152,20 +152,6 @@ def over_period(plan: FlightPlan, points: Points) -> Slopes:
     uneven = np.logical_or.reduce([law.uneven for law in phases])
     values = np.hstack([phases[-1].value[:, :m], value / count])
     return Slopes(values, np.concatenate([memory, command / count], axis=1), uneven)
-
-
-def pass_period(plan: FlightPlan, points: Points) -> tuple[Floats, Floats]:
-    """The law's memory after a period, but for what it carries, and its mean command in it."""
-    period, commands = find_period(plan), []
-    if period.ticks == 1 and not period.carried.any():
-        law = law_tick(plan, points.tick, points.measured, points.memory)
-        return law.memory, law.command
-    still, first, memory = go_on(plan, points.tick, period.ticks), max(points.tick, 1), points.memory
-    for tick in range(first, first + period.ticks):
-        law = law_tick(still, tick, points.measured, memory)
-        memory = law.memory
-        commands.append(law.command)
-    return np.where(period.carried, points.memory, memory), np.mean(commands, axis=0)
 
 
 def switching(plan: FlightPlan, law: Slopes) -> NDArray[np.bool_]:

@@ -15,10 +15,10 @@ from abhv_mc.kernel.flight.observe import ALIVE
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import NEVER
 from abhv_mc.stability import path_coordinates as path
-from abhv_mc.stability.inputs import actuator_columns, held_at, range_of
 from abhv_mc.stability.periods import SWITCHES, over_period, switching
+from abhv_mc.stability.plant_inputs import actuator_columns, held_at, range_of
+from abhv_mc.stability.point_slopes import Points
 from abhv_mc.stability.probe import begin, law_at, law_tick
-from abhv_mc.stability.slopes import Points
 
 AT_LIMIT = "a command stands at a limit"
 
@@ -58,11 +58,8 @@ def flown_points(plan: FlightPlan, parameters: Floats, time: float) -> Found:
     switches = np.zeros(len(ended), bool)
     if plan.law in USER_LAWS:
         switches = switching(plan, over_period(plan, points))
-    faults = [
-        f"the flight has ended before {time:g} s" if e else SWITCHES if w else AT_LIMIT if b else ""
-        for e, b, w in zip(ended.tolist(), limited.tolist(), switches.tolist(), strict=True)
-    ]
-    return Found(points, faults)
+    words = [f"the flight has ended before {time:g} s", SWITCHES, AT_LIMIT]
+    return Found(points, np.select([ended, switches, limited], words, "").tolist())
 
 
 def behind_limit(plan: FlightPlan, points: Points) -> NDArray[np.bool_]:

@@ -24,31 +24,24 @@ from abhv_mc.kernel.jit import is_kept
 from abhv_mc.kernel.laws.tlc import D_ALPHA, D_R, I_ALTITUDE, I_RATE
 from abhv_mc.kernel.laws.user import FAULT
 from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.parameter_names import AXES
 from abhv_mc.kernel.plant.vehicle import VARIABLES
 from abhv_mc.kernel.stability.probes import PlantAnswer, make_probe_begin, make_probe_law, make_probe_plant
-from abhv_mc.stability.inputs import from_axes, mixes, moving_of
+from abhv_mc.stability.plant_inputs import from_axes, mixes, moving_of
 from abhv_mc.user_code.child import in_child
 
 # What a law of the program remembers from tick to tick, as rows of the lane memory; the last commands are among it
 # where it uses them.
+_INTEGRALS = (
+    *("altitude", "flight_path_angle", "heading", "speed", "angle_of_attack", "sideslip", "bank"),
+    *("roll_rate", "pitch_rate", "yaw_rate"),
+)
+_DIFFERENTIATORS = ("angle_of_attack", "bank", "roll_rate", "pitch_rate", "yaw_rate")
 _MEMORY: dict[str, dict[str, int]] = {
     "tlc": {
-        **dict(
-            zip(
-                (
-                    *(f"integral_of_{name}" for name in ("altitude", "flight_path_angle", "heading", "speed")),
-                    *(f"integral_of_{name}" for name in ("angle_of_attack", "sideslip", "bank")),
-                    *(f"integral_of_{name}" for name in ("roll_rate", "pitch_rate", "yaw_rate")),
-                    *(f"differentiator_of_{name}" for name in ("angle_of_attack", "bank")),
-                    *(f"differentiator_of_{name}" for name in ("roll_rate", "pitch_rate", "yaw_rate")),
-                ),
-                (*range(I_ALTITUDE, I_RATE + 3), *range(D_ALPHA, D_R + 1)),
-                strict=True,
-            )
-        ),
-        "last_aileron": s.CMD_AILERON,
-        "last_rudder": s.CMD_RUDDER,
-        "last_elevator": s.CMD_ELEVATOR,
+        **dict(zip([f"integral_of_{name}" for name in _INTEGRALS], range(I_ALTITUDE, I_RATE + 3), strict=True)),
+        **dict(zip([f"differentiator_of_{name}" for name in _DIFFERENTIATORS], range(D_ALPHA, D_R + 1), strict=True)),
+        **{f"last_{name}": s.CMD + i for i, name in enumerate(AXES)},
     },
     "lqr": {},
 }

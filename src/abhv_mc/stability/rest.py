@@ -12,10 +12,10 @@ from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.kernel.laws import columns as ref
 from abhv_mc.kernel.plant.parameter_names import NEVER
 from abhv_mc.stability import path_coordinates as path
-from abhv_mc.stability.differences import Slopes
-from abhv_mc.stability.inputs import held_at, mixes
-from abhv_mc.stability.periods import over_period, pass_period
-from abhv_mc.stability.slopes import Points, plant_slopes
+from abhv_mc.stability.differences import Slopes, newton_step
+from abhv_mc.stability.periods import find_period, over_period
+from abhv_mc.stability.plant_inputs import held_at, mixes
+from abhv_mc.stability.point_slopes import Points, plant_slopes
 
 _ITERATIONS = 40
 _AT_REST = 1e-8  # of all rates, of the memory's change in a tick and of what commands and controls differ by
@@ -78,9 +78,9 @@ def _come_to_rest(plan: FlightPlan, points: Points, free: Slopes) -> tuple[Point
     for iteration in range(_ITERATIONS + 1):
         plant = plant_slopes(plan, points)
         frozen = (plant.slope[:, _MEASURED:] == 0.0).all(axis=2)
-        measured = np.where(frozen, points.measured, plant.value[:, _MEASURED:])
-        points = points._replace(measured=measured)
-        memory, command = pass_period(plan, points)
+        points = points._replace(measured=np.where(frozen, points.measured, plant.value[:, _MEASURED:]))
+        memory, command = np.split(over_period(plan, points).value, [m], axis=1)
+        memory = np.where(find_period(plan).carried, points.memory, memory)
         rates = plant.value[:, :10].copy()
         rates[:, path.CHI] -= plan.reference[0, ref.HEADING_RATE]
         apart = np.where(moves, command - points.controls, 0.0)
@@ -94,13 +94,7 @@ def _come_to_rest(plan: FlightPlan, points: Points, free: Slopes) -> tuple[Point
         J[:, 10:, k:] = law_memory
         J[:, 10 + m :][~moves] = 0.0
         J[:, 10 + m :, 10:k] -= np.eye(k - 10)
-        known = np.isfinite(J).all(axis=(1, 2)) & np.isfinite(left).all(axis=1) & ~at_rest
-        step = np.zeros((len(J), k + m))
-        step[known] = np.einsum("pij,pj->pi", np.linalg.pinv(J[known], rcond=1e-13), left[known])
-        path_step, controls_step, memory_step = np.split(step, [10, k], axis=1)
-        points = points._replace(
-            path=points.path - path_step,
-            controls=points.controls - controls_step,
-            memory=points.memory - memory_step,
-        )
+        step = np.where(at_rest[:, None], 0.0, newton_step(J, left))
+        moved = np.split(np.hstack([points.path, points.controls, points.memory]) - step, [10, k], axis=1)
+        points = points._replace(path=moved[0], controls=moved[1], memory=moved[2])
     return points, at_rest

@@ -65,14 +65,17 @@ def make_rows(controller: str, time: float | None, stability: Stability, system:
     """A row for each loop and one, ``all``, for all at once; ``time`` (s) is None at the trim.
 
     What is infinite, or without meaning because the closed loop is unstable, is None. The row of a loop that is not
-    there has its ``reason``, the row ``all`` of an unstable loop its growing poles (1/s, real and imaginary part).
+    there has its ``reason``, the row ``all`` of an unstable loop its growing poles (1/s, real and imaginary part), and
+    single effectors' rows under a law that commands axes say that they do not count.
     """
     stable, reasons = bool(stability.stable[system]), cut_loops(stability, system)
+    apart = [name for name, of, _ in _loops(stability) if of is stability.apart]
     rows: list[dict[str, Any]] = [
         {"controller": controller, "time_s": time, "loop": loop}
         | {key: value if np.isfinite(value) else None for key, value in values.items()}
         | {"stable": stable}
         | ({"reason": reasons[loop]} if loop in reasons else {})
+        | ({"counts": False} if loop in apart else {})
         for loop, values in margin_values(stability, system).items()
     ]
     if not stable:

@@ -22,12 +22,13 @@ from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import NEVER, PARAMETER_INDEX
 from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.stability import path_coordinates as path
-from abhv_mc.stability.inputs import as_axes, from_axes, held_at, mix_matrix, range_of
+from abhv_mc.stability.differences import newton_step
 from abhv_mc.stability.periods import SWITCHES, find_period, over_period, switching
+from abhv_mc.stability.plant_inputs import as_axes, from_axes, held_at, mix_matrix, range_of
+from abhv_mc.stability.point_slopes import Points, plant_slopes
 from abhv_mc.stability.points import AT_LIMIT, Found
 from abhv_mc.stability.probe import begin, law_memory_rows
 from abhv_mc.stability.rest import leave_limits
-from abhv_mc.stability.slopes import Points, plant_slopes
 from abhv_mc.user_code.design import DesignModel
 
 _ITERATIONS = 25
@@ -36,8 +37,7 @@ _STILL = 1e-10  # a step of the memory after which it is no nearer
 _GROWS = 1e-7  # what it changes by where the law finds no equilibrium: a sideslip of 6e-4 deg, integrated
 _RESTING = 1e5  # how much more that counts than the controls, where not both can be met
 _BALANCED = 1e-9  # rad/s2 and so on: what a trim may leave of any rate
-_UNKNOWNS = (path.ALPHA, path.BETA, path.BANK, path.P, path.Q, path.R, 10, 11, 12, 13)
-_CONTROLS = slice(6, 10)  # among them: the axes and the engine
+_UNKNOWNS = [path.ALPHA, path.BETA, path.BANK, path.P, path.Q, path.R, 10, 11, 12, 13]  # the axes and engine last
 _LARGEST = np.array([0.05, 0.05, 0.2, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.3])  # a Newton step of the unknowns
 _EXPECTED = slice(1, 11)  # of what plant_slopes gives: all rates but the altitude's, and the sideslip to the air
 _BEYOND = "the trim is beyond the limits of surfaces or engine"
@@ -54,7 +54,7 @@ def make_steady_plan(
     """A plan whose reference is steady flight at the mission's start for all time, with the gains that belong to it.
 
     ``bank`` (rad) is the guidance trim's in a steady turn; 0 asks for straight flight, whatever bank that takes.
-    ``own`` is the law of a controller of the user's own. Raises InputError where no steady turn has that bank.
+    ``user_code``: of a controller of the user's own. Raises InputError where no steady turn has that bank.
     """
     level = mission.model_copy(update={"manoeuvre": Level(kind="level"), "duration": 2.0 / controller.rate})
     plan = make_plan(vehicle, level, controller, name, user_code=user_code)
@@ -72,20 +72,9 @@ def make_steady_plan(
 
 
 def _trim_turn(vehicle: Vehicle, plan: FlightPlan, row: Floats, heading_rate: float) -> GuidanceTrim:
-    one = np.ones(1)
-    points = GuidancePoints(
-        row[ref.SPEED] * one,
-        row[ref.DENSITY] * one,
-        row[ref.SOUND_SPEED] * one,
-        row[ref.GRAVITY] * one,
-        row[ref.RADIUS] * one,
-        row[ref.LATITUDE] * one,
-        0.0 * one,
-        row[ref.HEADING] * one,
-        0.0 * one,
-        0.0 * one,
-        row[ref.SPEED] * heading_rate * one,
-    )
+    known = row[[ref.SPEED, ref.DENSITY, ref.SOUND_SPEED, ref.GRAVITY, ref.RADIUS, ref.LATITUDE]]
+    values = *known, 0.0, row[ref.HEADING], 0.0, 0.0, row[ref.SPEED] * heading_rate
+    points = GuidancePoints(*np.array(values)[:, None])
     return trim_along(vehicle, plan.trim_tables, points, vehicle.constants.mass_start, plan.timing.tick)
 
 
@@ -150,15 +139,14 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
         left = found.value[:, _EXPECTED].copy()
         left[:, path.CHI - 1] -= row[ref.HEADING_RATE]
         left[~holds] = 0.0
-        J = np.zeros((*left.shape, len(_UNKNOWNS)))
-        J[:, :, : _CONTROLS.start] = found.slope[:, _EXPECTED][:, :, list(_UNKNOWNS[: _CONTROLS.start])]
-        J[:, :, _CONTROLS] = found.slope[:, _EXPECTED][:, :, 10:] @ moved
+        slope = found.slope[:, _EXPECTED]
+        J = np.concatenate([slope[:, :, _UNKNOWNS[:-4]], slope[:, :, 10:] @ moved], axis=2)
         J[~holds] = 0.0
-        moving = np.isfinite(J).all(axis=(1, 2)) & ~(np.abs(left).max(axis=1) < 0.01 * _BALANCED)
-        if not moving.any():
+        step = newton_step(J, left)
+        step[np.abs(left).max(axis=1) < 0.01 * _BALANCED] = 0.0
+        if not step.any():
             break
-        step = np.einsum("pij,pj->pi", np.linalg.pinv(J[moving], rcond=1e-13), left[moving])
-        at[np.ix_(moving, _UNKNOWNS)] -= np.clip(step, -_LARGEST, _LARGEST)
+        at[:, _UNKNOWNS] -= np.clip(step, -_LARGEST, _LARGEST)
     limits = [np.tile(each, (count, 1)) for each in range_of(plan.vehicle)]
     for each in limits:
         each[:, :-1] *= lane[:, [s.parameter_row("actuator.deflection_limit")]]
@@ -174,21 +162,9 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
     points = points._replace(memory=memory)
     points, limited = leave_limits(plan, points, at_errors_zero) if user_law else (points, np.zeros(count, bool))
     beta = np.rad2deg(measured[:, path.BETA])
-    faults = [
-        "no trim was found"
-        if o
-        else _BEYOND
-        if b
-        else SWITCHES
-        if w
-        else _unsettled(plan.controller, angle)
-        if g
-        else AT_LIMIT * l
-        for o, b, w, g, l, angle in zip(
-            *(each.tolist() for each in (off, beyond, switches, grows, limited, beta)), strict=True
-        )
-    ]
-    return Found(points, faults)
+    unsettled = [_unsettled(plan.controller, angle) for angle in beta.tolist()]
+    words = ["no trim was found", _BEYOND, SWITCHES, unsettled, AT_LIMIT]
+    return Found(points, np.select([off, beyond, switches, grows, limited], words, "").tolist())
 
 
 def _unsettled(controller: str, sideslip: float) -> str:
@@ -223,9 +199,8 @@ def _memory_at_rest(plan: FlightPlan, points: Points) -> tuple[Floats, NDArray[n
         J[:, :count] -= np.eye(count)
         left[:, :count] *= _RESTING
         J[:, :count] *= _RESTING
-        known = np.isfinite(J).all(axis=(1, 2)) & np.isfinite(left).all(axis=1)  # a law of the user's own may fail
-        step = np.einsum("pij,pj->pi", np.linalg.pinv(J[known], rcond=1e-13), left[known])
-        memory[known] -= step
+        step = newton_step(J, left)
+        memory -= step
         if period.ticks > 1 and np.abs(step).max(initial=0.0) < _STILL:
             break
     return memory, grows, uneven

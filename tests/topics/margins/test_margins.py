@@ -33,6 +33,7 @@ def _steady():
     """TLC weak in its rudder loop, LQR unstable, the third sound."""
     weak = [_row(loop, -20.0, 0.82 if loop == "rudder" else 12.0, 40.0, 50.0) for loop in LOOPS]
     sound = [_row(loop, None, 12.0, 50.0, 60.0) for loop in LOOPS]
+    sound.append(_row("left_elevon", None, 3.0, 20.0, 30.0) | {"counts": False})
     lost = [_row(loop, None, None, None, None, stable=False) for loop in LOOPS]
     corners = [_row(loop, -9.0, 0.7, 33.0, 44.0) for loop in LOOPS]
     entry = {"corners_without_trim": 0, "corners_unstable": 0, "corners": [*corners, _all()]}
@@ -65,5 +66,6 @@ def test_the_answer_names_the_unstable_controller_with_its_poles_and_the_weak_on
 def test_the_section_has_each_loop(models):
     rows = models.section(MARGINS).tables()[0].plain_rows()
     assert ["TLC", "rudder", "\N{MINUS SIGN}20.0 / 0.8", "\N{MINUS SIGN}9.0 / 0.7", "40", "33", "50", "44"] in rows
+    assert any(row[1:3] == ["left_elevon", "none / 3.0"] for row in rows)
     assert any(row[0] == "LQR" and row[1].startswith("unstable in steady") for row in rows)
     assert [row[0] for row in rows if row[1] == "throttle"] == ["TLC", "LQR retuned"]

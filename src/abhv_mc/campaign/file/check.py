@@ -10,7 +10,7 @@ import numpy as np
 from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.campaign.file.derived import check_derived
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.file.keep import BY_REQUIREMENTS
+from abhv_mc.campaign.file.keep import ALL, BY_REQUIREMENTS
 from abhv_mc.campaign.file.kinds import find_kind, find_wrong_kinds
 from abhv_mc.campaign.file.mistakes import find_more
 from abhv_mc.campaign.file.requirement_table import read_requirements
@@ -37,6 +37,7 @@ from abhv_mc.campaign.sampling.designs import (
 )
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile, read_sample_file
+from abhv_mc.flight.channels import CHANNELS, effector_channels
 from abhv_mc.flight.metrics import MARGINS, METRICS, Metric, effector_metrics
 from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of, read_document, validate
 from abhv_mc.kernel.plant.parameter_names import EFFECTORS, ENGINES
@@ -90,10 +91,13 @@ def _check(document: Document, model: Campaign) -> Experiment:
     if own:
         check_simulator(document, own, errors)
         declared: tuple[Metric, ...] = ()
+        effectors: tuple[str, ...] = ()
         written = frozenset(name for name, entry in own.metrics.items() if entry.bad is not None)
         metrics = measured = {name: entry.record(name) for name, entry in own.metrics.items()}
     else:
-        declared, written = _declare_metrics(document, model, user_channels, errors)
+        effectors = find_driven(model.vehicle, model.controllers.values())
+        declared, written = _declare_metrics(document, model, user_channels, effectors, errors)
+        _check_channels(document, model, effectors, errors)
         metrics = {metric.name: metric for metric in (*METRICS, *declared)}
         measured = metrics | {metric.name: metric for metric in MARGINS}
     requirements = tuple(check_requirements(document, model, measured, written, errors))
@@ -123,6 +127,7 @@ def _check(document: Document, model: Campaign) -> Experiment:
         tuple(metrics.values()),
         declared,
         user_channels,
+        effectors,
         derived=derived,
         unknowns=unknowns,
         parameters=parameters,
@@ -247,7 +252,11 @@ def _make_copula(document: Document, model: Campaign, names: Sequence[str], erro
 
 
 def _declare_metrics(
-    document: Document, model: Campaign, user_channels: Sequence[tuple[str, str]], errors: list[InputError]
+    document: Document,
+    model: Campaign,
+    user_channels: Sequence[tuple[str, str]],
+    effectors: tuple[str, ...],
+    errors: list[InputError],
 ) -> tuple[tuple[Metric, ...], frozenset[str]]:
     """The records of the campaign's own metrics, and which of them say what is bad; no file of channels is run."""
     place: tuple[str, ...] = ("metrics",)
@@ -257,9 +266,16 @@ def _declare_metrics(
         place = ()
     written = frozenset(name for name, entry in entries.items() if entry.bad is not None)
     windows = phase_windows(model) if any(entry.phase for entry in entries.values()) else {}
-    effectors = find_driven(model.vehicle, model.controllers.values())
     own = declare_metrics(entries, user_channels, of, place, errors, windows, effectors)
     return (*effector_metrics(effectors), *own), written
+
+
+def _check_channels(document: Document, model: Campaign, effectors: tuple[str, ...], errors: list[InputError]) -> None:
+    """That kept histories can hold what they are to: channels of effectors are those of the campaign's vehicle."""
+    known = [ALL, *(channel.name for channel in (*CHANNELS, *effector_channels(effectors)))]
+    for name in model.keep.histories.channels:
+        if name not in known:
+            errors.append(document.error(("keep", "histories", "channels"), f"channel '{name}'", one_of(known, name)))
 
 
 def _check_runs(

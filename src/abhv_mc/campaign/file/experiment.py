@@ -10,7 +10,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.config import Campaign
-from abhv_mc.campaign.file.keep import BY_REQUIREMENTS
+from abhv_mc.campaign.file.keep import ALL, BY_REQUIREMENTS
 from abhv_mc.campaign.file.simulator import SimulatorCampaign
 from abhv_mc.campaign.file.unknowns import Unknowns
 from abhv_mc.campaign.sampling.correlation import Copula
@@ -29,7 +29,7 @@ from abhv_mc.campaign.sampling.samples import (
 )
 from abhv_mc.campaign.sampling.seeds import Seeds, find_seeds
 from abhv_mc.campaign.sampling.streams import stream_key
-from abhv_mc.flight.channels import CHANNELS, Signal
+from abhv_mc.flight.channels import CHANNELS, Signal, effector_channels
 from abhv_mc.flight.metrics import MARGINS, Metric
 from abhv_mc.flight.outcome import OUTCOMES, Outcomes, simulator_outcomes
 from abhv_mc.flight.plan import FlightPlan
@@ -78,6 +78,7 @@ class Experiment:
     measured: tuple[Metric, ...]  # of every flight: the program's, then those that it declares
     declared: tuple[Metric, ...] = ()
     user_sources: tuple[tuple[str, str], ...] = ()  # name and unit of the channels of its own file
+    effectors: tuple[str, ...] = ()  # of its vehicle, where they have actuators
     systems: Mapping[str, System] = field(default_factory=dict)  # by controller, where they are ready to fly
     columns: tuple[str, ...] | None = None  # of the rows that fly, where they are not the campaign's own
     derived: Derived = ()  # parameters that follow from the others of their row
@@ -173,13 +174,13 @@ class Experiment:
     @cached_property
     def channels(self) -> tuple[Signal, ...]:
         """What histories of its flights hold; nothing of a user's simulator that returns none."""
-        return self.user_model.returned_channels if self.user_model else CHANNELS
+        return self.user_model.returned_channels if self.user_model else (*CHANNELS, *effector_channels(self.effectors))
 
     @property
     def kept_channels(self) -> tuple[str, ...]:
         """Those that kept flights are written with."""
-        keep = self.model.keep.histories.channels
-        return tuple(channel.name for channel in self.channels) if self.user_model else keep
+        asked = self.model.keep.histories.channels
+        return tuple(channel.name for channel in self.channels if ALL in asked or channel.name in asked)
 
     @property
     def has_histories(self) -> bool:

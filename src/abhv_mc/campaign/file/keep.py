@@ -8,7 +8,7 @@ from abhv_mc.flight.channels import CHANNEL_INDEX, STANDARD_CHANNELS
 from abhv_mc.io.documents import Refusal, StrictModel, describe, one_of
 from abhv_mc.io.units import FREQUENCY, Frequency, parse_quantity
 
-_ALL_CHANNELS = tuple(CHANNEL_INDEX)
+ALL = "all"
 BY_REQUIREMENTS = "requirements"
 
 
@@ -73,7 +73,9 @@ class KeepHistories(StrictModel):
         description="what 'worst' goes by: requirements (the largest distance beyond a limit, in units of it) or a "
         "metric; flights that ended early come first",
     )
-    channels: Channels = Field(_ALL_CHANNELS, description="names of channels, or all")
+    channels: Annotated[tuple[str, ...], BeforeValidator(_as_list, json_schema_input_type=str | list[str])] = Field(
+        (ALL,), description="names of channels (of effectors, too, that have actuators), or all"
+    )
     rate: Rate = Field(10.0, description="samples per second of flight")
 
 

@@ -23,13 +23,9 @@ from abhv_mc.kernel.laws import columns as ref
 from abhv_mc.kernel.numerics.angles import larger, wrap
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.heating import heat_flux
-from abhv_mc.kernel.plant.state import X, parameter_row, variable_row
+from abhv_mc.kernel.plant.state import X
 from abhv_mc.kernel.plant.vehicle import Constants
 
-_ALPHA = variable_row("angle_of_attack")
-_BETA = variable_row("sideslip")
-_LIMIT = parameter_row("actuator.deflection_limit")
-_MASS = parameter_row("mass.total")
 _DEG = 180.0 / math.pi
 _G0 = 9.80665  # m/s2
 
@@ -100,7 +96,7 @@ def cross_track_m(Z, lane, plan, tick):
 @lanes
 def angle_of_attack_error_deg(Z, lane, plan, tick):
     """Angle of attack minus its command."""
-    return Z[_ALPHA, lane] * _DEG - Z[s.ALPHA_CMD, lane] * _DEG
+    return Z[s.V_ALPHA, lane] * _DEG - Z[s.ALPHA_CMD, lane] * _DEG
 
 
 @lanes
@@ -143,7 +139,7 @@ def end_ripples(Z, lane, plan):
 def fuel_left_kg(Z, lane, plan, tick):
     """Mass above the empty one; infinite for a vehicle that burns no fuel."""
     constants = plan.constants
-    return Z[X + s.MASS, lane] - constants.mass_empty * Z[_MASS, lane] if constants.burns_fuel > 0.0 else math.inf
+    return Z[X + s.MASS, lane] - constants.mass_empty * Z[s.K_MASS, lane] if constants.burns_fuel > 0.0 else math.inf
 
 
 @lanes
@@ -167,7 +163,7 @@ def surface_saturated(Z, lane, plan, tick):
     if plan.constants.driven > 0.0:
         return Z[s.ANY_SATURATED, lane]
     nominal_limit = plan.constants.surface_limit
-    limit = nominal_limit * Z[_LIMIT, lane]
+    limit = nominal_limit * Z[s.K_LIMIT, lane]
     largest = larger(abs(Z[X + s.AILERON, lane]), abs(Z[X + s.RUDDER, lane]))
     largest = larger(largest, abs(Z[X + s.ELEVATOR, lane]))
     command = larger(abs(Z[s.CMD_AILERON, lane]), abs(Z[s.CMD_RUDDER, lane]))

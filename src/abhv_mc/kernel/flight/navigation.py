@@ -8,10 +8,9 @@ from abhv_mc.kernel.numerics.lane_math import asin, atan2, sincos, two_angles
 from abhv_mc.kernel.numerics.quaternion import rotate_to_body, rotate_to_ned
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.air_data import flow_direction
-from abhv_mc.kernel.plant.state import X, parameter_row
+from abhv_mc.kernel.plant.state import X
 from abhv_mc.kernel.world.atmosphere import atmosphere_lanes
 
-_DENSITY = parameter_row("atmosphere.density")
 _G0 = 9.80665  # m/s2
 SEA_LEVEL_DENSITY = 1.225  # kg/m3, of the equivalent airspeed
 
@@ -81,7 +80,7 @@ def measure_more(Z, width, reference, tick):
     for lane in range(width):
         u, v, w = Z[X + s.U, lane], Z[X + s.V, lane], Z[X + s.W, lane]
         airspeed, _, _, _, _, _ = flow_direction(u - Z[s.AIR_U, lane], v - Z[s.AIR_V, lane], w - Z[s.AIR_W, lane])
-        density = Z[s.M_AIRSPEED, lane] * (Z[_DENSITY, lane] * Z[s.DENSITY_PROFILE, lane])
+        density = Z[s.M_AIRSPEED, lane] * (Z[s.K_DENSITY, lane] * Z[s.DENSITY_PROFILE, lane])
         Z[s.M_EQUIVALENT_AIRSPEED, lane] = airspeed * math.sqrt(density / SEA_LEVEL_DENSITY)
         north, east = Z[s.NORTH, lane] - reference[tick, ref.NORTH], Z[s.EAST, lane] - reference[tick, ref.EAST]
         Z[s.M_CROSS_TRACK, lane] = north * sin_h - east * cos_h

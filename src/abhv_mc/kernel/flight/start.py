@@ -6,19 +6,11 @@ from abhv_mc.kernel.jit import lanes, scalar
 from abhv_mc.kernel.numerics.lane_math import atan2, sincos
 from abhv_mc.kernel.numerics.quaternion import rotate_to_body, rotate_to_ned
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.state import XS, X, parameter_row
+from abhv_mc.kernel.plant.state import XS, X, parameter_rows
 
-_ALTITUDE = parameter_row("initial.altitude")
-_SPEED = parameter_row("initial.speed")
-_PATH = parameter_row("initial.flight_path_angle")
-_HEADING = parameter_row("initial.heading")
-_ALPHA = parameter_row("initial.angle_of_attack")
-_BETA = parameter_row("initial.sideslip")
-_BANK = parameter_row("initial.bank")
-_ROLL_RATE = parameter_row("initial.roll_rate")
-_PITCH_RATE = parameter_row("initial.pitch_rate")
-_YAW_RATE = parameter_row("initial.yaw_rate")
-_MASS = parameter_row("mass.total")
+_ALTITUDE, _SPEED, _PATH, _HEADING, _ALPHA, _BETA, _BANK, _ROLL_RATE, _PITCH_RATE, _YAW_RATE = parameter_rows(
+    "initial.altitude", 10
+)
 
 
 @scalar
@@ -80,8 +72,8 @@ def start_flights(Z, width, initial_state):
         Z[X + s.ROLL_RATE, lane] += Z[_ROLL_RATE, lane]
         Z[X + s.PITCH_RATE, lane] += Z[_PITCH_RATE, lane]
         Z[X + s.YAW_RATE, lane] += Z[_YAW_RATE, lane]
-        Z[X + s.MASS, lane] *= Z[_MASS, lane]
-        Z[s.PER_MASS_FACTOR, lane] = 1.0 / Z[_MASS, lane]
+        Z[X + s.MASS, lane] *= Z[s.K_MASS, lane]
+        Z[s.PER_MASS_FACTOR, lane] = 1.0 / Z[s.K_MASS, lane]
         for i in range(s.N_STATES):
             Z[XS + i, lane] = Z[X + i, lane]
         Z[s.CMD_AILERON, lane] = initial_state[s.AILERON]

@@ -9,11 +9,6 @@ from abhv_mc.kernel.numerics.lane_math import sincos
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.equations import aerodynamic_force, thrust
 from abhv_mc.kernel.plant.slopes import N_INPUTS
-from abhv_mc.kernel.plant.state import variable_row
-
-_ALPHA = variable_row("angle_of_attack")
-_BETA = variable_row("sideslip")
-_ETA = variable_row("equivalence_ratio")
 
 
 @scalar
@@ -35,14 +30,14 @@ def side_force_slope(constants, q_s, side_by_sideslip, drag):
 @lanes
 def nominal_moment(Z, lane, constants, density, q_bar, speed):
     """Moment of the nominal vehicle about its centre of gravity at the measured state and the last commands, N m."""
-    sin_a, cos_a = sincos(Z[_ALPHA, lane])
-    sin_b, cos_b = sincos(Z[_BETA, lane])
+    sin_a, cos_a = sincos(Z[s.V_ALPHA, lane])
+    sin_b, cos_b = sincos(Z[s.V_BETA, lane])
     fx, fy, fz = aerodynamic_force(
         constants, q_bar, Z[s.COEF, lane], Z[s.COEF + 1, lane], Z[s.COEF + 2, lane], sin_a, cos_a, sin_b, cos_b
     )
     t = thrust(
         constants,
-        Z[_ETA, lane],
+        Z[s.V_ETA, lane],
         density,
         speed,
         q_bar,
@@ -77,8 +72,8 @@ def moment_slope(Z, lane, constants, q_bar, first_slope, deflection):
 
     ``first_slope``: row of the coefficients' slopes, see :func:`abhv_mc.kernel.plant.slopes.slopes_of_coefficients`.
     """
-    sin_a, cos_a = sincos(Z[_ALPHA, lane])
-    sin_b, cos_b = sincos(Z[_BETA, lane])
+    sin_a, cos_a = sincos(Z[s.V_ALPHA, lane])
+    sin_b, cos_b = sincos(Z[s.V_BETA, lane])
     row = first_slope + deflection
     fx, fy, fz = aerodynamic_force(
         constants,

@@ -28,22 +28,8 @@ from abhv_mc.kernel.plant.aerodynamics import build_up, look_up
 from abhv_mc.kernel.plant.effectors import set_effectors
 from abhv_mc.kernel.plant.foreign import nominal_coefficients, nominal_slopes, nominal_thrust
 from abhv_mc.kernel.plant.slopes import N_INPUTS, slopes_of_coefficients, table_slopes
-from abhv_mc.kernel.plant.state import LAW, N_COEFFICIENTS, variable_row
+from abhv_mc.kernel.plant.state import LAW, N_COEFFICIENTS
 from abhv_mc.kernel.world.atmosphere import atmosphere_lanes
-
-_ONE = variable_row("one")
-_MACH = variable_row("mach")
-_ALPHA = variable_row("angle_of_attack")
-_BETA = variable_row("sideslip")
-_P_HAT = variable_row("roll_rate_hat")
-_Q_HAT = variable_row("pitch_rate_hat")
-_R_HAT = variable_row("yaw_rate_hat")
-_DELTA_A = variable_row("aileron")
-_DELTA_R = variable_row("rudder")
-_DELTA_E = variable_row("elevator")
-_ETA = variable_row("equivalence_ratio")
-_ALTITUDE = variable_row("altitude")
-_MASS = variable_row("mass")
 
 # The law's memory: integrals of the errors, differentiators' states, trim data of the tick, slopes.
 I_ALTITUDE = LAW
@@ -114,23 +100,23 @@ def tlc_guidance(Z, width, vehicle, reference, gains, settings, k, dt):
 def nominal_variables(Z, width, vehicle, reference, k):
     """Variables of the nominal vehicle at the measured state and the last commands."""
     constants = vehicle.constants
-    atmosphere_lanes(Z, width, s.M_ALTITUDE, RHO_NOM, _MACH)
+    atmosphere_lanes(Z, width, s.M_ALTITUDE, RHO_NOM, s.V_MACH)
     for lane in range(width):
         speed = Z[s.M_SPEED, lane]
         half_inverse = 0.5 / speed
-        Z[_ONE, lane] = 1.0
-        Z[_MACH, lane] = speed * Z[_MACH, lane]
-        Z[_ALPHA, lane] = Z[s.M_ALPHA, lane]
-        Z[_BETA, lane] = Z[s.M_BETA, lane]
-        Z[_P_HAT, lane] = Z[s.M_P, lane] * constants.span * half_inverse
-        Z[_Q_HAT, lane] = Z[s.M_Q, lane] * constants.chord * half_inverse
-        Z[_R_HAT, lane] = Z[s.M_R, lane] * constants.span * half_inverse
-        Z[_DELTA_A, lane] = Z[s.CMD_AILERON, lane]
-        Z[_DELTA_R, lane] = Z[s.CMD_RUDDER, lane]
-        Z[_DELTA_E, lane] = Z[s.CMD_ELEVATOR, lane]
-        Z[_ETA, lane] = Z[s.CMD_ETA, lane]
-        Z[_ALTITUDE, lane] = Z[s.M_ALTITUDE, lane]
-        Z[_MASS, lane] = reference[k, ref.MASS]
+        Z[s.V_ONE, lane] = 1.0
+        Z[s.V_MACH, lane] = speed * Z[s.V_MACH, lane]
+        Z[s.V_ALPHA, lane] = Z[s.M_ALPHA, lane]
+        Z[s.V_BETA, lane] = Z[s.M_BETA, lane]
+        Z[s.V_P_HAT, lane] = Z[s.M_P, lane] * constants.span * half_inverse
+        Z[s.V_Q_HAT, lane] = Z[s.M_Q, lane] * constants.chord * half_inverse
+        Z[s.V_R_HAT, lane] = Z[s.M_R, lane] * constants.span * half_inverse
+        Z[s.V_DELTA_A, lane] = Z[s.CMD_AILERON, lane]
+        Z[s.V_DELTA_R, lane] = Z[s.CMD_RUDDER, lane]
+        Z[s.V_DELTA_E, lane] = Z[s.CMD_ELEVATOR, lane]
+        Z[s.V_ETA, lane] = Z[s.CMD_ETA, lane]
+        Z[s.V_ALTITUDE, lane] = Z[s.M_ALTITUDE, lane]
+        Z[s.V_MASS, lane] = reference[k, ref.MASS]
     set_effectors(Z, width, vehicle.effector_mix)
 
 

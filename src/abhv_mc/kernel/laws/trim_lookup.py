@@ -8,12 +8,11 @@ from abhv_mc.array_types import Floats, Ints
 from abhv_mc.kernel.jit import lanes, scalar
 from abhv_mc.kernel.numerics.lane_memory import aligned_zeros
 from abhv_mc.kernel.numerics.tables import bracket, natural
-from abhv_mc.kernel.plant.state import variable_row
+from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.vehicle import CHUNK
 
 AXES = 3  # Mach, angle of attack, equivalence ratio
 _MACH_AXIS, _ALPHA_AXIS, _ETA_AXIS = range(AXES)
-_MACH = variable_row("mach")
 
 # Rows of the trim tables: rad, -, -, T / (q_bar S), s; and 1 at the nodes that have no trim, else 0.
 TRIM_ROWS = ("elevator", "lift", "drag", "thrust", "specific_impulse", "untrimmed")
@@ -88,7 +87,7 @@ def look_up_trim(Z, W, trim, cells, alpha_row, eta_row, first_row):
 
     The five go to the rows from ``first_row``; the slopes are those with the angle of attack.
     """
-    follow(Z, W, _MACH, trim, _MACH_AXIS, cells)
+    follow(Z, W, s.V_MACH, trim, _MACH_AXIS, cells)
     follow(Z, W, alpha_row, trim, _ALPHA_AXIS, cells)
     follow(Z, W, eta_row, trim, _ETA_AXIS, cells)
     s0, s1, s2 = trim.group_stride[0, 0], trim.group_stride[0, 1], trim.group_stride[0, 2]

@@ -16,7 +16,7 @@ from abhv_mc.kernel.numerics.angles import clamp
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.effectors import count_driven, leave_effectors, share_commands
 from abhv_mc.kernel.plant.equations import thrust
-from abhv_mc.kernel.plant.state import LAW, variable_row
+from abhv_mc.kernel.plant.state import LAW
 
 MAX_MEMORY = 64  # numbers that a law may keep between ticks
 
@@ -32,9 +32,6 @@ N_ROWS = CHANNEL + MAX_CHANNELS - LAW
 
 NOT_FINITE = 4.0  # what abhv_mc.flight.outcome calls so
 
-_MACH = variable_row("mach")
-_ALPHA = variable_row("angle_of_attack")
-_ETA = variable_row("equivalence_ratio")
 _STEP = 1e-6  # rad, and of the equivalence ratio: tables are linear in a cell, so that it need not be tuned
 
 
@@ -93,8 +90,8 @@ def nominal_onboard(plan, memory, width, tick):
         for lane in range(width):
             eta = Z[s.CMD_ETA, lane]
             eta_step = _STEP if eta + _STEP < constants.equivalence_ratio_max else -_STEP
-            Z[_ALPHA, lane] = Z[s.M_ALPHA, lane] + (_STEP if probe == 1 else 0.0)
-            Z[_ETA, lane] = eta + (eta_step if probe == 2 else 0.0)
+            Z[s.V_ALPHA, lane] = Z[s.M_ALPHA, lane] + (_STEP if probe == 1 else 0.0)
+            Z[s.V_ETA, lane] = eta + (eta_step if probe == 2 else 0.0)
         if probe == 0:
             nominal_vehicle(plan, memory, width, plan.user_code)
         else:
@@ -106,7 +103,7 @@ def nominal_onboard(plan, memory, width, tick):
             drag = q_bar * constants.area * Z[s.COEF + 1, lane]
             force = thrust(
                 constants,
-                Z[_ETA, lane],
+                Z[s.V_ETA, lane],
                 density,
                 speed,
                 q_bar,
@@ -116,7 +113,7 @@ def nominal_onboard(plan, memory, width, tick):
             )
             force += Z[s.F_THRUST, lane]  # of an engine function
             if probe == 0:
-                Z[ONBOARD, lane] = Z[_MACH, lane]
+                Z[ONBOARD, lane] = Z[s.V_MACH, lane]
                 Z[ONBOARD + 1, lane] = density
                 Z[ONBOARD + 2, lane] = q_bar
                 m_x, m_y, m_z = nominal_moment(Z, lane, constants, density, q_bar, speed)
@@ -129,7 +126,7 @@ def nominal_onboard(plan, memory, width, tick):
                 Z[_INERTIA, lane], Z[_INERTIA + 1, lane] = Z[s.INERTIA_XX, lane], Z[s.INERTIA_YY, lane]
                 Z[_INERTIA + 2, lane], Z[_INERTIA + 3, lane] = Z[s.INERTIA_ZZ, lane], Z[s.INERTIA_13, lane]
             else:
-                step = Z[_ALPHA, lane] - Z[s.M_ALPHA, lane] if probe == 1 else Z[_ETA, lane] - Z[s.CMD_ETA, lane]
+                step = Z[s.V_ALPHA, lane] - Z[s.M_ALPHA, lane] if probe == 1 else Z[s.V_ETA, lane] - Z[s.CMD_ETA, lane]
                 row = _SLOPES + 3 * (probe - 1)
                 Z[row, lane] = (lift - Z[_LIFT, lane]) / step
                 Z[row + 1, lane] = (drag - Z[_LIFT + 1, lane]) / step

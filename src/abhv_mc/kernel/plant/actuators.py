@@ -24,13 +24,6 @@ from abhv_mc.kernel.plant.actuator_step import (
 )
 from abhv_mc.kernel.plant.state import SUM, XS, X, parameter_row
 
-_K_BANDWIDTH = parameter_row("actuator.bandwidth")
-_K_DAMPING = parameter_row("actuator.damping")
-_K_LIMIT = parameter_row("actuator.deflection_limit")
-_K_RATE = parameter_row("actuator.rate_limit")
-_K_ENGINE_BANDWIDTH = parameter_row("engine.bandwidth")
-_K_ENGINE_DAMPING = parameter_row("engine.damping")
-_K_ENGINE_RATE = parameter_row("engine.rate_limit")
 _K_ETA_LIMIT = parameter_row("engine.equivalence_ratio_limit")
 
 
@@ -47,11 +40,11 @@ def prepare_actuators(Z, width, constants, step):
     """The blocks of the surfaces and of the engine; bandwidth and damping stay over a flight."""
     for lane in range(width):
         for engine in range(2):
-            bandwidth = constants.surface_bandwidth * Z[_K_BANDWIDTH, lane]
-            damping = constants.surface_damping * Z[_K_DAMPING, lane]
+            bandwidth = constants.surface_bandwidth * Z[s.K_BANDWIDTH, lane]
+            damping = constants.surface_damping * Z[s.K_DAMPING, lane]
             if engine:
-                bandwidth = constants.engine_bandwidth * Z[_K_ENGINE_BANDWIDTH, lane]
-                damping = constants.engine_damping * Z[_K_ENGINE_DAMPING, lane]
+                bandwidth = constants.engine_bandwidth * Z[s.K_ENGINE_BANDWIDTH, lane]
+                damping = constants.engine_damping * Z[s.K_ENGINE_DAMPING, lane]
             prepare_actuator(Z, lane, s.ACTUATORS + engine * N_ACTUATOR_ROWS, bandwidth, damping, step)
 
 
@@ -157,7 +150,7 @@ def command_ideal(Z, width, constants):
     if constants.ideal_surfaces > 0.0:
         for i in range(3):
             for lane in range(width):
-                limit = constants.surface_limit * Z[_K_LIMIT, lane]
+                limit = constants.surface_limit * Z[s.K_LIMIT, lane]
                 place_actuator(Z, lane, s.AILERON + i, clamp(Z[s.ACTUATED + i, lane], -limit, limit))
     if constants.ideal_engine > 0.0:
         for lane in range(width):
@@ -186,14 +179,14 @@ def run_actuators(Z, width, constants, step, recorded):
     """Surfaces and engine through a step, after its first stage."""
     low, high, rate_limit = Z[s.LIMITS], Z[s.LIMITS + 1], Z[s.LIMITS + 2]
     for lane in range(width):
-        limit = constants.surface_limit * Z[_K_LIMIT, lane]
+        limit = constants.surface_limit * Z[s.K_LIMIT, lane]
         low[lane], high[lane] = -limit, limit
     for i in range(3):
         if constants.ideal_surfaces > 0.0 and not recorded:
             rest_actuator(Z, width, s.AILERON + i, s.AILERON_RATE + i)
             continue
         for lane in range(width):
-            rate_limit[lane] = constants.surface_rate_limit * Z[_K_RATE, lane] * Z[s.RATE_FACTOR + i, lane]
+            rate_limit[lane] = constants.surface_rate_limit * Z[s.K_RATE, lane] * Z[s.RATE_FACTOR + i, lane]
         run_actuator(Z, width, deflection_rows(i), low, high, rate_limit, step, recorded)
     if constants.ideal_engine > 0.0 and not recorded:
         rest_actuator(Z, width, s.ETA, s.ETA_RATE)
@@ -201,7 +194,7 @@ def run_actuators(Z, width, constants, step, recorded):
     for lane in range(width):
         low[lane] = constants.equivalence_ratio_min
         high[lane] = constants.equivalence_ratio_max * Z[_K_ETA_LIMIT, lane]
-        rate_limit[lane] = constants.engine_rate_limit * Z[_K_ENGINE_RATE, lane]
+        rate_limit[lane] = constants.engine_rate_limit * Z[s.K_ENGINE_RATE, lane]
     run_actuator(Z, width, engine_rows(), low, high, rate_limit, step, recorded)
 
 

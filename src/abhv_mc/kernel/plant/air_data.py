@@ -6,28 +6,8 @@ from abhv_mc.kernel.jit import lanes, scalar
 from abhv_mc.kernel.numerics.lane_math import is_shallow, reciprocals, shallow_angles, sincos, two_angles
 from abhv_mc.kernel.numerics.quaternion import rotate_meridional, rotate_to_body
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.state import XS, parameter_row, variable_row
+from abhv_mc.kernel.plant.state import XS
 from abhv_mc.kernel.world.atmosphere import atmosphere_lanes
-
-_DENSITY = parameter_row("atmosphere.density")
-_WIND_NORTH = parameter_row("wind.north")
-_WIND_EAST = parameter_row("wind.east")
-_SHEAR_NORTH = parameter_row("wind.shear_north")
-_SHEAR_EAST = parameter_row("wind.shear_east")
-
-_ONE = variable_row("one")
-_MACH = variable_row("mach")
-_ALPHA = variable_row("angle_of_attack")
-_BETA = variable_row("sideslip")
-_P_HAT = variable_row("roll_rate_hat")
-_Q_HAT = variable_row("pitch_rate_hat")
-_R_HAT = variable_row("yaw_rate_hat")
-_DELTA_A = variable_row("aileron")
-_DELTA_R = variable_row("rudder")
-_DELTA_E = variable_row("elevator")
-_ETA = variable_row("equivalence_ratio")
-_ALTITUDE = variable_row("altitude")
-_MASS = variable_row("mass")
 
 
 @scalar
@@ -74,8 +54,8 @@ def move_air(Z, width):
     """Velocity of the air at the stage's state ``XS``: wind, linear in the altitude, and the gusts of the tick."""
     for lane in range(width):
         altitude = Z[XS + s.ALTITUDE, lane]
-        wind_n = Z[_WIND_NORTH, lane] + Z[_SHEAR_NORTH, lane] * altitude
-        wind_e = Z[_WIND_EAST, lane] + Z[_SHEAR_EAST, lane] * altitude
+        wind_n = Z[s.K_WIND_NORTH, lane] + Z[s.K_SHEAR_NORTH, lane] * altitude
+        wind_e = Z[s.K_WIND_EAST, lane] + Z[s.K_SHEAR_EAST, lane] * altitude
         q0, q1, q2, q3 = Z[XS + s.Q0, lane], Z[XS + s.Q1, lane], Z[XS + s.Q2, lane], Z[XS + s.Q3, lane]
         wind_u, wind_v, wind_w = rotate_to_body(q0, q1, q2, q3, wind_n, wind_e, 0.0)
         Z[s.AIR_U, lane] = wind_u + Z[s.GUST_U, lane]
@@ -90,7 +70,7 @@ def air_data(Z, width, vehicle, earth):
     The damping terms feel the body rates relative to the air, which turns with the Earth and in rotary gusts.
     """
     constants = vehicle.constants
-    atmosphere_lanes(Z, width, XS + s.ALTITUDE, s.RHO, _MACH)  # 1 / speed of sound, until the Mach number is known
+    atmosphere_lanes(Z, width, XS + s.ALTITUDE, s.RHO, s.V_MACH)  # 1 / speed of sound, until the Mach number is known
     for lane in range(width):
         q0, q1, q2, q3 = Z[XS + s.Q0, lane], Z[XS + s.Q1, lane], Z[XS + s.Q2, lane], Z[XS + s.Q3, lane]
         altitude = Z[XS + s.ALTITUDE, lane]
@@ -99,7 +79,7 @@ def air_data(Z, width, vehicle, earth):
             Z[XS + s.V, lane] - Z[s.AIR_V, lane],
             Z[XS + s.W, lane] - Z[s.AIR_W, lane],
         )
-        rho = Z[s.RHO, lane] * (Z[_DENSITY, lane] * Z[s.DENSITY_PROFILE, lane])
+        rho = Z[s.RHO, lane] * (Z[s.K_DENSITY, lane] * Z[s.DENSITY_PROFILE, lane])
         Z[s.RHO, lane] = rho
         Z[s.Q_BAR, lane] = 0.5 * rho * speed * speed
         Z[s.AIRSPEED, lane] = speed
@@ -117,21 +97,21 @@ def air_data(Z, width, vehicle, earth):
         Z[s.EARTH_Y, lane] = earth_y
         Z[s.EARTH_Z, lane] = earth_z
         half_inverse = 0.5 * per_speed if speed > 1e-9 else 0.0
-        Z[_ONE, lane] = 1.0
-        Z[_MACH, lane] = speed * Z[_MACH, lane]
-        Z[_P_HAT, lane] = (Z[XS + s.ROLL_RATE, lane] - earth_x - Z[s.GUST_P, lane]) * constants.span * half_inverse
-        Z[_Q_HAT, lane] = (Z[XS + s.PITCH_RATE, lane] - earth_y - Z[s.GUST_Q, lane]) * constants.chord * half_inverse
-        Z[_R_HAT, lane] = (Z[XS + s.YAW_RATE, lane] - earth_z - Z[s.GUST_R, lane]) * constants.span * half_inverse
-        Z[_ALTITUDE, lane] = altitude
-        Z[_MASS, lane] = Z[XS + s.MASS, lane] * Z[s.PER_MASS_FACTOR, lane]
-    flow_angles(Z, width, _ALPHA, _BETA)
+        Z[s.V_ONE, lane] = 1.0
+        Z[s.V_MACH, lane] = speed * Z[s.V_MACH, lane]
+        Z[s.V_P_HAT, lane] = (Z[XS + s.ROLL_RATE, lane] - earth_x - Z[s.GUST_P, lane]) * constants.span * half_inverse
+        Z[s.V_Q_HAT, lane] = (Z[XS + s.PITCH_RATE, lane] - earth_y - Z[s.GUST_Q, lane]) * constants.chord * half_inverse
+        Z[s.V_R_HAT, lane] = (Z[XS + s.YAW_RATE, lane] - earth_z - Z[s.GUST_R, lane]) * constants.span * half_inverse
+        Z[s.V_ALTITUDE, lane] = altitude
+        Z[s.V_MASS, lane] = Z[XS + s.MASS, lane] * Z[s.PER_MASS_FACTOR, lane]
+    flow_angles(Z, width, s.V_ALPHA, s.V_BETA)
 
 
 @lanes
 def deflections(Z, width):
     """Effective deflections and equivalence ratio of the stage, as the aerodynamics see them."""
     for lane in range(width):
-        Z[_DELTA_A, lane] = Z[s.EFFECT, lane] * Z[XS + s.AILERON, lane]
-        Z[_DELTA_R, lane] = Z[s.EFFECT + 1, lane] * Z[XS + s.RUDDER, lane]
-        Z[_DELTA_E, lane] = Z[s.EFFECT + 2, lane] * Z[XS + s.ELEVATOR, lane]
-        Z[_ETA, lane] = Z[XS + s.ETA, lane]
+        Z[s.V_DELTA_A, lane] = Z[s.EFFECT, lane] * Z[XS + s.AILERON, lane]
+        Z[s.V_DELTA_R, lane] = Z[s.EFFECT + 1, lane] * Z[XS + s.RUDDER, lane]
+        Z[s.V_DELTA_E, lane] = Z[s.EFFECT + 2, lane] * Z[XS + s.ELEVATOR, lane]
+        Z[s.V_ETA, lane] = Z[XS + s.ETA, lane]

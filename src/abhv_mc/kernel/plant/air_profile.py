@@ -47,15 +47,9 @@ def nominal_wind(Z, width, profile):
     if profile.shape[0] > 0:
         for lane in range(width):
             altitude = Z[XS + s.ALTITUDE, lane]
-            u, v, w = rotate_to_body(
-                Z[XS + s.Q0, lane],
-                Z[XS + s.Q1, lane],
-                Z[XS + s.Q2, lane],
-                Z[XS + s.Q3, lane],
-                between_knots(profile, _NORTH, altitude),
-                between_knots(profile, _EAST, altitude),
-                0.0,
-            )
+            north, east = between_knots(profile, _NORTH, altitude), between_knots(profile, _EAST, altitude)
+            q0, q1, q2, q3 = Z[XS + s.Q0, lane], Z[XS + s.Q1, lane], Z[XS + s.Q2, lane], Z[XS + s.Q3, lane]
+            u, v, w = rotate_to_body(q0, q1, q2, q3, north, east, 0.0)
             Z[s.AIR_U, lane] += u
             Z[s.AIR_V, lane] += v
             Z[s.AIR_W, lane] += w

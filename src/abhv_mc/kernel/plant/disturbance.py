@@ -133,15 +133,9 @@ def gust(Z, width, time):
     for lane in range(width):
         distance = Z[s.SPEED, lane] * (time - Z[_GUST_START, lane])
         share = one_minus_cosine(distance, Z[_GUST_LENGTH, lane])
-        u, v, w = rotate_to_body(
-            Z[X + s.Q0, lane],
-            Z[X + s.Q1, lane],
-            Z[X + s.Q2, lane],
-            Z[X + s.Q3, lane],
-            share * Z[_GUST, lane],
-            share * Z[_GUST + 1, lane],
-            share * Z[_GUST + 2, lane],
-        )
+        q0, q1, q2, q3 = Z[X + s.Q0, lane], Z[X + s.Q1, lane], Z[X + s.Q2, lane], Z[X + s.Q3, lane]
+        north, east, down = share * Z[_GUST, lane], share * Z[_GUST + 1, lane], share * Z[_GUST + 2, lane]
+        u, v, w = rotate_to_body(q0, q1, q2, q3, north, east, down)
         Z[s.GUST_U, lane] += u
         Z[s.GUST_V, lane] += v
         Z[s.GUST_W, lane] += w

@@ -14,7 +14,7 @@ from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.actuator_step import N_ACTUATOR_ROWS
 from abhv_mc.kernel.plant.actuators import Actuator, prepare_actuator, run_actuator
 from abhv_mc.kernel.plant.disturbance import any_lane
-from abhv_mc.kernel.plant.state import VAR, XS, X, parameter_row, variable_row
+from abhv_mc.kernel.plant.state import VAR, XS, X
 from abhv_mc.kernel.plant.vehicle import BANDWIDTH, DAMPING, HIGH, IDEAL, LOW, MAX_ACTUATORS, RATE
 
 # Rows of an effector: position, rate, the position of the stages, both after the step, its command, the factor on its
@@ -22,13 +22,6 @@ from abhv_mc.kernel.plant.vehicle import BANDWIDTH, DAMPING, HIGH, IDEAL, LOW, M
 POSITION, MOVES, STAGE, NEXT, NEXT_RATE, COMMAND, SLOWED, BLOCK = range(8)
 N_EFFECTOR_ROWS = BLOCK + N_ACTUATOR_ROWS
 A_ROWS = MAX_ACTUATORS * N_EFFECTOR_ROWS
-
-_EFFECTOR = variable_row("effector_0")
-_DELTA = variable_row("aileron")  # then rudder and elevator
-_K_BANDWIDTH = parameter_row("actuator.bandwidth")
-_K_DAMPING = parameter_row("actuator.damping")
-_K_LIMIT = parameter_row("actuator.deflection_limit")
-_K_RATE = parameter_row("actuator.rate_limit")
 
 
 @lanes
@@ -43,8 +36,8 @@ def set_effectors(Z, width, mix):
     for e in range(mix.shape[0]):
         aileron, rudder, elevator = mix[e, 0], mix[e, 1], mix[e, 2]
         for lane in range(width):
-            Z[_EFFECTOR + e, lane] = (
-                aileron * Z[_DELTA, lane] + rudder * Z[_DELTA + 1, lane] + elevator * Z[_DELTA + 2, lane]
+            Z[s.V_EFFECTOR + e, lane] = (
+                aileron * Z[s.V_DELTA_A, lane] + rudder * Z[s.V_DELTA_A + 1, lane] + elevator * Z[s.V_DELTA_A + 2, lane]
             )
 
 
@@ -69,7 +62,7 @@ def place_effectors(Z, A, width, vehicle, failing, without):
         set_effectors(Z, width, vehicle.effector_mix)
         if failing:
             for e in range(vehicle.effector_mix.shape[0]):
-                fail_effector(Z, width, _EFFECTOR + e, e)
+                fail_effector(Z, width, s.V_EFFECTOR + e, e)
 
 
 @lanes
@@ -127,13 +120,13 @@ def start_effectors(Z, A, width, vehicle, step):
     for e in range(count_driven(vehicle)):
         first = e * N_EFFECTOR_ROWS
         for lane in range(width):
-            bandwidth = actuator[e, BANDWIDTH] * Z[_K_BANDWIDTH, lane]
-            damping = actuator[e, DAMPING] * Z[_K_DAMPING, lane]
+            bandwidth = actuator[e, BANDWIDTH] * Z[s.K_BANDWIDTH, lane]
+            damping = actuator[e, DAMPING] * Z[s.K_DAMPING, lane]
             prepare_actuator(A, lane, first + BLOCK, bandwidth, damping, step)
             mixed = 0.0
             for i in range(3):
                 mixed += mix[e, i] * Z[X + s.AILERON + i, lane]
-            factor = Z[_K_LIMIT, lane]
+            factor = Z[s.K_LIMIT, lane]
             mixed = clamp(mixed, actuator[e, LOW] * factor, actuator[e, HIGH] * factor)
             A[first + POSITION, lane], A[first + STAGE, lane] = mixed, mixed
             A[first + MOVES, lane] = 0.0
@@ -167,7 +160,7 @@ def command_effectors(Z, A, width, vehicle):
                 mixed += mix[e, i] * Z[s.ACTUATED + i, lane]
             given = Z[s.EFFECTOR_COMMAND + e, lane]
             asked = mixed if given == math.inf else given
-            factor = Z[_K_LIMIT, lane]
+            factor = Z[s.K_LIMIT, lane]
             Z[s.EFFECTOR_ASKED + e, lane] = asked
             A[first + COMMAND, lane] = clamp(asked, actuator[e, LOW] * factor, actuator[e, HIGH] * factor)
             A[first + SLOWED, lane] = 1.0
@@ -185,7 +178,7 @@ def begin_effectors(Z, A, width, vehicle):
             for lane in range(width):
                 A[first + POSITION, lane], A[first + STAGE, lane] = A[first + COMMAND, lane], A[first + COMMAND, lane]
         for lane in range(width):
-            low, high = actuator[e, LOW] * Z[_K_LIMIT, lane], actuator[e, HIGH] * Z[_K_LIMIT, lane]
+            low, high = actuator[e, LOW] * Z[s.K_LIMIT, lane], actuator[e, HIGH] * Z[s.K_LIMIT, lane]
             at, asked = A[first + POSITION, lane], Z[s.EFFECTOR_ASKED + e, lane]
             saturated = high > low and (at <= low or at >= high or asked <= low or asked >= high)
             Z[s.EFFECTOR_AT + e, lane] = at
@@ -206,9 +199,9 @@ def run_effectors(Z, A, width, vehicle, step):
                 A[first + NEXT, lane], A[first + NEXT_RATE, lane] = A[first + POSITION, lane], 0.0
         else:
             for lane in range(width):
-                factor = Z[_K_LIMIT, lane]
+                factor = Z[s.K_LIMIT, lane]
                 low[lane], high[lane] = actuator[e, LOW] * factor, actuator[e, HIGH] * factor
-                rate_limit[lane] = actuator[e, RATE] * Z[_K_RATE, lane] * A[first + SLOWED, lane]
+                rate_limit[lane] = actuator[e, RATE] * Z[s.K_RATE, lane] * A[first + SLOWED, lane]
             rows = Actuator(
                 first + POSITION,
                 first + MOVES,

@@ -11,30 +11,12 @@ from abhv_mc.kernel.jit import lanes, scalar
 from abhv_mc.kernel.numerics.lane_math import reciprocals
 from abhv_mc.kernel.numerics.quaternion import quaternion_rate, rotate_meridional, rotate_to_body, rotate_to_ned
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.state import SUM, XS, X, parameter_row
+from abhv_mc.kernel.plant.state import SUM, XS, X, parameter_rows
 from abhv_mc.kernel.world.earth import gravity_ned, radii
 
 _LIFT, _DRAG, _SIDE_FORCE, _ROLL, _PITCH, _YAW = range(s.COEF, s.COEF + 6)
 
-_K_LIFT = parameter_row("aero.lift")
-_K_DRAG = parameter_row("aero.drag")
-_K_SIDE_FORCE = parameter_row("aero.side_force")
-_K_ROLL = parameter_row("aero.rolling_moment")
-_K_PITCH = parameter_row("aero.pitching_moment")
-_K_YAW = parameter_row("aero.yawing_moment")
-_D_LIFT = parameter_row("aero.lift.increment")
-_D_DRAG = parameter_row("aero.drag.increment")
-_D_PITCH = parameter_row("aero.pitching_moment.increment")
-_K_THRUST = parameter_row("propulsion.thrust")
-_K_ISP = parameter_row("propulsion.specific_impulse")
-_K_MASS = parameter_row("mass.total")
-_K_XX = parameter_row("mass.inertia_xx")
-_K_YY = parameter_row("mass.inertia_yy")
-_K_ZZ = parameter_row("mass.inertia_zz")
-_K_13 = parameter_row("mass.inertia_13")
-_CG_X = parameter_row("mass.center_of_gravity_x")
-_CG_Y = parameter_row("mass.center_of_gravity_y")
-_CG_Z = parameter_row("mass.center_of_gravity_z")
+_K_LIFT, _K_DRAG, _K_SIDE_FORCE, _K_ROLL, _K_PITCH, _K_YAW, _D_LIFT, _D_DRAG, _D_PITCH = parameter_rows("aero.lift", 9)
 
 
 @scalar
@@ -125,7 +107,7 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
         )
         isp = Z[s.ISP, lane]
         # A vehicle without an empty mass keeps its mass and its engine.
-        fuel_left = mass > constants.mass_empty * Z[_K_MASS, lane] or constants.burns_fuel == 0.0
+        fuel_left = mass > constants.mass_empty * Z[s.K_MASS, lane] or constants.burns_fuel == 0.0
         nominal_thrust = thrust(
             constants,
             Z[XS + s.ETA, lane],
@@ -137,17 +119,17 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
             Z[s.THRUST_AREA, lane],
         )
         nominal_thrust = nominal_thrust * Z[s.ENGINE_THRUST, lane] if fuel_left else 0.0
-        t = Z[_K_THRUST, lane] * nominal_thrust
+        t = Z[s.K_THRUST, lane] * nominal_thrust
         Z[s.THRUST, lane] = t
-        fuel_divisor = constants.standard_gravity * isp * Z[_K_ISP, lane]
+        fuel_divisor = constants.standard_gravity * isp * Z[s.K_ISP, lane]
         per_mass, per_fuel = reciprocals(mass, fuel_divisor if fuel_divisor > 0.0 else 1.0)
         # The thrust factor is thrust at the same fuel flow.
         fuel_flow = nominal_thrust * per_fuel if fuel_divisor > 0.0 and constants.burns_fuel > 0.0 else 0.0
         tx = t * constants.thrust_cos
         tz = -t * constants.thrust_sin
-        cg_x = Z[s.CG_X, lane] + Z[_CG_X, lane]
-        cg_y = Z[_CG_Y, lane]
-        cg_z = Z[s.CG_Z, lane] + Z[_CG_Z, lane]
+        cg_x = Z[s.CG_X, lane] + Z[s.K_CG_X, lane]
+        cg_y = Z[s.K_CG_Y, lane]
+        cg_z = Z[s.CG_Z, lane] + Z[s.K_CG_Z, lane]
         arm = constants.thrust_offset_z - cg_z
         q_s = q_bar * constants.area
         mx = q_s * constants.span * Z[_K_ROLL, lane] * Z[_ROLL, lane] - cg_y * (fz + tz) + cg_z * fy
@@ -165,10 +147,10 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
             mz += Z[s.F_MOMENT + 2, lane] - arm_y * tx
 
         # Rotation.
-        ixx = Z[s.INERTIA_XX, lane] * Z[_K_XX, lane]
-        iyy = Z[s.INERTIA_YY, lane] * Z[_K_YY, lane]
-        izz = Z[s.INERTIA_ZZ, lane] * Z[_K_ZZ, lane]
-        i13 = Z[s.INERTIA_13, lane] * Z[_K_13, lane]
+        ixx = Z[s.INERTIA_XX, lane] * Z[s.K_XX, lane]
+        iyy = Z[s.INERTIA_YY, lane] * Z[s.K_YY, lane]
+        izz = Z[s.INERTIA_ZZ, lane] * Z[s.K_ZZ, lane]
+        i13 = Z[s.INERTIA_13, lane] * Z[s.K_13, lane]
         p_dot, q_dot, r_dot = angular_acceleration(ixx, iyy, izz, i13, p, q, r, mx, my, mz)
         accumulate(Z, lane, s.ROLL_RATE, p_dot, stage)
         accumulate(Z, lane, s.PITCH_RATE, q_dot, stage)

@@ -13,7 +13,7 @@ from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.disturbance import any_lane
 from abhv_mc.kernel.plant.effectors import COMMAND, MOVES, N_EFFECTOR_ROWS, POSITION, SLOWED, command_effectors
 from abhv_mc.kernel.plant.parameter_names import AXES, EFFECTORS, ENGINES, FAILURE_TIMES, NEVER
-from abhv_mc.kernel.plant.state import XS, X, parameter_row, variable_row
+from abhv_mc.kernel.plant.state import XS, X, parameter_row, parameter_rows
 from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
 
 N_AXES, N_EFFECTORS, N_ENGINES = len(AXES), len(EFFECTORS), len(ENGINES)
@@ -31,19 +31,10 @@ _MORE_HOW = parameter_row(f"failure.{EFFECTORS[_N_FIRST]}.stuck_at")
 _ENGINE_TIMES, _ENGINE_DURATION, _ENGINE_FACTOR = (
     parameter_row(f"failure.{ENGINES[0]}.{name}") for name in ("time", "duration", "thrust")
 )
-_ENGINE_BANDWIDTH = parameter_row("engine.bandwidth")
-_ENGINE_DAMPING = parameter_row("engine.damping")
-_DURATION = parameter_row("failure.engine.duration")
-_THRUST = parameter_row("failure.engine.thrust")
-_DRAG = parameter_row("failure.engine.drag_increment")
-_PITCH = parameter_row("failure.engine.pitching_moment_increment")
+_DURATION, _THRUST, _DRAG, _PITCH = parameter_rows("failure.engine.duration", 4)
 _BIAS = parameter_row("failure.sensor.altitude.bias")
-_RATE_LIMIT = parameter_row("actuator.rate_limit")
 _EFFECTIVENESS = parameter_row("control.aileron_effectiveness")
 _EFFECTOR_EFFECTIVENESS = parameter_row(f"control.{EFFECTORS[0]}_effectiveness")
-_MACH = variable_row("mach")
-_ALPHA = variable_row("angle_of_attack")
-_BETA = variable_row("sideslip")
 
 
 class Failures(NamedTuple):
@@ -129,7 +120,7 @@ def fail_surfaces(Z, width, constants, time):
             factor = Z[_HOW + 3 * i + 2, lane] if slow else 1.0
             Z[s.EFFECT + i, lane] = Z[_EFFECTIVENESS + i, lane] * (Z[_HOW + 3 * i + 1, lane] if lost else 1.0)
             Z[s.RATE_FACTOR + i, lane] = factor
-            fastest = constants.surface_rate_limit * Z[_RATE_LIMIT, lane] * factor
+            fastest = constants.surface_rate_limit * Z[s.K_RATE, lane] * factor
             rate = Z[X + s.AILERON_RATE + i, lane]
             rate = clamp(rate, -fastest, fastest) if slow else rate
             asked, held = Z[_HOW + 3 * i, lane], Z[s.STUCK_SURFACE + i, lane]
@@ -197,7 +188,7 @@ def fail_effectors(Z, A, width, vehicle, time, tick):
                 mixed += mix[e, i] * (Z[s.EFFECT + i, lane] * Z[X + s.AILERON + i, lane])
             stuck, lost, slow = has_failed(Z, lane, times, time)
             factor = Z[how + 2, lane]
-            farthest = constants.surface_rate_limit * Z[_RATE_LIMIT, lane] * factor * reach * tick
+            farthest = constants.surface_rate_limit * Z[s.K_RATE, lane] * factor * reach * tick
             last = Z[s.SLOW_EFFECTOR + e, lane]
             near = mixed if last == NEVER else clamp(mixed, last - farthest, last + farthest)
             Z[s.SLOW_EFFECTOR + e, lane] = near if slow else NEVER
@@ -225,8 +216,8 @@ def fail_engine(Z, width, constants, time, tick):
     """
     inlet = constants.inlet
     for lane in range(width):
-        damping = constants.engine_damping * Z[_ENGINE_DAMPING, lane]
-        lag = 2.0 * damping / (constants.engine_bandwidth * Z[_ENGINE_BANDWIDTH, lane])
+        damping = constants.engine_damping * Z[s.K_ENGINE_DAMPING, lane]
+        lag = 2.0 * damping / (constants.engine_bandwidth * Z[s.K_ENGINE_BANDWIDTH, lane])
         since = time - Z[_ENGINE_TIME, lane]
         timed = since >= -_SAME_TIME and since < Z[_DURATION, lane] - _SAME_TIME
         unstarted = Z[s.UNSTARTED, lane] > 0.0
@@ -253,8 +244,8 @@ def fail_engines(Z, width, vehicle, whole_fails, time, tick):
     """
     constants = vehicle.constants
     for lane in range(width):
-        damping = constants.engine_damping * Z[_ENGINE_DAMPING, lane]
-        lag = 2.0 * damping / (constants.engine_bandwidth * Z[_ENGINE_BANDWIDTH, lane])
+        damping = constants.engine_damping * Z[s.K_ENGINE_DAMPING, lane]
+        lag = 2.0 * damping / (constants.engine_bandwidth * Z[s.K_ENGINE_BANDWIDTH, lane])
         lag = 0.0 if constants.ideal_engine > 0.0 else lag
         left, x, y, z, some = 1.0, 0.0, 0.0, 0.0, False
         for i in range(vehicle.engines.shape[0]):
@@ -281,7 +272,7 @@ def watch_inlet(Z, width, inlet, time):
     It starts again when the flow has been inside its range for the restart delay.
     """
     for lane in range(width):
-        alpha, beta, mach = Z[_ALPHA, lane], Z[_BETA, lane], Z[_MACH, lane]
+        alpha, beta, mach = Z[s.V_ALPHA, lane], Z[s.V_BETA, lane], Z[s.V_MACH, lane]
         inside = (
             alpha >= inlet.angle_of_attack_min
             and alpha <= inlet.angle_of_attack_max

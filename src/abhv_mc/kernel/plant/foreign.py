@@ -11,20 +11,11 @@ from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.disturbance import any_lane
 from abhv_mc.kernel.plant.effectors import place_effectors, set_effectors
 from abhv_mc.kernel.plant.slopes import N_INPUTS
-from abhv_mc.kernel.plant.state import N_COEFFICIENTS, XS, parameter_row, variable_row
+from abhv_mc.kernel.plant.state import N_COEFFICIENTS, XS, parameter_row
 
 STEP = 1e-5  # rad: slopes by central differences
-_K_PART = parameter_row("aero.lift.sideslip")  # seven of each coefficient, in the order of these variables
-_VARIABLES = ("sideslip", "roll_rate_hat", "pitch_rate_hat", "yaw_rate_hat", "aileron", "rudder", "elevator")
-N_PARTS = len(_VARIABLES)
-_BETA, _P_HAT, _Q_HAT, _R_HAT = (variable_row(name) for name in _VARIABLES[:4])
-_DELTA = variable_row("aileron")  # then rudder and elevator
-_K_THRUST = parameter_row("propulsion.thrust")
-_K_ISP = parameter_row("propulsion.specific_impulse")
-_K_MASS = parameter_row("mass.total")
-_CG_X = parameter_row("mass.center_of_gravity_x")
-_CG_Y = parameter_row("mass.center_of_gravity_y")
-_CG_Z = parameter_row("mass.center_of_gravity_z")
+_K_PART = parameter_row("aero.lift.sideslip")  # and so on for each coefficient, in the order of the variables
+N_PARTS = s.V_DELTA_E - s.V_BETA + 1  # sideslip, rates and deflections
 
 
 @lanes
@@ -42,12 +33,6 @@ def call_aerodynamics(Z, foreign, user_code):
     """Coefficients at the variables, in stability axes."""
     given = foreign.aerodynamics_settings
     call_address(user_code.aerodynamics, 0, Z, given, given, given, 0, 0.0)
-
-
-@lanes
-def part_row(part):
-    """Row of the variable of a part."""
-    return _BETA if part == 0 else _P_HAT + part - 1 if part < 4 else _DELTA + part - 4
 
 
 @lanes
@@ -75,7 +60,7 @@ def foreign_coefficients(Z, A, width, vehicle, user_code, failing):
 @lanes
 def add_part(Z, A, width, vehicle, user_code, failing, part):
     """Add to the rows ``F_COEF`` what one variable's dispersions change. ``Z[COEF]`` is as it was found afterwards."""
-    row = part_row(part)
+    row = s.V_BETA + part
     for lane in range(width):
         Z[s.F_MASS, lane] = Z[row, lane]
         Z[row, lane] = 0.0
@@ -116,7 +101,7 @@ def nominal_slopes(Z, width, vehicle, user_code, first_row):
         for lane in range(width):
             Z[s.F_COEF + c, lane] = Z[s.COEF + c, lane]
     for i in range(N_INPUTS):
-        row = _DELTA + i if i < 3 else _BETA
+        row = s.V_DELTA_A + i if i < 3 else s.V_BETA
         for lane in range(width):
             Z[s.F_MASS, lane] = Z[row, lane]
         for side in range(2):
@@ -167,17 +152,17 @@ def foreign_thrust(Z, width, vehicle, user_code):
     for lane in range(width):
         mass = Z[XS + s.MASS, lane]
         # A vehicle without an empty mass keeps its engine.
-        has_fuel = mass > constants.mass_empty * Z[_K_MASS, lane] or constants.burns_fuel == 0.0
+        has_fuel = mass > constants.mass_empty * Z[s.K_MASS, lane] or constants.burns_fuel == 0.0
         runs = Z[s.ENGINE_THRUST, lane] if has_fuel else 0.0
-        factor = Z[_K_THRUST, lane] * runs
+        factor = Z[s.K_THRUST, lane] * runs
         tx, ty, tz = factor * Z[s.F_THRUST, lane], factor * Z[s.F_THRUST + 1, lane], factor * Z[s.F_THRUST + 2, lane]
-        arm_x = Z[s.ENGINE_ARM, lane] - Z[s.CG_X, lane] - Z[_CG_X, lane]
-        arm_y = Z[s.ENGINE_ARM + 1, lane] - Z[_CG_Y, lane]
-        arm_z = Z[s.ENGINE_ARM + 2, lane] - Z[s.CG_Z, lane] - Z[_CG_Z, lane]
+        arm_x = Z[s.ENGINE_ARM, lane] - Z[s.CG_X, lane] - Z[s.K_CG_X, lane]
+        arm_y = Z[s.ENGINE_ARM + 1, lane] - Z[s.K_CG_Y, lane]
+        arm_z = Z[s.ENGINE_ARM + 2, lane] - Z[s.CG_Z, lane] - Z[s.K_CG_Z, lane]
         Z[s.F_MOMENT, lane] = factor * Z[s.F_MOMENT, lane] + arm_y * tz - arm_z * ty
         Z[s.F_MOMENT + 1, lane] = factor * Z[s.F_MOMENT + 1, lane] + arm_z * tx - arm_x * tz
         Z[s.F_MOMENT + 2, lane] = factor * Z[s.F_MOMENT + 2, lane] + arm_x * ty - arm_y * tx
-        per_mass, per_isp = reciprocals(mass, Z[_K_ISP, lane])
+        per_mass, per_isp = reciprocals(mass, Z[s.K_ISP, lane])
         Z[s.F_THRUST, lane], Z[s.F_THRUST + 1, lane], Z[s.F_THRUST + 2, lane] = tx, ty, tz
         Z[s.F_FUEL_FLOW, lane] = runs * Z[s.F_FUEL_FLOW, lane] * per_isp if constants.burns_fuel > 0.0 else 0.0
         Z[s.F_MASS, lane] = per_mass

@@ -126,6 +126,21 @@ def parameter_row(name: str) -> int:
     return P + PARAMETER_INDEX[name]
 
 
+def parameter_rows(first: str, count: int) -> range:
+    """Rows of so many parameters from the first on."""
+    return range(parameter_row(first), parameter_row(first) + count)
+
+
 def variable_row(name: str) -> int:
     """Row of a variable in the lane memory."""
     return VAR + VARIABLES.index(name)
+
+
+# Rows that more than one part reads: variables, and dispersions of mass and inertia, engine, actuators, air.
+V_ONE, V_MACH, V_ALPHA, V_BETA, V_P_HAT, V_Q_HAT, V_R_HAT, V_DELTA_A, V_DELTA_R, V_DELTA_E = range(VAR, VAR + 10)
+V_ETA, V_ALTITUDE, V_MASS, V_EFFECTOR = range(VAR + 10, VAR + 14)
+K_MASS, K_XX, K_YY, K_ZZ, K_13, K_CG_X, K_CG_Y, K_CG_Z = parameter_rows("mass.total", 8)
+K_THRUST, K_ISP = parameter_rows("propulsion.thrust", 2)
+K_BANDWIDTH, K_DAMPING, K_LIMIT, K_RATE = parameter_rows("actuator.bandwidth", 4)
+K_ENGINE_BANDWIDTH, K_ENGINE_DAMPING, K_ENGINE_RATE = parameter_rows("engine.bandwidth", 3)
+K_DENSITY, K_WIND_NORTH, K_WIND_EAST, K_SHEAR_NORTH, K_SHEAR_EAST = parameter_rows("atmosphere.density", 5)

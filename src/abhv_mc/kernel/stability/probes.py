@@ -46,18 +46,22 @@ def _load(Z, row, width, values, numbers, start, n):
 
 
 @lanes
+def _store(Z, row, values, start, n):
+    """Rows from ``row`` into the points [point, column] from ``start`` on."""
+    for lane in range(n):
+        for i in range(values.shape[1]):
+            values[start + lane, i] = Z[row + i, lane]
+
+
+@lanes
 def _begin(plan, memory, width, active, tick, sensed, acting, start, n):
     Z, tick_length = memory.Z, plan.timing.step * plan.timing.steps_per_tick
     begin_tick(plan, memory, width, active, tick)
-    for lane in range(n):
-        for i in range(sensed.shape[1]):
-            sensed[start + lane, i] = Z[i, lane]
+    _store(Z, 0, sensed, start, n)
     pass_commands(Z, width)
     if active is not None:
         fail_plant(Z, memory.A, width, active.failures, plan.vehicle, tick * tick_length, tick_length)
-    for lane in range(n):
-        for i in range(acting.shape[1]):
-            acting[start + lane, i] = Z[i, lane]
+    _store(Z, 0, acting, start, n)
 
 
 @lanes
@@ -109,24 +113,15 @@ def _answer(plan, memory, width, active, held, tick, answer, start, n):
             fail_plant(Z, memory.A, width, active.failures, plan.vehicle, tick * tick_length, tick_length)
         found = active.failures
         failures = Failures(found.surfaces, True, found.engine, found.engines, found.sensors)
-        evaluate(
-            plan,
-            memory,
-            width,
-            Stage(1.0, 0.0),
-            Active(active.disturbances, active.sensor_errors, failures, True),
-        )
+        here = Active(active.disturbances, active.sensor_errors, failures, True)
+        evaluate(plan, memory, width, Stage(1.0, 0.0), here)
         navigate(Z, width, tick_length, tick == 0)
         instruments(plan, Z, width, active, 1)
         if active.failures.sensors:
             fail_sensors(Z, width, tick * tick_length)
-    for lane in range(n):
-        for i in range(answer.rates.shape[1]):
-            answer.rates[start + lane, i] = Z[SUM + i, lane]
-        for i in range(answer.variables.shape[1]):
-            answer.variables[start + lane, i] = Z[s.VAR + i, lane]
-        for i in range(answer.measured.shape[1]):
-            answer.measured[start + lane, i] = Z[s.MEASURED + i, lane]
+    _store(Z, SUM, answer.rates, start, n)
+    _store(Z, s.VAR, answer.variables, start, n)
+    _store(Z, s.MEASURED, answer.measured, start, n)
 
 
 @lanes

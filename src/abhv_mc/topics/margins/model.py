@@ -147,6 +147,7 @@ def least_margins(margins: Margins, controller: str) -> LeastMargins | None:
     *loops, together = entry.nominal
     if not together.stable:
         return LeastMargins(stable=False)
+    loops = [row for row in loops if row.counts]
     gain, loop = min((row.gain_db, row.loop) for row in loops)
     phases = [(row.phase_margin_deg, row.loop) for row in loops if row.phase_margin_deg]
     phase, which = min(phases, default=(np.inf, loop))

@@ -16,7 +16,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import ALL_SENSORS, PARAMETER_INDEX, SCALED_SENSORS
 from abhv_mc.stability.periods import LONGEST
-from abhv_mc.stability.slopes import Points
+from abhv_mc.stability.point_slopes import Points
 
 if TYPE_CHECKING:
     from abhv_mc.stability.linearize import Linear
@@ -24,30 +24,24 @@ if TYPE_CHECKING:
 _LAG, _INTERVAL, _SCALE = (PARAMETER_INDEX[f"sensor.altitude_{what}"] for what in ("lag", "interval", "scale"))
 
 
-def sensor_lags(plan: FlightPlan, parameters: Floats) -> Floats:
-    """Time constants [point, measured], s, of ``parameters`` [point, parameter]."""
-    return np.maximum(parameters[:, _LAG : _LAG + measured_count(plan)], 0.0)
-
-
 def sensor_ticks(plan: FlightPlan, parameters: Floats) -> Ints:
-    """Control periods between samples [point, measured]."""
+    """Control periods between samples [point, measured], of ``parameters`` [point, parameter]."""
     ticks = parameters[:, _INTERVAL : _INTERVAL + measured_count(plan)] / plan.timing.tick + 0.5
     return np.maximum(ticks.astype(np.int64), 1)
 
 
+def _sensors(plan: FlightPlan, points: Points) -> tuple[Floats, Floats, Ints, Ints, Ints]:
+    """Parameters, lags in control periods and ticks between samples [point, ...]; which sensors are late, and held."""
+    given = points.lane[:, s.P : s.P + s.N_PARAMETERS]
+    lag = np.maximum(given[:, _LAG : _LAG + measured_count(plan)], 0.0) / plan.timing.tick
+    ticks = sensor_ticks(plan, given)
+    return given, lag, ticks, np.flatnonzero((lag > 0.0).any(axis=0)), np.flatnonzero((ticks > 1).any(axis=0))
+
+
 def sensor_states(plan: FlightPlan, points: Points) -> list[str]:
     """Names of the states that sensors add to the law's memory."""
-    given = _parameters(points)
-    late, held = _late_and_held(sensor_lags(plan, given), sensor_ticks(plan, given))
+    _, _, _, late, held = _sensors(plan, points)
     return [f"{ALL_SENSORS[i]}_late" for i in late] + [f"{ALL_SENSORS[i]}_held" for i in held]
-
-
-def _parameters(points: Points) -> Floats:
-    return points.lane[:, s.P : s.P + s.N_PARAMETERS]
-
-
-def _late_and_held(lag: Floats, ticks: Ints) -> tuple[Ints, Ints]:
-    return np.flatnonzero((lag > 0.0).any(axis=0)), np.flatnonzero((ticks > 1).any(axis=0))
 
 
 def repeats_after(ticks: Ints, law: int) -> int:
@@ -64,12 +58,10 @@ def add_sensors(plan: FlightPlan, points: Points, phases: "tuple[Linear, ...]") 
 
     Raises InputError for intervals that repeat too late, or are not the same at all points.
     """
-    given = _parameters(points)
-    lag, ticks = sensor_lags(plan, given), sensor_ticks(plan, given)
+    given, lag, ticks, late, held = _sensors(plan, points)
     scale = np.ones_like(lag)
     scaled = [i for i, name in enumerate(SCALED_SENSORS) if ALL_SENSORS.index(name) < scale.shape[1]]
     scale[:, [ALL_SENSORS.index(SCALED_SENSORS[i]) for i in scaled]] = given[:, [_SCALE + i for i in scaled]]
-    late, held = _late_and_held(lag, ticks)
     if not late.size and not held.size and (scale == 1.0).all():
         return phases
     if (ticks != ticks[0]).any():
@@ -78,7 +70,7 @@ def add_sensors(plan: FlightPlan, points: Points, phases: "tuple[Linear, ...]") 
     for tick in range(first, first + repeats_after(ticks[0], len(phases))):
         law = phases[(tick - first) % len(phases)]
         fresh = (tick - law.delay[:, None]) % ticks == 0
-        A, B, C, D = _sense(lag / plan.timing.tick, np.where(fresh, scale, 0.0), fresh, late, held)
+        A, B, C, D = _sense(lag, np.where(fresh, scale, 0.0), fresh, late, held)
         before = np.concatenate([law.law_A, law.law_B @ C], axis=2)
         own = np.concatenate([np.zeros((len(A), A.shape[1], law.law_A.shape[1])), A], axis=2)
         found.append(

@@ -10,7 +10,7 @@ from abhv_mc.kernel.plant.vehicle import VARIABLES
 from abhv_mc.kernel.stability.probes import PlantAnswer
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.differences import Slopes, cells_of, differentiate
-from abhv_mc.stability.inputs import as_axes
+from abhv_mc.stability.plant_inputs import as_axes
 from abhv_mc.stability.probe import ask_plant, law_tick
 
 _STEPS = np.array([0.5, 0.02, *[2e-5] * 8])  # of the path coordinates
@@ -26,7 +26,7 @@ class Points(NamedTuple):
     """Where the flights are linearized, one row each, SI and radians."""
 
     path: Floats  # [point, 10] path coordinates of the truth
-    controls: Floats  # [point, input] positions, see abhv_mc.stability.inputs
+    controls: Floats  # [point, input] positions, see abhv_mc.stability.plant_inputs
     latitude: Floats  # [point]
     mass: Floats  # [point]
     measured: Floats  # [point, 10] what the law sees
