@@ -35,7 +35,7 @@ def margins_of(vehicle: Vehicle, mission: Mission, law: str) -> dict[str, Any]:
     """In level flight, the least over all loops; what keeps the law from having any."""
     steady = make_steady_plan(vehicle, mission, CONTROLLERS[law], law)
     found = margins_of_flights(steady, steady, nominal_parameters(), ("trim",))
-    least = {name: float(getattr(found, name)[0]) for name in ("gain_db", "phase_deg", "delay_ms", "disk")}
+    least = dict(zip(("gain_db", "phase_deg", "delay_ms", "disk"), found.table[0].tolist(), strict=True))
     return {"fault": found.faults[0][0]} | least
 
 
