@@ -75,6 +75,7 @@ def test_tables(flown):
     assert {"controller", "channel", "time", "q50"} <= set(results.envelopes)
     assert set(results.histories.controller) == {"one", "two"} and len(results.reference) == 21
     assert set(results.nominal.controller) == {"one", "two"}
+    assert results.nominal.time.tolist() == 2 * results.reference.time.tolist()
     count = results.query("select controller, count(*) n from flights where outcome <> 'ok' group by 1 order by 1")
     assert list(count.n) == [int((group.outcome != "ok").sum()) for _, group in table.groupby("controller")]
 

@@ -198,20 +198,23 @@ def test_onboard_is_the_nominal_vehicle(make):
             plan.vehicle, nominal.around, mass, speed, np.array(alpha), np.array(0.0), rates, deflections, np.array(eta)
         )
 
-    h = 1e-6
-    assert np.isclose(found["dynamic_pressure"], 0.5 * nominal.around.density * speed**2, rtol=1e-5)
-    assert np.isclose(found["inertia.yy"], wrench().inertia[1, 1], rtol=1e-5)
-    slope = (wrench(elevator=elevator + h).moment - wrench().moment)[1] / h
-    assert np.isclose(found["moment_by_elevator.pitch"], slope, rtol=1e-4)
-    slope = (wrench(aileron=h).moment - wrench().moment)[0] / h
-    assert np.isclose(found["moment_by_aileron.roll"], slope, rtol=1e-4)
-    slope = (wrench(rudder=h).moment - wrench().moment)[2] / h
-    assert np.isclose(found["moment_by_rudder.yaw"], slope, rtol=1e-4)
-    thrust = np.hypot(*((wrench(eta=eta + h).force - wrench().force)[[0, 2]])) / h
-    assert np.isclose(found["thrust_by_equivalence_ratio"], thrust, rtol=0.05)
-    up = (wrench(alpha=alpha + h).force - wrench().force) / h
-    total = up[0] * np.sin(alpha) - up[2] * np.cos(alpha)
-    assert np.isclose(found["lift_by_angle_of_attack"], total, rtol=0.1)
+    h, here = 1e-6, wrench()
+
+    def slope(of, **moved):
+        return (of(wrench(**moved)) - of(here)) / h
+
+    lift = slope(lambda at: at.force, alpha=alpha + h) @ [np.sin(alpha), 0.0, -np.cos(alpha)]
+    expected = {
+        "dynamic_pressure": (0.5 * nominal.around.density * speed**2, 1e-5),
+        "inertia.yy": (here.inertia[1, 1], 1e-5),
+        "moment_by_elevator.pitch": (slope(lambda at: at.moment[1], elevator=elevator + h), 1e-4),
+        "moment_by_aileron.roll": (slope(lambda at: at.moment[0], aileron=h), 1e-4),
+        "moment_by_rudder.yaw": (slope(lambda at: at.moment[2], rudder=h), 1e-4),
+        "thrust_by_equivalence_ratio": (np.hypot(*slope(lambda at: at.force[[0, 2]], eta=eta + h)), 0.05),
+        "lift_by_angle_of_attack": (lift, 0.1),
+    }
+    for name, (value, tolerance) in expected.items():
+        assert np.isclose(found[name], value, rtol=tolerance), name
 
 
 def test_inversion_with_the_vehicle_on_board_flies_the_s():
