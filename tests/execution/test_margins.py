@@ -112,7 +112,7 @@ def test_margins_that_fail_are_named_and_cost_no_flight(engine, tmp_path, monkey
     monkeypatch.setattr(fly_with_margins, "_find", find_some)
     monkeypatch.setattr(corner_margins, "_describe", lambda *_: 1 // 0)
     path = _write(tmp_path / "c.yaml", "{at: [trim], flights: all}")
-    folder = run(path, tmp_path / "c", engine, runs=12, workers=1).folder
+    folder = run(path, tmp_path / "c", engine, runs=12, workers=1, controllers=("tlc",)).folder
     table = _table(folder, "tlc")
     failed = table["control.rudder_effectiveness"] > 1.15
     assert 0 < failed.sum() < 12 and np.array_equal(np.isnan(table["gain_margin_min_db"]), failed)
@@ -126,7 +126,7 @@ def required(flights_only, tmp_path_factory):
     """A campaign that requires margins of all flights."""
     folder = tmp_path_factory.mktemp("required")
     path = _write(folder / "c.yaml", "{at: [trim], flights: all}", REQUIRED)
-    return run(path, folder / "c", flights_only, runs=12, workers=1)
+    return run(path, folder / "c", flights_only, runs=12, workers=1, controllers=("tlc",))
 
 
 def test_they_can_be_required_of_all_flights(required):

@@ -1,6 +1,7 @@
 """Campaigns of one question with other seeds are more flights of one campaign, not another try."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -93,9 +94,10 @@ def test_what_does_not_belong_together_is_refused(flown, tmp_path, change, words
     assert not (tmp_path / "all").exists()
 
 
-def test_campaigns_beside_are_named_once_where_they_can_be_merged(tmp_path, monkeypatch):
+def test_campaigns_beside_are_named_once_where_they_can_be_merged(flown, tmp_path, monkeypatch):
     """Two Latin hypercubes are no draws; neither other code nor half a campaign joins."""
-    campaign, parts = fly(tmp_path, (1, 2, 3))
+    campaign, parts = tmp_path / "f/campaign.yaml", flown[1]
+    shutil.copytree(flown[0], tmp_path, dirs_exist_ok=True)
     run(campaign, tmp_path / "other_code", replace(ENGINE, source="other"), seed=5)
     run(campaign, tmp_path / "half", interrupted_after(5), seed=6)
     merge_campaign([tmp_path / "seed1", tmp_path / "seed2"], tmp_path / "all", ENGINE)

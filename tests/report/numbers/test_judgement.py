@@ -18,6 +18,7 @@ REQUIRED = "{{metric: speed_error_max_mps, below: {limit}, probability: {probabi
 
 
 def judged(folder, requirements, **keys):
+    keys = {"controllers": ["tlc", "lqr"], **keys}
     models = Models(read_flown(write_campaign(folder, requirements=requirements, **keys)))
     return judge_campaign(models), models
 
@@ -59,7 +60,7 @@ def test_flights_jointly_would_let_every_pass_stand(tmp_path):
 
 def test_lost_flights_lead_what_is_better(tmp_path):
     requirements = [REQUIRED.format(limit=1e6, probability=0.5)]
-    found, _ = judged(tmp_path / "c", requirements, failing=20, controllers=["tlc", "lqr"])
+    found, _ = judged(tmp_path / "c", requirements, failing=20)
     assert found.better == "tlc" and found.because[0].startswith("Lost flights: ") and len(found.because) <= 3
     assert judged(tmp_path / "one", requirements, controllers=["tlc"])[0].better == ALONE
     assert judged(tmp_path / "lhs", requirements, sampling="lhs", runs=16)[0].better == NO_DIFFERENCE

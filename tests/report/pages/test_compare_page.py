@@ -26,13 +26,13 @@ def run(*words):
 
 @pytest.fixture(scope="module")
 def before(tmp_path_factory):
-    return write_campaign(tmp_path_factory.mktemp("pair") / "before", runs=40, failing=2)
+    return write_campaign(tmp_path_factory.mktemp("pair") / "before", runs=40, failing=2, controllers=("tlc", "lqr"))
 
 
 @pytest.fixture(scope="module")
 def after(before):
     """The same flights; three more of each controller but the first are lost."""
-    return write_campaign(before.parent / "after", runs=40, failing=5)
+    return write_campaign(before.parent / "after", runs=40, failing=5, controllers=("tlc", "lqr"))
 
 
 def newly_failed(before, after):
