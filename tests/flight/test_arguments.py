@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from short_flights import short_plan
 
+from abhv_mc.flight.arguments import make_kernel_plan
 from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.plan import Recording
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +54,14 @@ def test_arrays_in_another_layout_fly_the_same(plan, change):
     flown = fly(with_arrays(plan, change), change(parameters), record_every=1)
     assert np.array_equal(flown.metrics, expected.metrics)
     assert np.array_equal(flown.history, expected.history, equal_nan=True)
+
+
+@pytest.mark.parametrize("change", [misaligned, spread_out])
+def test_the_kernel_gets_only_arrays_it_can_rely_on(plan, change):
+    made = make_kernel_plan(with_arrays(plan, change), nominal_parameters(), Recording(0))
+    of_vehicle = made.vehicle.tables.data, made.vehicle.tables.group_axis, made.vehicle.foreign.digest
+    for array in (*of_vehicle, made.reference, made.gains, made.initial_state):
+        assert array.flags.aligned and array.flags.c_contiguous and array.flags.writeable
 
 
 @pytest.mark.parametrize(

@@ -40,6 +40,11 @@ def _ended(plan: FlightPlan):
     return block, Outcome(int(block.outcome[0])), last
 
 
+def test_no_limit_changes_no_bit(plan: FlightPlan) -> None:
+    free, limited = (fly(p, nominal_parameters()) for p in (plan, _limited(plan, load_factor=1e6, bank=3.2)))
+    assert np.array_equal(free.metrics, limited.metrics)
+
+
 @pytest.mark.parametrize(
     ("name", "outcome", "channel", "scale"),
     [

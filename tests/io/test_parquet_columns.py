@@ -1,4 +1,7 @@
-"""Columns from and to arrays: the same as pyarrow's own way."""
+"""Columns from and to arrays: the same as pyarrow's own way, and no pandas."""
+
+import subprocess
+import sys
 
 import numpy as np
 import pyarrow as pa
@@ -42,3 +45,14 @@ def test_a_column_of_texts(texts):
     names, which = distinct_texts(pa.chunked_array([column]))
     assert names == sorted(set(texts))
     assert [names[i] for i in which] == texts
+
+
+def test_none_of_them_imports_pandas():
+    code = """
+import sys, numpy as np, pyarrow as pa
+from abhv_mc.io.parquet_columns import *
+table = pa.table([number_column(np.arange(3.0)), text_column(["a", "b", "a"])], names=["x", "name"])
+column_values(table["x"]), distinct_texts(table["name"])
+print("pandas" in sys.modules)
+"""
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"

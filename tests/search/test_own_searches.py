@@ -8,12 +8,18 @@ import pytest
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.search.methods.rare import choose_chains
+from abhv_mc.search.methods.strata import Switched, estimate_switched
+from abhv_mc.search.methods.subset import SubsetPlan
 from abhv_mc.search.methods.worst import search_worst
+from abhv_mc.search.rare import RareSettings, find_rare
 from abhv_mc.search.search_flights import SearchRequest
+from abhv_mc.search.severity import FAILS_ABOVE
 from abhv_mc.search.space import make_space
 from abhv_mc.search.worst import WorstSettings, find_worst
 
 SOURCE = "def fly(inputs, settings):\n    return {'miss': inputs['a'] + 0.5 * inputs['b'] * inputs['b']}\n"
+LIMIT = 7.0
 
 
 def function(values: Floats) -> Floats:
@@ -32,7 +38,7 @@ def campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         "inputs": {"a": {}, "b": {}},
         "dispersions": {name: {"distribution": "normal", "sigma": 1.0} for name in ("a", "b")},
         "metrics": {"miss": {}},
-        "requirements": [{"metric": "miss", "below": 7.0, "probability": 0.999}],
+        "requirements": [{"metric": "miss", "below": LIMIT, "probability": 0.999}],
         "runs": 100,
         "seed": 3,
     }
@@ -49,3 +55,17 @@ def test_worst_finds_what_it_finds_on_the_function(campaign: Path, tmp_path: Pat
     assert np.array_equal(found.points, expected.points)
     assert found.value == expected.value
     assert np.array_equal(found.place, expected.place)
+
+
+def test_rare_estimates_what_it_estimates_on_the_function(campaign: Path, tmp_path: Path) -> None:
+    space, flights = make_space(read_campaign(campaign)), 8000
+
+    def evaluate(points: Floats, on: Switched) -> Floats:
+        return function(space.from_normal(points, on)) - LIMIT
+
+    plan = SubsetPlan(2, FAILS_ABOVE, 3, choose_chains(flights))
+    expected, _ = estimate_switched(evaluate, np.array([]), plan, 0.2, flights)
+    found = find_rare(SearchRequest(campaign, tmp_path / "rare"), RareSettings("miss", 0.2, flights)).estimate
+    assert found.refusal is None
+    assert (found.probability, found.low, found.high) == (expected.probability, expected.low, expected.high)
+    assert found.flights == expected.flights

@@ -54,6 +54,23 @@ def test_goes_on_where_it_was_interrupted_with_the_same_result(request_, tmp_pat
     assert found.as_json() == tune_controller(other, ENGINE).as_json()
 
 
+def test_a_file_that_is_edited_meanwhile_changes_nothing(request_, tmp_path):
+    """The inputs are read once: candidates of two vehicles are never compared."""
+    whole = tune_controller(replace(request_, out=tmp_path / "whole.yaml"), ENGINE).as_json()
+    file = tmp_path / "files" / "tables/cl.csv"
+    calls = 0
+
+    def edit(plan, parameters, record_every=None):
+        nonlocal calls
+        calls += 1
+        if calls == 40:
+            file.write_text(f"{file.read_text()}# edited\n")
+        return fly(plan, parameters, record_every)
+
+    assert tune_controller(replace(request_, workers=1), Engine(prepare, edit, "tuned")).as_json() == whole
+    assert calls > 40
+
+
 def test_what_is_kept_and_damaged_is_flown_again(request_, tmp_path):
     found = tune_controller(request_, ENGINE).as_json()
     kept = sorted((tmp_path / "new.tuning").glob("*.npy"))

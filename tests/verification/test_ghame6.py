@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.world.earth import WGS84, gravity_ned
 from abhv_mc.verification.ghame6 import CADAC_EARTH, read_recording, verify_ghame6
@@ -79,3 +80,17 @@ def test_columns_that_are_not_needed_may_go_and_come(frame, tmp_path, rows):
     assert [row.ok for row in again] == [True] * 10
     # without vmass the mass comes from the fuel expended
     assert [row.difference for row in again] == pytest.approx([row.difference for row in rows], abs=1e-5)
+
+
+def test_a_later_start_and_a_coarser_grid(frame, tmp_path):
+    file = tmp_path / "later.csv"
+    frame.iloc[1500:2100:2].to_csv(file, index=False)  # 50 Hz from 16 s on, in the second turn
+    assert [row for row in verify_ghame6(file) if not row.ok] == []
+
+
+def test_uneven_rows_are_refused(frame, tmp_path):
+    file = tmp_path / "uneven.csv"
+    frame.iloc[:50].drop(index=20).to_csv(file, index=False)
+    with pytest.raises(InputError, match="evenly spaced") as refused:
+        verify_ghame6(file)
+    assert refused.value.line == 22

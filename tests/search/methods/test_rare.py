@@ -126,6 +126,12 @@ def test_importance_sampling_of_two_places():
     assert again.cov < 0.1
 
 
+def test_importance_sampling_of_what_does_not_fit_says_so():
+    case = known.onion(10, 6.6)
+    found = estimate(case, 3)
+    assert found.check is None or not found.check.usable
+
+
 def test_a_mixture_has_the_places_that_the_points_have():
     draw = np.random.default_rng(1)
     points = draw.standard_normal((600, 2)) * 0.3 + np.where(draw.random(600) < 0.5, 4.0, -4.0)[:, None]

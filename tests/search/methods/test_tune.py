@@ -38,6 +38,13 @@ def test_the_same_seed_gives_the_same_candidates():
     np.testing.assert_array_equal(one.points, two.points)
 
 
+def test_one_free_parameter():
+    def line(points):
+        return Scores((points[:, 0] - 0.7) ** 2, np.zeros((len(points), 0)), points[:, 0])
+
+    assert tune(line, np.zeros(1), 300).place[0] == pytest.approx(0.7, abs=1e-3)
+
+
 def test_broken_limits_come_after_all_that_keep_them_and_lost_flights_last():
     scores = Scores(
         np.array([5.0, 1.0, 0.5, np.inf, 4.0]),
@@ -52,6 +59,14 @@ def test_front_holds_what_nothing_beats():
     costs = np.array([[1.0, 5.0], [2.0, 3.0], [2.0, 4.0], [3.0, 3.0], [4.0, 1.0], [0.5, 9.0]])
     assert pareto_front(costs).tolist() == [5, 0, 1, 4]
     assert len(pareto_front(np.empty((0, 2)))) == 0
+
+
+def test_front_leaves_out_candidates_that_break_a_limit():
+    found = tune(measure, np.full(4, -0.5), 200, seed=3)
+    assert found.scores.allowed[found.front].all()
+    assert found.best in found.front or np.any(
+        found.scores.objective[found.front] <= found.scores.objective[found.best]
+    )
 
 
 def test_a_gain_on_fresh_flights_is_shown_and_none_is_not():
