@@ -1,3 +1,4 @@
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -19,20 +20,27 @@ def request_(tmp_path):
     return write_tuned(tmp_path)
 
 
-def test_finds_the_best_numbers_within_the_limit_and_writes_them(request_):
-    found = tune_controller(request_, ENGINE)
-    law = read_controller(request_.out)
+@pytest.fixture(scope="module")
+def tuned(tmp_path_factory):
+    """A tuning that nothing disturbed: its request and what it found."""
+    request = write_tuned(tmp_path_factory.mktemp("tuned"))
+    return request, tune_controller(request, ENGINE)
+
+
+def test_finds_the_best_numbers_within_the_limit_and_writes_them(tuned):
+    request, found = tuned
+    law = read_controller(request.out)
     assert law.altitude.damping == pytest.approx(3.0, rel=0.05)
     assert law.altitude.bandwidth == pytest.approx(0.045, rel=0.02)  # 1.5 times the start's travel
     assert law.altitude.bandwidth <= 0.045
     assert found.shown and found.validation.difference.high < 0.0
-    text = request_.out.read_text(encoding="utf-8")
+    text = request.out.read_text(encoding="utf-8")
     assert text.startswith("# Made by `abhv-mc tune ") and "95 % interval" in text
     numbers = found.as_json()
     assert numbers["shown_better"] and len(numbers["front"]) > 1
 
 
-def test_goes_on_where_it_was_interrupted_with_the_same_result(request_, tmp_path):
+def test_goes_on_where_it_was_interrupted_with_the_same_result(request_, tmp_path, tuned):
     calls = 0
 
     def fly_until(plan, parameters, record_every=None):
@@ -50,13 +58,11 @@ def test_goes_on_where_it_was_interrupted_with_the_same_result(request_, tmp_pat
     calls = -10_000
     found = tune_controller(replace(request_, workers=2), Engine(prepare, fly_until, "tuned"))
     assert 10_000 + calls <= 113 - stored + 10
-    other = TuneRequest(request_.campaign, tmp_path / "other.yaml", block=request_.block, workers=1)
-    assert found.as_json() == tune_controller(other, ENGINE).as_json()
+    assert found.as_json() == tuned[1].as_json()
 
 
-def test_a_file_that_is_edited_meanwhile_changes_nothing(request_, tmp_path):
+def test_a_file_that_is_edited_meanwhile_changes_nothing(request_, tmp_path, tuned):
     """The inputs are read once: candidates of two vehicles are never compared."""
-    whole = tune_controller(replace(request_, out=tmp_path / "whole.yaml"), ENGINE).as_json()
     file = tmp_path / "files" / "tables/cl.csv"
     calls = 0
 
@@ -67,12 +73,14 @@ def test_a_file_that_is_edited_meanwhile_changes_nothing(request_, tmp_path):
             file.write_text(f"{file.read_text()}# edited\n")
         return fly(plan, parameters, record_every)
 
-    assert tune_controller(replace(request_, workers=1), Engine(prepare, edit, "tuned")).as_json() == whole
+    assert tune_controller(replace(request_, workers=1), Engine(prepare, edit, "tuned")).as_json() == tuned[1].as_json()
     assert calls > 40
 
 
-def test_what_is_kept_and_damaged_is_flown_again(request_, tmp_path):
-    found = tune_controller(request_, ENGINE).as_json()
+def test_what_is_kept_and_damaged_is_flown_again(tuned, tmp_path):
+    request, found = tuned
+    shutil.copytree(request.out.parent, tmp_path, dirs_exist_ok=True)
+    request = replace(request, out=tmp_path / request.out.name)
     kept = sorted((tmp_path / "new.tuning").glob("*.npy"))
     for file, place in zip(kept, (0, 7, 60, 200, -1), strict=False):
         content = bytearray(file.read_bytes())
@@ -82,8 +90,8 @@ def test_what_is_kept_and_damaged_is_flown_again(request_, tmp_path):
     kept[-2].write_bytes(b"")
     for i, other in enumerate([np.zeros((2, 2)), np.zeros(0), np.array([["a"]]), np.zeros((64, 3), np.int64)]):
         write_array(kept[-3 - i], other)  # whole, but nothing that tuning writes
-    request_.out.unlink()
-    assert tune_controller(request_, ENGINE).as_json() == found
+    request.out.unlink()
+    assert tune_controller(request, ENGINE).as_json() == found.as_json()
 
 
 def test_what_is_no_better_is_not_written(request_, tmp_path):
