@@ -13,7 +13,9 @@ from abhv_mc.io.input_error import InputError
 
 def command(
     mission: MissionOrCampaign,
-    out: Annotated[Path, output(output_file, "FILE", "Ends in .npz, .mat or .json.")],
+    out: Annotated[
+        Path | None, output(output_file, "FILE", "Required; ends in .npz, .mat or .json.", default=False)
+    ] = None,
     vehicle: Vehicle = None,
     controller: Annotated[
         str, typer.Option("--controller", "--controllers", metavar="C", help="Controller file or shipped name.")
@@ -33,13 +35,16 @@ def command(
     from abhv_mc.stability.linearize import linearize
     from abhv_mc.stability.model_file import check_format, make_model, stack_models, write_model
 
-    check_format(out)
+    if out is not None:
+        check_format(out)
     times = read_times(at)
     if len(times) > 1 and "trim" in times:
         raise InputError("--at", f"'{at}'", "one point, or times such as 0s:60s:1s")
     files = find_flown(vehicle, mission, controller, trust_code)
     if len(files.controllers) > 1:
         raise InputError("--controller", ", ".join(files.controllers), "one controller")
+    if out is None:
+        raise InputError("--output", "no file", "one that ends in .npz, .mat or .json (-o FILE)")
     (file,) = files.controllers.values()
     models = []
     for time in times:

@@ -30,6 +30,7 @@ class Estimate:
 
     flights: int  # of each controller
     controllers: int
+    kind: str  # what these are: controller, or system
     workers: int
     batch: int  # flights of a block
     flight_s: float  # of one core, mean over the controllers
@@ -99,6 +100,7 @@ def estimate_campaign(campaign: Experiment, engine: Engine, workers: int | None 
     return Estimate(
         flights=campaign.runs,
         controllers=len(plans),
+        kind=campaign.kind,
         workers=workers,
         batch=model.execution.batch or choose_batch(campaign.runs, workers),
         flight_s=sum(seconds) / len(seconds),

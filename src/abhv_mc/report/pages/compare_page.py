@@ -22,7 +22,7 @@ from abhv_mc.topics.section import Bullets, FigureText, Item, Lead, Picture, Sec
 from abhv_mc.topics.topic import Drawn
 from abhv_mc.topics.words import bounds, count_of, ends_of, estimate, fixed, joined, p_value, significant
 
-_EARLY = "reached the end of the mission"
+_EARLY = "reached its end"
 _NAMED = 3  # metrics without a difference, told by name
 Labels = tuple[str, str, str]  # how the pair, its first and its second one are called
 

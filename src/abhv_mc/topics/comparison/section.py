@@ -111,9 +111,10 @@ def _pair_items(pair: ControllerPair, names: Names) -> Iterator[Item]:
         "Pairing gain: an unpaired comparison of the means would need this many times the flights",
     )
     words = [requirement_words(item, names.metrics) for item in names.requirements]
-    missed = zip([*words, "Reached the end of the mission"], [*pair.requirements, pair.ended_early], strict=True)
+    ended = "Reached the end of the mission" if names.kind == "controller" else "Reached its end"
+    missed = zip([*words, ended], [*pair.requirements, pair.ended_early], strict=True)
     yield Table(
-        f"Failures of one controller only, {a} against {b}",
+        f"Failures of one {names.kind} only, {a} against {b}",
         ("Requirement", "Both failed", f"Only {a}", f"Only {b}", "Neither", "p-value",
          f"Flights, only {a}", f"Flights, only {b}"),
         (tuple(_failure_row(words, each) for words, each in missed),),
