@@ -123,6 +123,10 @@ def test_a_row_that_makes_no_sense_is_refused_with_its_line(
 def test_a_missing_column_and_a_flight_without_a_metric(flown: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no column 'dive'"):
         adopt_table(flown, asked(tmp_path, without=()), tmp_path / "adopted")
+    twice = tmp_path / "twice.csv"
+    twice.write_text(flown.read_text().replace("load", "altitude_min [m]", 1))
+    with pytest.raises(InputError, match="2 columns 'altitude_min'"):
+        adopt_table(twice, asked(tmp_path), tmp_path / "adopted")
     table = rewritten(flown, lambda i, row: {**row, **({"load": "nan", "outcome": "ok"} if i == 5 else {})})
     manifest = adopt_table(table, asked(tmp_path), tmp_path / "adopted").manifest
     assert manifest.controllers["v1"].failed_to_run == (3,)

@@ -14,7 +14,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from fake_flight import DENSITY, ENGINE, fly, fly_slowly, make_plan, run, write_campaign
-from own_simulators import dive_campaign
+from own_simulators import DIVE_CHANNELS, DIVE_HISTORY, dive_campaign
 from search import tuned_flight
 from search.line_flight import LINE, METRIC, write_line
 
@@ -230,7 +230,14 @@ def test_searches_find_the_same_on_a_cluster(tmp_path, two_workers):
 
 def test_a_users_simulator_flies_on_a_cluster(two_workers, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
-    path = dive_campaign(tmp_path / "own", runs=300, execution={"batch": 40})
+    keep = {"histories": {"flights": "every 50"}}
+    changes = {"runs": 300, "execution": {"batch": 40}, "histories": DIVE_CHANNELS, "keep": keep}
+    path = dive_campaign(tmp_path / "own", DIVE_HISTORY, **changes)
     local = run_campaign(Request(path, tmp_path / "local", workers=2)).manifest
     far = run_campaign(Request(path, tmp_path / "far", scheduler=two_workers.address)).manifest
     assert far.complete and far.digest == local.digest
+    for name in ("v1", "v2"):
+        kept, theirs = (
+            pq.read_table(next((tmp_path / at / "histories").glob(f"{name}-*.parquet"))) for at in ("local", "far")
+        )
+        assert len(kept) and kept.equals(theirs)

@@ -6,6 +6,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from fake_flight import DENSITY, DRAG, ENGINE, LIFT, fly, make_plan, run, write_campaign
+from own_simulators import dive_campaign
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.merge import merge_campaign
@@ -186,6 +187,14 @@ def test_what_is_wrong_has_its_place(tmp_path, entries, line, words):
     with pytest.raises(InputError, match=words) as refused:
         read_campaign(path)
     assert path.read_text().splitlines()[refused.value.line - 1].startswith(line)
+
+
+def test_bounds_in_percent_of_an_input_in_percent_are_no_change(tmp_path):
+    inputs = {name: {"unit": "-", "nominal": 1.0} for name in ("altitude", "speed", "dive", "delay", "thrust")}
+    inputs["fill"] = {"unit": "%", "nominal": 50.0}
+    unknowns = {"fill": {"low": "40 %", "high": 60.0}}
+    found = read_campaign(dive_campaign(tmp_path, inputs=inputs, dispersions={}, unknowns=unknowns)).unknowns
+    assert (found.low.tolist(), found.high.tolist()) == ([40.0], [60.0])
 
 
 def test_plan_tells_the_flights(tmp_path):

@@ -19,7 +19,7 @@ from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
-from abhv_mc.explore.counts import open_flights
+from abhv_mc.explore.counts import find_flight, open_flights
 from abhv_mc.explore.server import ExploreServer
 from abhv_mc.folder import envelope_states
 from abhv_mc.folder.envelopes import QUANTILES
@@ -135,6 +135,17 @@ def test_a_flight_that_hangs_ends_with_the_command_that_is_killed(tmp_path: Path
         while (ready := select.select([held], [], [], 60.0)[0]) and held.read(1):
             pass
         assert ready  # nobody holds it any more
+
+
+def test_metrics_with_names_of_the_explorers_own_are_listed(tmp_path: Path) -> None:
+    source = DIVE + "\nwell = fly\n\ndef fly(inputs, settings):\n    return {'rank': inputs['delay'], 'by': 1.0}\n"
+    required = [{"metric": "rank", "below": 2.0, "probability": "50 %"}]
+    changes = {"metrics": {"rank": {}, "by": {}}, "requirements": required, "runs": 20}
+    path = dive_campaign(tmp_path / "own", source, **changes)
+    run_campaign(Request(path, tmp_path / "out", workers=1))
+    with open_flights(tmp_path / "out") as table:
+        found = find_flight(table, "v1", 3)
+    assert found["values"]["by"] == 1.0 and 1.0 <= found["values"]["rank"] <= 2.2
 
 
 def test_an_input_that_changes_no_flight_is_said(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from multiprocessing import forkserver
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from fake_flight import fly, make_plan
 
 import abhv_mc
 from abhv_mc.execution import worker_processes as module
+from abhv_mc.execution.executor import open_threads
 from abhv_mc.execution.worker_processes import WorkerPool
 from abhv_mc.flight.fly import nominal_parameters
 
@@ -106,3 +108,12 @@ import sys, {module.serve.__module__}, abhv_mc.stability.fly_with_margins
 print({{"scipy.special", "pyarrow", "pandas", "joblib"}} & set(sys.modules))
 """
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "set()\n"
+
+
+def test_an_interrupt_waits_for_no_flight():
+    free = threading.Event()
+    with contextlib.suppress(KeyboardInterrupt), open_threads(1) as threads:
+        flying, waiting = threads.submit(free.wait), threads.submit(free.wait)
+        raise KeyboardInterrupt
+    assert not flying.done() and waiting.cancelled()
+    free.set()

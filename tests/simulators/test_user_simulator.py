@@ -15,6 +15,7 @@ from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.io.input_error import InputError
 from abhv_mc.simulators.check_inputs import check_inputs
 from abhv_mc.simulators.simulate import make_ready, simulate
+from abhv_mc.simulators.user_simulator import process, python_lines
 from abhv_mc.simulators.user_simulator.user_flights import end_processes
 from abhv_mc.simulators.user_simulator.user_plan import make_user_plans
 
@@ -55,6 +56,10 @@ def fly(inputs, settings):
             open("secret.txt").read()
         case 13.0:
             sys.exit(3)
+        case 14.0:
+            return found | {"outcome": ["ok"]}
+        case 15.0:
+            return found | {"load": 10**400}
     return found
 """
 )
@@ -91,12 +96,12 @@ def test_what_goes_wrong_costs_one_flight_and_none_is_flown_twice(
 ) -> None:
     path = dive_campaign(tmp_path, WRONG, simulator={"python": "dive.py", "time_limit": "500 ms"})
     (tmp_path / "secret.txt").write_text("42")
-    delays = [1.0, 2.0, 1.1, 3.0, 1.2, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 1.3]
+    delays = [1.0, 2.0, 1.1, 3.0, 1.2, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0, 1.3]
     block = fly_delays(path, delays)
     lost = [delay not in (1.0, 1.1, 1.2, 1.3, 9.0) for delay in delays]
     assert (block.outcome == LOST).tolist() == lost
     assert np.isnan(block.metrics[lost]).all()
-    assert np.isfinite(block.metrics[[0, 2, 4, 15]]).all()
+    assert np.isfinite(block.metrics[[0, 2, 4, -1]]).all()
     assert block.outcome[10] == 100
     assert block.end_time[10] == 0.0
     flown = (tmp_path / "flown").read_text().split()
@@ -197,6 +202,42 @@ def test_a_program_speaks_lines(tmp_path: Path) -> None:
     command = {"command": [sys.executable, "program.py"], "files": ["program.py"], "time_limit": "20 s"}
     block = fly_delays(dive_campaign(tmp_path, simulator=command), [1.0] * 200)
     assert block.metrics.tolist() == [[1830.0, 1.0]] * 200
+
+
+PROGRAM = """
+import json, os, sys, time
+for line in sys.stdin:
+    given = json.loads(line)["inputs"]
+    if given["delay"] == 2.0:
+        print('{"level": "warning"}')
+    if given["delay"] == 3.0:
+        os.close(1)
+        time.sleep(600.0)
+    print(json.dumps({"altitude_min": given["delay"], "load": 1.0}), flush=True)
+"""
+
+
+def test_a_program_that_writes_other_answers_or_closes_its_output_costs_its_flight(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(process, "_ENDING", 0.1)
+    (tmp_path / "program.py").write_text(PROGRAM)
+    path = dive_campaign(tmp_path, simulator={"command": [sys.executable, "./program.py"], "time_limit": "20 s"})
+    assert dict(ready(path).systems["v1"].plan.files).keys() == {"program.py"}  # type: ignore[union-attr]
+    block = fly_delays(path, [1.0, 2.0, 1.1, 1.2, 3.0, 1.3])
+    assert block.metrics[:, 0].tolist() == pytest.approx([1.0, np.nan, 1.1, 1.2, np.nan, 1.3], nan_ok=True)
+
+
+def test_packages_beside_the_simulator_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package, other = tmp_path / ".venv/lib/package.py", tmp_path / "other.py"
+    monkeypatch.setattr(sys, "prefix", str(tmp_path / ".venv"))
+    for path in (package, other):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    check = python_lines._only(set(), f"{tmp_path}/")
+    check("open", (str(package), "r", 0))
+    with pytest.raises(PermissionError, match="other"):
+        check("open", (str(other), "r", 0))
 
 
 def test_a_line_that_is_no_answer_costs_its_flight_and_shifts_no_other(tmp_path: Path) -> None:

@@ -90,6 +90,10 @@ def _find_columns(path: Path, campaign: Experiment) -> _Columns:
         raise InputError(path, f"a table that cannot be read ({error})", "CSV or Parquet") from None
     split = {head: _HEAD.fullmatch(head.strip()).groups() for head in heads}  # type: ignore[union-attr]
     found = {name: (head, unit) for head, (name, unit) in split.items()}
+    if len(found) < len(heads):
+        twice = [split[head][0] for head in heads]
+        name = next(name for name in twice if twice.count(name) > 1)
+        raise InputError(path, f"{twice.count(name)} columns '{name}'", "one of each name, its unit aside", 1)
     units = {name: campaign.parameters[name].unit for name in campaign.inputs}
     units |= {metric.name: metric.unit for metric in campaign.measured}
     names, factors = [], []

@@ -77,12 +77,12 @@ def fly_remote(
         watch.end()
 
 
-def fly_user_remote(fly: Fly, source: str, plan: FlightPlan, parameters: Floats) -> FlightBlock:
+def fly_user_remote(fly: Fly, source: str, plan: FlightPlan, parameters: Floats, recorded: Recorded) -> FlightBlock:
     """What a worker of the cluster does with a user's simulator, which lies there as here: the block, signed."""
     if source and code_hash() != source:
         raise UnusableError("a worker of the cluster has another version of the program: start it anew")
     try:
-        return sign(fly(plan, parameters, None))
+        return sign(fly(plan, parameters, recorded))
     except InputError as error:
         raise UnusableError(f"a worker of the cluster: {error}") from None
 
@@ -144,7 +144,7 @@ class Cluster:
         engine, limit = self.engine, time_limit(min(len(parameters), AT_ONCE), self.limit)
         source = engine.source if engine.checked else ""
         if engine.close is not None:
-            future = self._client.submit(fly_user_remote, engine.fly, source, plan, parameters, pure=False)
+            future = self._client.submit(fly_user_remote, engine.fly, source, plan, parameters, recorded, pure=False)
         else:
             given = self._hold(plan), code_of(plan), parameters, recorded, limit
             future = self._client.submit(fly_remote, engine.fly, source, *given, pure=False)

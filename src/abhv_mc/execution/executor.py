@@ -33,8 +33,20 @@ class Executor:
         """Flights ``[flight, parameter]``, a share of them with each worker."""
         share = choose_batch(len(parameters), self.workers)
         pieces = [parameters[start : start + share] for start in range(0, len(parameters), share)]
-        with ThreadPoolExecutor(self.workers) as threads:
+        with open_threads(self.workers) as threads:
             return join_blocks(list(threads.map(lambda piece: self.fly(plan, piece, recorded), pieces)))
+
+
+@contextlib.contextmanager
+def open_threads(number: int) -> Iterator[ThreadPoolExecutor]:
+    """Threads that, after an interrupt, wait for no flight: whoever flies them ends it."""
+    threads = ThreadPoolExecutor(number)
+    try:
+        yield threads
+    except BaseException:
+        threads.shutdown(wait=False, cancel_futures=True)
+        raise
+    threads.shutdown()
 
 
 @contextlib.contextmanager

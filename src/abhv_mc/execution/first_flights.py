@@ -3,7 +3,6 @@
 They fly in the workers, side by side. Where a flight takes long they are the campaign's first rows alone.
 """
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any, cast
 
@@ -11,7 +10,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.execution.executor import open_executor
+from abhv_mc.execution.executor import open_executor, open_threads
 from abhv_mc.execution.probe_dispersions import make_trials, unchanging
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.outcome import Outcome
@@ -41,7 +40,7 @@ def fly_first(campaign: Experiment, engine: Engine, workers: int | None) -> list
         def fly(jobs: list[tuple[str, Floats]]) -> list[FlightBlock]:
             with (
                 Progress("first flights", sum(len(given) for _, given in jobs)) as progress,
-                ThreadPoolExecutor(executor.workers) as threads,
+                open_threads(executor.workers) as threads,
             ):
                 blocks = []
                 for block in threads.map(lambda job: simulate(campaign, job[0], job[1], None, executor.fly), jobs):

@@ -25,6 +25,7 @@ MOST_POINTS = 4000  # drawn one by one; more are counted in cells
 _ROWS = 10_000  # fetched at once
 _SHARES = {"all": "", "failed": "and outcome <> 'ok'", "ok": "and outcome = 'ok'"}  # beside requirements missed
 _OWN = ("rank", "flight", "controller", "outcome")  # columns of the list that are no numbers of flights
+_RANK, _BY = '"its rank"', "worst in"  # no metric has a name with a space
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,8 @@ def _ranks(results: FlownCampaign) -> Any:
     parts, required = [], results.campaign.requirements
     for name in results.controllers:
         flights, ranking = results.flights[name], results.ranking
-        columns: dict[str, Any] = {"flight": flights.flight, "rank": ranking.places_of(name), "by": ranking.by[name]}
+        columns: dict[str, Any] = {"flight": flights.flight, _RANK[1:-1]: ranking.places_of(name)}
+        columns[_BY] = ranking.by[name]
         columns |= {f"missed {k}": requirement_failures(flights, item) for k, item in enumerate(required)}
         parts.append(pa.table({"controller": [name] * flights.flight.size, **columns}))
     return pa.concat_tables(parts)
@@ -180,7 +182,7 @@ def find_nearest(table: FlightTable, asked: Asked, x: float, y: float) -> tuple[
         table.cursor()
         .execute(
             f"select controller, flight from shown where {where} and isfinite({one}) and isfinite({other}) "
-            f"order by (({one} - ?) / ?)^2 + (({other} - ?) / ?)^2, rank limit 1",
+            f"order by (({one} - ?) / ?)^2 + (({other} - ?) / ?)^2, {_RANK} limit 1",
             [*values, x, sizes[0], y, sizes[1]],
         )
         .fetchone()
@@ -199,7 +201,7 @@ def find_flight(table: FlightTable, controller: str, flight: int) -> dict[str, A
     held = dict(zip(names, row, strict=True))
     missed = [held[f"missed {k}"] for k in range(len(table.view["requirements"]))]
     values = {name: held[name] for name in table.ranges}
-    found = {"controller": table.order[controller], "flight": flight, "outcome": held["outcome"], "by": held["by"]}
+    found = {"controller": table.order[controller], "flight": flight, "outcome": held["outcome"], "by": held[_BY]}
     return {**found, "missed": missed, "values": values}
 
 
@@ -228,8 +230,8 @@ def _condition(table: FlightTable, asked: Asked) -> tuple[str, list[Any]]:
 
 def _order(asked: Asked) -> str:
     """The SQL of the order in which flights are listed; equal ones the worst first."""
-    by = asked.sort if asked.sort in _OWN else _finite(asked.sort)
-    return f"order by {by} {'desc' if asked.down else 'asc'} nulls last, rank"
+    by = _RANK if asked.sort == "rank" else asked.sort if asked.sort in _OWN else _finite(asked.sort)
+    return f"order by {by} {'desc' if asked.down else 'asc'} nulls last, {_RANK}"
 
 
 def _bin(ends: Sequence[float], name: str, bins: int) -> tuple[str, list[float]]:

@@ -1,5 +1,6 @@
 """A campaign of a user's simulator: what flies, what is compared, and what goes in and comes out in its own units."""
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -41,16 +42,17 @@ class Simulator(StrictModel):
         return self
 
     def find_files(self, folder: Path) -> dict[str, Path]:
-        """What it consists of, by its place in ``folder``; what starts it stands first, where it lies there.
+        """What it consists of, by its place in ``folder``: first what starts it, and other words of the command that
+        name a file there.
 
         Raises Refusal.
         """
-        first = self.python or (self.command or ("",))[0]
-        inside = not Path(first).is_absolute() and ".." not in Path(first).parts and (folder / first).is_file()
-        if self.python and not inside:
-            raise Refusal(f"'{first}'", "a Python file in this file's folder, or in 'folder'", ("python",))
-        named = [folder / first] if inside else []
-        return {path.relative_to(folder).as_posix(): path for path in (*named, *expand(folder, self.files))}
+        base = Path(os.path.normpath(folder))
+        words = [Path(os.path.normpath(base / word)) for word in (self.python, *(self.command or ())) if word]
+        named = [path for path in words if path.is_relative_to(base) and path.is_file()]
+        if self.python and not named:
+            raise Refusal(f"'{self.python}'", "a Python file in this file's folder, or in 'folder'", ("python",))
+        return {path.relative_to(base).as_posix(): path for path in (*named, *expand(base, self.files))}
 
 
 YesNo = Annotated[

@@ -119,4 +119,5 @@ def _read(
     except Refusal as refusal:
         errors.append(document.error(where, refusal.found, refusal.expected))
         return np.nan
-    return read + (parameter.nominal if isinstance(value, str) and value.rstrip().endswith("%") else 0.0)
+    of_nominal = isinstance(value, str) and value.rstrip().endswith("%") and parameter.unit != "%"
+    return read + (parameter.nominal if of_nominal else 0.0)

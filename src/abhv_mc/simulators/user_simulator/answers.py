@@ -26,7 +26,7 @@ def read_answer(found: dict[str, Any], plan: UserPlan) -> Answer:
     if "error" in found:
         raise ValueError(str(found["error"]))
     code = found.get("outcome", "ok")
-    if code not in plan.outcomes:
+    if not isinstance(code, str) or code not in plan.outcomes:
         raise ValueError(f"it returned the outcome '{code}', which the campaign does not declare")
     held = found.keys() - {"outcome", "end_time"}
     if held != plan.expected:
@@ -36,7 +36,7 @@ def read_answer(found: dict[str, Any], plan: UserPlan) -> Answer:
     try:
         values = [math.nan if found[metric.name] is None else float(found[metric.name]) for metric in plan.metrics]
         end = float(found.get("end_time", math.nan))
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError("it returned a metric or an end_time that is no number") from None
     ok = code == "ok"
     if ok and not all(map(math.isfinite, values)):
@@ -54,7 +54,7 @@ def _read_history(given: Any, plan: UserPlan, ok: bool) -> Floats:
         raise ValueError(f"its history holds {held or 'nothing'}; declared are {', '.join(columns)}")
     try:
         history = np.array([given[name] for name in columns], np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         history = np.empty(0)
     if history.ndim != 2 or not history.size:
         raise ValueError("the columns of its history are no lists of numbers of one length")

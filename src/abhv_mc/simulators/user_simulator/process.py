@@ -22,6 +22,7 @@ _AHEAD = 64  # lines that are sent before the first of them is answered,
 _FITS = 1 << 15  # and bytes: less than an empty pipe takes at once
 _START = 600.0  # s for a Python simulator to be imported
 _READ = 1 << 18
+_ENDING = 2.0  # s for a process to end that has closed its standard output
 _WATCH = """
 import os, sys
 running = set()
@@ -64,6 +65,7 @@ class Process:
         self._poll = select.poll()
         self._poll.register(self._process.stdout.fileno(), select.POLLIN)
         self._rest = b""  # of an answer
+        self._ended = False
         self._read: deque[bytes] = deque()
         if plan.python and (error := self._answer(_START).get("error")) is not None:
             self.end()
@@ -78,6 +80,11 @@ class Process:
                 self._process.stdin.write(b"".join(sent))
             for _ in sent:
                 yield self._answer(limit)
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether nothing was read beyond the answers asked for."""
+        return not (self._read or self._rest)
 
     def _answer(self, limit: float) -> dict[str, Any]:
         deadline = time.monotonic() + limit
@@ -99,14 +106,21 @@ class Process:
 
     def _describe_end(self) -> str:
         """How it ended, with the last line that it wrote on standard error."""
-        code = self._process.wait()
+        try:
+            code = self._process.wait(_ENDING)
+        except subprocess.TimeoutExpired:
+            self.end()
+            return "it closed its standard output, and was stopped"
         self._errors.seek(max(0, self._errors.seek(0, os.SEEK_END) - 2000))
         last = self._errors.read().decode(errors="replace").strip().splitlines()[-1:]
         self.end()
         return ", ".join([describe_exit(code), *(f"'{words:.200}'" for words in last)])
 
     def end(self) -> None:
-        """End it and what it started, whatever they do."""
+        """End it and what it started, whatever they do; once, for its number is then free for another process."""
+        if self._ended:
+            return
+        self._ended = True
         for stop in (lambda: os.killpg(self._process.pid, signal.SIGKILL), self._process.kill):
             with contextlib.suppress(OSError):
                 stop()

@@ -49,6 +49,10 @@ class _Pool:
         return process
 
     def give_back(self, plan: UserPlan, process: Process) -> None:
+        if not process.is_silent:
+            process.end()
+            _tell(plan, "it writes more lines than answers; it is started anew after each block")
+            return
         with self.lock:
             self.idle.setdefault(plan.process, []).append(process)
 
@@ -100,9 +104,13 @@ def fly_user_simulator(plan: UserPlan, parameters: Floats, recorded: Recording |
                     if recorded and history is not None:
                         histories[done] = history
                 except ValueError as error:
+                    if plan.command and "error" not in found:
+                        raise LostFlightError(str(error)) from None  # what follows may be of any flight
                     _tell(plan, str(error))
                 done += 1
         except (LostFlightError, OSError) as lost:
+            if process is not None:
+                process.end()
             process = None
             if pool.closed:
                 raise StoppedError("the campaign was stopped") from None
