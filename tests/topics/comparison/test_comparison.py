@@ -4,10 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from report.synthetic import write_campaign
 
 from abhv_mc.campaign.file.unknowns import Unknowns
-from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.topics.comparison.model import compute_comparison
 from abhv_mc.topics.comparison.sentences import standing
 from abhv_mc.topics.names import names_of
@@ -15,9 +13,9 @@ from abhv_mc.topics.names import names_of
 METRIC = "sideslip_max_deg"
 
 
-@pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    return read_flown(write_campaign(tmp_path_factory.mktemp("paired") / "c", runs=200))
+@pytest.fixture
+def results(flown):
+    return flown(200)
 
 
 def winner_when_better_in(results, count, controllers):

@@ -11,13 +11,9 @@ from abhv_mc.topics.comparison.sentences import closer_in, comparison_sentences
 from abhv_mc.topics.topic import Models
 
 
-@pytest.fixture(scope="module")
-def models(tmp_path_factory):
-    from report.synthetic import write_campaign
-
-    from abhv_mc.folder.flown_campaign import read_flown
-
-    return Models(read_flown(write_campaign(tmp_path_factory.mktemp("answer") / "c", runs=80)))
+@pytest.fixture
+def models(flown):
+    return Models(flown(80))
 
 
 def said(models, changes):

@@ -4,10 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from report.synthetic import write_campaign
 
 from abhv_mc.campaign.file.config import Sampling
-from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.topics.drivers.figures import _bars, driver_figures
 from abhv_mc.topics.drivers.model import Driver, MetricDrivers, Share, compute_drivers, otherwise_words
 from abhv_mc.topics.topic import Models
@@ -15,9 +13,9 @@ from abhv_mc.topics.topic import Models
 METRIC = "altitude_error_max_m"
 
 
-@pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    return read_flown(write_campaign(tmp_path_factory.mktemp("drivers") / "c", runs=600))
+@pytest.fixture
+def results(flown):
+    return flown(600)
 
 
 def told_of(results, error):

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from fake_flight import ENGINE
 from fake_flight import write_campaign as write_fake
-from report.synthetic import write_campaign
 
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.execution.runner import run_campaign
@@ -18,9 +17,9 @@ from abhv_mc.topics.flights.worst_flights import worst_flights
 from abhv_mc.topics.topic import Models
 
 
-def test_worst_flights_have_their_three_largest_dispersions_in_sigma(tmp_path):
+def test_worst_flights_have_their_three_largest_dispersions_in_sigma(flown):
     """All of them stood in one narrow cell: 24 in a campaign with so many."""
-    models = Models(read_flown(write_campaign(tmp_path / "c", runs=30)))
+    models = Models(flown(80))
     widths = {"atmosphere.density": 0.1, "aero.lift": 0.1, "aero.drag": 0.15}
     samples = models.results.samples
     for entry in (entry for flights in models[FLIGHTS].worst.values() for entry in flights):
@@ -51,9 +50,9 @@ def test_the_flights_that_are_listed_are_those_with_histories(tmp_path):
         assert beyond == sorted(beyond, reverse=True)
 
 
-def test_a_settled_error_of_a_flight_lost_before_anything_settled_is_none(tmp_path, monkeypatch):
+def test_a_settled_error_of_a_flight_lost_before_anything_settled_is_none(flown, monkeypatch):
     """It read 0: the best value in the table of the worst flights."""
-    results = read_flown(write_campaign(tmp_path / "c", runs=30))
+    results = flown(80)
     flights = results.flights["tlc"]
     metric = next(name for name in flights.metrics if flights.records[name].settled)
     values = np.zeros(flights.flight.size)
