@@ -23,7 +23,11 @@ CAMPAIGNS = {  # which of them it flies
 }
 
 
-@pytest.mark.parametrize("name", CAMPAIGNS)
+QUICK = ("s_manoeuvre", "winged_cone", *(name for name, lean in CAMPAIGNS.items() if not lean))
+SLOW = [pytest.param(name, marks=pytest.mark.thorough) for name in CAMPAIGNS if name not in QUICK]
+
+
+@pytest.mark.parametrize("name", [*QUICK, *SLOW])
 def test_lean_flights_have_the_same_bits(name, repository, monkeypatch):
     campaign = read_campaign(repository / "campaigns" / f"{name}.yaml", 64, None, None)
     plans = make_plans(campaign, campaign.model.controllers, make_engine())
