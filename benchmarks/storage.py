@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 from statistics import median
 
-from abhv_mc.bench.peak import measure_peak
+from abhv_mc.bench.speed import measure_peak
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.runner import run_campaign

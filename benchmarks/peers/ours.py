@@ -1,6 +1,6 @@
 """abhv-mc itself: both controllers, batched and one at a time, metrics included."""
 
-from abhv_mc.bench.peak import measure_peak
+from abhv_mc.bench.speed import measure_peak
 from abhv_mc.flight.fly import fly
 from abhv_mc.kernel.flight.interface import LANES
 from benchmarks.peers.peer import measure, read_work, write_result

@@ -140,7 +140,7 @@ class Results:
 
     @cached_property
     def _figures(self) -> "dict[str, Figure]":
-        from abhv_mc.report.pages.gallery import make_figures
+        from abhv_mc.topics.registry import make_figures
 
         made = make_figures(self._models).values()
         figures = {text.name: figure for part in made for text, figure in part}

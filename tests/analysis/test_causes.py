@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from abhv_mc.analysis.causes import group_failures
+from abhv_mc.analysis.failure_map import group_failures
 from abhv_mc.analysis.shrink import Shrunk, shrink_together
 
 COUNT, FLIGHTS, BUDGET = 20, 2000, 400

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from abhv_mc.bench.json_record import make_figures
-from abhv_mc.bench.peak import multiply_and_add
-from abhv_mc.bench.speed import ControllerSpeed, Operations, Speed, make_work
+from abhv_mc.bench.speed import ControllerSpeed, Operations, Speed, make_work, multiply_and_add
 from abhv_mc.bench.start_times import Start, _peak_memory
 from abhv_mc.cli.bench import command
 

@@ -11,9 +11,9 @@ from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.folder.sql import open_database
 from abhv_mc.io.input_error import InputError
-from abhv_mc.report.pages import gallery
 from abhv_mc.report.pages.build import is_up_to_date
 from abhv_mc.results import open_results
+from abhv_mc.topics import registry
 
 CHANGED = "a run has written here meanwhile"
 
@@ -69,8 +69,8 @@ def test_a_notebook(request_, fly_meanwhile, monkeypatch, asked):
 def test_a_report(request_, fly_meanwhile, monkeypatch):
     """It was 'up to date' ever after, with numbers of the campaign before."""
     build_with(request_.out)
-    make_figures = gallery.make_figures
-    monkeypatch.setattr(gallery, "make_figures", lambda *a: (fly_meanwhile(), make_figures(*a))[1])
+    make_figures = registry.make_figures
+    monkeypatch.setattr(registry, "make_figures", lambda *a: (fly_meanwhile(), make_figures(*a))[1])
     with pytest.raises(InputError, match=CHANGED):
         build_with(request_.out)
     monkeypatch.undo()

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from abhv_mc.report.pages import gallery
 from abhv_mc.report.pages.build import build_report
+from abhv_mc.topics import registry
 
 
 def build_with(folder: Path, *figures: str, baseline: Path | None = None, svg: bool = False) -> Path:
     """Build a campaign's report with these of its figures only."""
-    make_figures = gallery.make_figures
+    make_figures = registry.make_figures
 
     def make_few(models):
         missing = set(figures)
@@ -28,5 +28,5 @@ def build_with(folder: Path, *figures: str, baseline: Path | None = None, svg: b
         return {"few": few()}
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(gallery, "make_figures", make_few)
+        patch.setattr(registry, "make_figures", make_few)
         return build_report(folder, baseline=baseline, svg=svg)

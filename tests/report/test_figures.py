@@ -8,14 +8,14 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 from abhv_mc.folder.flown_campaign import BANDS
-from abhv_mc.report.pages import gallery
 from abhv_mc.report.pages.build import build_report
-from abhv_mc.report.pages.gallery import make_figures
+from abhv_mc.topics import registry
 from abhv_mc.topics.envelopes import ENVELOPES
 from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, plot_envelopes
 from abhv_mc.topics.figure_style import BLUE, CYCLE, INK, VERMILION, write_png
 from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.metrics.figures import Spread, plot_distributions
+from abhv_mc.topics.registry import make_figures
 from abhv_mc.topics.topic import Models
 
 FILES = ["channels", "convergence", "distribution_asked", "drivers", "error_against_usage", "worst_flights"]
@@ -86,7 +86,7 @@ def figures(failing):
 
 
 def test_a_figure_that_fails_is_named_on_the_page(failing_folder, monkeypatch):
-    monkeypatch.setattr(gallery, "make_figures", lambda *_: {"margins": (1 // 0 for _ in "a")})
+    monkeypatch.setattr(registry, "make_figures", lambda *_: {"margins": (1 // 0 for _ in "a")})
     page = build_report(failing_folder).read_text(encoding="utf-8")
     assert "figures of margins could not be made (ZeroDivisionError" in page
 

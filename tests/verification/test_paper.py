@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from verification.shown import check
 
-from abhv_mc.verification.paper import verify_paper
+from abhv_mc.verification.everything import verify_paper
 
 
 def test_the_papers_numbers() -> None:

@@ -54,7 +54,7 @@ def _explain_one(
     from abhv_mc.analysis.explain import explain_flight
     from abhv_mc.folder.inputs import first_controller
     from abhv_mc.folder.layout import CampaignFolder
-    from abhv_mc.report.pages.explained import explanation_numbers, explanation_words, write_explained_figure
+    from abhv_mc.report.pages.explained import explanation_numbers, explanation_words, make_explained_figure
     from abhv_mc.simulators.engine import make_engine
     from abhv_mc.user_code.run_in_thread import run_in_thread
 
@@ -64,7 +64,9 @@ def _explain_one(
     path = out or CampaignFolder(folder).explained / f"{name}-{flight}.png"
     words, numbers = explanation_words(found), explanation_numbers(found)
     if found.block.history.size:
-        write_explained_figure(found, path)
+        from abhv_mc.topics.figure_style import write_png
+
+        write_png(make_explained_figure(found), path)
         words, numbers = [*words, f"figure    {path}"], numbers | {"figure": str(path)}
     show(numbers, json, lambda: say(*words, sep="\n"))
 

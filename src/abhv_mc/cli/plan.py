@@ -20,7 +20,6 @@ def command(
     """Say how many flights each requirement needs, and how likely it is to PASS at the planned number."""
     from abhv_mc.campaign.file.check import read_campaign
     from abhv_mc.cli.announce import announce_warnings
-    from abhv_mc.report.figures.planned import write_plan_figure
     from abhv_mc.report.numbers.planned import plan_campaign
 
     checked = read_campaign(campaign, runs)
@@ -30,7 +29,10 @@ def command(
     show(planned, json, lambda: _print(planned))
     announce_warnings(planned.problems)
     if out is not None:
-        write_plan_figure(planned, out / "plan.png")
+        from abhv_mc.report.figures.planned import plot_planned
+        from abhv_mc.topics.figure_style import write_png
+
+        write_png(plot_planned(planned), out / "plan.png")
         say(f"figure    {out / 'plan.png'}", file=beside(json))
 
 

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Discriminator, Field, PlainSerializer, Tag, WithJsonSchema, model_validator
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control.air_file import DENSITY, WIND, join_air, read_air_table
+from abhv_mc.control.mission_tables import DENSITY, WIND, join_air, read_air_table, read_trajectory
 from abhv_mc.control.s_shape import s_shape
-from abhv_mc.control.trajectory_file import read_trajectory
 from abhv_mc.io.documents import File, Refusal, StrictModel, read_document, validate
 from abhv_mc.io.input_files import made_once
 from abhv_mc.io.units import Angle, AngularRate, Length, Mass, Pressure, Speed, Time, parse_in_unit

@@ -29,8 +29,17 @@ from abhv_mc.search.methods.tune import Scores, Tuning, Validation, tune
 from abhv_mc.search.methods.tune import validate as validate_gain
 from abhv_mc.search.search_flights import find_metric, read_searched
 from abhv_mc.search.space import make_space
-from abhv_mc.search.tune_limits import bound_of, excess_of, limited_value, score, severities_of, value_of
-from abhv_mc.search.tune_trials import MOST_CORNERED, Trials, cornered_vehicles
+from abhv_mc.search.tune_trials import (
+    MOST_CORNERED,
+    Trials,
+    bound_of,
+    cornered_vehicles,
+    excess_of,
+    limited_value,
+    score,
+    severities_of,
+    value_of,
+)
 from abhv_mc.simulators.candidates import Candidates
 from abhv_mc.simulators.controller_numbers import ControllerNumbers, read_controller_numbers
 from abhv_mc.simulators.engine import Engine, make_engine

@@ -1,5 +1,6 @@
 """The topics of a report in its order: those of the program, of installed packages, and of a notebook."""
 
+from collections.abc import Iterator
 from typing import Any
 
 from abhv_mc.io.input_error import InputError, describe, one_of
@@ -13,7 +14,7 @@ from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.margins import MARGINS
 from abhv_mc.topics.metrics import METRICS
 from abhv_mc.topics.provenance import PROVENANCE
-from abhv_mc.topics.topic import Topic
+from abhv_mc.topics.topic import Drawn, Models, Topic
 from abhv_mc.topics.user_topics import REGISTERED, user_topics
 from abhv_mc.topics.verdicts import VERDICTS
 
@@ -34,6 +35,11 @@ def all_topics() -> tuple[Topic[Any], ...]:
     """Every topic in the order of a page: how sure the numbers are and where they come from stand last."""
     *first, sure, origin = BUILT_IN
     return (*first, *user_topics(), sure, origin)
+
+
+def make_figures(models: Models) -> dict[str, Iterator[Drawn]]:
+    """Every figure that the campaign's folder has the data for, by its topic."""
+    return {topic.name: models.figures(topic) for topic in all_topics()}
 
 
 def find_topic(name: str) -> Topic[Any]:

@@ -25,11 +25,11 @@ def _no_figures(_model: Any, _names: Names) -> Iterator[Drawn]:
     return iter(())
 
 
-def figures_of(module: str, name: str) -> Callable[[Any, Names], Iterator[Drawn]]:
-    """A room's figures by the name of their function: its module, and matplotlib, is imported when they are drawn."""
+def figures_of(room: str) -> Callable[[Any, Names], Iterator[Drawn]]:
+    """What a room's ``figures.draw`` gives: that module, and matplotlib, is imported when they are drawn."""
 
     def draw(model: Any, names: Names) -> Iterator[Drawn]:
-        yield from getattr(import_module(module), name)(model, names)
+        yield from import_module(f"{room}.figures").draw(model, names)
 
     return draw
 

@@ -5,7 +5,7 @@ import gzip
 
 import numpy as np
 
-from abhv_mc.report.pages.packed import pack_arrays
+from abhv_mc.report.pages.page import pack_arrays
 
 
 def unpack(places, text, name):

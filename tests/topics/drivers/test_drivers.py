@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from abhv_mc.campaign.file.config import Sampling
-from abhv_mc.topics.drivers.figures import _bars, driver_figures
+from abhv_mc.topics.drivers.figures import _bars, draw
 from abhv_mc.topics.drivers.model import Driver, MetricDrivers, Share, compute_drivers, otherwise_words
 from abhv_mc.topics.topic import Models
 
@@ -61,7 +61,7 @@ def test_a_tornado_has_the_largest_drivers_of_any_controller_first(results):
     """A controller whose error has no monotonic relation shows shares of the variance of ranks."""
     drivers = compute_drivers(results)
     names = Models(results).names
-    ((text, figure),) = driver_figures(drivers, names)
+    ((text, figure),) = draw(drivers, names)
     assert text.name == "drivers" and len(figure.axes) == len(drivers.controllers)
     labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
     for metric in names.asked:

@@ -6,7 +6,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.control import mission as m
-from abhv_mc.control.trajectory_file import read_trajectory
+from abhv_mc.control.mission_tables import read_trajectory
 
 
 class Profile(NamedTuple):

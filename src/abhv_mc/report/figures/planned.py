@@ -1,6 +1,5 @@
 """Chance of PASS against the true failure rate, before a campaign flies."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from matplotlib.figure import Figure
@@ -15,7 +14,6 @@ from abhv_mc.topics.figure_style import (
     legend_below,
     new_panels,
     styled,
-    write_png,
 )
 
 if TYPE_CHECKING:
@@ -50,8 +48,3 @@ def plot_planned(planned: "Planned") -> Figure:
     label_lowest(grid, count, "true failure rate over the allowed one")
     legend_below(figure, grid.flat[0])
     return figure
-
-
-def write_plan_figure(planned: "Planned", path: Path) -> None:
-    """The curves of every requirement as PNG."""
-    write_png(plot_planned(planned), path)

@@ -114,27 +114,6 @@ def plot_failures(names: Sequence[str], points: Floats) -> Figure:
 
 
 @styled
-def plot_flights(times: Floats, panels: Mapping[str, Floats], labels: Sequence[str]) -> Figure:
-    """Channels ``[flight, time]`` over time: the nominal flight first, then the worst."""
-    rows = -(-len(panels) // 2)
-    figure = new_figure(0.5 + 1.4 * rows)
-    grid = figure.subplots(rows, 2, squeeze=False, sharex=True)
-    for axes, (label, curves) in zip(grid.flat, panels.items(), strict=False):
-        for i, (curve, name) in enumerate(zip(curves, labels, strict=True)):
-            color = INK if i == 0 else CYCLE[(i - 1) % len(CYCLE)]
-            axes.plot(times, curve, color=color, linestyle=(0, (4, 2)) if i == 0 else "-", linewidth=0.9, label=name)
-        axes.set_ylabel(label)
-        pad_if_flat(axes)
-    for axes in grid.flat[len(panels) :]:
-        axes.set_visible(False)
-    for axes in grid[-1]:
-        axes.set_xlabel("time (s)")
-    handles, words = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, words, loc="outside lower center", ncols=len(words))
-    return figure
-
-
-@styled
 def plot_front(
     labels: tuple[str, str], points: tuple[Floats, Floats, NDArray[np.bool_]], front: NDArray[np.intp], best: int
 ) -> Figure:

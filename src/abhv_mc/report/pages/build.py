@@ -95,12 +95,12 @@ def build_report(folder: Path, baseline: Path | None = None, svg: bool = False, 
     from abhv_mc.folder.layout import write_text
     from abhv_mc.report.numbers.compare import compare_baseline
     from abhv_mc.report.numbers.report_numbers import make_numbers
-    from abhv_mc.report.pages.gallery import make_figures
     from abhv_mc.report.pages.matrix import make_matrix, make_metrics
     from abhv_mc.report.pages.page import PageFigure, make_page
     from abhv_mc.report.pages.searched import refuse_search
     from abhv_mc.topics.figure_style import write_png, write_svg
     from abhv_mc.topics.metrics import METRICS
+    from abhv_mc.topics.registry import make_figures
     from abhv_mc.topics.topic import Models
     from abhv_mc.topics.verdicts import VERDICTS
 

@@ -1,7 +1,6 @@
 """An explanation of a failing flight as words, JSON and a figure."""
 
 import textwrap
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,7 @@ from matplotlib.figure import Figure
 from abhv_mc.analysis.explain import Explanation
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.report.figures.explained import ExplainedPanel, plot_explained
+from abhv_mc.report.figures.single_flights import plot_flights
 from abhv_mc.topics.labels import FLIGHT_PANELS, controller_label
 from abhv_mc.topics.parameter_words import shown_value
 
@@ -62,16 +61,8 @@ def make_explained_figure(found: Explanation) -> Figure:
     ends = found.block.end_time[1:]
     early = bool((found.block.outcome[1:] != Outcome.OK).all())
     until = _AFTER * float(ends.max()) if early else float(ends.max())
-    panels = [
-        ExplainedPanel(label, list(found.block.history[:, :, CHANNEL_INDEX[name]].astype(np.float64) * scale))
-        for name, label, scale in FLIGHT_PANELS
-    ]
+    shown = found.block.times <= until
+    history = found.block.history[:, shown].astype(np.float64)
+    panels = {label: history[:, :, CHANNEL_INDEX[name]] * scale for name, label, scale in FLIGHT_PANELS}
     kept = f"only {len(found.causes)} of {len(found.samples)} dispersions"
-    return plot_explained(title, found.block.times, until, panels, ("nominal", kept, "as flown"))
-
-
-def write_explained_figure(found: Explanation, path: Path) -> None:
-    """Write it as PNG."""
-    from abhv_mc.topics.figure_style import write_png
-
-    write_png(make_explained_figure(found), path)
+    return plot_flights(found.block.times[shown], panels, ("nominal", kept, "as flown"), title)

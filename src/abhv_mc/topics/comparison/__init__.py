@@ -6,10 +6,5 @@ from abhv_mc.topics.comparison.sentences import comparison_sentences
 from abhv_mc.topics.topic import Topic, figures_of
 
 COMPARISON = Topic(
-    "comparison",
-    Comparison,
-    compute_comparison,
-    comparison_section,
-    comparison_sentences,
-    figures_of("abhv_mc.topics.comparison.figures", "comparison_figures"),
+    "comparison", Comparison, compute_comparison, comparison_section, comparison_sentences, figures_of(__name__)
 )

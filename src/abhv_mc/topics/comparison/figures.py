@@ -17,7 +17,7 @@ _MOST_POINTS = 1000  # of a controller in a scatter plot
 _MOST_TRADES = 3
 
 
-def comparison_figures(found: Comparison, names: Names) -> Iterator[tuple[FigureText, Figure]]:
+def draw(found: Comparison, names: Names) -> Iterator[tuple[FigureText, Figure]]:
     """Tracking errors that stand first, against usage."""
     results, records = found.source, names.metrics
     errors = [metric for metric in names.asked if records[metric].group == "tracking"][:_MOST_TRADES]

@@ -32,7 +32,7 @@ class Tornado:
     bars: Sequence[TornadoBar]
 
 
-def driver_figures(drivers: Drivers, names: Names) -> Iterator[tuple[FigureText, Figure]]:
+def draw(drivers: Drivers, names: Names) -> Iterator[tuple[FigureText, Figure]]:
     """The drivers of the metrics that stand first."""
     charts = []
     for metric in names.asked:

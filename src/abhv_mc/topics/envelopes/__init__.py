@@ -4,10 +4,4 @@ from abhv_mc.topics.envelopes.model import Envelopes, compute_envelopes
 from abhv_mc.topics.envelopes.section import envelope_section
 from abhv_mc.topics.topic import Topic, figures_of
 
-ENVELOPES = Topic(
-    "envelopes",
-    Envelopes,
-    compute_envelopes,
-    envelope_section,
-    figures=figures_of("abhv_mc.topics.envelopes.figures", "channel_figures"),
-)
+ENVELOPES = Topic("envelopes", Envelopes, compute_envelopes, envelope_section, figures=figures_of(__name__))

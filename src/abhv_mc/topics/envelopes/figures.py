@@ -19,7 +19,7 @@ Find = Callable[[str, str], Bands | None]  # of a controller and a channel
 _OURS = "; insets show the largest move. The altitude error has no band of all flights where the reference climbs"
 
 
-def channel_figures(found: Envelopes, labels: Names) -> Iterator[tuple[FigureText, Figure]]:
+def draw(found: Envelopes, labels: Names) -> Iterator[tuple[FigureText, Figure]]:
     """One sheet of the channels that the envelopes hold."""
     envelopes = found.source.envelopes
 

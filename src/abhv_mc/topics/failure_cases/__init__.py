@@ -10,5 +10,5 @@ FAILURE_CASES = Topic(
     compute_failure_cases,
     failure_case_section,
     failure_case_sentences,
-    figures_of("abhv_mc.topics.failure_cases.figures", "failure_case_figures"),
+    figures_of(__name__),
 )

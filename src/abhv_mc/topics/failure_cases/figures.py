@@ -100,7 +100,7 @@ def still_flying(after: Floats, lost: NDArray[np.bool_], times: Floats) -> Float
     return np.where((times <= after.max(initial=0.0)) | (result == 0.0), result, np.nan)
 
 
-def failure_case_figures(found: FailureCases, names: Names) -> Iterator[tuple[FigureText, Figure]]:
+def draw(found: FailureCases, names: Names) -> Iterator[tuple[FigureText, Figure]]:
     """Survival and bands of each case over the time since its first failure."""
     if found.source is None:
         return

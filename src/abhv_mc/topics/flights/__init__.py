@@ -4,10 +4,4 @@ from abhv_mc.topics.flights.model import Flights, compute_flights
 from abhv_mc.topics.flights.section import flight_section
 from abhv_mc.topics.topic import Topic, figures_of
 
-FLIGHTS = Topic(
-    "flights",
-    Flights,
-    compute_flights,
-    flight_section,
-    figures=figures_of("abhv_mc.topics.flights.figures", "flight_figures"),
-)
+FLIGHTS = Topic("flights", Flights, compute_flights, flight_section, figures=figures_of(__name__))

@@ -21,7 +21,7 @@ _CHANNELS = (
 )
 
 
-def flight_figures(found: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
+def draw(found: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
     """The flights that are listed, as far as their histories are kept."""
     results, controllers = found.source, tuple(names.controllers)
     if results is None or not results.envelopes:

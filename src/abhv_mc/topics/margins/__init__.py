@@ -5,11 +5,4 @@ from abhv_mc.topics.margins.section import margin_section
 from abhv_mc.topics.margins.sentences import margin_sentences
 from abhv_mc.topics.topic import Topic, figures_of
 
-MARGINS = Topic(
-    "margins",
-    Margins,
-    compute_margins,
-    margin_section,
-    margin_sentences,
-    figures_of("abhv_mc.topics.margins.figures", "margin_figures"),
-)
+MARGINS = Topic("margins", Margins, compute_margins, margin_section, margin_sentences, figures_of(__name__))

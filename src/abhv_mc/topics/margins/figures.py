@@ -13,7 +13,7 @@ from abhv_mc.topics.section import FigureText
 _MOST_POINTS = 1000  # of a controller
 
 
-def margin_figures(margins: Margins, names: Names) -> Iterator[tuple[FigureText, Figure]]:
+def draw(margins: Margins, names: Names) -> Iterator[tuple[FigureText, Figure]]:
     """How bad each flight is over its margins, where flights have them."""
     marks = {name: entry.marks for name, entry in margins.flights.items() if entry.marks is not None}
     if not marks:

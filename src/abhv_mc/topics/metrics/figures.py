@@ -69,7 +69,7 @@ _TEXT = FigureText(
 )
 
 
-def metric_figures(found: Metrics, names: Names) -> Iterator[tuple[FigureText, Figure]]:
+def draw(found: Metrics, names: Names) -> Iterator[tuple[FigureText, Figure]]:
     """The distributions of the metrics that stand first."""
     if names.asked and found.source:
         spreads = [_spread(found.source, metric) for metric in names.asked]

@@ -2,7 +2,7 @@
 
 import pytest
 
-from abhv_mc.control.air_file import DENSITY, WIND, read_air_table
+from abhv_mc.control.mission_tables import DENSITY, WIND, read_air_table
 from abhv_mc.io.input_error import InputError
 
 AIR = "altitude_m,wind_north_mps,wind_east_mps"

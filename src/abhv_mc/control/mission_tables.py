@@ -1,4 +1,4 @@
-"""The nominal air of a mission from CSV: wind and a factor on the standard density over altitude."""
+"""The CSV tables that a mission names: a recorded trajectory, and the nominal air over altitude."""
 
 from pathlib import Path
 
@@ -7,13 +7,37 @@ from numpy.typing import NDArray
 
 from abhv_mc.io.input_error import InputError
 from abhv_mc.io.number_table import read_number_table
-from abhv_mc.io.units import LENGTH, SPEED
+from abhv_mc.io.units import LENGTH, SPEED, TIME
+
+COLUMNS = ("time_s", "altitude_m", "speed_mps", "heading_deg")
+MAX_BYTES = 20_000_000  # of a table
+_LARGEST_FLOWN = dict(zip(COLUMNS, (TIME.largest, LENGTH.largest, SPEED.largest, 1e4), strict=True))
+
+
+def read_trajectory(path: str | Path, duration: float) -> NDArray[np.float64]:
+    """[sample, column] in COLUMNS' order and units, headings unwrapped; other columns are left unread.
+
+    Raises :class:`InputError` for anything but rising times from 0 to at least ``duration`` (s), finite numbers,
+    positive speeds and four samples.
+    """
+    table = read_number_table(Path(path), _LARGEST_FLOWN, MAX_BYTES)
+    samples = table.values
+    table.check_rising("time_s", "s")
+    for row in np.flatnonzero(samples[:, 2] <= 0.0)[:1]:
+        raise table.error(int(row), "speed_mps", f"the speed {samples[row, 2]:g} m/s", "a positive one")
+    if len(samples) < 4:
+        raise InputError(table.path, f"{len(samples)} samples", "at least 4")
+    first, last = samples[0, 0], samples[-1, 0]
+    if abs(first) > 1e-9 or last < duration - 1e-9:
+        raise InputError(table.path, f"times {first:g}..{last:g} s", f"times from 0 to {duration:g} s")
+    samples[:, 3] = np.rad2deg(np.unwrap(np.deg2rad(samples[:, 3])))
+    return samples
+
 
 ALTITUDE = "altitude_m"
 WIND = ("wind_north_mps", "wind_east_mps")  # that the air blows towards
 DENSITY = ("density_factor",)
 _MAX_ROWS = 500
-_MAX_BYTES = 20_000_000
 _LARGEST = {ALTITUDE: LENGTH.largest, **dict.fromkeys(WIND, SPEED.largest), DENSITY[0]: 1e3}
 
 
@@ -23,7 +47,7 @@ def read_air_table(path: Path, columns: tuple[str, ...]) -> NDArray[np.float64]:
     Raises :class:`InputError` for anything but at least two rising altitudes and finite numbers, a factor on the
     density above zero.
     """
-    table = read_number_table(path, {name: _LARGEST[name] for name in (ALTITUDE, *columns)}, _MAX_BYTES)
+    table = read_number_table(path, {name: _LARGEST[name] for name in (ALTITUDE, *columns)}, MAX_BYTES)
     table.check_rising(ALTITUDE, "m")
     rows = table.values
     if columns == DENSITY:
