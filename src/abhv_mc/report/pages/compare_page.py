@@ -1,6 +1,5 @@
 """The page of a paired comparison: gates, who is better in what and by how much, the flights that only one loses."""
 
-import math
 import shlex
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,16 +12,16 @@ from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.report.figures.paired import DifferencePanel, plot_differences
 from abhv_mc.report.numbers.compare import CampaignPair, Compared, compare_results, gate_words, read_compared, sides
 from abhv_mc.report.numbers.judgement import few
-from abhv_mc.report.pages.answer_page import Answer, make_table, write_answer_page
-from abhv_mc.statistics.estimates import Interval
+from abhv_mc.report.pages.section_page import Answer, make_table, write_section_page
 from abhv_mc.topics.comparison.model import metric_differences
+from abhv_mc.topics.comparison.section import failure_table, gain_words, usage_tables
 from abhv_mc.topics.figure_style import CYCLE
 from abhv_mc.topics.labels import full_labels
-from abhv_mc.topics.section import Bullets, FigureText, Item, Lead, Picture, Section, Table
+from abhv_mc.topics.names import names_of
+from abhv_mc.topics.section import Bullets, Cell, FigureText, Item, Lead, Picture, Section, Table, interval_cell
 from abhv_mc.topics.topic import Drawn
-from abhv_mc.topics.words import bounds, count_of, ends_of, estimate, fixed, joined, p_value, significant
+from abhv_mc.topics.words import ends_of, fixed, joined, p_value, significant
 
-_EARLY = "reached its end"
 _NAMED = 3  # metrics without a difference, told by name
 Labels = tuple[str, str, str]  # how the pair, its first and its second one are called
 
@@ -61,7 +60,7 @@ def write_compare_page(a: FlownCampaign, b: FlownCampaign, found: Compared, fold
     drawn = _figures(a, b, found, [part for part in parts if not _is_same(part[1])])
     section = make_comparison(a, b, found)
     section = replace(section, items=(*section.items, _provenance(a, b, found, folder)))
-    return write_answer_page(Answer(title, f"Paired comparison · {question}", section), drawn, folder / "report.html")
+    return write_section_page(Answer(title, f"Paired comparison · {question}", section), drawn, folder / "report.html")
 
 
 def make_comparison(a: FlownCampaign, b: FlownCampaign, found: Compared) -> Section:
@@ -209,70 +208,36 @@ def standing_words(
     return "; ".join(f"{heads[side]} {joined(named)}" for side, named in found.items() if named)
 
 
-def _with_bounds(interval: Interval) -> str:
-    ends = bounds(interval)
-    return f"{estimate(interval)} ({ends})" if ends else estimate(interval)
-
-
 def _tables(pair: CampaignPair, found: Compared, labels: Labels, of: Sequence[FlownCampaign]) -> Iterator[Table]:
     title, a, b = labels
-    words = found.words
     rows = []
     differing = [item for item in pair.metrics.items() if item[1].a_better or item[1].b_better]
     for metric, entry in sorted(differing, key=lambda item: not item[1].compared):
         won = "mixed" if entry.mixed else {pair.a: a, pair.b: b}.get(entry.winner or "", "neither")
-        ends = entry.median_difference, entry.quantile_differences["q95"]
-        levels = [_with_bounds(each) for each in ends]
         counts = [fixed(count, 0) for count in (entry.a_better, entry.b_better)]
-        gain = entry.pairing_gain
-        counts.append(f"{significant(gain, 2)} times" if gain and 1.05 <= gain < math.inf else "none")
-        rows.append([words[metric]["label_with_unit"], *levels, *counts, won if entry.compared else ""])
-    apart = "median difference (95 %)", "of 95 % quantiles (95 %)"
-    heads = ("metric", *apart, f"{a} better", f"{b} better", "pairing gain", "better")
+        rows.append((
+            Cell(found.words[metric]["label_with_unit"], head=True),
+            *map(interval_cell, (entry.median_difference, entry.quantile_differences["q95"])),
+            *map(Cell, (*counts, gain_words(entry), won if entry.compared else "")),
+        ))  # fmt: skip
+    heads = ("Metric", "Median difference", "of 95 % quantiles", f"{a} better", f"{b} better", "Pairing gain", "Better")
     used = " and in control usage" if any(pair.usage.values()) else ""
     caption = (
-        f"{a} minus {b}, over {fixed(pair.pairs, 0)} flights; a dash: more flights were lost than lie beyond the "
-        f"quantile. A winner is named in what is asked{used}, allowing for all of these. Pairing gain: "
-        "an unpaired comparison of the means would need this many times the flights."
+        f"{title}: {a} minus {b}, with 95 % intervals, over {fixed(pair.pairs, 0)} flights; not reached: more flights "
+        f"were lost than lie beyond the quantile. A winner is named in what is asked{used}, allowing for all of these. "
+        "Pairing gain: an unpaired comparison of the means would need this many times the flights."
     )
-    yield make_table(f"{title}: differences", caption, heads, rows)
-    yield _failure_table(pair, found.requirements, labels)
+    yield Table(f"{title}: differences", heads, (tuple(rows),), caption)
+    requirements = tuple(item for item in of[0].campaign.requirements if item.metric in found.words)
+    names = replace(names_of(of[0]), controllers={pair.a: a, pair.b: b}, requirements=requirements)
+    yield failure_table(pair, names)
     if lost := _lost_rows(pair, found.requirements, labels, of):
         caption = "Of each requirement and side the first ten"
         if not all(each.campaign.adopted for each in of):
             caption += "; each is flown again, bit for bit, by the command"
         columns = ("flight", "fails under", "and not under", "what", "flown again by")
         yield make_table(f"{title}: flights that only one fails", caption, columns, lost)
-    usage = [
-        [
-            words[metric]["label"],
-            *(_with_bounds(each) for each in (entry.error_ratio, entry.usage_ratio)),
-            *(count_of(count, entry.pairs) for count in (entry.less_error_less_usage, entry.less_error_more_usage)),
-        ]
-        for metric, entry in pair.usage.items()
-        if entry
-    ]
-    if usage:
-        caption = (
-            f"Median ratios {a} to {b} with 95 % intervals, and in how many flights less error came with more use."
-        )
-        columns = ("metric", "error ratio", "usage ratio", "less error, no more use", "less error, more use")
-        yield make_table(f"{title}: error against surface usage", caption, columns, usage)
-
-
-def _failure_table(pair: CampaignPair, requirements: Sequence[str], labels: Labels) -> Table:
-    title, a, b = labels
-    rows = [
-        [
-            words,
-            *(fixed(count, 0) for count in (each.only_a, each.only_b, each.both, each.neither)),
-            p_value(each.p_value),
-        ]
-        for words, each in zip([*requirements, _EARLY], [*pair.requirements, pair.ended_early], strict=True)
-    ]
-    heads = ("requirement", f"only {a} fails", f"only {b} fails", "both", "neither", "p (McNemar)")
-    caption = "Failures of the same flights, with McNemar's exact test."
-    return make_table(f"{title}: failures", caption, heads, rows)
+    yield from usage_tables(pair, names)
 
 
 def _lost_rows(

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.report.figures.searches import plot_failures, plot_levels, plot_mixing
-from abhv_mc.report.pages.answer_page import Answer, make_table, write_answer_page
 from abhv_mc.report.pages.searched_flights import drawn_figures, flights_table
+from abhv_mc.report.pages.section_page import Answer, make_table, write_section_page
 from abhv_mc.search.methods import second_look
 from abhv_mc.search.methods.subset import ACCEPTANCE
 from abhv_mc.search.rare import RareFound
@@ -34,7 +34,7 @@ def make_rare_answer(found: RareFound, folder: Path) -> Answer:
 
 def write_rare_page(found: RareFound, path: Path) -> Path:
     """Write the page of an estimate of a rare failure and its figures beside it."""
-    return write_answer_page(make_rare_answer(found, path.parent), _draw(found), path)
+    return write_section_page(make_rare_answer(found, path.parent), _draw(found), path)
 
 
 def _draw(found: RareFound) -> Iterator[Drawn]:

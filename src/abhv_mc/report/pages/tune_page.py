@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.report.figures.searches import plot_front, plot_gains
-from abhv_mc.report.pages.answer_page import Answer, make_table, write_answer_page
+from abhv_mc.report.pages.section_page import Answer, make_table, write_section_page
 from abhv_mc.search.tune import TuneFound
 from abhv_mc.topics.labels import controller_label
 from abhv_mc.topics.section import Bullets, FigureText, Lead, Picture, Section, Table
@@ -42,7 +42,7 @@ def write_tune_page(found: TuneFound, path: Path) -> Path:
         (front, plot_front((usage, aim), points, found.tuning.front, found.tuning.best)),
         (gains, plot_gains(aim, scores.objective, scores.allowed)),
     )
-    return write_answer_page(make_tune_answer(found), drawn, path, path.with_suffix(".tuning") / "figures")
+    return write_section_page(make_tune_answer(found), drawn, path, path.with_suffix(".tuning") / "figures")
 
 
 def _answers(found: TuneFound) -> tuple[Lead, Bullets]:

@@ -6,8 +6,8 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.report.figures.searches import plot_convergence, plot_place
-from abhv_mc.report.pages.answer_page import Answer, make_table, write_answer_page
 from abhv_mc.report.pages.searched_flights import drawn_figures, flights_table, with_unit
+from abhv_mc.report.pages.section_page import Answer, make_table, write_section_page
 from abhv_mc.search.severity import ENDED_EARLY
 from abhv_mc.search.worst import WorstFound
 from abhv_mc.topics.labels import controller_label
@@ -31,7 +31,7 @@ def make_worst_answer(found: WorstFound, folder: Path) -> Answer:
 def write_worst_page(found: WorstFound, path: Path) -> Path:
     """Write the page of a worst-case search and its figures beside it."""
     drawn = (_convergence(found), _place(found), *drawn_figures(found.drawn))
-    return write_answer_page(make_worst_answer(found, path.parent), drawn, path)
+    return write_section_page(make_worst_answer(found, path.parent), drawn, path)
 
 
 def _answers(found: WorstFound) -> tuple[Lead, Bullets]:

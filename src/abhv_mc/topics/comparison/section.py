@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from abhv_mc.topics.comparison.model import Comparison, ControllerPair, ListedFailures
+from abhv_mc.topics.comparison.model import ComparedMetric, Comparison, ControllerPair, ListedFailures
 from abhv_mc.topics.comparison.sentences import asked_of, survival_sentences
 from abhv_mc.topics.failed_flights import requirement_words
 from abhv_mc.topics.names import Names
@@ -71,6 +71,35 @@ def _usage_row(found: Comparison, metric: str, names: Names) -> Row:
 
 def _pair_items(pair: ControllerPair, names: Names) -> Iterator[Item]:
     a, b = names.label(pair.a), names.label(pair.b)
+    yield from usage_tables(pair, names)
+    levels = tuple(
+        (
+            Cell(names.metrics[metric].label_with_unit, head=True),
+            *map(interval_cell, entry.quantile_differences.values()),
+            Cell(count_of(entry.a_better, pair.pairs)),
+            Cell(gain_words(entry)),
+        )
+        for metric, entry in asked_of(pair, names).items()
+    )
+    yield Table(
+        f"Quantile differences, {a} minus {b}",
+        ("Metric", "Median", "95 %", "99.73 %", f"{a} better in", "Pairing gain"),
+        (levels,),
+        f"Quantiles of {a} minus quantiles of {b}, with 95 % intervals, open where so few flights bound nothing. "
+        "Pairing gain: an unpaired comparison of the means would need this many times the flights",
+    )
+    yield failure_table(pair, names)
+
+
+def gain_words(entry: ComparedMetric) -> str:
+    """'1.4 times': how many times the flights an unpaired comparison would need; 'none' where about as many."""
+    gain = entry.pairing_gain
+    return f"{significant(gain, 2)} times" if gain and gain >= 1.05 else "none"
+
+
+def usage_tables(pair: ControllerPair, names: Names) -> Iterator[Table]:
+    """Tracking errors beside the control usage, where surfaces are used."""
+    a, b = names.label(pair.a), names.label(pair.b)
     usage = tuple(
         (
             Cell(names.metrics[metric].label, head=True),
@@ -94,26 +123,15 @@ def _pair_items(pair: ControllerPair, names: Names) -> Iterator[Item]:
             f"Tracking error against control usage: median ratios {a} to {b} with 95 % intervals, and shares of the "
             "flights",
         )  # fmt: skip
-    levels = tuple(
-        (
-            Cell(names.metrics[metric].label_with_unit, head=True),
-            *map(interval_cell, entry.quantile_differences.values()),
-            Cell(count_of(entry.a_better, pair.pairs)),
-            Cell(f"{significant(gain, 2)} times" if (gain := entry.pairing_gain) and gain >= 1.05 else "none"),
-        )
-        for metric, entry in asked_of(pair, names).items()
-    )
-    yield Table(
-        f"Quantile differences, {a} minus {b}",
-        ("Metric", "Median", "95 %", "99.73 %", f"{a} better in", "Pairing gain"),
-        (levels,),
-        f"Quantiles of {a} minus quantiles of {b}, with 95 % intervals, open where so few flights bound nothing. "
-        "Pairing gain: an unpaired comparison of the means would need this many times the flights",
-    )
+
+
+def failure_table(pair: ControllerPair, names: Names) -> Table:
+    """How often one alone misses each requirement, and loses the flight."""
+    a, b = names.label(pair.a), names.label(pair.b)
     words = [requirement_words(item, names.metrics) for item in names.requirements]
     ended = "Reached the end of the mission" if names.kind == "controller" else "Reached its end"
     missed = zip([*words, ended], [*pair.requirements, pair.ended_early], strict=True)
-    yield Table(
+    return Table(
         f"Failures of one {names.kind} only, {a} against {b}",
         ("Requirement", "Both failed", f"Only {a}", f"Only {b}", "Neither", "p-value",
          f"Flights, only {a}", f"Flights, only {b}"),

@@ -29,7 +29,7 @@ def make_table(title: str, caption: str, heads: Sequence[str], rows: Iterable[Se
     return Table(title, tuple(heads), (cells,), f"{title}. {caption}", numbers=False)
 
 
-def write_answer_page(answer: Answer, drawn: Iterable[Drawn], path: Path, folder: Path | None = None) -> Path:
+def write_section_page(answer: Answer, drawn: Iterable[Drawn], path: Path, folder: Path | None = None) -> Path:
     """Write the page, and its figures into ``folder``, by default `figures` beside it; returns the page's path."""
     folder, figures = folder or path.parent / "figures", {}
     for text, figure in drawn:
