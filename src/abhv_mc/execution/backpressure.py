@@ -1,48 +1,40 @@
-"""Limits what is flown ahead of the disk, and ends what nobody waits for any more."""
+"""Does work on threads, limits what is done ahead of the disk, and ends what nobody waits for any more."""
 
-import contextlib
 import threading
 import warnings
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterable
 from typing import Any, TypeVar
 
 T = TypeVar("T")
 
 
-class Backpressure:
-    """Limits the blocks that are being flown or wait to be written.
+def work_ahead(workers: int, work: Callable[..., T], calls: Iterable[tuple[Any, ...]]) -> Generator[T, None, None]:
+    """What ``work`` gives for each of ``calls``, its arguments, as soon as it is finished: in any order.
 
-    Without it, workers that are faster than the disk would fill the memory with finished blocks.
+    At most two results for each worker are being made or wait to be taken. Without this limit, workers that are
+    faster than the disk would fill the memory with finished blocks. Close it: then every waiting worker ends.
     """
+    from joblib import Parallel, delayed
 
-    def __init__(self, number: int) -> None:
-        self._free = threading.Semaphore(number)
-        self._closed = False
+    room = threading.Semaphore(2 * workers)
+    closed = threading.Event()
 
-    def call(self, work: Callable[..., T], *arguments: Any) -> T:
-        """What ``work`` gives once there is room. Raises RuntimeError after :meth:`close`, when nobody listens."""
-        self._free.acquire()
-        if self._closed:
-            self.free()  # so that the next one ends, too
+    def call(arguments: tuple[Any, ...]) -> T:
+        room.acquire()
+        if closed.is_set():
+            room.release()  # so that the next one ends, too
             raise RuntimeError("nobody waits for this block")
         return work(*arguments)
 
-    def free(self) -> None:
-        """Make room: a block was written."""
-        self._free.release()
-
-    def close(self) -> None:
-        """Let every waiting worker end."""
-        self._closed = True
-        self.free()
-
-
-@contextlib.contextmanager
-def closing_quietly(results: Generator[Any, None, None]) -> Iterator[None]:
-    """Stop the workers at the end; joblib's warning that not all was used is what an interrupt means."""
+    pool = Parallel(n_jobs=workers, backend="threading", return_as="generator_unordered", pre_dispatch="2*n_jobs")
+    results = pool(delayed(call)(arguments) for arguments in calls)
     try:
-        yield
+        for result in results:
+            yield result
+            room.release()
     finally:
+        closed.set()
+        room.release()
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)
+            warnings.simplefilter("ignore", UserWarning)  # joblib's, that not all was used: an interrupt means that
             results.close()

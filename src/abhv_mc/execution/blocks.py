@@ -5,13 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from abhv_mc.array_types import Floats, Mask
-from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.array_types import Mask
 from abhv_mc.execution.fly_batches import AT_ONCE
-from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.kernel.flight.interface import LANES
-from abhv_mc.simulators.engine import Fly, Recorded
-from abhv_mc.simulators.simulate import simulate
 
 _WORK = 10.0  # s
 _MOST_PLAIN = 8192  # flights of a block that records nothing, some ten seconds of work: what a kill costs a worker
@@ -86,10 +82,3 @@ def _uniform_runs(
     for first, stop in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True):
         if state[first]:
             yield first, stop
-
-
-def fly_block(
-    experiment: Experiment, block: Block, rows: Floats, recorded: Recorded, fly: Fly, margins: bool
-) -> tuple[Block, FlightBlock]:
-    """A block and its flights, from a thread of the launching process that hands it to whoever flies blocks."""
-    return block, simulate(experiment, block.controller, rows, recorded if block.envelope else None, fly, margins)

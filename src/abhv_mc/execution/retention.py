@@ -3,16 +3,16 @@
 The worst are known only then, and flying a flight again gives the same bits.
 """
 
-import contextlib
 import hashlib
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.execution.backpressure import Backpressure, closing_quietly
+from abhv_mc.execution.backpressure import work_ahead
 from abhv_mc.execution.flight_counts import FlightCounts
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.outcome import Outcome
@@ -98,31 +98,25 @@ def write_kept_histories(
 ) -> list[str]:
     """Fly and write the ``expected`` files of histories; those that are there already stay, and no other. What failed,
     in words."""
-    from joblib import Parallel, delayed
-
     keep = campaign.model.keep.histories
     missing = [file for file in expected if not file.whole]
 
-    def fly_again(part: int) -> tuple[int, FlightBlock]:
-        name = missing[part].controller
+    def fly_again(file: HistoryFile) -> tuple[HistoryFile, FlightBlock]:
+        name = file.controller
         every = 1 if campaign.user_model else round(1.0 / (keep.rate * campaign.systems[name].plan.timing.tick))
-        rows = np.concatenate([samples.rows(flight, flight + 1) for flight in missing[part].flights])
-        return part, simulate(campaign, name, rows, every, fly)
+        rows = np.concatenate([samples.rows(flight, flight + 1) for flight in file.flights])
+        return file, simulate(campaign, name, rows, every, fly)
 
-    pool = Parallel(n_jobs=workers, backend="threading", return_as="generator_unordered", pre_dispatch="2*n_jobs")
-    backpressure = Backpressure(2 * workers)
-    results = pool(delayed(backpressure.call)(fly_again, part) for part in range(len(missing)))
     total = sum(len(file.flights) for file in missing)
     failed = []
-    with Progress("histories", total) as progress, closing_quietly(results), contextlib.closing(backpressure):
-        for part, block in results:
-            file = missing[part]
+    landed = work_ahead(workers, fly_again, ((file,) for file in missing))
+    with Progress("histories", total) as progress, closing(landed):
+        for file, block in landed:
             lost = block.outcome == Outcome.FAILED_TO_RUN  # it flew the first time
             failed += [f"no history of flight {k} of {file.controller}" for k in np.array(file.flights)[lost]]
             metadata = {} if lost.any() else {"kept": file.mark}
             of = file.path, file.controller, file.flights, block.times, block.history
             write_histories(*of, campaign.kept_channels, metadata, campaign.channels)
-            backpressure.free()
             progress.add(len(file.flights))
     for path in set(folder.histories.glob("*.parquet")) - {file.path for file in expected}:
         path.unlink()

@@ -1,19 +1,17 @@
 """Fly a campaign: what is missing in its folder, in parallel, kept block by block; then envelopes and histories."""
 
-import contextlib
 import json
 import sys
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Mask
-from abhv_mc.execution.backpressure import Backpressure, closing_quietly
-from abhv_mc.execution.blocks import Block, choose_batch, choose_plain, choose_timed, cut_blocks, fly_block
+from abhv_mc.array_types import Floats, Mask
+from abhv_mc.execution.backpressure import work_ahead
+from abhv_mc.execution.blocks import Block, choose_batch, choose_plain, choose_timed, cut_blocks
 from abhv_mc.execution.cluster import connect_cluster
 from abhv_mc.execution.completion import Completion
 from abhv_mc.execution.executor import Executor, open_executor
@@ -39,6 +37,7 @@ from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, RUNNING, Manifest, wr
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.simulators.engine import Engine, check_source, engine_of, make_engine
 from abhv_mc.simulators.make_plans import record_every
+from abhv_mc.simulators.simulate import simulate
 from abhv_mc.simulators.user_simulator.user_flights import seconds_of_a_flight
 
 _SAVE_INTERVAL = 5.0  # s between manifests on disk
@@ -126,7 +125,7 @@ class _Run:
             with interrupts_deferred():
                 self._write_manifest(INTERRUPTED)
         except BaseException:
-            with contextlib.suppress(Exception):  # the error counts, not that the full disk takes no manifest
+            with suppress(Exception):  # the error counts, not that the full disk takes no manifest
                 self._write_manifest(INTERRUPTED)
             raise
         return RunResult(self.folder.root, self.manifest)
@@ -179,49 +178,36 @@ class _Run:
         for name, (rows, envelope) in self.completion.find_missing(self.collectors).items():
             if rows.any() and not seconds_of_a_flight(plans):
                 first = int(np.argmax(rows))
-                block, row = (
-                    Block(name, first, first + 1, True, bool(envelope[first])),
-                    self.samples.rows(first, first + 1),
-                )
-                self._keep(*fly_block(self.campaign, block, row, self.recording, self.fly, False))
+                block = Block(name, first, first + 1, True, bool(envelope[first]))
+                self._keep(*self._fly_block(block, self.samples.rows(first, first + 1)))
         chosen = choose_timed(self.campaign.runs, self.workers, seconds_of_a_flight(plans))
         self.batch = self.campaign.model.execution.batch or min(chosen, AT_ONCE if self.collectors else chosen)
 
     def _fly_missing(self, missing: dict[str, tuple[Mask, Mask]]) -> None:
-        from joblib import Parallel, delayed
-
         total = sum(int((rows | envelope).sum()) for rows, envelope in missing.values())
         self._write_manifest(RUNNING)
-        pool = Parallel(
-            n_jobs=self.workers, backend="threading", return_as="generator_unordered", pre_dispatch="2*n_jobs"
-        )
-        backpressure = Backpressure(2 * self.workers)
         plain = None
         if self.campaign.user_model is None:
             plain = envelope_states.ENVELOPE_FLIGHTS, choose_plain(total, self.workers, self.batch)
-        tasks = (
-            delayed(backpressure.call)(
-                fly_block,
-                self.campaign,
-                block,
-                self.samples.rows(block.first, block.stop),
-                self.recording,
-                self.fly,
-                block.rows and block.first < self.with_margins,
-            )
-            for block in cut_blocks(missing, self.batch, self.with_margins, plain)
-        )
+        blocks = cut_blocks(missing, self.batch, self.with_margins, plain)
+        calls = ((block, self.samples.rows(block.first, block.stop)) for block in blocks)
         saved = time.monotonic()
-        results = pool(tasks)
-        with Progress("flights", total) as progress, closing_quietly(results), contextlib.closing(backpressure):
-            for block, flown in results:
+        with (
+            Progress("flights", total) as progress,
+            closing(work_ahead(self.workers, self._fly_block, calls)) as landed,
+        ):
+            for block, flown in landed:
                 with interrupts_deferred():
                     self._keep(block, flown)
-                backpressure.free()
                 progress.add(block.flights)
                 if time.monotonic() - saved > _SAVE_INTERVAL:
                     self._write_manifest(RUNNING)
                     saved = time.monotonic()
+
+    def _fly_block(self, block: Block, samples: Floats) -> tuple[Block, FlightBlock]:
+        recorded = self.recording if block.envelope else None
+        margins = block.rows and block.first < self.with_margins
+        return block, simulate(self.campaign, block.controller, samples, recorded, self.fly, margins)
 
     def _keep(self, block: Block, flown: FlightBlock) -> None:
         """Write a finished block and count it."""
@@ -248,7 +234,7 @@ class _Run:
             for flight in rows.flights[flown.outcome == Outcome.FAILED_TO_RUN]:
                 print(f"flight {flight} of {block.controller} failed to run", file=sys.stderr, flush=True)
 
-    def _make_values(self, flown: FlightBlock) -> NDArray[np.float64]:
+    def _make_values(self, flown: FlightBlock) -> Floats:
         """Values ``[flight, value]``; margins come last, nan where they were not asked for."""
         count = len(self.campaign.measured)
         metrics, margins = flown.metrics[:, :count], flown.metrics[:, count:]
