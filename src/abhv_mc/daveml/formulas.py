@@ -4,12 +4,11 @@ import ast
 import functools
 import math
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 from abhv_mc.daveml.python_nodes import fill, name, number
 from abhv_mc.daveml.xml_reader import Node
-from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.io.input_error import one_of
 
 VARIABLE = "$"  # begins the name of a variable of the file, which no name of Python does
 
@@ -51,29 +50,26 @@ def variables_of(formula: ast.expr) -> Iterator[str]:
     return (name.removeprefix(VARIABLE) for name in names if name.startswith(VARIABLE))
 
 
-def read_formula(node: Node, path: Path) -> ast.expr:
+def read_formula(node: Node) -> ast.expr:
     """The number that a content element of MathML gives. Raises InputError for what is not in the list."""
-
-    def refuse(at: Node, found: str, expected: str) -> InputError:
-        return InputError(path, found, expected, at.line, at.column)
 
     def leaf(at: Node) -> ast.expr:
         text, kind = at.text, at.attributes.get("type") if at.children else None
         if kind == "rational":
             above, _, below = text.partition(" ")
-            divisor = at.number(below, path)
-            text = repr(at.number(above, path) / divisor) if divisor else text
+            divisor = at.number(below)
+            text = repr(at.number(above) / divisor) if divisor else text
         elif at.children:
             text = ("e" if kind == "e-notation" else "").join(text.split())
-        return number(at.number(text, path))
+        return number(at.number(text))
 
     def piecewise(at: Node) -> ast.expr:
         pieces, rest = at.all("piece"), at.first("otherwise")
         for piece in pieces:
             if len(piece.children) != 2:
-                raise refuse(piece, f"a piece of {len(piece.children)} elements", "a value and its condition")
+                raise piece.refuse(f"a piece of {len(piece.children)} elements", "a value and its condition")
         if rest is None or len(rest.children) != 1 or not pieces:
-            raise refuse(at, "a piecewise without a piece or without 'otherwise'", "both: a value everywhere")
+            raise at.refuse("a piecewise without a piece or without 'otherwise'", "both: a value everywhere")
         found = value(rest.children[0])
         for piece in reversed(pieces):
             found = fill("a if c else b", a=value(piece.children[0]), b=found, c=truth(piece.children[1]))
@@ -94,7 +90,7 @@ def read_formula(node: Node, path: Path) -> ast.expr:
 
     def apply(at: Node) -> Any:
         if not at.children:
-            raise refuse(at, "an empty apply", "an operator and its operands")
+            raise at.refuse("an empty apply", "an operator and its operands")
         head, *rest = at.children
         if head.name == "piecewise" and not rest:
             return piecewise(head)
@@ -102,19 +98,19 @@ def read_formula(node: Node, path: Path) -> ast.expr:
         if operator == "csymbol":
             operator = head.text or head.attributes.get("definitionURL", "").rpartition("#")[2]
         if operator not in OPERATORS or operator == "piecewise":
-            raise refuse(head, f"the operator '{operator}'", one_of(OPERATORS, operator))
+            raise head.refuse(f"the operator '{operator}'", one_of(OPERATORS, operator))
         qualifiers = {child.name: child for child in rest if child.name in ("degree", "logbase")}
         given = [child for child in rest if child.name not in qualifiers]
         for qualifier, child in qualifiers.items():
             if {"degree": "root", "logbase": "log"}[qualifier] != operator or len(child.children) != 1:
                 found = f"'{qualifier}' in '{operator}'"
-                raise refuse(child, found, "degree of a root or logbase of a log, one element")
+                raise child.refuse(found, "degree of a root or logbase of a log, one element")
             given.append(child.children[0])
         fewest = 2 if operator in _BINARY or operator in _RELATIONS else 1
         most = 2 if operator in _BINARY or operator in _ONE_OR_TWO else _MOST
         most = 1 if operator in _UNARY or operator == "not" else most
         if not fewest <= len(given) <= most:
-            raise refuse(at, f"'{operator}' of {len(given)} operands", f"{fewest} to {most}")
+            raise at.refuse(f"'{operator}' of {len(given)} operands", f"{fewest} to {most}")
         operands = list(map(truth if operator in _LOGIC else value, given))
         if operator in _RELATIONS:
             return ast.Compare(operands[0], [_RELATIONS[operator]()] * (len(given) - 1), operands[1:])
@@ -138,7 +134,7 @@ def read_formula(node: Node, path: Path) -> ast.expr:
             return piecewise(at)
         if at.name == "apply":
             return apply(at)
-        raise refuse(at, f"the element '{at.name}'", one_of(("apply", "ci", "cn", "piecewise", *_CONSTANTS), at.name))
+        raise at.refuse(f"the element '{at.name}'", one_of(("apply", "ci", "cn", "piecewise", *_CONSTANTS), at.name))
 
     def value(at: Node) -> ast.expr:
         found = read(at)

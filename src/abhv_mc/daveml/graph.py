@@ -96,13 +96,13 @@ def read_model(path: Path) -> Model:
     """Read a DAVE-ML file. Raises :class:`abhv_mc.io.input_error.InputError` with line and column."""
     root, content = read_xml(path)
     if root.name != "DAVEfunc":
-        raise InputError(path, f"the element '{root.name}'", "a DAVE-ML file: 'DAVEfunc'", root.line, root.column)
-    look_ups = read_look_ups(root, path)
+        raise root.refuse(f"the element '{root.name}'", "a DAVE-ML file: 'DAVEfunc'")
+    look_ups = read_look_ups(root)
     variables: dict[str, Variable] = {}
     for node in root.all("variableDef"):
-        variable = _read_variable(node, path, look_ups)
+        variable = _read_variable(node, look_ups)
         if variable.identifier in variables:
-            raise InputError(path, f"a second variable '{variable.identifier}'", "one", node.line, node.column)
+            raise node.refuse(f"a second variable '{variable.identifier}'", "one")
         variables[variable.identifier] = variable
     _check_references(path, variables, look_ups)
     header = root.first("fileHeader") or root
@@ -113,29 +113,29 @@ def read_model(path: Path) -> Model:
         header.words("description"),
         hashlib.sha256(content).hexdigest(),
         _in_order(path, variables),
-        tuple(_read_shot(shot, path, variables) for data in root.all("checkData") for shot in data.all("staticShot")),
+        tuple(_read_shot(shot, variables) for data in root.all("checkData") for shot in data.all("staticShot")),
     )
 
 
-def _read_variable(node: Node, path: Path, look_ups: dict[str, LookUp]) -> Variable:
-    identifier = _attribute(node, "varID", path)
+def _read_variable(node: Node, look_ups: dict[str, LookUp]) -> Variable:
+    identifier = node.attributes.get("varID")
+    if identifier is None:
+        raise node.refuse(f"'{node.name}' without varID", "it")
 
     def bound(name: str) -> float | None:
-        return node.number(node.attributes[name], path) if name in node.attributes else None
+        return node.number(node.attributes[name]) if name in node.attributes else None
 
     formula = None
     calculation = node.first("calculation")
     if calculation is not None:
         maths = calculation.first("math")
         if maths is None or len(maths.children) != 1:
-            raise InputError(
-                path, "a calculation", "one MathML element in 'math'", calculation.line, calculation.column
-            )
-        formula = read_formula(maths.children[0], path)
+            raise calculation.refuse("a calculation", "one MathML element in 'math'")
+        formula = read_formula(maths.children[0])
     look_up = look_ups.get(identifier)
     if formula is not None and look_up is not None:
         found = f"a calculation and the function '{look_up.name}', both of '{identifier}'"
-        raise InputError(path, found, "one of them", node.line, node.column)
+        raise node.refuse(found, "one of them")
     marked = any(node.first(name) is not None for name in ("isInput", "isControl", "isDisturbance", "isState"))
     initial = bound("initialValue")
     computed = formula is not None or look_up is not None
@@ -187,7 +187,7 @@ def _in_order(path: Path, variables: dict[str, Variable]) -> dict[str, Variable]
     return done
 
 
-def _read_shot(shot: Node, path: Path, variables: dict[str, Variable]) -> CheckShot:
+def _read_shot(shot: Node, variables: dict[str, Variable]) -> CheckShot:
     by_name = {variable.name: variable.identifier for variable in variables.values()}
 
     def values(group: str) -> tuple[CheckValue, ...]:
@@ -198,14 +198,14 @@ def _read_shot(shot: Node, path: Path, variables: dict[str, Variable]) -> CheckS
             identifier = identified if identified in variables else by_name.get(name, name)
             if identifier not in variables:
                 known = one_of((*by_name, *variables), given)
-                raise InputError(path, f"the signal '{given}'", known, signal.line, signal.column)
-            factor = _conversion(signal, variables[identifier], path)
+                raise signal.refuse(f"the signal '{given}'", known)
+            factor = _conversion(signal, variables[identifier])
             tolerance = signal.words("tol")
             found.append(
                 CheckValue(
                     identifier,
-                    factor * signal.number(signal.words("signalValue"), path),
-                    abs(factor) * signal.number(tolerance, path) if tolerance else None,
+                    factor * signal.number(signal.words("signalValue")),
+                    abs(factor) * signal.number(tolerance) if tolerance else None,
                     signal.line,
                 )
             )
@@ -216,7 +216,7 @@ def _read_shot(shot: Node, path: Path, variables: dict[str, Variable]) -> CheckS
     )
 
 
-def _conversion(signal: Node, variable: Variable, path: Path) -> float:
+def _conversion(signal: Node, variable: Variable) -> float:
     """Factor from a signal's units to its variable's."""
     units = signal.words("signalUnits")
     if not units or units == variable.units:
@@ -227,11 +227,5 @@ def _conversion(signal: Node, variable: Variable, path: Path) -> float:
         dimension, own_dimension = (1, 0, 0, 0), (0, 0, 0, 0)
     if dimension != own_dimension:
         found = f"'{variable.name}' in '{units}'"
-        raise InputError(path, found, f"'{variable.units}', as the variable is", signal.line, signal.column)
+        raise signal.refuse(found, f"'{variable.units}', as the variable is")
     return given / own
-
-
-def _attribute(node: Node, name: str, path: Path) -> str:
-    if name not in node.attributes:
-        raise InputError(path, f"'{node.name}' without {name}", "it", node.line, node.column)
-    return node.attributes[name]

@@ -2,13 +2,12 @@
 
 import itertools
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.daveml.xml_reader import Node
-from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.io.input_error import one_of
 
 _EXTRAPOLATE = ("neither", "min", "max", "both")
 
@@ -53,26 +52,25 @@ class LookUp:
     line: int
 
 
-def read_look_ups(root: Node, path: Path) -> dict[str, LookUp]:
+def read_look_ups(root: Node) -> dict[str, LookUp]:
     """Every function by the variable that it gives (varID). Raises InputError."""
-    reader = _Tables(root, path)
+    reader = _Tables(root)
     found: dict[str, LookUp] = {}
     for node in root.all("function"):
         given, look_up = reader.read_function(node)
         if given in found:
-            raise InputError(path, f"a second function of '{given}'", "one", node.line, node.column)
+            raise node.refuse(f"a second function of '{given}'", "one")
         found[given] = look_up
     return found
 
 
 class _Tables:
-    def __init__(self, root: Node, path: Path) -> None:
-        self._path = path
+    def __init__(self, root: Node) -> None:
         self._grids: dict[str, Grid] = {}
         for node in root.all("breakpointDef"):
             name = node.attributes.get("bpID", "")
-            points = self._numbers(node.first("bpVals") or node)
-            self._grids[name] = Grid(name, self._rising(node, points))
+            points = _numbers(node.first("bpVals") or node)
+            self._grids[name] = Grid(name, _rising(node, points))
         self._definitions: dict[str, Node] = {}
         for node in _descendants(root):
             key = node.attributes.get("gtID") or node.attributes.get("utID") or node.attributes.get("utId")
@@ -84,26 +82,26 @@ class _Tables:
         arguments, table = self._read_points(node, name) if node.first("dependentVarPts") else self._read_refs(node)
         given = node.first("dependentVarPts") or node.first("dependentVarRef")
         if given is None or "varID" not in given.attributes:
-            raise self._refuse(node, f"the function '{name}' of nothing", "dependentVarRef with its varID")
+            raise node.refuse(f"the function '{name}' of nothing", "dependentVarRef with its varID")
         axes = len(table.grids) if table.points is None else table.points.shape[1]
         if len(arguments) != axes:
-            raise self._refuse(node, f"{len(arguments)} arguments of a table of {axes} axes", "as many")
+            raise node.refuse(f"{len(arguments)} arguments of a table of {axes} axes", "as many")
         return given.attributes["varID"], LookUp(name, node.words("description"), arguments, table, node.line)
 
     def _read_refs(self, node: Node) -> tuple[tuple[Argument, ...], TableData]:
         definition = node.first("functionDefn")
         if definition is None:
-            raise self._refuse(node, "a function without a definition", "functionDefn, or points")
+            raise node.refuse("a function without a definition", "functionDefn, or points")
         kinds = ("griddedTableDef", "griddedTable", "ungriddedTableDef", "ungriddedTable")
         tables = definition.all(*kinds)
         for reference in definition.all("griddedTableRef", "ungriddedTableRef"):
             attributes = reference.attributes
             key = attributes.get("gtID") or attributes.get("utID") or attributes.get("utId") or ""
             if key not in self._definitions:
-                raise self._refuse(reference, f"the table '{key}'", one_of(self._definitions, key))
+                raise reference.refuse(f"the table '{key}'", one_of(self._definitions, key))
             tables.append(self._definitions[key])
         if len(tables) != 1:
-            raise self._refuse(definition, f"{len(tables)} tables", "one gridded or ungridded table")
+            raise definition.refuse(f"{len(tables)} tables", "one gridded or ungridded table")
         arguments = tuple(self._argument(reference) for reference in node.all("independentVarRef"))
         gridded = tables[0].name in kinds[:2]
         return arguments, self._gridded(tables[0]) if gridded else self._ungridded(tables[0], len(arguments))
@@ -111,38 +109,38 @@ class _Tables:
     def _read_points(self, node: Node, name: str) -> tuple[tuple[Argument, ...], TableData]:
         """A function that holds its points itself."""
         parts = node.all("independentVarPts")
-        grids = tuple(Grid(part.attributes.get("varID", ""), self._rising(part, self._numbers(part))) for part in parts)
+        grids = tuple(Grid(part.attributes.get("varID", ""), _rising(part, _numbers(part))) for part in parts)
         values = node.first("dependentVarPts") or node
-        shaped = self._shaped(values, self._numbers(values), grids)
+        shaped = _shaped(values, _numbers(values), grids)
         return tuple(self._argument(part) for part in parts), TableData(name, grids, None, shaped, "")
 
     def _argument(self, node: Node) -> Argument:
         attributes = node.attributes
         extrapolate = attributes.get("extrapolate", "neither")
         if extrapolate not in _EXTRAPOLATE:
-            raise self._refuse(node, f"extrapolate '{extrapolate}'", one_of(_EXTRAPOLATE, extrapolate))
+            raise node.refuse(f"extrapolate '{extrapolate}'", one_of(_EXTRAPOLATE, extrapolate))
         if attributes.get("interpolate", "linear") != "linear":
-            raise self._refuse(node, f"interpolation '{attributes['interpolate']}'", "'linear'")
+            raise node.refuse(f"interpolation '{attributes['interpolate']}'", "'linear'")
         ends = []
         for key in ("min", "max"):
-            ends.append(node.number(attributes[key], self._path) if key in attributes else None)
+            ends.append(node.number(attributes[key]) if key in attributes else None)
         return Argument(attributes.get("varID", ""), ends[0], ends[1], extrapolate)
 
     def _gridded(self, node: Node) -> TableData:
         references = [part.attributes.get("bpID", "") for part in (node.first("breakpointRefs") or node).all("bpRef")]
         for key in references:
             if key not in self._grids:
-                raise self._refuse(node, f"the breakpoints '{key}'", one_of(self._grids, key))
+                raise node.refuse(f"the breakpoints '{key}'", one_of(self._grids, key))
         grids = tuple(self._grids[key] for key in references)
         data = node.first("dataTable") or node
         name = node.attributes.get("name") or node.attributes.get("gtID") or "table"
-        return TableData(name, grids, None, self._shaped(data, self._numbers(data), grids), node.words("description"))
+        return TableData(name, grids, None, _shaped(data, _numbers(data), grids), node.words("description"))
 
     def _ungridded(self, node: Node, axes: int) -> TableData:
         """Scattered points; points that fill a grid are a table like any other."""
-        rows = [self._numbers(point) for point in node.all("dataPoint")]
+        rows = [_numbers(point) for point in node.all("dataPoint")]
         if len(rows) < 2 or any(row.size != axes + 1 for row in rows):
-            raise self._refuse(node, "an ungridded table", f"points of {axes} coordinates and a value each")
+            raise node.refuse("an ungridded table", f"points of {axes} coordinates and a value each")
         array = np.array(rows)
         points, values = array[:, :-1], array[:, -1]
         name = node.attributes.get("name") or node.attributes.get("utID") or "table"
@@ -155,28 +153,26 @@ class _Tables:
             shape = [axis.size for axis in axis_points]
             return TableData(name, grids, None, values[order].reshape(shape), node.words("description"))
         if len(np.unique(points, axis=0)) != len(points):
-            raise self._refuse(node, "a point twice", "each point once")
+            raise node.refuse("a point twice", "each point once")
         return TableData(name, (), points, values, node.words("description"))
 
-    def _numbers(self, node: Node) -> Floats:
-        return np.array(
-            [node.number(word, self._path) for word in node.text.replace(",", " ").replace(";", " ").split()]
-        )
 
-    def _rising(self, node: Node, points: Floats) -> Floats:
-        if points.size < 2 or not (np.diff(points) > 0.0).all():
-            raise self._refuse(node, "breakpoints that do not rise", "at least two numbers that rise")
-        return points
+def _numbers(node: Node) -> Floats:
+    return np.array([node.number(word) for word in node.text.replace(",", " ").replace(";", " ").split()])
 
-    def _shaped(self, node: Node, values: Floats, grids: tuple[Grid, ...]) -> Floats:
-        shape = [grid.points.size for grid in grids]
-        if not grids or values.size != np.prod(shape):
-            expected = f"{' x '.join(map(str, shape))}, as its breakpoints" if grids else "breakpoints"
-            raise self._refuse(node, f"a table of {values.size} values", expected)
-        return values.reshape(shape)
 
-    def _refuse(self, node: Node, found: str, expected: str) -> InputError:
-        return InputError(self._path, found, expected, node.line, node.column)
+def _rising(node: Node, points: Floats) -> Floats:
+    if points.size < 2 or not (np.diff(points) > 0.0).all():
+        raise node.refuse("breakpoints that do not rise", "at least two numbers that rise")
+    return points
+
+
+def _shaped(node: Node, values: Floats, grids: tuple[Grid, ...]) -> Floats:
+    shape = [grid.points.size for grid in grids]
+    if not grids or values.size != np.prod(shape):
+        expected = f"{' x '.join(map(str, shape))}, as its breakpoints" if grids else "breakpoints"
+        raise node.refuse(f"a table of {values.size} values", expected)
+    return values.reshape(shape)
 
 
 def _descendants(node: Node) -> list[Node]:

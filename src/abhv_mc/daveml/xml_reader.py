@@ -27,6 +27,7 @@ def fold(text: str) -> str:
 class Node:
     """An element: its name without the name space, attributes, children and the text directly in it, folded."""
 
+    path: Path  # of the file
     name: str
     attributes: dict[str, str]
     line: int
@@ -47,14 +48,18 @@ class Node:
         child = self.first(name)
         return child.text if child else ""
 
-    def number(self, text: str, path: Path) -> float:
+    def refuse(self, found: str, expected: str) -> InputError:
+        """The error of something in this element."""
+        return InputError(self.path, found, expected, self.line, self.column)
+
+    def number(self, text: str) -> float:
         """A number that the element holds. Raises :class:`InputError`."""
         try:
             value = float(text)
         except ValueError:
             value = math.nan
         if math.isnan(value):
-            raise InputError(path, f"'{text}'", "a number", self.line, self.column)
+            raise self.refuse(f"'{text}'", "a number")
         return value
 
 
@@ -102,7 +107,8 @@ class _Reader:
         if len(self._open) >= _DEEPEST:
             self._refuse(f"more than {_DEEPEST} elements within each other")
         bare = {key.rpartition(_SEPARATOR)[2]: fold(value) for key, value in attributes.items()}
-        node = Node(plain, bare, self._parser.CurrentLineNumber, self._parser.CurrentColumnNumber + 1)
+        place = self._parser.CurrentLineNumber, self._parser.CurrentColumnNumber + 1
+        node = Node(self._path, plain, bare, *place)
         if self._open:
             self._open[-1].children.append(node)
             self._open[-1].text += " "  # 1<sep/>3 is two numbers

@@ -20,8 +20,8 @@ from abhv_mc.kernel.plant.slopes import Effectiveness
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc.kernel.world.earth import Earth
 from abhv_mc.user_code.source import UserSource
-from abhv_mc.vehicle.foreign import VehicleCode
-from abhv_mc.vehicle.model import name_effectors
+from abhv_mc.vehicle.actuators import name_effectors
+from abhv_mc.vehicle.vehicle_code import VehicleCode
 
 Limits = outcome.Limits
 

@@ -46,8 +46,8 @@ from abhv_mc.user_code.module import Law
 from abhv_mc.user_code.native import NativeLaw
 from abhv_mc.user_code.settings import NO_COMMANDS, CommandSteps, make_commands, make_user_settings
 from abhv_mc.user_code.vehicle_functions import find_code, load_vehicle
+from abhv_mc.vehicle.actuators import name_effectors
 from abhv_mc.vehicle.limits import tighter
-from abhv_mc.vehicle.model import name_effectors
 from abhv_mc.vehicle.sensing import choose_sensing
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
 

@@ -13,9 +13,9 @@ import numpy as np
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, Vehicle
 from abhv_mc.kernel.world.atmosphere import atmosphere
 from abhv_mc.kernel.world.earth import Earth, gravity_ned, radii
+from abhv_mc.vehicle.actuators import deflection_range
 from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, evaluate_tables, make_variables
-from abhv_mc.vehicle.foreign import N_THRUST, evaluate_functions
-from abhv_mc.vehicle.model import deflection_range
+from abhv_mc.vehicle.vehicle_code import N_THRUST, evaluate_functions
 
 GRAVITY = 9.80665  # m/s2, of load factors
 _TOLERANCE = 1e-8  # of the weight, and of the weight times the chord

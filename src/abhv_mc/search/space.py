@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.correlation import Copula
-from abhv_mc.campaign.sampling.derived import Derived
+from abhv_mc.campaign.sampling.derived_parameters import Derived
 from abhv_mc.campaign.sampling.marginals import (
     ContinuousMarginal,
     DiscreteMarginal,

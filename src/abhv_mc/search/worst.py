@@ -10,7 +10,7 @@ from abhv_mc.flight.metrics import MARGIN_NAMES, Metric
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.io.documents import InputError
 from abhv_mc.plant.parameters import Parameters
-from abhv_mc.search.methods.worst import WorstCase, choose_batch, least_evaluations, search_worst
+from abhv_mc.search.methods.worst import WorstCase, least_evaluations, search_worst
 from abhv_mc.search.search_flights import (
     DrawnFlights,
     SearchFlights,
@@ -106,7 +106,7 @@ def find_worst(request: SearchRequest, settings: WorstSettings, engine: Engine |
     space = make_space(campaign)
     bounds = space.bounds(settings.box)
     space.refuse_small(bounds, settings.box)
-    least = least_evaluations(len(space.names), choose_batch(settings.flights))
+    least = least_evaluations(len(space.names), settings.flights)
     if settings.flights < least:
         raise InputError("--flights", f"{settings.flights}", f"at least {least} for {len(space.names)} dispersions")
     held = {"kind": "worst", **vars(settings)}

@@ -14,6 +14,7 @@ from abhv_mc.search.space import make_space
 from abhv_mc.simulators.trim_margins import TrimMargins, trim_margins
 
 EVALUATIONS = 512  # of each margin
+_BOX = 3.0  # sigma of unbounded distributions
 _MOVED = 1e-6  # half widths of the range
 
 
@@ -31,13 +32,13 @@ class WorstMargin:
     evaluations: int
 
 
-def find_worst_margins(campaign: Experiment, controllers: Sequence[str], box: float = 3.0) -> list[WorstMargin]:
+def find_worst_margins(campaign: Experiment, controllers: Sequence[str]) -> list[WorstMargin]:
     """The least of each margin of each controller in steady flight at the mission's start.
 
-    ``box``: sigma of unbounded distributions. Nothing flies. Raises InputError where there can be no margins.
+    Of unbounded distributions up to three sigma. Nothing flies. Raises InputError where there can be no margins.
     """
     space = make_space(campaign, with_unknowns=True)
-    bounds, seed = space.bounds(box), campaign.model.seed
+    bounds, seed = space.bounds(_BOX), campaign.model.seed
     found = []
     for name, margins in trim_margins(campaign, controllers).items():
         nominal = margins(nominal_parameters())[0][0]

@@ -30,8 +30,8 @@ from abhv_mc.user_code.closure import check_closure
 from abhv_mc.user_code.effector_commands import find_driven
 from abhv_mc.user_code.source import read_source
 from abhv_mc.user_code.user_channels import compile_channels
+from abhv_mc.vehicle.actuators import drive, name_effectors
 from abhv_mc.vehicle.limits import STILL_AIR, refuse_oscillation
-from abhv_mc.vehicle.model import drive, name_effectors
 from abhv_mc.vehicle.sensing import IN_WIND, describe_sensing
 
 _RARELY = 1e-6  # probability that a law may have beyond a bound

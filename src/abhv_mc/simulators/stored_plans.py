@@ -32,7 +32,7 @@ from abhv_mc.user_code.law_source import read_law_source
 from abhv_mc.user_code.source import UserSource, read_source
 from abhv_mc.user_code.trust import check_trusted
 from abhv_mc.user_code.vehicle_functions import check_vehicle_trusted, find_code, load_vehicle
-from abhv_mc.vehicle.foreign import VehicleCode
+from abhv_mc.vehicle.vehicle_code import VehicleCode
 
 Code = tuple[UserSource | None, UserSource | None, VehicleCode | None]  # of a law, of channels, of a vehicle
 _COLUMNS = {"tlc": (len(TLC_GAINS), len(TLC_SETTINGS)), "lqr": (len(LQR_GAINS), len(LQR_SETTINGS))}

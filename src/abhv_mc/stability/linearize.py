@@ -19,7 +19,7 @@ from abhv_mc.stability.periods import law_phases
 from abhv_mc.stability.plant_inputs import INPUTS, held_at, mix_matrix, mixes, name_inputs, sticks_here
 from abhv_mc.stability.point_slopes import Points, plant_slopes
 from abhv_mc.stability.sensor_states import add_sensors
-from abhv_mc.vehicle.model import list_actuators
+from abhv_mc.vehicle.actuators import list_actuators
 
 _N_PATH = len(path.COORDINATES)
 _AIR_SIDESLIP = _N_PATH  # behind the rates, in what plant_slopes gives

@@ -14,7 +14,7 @@ from abhv_mc.kernel.plant.parameter_names import EFFECTORS, NEVER
 from abhv_mc.kernel.plant.vehicle import HIGH, LOW, Vehicle
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.user_code.effector_commands import commands_effectors
-from abhv_mc.vehicle.model import list_actuators, name_effectors
+from abhv_mc.vehicle.actuators import list_actuators, name_effectors
 
 INPUTS = ("aileron", "rudder", "elevator", "equivalence_ratio")
 

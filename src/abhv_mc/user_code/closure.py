@@ -15,7 +15,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.compiler_target import code_folder
 from abhv_mc.kernel.jit import compiler
 from abhv_mc.user_code.child import LostError, in_child
-from abhv_mc.user_code.compiled import own_hash
+from abhv_mc.user_code.compiled import code_hash
 from abhv_mc.user_code.design import DesignModel, design_gains
 from abhv_mc.user_code.load_law import load_law
 from abhv_mc.user_code.module import Law, run_module
@@ -24,14 +24,14 @@ from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import in_its_folder
 from abhv_mc.user_code.vehicle_functions import find_code, load_functions
 from abhv_mc.user_code.watch import watching
-from abhv_mc.vehicle.foreign import VehicleCode
+from abhv_mc.vehicle.vehicle_code import VehicleCode
 
 _LONGEST = 600.0  # s that a file may run
 
 
 def check_closure(source: UserSource) -> None:
     """Run a Python file in the child, once for each content. Raises InputError for what it does or reads wrong."""
-    key = hashlib.sha256(f"{source.hash} {source.file} {own_hash()}".encode()).hexdigest()[:24]
+    key = hashlib.sha256(f"{source.hash} {source.file} {code_hash()}".encode()).hexdigest()[:24]
     note = code_folder(compiler()) / "laws" / f"closed_{key}"
     if note.exists():
         return

@@ -49,6 +49,10 @@ COMMAND_ROWS = (
 )  # of a Command
 _GIVEN = "float('inf')"  # in the text of a loop: abhv_mc.user_code.law_interface.NOT_GIVEN
 _MADE = (Command, Coefficients, Thrust)  # of whatever numbers
+REFERENCE_LINES = [  # of a loop, before its lanes
+    f"r = tick * {len(REFERENCE)}",
+    f"reference = _Reference({', '.join(f'row[r + {i}]' for i in range(len(REFERENCE)))})",
+]
 COMMANDS = "commands."  # before the name of a column that is one
 WANTED = "floats, named tuples and functions of them, or @controller(compiled=False)"
 _NOISE = re.compile(r"(Failed in nopython mode|During: |File \"|- Resolution failure|\^|\[1\] |<source|def |return |$)")
@@ -105,6 +109,12 @@ def indent(spaces: int, lines: list[str]) -> str:
     return "\n".join(" " * spaces + line for line in lines or ["pass"])
 
 
+def loop_text(width: int, once: list[str], inside: list[str]) -> str:
+    """The text of a loop over the lanes: lines before it, and lines for each lane."""
+    lines = [indent(4, once), f"    for lane in range({width}):", indent(8, inside)]
+    return "\n".join(["def loop(context, Z, row, column, given, tick, dt):", *lines, ""])
+
+
 def find_place(width: int, following: int, places: str, commanded: Iterable[int]) -> str:
     """Lines of the loop of a law whose memory lies in a place for each flight, of which the lane holds the number.
 
@@ -136,7 +146,7 @@ def build(module: Module, text: str, names: dict[str, Any], salt: str = "") -> A
 
 def build_loop(salt: str, text: str, names: dict[str, Any]) -> Any:
     """Compile the function ``loop`` of a text with these names, which ``salt`` stands for. Raises Uncompilable."""
-    key = hashlib.sha256(f"{salt} {text} {own_hash()}".encode()).hexdigest()[:24]
+    key = hashlib.sha256(f"{salt} {text} {code_hash()}".encode()).hexdigest()[:24]
     path = code_folder(compiler()) / "laws" / f"law_{key}.py"
     if not path.exists():
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -151,7 +161,7 @@ def build_loop(salt: str, text: str, names: dict[str, Any]) -> Any:
 
 
 @functools.cache
-def own_hash() -> str:
+def code_hash() -> str:
     """Hash of what a user's code is made of besides its text and the layers of the compiled flight."""
     here = Path(__file__).parent
     files = [*sorted(here.glob("*.py")), *sorted(here.glob("*.h")), here.parent / "extend.py"]
@@ -224,11 +234,10 @@ def _make_loop(law: Law, gains: tuple[str, ...], width: int, effectors: tuple[st
     lane = functools.partial(lane_of, width)
     onboard = _make_nested(Onboard, ONBOARD, lane)
     designed, commands = split_columns(gains)
-    once, inside, arguments = [], [], []
+    once, inside = [], []
     for name in law.arguments:
         if name == "reference":
-            once.append(f"r = tick * {len(REFERENCE)}")
-            once.append(f"reference = _Reference({', '.join(f'row[r + {i}]' for i in range(len(REFERENCE)))})")
+            once += REFERENCE_LINES
         elif name == "gains":
             columns = ", ".join(f"column[tick * {len(gains)} + {i}]" for i in range(len(designed)))
             once.append(f"gains = _Gains({columns})")
@@ -248,8 +257,7 @@ def _make_loop(law: Law, gains: tuple[str, ...], width: int, effectors: tuple[st
             inside.append(f"memory = _Memory({', '.join(values)})")
         elif name == "onboard":
             inside.append(f"onboard = {onboard}")
-        arguments.append(name)
-    call = f"_law({', '.join(arguments)})"
+    call = f"_law({', '.join(law.arguments)})"
     if "memory" in law.arguments:
         inside.append(f"command, after = {call}")
         for i, field in enumerate(law.memory._fields):
@@ -262,8 +270,7 @@ def _make_loop(law: Law, gains: tuple[str, ...], width: int, effectors: tuple[st
         inside.append(f"{lane(row)} = command.{field}")
     inside.append(f"if command.throttle != {_GIVEN}:")
     inside.append(f"    {lane(s.CMD_ETA)} = command.throttle")
-    lines = [f"    {line}" for line in once] + [f"    for lane in range({width}):"] + [f"        {x}" for x in inside]
-    return "\n".join(["def loop(context, Z, row, column, given, tick, dt):", *lines, ""])
+    return loop_text(width, once, inside)
 
 
 def _make_nested(kind: Any, first: int, lane: Any) -> str:

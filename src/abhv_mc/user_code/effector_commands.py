@@ -18,8 +18,8 @@ from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.user_code.c_source import recipe_of
 from abhv_mc.user_code.law_source import read_law_source
 from abhv_mc.user_code.source import UserSource
+from abhv_mc.vehicle.actuators import drive, name_effectors
 from abhv_mc.vehicle.file import pack_vehicle, read_vehicle_file
-from abhv_mc.vehicle.model import drive, name_effectors
 
 _EXPECTED = 'Command(..., effectors={"name": ...}), the same names in each Command of the law'
 

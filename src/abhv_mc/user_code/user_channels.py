@@ -6,12 +6,11 @@ import inspect
 from typing import Any, NamedTuple
 
 from abhv_mc.io.input_error import InputError, one_of
-from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.laws.user import CHANNEL, MAX_CHANNELS
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.state import X, variable_row
 from abhv_mc.user_code.check_law import check_functions, find_function
-from abhv_mc.user_code.compiled import COMMAND_ROWS, build, compiled_names
+from abhv_mc.user_code.compiled import COMMAND_ROWS, REFERENCE_LINES, build, compiled_names, lane_of, loop_text
 from abhv_mc.user_code.law_interface import Measured, MixedCommand, Reference
 from abhv_mc.user_code.module import CHANNEL as MARK
 from abhv_mc.user_code.module import refuse_in_words, run_module
@@ -63,13 +62,12 @@ def compile_channels(source: UserSource, width: int) -> Any:
 
 def _make_loop(signatures: dict[str, tuple[str, ...]], width: int) -> str:
     def tuple_of(kind: str, rows: Any) -> str:
-        return f"_{kind}({', '.join(f'Z[{row * width} + lane]' for row in rows)})"
+        return f"_{kind}({', '.join(lane_of(width, row) for row in rows)})"
 
     expected = {argument for arguments in signatures.values() for argument in arguments}
     once, inside = [], []
     if "reference" in expected:
-        once.append(f"r = tick * {len(REFERENCE)}")
-        once.append(f"reference = _Reference({', '.join(f'row[r + {i}]' for i in range(len(REFERENCE)))})")
+        once += REFERENCE_LINES
     if "time" in expected:
         once.append("time = tick * dt")
     if "actual" in expected:
@@ -79,6 +77,5 @@ def _make_loop(signatures: dict[str, tuple[str, ...]], width: int) -> str:
     if "command" in expected:
         inside.append(f"command = {tuple_of('Command', (*COMMAND_ROWS, s.CMD_ETA))}")
     for i, (name, arguments) in enumerate(signatures.items()):
-        inside.append(f"Z[{(CHANNEL + i) * width} + lane] = _channel_{name}({', '.join(arguments)})")
-    lines = [f"    {line}" for line in once] + [f"    for lane in range({width}):"] + [f"        {x}" for x in inside]
-    return "\n".join(["def loop(context, Z, row, column, given, tick, dt):", *lines, ""])
+        inside.append(f"{lane_of(width, CHANNEL + i)} = _channel_{name}({', '.join(arguments)})")
+    return loop_text(width, once, inside)

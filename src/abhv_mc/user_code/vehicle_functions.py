@@ -22,13 +22,13 @@ from abhv_mc.kernel.plant.state import variable_row
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, VARIABLES, Foreign, Vehicle
 from abhv_mc.plant.effectiveness import count_rows
 from abhv_mc.user_code.check_law import check_functions, is_number
-from abhv_mc.user_code.compiled import build, compiled_names, lane_of
+from abhv_mc.user_code.compiled import build, compiled_names, lane_of, loop_text
 from abhv_mc.user_code.law_interface import Air, Rates
 from abhv_mc.user_code.module import Module, refuse_in_words, run_module
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.trust import check_trusted, is_in_a_folder
 from abhv_mc.vehicle.file import pack_vehicle, read_vehicle_file
-from abhv_mc.vehicle.foreign import N_THRUST, FunctionCode, VehicleCode, register
+from abhv_mc.vehicle.vehicle_code import N_THRUST, FunctionCode, VehicleCode, register
 
 WIDTH = 32  # points of a call on the launching side
 WANTED = "floats, named tuples and functions of them"
@@ -107,10 +107,11 @@ def compile_functions(code: VehicleCode, width: int) -> Functions:
             continue
         module, given, settings, names = _prepare(code, of, arguments)
         tail = _write_thrust if of is code.propulsion else _write_coefficients
+        held = ", ".join(f"given[{i}]" for i in range(len(settings or ())))
+        once = [f"settings = {'0.0' if settings is None else f'_Settings({held})'}"]
         body = [*_read_lane(width, code), f"made = _function({', '.join(given)})", *tail(width, code)]
-        loops.append(
-            (build(module, _make_loop(body, settings, width), names, of.function), np.array(settings or (0.0,)))
-        )
+        loop = build(module, loop_text(width, once, body), names, of.function)
+        loops.append((loop, np.array(settings or (0.0,))))
     (air, air_settings), (engine, engine_settings) = loops
     return Functions(air, engine, air_settings, engine_settings)
 
@@ -175,13 +176,6 @@ def _settings(module: Module, of: FunctionCode) -> tuple[float, ...] | None:
     return tuple(values)
 
 
-def _make_loop(body: list[str], settings: tuple[float, ...] | None, width: int) -> str:
-    """The text of a loop over the lanes."""
-    held = "0.0" if settings is None else f"_Settings({', '.join(f'given[{i}]' for i in range(len(settings)))})"
-    lines = [f"    settings = {held}", f"    for lane in range({width}):", *(f"        {line}" for line in body)]
-    return "\n".join(["def loop(context, Z, row, column, given, tick, dt):", *lines, ""])
-
-
 def _read_lane(width: int, code: VehicleCode) -> list[str]:
     """Lines that make a lane's arguments of the rows of the lane memory."""
 
@@ -207,14 +201,14 @@ def _read_lane(width: int, code: VehicleCode) -> list[str]:
 def _write_coefficients(width: int, code: VehicleCode) -> list[str]:
     """Lines that put coefficients of any frame into their rows, in stability axes."""
     names = ("lift", "drag", "side", "made.Cl", "made.Cm", "made.Cn")
-    return _FRAMES[code.frame] + [f"Z[{(s.COEF + i) * width} + lane] = {name}" for i, name in enumerate(names)]
+    return _FRAMES[code.frame] + [f"{lane_of(width, s.COEF + i)} = {name}" for i, name in enumerate(names)]
 
 
 def _write_thrust(width: int, code: VehicleCode) -> list[str]:
     """Lines that put an engine's force, moment and fuel flow into their rows."""
     first = {"force": s.F_THRUST, "moment": s.F_MOMENT}
-    lines = [f"Z[{(first[of] + i) * width} + lane] = made.{of}_{axis}" for of in first for i, axis in enumerate("xyz")]
-    return [*lines, f"Z[{s.F_FUEL_FLOW * width} + lane] = made.fuel_flow"]
+    lines = [f"{lane_of(width, first[of] + i)} = made.{of}_{axis}" for of in first for i, axis in enumerate("xyz")]
+    return [*lines, f"{lane_of(width, s.F_FUEL_FLOW)} = made.fuel_flow"]
 
 
 _FRAMES = {
@@ -235,7 +229,7 @@ _FRAMES = {
 
 
 def _evaluate(functions: Functions, variables: Floats, density: Floats, speed: Floats) -> tuple[Floats, Floats]:
-    """What :func:`abhv_mc.vehicle.foreign.register` wants."""
+    """What :func:`abhv_mc.vehicle.vehicle_code.register` wants."""
     points = variables.shape[1]
     coefficients, thrust = np.zeros((len(COEFFICIENTS), points)), np.zeros((N_THRUST, points))
     Z = aligned_zeros((s.LAW, WIDTH))

@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike
 
 from abhv_mc.array_types import Floats
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, FIXED_TABLE_ROWS, VARIABLES, Tables, Vehicle
-from abhv_mc.vehicle.foreign import evaluate_functions
+from abhv_mc.vehicle.vehicle_code import evaluate_functions
 
 _AXIS_DEFLECTIONS = [VARIABLES.index(name) for name in ("aileron", "rudder", "elevator")]
 _FIRST_EFFECTOR = VARIABLES.index("effector_0")

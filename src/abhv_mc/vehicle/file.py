@@ -28,12 +28,12 @@ from abhv_mc.kernel.plant.vehicle import (
     no_functions,
 )
 from abhv_mc.vehicle.document import REDUCED_RATES, AerodynamicsFunction, MassPoint, VehicleDocument, check_inertia
-from abhv_mc.vehicle.foreign import VehicleCode, make_code, reference_point
 from abhv_mc.vehicle.pack import Axis, Table, make_constant, pack_tables
 from abhv_mc.vehicle.propulsion_keys import PROPULSION_TABLES, Capture, ThrustFunction, engine_rows
 from abhv_mc.vehicle.sensing import choose_sensing
 from abhv_mc.vehicle.surface_keys import AXIS_DEFLECTIONS, Effector, IdealSurfaces, Surfaces
 from abhv_mc.vehicle.table_file import parse_role, read_rows, read_table
+from abhv_mc.vehicle.vehicle_code import VehicleCode, make_code, reference_point
 
 _LARGEST_IMPULSE = 1e4  # s: no air-breathing engine comes near; an exhaust velocity in m/s lies beyond
 

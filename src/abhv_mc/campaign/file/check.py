@@ -1,5 +1,6 @@
 """What a campaign file's entries must be to each other and to the tables of parameters and metrics."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -8,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.campaign.file.config import Campaign
-from abhv_mc.campaign.file.derived import check_derived
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.keep import ALL, BY_REQUIREMENTS
 from abhv_mc.campaign.file.kinds import find_kind, find_wrong_kinds
@@ -29,7 +29,7 @@ from abhv_mc.campaign.file.user_metrics import (
     read_metrics_file,
 )
 from abhv_mc.campaign.sampling.correlation import Copula, make_copula, normal_correlation
-from abhv_mc.campaign.sampling.derived import DOTTED
+from abhv_mc.campaign.sampling.derived_parameters import DOTTED, Derived, compile_derived
 from abhv_mc.campaign.sampling.designs import (
     FACTORIAL,
     INDEPENDENT,
@@ -37,12 +37,43 @@ from abhv_mc.campaign.sampling.designs import (
 )
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile, read_sample_file
+from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.flight.channels import CHANNELS, effector_channels
 from abhv_mc.flight.metrics import MARGINS, METRICS, Metric, effector_metrics
 from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of, read_document, validate
 from abhv_mc.kernel.plant.parameter_names import EFFECTORS, ENGINES
 from abhv_mc.plant.parameters import OURS, Parameters
 from abhv_mc.user_code.effector_commands import find_driven
+
+_SAME = 1e-9  # by how much of itself a nominal value may be rounded
+
+
+def check_derived(document: Document, model: Campaign, parameters: Parameters, errors: list[InputError]) -> Derived:
+    """The campaign's derived inputs; what is wrong is added to ``errors``."""
+    made = []
+    nominal = full_rows((), np.empty((1, 0)), (), parameters)
+    for name, text in model.derived.items():
+        where = ("derived", name)
+        if name not in parameters:
+            expected = one_of(parameters.dispersible, name)
+            errors.append(document.key_error(where, f"unknown parameter '{name}'", expected))
+            continue
+        try:
+            each = compile_derived(name, text, parameters)
+            others = sorted(other for other in each.of if other in model.derived and other != name)
+            if others:
+                raise Refusal(f"'{others[0]}', which is derived itself", "what is drawn, or its expression")
+            if seeds := sorted(each for each in {name, *each.of} if parameters[each].seed):
+                raise Refusal(f"'{seeds[0]}', a seed", "what is a quantity")
+            value, usual = float(each.evaluate(nominal)[0]), parameters[name].nominal
+            if not (value == usual or math.isclose(value, usual, rel_tol=_SAME, abs_tol=_SAME)):
+                found = f"{value:g} where all others are nominal"
+                wish = f"{usual:g}, so that the nominal flight stays it (a bias is the mean of a distribution)"
+                raise Refusal(found, wish)
+            made.append(each)
+        except Refusal as refusal:
+            errors.append(document.error(where, refusal.found, refusal.expected))
+    return tuple(made)
 
 
 def read_campaign(

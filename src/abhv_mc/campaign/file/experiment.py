@@ -14,7 +14,7 @@ from abhv_mc.campaign.file.keep import ALL, BY_REQUIREMENTS
 from abhv_mc.campaign.file.simulator import SimulatorCampaign
 from abhv_mc.campaign.file.unknowns import Unknowns
 from abhv_mc.campaign.sampling.correlation import Copula
-from abhv_mc.campaign.sampling.derived import Derived
+from abhv_mc.campaign.sampling.derived_parameters import Derived
 from abhv_mc.campaign.sampling.designs import EXTENSIBLE, INDEPENDENT, Design
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile

@@ -8,7 +8,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.correlation import Copula
-from abhv_mc.campaign.sampling.derived import Derived, derive
+from abhv_mc.campaign.sampling.derived_parameters import Derived, derive
 from abhv_mc.campaign.sampling.designs import FACTORIAL, NOMINAL, Design
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, FIXED_TABLE_ROWS, VARIABLES, Tables, Vehicle
-from abhv_mc.vehicle.foreign import N_THRUST, evaluate_functions
+from abhv_mc.vehicle.vehicle_code import N_THRUST, evaluate_functions
 
 Numbers = NDArray[Any]  # float64 or complex128
 _STEP = 1e-30

@@ -23,20 +23,17 @@ from abhv_mc.control.design.design_tables import (
 from abhv_mc.kernel.laws.trim_lookup import TRIM_ROWS
 from abhv_mc.kernel.plant.vehicle import CHUNK, FIXED_TABLE_ROWS, VARIABLES, Tables, Vehicle
 from abhv_mc.kernel.world.atmosphere import atmosphere
-from abhv_mc.vehicle.model import deflection_range
+from abhv_mc.vehicle.actuators import deflection_range
 from abhv_mc.vehicle.pack import Axis, Table, pack_tables
 
 # Longest cells, in Mach, radians and equivalence ratio. With them interpolation errs on the shipped vehicles by less
 # than 0.0005 deg of angle of attack, 0.01 deg of elevator and, above a ratio of 0.25, 0.001 of equivalence ratio.
 LONGEST = {"mach": 0.25, "angle_of_attack": np.deg2rad(1.0), "equivalence_ratio": 0.0625}
 
+_ANGLES_OF_ATTACK = np.deg2rad([-10.0, 30.0])
 
-def make_trim_tables(
-    vehicle: Vehicle,
-    altitude: float,
-    speed_range: tuple[float, float],
-    angle_of_attack_range: tuple[float, float] = (np.deg2rad(-10.0), np.deg2rad(30.0)),
-) -> Tables:
+
+def make_trim_tables(vehicle: Vehicle, altitude: float, speed_range: tuple[float, float]) -> Tables:
     """Pack TRIM_ROWS over Mach, angle of attack and equivalence ratio.
 
     altitude (m): where the mission flies. A breathing engine's T / (q_bar S) goes with 1 / V, here with
@@ -48,8 +45,8 @@ def make_trim_tables(
     constants = vehicle.constants
     density, _, _, sound_speed = atmosphere(altitude)
     low, high = 0.9 * speed_range[0] / sound_speed, 1.1 * speed_range[1] / sound_speed
-    alpha_low = max(angle_of_attack_range[0], constants.angle_of_attack_min)
-    alpha_high = min(angle_of_attack_range[1], constants.angle_of_attack_max)
+    alpha_low = max(_ANGLES_OF_ATTACK[0], constants.angle_of_attack_min)
+    alpha_high = min(_ANGLES_OF_ATTACK[1], constants.angle_of_attack_max)
     axes = (
         _axis(vehicle.tables, "mach", low, high),
         _axis(vehicle.tables, "angle_of_attack", alpha_low, alpha_high),

@@ -16,6 +16,8 @@ from abhv_mc.search.methods.evaluation import Evaluate, make_generator
 MOST_DIMENSIONS = 20  # beyond, the weights of a fitted covariance degenerate
 _INFLATION = 1.3  # of the fitted covariances: a proposal with thinner tails than the failures has no finite variance
 _MOST_POINTS = 1000  # that a mixture is fitted to
+_MOST_COMPONENTS = 6
+_STEPS = 30  # of a fit
 _SETTLED = 1e-3  # gain of the mean logarithm of the likelihood that ends a fit
 _EXPECTED = 100.0  # effective failures for an estimate worth comparing with
 _BEYOND_SAMPLE = 1.5
@@ -64,7 +66,7 @@ class ImportanceEstimate:
         return _BEYOND_SAMPLE * self.cov
 
 
-def fit_mixture(points: Floats, components: int, generator: np.random.Generator, steps: int = 30) -> Mixture:
+def fit_mixture(points: Floats, components: int, generator: np.random.Generator) -> Mixture:
     """A mixture of ``components`` normals fitted to the points by expectation and maximisation."""
     number = len(points)
     means = points[[generator.integers(number)]]
@@ -74,7 +76,7 @@ def fit_mixture(points: Floats, components: int, generator: np.random.Generator,
     nearest = ((points[:, None, :] - means) ** 2).sum(axis=2).argmin(axis=1)
     shares = np.eye(components)[nearest]
     mixture, before = _maximise(points, shares), -np.inf
-    for _ in range(steps if components > 1 else 0):
+    for _ in range(_STEPS if components > 1 else 0):
         parts = mixture.log_parts(points)
         density = np.logaddexp.reduce(parts, axis=1)
         mixture = _maximise(points, np.exp(parts - density[:, None]))
@@ -100,15 +102,15 @@ def _maximise(points: Floats, shares: Floats) -> Mixture:
     return Mixture(totals / totals.sum(), means, np.array(factors))
 
 
-def choose_mixture(points: Floats, seed: int, most: int = 6) -> Mixture:
-    """The mixture of 1 .. ``most`` components that Schwarz's criterion (1978) prefers, its covariances widened."""
+def choose_mixture(points: Floats, seed: int) -> Mixture:
+    """The mixture of 1 .. 6 components that Schwarz's criterion (1978) prefers, its covariances widened."""
     distinct = np.unique(points, axis=0)
     if len(distinct) > _MOST_POINTS:
         distinct = distinct[make_generator(seed, 0, 1).permutation(len(distinct))[:_MOST_POINTS]]
     number, dimension = distinct.shape
     best = fit_mixture(distinct, 1, make_generator(seed, 1))
     least = np.inf
-    for components in range(1, most + 1):
+    for components in range(1, _MOST_COMPONENTS + 1):
         free = components * (1 + dimension + dimension * (dimension + 1) / 2)
         if components > 1 and free > number:
             break

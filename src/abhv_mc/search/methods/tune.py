@@ -132,8 +132,8 @@ class Validation:
         return self.difference.high < 0.0
 
 
-def validate(start: Floats, best: Floats, quantile: float, confidence: float = 0.95) -> Validation:
-    """Compare severities ``[flight]`` of the same fresh flights, +infinity for a lost one, with an interval."""
-    difference = quantile_difference(best, start, quantile, confidence)
+def validate(start: Floats, best: Floats, quantile: float) -> Validation:
+    """Compare severities ``[flight]`` of the same fresh flights, +infinity for a lost one, with a 95 % interval."""
+    difference = quantile_difference(best, start, quantile)
     at_start = float(np.quantile(start, quantile))
     return Validation(difference, -difference.value / at_start if np.isfinite(at_start) and at_start else np.nan)

@@ -41,27 +41,23 @@ class WorstCase:
         return np.abs(self.place) >= AT_BOUND
 
 
-def choose_batch(evaluations: int) -> int:
+def _choose_batch(evaluations: int) -> int:
     """Points of a batch: the more, the more evaluations there are, so that many workers have their share."""
     return int(np.clip(evaluations // _BATCHES // (2 * LANES), 1, _MOST_IN_BATCH // (2 * LANES))) * 2 * LANES
 
 
-def least_evaluations(dimension: int, batch: int) -> int:
-    """The fewest evaluations that :func:`search_worst` takes with such batches."""
-    return 2 * round_up(2 * dimension + 1, batch) + round_up(2 * dimension)
+def least_evaluations(dimension: int, evaluations: int) -> int:
+    """The fewest evaluations that :func:`search_worst` takes in batches as of so many."""
+    return 2 * round_up(2 * dimension + 1, _choose_batch(evaluations)) + round_up(2 * dimension)
 
 
-def search_worst(
-    evaluate: Evaluate, dimension: int, evaluations: int = 2000, seed: int = 0, batch: int | None = None
-) -> WorstCase:
+def search_worst(evaluate: Evaluate, dimension: int, evaluations: int = 2000, seed: int = 0) -> WorstCase:
     """Search the box -1 .. 1 for the largest value with about so many evaluations, never more.
 
-    Batches hold ``batch`` points, a multiple of 32; see :func:`choose_batch`. Raises ValueError where the evaluations
-    do not suffice for the first batches.
+    Raises ValueError where they do not suffice for the first batches.
     """
-    batch = batch or choose_batch(evaluations)
-    least = least_evaluations(dimension, batch)
-    if evaluations < least:
+    batch = _choose_batch(evaluations)
+    if evaluations < (least := least_evaluations(dimension, evaluations)):
         raise ValueError(f"{evaluations} flights; a search of {dimension} parameters needs at least {least}")
     reserve = round_up(2 * dimension)
     record = Record(evaluate, evaluations)

@@ -8,7 +8,7 @@ from fake_flight import write_campaign
 from scipy import stats
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.sampling.derived import compile_derived
+from abhv_mc.campaign.sampling.derived_parameters import compile_derived
 from abhv_mc.io.documents import InputError, Refusal
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.search.space import make_space
