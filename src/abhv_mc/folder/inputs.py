@@ -7,7 +7,6 @@ identity: a folder goes on with the same campaign alone, and seeds of one questi
 import hashlib
 import json
 import os
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -127,7 +126,9 @@ def describe_changes(flown: FolderInputs, asked: FolderInputs, extensible: bool)
             continue
         changes.append(f"{key}: {_words(before)} -> {_words(after)}")
     for part in ("vehicle", "mission", "samples", "channels", "simulator", *(f"controllers/{name}" for name in shared)):
-        changes += _changed_files(flown.hashes, asked.hashes, f"inputs/{part}/")
+        for name in sorted(flown.hashes.keys() | asked.hashes.keys()):
+            if name.startswith(f"inputs/{part}/") and flown.hashes.get(name) != asked.hashes.get(name):
+                changes.append(f"{name}: other content")
     return changes
 
 
@@ -151,11 +152,6 @@ def _for_controllers(data: dict[str, Any], names: list[str]) -> dict[str, Any]:
     systems = {SYSTEMS: {name: data[SYSTEMS][name] for name in names}} if is_own(data) else {}
     ordered = sorted(selected, key=lambda entry: json.dumps(entry, sort_keys=True))
     return {**data, **systems, "requirements": ordered}
-
-
-def _changed_files(old: dict[str, str], new: dict[str, str], prefix: str) -> Iterable[str]:
-    names = sorted(name for name in old.keys() | new.keys() if name.startswith(prefix))
-    return [f"{name}: other content" for name in names if old.get(name) != new.get(name)]
 
 
 def _flat(value: Any, prefix: str = "") -> dict[str, Any]:

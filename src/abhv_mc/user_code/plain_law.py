@@ -69,7 +69,10 @@ class PlainLaw:
             if block[FAULT, lane] > 0.0:
                 continue
             if self._in_rows:
-                held = self._memory_rows(block, lane) if self._remembers and tick > 0 else None
+                held = None
+                if self._remembers and tick > 0:
+                    rows = slice(MEMORY, MEMORY + len(law.memory._fields))
+                    held = law.memory(*block[rows, lane].tolist())
                 self._try_lane(block, lane, held, given)
                 continue
             if tick == 0:
@@ -82,9 +85,6 @@ class PlainLaw:
                 continue
             first_of[number] = lane
             self._memories[number] = self._try_lane(block, lane, self._memories[number], given)
-
-    def _memory_rows(self, block: Floats, lane: int) -> Any:
-        return self._law.memory(*block[MEMORY : MEMORY + len(self._law.memory._fields), lane].tolist())
 
     def _try_lane(self, block: Floats, lane: int, memory: Any, given: dict[str, Any]) -> Any:
         """One tick of a flight; its memory after it. An exception is told once and ends the flight."""

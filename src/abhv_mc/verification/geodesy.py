@@ -61,7 +61,7 @@ def earth_fixed_from_inertial(
     angle = earth.rotation_rate * np.asarray(time, dtype=np.float64)
     position = _turn(angle, np.asarray(position, dtype=np.float64))
     velocity = _turn(angle, np.asarray(velocity, dtype=np.float64))
-    return position, velocity - earth.rotation_rate * _spin(position)
+    return position, velocity - np.cross([0.0, 0.0, earth.rotation_rate], position)
 
 
 def _turn(angle: Floats, vector: Floats) -> Floats:
@@ -70,8 +70,3 @@ def _turn(angle: Floats, vector: Floats) -> Floats:
     x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
     turned_x, turned_y, z = np.broadcast_arrays(cosine * x + sine * y, cosine * y - sine * x, z)
     return np.stack([turned_x, turned_y, z], axis=-1)
-
-
-def _spin(position: Floats) -> Floats:
-    """Cross product of the unit z vector and the position."""
-    return np.stack([-position[..., 1], position[..., 0], np.zeros_like(position[..., 0])], axis=-1)

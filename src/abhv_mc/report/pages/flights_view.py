@@ -162,7 +162,7 @@ def make_flights_view(results: FlownCampaign, labels: Mapping[str, str], colors:
     names, required = results.controllers, results.campaign.requirements
     most = MOST_FLIGHTS // len(names)
     flights = {name: results.flights[name] for name in names}
-    kept = {name: _kept(flights[name].flight.size, _rank(results, name), most) for name in names}
+    kept = {name: _kept(results, name, most) for name in names}
     controller = np.concatenate([np.full(rows.size, k) for k, rows in enumerate(kept.values())])
     number = np.concatenate([flights[name].flight[rows] for name, rows in kept.items()])
     outcome = np.concatenate([flights[name].outcome[rows] for name, rows in kept.items()])
@@ -213,16 +213,15 @@ def find_ends(values: Floats) -> Ends:
     return (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
 
 
-def _rank(results: FlownCampaign, name: str) -> list[int]:
-    """Rows of a controller's flights: those that the report lists, then the worst of the others."""
-    return list(dict.fromkeys([*listed_worst(results, name), *results.ranking.rows_of(name).tolist()]))
+def _kept(results: FlownCampaign, name: str, most: int) -> NDArray[np.intp]:
+    """Rows [flight], ascending: all where there are few enough, else the worst half and the first of the others.
 
-
-def _kept(flights: int, worst: Sequence[int], most: int) -> NDArray[np.intp]:
-    """Rows [flight], ascending: all where there are few enough, else the worst half and the first of the others."""
+    The worst are those that the report lists, then the worst of the others.
+    """
+    flights = results.flights[name].flight.size
     if flights <= most:
         return np.arange(flights)
-    worst = worst[: most // 2]
+    worst = list(dict.fromkeys([*listed_worst(results, name), *results.ranking.rows_of(name).tolist()]))[: most // 2]
     others = np.setdiff1d(np.arange(most), worst)[: most - len(worst)]
     return np.sort(np.concatenate([worst, others]).astype(np.intp))
 

@@ -109,6 +109,7 @@ def _flown(results: FlownCampaign, name: str, case: str, inside: NDArray[np.bool
     failures = int(lost.sum())
     bounds = clopper_pearson(failures, number) if campaign.independent else (np.nan, np.nan)
     after = flights.end_time[lost] - first[flights.flight[lost]]
+    times = after[after >= 0.0]
     verdicts = {}
     for item in campaign.requirements:
         if name in item.controllers:
@@ -121,7 +122,7 @@ def _flown(results: FlownCampaign, name: str, case: str, inside: NDArray[np.bool
         lost=failures,
         lost_before=int(np.sum(after < 0.0)) if case != NO_FAILURE else 0,
         survived=Interval(1.0 - failures / number, 1.0 - bounds[1], 1.0 - bounds[0]),
-        median_time_to_loss_s=_median(after[after >= 0.0]) if case != NO_FAILURE else None,
+        median_time_to_loss_s=float(np.median(times)) if times.size and case != NO_FAILURE else None,
         requirements=verdicts,
         margins=_margins(flights, inside),
     )
@@ -134,7 +135,3 @@ def _margins(flights: ControllerFlights, inside: NDArray[np.bool_]) -> CaseMargi
         return None
     unstable = flights.metrics[MARGIN_FAULTS[0].name][known] > 0
     return CaseMargins(int(known.sum()), int(unstable.sum()), float(np.median(values[known])))
-
-
-def _median(times: Floats) -> float | None:
-    return float(np.median(times)) if times.size else None
