@@ -230,14 +230,19 @@ def _tables(pair: CampaignPair, found: Compared, labels: Labels, of: Sequence[Fl
     yield Table(f"{title}: differences", heads, (tuple(rows),), caption)
     requirements = tuple(item for item in of[0].campaign.requirements if item.metric in found.words)
     names = replace(names_of(of[0]), controllers={pair.a: a, pair.b: b}, requirements=requirements)
-    yield failure_table(pair, names)
+    yield _titled(title, failure_table(pair, names))
     if lost := _lost_rows(pair, found.requirements, labels, of):
         caption = "Of each requirement and side the first ten"
         if not all(each.campaign.adopted for each in of):
             caption += "; each is flown again, bit for bit, by the command"
         columns = ("flight", "fails under", "and not under", "what", "flown again by")
         yield make_table(f"{title}: flights that only one fails", caption, columns, lost)
-    yield from usage_tables(pair, names)
+    yield from (_titled(title, table) for table in usage_tables(pair, names))
+
+
+def _titled(of: str, table: Table) -> Table:
+    """A table with the name of the controllers that it is of, in its title and above it."""
+    return replace(table, title=f"{of}: {table.title}", caption=f"{of}: {table.caption or table.title}")
 
 
 def _lost_rows(
