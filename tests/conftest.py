@@ -97,7 +97,7 @@ def flights_only(engine):
 @pytest.fixture
 def no_figures(monkeypatch):
     """Reports without figures: drawing them takes most of a report's time."""
-    monkeypatch.setattr("abhv_mc.report.pages.gallery.make_figures", lambda models: {})
+    monkeypatch.setattr("abhv_mc.topics.registry.make_figures", lambda models: {})
 
 
 @pytest.fixture
