@@ -121,7 +121,7 @@ def _batches(path: Path, columns: _Columns) -> Iterator[dict[str, Any]]:
             batches = pq.ParquetFile(path).iter_batches(_ROWS, columns=list(kinds))
         else:
             options = pc.ConvertOptions(column_types=kinds, include_columns=list(kinds), strings_can_be_null=True)
-            batches = pc.open_csv(path, pc.ReadOptions(block_size=1 << 24), convert_options=options)
+            batches = pc.open_csv(path, pc.ReadOptions(block_size=1 << 22), convert_options=options)
         for batch in batches:
             held = zip(batch.schema.names, batch.columns, strict=True)
             filled = {name: each.cast(kinds[name]).fill_null("" if name in words else np.nan) for name, each in held}
