@@ -83,14 +83,10 @@ def _closed_poles(linear: Linear) -> list[NDArray[np.complex128]]:
     None where the law has no slopes, or the loop is not finite.
     """
     poles: list[NDArray[np.complex128]] = [np.empty(0, np.complex128)] * len(linear.A)
-    known = np.ones(len(linear.A), bool)
-    for law in linear.phases or (linear,):
-        for matrices in (law.law_A, law.law_B, law.law_C, law.law_D):
-            known &= np.isfinite(matrices).all(axis=(1, 2))
-    for delay in np.unique(linear.delay[known]):
-        systems = np.flatnonzero(known & (linear.delay == delay))
+    for delay in np.unique(linear.delay):
+        systems = np.flatnonzero(linear.delay == delay)
         loops = np.stack([closed_period(linear, int(i)) for i in systems])
-        finite = np.isfinite(loops).all(axis=(1, 2))  # not where a dispersion left all that has a meaning
+        finite = np.isfinite(loops).all(axis=(1, 2))  # not where a law has no slopes, or nothing has a meaning
         for i, each in zip(systems[finite], np.linalg.eigvals(loops[finite]), strict=True):
             poles[i] = each
     return poles

@@ -15,13 +15,10 @@ _DEGREES = ("angle_of_attack", "sideslip", "aileron", "rudder", "elevator")
 def near_nodes(plan: FlightPlan, points: Points) -> list[str]:
     """A sentence for each variable of the first point that lies close to a node of the plant's or guidance's tables."""
     variables = ask_at(plan, points, points.path[:1], points.controls[:1], np.zeros(1, np.int64))[0].variables
-    answer = law_tick(plan, points.tick, points.measured[:1], points.memory[:1])
-    guided = answer.variables.copy()
-    guided[:, VARIABLES.index("angle_of_attack")] = answer.guidance[:, 1]
-    guided[:, VARIABLES.index("equivalence_ratio")] = answer.command[:, -1]
     found = _near("the vehicle's tables", plan.vehicle.tables, variables[0])
     if plan.law == "tlc":
-        found += _near("the tables at trim", plan.trim_tables, guided[0])
+        answer = law_tick(plan, points.tick, points.measured[:1], points.memory[:1])
+        found += _near("the tables at trim", plan.trim_tables, answer.guided[0])
     return list(dict.fromkeys(found))
 
 

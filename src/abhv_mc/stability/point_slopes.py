@@ -76,10 +76,7 @@ def law_slopes(plan: FlightPlan, points: Points) -> Slopes:
 
     def tick(x: Floats, point: Ints) -> tuple[Floats, Ints]:
         answer = law_tick(plan, points.tick, x[:, :n], x[:, n:])
-        trimmed = answer.variables.copy()  # guidance looks the trim up where it sends the vehicle to
-        trimmed[:, VARIABLES.index("angle_of_attack")] = answer.guidance[:, 1]
-        trimmed[:, VARIABLES.index("equivalence_ratio")] = answer.command[:, -1]
-        cells = [cells_of(plan.vehicle.tables, answer.variables), cells_of(plan.trim_tables, trimmed)]
+        cells = [cells_of(plan.vehicle.tables, answer.variables), cells_of(plan.trim_tables, answer.guided)]
         return np.hstack([answer.memory, answer.command]), np.hstack(cells)
 
     at = np.hstack([points.measured, points.memory])

@@ -58,6 +58,14 @@ class LawTick(NamedTuple):
     variables: Floats  # [point, variable] at which it looked its tables up
     guidance: Floats  # [point, 3] commanded flight path angle, angle of attack, bank
 
+    @property
+    def guided(self) -> Floats:
+        """Variables [point, variable] at which guidance looks the trim up: where it sends the vehicle to."""
+        made = self.variables.copy()
+        made[:, VARIABLES.index("angle_of_attack")] = self.guidance[:, 1]
+        made[:, VARIABLES.index("equivalence_ratio")] = self.command[:, -1]
+        return made
+
 
 @cache
 def choose_probe(make: Callable[[bool], Any], lean: bool) -> Any:

@@ -71,11 +71,10 @@ def add_sensors(plan: FlightPlan, points: Points, phases: "tuple[Linear, ...]") 
         law = phases[(tick - first) % len(phases)]
         fresh = (tick - law.delay[:, None]) % ticks == 0
         A, B, C, D = _sense(lag, np.where(fresh, scale, 0.0), fresh, late, held)
-        before = np.concatenate([law.law_A, law.law_B @ C], axis=2)
-        own = np.concatenate([np.zeros((len(A), A.shape[1], law.law_A.shape[1])), A], axis=2)
+        none = np.zeros((len(A), A.shape[1], law.law_A.shape[1]))
         found.append(
             law._replace(
-                law_A=np.concatenate([before, own], axis=1),
+                law_A=np.block([[law.law_A, law.law_B @ C], [none, A]]),
                 law_B=np.concatenate([law.law_B @ D, B], axis=1),
                 law_C=np.concatenate([law.law_C, law.law_D @ C], axis=2),
                 law_D=law.law_D @ D,
