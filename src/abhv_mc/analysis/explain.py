@@ -156,7 +156,7 @@ def find_failure(root: Path, campaign: Experiment, row: FlightRows, asked: str |
         if named and failure.severity(*state)[0] > -np.inf:
             return failure
     found = f"flight {row.first} of {row.controller}, which {f'kept {asked}' if asked else 'did not fail'}"
-    raise InputError(root, found, "a flight that ended early or missed a requirement")
+    raise InputError(root, found, "a flight that ended early or missed a requirement, of the controller that you name")
 
 
 def mildest_first(samples: SampleReader, values: Floats) -> NDArray[np.intp]:

@@ -9,7 +9,7 @@ from typing import Any
 from abhv_mc.cli.printing import say
 
 _TIMES = "compiled.json"  # beside the folders of compiled code: seconds that each took last time on this machine
-_PARTS = {"flight": "the flight", "stability": "the stability margins", "laws": "the reference"}
+_PARTS = {"flight": "the flight", "stability": "a part of the stability margins", "laws": "the reference"}
 
 
 def announce_compiling() -> None:
@@ -39,7 +39,7 @@ def _tell(function: Any, elsewhere: bool) -> Iterator[None]:
         before = f"; {times[name]:.0f} s last time" if name in times else ""
     except (OSError, ValueError):
         times, before = {}, ""
-    with Waiting(f"compiling {part} for this machine (once per version{before})") as waiting:
+    with Waiting(f"compiling {part} for this machine (once per kind of campaign{before})") as waiting:
         yield
     with suppress(OSError):
         file.write_text(json.dumps(times | {name: round(waiting.seconds, 1)}))

@@ -167,7 +167,8 @@ def _print_result(result: "RunResult", named: str) -> None:
     manifest = result.manifest
     print_judgement(result.folder, manifest, named)
     say(f"folder    {named}")
-    say(f"flights   {manifest.runs_done} of {manifest.runs_planned}, {manifest.state}")
+    all_of_them = "" if manifest.complete or len(manifest.controllers) == 1 else " by all of them"
+    say(f"flights   {manifest.runs_done} of {manifest.runs_planned}{all_of_them}, {manifest.state}")
     for name, ended in manifest.controllers.items():
         say(f"  {name:<12} {describe_outcomes(ended)}")
     print_requirements(manifest)

@@ -31,7 +31,11 @@ def command(
         section = models.section(asked)
         if section is None:
             say(f"nothing on {topic} in this campaign")
-        for table in section.tables() if section else ():
+        tables = section.tables() if section else ()
+        for table in tables:
             print_section_table(table)
+        for item in section.items if section and not tables else ():  # its words then stand in no table
+            words = getattr(item, "sentences", (getattr(item, "text", ""),))
+            say("\n".join(words))
 
     show(plain(model), json, in_words)

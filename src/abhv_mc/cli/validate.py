@@ -65,6 +65,8 @@ def _estimate(file: Path) -> "Estimate | None":
 def _print_costs(costs: "dict[str, Estimate]") -> None:
     for file, cost in costs.items():
         say(f"{file}: {cost.flights} flights of {cost.controllers} {cost.kind}s, blocks of {cost.batch}")
+        if cost.searched:
+            say(f"  search  {cost.searched} flights of each, for the worst values of the unknowns")
         each = f"{1e3 * cost.flight_s:.2f} ms a flight and core"
         say(f"  time    {cost.flying_s:.0f} s with {cost.workers} workers ({each})")
         kept, flying = f"{cost.kept} histories {cost.histories_bytes / 1e6:.1f}", f"{cost.envelope_bytes / 1e6:.1f}"

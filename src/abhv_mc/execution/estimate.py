@@ -20,6 +20,7 @@ from abhv_mc.identity import count_cores
 from abhv_mc.simulators.engine import Engine, engine_of
 from abhv_mc.simulators.make_plans import find_warnings, make_plans, record_every
 from abhv_mc.simulators.simulate import make_ready, simulate
+from abhv_mc.statistics.unknowns import search_flights
 
 TRIAL_FLIGHTS = 64
 
@@ -37,6 +38,7 @@ class Estimate:
     flying_s: float  # wall time
     rows_bytes: int
     histories_bytes: int
+    searched: int  # flights of each controller that search the worst values of its unknowns
     kept: int  # flights with histories, of each controller; "failed" counts none
     envelope_bytes: int  # on disk while it flies
     warnings: tuple[str, ...]  # about the mission
@@ -93,6 +95,9 @@ def estimate_campaign(campaign: Experiment, engine: Engine, workers: int | None 
                 cells = round(block.times.size * model.keep.envelopes.rate / model.keep.histories.rate)
                 cells *= len(campaign.channels)
             histories_size += path.stat().st_size // len(block.outcome)
+    searched = 0
+    if campaign.unknowns.names and model.points is None and campaign.requirements:
+        searched = search_flights(len(campaign.unknowns.names), len(campaign.requirements))
     workers = workers or model.execution.workers or count_cores()
     counts: FlightCounts = next(iter(make_flight_counts(campaign).values()))
     worst = range(min(campaign.worst, campaign.runs))
@@ -104,9 +109,10 @@ def estimate_campaign(campaign: Experiment, engine: Engine, workers: int | None 
         workers=workers,
         batch=model.execution.batch or choose_batch(campaign.runs, workers),
         flight_s=sum(seconds) / len(seconds),
-        flying_s=sum(seconds) * (campaign.runs + kept) / workers,
+        flying_s=sum(seconds) * (campaign.runs + kept + searched) / workers,
         rows_bytes=rows_size * campaign.runs // number,
         histories_bytes=histories_size * kept,
+        searched=searched,
         kept=kept,
         envelope_bytes=4 * cells * min(campaign.runs, ENVELOPE_FLIGHTS) * len(plans),
         warnings=tuple(find_warnings(plans, campaign)),

@@ -1,5 +1,6 @@
 """At which values of its unknowns a campaign is judged: searched for before its folder is made, and named in it."""
 
+import sys
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -31,6 +32,7 @@ def name_points(campaign: Experiment, plans: dict[str, FlightPlan], engine: Engi
     if campaign.requirements:
         ready = make_ready(campaign, plans, margins=True)
         total = len(plans) * search_flights(number, len(campaign.requirements))
+        print(f"{total} flights search the worst values of the unknowns", file=sys.stderr, flush=True)
         with (
             open_executor(engine, campaign.model.execution, workers, None) as executor,
             Progress("search of the unknowns' worst values: flights", total) as progress,

@@ -185,6 +185,7 @@ class _Run:
 
     def _fly_missing(self, missing: dict[str, tuple[Mask, Mask]]) -> None:
         total = sum(int((rows | envelope).sum()) for rows, envelope in missing.values())
+        again = sum(int((envelope & ~rows).sum()) for rows, envelope in missing.values())
         self._write_manifest(RUNNING)
         plain = None
         if self.campaign.user_model is None:
@@ -193,7 +194,7 @@ class _Run:
         calls = ((block, self.samples.rows(block.first, block.stop)) for block in blocks)
         saved = time.monotonic()
         with (
-            Progress("flights", total) as progress,
+            Progress(f"flights ({again} again for bands over time)" if again else "flights", total) as progress,
             closing(work_ahead(self.workers, self._fly_block, calls)) as landed,
         ):
             for block, flown in landed:

@@ -83,14 +83,23 @@ def is_kept(function: Any) -> bool:
 
 
 class _Kernels(event.Listener):
+    def __init__(self) -> None:
+        self._open = contextlib.ExitStack()
+
     def on_start(self, event: Any) -> None:
         if event.data["dispatcher"].targetoptions.get("nogil"):  # which only kernels have
-            self._told = _tell(event.data["dispatcher"].py_func, False)
-            self._told.__enter__()
+            self._open.enter_context(_tell(event.data["dispatcher"].py_func, False))
 
     def on_end(self, event: Any) -> None:
         if event.data["dispatcher"].targetoptions.get("nogil"):
-            self._told.__exit__(None, None, None)
+            self.end()
+
+    def end(self) -> None:
+        """Also after an interrupt, of which numba may tell nothing."""
+        self._open.close()
+
+
+_kernels = _Kernels()
 
 
 def _say_nothing(function: Any, elsewhere: bool) -> AbstractContextManager[None]:
@@ -107,7 +116,7 @@ def tell_compiling(told: Callable[[Any, bool], AbstractContextManager[None]]) ->
     """
     global _tell  # noqa: PLW0603  one listener for all kernels
     if _tell is _say_nothing:
-        event.register("numba:compile", _Kernels())
+        event.register("numba:compile", _kernels)
     _tell = told
 
 
@@ -252,6 +261,7 @@ def _make_private() -> tuple[Any, Any]:
                 self._cache = NullCache()
             with contextlib.ExitStack() as stack:
                 stack.enter_context(_interrupts_kept())
+                stack.callback(_kernels.end)
                 waiting = functools.partial(_tell, self.py_func, True)
                 stack.enter_context(one_compiles(self.stats.cache_path, self.py_func.__name__, waiting))
                 if gc.isenabled():

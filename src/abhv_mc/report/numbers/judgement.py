@@ -17,7 +17,7 @@ from abhv_mc.topics.margins.model import least_margins
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
-from abhv_mc.topics.verdicts.model import ControllerVerdict, Verdicts
+from abhv_mc.topics.verdicts.model import Verdicts
 from abhv_mc.topics.words import count_of, fixed, joined, percent, significant
 
 MIXED, NO_DIFFERENCE, ALONE = "mixed", "no difference shown", "none to compare"
@@ -31,15 +31,23 @@ def judge_campaign(models: Models) -> Judgement:
     """The one judgement on a campaign, of the models of its topics."""
     verdicts, names = models[VERDICTS], models.names
     met, better = _met(verdicts), _better(models)
-    binding = list(dict.fromkeys(name for item in verdicts.requirements for name in item.asked.controllers))
-    who = joined(list(map(names.label, binding))) if len(binding) <= 2 else f"{len(binding)} {names.kind}s"
-    others = [names.label(name) for name in names.controllers if name not in binding and _passes(verdicts, name)]
-    too = f"; {joined(others)} meet{'s' if len(others) == 1 else ''} them, too" if others else ""
+    bound = _bound(verdicts)
+    failed = [name for name, found in bound.items() if "FAIL" in found]
+    passed = [name for name, found in bound.items() if found == {"PASS"}]
+    open_ones = [name for name in bound if name not in (*failed, *passed)]
+
+    def who(them: list[str]) -> str:
+        return joined(list(map(names.label, them))) if len(them) <= 2 else f"{len(them)} {names.kind}s"
+
+    others = [name for name in names.controllers if name not in bound and _passes(verdicts, name)]
+    too = f"; {joined(list(map(names.label, others)))} meet{'s' * (len(others) == 1)} them, too" if others else ""
+    also = f"; not shown for {who(open_ones)}" if open_ones else ""
     told = {
-        "yes": f"Requirements met by {who}{too}.", "no": f"Requirements not met by {who}.",
-        "not shown": f"Not shown that {who} meet{'s' if len(binding) == 1 else ''} the requirements.",
+        "yes": f"Requirements met by {who(passed)}{too}.",
+        "no": f"Requirements not met by {who(failed)}{also}.",
+        "not shown": f"Not shown that {who(open_ones)} meet{'s' * (len(open_ones) == 1)} the requirements.",
         "nothing required": "Nothing is required.",
-    }  # fmt: skip
+    }
     winner = {
         MIXED: " None is better throughout.", NO_DIFFERENCE: f" No {names.kind} is shown to be better.",
         ALONE: "",
@@ -49,9 +57,15 @@ def judge_campaign(models: Models) -> Judgement:
     return Judgement(met, better, because, _sure(models), _next(models, met), answer)
 
 
-def _binding(verdicts: Verdicts) -> list[ControllerVerdict | None]:
-    """None of a controller none of whose flights could be computed."""
-    return [item.controllers.get(name) for item in verdicts.requirements for name in item.asked.controllers]
+def _bound(verdicts: Verdicts) -> dict[str, set[str]]:
+    """The statuses of what binds each controller; NOT SHOWN where none of its flights could be computed."""
+    found: dict[str, set[str]] = {}
+    for item in verdicts.requirements:
+        for name in item.asked.controllers:
+            found.setdefault(name, set()).add(
+                item.controllers[name].status if name in item.controllers else "NOT SHOWN"
+            )
+    return found
 
 
 def _passes(verdicts: Verdicts, name: str) -> bool:
@@ -60,7 +74,7 @@ def _passes(verdicts: Verdicts, name: str) -> bool:
 
 
 def _met(verdicts: Verdicts) -> Met:
-    found = {verdict.status if verdict else "NOT SHOWN" for verdict in _binding(verdicts)}
+    found = set().union(*_bound(verdicts).values())
     if not found:
         return "nothing required"
     return "no" if "FAIL" in found else "yes" if found == {"PASS"} else "not shown"
@@ -133,13 +147,13 @@ def _closer(pair: ControllerPair, names: Names) -> str:
 
 
 def _angles(pair: ControllerPair, names: Names) -> str:
-    """'TLC is closer than LQR in sideslip, in bank only when settled.': which has the smaller rms error on more
+    """'By rms TLC is closer than LQR in sideslip, in bank only when settled.': which has the smaller rms error on more
     flights; '' where the campaign counts no rms error of settled stretches."""
     found = closer_in(pair, names)
     sides = {(True, True): "", (False, True): " only when settled", (True, False): " but not when settled"}
     parts = [f"in {joined(found[side])}{words}" for side, words in sides.items() if side in found]
     words = ", ".join(parts) if parts else "in no angle"
-    return f"{names.label(pair.a)} is closer than {names.label(pair.b)} {words}." if found else ""
+    return f"By rms {names.label(pair.a)} is closer than {names.label(pair.b)} {words}." if found else ""
 
 
 def _usage(pair: ControllerPair) -> str:
@@ -194,7 +208,8 @@ def _next(models: Models, met: Met) -> Next | None:
     if met == "no":
         return why_failed
     if met == "not shown":
-        open_ones = [each for each in _binding(verdicts) if each and each.status == "NOT SHOWN"]
+        binding = [item.controllers.get(name) for item in verdicts.requirements for name in item.asked.controllers]
+        open_ones = [each for each in binding if each and each.status == "NOT SHOWN"]
         if not open_ones:
             return None
         found = [advise(each) for each in open_ones]
@@ -203,7 +218,7 @@ def _next(models: Models, met: Met) -> Next | None:
         need = max(each.flights for each in found if each)
         if need > _MOST_TIMES * max(each.flights for each in open_ones):
             return Next(f"{fixed(need, 0)} flights would do, more than {_MOST_TIMES} times those flown")
-        return _more(need, f"{fixed(need, 0)} flights would do", flies)
+        return _more(need, f"{fixed(need, 0)} flights would do for each by itself", flies)
     jointly = flights_jointly(verdicts)
     if jointly:
         return _more(jointly, f"all stand with {fixed(jointly, 0)} flights if no more fail", flies)

@@ -171,7 +171,7 @@ def met_words(verdicts: Verdicts, name: str) -> str:
 
 
 def _margin(models: Models, name: str) -> tuple[str, bool]:
-    """The least margins in steady flight in words, and whether they are less than is customary."""
+    """The nominal vehicle's least margins in steady flight, and whether they are less than is customary."""
     found = least_margins(models[MARGINS], name)
     if found is None:
         return "" if models.results.campaign.user_model else "margins: not asked", False

@@ -38,8 +38,8 @@ def _items(found: Flights, names: Names) -> Iterator[Item]:
         "first five are listed."
     )
     if names.flies:
-        words += f" `abhv-mc explain {names.folder} --flight NUMBER` finds the smallest set of dispersions that still "
-        words += "makes a flight fail."
+        words += f" `abhv-mc explain {names.folder} --controller NAME --flight NUMBER` finds the smallest set of "
+        words += "dispersions that still makes a flight fail."
     yield Text(words)
     asked = (names.metrics[metric].label_with_unit for metric in names.asked[:_COLUMNS])
     worst_heads = ("Flight", "Outcome", "Worst in", "Beyond its limit (units of it)", *asked, "Largest dispersions")
