@@ -9,7 +9,10 @@ from typing import Any
 from abhv_mc.cli.printing import say
 
 _TIMES = "compiled.json"  # beside the folders of compiled code: seconds that each took last time on this machine
-_PARTS = {"flight": "the flight", "stability": "a part of the stability margins", "laws": "the reference"}
+_PARTS = {
+    "flight": "the flight", "stability": "a part of the stability margins", "laws": "the reference",
+    "numerics": "the ranking of flights",
+}  # fmt: skip
 
 
 def announce_compiling() -> None:

@@ -192,7 +192,7 @@ def print_requirements(manifest: "Manifest") -> None:
     """A table of the requirements: what each asks of whom, what was counted, the verdict and what it rests on."""
     if not manifest.requirements:
         return
-    table = new_table(("of", "requirement", "in", "verdict", "counted"), (), padding=(0, 1, 0, 0))
+    table = new_table(("of whom", "requirement", "in", "verdict", "counted"), (), padding=(0, 1, 0, 0))
     for entries, mark in ((manifest.requirements, " (binding)"), (manifest.requirements_shown, "")):
         for entry in entries:
             verdict, _, words = entry.words.partition(": ")
