@@ -56,7 +56,12 @@ def growth(folder, rates, points, loop, factor, frequency):
 
 
 @pytest.mark.parametrize(
-    "rates", [COUNTER, "throttle = round(time / dt) % 3 == 0", THREE], ids=["two", "time", "three"]
+    "rates",
+    [
+        pytest.param(COUNTER, id="two"),
+        pytest.param("throttle = round(time / dt) % 3 == 0", id="time", marks=pytest.mark.thorough),
+        pytest.param(THREE, id="three", marks=pytest.mark.thorough),
+    ],
 )
 def test_the_difference_of_two_flights_is_neutral_at_the_gain_margin(tmp_path, rates):
     plan = plan_with(tmp_path, rates)
