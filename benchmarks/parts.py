@@ -18,7 +18,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.bench.speed import make_work, read_operations
-from abhv_mc.flight.arguments import make_kernel_plan
+from abhv_mc.flight.arguments import make_kernel_plan, make_results
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.plan import FlightPlan, Recording
 from abhv_mc.kernel.flight import observe
@@ -71,7 +71,7 @@ N = 1024  # numbers of an array in the nearest cache
 
 
 @kernel
-def run_part(plan, lqr_plan, memory, part, calls):
+def run_part(plan, lqr_plan, memory, results, part, calls):
     """One part ``calls`` times at the start of the mission, of TLC's plan or of LQR's."""
     if not has_width(memory, LANES):
         return 0.0
@@ -90,7 +90,7 @@ def run_part(plan, lqr_plan, memory, part, calls):
             air_data(Z, width, vehicle, earth)
         elif part == 1:
             deflections(Z, width)
-            place_effectors(Z, memory.A, width, vehicle, False)
+            place_effectors(Z, memory.A, width, vehicle, False, -1)
         elif part == 2:
             find_cells(Z, width, vehicle.tables, cells)
         elif part == 3:
@@ -98,7 +98,7 @@ def run_part(plan, lqr_plan, memory, part, calls):
         elif part == 4:
             build_up(Z, T, width, vehicle.build_up, vehicle.build_up.factor)
         elif part == 5:
-            equations_of_motion(Z, width, vehicle, earth, still)
+            equations_of_motion(Z, width, vehicle, earth, still, active)
         elif part == 6:
             run_actuators(Z, width, vehicle.constants, step, False)
             set_actuators(Z, width)
@@ -111,7 +111,7 @@ def run_part(plan, lqr_plan, memory, part, calls):
             add_biases(Z, width)
             sense(Z, width, active.sensor_errors, step, 1)
         elif part == 9:
-            observe_tick(plan, memory, width, active, 1)
+            observe_tick(plan, memory, results, width, active, memory.order, width, 1)
         elif part == 10:
             lqr_tick(lqr_plan, memory, width, 1)
         elif part == 11:
@@ -153,9 +153,9 @@ def time_of_one(operation: Callable[..., None]) -> float:
 def time_of(part: int, calls: int, plans: dict[str, FlightPlan], parameters: Floats) -> float:
     """Seconds of processor time for ``calls`` calls with all lanes, median."""
     tlc, lqr = (make_kernel_plan(plans[law], parameters, Recording(0)) for law in BOTH)
-    memory = make_memory(LANES)
-    run_part(tlc, lqr, memory, part, 1)
-    return median(measure_time(lambda: run_part(tlc, lqr, memory, part, calls)) for _ in range(REPEATS))
+    memory, results = make_memory(LANES), make_results(plans["tlc"], LANES, Recording(0), False)
+    run_part(tlc, lqr, memory, results, part, 1)
+    return median(measure_time(lambda: run_part(tlc, lqr, memory, results, part, calls)) for _ in range(REPEATS))
 
 
 def measure_parts() -> dict[str, dict[str, float]]:
@@ -215,7 +215,7 @@ def main() -> None:
         print(json.dumps(measure_parts()))
         return
     load = os.getloadavg()[0]
-    runs = repeat(options.processes, "benchmarks.kernels.parts", "--once")
+    runs = repeat(options.processes, "benchmarks.parts", "--once")
     shares = {law: find_spreads([find_shares(run[law]) for run in runs]) for law in BOTH}
     machine = describe_machine(load)
     write_json(options.json, make_record(machine, runs, shares))
