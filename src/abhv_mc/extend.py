@@ -14,8 +14,8 @@ from abhv_mc.kernel.numerics.angles import clamp, larger, smaller, wrap
 from abhv_mc.kernel.numerics.lane_math import acos, asin, atan2, exp, log, power, sincos, tan
 from abhv_mc.user_code.law_interface import Coefficients, Command, Inertia, Measured, Moment, Onboard, Reference, Thrust
 from abhv_mc.user_code.module import CHANNEL, CONTROLLER, ChannelMark, ControllerMark
-from abhv_mc.user_code.scattered import Scattered as scattered  # noqa: N813
-from abhv_mc.user_code.table import Table as table  # noqa: N813  spoken as a function
+from abhv_mc.user_code.table import Scattered as scattered  # noqa: N813  spoken as functions
+from abhv_mc.user_code.table import Table as table  # noqa: N813
 
 __all__ = [
     "Coefficients",

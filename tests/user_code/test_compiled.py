@@ -16,7 +16,8 @@ def law(measured, reference):
 def test_a_flipped_bit_of_a_compiled_law_is_not_executed(tmp_path, monkeypatch):
     """It flew another law, or killed the process."""
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(compiled, "code_folder", lambda _: tmp_path)
+    monkeypatch.setattr(compiled, "laws_folder", lambda: tmp_path / "laws")
+    (tmp_path / "laws").mkdir()
     source = UserSource(LAW, str(tmp_path / "law.py"))
 
     def compile_it():

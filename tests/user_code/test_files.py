@@ -10,9 +10,9 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.flight.memory import Z_ROWS
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.user_code.closure import check_closure
 from abhv_mc.user_code.compiled import compile_law
 from abhv_mc.user_code.law_source import read_law_source
+from abhv_mc.user_code.module import check_closure
 
 HEAD = "from pathlib import Path\nimport numpy as np\nfrom abhv_mc.extend import Command, controller\n"
 LAW = """

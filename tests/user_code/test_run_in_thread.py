@@ -8,7 +8,7 @@ import pytest
 
 from abhv_mc.cli import fly as fly_command
 from abhv_mc.shipped import find_input
-from abhv_mc.user_code.run_in_thread import run_in_thread
+from abhv_mc.user_code.child import run_in_thread
 
 
 @pytest.fixture

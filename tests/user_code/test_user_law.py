@@ -246,7 +246,7 @@ def test_design_gives_gains_and_the_linear_plant(make):
 
 LINE = "    return Command(0.0, 0.0, 0.0, 1.0)\n"
 WRONG = [
-    ("def law(measured):\n    x = [measured.bank]\n" + LINE, 5, "a list", "lists are not allowed"),
+    ("def law(measured):\n    x = [measured.bank]\n" + LINE, 5, "lists", "lists are not allowed"),
     ("def law(measured):\n    x = measured.alttitude\n" + LINE, 5, "measured.alttitude", "did you mean 'altitude'"),
     ("def law(measured):\n    global n\n    n = 1\n" + LINE, 5, "a global that changes", "Memory"),
     ("def law(measured):\n    if measured.bank > 0.0:\n    " + LINE, 5, "without 'return'", "return Command"),

@@ -56,7 +56,7 @@ def _explain_one(
     from abhv_mc.folder.layout import CampaignFolder
     from abhv_mc.report.pages.explained import explanation_numbers, explanation_words, make_explained_figure
     from abhv_mc.simulators.engine import make_engine
-    from abhv_mc.user_code.run_in_thread import run_in_thread
+    from abhv_mc.user_code.child import run_in_thread
 
     name = controller or first_controller(folder)
     fly = make_engine().fly

@@ -25,7 +25,7 @@ def command(
     from abhv_mc.cli.announce import announce_compiling, announce_warnings
     from abhv_mc.one_flight.fly_once import fly_once
     from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
-    from abhv_mc.user_code.run_in_thread import run_in_thread
+    from abhv_mc.user_code.child import run_in_thread
 
     files = find_controllers(controllers)
     craft = vehicle or find_input(DEFAULT_VEHICLE, "vehicle")

@@ -30,7 +30,7 @@ def command(
     from abhv_mc.folder.histories import write_histories
     from abhv_mc.folder.inputs import first_controller
     from abhv_mc.simulators.engine import make_engine
-    from abhv_mc.user_code.run_in_thread import run_in_thread
+    from abhv_mc.user_code.child import run_in_thread
 
     if out is not None and out.suffix != ".parquet":  # the only kind it writes, whatever the name promises
         raise InputError("--output", f"'{out.name}'", "a name that ends in .parquet")

@@ -17,7 +17,7 @@ from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.io.documents import InputError, InputErrors
 from abhv_mc.simulators.engine import Fly
 from abhv_mc.simulators.simulate import simulate
-from abhv_mc.user_code.run_in_thread import run_in_thread
+from abhv_mc.user_code.child import run_in_thread
 
 _ROWS = 3  # trials of each dispersion
 _USUAL = 600.0  # s for 16 flights where the campaign gives no limit

@@ -26,7 +26,7 @@ from abhv_mc.report.pages.interactive import band_names, channel_curves
 from abhv_mc.report.pages.page import make_environment
 from abhv_mc.simulators.engine import Engine
 from abhv_mc.topics.plain import plain
-from abhv_mc.user_code.run_in_thread import run_in_thread
+from abhv_mc.user_code.child import run_in_thread
 
 _HOST = "127.0.0.1"
 _MOST_BYTES = 100_000  # of a request

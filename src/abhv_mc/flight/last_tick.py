@@ -8,18 +8,16 @@ import mmap
 import os
 import threading
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
-from abhv_mc.kernel.compiler_target import code_folder
 from abhv_mc.kernel.flight import observe
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.flight.memory import O_ROWS, Z_ROWS, Memory, make_memory
-from abhv_mc.kernel.jit import compiler
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.user_code.child import may_run_here
 from abhv_mc.user_code.law_interface import Measured, find_unit
+from abhv_mc.user_code.unpack import laws_folder
 
 _ROWS = Z_ROWS + O_ROWS + 1  # the last holds the control period
 
@@ -30,7 +28,7 @@ def open_memory(width: int, flights: int, tick_length: float) -> Iterator[Memory
     if flights != 1 or width != LANES or not may_run_here():
         yield make_memory(width)
         return
-    path = _folder() / f"flying_{os.getpid()}_{threading.get_native_id()}"
+    path = laws_folder() / f"flying_{os.getpid()}_{threading.get_native_id()}"
     with path.open("w+b") as file:
         file.truncate(8 * _ROWS * width)
         block = np.frombuffer(mmap.mmap(file.fileno(), 0)).reshape(_ROWS, width)
@@ -44,7 +42,7 @@ def open_memory(width: int, flights: int, tick_length: float) -> Iterator[Memory
 def describe_last_tick(process: int | None) -> str:
     """Where the lone flight of a process that was lost was, as the end of a sentence; empty where there was none."""
     words = ""
-    for path in _folder().glob(f"flying_{process}_*"):
+    for path in laws_folder().glob(f"flying_{process}_*"):
         content = path.read_bytes()
         path.unlink()
         if len(content) != 8 * _ROWS * LANES:  # of a process that was lost before it flew
@@ -56,9 +54,3 @@ def describe_last_tick(process: int | None) -> str:
         measured = [f"{name} {v:.9g} {find_unit(f'measured.{name}')}" for name, v in zip(names, values, strict=True)]
         words = f", at {tick * lane[-1]:g} s (tick {tick}), measured: {', '.join(measured)}"
     return words
-
-
-def _folder() -> Path:
-    folder = code_folder(compiler()) / "laws"
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    return folder

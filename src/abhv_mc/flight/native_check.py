@@ -14,12 +14,10 @@ from abhv_mc.flight.fly import fly, fly_until, nominal_parameters
 from abhv_mc.flight.last_tick import describe_last_tick
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.user_law import hidden_memory
-from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.input_error import InputError
-from abhv_mc.kernel.compiler_target import code_folder
-from abhv_mc.kernel.jit import compiler
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.user_code.child import LostError, in_child
+from abhv_mc.user_code.unpack import laws_folder
 
 _TICKS = 50
 _SLOW_TICKS = 200  # for what a memory does to a flight to grow
@@ -55,14 +53,13 @@ def _try_once(is_right: Callable[[FlightPlan], bool], plan: FlightPlan, ticks: i
     if plan.source is None:
         raise ValueError("a plan of native code without its source")
     key = hashlib.sha256(f"{plan.source.hash} {plan.settings.tolist()}".encode()).hexdigest()[:24]
-    note = code_folder(compiler()) / "laws" / f"{is_right.__name__.strip('_')}_{key}"
+    note = laws_folder() / f"{is_right.__name__.strip('_')}_{key}"
     if note.exists():
         return True
     shorter = replace(plan, timing=plan.timing._replace(ticks=min(ticks, plan.timing.ticks)))
     if not in_child(is_right, shorter, limit=_LONGEST):
         return False
-    with atomic_write(note) as temporary:
-        temporary.write_text("", encoding="utf-8")
+    note.touch()
     return True
 
 

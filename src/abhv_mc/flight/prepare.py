@@ -25,7 +25,7 @@ from abhv_mc.flight.metrics import effector_metrics, pack_metrics
 from abhv_mc.flight.native_check import check_native
 from abhv_mc.flight.outcome import EndBounds
 from abhv_mc.flight.plan import FlightPlan, Limits
-from abhv_mc.flight.user_law import NATIVE, load_plan_parts, open_law
+from abhv_mc.flight.user_law import NATIVE, open_law, plan_source
 from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.flight.interface import LANES, Timing
 from abhv_mc.kernel.flight.start import multiply
@@ -36,15 +36,14 @@ from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.kernel.world.earth import Earth, radii
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.plant.trim import GRAVITY, TrimPoint
-from abhv_mc.user_code.closure import check_closure, watched_design
-from abhv_mc.user_code.compiled import split_columns
-from abhv_mc.user_code.design import DesignModel
+from abhv_mc.user_code.compiled import COMMANDS, split_columns
+from abhv_mc.user_code.design import DesignModel, watched_design
 from abhv_mc.user_code.effector_commands import drive_commanded
 from abhv_mc.user_code.law_source import read_trusted_law
 from abhv_mc.user_code.load_law import load_law
-from abhv_mc.user_code.module import Law
-from abhv_mc.user_code.native import NativeLaw
+from abhv_mc.user_code.module import check_closure
 from abhv_mc.user_code.settings import NO_COMMANDS, CommandSteps, make_commands, make_user_settings
+from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.vehicle_functions import find_code, load_vehicle
 from abhv_mc.vehicle.actuators import name_effectors
 from abhv_mc.vehicle.limits import tighter
@@ -86,7 +85,7 @@ def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> Flight
 class UserParts(NamedTuple):
     """A law of the user's own, its settings and its commands."""
 
-    law: Law | NativeLaw
+    source: UserSource
     settings: Floats
     commands: CommandSteps = NO_COMMANDS
 
@@ -99,23 +98,22 @@ def read_law(controller: Path) -> tuple[Controller, UserParts | None]:
     source = read_trusted_law(law)
     if not isinstance(law, PythonController):
         numbers = law.numbers if isinstance(law, CController) else []
-        return law, UserParts(NativeLaw(source), np.array(numbers, dtype=np.float64))
+        return law, UserParts(source, np.array(numbers, dtype=np.float64))
     check_closure(source)
     loaded = load_law(source)
     commands = make_commands(document, law, loaded)
-    return law, UserParts(loaded, make_user_settings(document, law, loaded), commands)
+    return law, UserParts(source, make_user_settings(document, law, loaded), commands)
 
 
 def user_parts_of(plan: FlightPlan) -> UserParts | None:
     """A plan's own law and its settings; None for a law of the program. Raises ValueError without its source."""
     if plan.law not in USER_LAWS:
         return None
-    law = load_plan_parts(plan)
-    first = plan.gains.shape[1] - len(split_columns(tuple(plan.gain_names.tolist()))[1])
-    columns = plan.gains[:, first:]
+    gains, commands = split_columns(tuple(plan.gain_names.tolist()))
+    columns = plan.gains[:, len(gains) :]
     times = np.arange(len(columns), dtype=np.float64) * plan.timing.tick
-    names = law.commands._fields if columns.shape[1] and isinstance(law, Law) else ()
-    return UserParts(law, plan.settings, CommandSteps(names, (times,) * len(names), tuple(columns.T)))
+    names = tuple(name.removeprefix(COMMANDS) for name in commands)
+    return UserParts(plan_source(plan), plan.settings, CommandSteps(names, (times,) * len(names), tuple(columns.T)))
 
 
 def has_authority(vehicle: Vehicle, mission: Mission) -> bool:
@@ -148,7 +146,7 @@ def make_plan(
     sensing = choose_sensing(mission.sensing, vehicle.constants.sensing)
     vehicle = vehicle._replace(constants=vehicle.constants._replace(sensing=sensing))
     if user_code is not None:
-        vehicle = drive_commanded(vehicle, user_code.law.source)
+        vehicle = drive_commanded(vehicle, user_code.source)
     mission = on_glide_path(mission, vehicle)
     timing = make_timing(mission, controller.rate)
     trim_tables = make_mission_trim_tables(mission, vehicle)
@@ -198,8 +196,8 @@ def make_plan(
         warnings=np.array(warnings, dtype=np.str_),
         gain_names=np.array(names, dtype=np.str_),
         period=controller.period if isinstance(controller, UserController) else 0,
-        source_hash=user_code.law.source.hash if user_code else "",
-        source=user_code.law.source if user_code else None,
+        source_hash=user_code.source.hash if user_code else "",
+        source=user_code.source if user_code else None,
         vehicle_code=find_code(vehicle),
         declared=pack_metrics(effector_metrics(name_effectors(vehicle)) if constants.driven else ()),
     )
@@ -215,7 +213,7 @@ def make_gains(
     if isinstance(controller, UserController):
         if user_code is None:
             raise ValueError("a controller of the user's own without its law")
-        names, gains = watched_design(user_code.law, model, user_code.settings)
+        names, gains = watched_design(user_code.source, model, user_code.settings)
         return (*names, *user_code.commands.column_names()), np.concatenate(
             [gains, user_code.commands.columns(model.time)], axis=1
         )

@@ -12,14 +12,14 @@ from abhv_mc.kernel.flight.interface import UserCode
 from abhv_mc.kernel.flight.memory import TOGETHER
 from abhv_mc.kernel.laws.user import MAX_MEMORY, MEMORY
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.user_code.check_law import is_number
+from abhv_mc.user_code.c_law import find_c_memory, open_c_law
 from abhv_mc.user_code.child import in_child, may_run_here
 from abhv_mc.user_code.compiled import compile_law
 from abhv_mc.user_code.effector_commands import commands_effectors
+from abhv_mc.user_code.fmu_law import find_states, open_fmu
 from abhv_mc.user_code.law_interface import Measured
-from abhv_mc.user_code.load_law import load_law
+from abhv_mc.user_code.load_law import is_number, load_law
 from abhv_mc.user_code.module import Law
-from abhv_mc.user_code.native import NativeLaw, find_memory, open_native
 from abhv_mc.user_code.plain_law import PlainLaw
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.user_channels import compile_channels
@@ -61,9 +61,9 @@ def open_law(plan: FlightPlan, width: int, memory_in_rows: bool = False, flights
     elif plan.law in NATIVE:
         places = -(-max(min(flights, TOGETHER), 1) // width) * width  # more are flown after these
         memory = len(native_memory(plan)) if memory_in_rows else None
-        source = _checked(plan.source, plan.source_hash)
         gains, seen = tuple(plan.gain_names.tolist()), measured_count(plan)
-        made = open_native(source, gains, width, places, memory, seen, name_effectors(plan.vehicle))
+        open_native = open_c_law if plan.law == "c" else open_fmu
+        made = open_native(plan_source(plan), gains, width, places, memory, seen, name_effectors(plan.vehicle))
         address, context = made.address, made.context
     if plan.channels_hash:
         channels = int(compile_channels(_checked(plan.channels_source, plan.channels_hash), width).address)
@@ -90,32 +90,27 @@ def _open_vehicle(plan: FlightPlan, width: int) -> tuple[Any, ...]:
 
 def asks_for_more(plan: FlightPlan) -> bool:
     """Whether the plan's law may look at measured values beyond the ten that every law is given."""
-    if plan.law == "c":
-        source = _checked(plan.source, plan.source_hash)
-        texts = [content.decode(errors="replace") for _, content in source.files]
-        unknown = NativeLaw(source).recipe["library"] is not None  # a library does not say, nor a struct copied whole
-        return unknown or any(re.search(rf"\b({_MORE}|memcpy|memmove)\b", text) for text in texts)
-    if plan.law == "fmu":
-        return _names_more(_checked(plan.source, plan.source_hash).text)
-    if plan.law != PYTHON:
+    if plan.law not in USER_LAWS:
         return False
-    law = load_plan_law(plan)
-    files = (content.decode(errors="replace") for name, content in law.source.files if name.endswith(".py"))
-    return "measured" in law.arguments and any(map(_names_more, (law.source.text, *files)))
+    source = plan_source(plan)
+    files = {name: content.decode(errors="replace") for name, content in source.files}
+    if plan.law == "c":
+        unknown = (source.recipe or {})["library"] is not None  # a library does not say, nor a struct copied whole
+        return unknown or any(re.search(rf"\b({_MORE}|memcpy|memmove)\b", text) for text in files.values())
+    if plan.law == PYTHON and "measured" not in load_plan_law(plan).arguments:
+        return False
+    texts = source.text, *(text for name, text in files.items() if plan.law == PYTHON and name.endswith(".py"))
+    return any(re.search(rf"\.({_MORE})\b", text) for text in texts)
 
 
 def sees_onboard(plan: FlightPlan) -> bool:
     """Whether the plan's law is given the nominal vehicle."""
     if plan.law not in NATIVE:
         return plan.law == PYTHON and "onboard" in load_plan_law(plan).arguments
-    recipe = NativeLaw(_checked(plan.source, plan.source_hash)).recipe
+    recipe = plan_source(plan).recipe or {}
     return bool(recipe.get("onboard")) or any(
         wired.startswith("onboard.") for wired in recipe.get("inputs", {}).values()
     )
-
-
-def _names_more(text: str) -> bool:
-    return re.search(rf"\.({_MORE})\b", text) is not None
 
 
 def measured_count(plan: FlightPlan) -> int:
@@ -125,7 +120,12 @@ def measured_count(plan: FlightPlan) -> int:
 
 def load_plan_law(plan: FlightPlan) -> Law:
     """The law of a plan that has its own."""
-    return load_law(_checked(plan.source, plan.source_hash))
+    return load_law(plan_source(plan))
+
+
+def plan_source(plan: FlightPlan) -> UserSource:
+    """The code of a plan that has its own, of any kind."""
+    return _checked(plan.source, plan.source_hash)
 
 
 def _checked(source: UserSource | None, digest: str) -> UserSource:
@@ -134,15 +134,10 @@ def _checked(source: UserSource | None, digest: str) -> UserSource:
     return source
 
 
-def load_plan_parts(plan: FlightPlan) -> Law | NativeLaw:
-    """The code of a plan that has its own, of any kind."""
-    return load_plan_law(plan) if plan.law == PYTHON else NativeLaw(_checked(plan.source, plan.source_hash))
-
-
 def native_memory(plan: FlightPlan) -> dict[str, float]:
     """The numbers that a law in native code remembers, as a flight starts. Raises InputError where it hides them."""
-    source = _checked(plan.source, plan.source_hash)
-    found = in_child(find_memory, source, plan.settings, plan.reference[0])
+    find = find_c_memory if plan.law == "c" else find_states
+    found = in_child(find, plan_source(plan), plan.settings, plan.reference[0])
     if found is None:
         raise hidden_memory(plan)
     return found
@@ -150,13 +145,12 @@ def native_memory(plan: FlightPlan) -> dict[str, float]:
 
 def hidden_memory(plan: FlightPlan) -> InputError:
     """What to raise where slopes are asked of a law whose memory is not known."""
-    source = _checked(plan.source, plan.source_hash)
     words = {"c": "a law whose memory is not known", "fmu": "an FMU that remembers more than states that can be set"}
     needed = {
         "c": "abhv_law_state_get and abhv_law_state_set",
         "fmu": "all that it remembers in its modelDescription's Derivatives, with start values that can be set",
     }
-    return InputError(source.file, words[plan.law], f"{needed[plan.law]}, for slopes")
+    return InputError(plan_source(plan).file, words[plan.law], f"{needed[plan.law]}, for slopes")
 
 
 def must_fly_elsewhere(plan: FlightPlan) -> bool:

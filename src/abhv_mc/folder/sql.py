@@ -10,7 +10,7 @@ from abhv_mc.folder.hashes import data_files, read_checked, refuse_changes
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import Manifest
 from abhv_mc.io.input_error import InputError
-from abhv_mc.user_code.run_in_thread import run_in_thread
+from abhv_mc.user_code.child import run_in_thread
 
 if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection, DuckDBPyRelation

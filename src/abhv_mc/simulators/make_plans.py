@@ -26,8 +26,8 @@ from abhv_mc.simulators.engine import Engine, check_source
 from abhv_mc.simulators.feasibility import asked_in_vain
 from abhv_mc.simulators.stored_plans import read_trusted_plan
 from abhv_mc.simulators.user_simulator.user_plan import make_user_plans
-from abhv_mc.user_code.closure import check_closure
 from abhv_mc.user_code.effector_commands import find_driven
+from abhv_mc.user_code.module import check_closure
 from abhv_mc.user_code.source import read_source
 from abhv_mc.user_code.user_channels import compile_channels
 from abhv_mc.vehicle.actuators import drive, name_effectors

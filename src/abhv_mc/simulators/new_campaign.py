@@ -113,5 +113,5 @@ def _add_c_law(source: Path, target: Path) -> list[Path]:
         file.write_text(content, encoding="utf-8")
     controller = read_controller(target / "my_law.yaml")
     if isinstance(controller, CController):
-        files += write_headers(controller, target)
+        files += write_headers(target, controller.layout, controller.onboard)
     return files

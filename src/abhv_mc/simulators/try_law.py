@@ -9,8 +9,8 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.documents import InputError
 from abhv_mc.shipped import DEFAULT_VEHICLE, shipped_configs
+from abhv_mc.user_code.child import run_in_thread
 from abhv_mc.user_code.law_source import law_place, read_law_source
-from abhv_mc.user_code.run_in_thread import run_in_thread
 from abhv_mc.user_code.trust import is_in_a_folder, is_trusted
 
 _LONGEST = 600.0  # s, compiling included

@@ -7,9 +7,6 @@ along. Native code runs in processes that may be lost: workers and the child, ne
 import ctypes
 import functools
 import os
-import sys
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,16 +19,15 @@ from abhv_mc.kernel.laws.user import FAULT, MAX_MEMORY, MEMORY, N_ONBOARD, ONBOA
 from abhv_mc.kernel.numerics.lane_memory import aligned_zeros
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
-from abhv_mc.user_code.c_source import describe_layout, interface, recipe_of, refuse_platform
-from abhv_mc.user_code.child import may_run_here
-from abhv_mc.user_code.compiled import COMMAND_ROWS, build_loop, find_place, indent, lane_of
+from abhv_mc.user_code.c_source import describe_layout, interface
+from abhv_mc.user_code.child import check_may_run
+from abhv_mc.user_code.compiled import COMMAND_ROWS, OpenLaw, build_loop, find_place, indent, lane_of
 from abhv_mc.user_code.effector_commands import effector_rows
 from abhv_mc.user_code.law_interface import NOT_GIVEN
 from abhv_mc.user_code.plain_law import LAW_FAILED
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import BUILT, unpack
 
-_SYSTEM = ("/lib", "/lib64", "/usr/lib", "/usr/lib64", "/System", "/usr/local/lib")
 _LINE = 64  # bytes that states begin at multiples of
 _ONBOARD = (*range(ONBOARD, ONBOARD + N_ONBOARD), *range(s.CMD, s.CMD + 4))  # its rows
 _COMMAND = 8 * (s.N_SEEN + len(_ONBOARD))  # where in the buffer the command lies
@@ -52,19 +48,16 @@ class CLibrary(NamedTuple):
 @functools.lru_cache(maxsize=16)
 def load_library(source: UserSource) -> CLibrary:
     """Load a law's library into this process. Raises InputError for what is no law, or not this interface's."""
-    if not may_run_here():
-        raise RuntimeError("native code of a user's is run by workers and the child alone")
-    if (words := refuse_platform(source)) is not None:
-        raise InputError(source.file, words, "a law built for this platform")
-    recipe: Any = recipe_of(source)
+    check_may_run()
+    recipe: Any = source.recipe
     path = unpack(source) / (recipe["library"] or BUILT)
-    before = _mapped()
     try:
         handle = ctypes.CDLL(str(path), mode=os.RTLD_NOW | os.RTLD_LOCAL)
     except OSError as error:
         words = str(error).replace(str(path.parent) + os.sep, "")
-        raise InputError(source.file, f"a library that does not load ({words})", _expected(words)) from None
-    _check_links(source, path.parent, _mapped() - before)
+        missing = f"files: [{words.partition(':')[0]}] in its controller file"
+        expected = missing if "cannot open shared object" in words else "a shared library"
+        raise InputError(source.file, f"a library that does not load ({words})", expected) from None
 
     def find(name: str, needed: bool) -> int:
         try:
@@ -88,41 +81,14 @@ def load_library(source: UserSource) -> CLibrary:
     return CLibrary(init, step, get, put, int(ctypes.CFUNCTYPE(ctypes.c_size_t)(size)()), handle)
 
 
-def _mapped() -> set[str]:
-    """Files that this process has loaded code from, as far as the system tells."""
-    try:
-        lines = Path("/proc/self/maps").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return set()
-    return {os.path.realpath(line.split(maxsplit=5)[5]) for line in lines if line.count("/")}
+def find_c_memory(source: UserSource, settings: Floats, first: Floats) -> dict[str, float] | None:
+    """The numbers of a law's memory as it starts, by name; None where it does not give them. Called in the child.
 
-
-def _check_links(source: UserSource, folder: Path, loaded: set[str]) -> None:
-    """Raise InputError for a library that came with the law's and is neither the system's nor declared."""
-    allowed = tuple(f"{os.path.realpath(place)}{os.sep}" for place in (folder, sys.prefix, sys.base_prefix, *_SYSTEM))
-    for path in sorted(loaded):
-        if not path.startswith(allowed):
-            found = f"a library that links to {path}, which it does not declare"
-            raise InputError(source.file, found, f"files: [{Path(path).name}] in its controller file")
-
-
-def _expected(words: str) -> str:
-    name = words.partition(":")[0]
-    return f"files: [{name}] in its controller file" if "cannot open shared object" in words else "a shared library"
-
-
-class CFacts(NamedTuple):
-    """What the launching process knows of a law in C."""
-
-    state_size: int  # bytes
-    memory: tuple[float, ...] | None  # as it starts; None where the law does not give it
-
-
-def inspect_library(source: UserSource, settings: Floats, first: Floats) -> CFacts:
-    """What a library says of its memory; called in the child. Raises InputError."""
+    Raises InputError.
+    """
     library = load_library(source)
     if not library.get:
-        return CFacts(library.state_size, () if library.state_size == 0 else None)
+        return {} if library.state_size == 0 else None
     state = aligned_zeros(library.state_size // 8 + 8)
     given = np.append(settings, 0.0)
     call = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
@@ -134,39 +100,33 @@ def inspect_library(source: UserSource, settings: Floats, first: Floats) -> CFac
         raise InputError(source.file, f"a memory of {count} numbers", f"0 to {MAX_MEMORY}")
     values = np.zeros(count + 1)
     read(state.ctypes.data, values.ctypes.data)
-    return CFacts(library.state_size, tuple(values[:count].tolist()))
-
-
-@dataclass(frozen=True)
-class CFlights:
-    """A law in C for the flights of one call: what the kernel calls, and all that must live meanwhile."""
-
-    address: int
-    context: int
-    held: tuple[Any, ...]
-
-    def close(self) -> None:
-        """Nothing: all of it is memory of this process."""
+    return {f"memory_{i}": value for i, value in enumerate(values[:count].tolist())}
 
 
 def open_c_law(
-    source: UserSource, gains: int, width: int, places: int, memory: int | None, seen: int, effectors: tuple[str, ...]
-) -> CFlights:
+    source: UserSource,
+    gains: tuple[str, ...],
+    width: int,
+    places: int,
+    memory: int | None,
+    seen: int,
+    effectors: tuple[str, ...],
+) -> OpenLaw:
     """The law for ``width`` lanes, with room for the states of ``places`` flights; ``effectors`` are the vehicle's.
 
     With ``memory`` numbers the lanes' rows hold them, as those of a compiled law, and the state is made anew of them at
     each tick. The first ``seen`` measured quantities are given, the others are not-a-number.
     """
     library = load_library(source)
-    recipe: Any = recipe_of(source)
+    recipe: Any = source.recipe
     loop = compile_adapter(width, memory, seen, recipe["onboard"], effector_rows(source, effectors))
     stride = -(-max(library.state_size, 1) // _LINE) * _LINE
     states = aligned_zeros(stride // 8 * places)
     buffer = aligned_zeros(_NUMBERS // 8 + MAX_MEMORY)
     buffer[seen : s.N_SEEN] = np.nan
     addresses = [library.init, library.step, library.get, library.set]
-    context = np.array([*addresses, states.ctypes.data, stride, places, 0, gains, buffer.ctypes.data], np.int64)
-    return CFlights(int(loop.address), int(context.ctypes.data), (loop, states, buffer, context, library))
+    context = np.array([*addresses, states.ctypes.data, stride, places, 0, len(gains), buffer.ctypes.data], np.int64)
+    return OpenLaw(int(loop.address), int(context.ctypes.data), (loop, states, buffer, context, library))
 
 
 _HEAD = """\

@@ -2,31 +2,28 @@
 
 import functools
 import hashlib
-import json
 import platform
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from abhv_mc.control.law_file import CController, Layout, find_files
+from abhv_mc.control.law_file import CController, Layout
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.input_error import InputError
-from abhv_mc.kernel.compiler_target import code_folder
-from abhv_mc.kernel.jit import compiler
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.numerics.lane_math import COS, HALF_PI, SIN
 from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
 from abhv_mc.user_code.law_interface import COMMAND_FIELDS, Measured, Onboard, onboard_fields
 from abhv_mc.user_code.source import UserSource
-from abhv_mc.user_code.unpack import BUILT
+from abhv_mc.user_code.unpack import laws_folder, unpack
 
 _HEADER = Path(__file__).with_name("abhv_law.h")
-_LONGEST = 600.0  # s that cc may take
+_ORIGIN = ["-Wl,-rpath,@loader_path" if sys.platform == "darwin" else "-Wl,-rpath,$ORIGIN"]
 _ERROR = re.compile(r"(?m)^(?P<file>[^:\n]+):(?P<line>\d+):(?:(?P<column>\d+):)? (?:fatal )?error: (?P<words>.*)$")
 
 
@@ -91,71 +88,23 @@ def describe_layout(layout: Layout) -> str:
     return ", ".join(f"{name}[{length}]" if length else name for name, length in layout) or "none"
 
 
-def read_c_source(controller: CController) -> UserSource:
-    """A law's files with what they are built by and for; nothing is built. Raises InputError."""
-    paths = find_files(controller)
-    names = list(paths)
-    recipe = {
-        "law": "c",
-        "library": names[0] if controller.library is not None else None,
-        "sources": names[: len(controller.sources)],
-        "flags": list(controller.flags),
-        "compiler": find_compiler() if controller.sources else None,
-        "interface": interface(controller.onboard),
-        "onboard": controller.onboard,
-        "effectors": controller.effectors,
-        "platform": describe_platform(),
-        "settings": controller.layout,
-        "design": find_name(paths, controller.design),
-    }
-    return read_native_source(recipe, paths)
-
-
-def read_native_source(recipe: dict[str, Any], paths: Mapping[str, Path]) -> UserSource:
-    """The source of a law in C or an FMU: its recipe as text and its files, the law itself first. Raises InputError."""
-    try:
-        files = tuple((name, path.read_bytes()) for name, path in paths.items())
-    except OSError as error:
-        raise InputError(str(error.filename), f"a file that cannot be read ({error})", "a file") from None
-    return UserSource(json.dumps(recipe), str(next(iter(paths.values()))), files)
-
-
-def find_name(paths: Mapping[str, Path], path: Path | None) -> str | None:
-    """The name of one of the files of :func:`abhv_mc.control.law_file.find_files`."""
-    return next((name for name, place in paths.items() if path is not None and place.samefile(path)), None)
-
-
 def with_library(source: UserSource) -> UserSource:
     """A law's source with the library built of it, once for each content. Raises InputError with cc's first error."""
-    recipe = recipe_of(source)
-    if recipe is None or recipe.get("sources") in (None, []):
+    recipe = source.recipe
+    if recipe is None or not recipe.get("sources"):
         return source
-    kept = code_folder(compiler()) / "laws" / f"built_{source.hash[:24]}.so"
+    kept = laws_folder() / f"built_{source.hash[:24]}.so"
     if not kept.is_file():
-        content = _build(source, recipe["sources"], recipe["flags"], recipe["settings"], recipe["onboard"])
-        with atomic_write(kept) as temporary:
-            temporary.write_bytes(content)
-    return replace(source, library=kept.read_bytes())
-
-
-def _build(source: UserSource, sources: Sequence[str], flags: Sequence[str], layout: Layout, onboard: bool) -> bytes:
-    headers = {"abhv_law.h": make_header(onboard), "abhv_settings.h": make_settings_header(layout)}
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
-        for name, content in {**dict(source.files), **{name: text.encode() for name, text in headers.items()}}.items():
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            (folder / name).write_bytes(content)
-        origin = "@loader_path" if sys.platform == "darwin" else "$ORIGIN"
-        command = ["cc", "-shared", "-fPIC", *flags, "-ffp-contract=off", "-I.", f"-Wl,-rpath,{origin}", "-o", BUILT]
-        try:
+        with tempfile.TemporaryDirectory() as folder, atomic_write(kept) as built:
+            shutil.copytree(unpack(source), folder, dirs_exist_ok=True)
+            write_headers(Path(folder), recipe["settings"], recipe["onboard"])
+            command = ["cc", "-shared", "-fPIC", *recipe["flags"], "-ffp-contract=off", "-I.", *_ORIGIN, "-o", built]
             told = subprocess.run(  # noqa: S603  the user's own flags
-                [*command, *sources, "-lm"], cwd=folder, capture_output=True, text=True, timeout=_LONGEST, check=False
+                [*command, *recipe["sources"], "-lm"], cwd=folder, capture_output=True, text=True, check=False
             )
-        except subprocess.TimeoutExpired:
-            raise InputError(source.file, f"a build of more than {_LONGEST:g} s", "C code") from None
-        if told.returncode:
-            raise _explain(source, told.stderr)
-        return (folder / BUILT).read_bytes()
+            if told.returncode:
+                raise _explain(source, told.stderr)
+    return replace(source, library=kept.read_bytes())
 
 
 def _explain(source: UserSource, told: str) -> InputError:
@@ -171,25 +120,17 @@ def _explain(source: UserSource, told: str) -> InputError:
     return InputError(root / match["file"], f"'{match['words']:.300}'", expected, int(match["line"]), column)
 
 
-def recipe_of(source: UserSource) -> dict[str, Any] | None:
-    """What the text of a law in C or an FMU says; None for one in Python."""
-    try:
-        return dict(json.loads(source.text))
-    except ValueError:
-        return None
-
-
 def refuse_platform(source: UserSource) -> str | None:
     """Why a law's library cannot fly here, in words; None where it can."""
-    recipe, here = recipe_of(source), describe_platform()
+    recipe, here = source.recipe, describe_platform()
     if recipe is None or recipe["platform"] == here:
         return None
     return f"another platform ({here}) than the law's library is built for ({recipe['platform']})"
 
 
-def write_headers(controller: CController, folder: Path) -> list[Path]:
-    """Write abhv_law.h and abhv_settings.h, with which a user builds the library himself."""
-    texts = {"abhv_law.h": make_header(controller.onboard), "abhv_settings.h": make_settings_header(controller.layout)}
+def write_headers(folder: Path, layout: Layout, onboard: bool) -> list[Path]:
+    """Write abhv_law.h and abhv_settings.h, with which a law in C is built."""
+    texts = {"abhv_law.h": make_header(onboard), "abhv_settings.h": make_settings_header(layout)}
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
     return [folder / name for name in texts]
@@ -200,4 +141,4 @@ if __name__ == "__main__":
 
     given = read_controller(sys.argv[1])
     if isinstance(given, CController):
-        write_headers(given, Path(sys.argv[1]).parent)
+        write_headers(Path(sys.argv[1]).parent, given.layout, given.onboard)

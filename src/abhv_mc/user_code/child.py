@@ -1,4 +1,4 @@
-"""A process beside this one for a user's code that may crash, hang, or read what it does not declare.
+"""A process or a thread beside this one for a user's code that may crash, hang, or read what it does not declare.
 
 One is kept for all calls; it ends with this process, and is replaced where it is lost.
 """
@@ -42,6 +42,12 @@ def allow_here() -> None:
 def may_run_here() -> bool:
     """Whether native code of a user's may run in this process: a worker's or a child's, never the launching one."""
     return _may_run
+
+
+def check_may_run() -> None:
+    """Raise RuntimeError where native code of a user's would be loaded into another process."""
+    if not _may_run:
+        raise RuntimeError("native code of a user's is run by workers and the child alone")
 
 
 def in_child(function: Callable[..., T], *arguments: Any, limit: float | None = None) -> T:
@@ -154,3 +160,27 @@ def _end_with_parent() -> None:
     while os.read(0, 1024):
         pass
     os._exit(1)
+
+
+def run_in_thread(work: Callable[[], T], limit: float | None = None) -> T:
+    """What ``work`` gives or raises, in a thread that can be left behind; this one hears of Ctrl-C meanwhile.
+
+    Raises TimeoutError after ``limit`` s.
+    """
+    done: list[T] = []
+    failed: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            done.append(work())
+        except BaseException as error:
+            failed.append(error)
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    thread.join(limit)
+    if failed:
+        raise failed[0]
+    if not done:
+        raise TimeoutError
+    return done[0]

@@ -7,15 +7,13 @@ import re
 import sys
 import types
 from collections import namedtuple
-from collections.abc import Iterable
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
 
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.cache import one_compiles
-from abhv_mc.kernel.compiler_target import code_folder
-from abhv_mc.kernel.jit import compiler, scalar
+from abhv_mc.kernel.jit import scalar
 from abhv_mc.kernel.jit_pointer import Uncompilable, compile_pointer
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.laws.user import FAULT, MEMORY, ONBOARD
@@ -33,10 +31,10 @@ from abhv_mc.user_code.law_interface import (
     Thrust,
 )
 from abhv_mc.user_code.load_law import load_law
-from abhv_mc.user_code.module import MODULE, Law, Module, refuse_in_words
+from abhv_mc.user_code.module import MODULE, Law, Module, code_hash, refuse_in_words
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.table import LookUp
-from abhv_mc.user_code.unpack import unpack
+from abhv_mc.user_code.unpack import laws_folder, unpack
 
 COMMAND_ROWS = (
     s.CMD_AILERON,
@@ -55,7 +53,9 @@ REFERENCE_LINES = [  # of a loop, before its lanes
 ]
 COMMANDS = "commands."  # before the name of a column that is one
 WANTED = "floats, named tuples and functions of them, or @controller(compiled=False)"
-_NOISE = re.compile(r"(Failed in nopython mode|During: |File \"|- Resolution failure|\^|\[1\] |<source|def |return |$)")
+_NOISE = re.compile(
+    r"(Failed in nopython mode|During: |File \"|- Resolution failure|\^|\[1\] |<source|def |return |[\w, ]+ = _|$)"
+)
 
 
 @functools.lru_cache(maxsize=64)
@@ -136,6 +136,15 @@ def find_place(width: int, following: int, places: str, commanded: Iterable[int]
 """
 
 
+class OpenLaw(NamedTuple):
+    """A law in C or an FMU for the flights of one call: what the kernel calls, and all that must live meanwhile."""
+
+    address: int
+    context: int
+    held: Any
+    close: Callable[[], Any] = lambda: None
+
+
 def build(module: Module, text: str, names: dict[str, Any], salt: str = "") -> Any:
     """Compile the function ``loop`` of a generated text with these names. Raises InputError."""
     try:
@@ -147,9 +156,8 @@ def build(module: Module, text: str, names: dict[str, Any], salt: str = "") -> A
 def build_loop(salt: str, text: str, names: dict[str, Any]) -> Any:
     """Compile the function ``loop`` of a text with these names, which ``salt`` stands for. Raises Uncompilable."""
     key = hashlib.sha256(f"{salt} {text} {code_hash()}".encode()).hexdigest()[:24]
-    path = code_folder(compiler()) / "laws" / f"law_{key}.py"
+    path = laws_folder() / f"law_{key}.py"
     if not path.exists():
-        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         with atomic_write(path) as temporary:
             temporary.write_text(text, encoding="utf-8")
     home = types.ModuleType(f"abhv_mc_loop_{key}")  # numba finds what it kept under a module's name
@@ -158,14 +166,6 @@ def build_loop(salt: str, text: str, names: dict[str, Any]) -> Any:
     exec(compile(text, str(path), "exec", dont_inherit=True), home.__dict__)  # our text, with the user's functions
     with one_compiles(path.parent.parent, f"{path.stem}.loop"):
         return compile_pointer(home.__dict__["loop"])
-
-
-@functools.cache
-def code_hash() -> str:
-    """Hash of what a user's code is made of besides its text and the layers of the compiled flight."""
-    here = Path(__file__).parent
-    files = [*sorted(here.glob("*.py")), *sorted(here.glob("*.h")), here.parent / "extend.py"]
-    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 
 def compiled_names(module: Module) -> dict[str, Any]:
@@ -296,8 +296,7 @@ def _explain(module: Module, error: Uncompilable) -> InputError:
         line = int(found.group(1))
     words = [text.strip() for text in error.words.splitlines()]
     useful = [text for text in words if text and not _NOISE.match(text)]
-    said = next((text for text in useful if "Unknown attribute 'aileron'" in text), None)
-    if said is not None:
-        return InputError(source.file, "a law that returns something else", "return Command(...)", line)
-    found_words = "; ".join(useful[:3]) or "code that does not compile"
-    return InputError(source.file, f"what does not compile ({found_words:.300})", WANTED, line)
+    if "Unknown attribute 'aileron'" in error.words or "wrong tuple length" in error.words:
+        expected = "return Command(...), or Command(...), Memory(...) of one that remembers"
+        return InputError(source.file, "a law that returns something else", expected, line)
+    return InputError(source.file, f"what does not compile ({'; '.join(useful[:3]):.300})", WANTED, line)

@@ -1,6 +1,9 @@
-"""What the ``design`` of a user's own law is given, and the gains that it returns."""
+"""What the ``design`` of a user's own law is given, and the gains that it returns, in the child under the watch."""
 
 import functools
+from collections import namedtuple
+from itertools import islice
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,13 +14,19 @@ from abhv_mc.control.design.design_tables import Numbers, slope
 from abhv_mc.control.design.lqr_design import Nominal, make_nominal
 from abhv_mc.control.mission import Mission
 from abhv_mc.io.input_error import InputError
+from abhv_mc.io.number_table import NumberTable, read_number_table
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc.kernel.world.earth import Earth
-from abhv_mc.user_code.compiled import make_gains_class
+from abhv_mc.user_code.child import in_child
 from abhv_mc.user_code.law_interface import Reference
-from abhv_mc.user_code.module import refuse_in_words
+from abhv_mc.user_code.load_law import load_law
+from abhv_mc.user_code.module import refuse_in_words, run_module
 from abhv_mc.user_code.source import UserSource
+from abhv_mc.user_code.unpack import in_its_folder, unpack
+from abhv_mc.user_code.vehicle_functions import find_code, load_functions
+from abhv_mc.user_code.watch import watching
+from abhv_mc.vehicle.vehicle_code import VehicleCode
 
 STATES = ("altitude", "speed", "flight_path_angle", "heading", "angle_of_attack", "sideslip", "bank", "roll_rate",
           "pitch_rate", "yaw_rate")  # fmt: skip
@@ -127,14 +136,53 @@ def _rates(vehicle: Vehicle, nominal: Nominal, x: Numbers) -> Numbers:
     return np.concatenate([np.stack([speed * sg, along / mass - gravity * sg, path, turn]), angles, rates])
 
 
-def design_gains(source: UserSource, design: Any, model: DesignModel, given: Any) -> tuple[tuple[str, ...], Floats]:
-    """Names and columns [tick, gain] of what a ``design`` returns of the settings ``given``. Raises InputError."""
+def watched_design(source: UserSource, model: DesignModel, settings: Floats) -> tuple[tuple[str, ...], Floats]:
+    """Names and columns [tick, gain] of what a law's design gives, run in the child under the watch.
+
+    Raises InputError.
+    """
+    recipe = source.recipe
+    design: Any = load_law(source).design if recipe is None else recipe["design"]
+    if design is None:
+        return (), np.empty((len(model.table), 0))
+    if recipe is not None and not design.endswith(".py"):
+        return _read_gains(unpack(source) / design, model.time)
+    return in_child(_design, source, model, settings, find_code(model.vehicle))
+
+
+def _read_gains(path: Path, times: Floats) -> tuple[tuple[str, ...], Floats]:
+    """Of a design in CSV: linear between its times and held outside."""
+    table: NumberTable = read_number_table(path)
+    names = tuple(name for name in table.names if name != "time_s")
+    if "time_s" not in table.names or not names:
+        raise table.error(0, table.names[0], "a design without times or gains", "the column time_s, and others")
+    table.check_rising("time_s", "s")
+    at = table.values[:, table.names.index("time_s")]
+    columns = [np.interp(times, at, table.values[:, table.names.index(name)]) for name in names]
+    return names, np.ascontiguousarray(np.array(columns).T)
+
+
+def _design(
+    source: UserSource, model: DesignModel, settings: Floats, code: VehicleCode | None
+) -> tuple[tuple[str, ...], Floats]:
+    if code is not None:
+        load_functions(code, model.vehicle)
+    recipe, numbers = source.recipe, iter(settings.tolist())
+    if recipe is None:
+        kind = load_law(source).settings
+        given = kind and kind(*numbers)
+    else:  # the Python file of its design with all that the law declares
+        root = source.file.removesuffix(source.files[0][0])
+        files = {recipe["design"]: b"", **dict(source.files)}
+        source = UserSource(files[recipe["design"]].decode(), f"{root}{recipe['design']}", tuple(files.items()))
+        values = {name: tuple(islice(numbers, n)) if n else next(numbers) for name, n in recipe["settings"]}
+        given = namedtuple("Settings", values)(**values)
     ticks, file = len(model.table), source.file
-    with refuse_in_words(source, "a design", "a named tuple of arrays [tick]"):
-        made = design(model, given)
-        line = design.__code__.co_firstlineno
+    expected = f"design(model, settings) that gives a named tuple of numbers or arrays [{ticks}]"
+    with in_its_folder(source), watching(source), refuse_in_words(source, "a design", expected):
+        design = run_module(source).names["design"]
+        made, line = design(model, given), design.__code__.co_firstlineno
         if not (isinstance(made, tuple) and hasattr(made, "_fields")):
-            expected = f"a named tuple of numbers or arrays [{ticks}]"
             raise InputError(file, f"a design that returns {type(made).__name__}", expected, line)
         columns = np.empty((ticks, len(made)))
         for i, (name, value) in enumerate(zip(made._fields, made, strict=True)):
@@ -145,4 +193,4 @@ def design_gains(source: UserSource, design: Any, model: DesignModel, given: Any
                 raise InputError(file, found, f"a number, or an array [{ticks}]", line) from None
             if not np.isfinite(columns[:, i]).all():
                 raise InputError(file, f"the gain '{name}' with what is not a number", "finite numbers", line)
-        return make_gains_class(made._fields)._fields, columns
+        return made._fields, columns

@@ -15,7 +15,6 @@ from abhv_mc.io.documents import read_document
 from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.vehicle import Vehicle
-from abhv_mc.user_code.c_source import recipe_of
 from abhv_mc.user_code.law_source import read_law_source
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.vehicle.actuators import drive, name_effectors
@@ -26,9 +25,8 @@ _EXPECTED = 'Command(..., effectors={"name": ...}), the same names in each Comma
 
 def find_commanded(source: UserSource) -> tuple[str, ...]:
     """The effectors that a law commands, of one in Python sorted; none for a law that leaves them to their mix."""
-    recipe = recipe_of(source)
-    if recipe is not None:
-        return tuple(recipe.get("effectors", ()))
+    if source.recipe is not None:
+        return tuple(source.recipe["effectors"])
     found: set[str] = set()
     for _, given in _commands(ast.parse(source.text)):
         if isinstance(given, ast.Dict):
@@ -45,7 +43,7 @@ def effector_rows(source: UserSource, effectors: tuple[str, ...]) -> tuple[int, 
 
 def commands_effectors(source: UserSource) -> bool:
     """Whether a law commands effectors, in any of its Commands."""
-    if recipe_of(source) is not None:
+    if source.recipe is not None:
         return bool(find_commanded(source))
     return any(given is not None for _, given in _commands(ast.parse(source.text)))
 

@@ -22,7 +22,7 @@ def make_law_text(function: Callable[..., Any]) -> str:
         raise InputError("controller", f"{function!r:.60}", "a function, or a controller's name or file")
     made: dict[str, str] = {}
     arguments = inspect.signature(function).parameters
-    for argument, name in (CLASSES | {"gains": "design"}).items():
+    for argument, name in CLASSES.items():
         if argument in arguments and name in function.__globals__:
             _take(name, function.__globals__[name], function, made)
     _take(function.__name__, function, function, made)

@@ -176,7 +176,7 @@ class Thrust(NamedTuple):
 
 # Arguments that a law may name, and the rest, which its file defines.
 GIVEN = {"measured": Measured, "reference": Reference, "onboard": Onboard}
-CLASSES = {"memory": "Memory", "settings": "Settings", "commands": "Commands", "gains": "gains"}
+CLASSES = {"memory": "Memory", "settings": "Settings", "commands": "Commands", "gains": "design"}
 ARGUMENTS = ("measured", "reference", "memory", "settings", "commands", "gains", "onboard", "time", "dt")
 
 _UNITS = {  # of measurements, reference and commands, SI; what is in no group is a plain number

@@ -1,12 +1,14 @@
 """The code that a controller file names, read as it is and not run."""
 
+import json
 from pathlib import Path
 from typing import Any
 
-from abhv_mc.control.law_file import CController, FmuController, UserController, find_files
+from abhv_mc.control.law_file import CController, FmuController, PythonController, UserController, find_files
 from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.io.input_files import read_input
 from abhv_mc.kernel.laws.columns import REFERENCE
-from abhv_mc.user_code.c_source import describe_platform, find_name, read_c_source, read_native_source, with_library
+from abhv_mc.user_code.c_source import describe_platform, find_compiler, interface, with_library
 from abhv_mc.user_code.law_interface import COMMAND_FIELDS, Measured, onboard_fields
 from abhv_mc.user_code.source import UserSource, read_source
 from abhv_mc.user_code.trust import check_trusted, is_in_a_folder
@@ -15,23 +17,51 @@ _NEEDED = COMMAND_FIELDS[:4]
 _GROUPS = {"measured": Measured._fields, "reference": REFERENCE, "onboard": onboard_fields()}
 
 
-def read_fmu_source(controller: FmuController) -> UserSource:
-    """An FMU's file with what its inputs, outputs and parameters are wired to. Raises InputError."""
-    _check_names(controller)
+def law_place(controller: UserController) -> Path:
+    """The file that is the law, beside which its other files lie."""
+    return next(iter(find_files(controller).values()))
+
+
+def read_law_source(controller: UserController) -> UserSource:
+    """A controller's code with the files that it declares; nothing is built. Raises InputError.
+
+    The text of a law in C or an FMU is a recipe: what it is built by and for, and how it is wired.
+    """
     paths = find_files(controller)
-    recipe: dict[str, Any] = {
-        "law": "fmu",
-        "file": next(iter(paths)),
-        "library": None,
-        "inputs": controller.inputs,
-        "outputs": controller.outputs,
-        "effectors": [name for name in controller.outputs if name not in COMMAND_FIELDS],
-        "params": controller.params,
-        "platform": describe_platform(),
-        "settings": [],
-        "design": find_name(paths, controller.design),
-    }
-    return read_native_source(recipe, paths)
+    if isinstance(controller, PythonController):
+        return read_source(controller.file, paths)
+    names = list(paths)
+    recipe: dict[str, Any]
+    if isinstance(controller, CController):
+        recipe = {
+            "law": "c",
+            "library": names[0] if controller.library is not None else None,
+            "sources": names[: len(controller.sources)],
+            "flags": list(controller.flags),
+            "compiler": find_compiler() if controller.sources else None,
+            "interface": interface(controller.onboard),
+            "onboard": controller.onboard,
+            "effectors": controller.effectors,
+            "platform": describe_platform(),
+            "settings": controller.layout,
+        }
+    else:
+        _check_names(controller)
+        recipe = {
+            "law": "fmu",
+            "file": names[0],
+            "library": None,
+            "inputs": controller.inputs,
+            "outputs": controller.outputs,
+            "effectors": [name for name in controller.outputs if name not in COMMAND_FIELDS],
+            "params": controller.params,
+            "platform": describe_platform(),
+            "settings": [],
+        }
+    design = controller.design
+    recipe["design"] = next((name for name, path in paths.items() if design and path.samefile(design)), None)
+    files = tuple((name, read_input(path)) for name, path in paths.items())
+    return UserSource(json.dumps(recipe), str(paths[names[0]]), files)
 
 
 def _check_names(controller: FmuController) -> None:
@@ -45,22 +75,6 @@ def _check_names(controller: FmuController) -> None:
     missing = [name for name in _NEEDED if name not in controller.outputs]
     if missing:
         raise InputError(controller.file, f"no output for {', '.join(missing)}", "all four controls")
-
-
-def law_place(controller: UserController) -> Path:
-    """The file that is the law, beside which its other files lie."""
-    if isinstance(controller, CController):
-        return controller.library or controller.sources[0]
-    return controller.file
-
-
-def read_law_source(controller: UserController) -> UserSource:
-    """A controller's code with the files that it declares. Raises InputError."""
-    if isinstance(controller, CController):
-        return read_c_source(controller)
-    if isinstance(controller, FmuController):
-        return read_fmu_source(controller)
-    return read_source(law_place(controller), find_files(controller))
 
 
 def read_trusted_law(controller: UserController) -> UserSource:

@@ -1,34 +1,169 @@
-"""The law that a user's Python file defines, checked before it flies."""
+"""The law that a user's Python file defines, checked: what keeps it from being compiled is said in its user's terms."""
 
+import ast
+import builtins
 import functools
-import inspect
+import math
+from collections.abc import Iterator
+from typing import Any
 
-from abhv_mc.io.input_error import InputError
-from abhv_mc.user_code.check_law import check_law
-from abhv_mc.user_code.module import CONTROLLER, ControllerMark, Law, refuse_in_words, run_module
+import numpy as np
+
+from abhv_mc.io.input_error import InputError, Refusal, one_of
+from abhv_mc.io.units import parse_unit
+from abhv_mc.kernel.laws.user import MAX_MEMORY
+from abhv_mc.user_code.effector_commands import parse_law
+from abhv_mc.user_code.law_interface import ARGUMENTS, CLASSES, GIVEN
+from abhv_mc.user_code.module import CONTROLLER, ControllerMark, Law, Module, refuse_in_words, run_module, texts_of
 from abhv_mc.user_code.source import UserSource
+
+_REFUSED: dict[str, tuple[type[ast.AST], ...]] = {
+    "lists": (ast.List, ast.ListComp, ast.GeneratorExp),
+    "dictionaries": (ast.Dict, ast.DictComp),
+    "sets": (ast.Set, ast.SetComp),
+    "exceptions": (ast.Try, ast.Raise, ast.Assert),
+    "imports": (ast.Import, ast.ImportFrom),
+}
+_REFUSED_CALLS = {"print": "prints", "open": "files", "list": "lists", "dict": "dictionaries", "set": "sets"}
 
 
 @functools.lru_cache(maxsize=64)
 def load_law(source: UserSource) -> Law:
-    """Run a controller's file and find what it defines; checked in the user's terms. Raises InputError."""
+    """Run a controller's file and find what it defines. Raises InputError for the first thing that is wrong with it."""
     module = run_module(source)
     with refuse_in_words(source, "a law", "a plain function, and named tuples of numbers"):
         found = module.marked(CONTROLLER)
         if len(found) != 1:
             words = f"{len(found)} functions with @controller" if found else "no function with @controller"
             raise InputError(source.file, words, "one: from abhv_mc.extend import controller")
-        (function,) = found.values()
+        ((name, function),) = found.items()
         mark: ControllerMark = getattr(function, CONTROLLER)
-        law = Law(
-            module,
-            function,
-            mark,
-            tuple(inspect.signature(function).parameters),
-            module.names.get("Memory"),
-            module.names.get("Settings"),
-            module.names.get("Commands"),
-            module.names.get("design"),
-        )
-        check_law(law)
+        arguments = module.check_arguments(name, ARGUMENTS)
+        names = module.names.get
+        defined = names("Memory"), names("Settings"), names("Commands"), names("design")
+        law = Law(module, function, mark, arguments, *defined)
+        line = module.texts[name].lineno
+        _check_classes(law, line)
+        _check_units(law, line)
+        if mark.compiled:
+            check_functions(module, name, texts_of(parse_law(source)))
+            _check_fields(law, name)
+            _check_returns(law, name)
     return law
+
+
+def _check_classes(law: Law, line: int) -> None:
+    """What the law is given is in its file; the classes hold finite numbers. Raises InputError."""
+    file = law.source.file
+    for argument, of in CLASSES.items():
+        kind = law.module.names.get(of)
+        if kind is None and argument in law.arguments:
+            expected = "design(model, settings) that returns them" if of == "design" else f"class {of}(NamedTuple)"
+            raise InputError(file, f"'{argument}' in a file without it", expected, line)
+        if kind is None or of == "design" or (of == "Memory" and not law.mark.compiled):
+            continue
+        at = law.module.texts[of].lineno if of in law.module.texts else None
+        if not (isinstance(kind, type) and hasattr(kind, "_fields")):
+            raise InputError(file, f"{of} that is no NamedTuple", f"class {of}(NamedTuple)", at)
+        fields: Any = kind
+        for name in fields._fields:
+            value = fields._field_defaults.get(name, None if of == "Memory" else 0.0)
+            if not is_number(value):
+                raise InputError(file, f"{value!r:.40} for '{name}'", f"{name}: float = 0.0, a finite number", at)
+        if of == "Memory" and len(fields._fields) > MAX_MEMORY:
+            raise InputError(file, f"a memory of {len(fields._fields)} numbers", f"at most {MAX_MEMORY}", at)
+
+
+def is_number(value: object) -> bool:
+    """Whether a default is a finite number."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _check_units(law: Law, line: int) -> None:
+    known = [name for kind in (law.settings, law.commands) if kind is not None for name in kind._fields]
+    for name, unit in law.mark.units.items():
+        try:
+            if name not in known:
+                raise Refusal(f"a unit of '{name}'", one_of(known, name) if known else "a field of Settings")
+            parse_unit(unit)
+        except Refusal as refusal:
+            raise InputError(law.source.file, refusal.found, refusal.expected, line) from None
+
+
+def check_functions(module: Module, name: str, texts: dict[str, Any] | None = None) -> None:
+    """What cannot be compiled in a function and in those of its file that it calls. Raises InputError.
+
+    ``texts``: what is compiled in place of the module's own.
+    """
+    texts, seen, pending = texts or module.texts, {name}, [name]
+    while pending:
+        function = texts[pending.pop()]
+        local = {argument.arg for argument in function.args.args + function.args.kwonlyargs}
+        local |= {each.id for each in _walk(function) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)}
+        for node in _walk(function):
+            refused = _find_refused(node, module.names, local)
+            if refused is not None:
+                place = getattr(node, "lineno", function.lineno), getattr(node, "col_offset", 0) + 1
+                raise InputError(module.source.file, refused[0], refused[1], *place)
+            called = node.id if isinstance(node, ast.Name) else ""
+            if called not in seen and isinstance(texts.get(called), ast.FunctionDef):
+                seen.add(called)
+                pending.append(called)
+
+
+def _walk(function: ast.FunctionDef) -> Iterator[ast.AST]:
+    for statement in function.body:
+        yield from ast.walk(statement)
+
+
+def _find_refused(node: ast.AST, names: dict[str, Any], local: set[str]) -> tuple[str, str] | None:
+    words = next((words for words, kinds in _REFUSED.items() if isinstance(node, kinds)), None)
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+        words = _REFUSED_CALLS.get(node.func.id)
+    if words is not None:
+        return words, f"numbers, named tuples and functions of them: {words} are not allowed in compiled code"
+    if isinstance(node, ast.Global | ast.Nonlocal):
+        return f"'{node.names[0]}', a global that changes", "a field of Memory: a law sees one flight only"
+    if isinstance(node, ast.Name) and node.id not in local:
+        if isinstance(names.get(node.id), list | dict | set | np.ndarray):
+            kind = type(names[node.id]).__name__
+            return f"'{node.id}', a global {kind}, which may change", "numbers, table(...), or gains from design()"
+        if node.id not in names and not hasattr(builtins, node.id):
+            return f"the name '{node.id}', which is nowhere defined", "a name of the file or an argument"
+    return None
+
+
+def _check_fields(law: Law, name: str) -> None:
+    """Fields of the arguments that there are not."""
+    kinds: dict[str, Any] = {argument: kind for argument, kind in GIVEN.items() if argument in law.arguments}
+    kinds |= {of: getattr(law, of) for of in ("memory", "settings", "commands") if of in law.arguments}
+    for node in _walk(law.module.texts[name]):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in kinds:
+            of, known = node.value.id, kinds[node.value.id]._fields
+            if node.attr not in known:
+                place = node.lineno, (node.value.end_col_offset or 0) + 2
+                expected = one_of(known, node.attr)
+                raise InputError(law.source.file, f"{of}.{node.attr}, which there is not", expected, *place)
+
+
+def _check_returns(law: Law, name: str) -> None:
+    """Every way through the law returns something: what is missing in one would be compiled as anything."""
+    function = law.module.texts[name]
+    nothing = [node for node in _walk(function) if isinstance(node, ast.Return) and _is_nothing(node.value)]
+    if nothing or not _always_returns(function.body):
+        last = [*nothing, function.body[-1]][0]
+        expected = f"return Command(...){', Memory(...)' if 'memory' in law.arguments else ''}"
+        found = "a way through the law without 'return'"
+        raise InputError(law.source.file, found, expected, last.lineno, last.col_offset + 1)
+
+
+def _is_nothing(value: ast.expr | None) -> bool:
+    return value is None or isinstance(value, ast.Constant)
+
+
+def _always_returns(body: list[ast.stmt]) -> bool:
+    return any(
+        isinstance(statement, ast.Return)
+        or (isinstance(statement, ast.If) and _always_returns(statement.body) and _always_returns(statement.orelse))
+        for statement in body
+    )

@@ -1,21 +1,26 @@
-"""A user's Python file run once as a module, and what it defines."""
+"""A user's Python file run once as a module, and what it defines; before that once in a child, under a watch."""
 
+import ast
 import contextlib
 import functools
+import hashlib
 import linecache
 import os
 import re
 import traceback
 import types
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.user_code.child import LostError, in_child
 from abhv_mc.user_code.source import UserSource, compile_text
-from abhv_mc.user_code.unpack import in_its_folder, unpack
+from abhv_mc.user_code.unpack import in_its_folder, laws_folder, unpack
+from abhv_mc.user_code.watch import watching
 
+_LONGEST = 600.0  # s that a file may run
 MODULE = "abhv_mc_own_"  # how the modules that are made of such files are called
 CONTROLLER, CHANNEL = "_abhv_mc_controller", "_abhv_mc_channel"  # attributes that the decorators set
 
@@ -37,6 +42,11 @@ class ChannelMark:
     doc: str
 
 
+def texts_of(tree: ast.Module) -> dict[str, Any]:
+    """The functions and classes of a file by name, as they are written."""
+    return {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef | ast.ClassDef)}
+
+
 @dataclass(frozen=True)
 class Module:
     """A user's file that was run."""
@@ -48,6 +58,21 @@ class Module:
         """The functions with a decorator of ours, by name."""
         functions = {name: value for name, value in self.names.items() if type(value) is types.FunctionType}
         return {name: function for name, function in functions.items() if mark in function.__dict__}
+
+    @functools.cached_property
+    def texts(self) -> dict[str, Any]:
+        """Its functions and classes as they are written."""
+        return texts_of(ast.parse(self.source.text))
+
+    def check_arguments(self, function: str, known: Iterable[str]) -> tuple[str, ...]:
+        """The arguments of a function. Raises InputError, at its place, for one that it cannot be given."""
+        given = self.texts[function].args
+        for argument in (*given.args, *given.kwonlyargs):
+            if argument.arg not in known:
+                place = argument.lineno, argument.col_offset + 1
+                found = f"the argument '{argument.arg}'"
+                raise InputError(self.source.file, found, one_of(known, argument.arg), *place)
+        return tuple(argument.arg for argument in (*given.args, *given.kwonlyargs))
 
 
 @dataclass(frozen=True)
@@ -66,6 +91,34 @@ class Law:
     @property
     def source(self) -> UserSource:
         return self.module.source
+
+
+def check_closure(source: UserSource) -> None:
+    """Run a Python file in the child, once for each content. Raises InputError for what it does or reads wrong."""
+    key = hashlib.sha256(f"{source.hash} {source.file} {code_hash()}".encode()).hexdigest()[:24]
+    note = laws_folder() / f"closed_{key}"
+    if note.exists():
+        return
+    try:
+        in_child(_run_watched, source, limit=_LONGEST)
+    except LostError as lost:
+        found = f"a file that does not run: {lost.words}"
+        raise InputError(source.file, found, "a file that runs on its own") from None
+    note.touch()
+
+
+def _run_watched(source: UserSource) -> None:
+    run_module.cache_clear()  # a module that ran already opens nothing
+    with watching(source):
+        run_module(source)
+
+
+@functools.cache
+def code_hash() -> str:
+    """Hash of what a user's code is made of besides its text and the layers of the compiled flight."""
+    here = Path(__file__).parent
+    files = [*sorted(here.glob("*.py")), *sorted(here.glob("*.h")), here.parent / "extend.py"]
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 
 @functools.lru_cache(maxsize=64)

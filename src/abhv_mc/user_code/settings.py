@@ -1,6 +1,7 @@
 """The settings and commands of a user law, as its controller file gives them."""
 
-from typing import NamedTuple
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -11,30 +12,41 @@ from abhv_mc.io.units import TIME, parse_in_unit, parse_quantity
 from abhv_mc.user_code.compiled import COMMANDS
 from abhv_mc.user_code.module import Law
 
+T = TypeVar("T")
+
 
 def make_user_settings(document: Document, controller: PythonController, law: Law) -> Floats:
     """The numbers of the class ``Settings`` in its order, SI. Raises InputErrors with line and column."""
-    kind = law.settings
+
+    def number(name: str, unit: str, default: float) -> float:
+        if name not in controller.settings and np.isnan(default):
+            raise Refusal(f"no key '{name}'", f"'{name}' here")
+        return parse_in_unit(controller.settings[name], unit) if name in controller.settings else float(default)
+
+    made = _read_fields(document, law, "settings", law.settings, controller.settings, number)
+    return np.array(list(made.values()), dtype=np.float64)
+
+
+def _read_fields(
+    document: Document, law: Law, key: str, kind: Any, given: Mapping[str, Any], read: Callable[[str, str, float], T]
+) -> dict[str, T]:
+    """What ``read`` makes of each field of a class: of its name, unit and default. Raises InputErrors with places."""
     known = kind._fields if kind is not None else ()
     errors: list[InputError] = []
-    for name in controller.settings:
+    for name in given:
         if name not in known:
-            expected = one_of(known, name) if known else "no settings: the law has no class Settings"
-            errors.append(document.key_error(("settings", name), f"unknown key '{name}'", expected))
-    values = []
+            expected = one_of(known, name) if known else f"no {key}: the law has no class {key.capitalize()}"
+            errors.append(document.key_error((key, name), f"unknown key '{name}'", expected))
+    made = {}
     for name in known:
-        if name not in controller.settings:
-            if name not in kind._field_defaults:
-                errors.append(document.error(("settings",), f"no key '{name}'", f"'{name}' here"))
-            values.append(float(kind._field_defaults.get(name, np.nan)))
-            continue
         try:
-            values.append(parse_in_unit(controller.settings[name], law.mark.units.get(name, "-")))
+            made[name] = read(name, law.mark.units.get(name, "-"), kind._field_defaults.get(name, np.nan))
         except Refusal as refusal:
-            errors.append(document.error(("settings", name), refusal.found, refusal.expected))
+            place = (key, name) if name in given else (key,)
+            errors.append(document.error(place, refusal.found, refusal.expected))
     if errors:
         raise InputErrors(errors)
-    return np.array(values, dtype=np.float64)
+    return made
 
 
 class CommandSteps(NamedTuple):
@@ -62,31 +74,18 @@ NO_COMMANDS = CommandSteps((), (), ())
 
 def make_commands(document: Document, controller: PythonController, law: Law) -> CommandSteps:
     """The commands that a law names, in the order of its class ``Commands``. Raises InputErrors with their places."""
+
+    def steps(name: str, unit: str, default: float) -> tuple[Floats, Floats]:
+        given = controller.commands.get(name)
+        by_time = given if isinstance(given, dict) else {"0 s": given}
+        at = [parse_quantity(time, TIME) for time in by_time]
+        held = [default if value is None else parse_in_unit(value, unit) for value in by_time.values()]
+        if not at or at[0] != 0.0 or sorted(set(at)) != at:
+            raise Refusal(f"values from {', '.join(map(str, by_time))} on", "times that rise from 0 s")
+        if not np.isfinite(held).all():
+            raise Refusal(f"no value for '{name}'", "one here, or a default in the class")
+        return np.array(at, dtype=np.float64), np.array(held, dtype=np.float64)
+
     kind = law.commands if "commands" in law.arguments else None
-    known = kind._fields if kind is not None else ()
-    defaults = kind._field_defaults if kind is not None else {}
-    errors: list[InputError] = []
-    for name in controller.commands:
-        if name not in known:
-            expected = one_of(known, name) if known else "no commands: the law has no class Commands"
-            errors.append(document.key_error(("commands", name), f"the unknown key '{name}'", expected))
-    times, values = [], []
-    for name in known:
-        unit, given = law.mark.units.get(name, "-"), controller.commands.get(name)
-        steps = given if isinstance(given, dict) else {"0 s": given}
-        at, held = [], []
-        try:
-            for time, value in steps.items():
-                at.append(parse_quantity(time, TIME))
-                held.append(defaults.get(name, np.nan) if value is None else parse_in_unit(value, unit))
-            if not at or at[0] != 0.0 or sorted(set(at)) != at:
-                raise Refusal(f"values from {', '.join(map(str, steps))} on", "times that rise from 0 s")
-            if not np.isfinite(held).all():
-                raise Refusal(f"no value for '{name}'", "one here, or a default in the class")
-        except Refusal as refusal:
-            errors.append(document.error(("commands", name), refusal.found, refusal.expected))
-        times.append(np.array(at, dtype=np.float64))
-        values.append(np.array(held, dtype=np.float64))
-    if errors:
-        raise InputErrors(errors)
-    return CommandSteps(known, tuple(times), tuple(values))
+    made = _read_fields(document, law, "commands", kind, controller.commands, steps)
+    return CommandSteps(tuple(made), tuple(at for at, _ in made.values()), tuple(held for _, held in made.values()))

@@ -3,6 +3,7 @@
 import ast
 import functools
 import hashlib
+import json
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -12,8 +13,6 @@ from typing import Any
 
 from abhv_mc.io.input_error import InputError
 from abhv_mc.io.input_files import read_input
-
-MAX_BYTES = 2_000_000  # of a file
 
 
 @dataclass(frozen=True)
@@ -33,13 +32,16 @@ class UserSource:
             digest.update(f"\0{name}\0{hashlib.sha256(content).hexdigest()}".encode())
         return digest.hexdigest()
 
+    @functools.cached_property
+    def recipe(self) -> dict[str, Any] | None:
+        """What the text of a law in C or an FMU says of it; None for one in Python."""
+        return json.loads(self.text) if self.text.startswith("{") else None
+
 
 def read_source(path: Path, files: Mapping[str, Path] | None = None) -> UserSource:
     """Read a user's file as it is, without running it, and the ``files`` that it declares. Raises InputError."""
     try:
         content = read_input(path)
-        if len(content) > MAX_BYTES:
-            raise InputError(path, f"more than {MAX_BYTES} bytes", "a Python file")
         declared = tuple((name, read_input(place)) for name, place in (files or {}).items())
         return UserSource(content.decode(), str(path), declared if len(declared) > 1 else ())
     except (OSError, UnicodeDecodeError) as error:

@@ -8,7 +8,7 @@ import shutil
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -21,34 +21,36 @@ _modules: dict[str, dict[str, ModuleType]] = {}  # of each law's own, by hash: t
 _lock = threading.RLock()
 
 
+def laws_folder() -> Path:
+    """What is kept of users' code, in this user's cache of compiled code."""
+    folder = code_folder(compiler()) / "laws"
+    folder.mkdir(mode=0o700, exist_ok=True)
+    return folder
+
+
+def filled_once(name: str, fill: Callable[[Path], None]) -> Path:
+    """A folder there, as the first process that asked for it filled it."""
+    folder = laws_folder() / name
+    if not folder.exists():
+        made = Path(tempfile.mkdtemp(dir=folder.parent))
+        fill(made)
+        with contextlib.suppress(OSError):  # another process was first
+            made.rename(folder)
+        shutil.rmtree(made, ignore_errors=True)
+    return folder
+
+
 @functools.lru_cache(maxsize=64)
 def unpack(source: UserSource) -> Path:
-    """The folder that holds exactly the source's files, in this user's cache of compiled code."""
-    laws = code_folder(compiler()) / "laws"
-    folder = laws / f"files_{source.hash[:24]}"
-    if _holds(folder, source):
-        return folder
-    laws.mkdir(mode=0o700, parents=True, exist_ok=True)
-    made = Path(tempfile.mkdtemp(dir=laws))
-    for name, content in _contents(source):
-        (made / name).parent.mkdir(parents=True, exist_ok=True)
-        (made / name).write_bytes(content)
-        (made / name).chmod(0o700)  # a library must be executable on some systems
-    with contextlib.suppress(OSError):  # another process was first
-        shutil.rmtree(folder, ignore_errors=True)
-        made.rename(folder)
-    return folder if _holds(folder, source) else made
+    """The folder that holds exactly the source's files."""
+    files = (*source.files, (BUILT, source.library)) if source.library else source.files
 
+    def fill(folder: Path) -> None:
+        for name, content in files:
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_bytes(content)
 
-def _contents(source: UserSource) -> tuple[tuple[str, bytes], ...]:
-    return (*source.files, (BUILT, source.library)) if source.library else source.files
-
-
-def _holds(folder: Path, source: UserSource) -> bool:
-    try:
-        return all((folder / name).read_bytes() == content for name, content in _contents(source))
-    except OSError:
-        return False
+    return filled_once(f"{'built' if source.library else 'files'}_{source.hash[:24]}", fill)
 
 
 @contextlib.contextmanager

@@ -1,17 +1,15 @@
 """Channels of the user's own, compiled as a law is: one number a control tick from named tuples wired by name."""
 
-import ast
 import functools
-import inspect
 from typing import Any, NamedTuple
 
-from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.laws.user import CHANNEL, MAX_CHANNELS
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.state import X, variable_row
-from abhv_mc.user_code.check_law import check_functions, find_function
 from abhv_mc.user_code.compiled import COMMAND_ROWS, REFERENCE_LINES, build, compiled_names, lane_of, loop_text
 from abhv_mc.user_code.law_interface import Measured, MixedCommand, Reference
+from abhv_mc.user_code.load_law import check_functions
 from abhv_mc.user_code.module import CHANNEL as MARK
 from abhv_mc.user_code.module import refuse_in_words, run_module
 from abhv_mc.user_code.source import UserSource
@@ -43,20 +41,12 @@ def compile_channels(source: UserSource, width: int) -> Any:
         functions = module.marked(MARK)
         if not 1 <= len(functions) <= MAX_CHANNELS:
             raise InputError(source.file, f"{len(functions)} channels", f"1 to {MAX_CHANNELS}")
-        tree = ast.parse(source.text)
-        nodes = {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
-        for function in functions.values():
-            node = find_function(source.file, nodes, function)
-            check_functions(source.file, node, nodes, module.names)
-            for argument in inspect.signature(function).parameters:
-                if argument not in _ARGUMENTS:
-                    expected = one_of(_ARGUMENTS, argument)
-                    raise InputError(source.file, f"the argument '{argument}'", expected, node.lineno)
-        names = compiled_names(module)
+        signatures = {name: module.check_arguments(name, _ARGUMENTS) for name in functions}
         for name in functions:
-            names[f"_channel_{name}"] = names[name]
+            check_functions(module, name)
+        names = compiled_names(module)
+        names |= {f"_channel_{name}": names[name] for name in functions}
         names |= {"_Measured": _Seen, "_Reference": Reference, "_Command": MixedCommand}
-        signatures = {name: tuple(inspect.signature(function).parameters) for name, function in functions.items()}
         return build(module, _make_loop(signatures, width), names)
 
 

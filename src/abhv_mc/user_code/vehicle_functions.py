@@ -1,9 +1,7 @@
 """A vehicle's own functions: run, checked, compiled as loops over lanes, and evaluated on the launching side."""
 
-import ast
 import ctypes
 import functools
-import inspect
 from collections import namedtuple
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,9 +19,9 @@ from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.kernel.plant.state import variable_row
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, VARIABLES, Foreign, Vehicle
 from abhv_mc.plant.effectiveness import count_rows
-from abhv_mc.user_code.check_law import check_functions, is_number
 from abhv_mc.user_code.compiled import build, compiled_names, lane_of, loop_text
 from abhv_mc.user_code.law_interface import Air, Rates
+from abhv_mc.user_code.load_law import check_functions
 from abhv_mc.user_code.module import Module, refuse_in_words, run_module
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.trust import check_trusted, is_in_a_folder
@@ -100,78 +98,54 @@ def load_functions(code: VehicleCode, vehicle: Vehicle) -> Foreign:
 @functools.lru_cache(maxsize=16)
 def compile_functions(code: VehicleCode, width: int) -> Functions:
     """The compiled loops over ``width`` lanes. Raises InputError, with the user's line, for what does not compile."""
-    loops: list[tuple[Any, Floats]] = []
-    for of, arguments in ((code.aerodynamics, _AERODYNAMICS), (code.propulsion, _PROPULSION)):
+    loops: list[Any] = [None, None]
+    settings = [np.zeros(1), np.zeros(1)]
+    for i, of in enumerate((code.aerodynamics, code.propulsion)):
         if of is None:
-            loops.append((None, np.zeros(1)))
             continue
-        module, given, settings, names = _prepare(code, of, arguments)
-        tail = _write_thrust if of is code.propulsion else _write_coefficients
-        held = ", ".join(f"given[{i}]" for i in range(len(settings or ())))
-        once = [f"settings = {'0.0' if settings is None else f'_Settings({held})'}"]
-        body = [*_read_lane(width, code), f"made = _function({', '.join(given)})", *tail(width, code)]
-        loop = build(module, loop_text(width, once, body), names, of.function)
-        loops.append((loop, np.array(settings or (0.0,))))
-    (air, air_settings), (engine, engine_settings) = loops
-    return Functions(air, engine, air_settings, engine_settings)
-
-
-def _fields(code: VehicleCode) -> tuple[str, ...]:
-    return (*_AXES, *(effector[0] for effector in code.effectors), "equivalence_ratio", "throttle")
-
-
-def _prepare(
-    code: VehicleCode, of: FunctionCode, arguments: tuple[str, ...]
-) -> tuple[Module, tuple[str, ...], Any, Any]:
-    """A function's module, the arguments that it names, its settings and the names that its loops use."""
-    source = UserSource(of.text, of.file)
-    module = run_module(source)
-    with refuse_in_words(source, "a function of the vehicle", WANTED):
-        function = module.names.get(of.function)
-        nodes = {node.name: node for node in ast.parse(source.text).body if isinstance(node, ast.FunctionDef)}
-        if of.function not in nodes or not callable(function):
-            raise InputError(source.file, f"no function '{of.function}'", one_of(nodes, of.function))
-        given = tuple(inspect.signature(function).parameters)
-        for name in given:
-            if name not in arguments:
-                line = nodes[of.function].lineno
-                raise InputError(source.file, f"the argument '{name}'", one_of(arguments, name), line)
-        check_functions(source.file, nodes[of.function], nodes, module.names)
-        settings = _settings(module, of)
-        names = compiled_names(module)
-        names |= {"_Air": Air, "_Rates": Rates, "_function": names[of.function], "_sincos": sincos}
-        names["_Controls"] = _controls(_fields(code))
-        if settings is not None:
-            names["_Settings"] = module.names["Settings"]
-        return module, given, settings, names
+        source = UserSource(of.text, of.file)
+        module = run_module(source)
+        with refuse_in_words(source, "a function of the vehicle", WANTED):
+            if of.function not in module.texts:
+                raise InputError(source.file, f"no function '{of.function}'", one_of(module.texts, of.function))
+            given = module.check_arguments(of.function, (_AERODYNAMICS, _PROPULSION)[i])
+            check_functions(module, of.function)
+            values = _settings(module, of)
+            names = compiled_names(module)
+            names |= {"_Air": Air, "_Rates": Rates, "_function": names[of.function], "_sincos": sincos}
+            names |= {"_Settings": module.names.get("Settings"), "_Controls": _controls(code)}
+        held = ", ".join(f"given[{k}]" for k in range(len(values)))
+        once = [f"settings = {f'_Settings({held})' if names['_Settings'] else '0.0'}"]
+        body = [*_read_lane(width, code), f"made = _function({', '.join(given)})"]
+        body += (_write_coefficients, _write_thrust)[i](width, code)
+        loops[i] = build(module, loop_text(width, once, body), names, of.function)
+        settings[i] = np.array(values or (0.0,))
+    return Functions(*loops, *settings)
 
 
 @functools.cache
-def _controls(fields: tuple[str, ...]) -> Any:
-    return namedtuple("Controls", fields)
+def _controls(code: VehicleCode) -> Any:
+    names = (name for name, *_ in code.effectors)
+    return namedtuple("Controls", (*_AXES, *names, "equivalence_ratio", "throttle"))
 
 
-def _settings(module: Module, of: FunctionCode) -> tuple[float, ...] | None:
-    """The numbers of the file's class ``Settings``; None without one. Raises InputError."""
-    kind, file = module.names.get("Settings"), of.file
-    given = dict(of.settings)
-    if kind is None:
-        if given:
-            raise InputError(file, f"settings {', '.join(given)}", "a class Settings(NamedTuple) in the file")
-        return None
-    units = module.names.get("UNITS", {})
+def _settings(module: Module, of: FunctionCode) -> tuple[float, ...]:
+    """The numbers of the file's class ``Settings``; none without one. Raises InputError."""
+    kind: Any = module.names.get("Settings")
+    given, units = dict(of.settings), module.names.get("UNITS", {})
+    known = kind._fields if kind is not None else ()
     values = []
     for name in given:
-        if name not in kind._fields:
-            raise InputError(file, f"the setting '{name}'", one_of(kind._fields, name))
-    for name in kind._fields:
-        value = given.get(name, kind._field_defaults.get(name))
+        if name not in known:
+            expected = one_of(known, name) if known else "a class Settings(NamedTuple) in the file"
+            raise InputError(of.file, f"the setting '{name}'", expected)
+    for name in known:
         try:
-            number = value if name not in given else parse_in_unit(value, units.get(name, "-"))
+            number = parse_in_unit(given[name], units.get(name, "-")) if name in given else kind._field_defaults[name]
         except Refusal as refusal:
-            raise InputError(file, f"{name}: {refusal.found}", refusal.expected) from None
-        if not is_number(number):
-            raise InputError(file, f"no number for the setting '{name}'", "one, or a default")
+            raise InputError(of.file, f"{name}: {refusal.found}", refusal.expected) from None
+        except KeyError:
+            raise InputError(of.file, f"no number for the setting '{name}'", "one, or a default") from None
         values.append(float(number))
     return tuple(values)
 
