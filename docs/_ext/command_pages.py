@@ -7,7 +7,7 @@ import typer
 from tables import table
 from typer.cli import get_docs_for_click
 
-from abhv_mc.cli.app import _COMMANDS, app
+from abhv_mc.cli.app import app
 
 
 def _options(name: str, command: object, context: typer.Context) -> str:
@@ -29,7 +29,10 @@ def make(examples: Path) -> dict[str, str]:
         "a shipped one. `--json FILE` writes the figures that a command prints, and `--json -` has them alone on",
         "standard output: they are for programs and stable. What is printed in words may change.\n",
     ]
-    for panel, names in _COMMANDS.items():
+    panels: dict[str, list[str]] = {}
+    for name, command in group.commands.items():
+        panels.setdefault(command.rich_help_panel, []).append(name)
+    for panel, names in panels.items():
         rows = []
         for name in names:
             command = group.commands[name]
@@ -41,7 +44,7 @@ def make(examples: Path) -> dict[str, str]:
                 parts += ["## Examples\n", by_hand.read_text(encoding="utf-8").strip(), ""]
             pages[f"commands/{name}.md"] = "\n".join(parts)
         contents += [f"## {panel}\n", table(("command", "does"), rows)]
-    toctree = "\n".join(f"commands/{name}" for names in _COMMANDS.values() for name in names)
+    toctree = "\n".join(f"commands/{name}" for names in panels.values() for name in names)
     contents.append(f"```{{toctree}}\n:hidden:\n\n{toctree}\n```\n")
     pages["commands.md"] = "\n".join(contents)
     return pages

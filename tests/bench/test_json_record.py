@@ -8,7 +8,7 @@ import pytest
 from abhv_mc.bench.json_record import make_figures
 from abhv_mc.bench.speed import ControllerSpeed, Operations, Speed, make_work, multiply_and_add
 from abhv_mc.bench.start_times import Start, _peak_memory
-from abhv_mc.cli.bench import command
+from abhv_mc.cli.proving import bench
 
 OPERATIONS = Operations(additions=10e6, multiplications=20e6, divisions=1e6, square_roots=1e6)
 
@@ -38,7 +38,7 @@ def test_fields_and_ratios(speed):
 def test_the_command_prints_a_table_and_writes_the_record(speed, monkeypatch, tmp_path, capsys):
     monkeypatch.setattr("abhv_mc.bench.speed.measure_speed", lambda repetitions: speed)
     monkeypatch.setattr("abhv_mc.bench.start_times.measure_start", lambda repetitions: Start(20.0, 1.0, 0.01, 500.0))
-    command(json=tmp_path / "bench.json", repetitions=1)
+    bench(json=tmp_path / "bench.json", repetitions=1)
     assert json.loads((tmp_path / "bench.json").read_text())["two_workers_over_one"] == 1.9
     out = capsys.readouterr().out
     assert "500 flights per second and core" in out and "20.00 M multiplications" in out

@@ -142,3 +142,31 @@ def test_a_clock_moves_while_something_is_waited_for(monkeypatch, terminal, betw
             time.sleep(0.01)
     assert log.getvalue().startswith(f"compiling{between}compiling: 0 s so far")
     assert log.getvalue().endswith("\n")
+
+
+def test_another_system_is_told_what_is_needed() -> None:
+    """In a process of its own: much of Python looks at the system's name."""
+    program = "import abhv_mc, os; os.name = 'nt'; import abhv_mc.cli"
+    ended = subprocess.run([sys.executable, "-c", program], check=False, capture_output=True, text=True)
+    assert ended.returncode == 2
+    assert "Linux or macOS" in ended.stderr and "Traceback" not in ended.stderr
+
+
+def test_a_shell_offers_shipped_names_and_the_folders_of_campaigns(tmp_path: Path) -> None:
+    for name in ("flown", "empty"):
+        (tmp_path / "reports" / name).mkdir(parents=True)
+    (tmp_path / "reports/flown/manifest.json").touch()
+    for words, offered in (
+        ("run s_man", "s_manoeuvre"),
+        ("fly level --controllers tlc,lqr_rob", "tlc,lqr_robust"),
+        ("worst x --metric bank_error_settled", "bank_error_settled_max_deg"),
+        ("report re", "reports/flown"),
+    ):
+        typed = f"abhv-mc {words}"
+        asked = {"_ABHV_MC_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": str(len(words.split()))}
+        program = [sys.executable, "-m", "abhv_mc"]
+        told = subprocess.run(
+            program, env=os.environ | asked, cwd=tmp_path, capture_output=True, text=True, check=False
+        )
+        assert offered in told.stdout.split(), told.stderr
+        assert "reports/empty" not in told.stdout

@@ -15,7 +15,7 @@ from user_code.test_vehicle_functions import write_ghame_x
 from abhv_mc.analysis.explain import explain_flight
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.cli import linearize, margins
+from abhv_mc.cli.linearizing import linearize, margins
 from abhv_mc.execution.estimate import estimate_campaign
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
@@ -272,14 +272,14 @@ def test_nobodys_code_runs_unasked(study, tmp_path, monkeypatch):
     for ask in (
         lambda: replay_flight(out, "mine", 1, fly),
         lambda: run_campaign(Request(out / "campaign.yaml", tmp_path / "again", runs=4), threads()),
-        lambda: margins.command(out / "campaign.yaml", controllers="mine"),
-        lambda: linearize.command(level, tmp_path / "model.npz", controller=controller),
+        lambda: margins(out / "campaign.yaml", controllers="mine"),
+        lambda: linearize(level, tmp_path / "model.npz", controller=controller),
     ):
         with pytest.raises(InputError, match="--trust-code"):
             ask()
     assert not ran.exists()
     assert not (tmp_path / "again").exists()
-    linearize.command(level, tmp_path / "model.npz", controller=controller, trust_code=True)
+    linearize(level, tmp_path / "model.npz", controller=controller, trust_code=True)
     assert ran.exists()
     assert replay_flight(out, "mine", 1, fly, trust_code=True).differences == ()
 

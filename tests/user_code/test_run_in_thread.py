@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from abhv_mc.cli import fly as fly_command
+from abhv_mc.cli import flying
 from abhv_mc.shipped import find_input
 from abhv_mc.user_code.child import run_in_thread
 
@@ -45,4 +45,4 @@ def test_a_limit_and_an_interrupt(never):
 def test_a_flight_of_the_command_line_heeds_an_interrupt(never, monkeypatch, capsys):
     monkeypatch.setattr("abhv_mc.flight.fly.fly", never)
     with pytest.raises(KeyboardInterrupt):
-        fly_command.command(find_input("level", "mission"), controllers="lqr")
+        flying.fly(find_input("level", "mission"), controllers="lqr")

@@ -1,14 +1,12 @@
 """The command line's frame: which commands there are, and how an error leaves.
 
-A command lives in ``cli/<command>.py`` as a function ``command`` (or, with commands of its own, a ``typer.Typer``
-called ``app``) and is named here. Python takes ``cli/<command>.py`` in at every start: it imports what is heavy
-inside its function.
+A command is a function, or a ``typer.Typer`` where it has commands of its own; commands of one kind share a file.
+Python takes all of them in at every start: what is heavy is imported inside a command's function.
 """
 
 import gc
 import os
 import sys
-from importlib import import_module
 from inspect import cleandoc
 from typing import Any
 
@@ -16,6 +14,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from abhv_mc import __version__
+from abhv_mc.cli import flying, linearizing, listing, proving, replaying, reporting, running, searching, starting
 from abhv_mc.cli.errors import exit_code_of, settle_output
 from abhv_mc.cli.printing import say
 from abhv_mc.execution.interrupts import sigterm_as_interrupt
@@ -24,49 +23,43 @@ from abhv_mc.io.address import hide_key
 _SHORT = {"bool": "", "int": "N", "float": "X", "str": "TEXT"}
 
 
-def _shorten(parameters: list[Any]) -> list[Any]:
-    for each in parameters:
-        if each.param_type_name == "option" and each.metavar is None and not each.type_descriptor.is_choice:
-            each.metavar = _SHORT.get(each.bare_type())
-            each._get_number_range_help_str = lambda: None  # beside it an option's own name was cut
-    return parameters
+class _Short:
+    """Help with short names of types, and none beside a flag."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """The parameters, an option's type by ``_SHORT``."""
+        parameters: list[Any] = super().get_params(ctx)  # type: ignore[misc]
+        for each in parameters:
+            if each.param_type_name == "option" and each.metavar is None and not each.type_descriptor.is_choice:
+                each.metavar = _SHORT.get(each.bare_type())
+                each._get_number_range_help_str = lambda: None  # beside it an option's own name was cut
+        return parameters
 
 
-def _flow(text: str | None) -> str | None:
-    """Paragraphs without line ends inside."""
-    return text and "\n\n".join(" ".join(part.split()) for part in cleandoc(text).split("\n\n"))
-
-
-class Command(TyperCommand):
-    """A command with such help."""
+class Command(_Short, TyperCommand):
+    """A command, its help in paragraphs without line ends inside."""
 
     def __init__(self, *args: Any, **options: Any) -> None:
-        super().__init__(*args, **{**options, "help": _flow(options.get("help"))})
-
-    def get_params(self, ctx: Any) -> list[Any]:
-        """The parameters, flags without a type."""
-        return _shorten(super().get_params(ctx))
+        parts = cleandoc(options.get("help") or "").split("\n\n")
+        super().__init__(*args, **options | {"help": "\n\n".join(" ".join(part.split()) for part in parts)})
 
 
-class Group(TyperGroup):
-    """A group of commands with such help."""
-
-    def get_params(self, ctx: Any) -> list[Any]:
-        """The parameters, flags without a type."""
-        return _shorten(super().get_params(ctx))
+class Group(_Short, TyperGroup):
+    """A group of commands."""
 
 
-_COMMANDS = {
-    "Start": ("new", "import", "validate", "plan", "list"),
-    "Fly": ("run", "adopt", "merge", "fly", "replay"),
-    "Search": ("worst", "rare", "tune"),
-    "Look": ("report", "show", "explore", "compare", "explain", "whatif", "status", "query", "export", "trim"),
-    "Analyse": ("margins", "linearize"),
-    "Prove": ("verify", "bench"),
+_PANELS: dict[str, tuple[Any, ...]] = {
+    "Start": (starting.new, starting.imports, starting.validate, starting.plan, listing.lists),
+    "Fly": (running.run, running.adopt, running.merge, flying.fly, replaying.replay),
+    "Search": (searching.worst, searching.rare, searching.tune),
+    "Look": (
+        *(reporting.report, reporting.show, replaying.explore, reporting.compare, replaying.explain),
+        *(reporting.whatif, reporting.status, listing.query, listing.export, flying.trim),
+    ),
+    "Analyse": (linearizing.margins, linearizing.linearize),
+    "Prove": (proving.verify, proving.bench),
 }
 _LIBRARIES = ("numba", "llvmlite", "numpy", "scipy", "pandas", "pyarrow", "joblib", "pydantic", "duckdb")
-
-_MODULES = {"import": "importing"}  # where a command's name is a word of Python's
 
 app = typer.Typer(
     name="abhv-mc",
@@ -102,15 +95,14 @@ def _options(
     pass
 
 
-for _panel, _names in _COMMANDS.items():
-    for _name in _names:
-        _module = import_module(f"abhv_mc.cli.{_MODULES.get(_name, _name)}")
-        if hasattr(_module, "app"):
-            for _inner in _module.app.registered_commands:
+for _panel, _commands in _PANELS.items():
+    for _command in _commands:
+        if isinstance(_command, typer.Typer):
+            for _inner in _command.registered_commands:
                 _inner.cls = Command
-            app.add_typer(_module.app, name=_name, cls=Group, rich_help_panel=_panel)
+            app.add_typer(_command, name=_command.info.name, cls=Group, rich_help_panel=_panel)
         else:
-            app.command(_name, cls=Command, rich_help_panel=_panel)(_module.command)
+            app.command(_command.__name__, cls=Command, rich_help_panel=_panel)(_command)
 
 
 def main() -> None:

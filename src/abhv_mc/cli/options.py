@@ -3,7 +3,6 @@
 A campaign, mission, vehicle or controller is a path or the name of a shipped one.
 """
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,60 +10,64 @@ import typer
 
 from abhv_mc.campaign import MOST_WORKERS
 from abhv_mc.cli.outputs import json_file, output_file
-from abhv_mc.cli.shell_completion import complete_controllers, complete_folder, complete_input
 from abhv_mc.io.input_error import InputError, Refusal
-from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
+from abhv_mc.shipped import DEFAULT_VEHICLE, find_input, shipped_files
 
 
-def _find(*kinds: str) -> Callable[[str], Path]:
-    return lambda name: find_input(name, *kinds)
+def _of_kinds(*kinds: str) -> dict[str, Any]:
+    """How a file of these kinds is found, and what a shell offers: shipped names, without one its own files."""
 
+    def complete(incomplete: str) -> list[str]:
+        return [name for kind in kinds for name in shipped_files(kind) if name.startswith(incomplete)]
 
-def _input(metavar: str, *kinds: str) -> Any:
-    """An argument that names a file of these kinds."""
+    def find(name: str) -> Path:
+        return find_input(name, *kinds)
+
     words = f"{' or '.join(kinds).capitalize()} file, or the name of a shipped one."
-    return typer.Argument(parser=_find(*kinds), metavar=metavar, help=words, autocompletion=complete_input(*kinds))
+    return {"parser": find, "autocompletion": complete, "help": words}
 
 
-CampaignFile = Annotated[Path, _input("CAMPAIGN", "campaign")]
-MissionFile = Annotated[Path, _input("MISSION", "mission")]
-MissionOrCampaign = Annotated[Path, _input("MISSION", "mission", "campaign")]
-VehicleFile = Annotated[Path, _input("VEHICLE", "vehicle")]
-Vehicle = Annotated[
-    Path | None,
-    typer.Option(
-        parser=_find("vehicle"),
-        metavar="V",
-        help="Vehicle file, or the name of a shipped one.",
-        autocompletion=complete_input("vehicle"),
-        show_default=f"{DEFAULT_VEHICLE}, or the campaign's",
-    ),
-]
+def complete_folder(incomplete: str) -> list[str]:
+    """Campaigns' folders in `reports`."""
+    flown = [path.parent.as_posix() for path in sorted(Path("reports").glob("*/manifest.json"))]
+    return [name for name in flown if name.startswith(incomplete)]
+
+
+def complete_metric(incomplete: str) -> list[str]:
+    """Names of the built-in metrics."""
+    from abhv_mc.flight.metrics import BUILT_IN
+
+    return [name for name in BUILT_IN if name.startswith(incomplete)]
+
+
+def complete_controllers(incomplete: str) -> list[str]:
+    """Names of the shipped controllers, after those that stand already before a comma."""
+    before, comma, last = incomplete.rpartition(",")
+    return [f"{before}{comma}{name}" for name in shipped_files("control") if name.startswith(last)]
+
+
+def controllers_option(words: str, **options: Any) -> Any:
+    """An option that names several controllers."""
+    names = "--controllers", "--controller"
+    return typer.Option(*names, metavar="A,B", help=words, autocompletion=complete_controllers, **options)
+
+
+def controller_option(words: str, metavar: str = "C", **options: Any) -> Any:
+    """An option that names one controller."""
+    return typer.Option("--controller", "--controllers", metavar=metavar, help=words, **options)
+
+
+CampaignFile = Annotated[Path, typer.Argument(metavar="CAMPAIGN", **_of_kinds("campaign"))]
+MissionFile = Annotated[Path, typer.Argument(metavar="MISSION", **_of_kinds("mission"))]
+MissionOrCampaign = Annotated[Path, typer.Argument(metavar="MISSION", **_of_kinds("mission", "campaign"))]
+VehicleFile = Annotated[Path, typer.Argument(metavar="VEHICLE", **_of_kinds("vehicle"))]
+_DEFAULT = f"{DEFAULT_VEHICLE}, or the campaign's"
+Vehicle = Annotated[Path | None, typer.Option(metavar="V", show_default=_DEFAULT, **_of_kinds("vehicle"))]
 ControllerFiles = Annotated[
-    str | None,
-    typer.Option(
-        "--controllers",
-        "--controller",
-        metavar="A,B",
-        help="Controller files or shipped names.",
-        autocompletion=complete_controllers,
-        show_default="tlc,lqr, or the campaign's",
-    ),
+    str | None, controllers_option("Controller files or shipped names.", show_default="tlc,lqr, or the campaign's")
 ]
-Controllers = Annotated[
-    str | None,
-    typer.Option(
-        "--controllers",
-        "--controller",
-        metavar="A,B",
-        help="Only these of its controllers.",
-        autocompletion=complete_controllers,
-    ),
-]
-Controller = Annotated[
-    str | None,
-    typer.Option("--controller", "--controllers", metavar="NAME", help="Controller.", show_default="the first"),
-]
+Controllers = Annotated[str | None, controllers_option("Only these of its controllers.")]
+Controller = Annotated[str | None, controller_option("Controller.", "NAME", show_default="the first")]
 
 
 def folder_argument(words: str = "A campaign's folder.", metavar: str = "DIR") -> Any:

@@ -1,12 +1,19 @@
-"""What commands print: JSON for programs, and tables as wide as their text, in which no number is ever cut."""
+"""What commands print: JSON for programs, tables as wide as their text, in which no number is ever cut.
 
+On standard error what a user should know beside: that code is compiled, what looks doubtful.
+"""
+
+import json
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
+from abhv_mc.execution.progress import Waiting
+from abhv_mc.folder.layout import write_text
 from abhv_mc.io.input_error import printable
 
 if TYPE_CHECKING:
@@ -17,6 +24,11 @@ if TYPE_CHECKING:
 
 
 _COLORS = {"PASS": 32, "FAIL": 31, "NOT SHOWN": 33, "warning:": 33}  # ANSI, of words on a terminal
+_TIMES = "compiled.json"  # beside the folders of compiled code: seconds that each took last time on this machine
+_PARTS = {
+    "flight": "the flight", "stability": "a part of the stability margins", "laws": "the reference",
+    "numerics": "the ranking of flights",
+}  # fmt: skip
 _COLORED = re.compile(r"\b(?:PASS|FAIL|NOT SHOWN)\b|^warning:")
 
 
@@ -33,13 +45,11 @@ def beside(file: Path | None) -> TextIO | None:
     return sys.stderr if file == Path("-") else None
 
 
-def show(figures: Any, file: Path | None, in_words: Callable[[], None]) -> None:
+def answer(figures: Any, file: Path | None, in_words: Callable[[], None]) -> None:
     """Print figures in words, and write them as JSON where asked for; ``-`` has the JSON alone on standard output.
 
     Infinite and missing numbers are null.
     """
-    import json
-
     from abhv_mc.topics.plain import plain
 
     if file != Path("-"):
@@ -50,8 +60,6 @@ def show(figures: Any, file: Path | None, in_words: Callable[[], None]) -> None:
     if file == Path("-"):
         print(text, end="")
     else:
-        from abhv_mc.folder.layout import write_text
-
         write_text(file, text)
 
 
@@ -110,3 +118,41 @@ def print_section(section: "Section") -> None:
             say(*item.sentences, sep="\n")
         elif isinstance(item, Table):
             print_section_table(item)
+
+
+def announce_compiling() -> None:
+    """From here on, tell standard error what is compiled instead of found in the cache, or waited for, and how long."""
+    from abhv_mc.kernel.jit import PLAIN, tell_compiling
+
+    if PLAIN:
+        words = "NUMBA_DISABLE_JIT is set: nothing is compiled, and flights take thousands of times as long"
+        say(f"warning: {words}", file=sys.stderr, flush=True)
+    tell_compiling(_tell)
+
+
+@contextmanager
+def _tell(function: Any, elsewhere: bool) -> Iterator[None]:
+    """While a kernel is compiled, here or by another process that is waited for."""
+    from abhv_mc.kernel.cache import user_folder
+
+    part = _PARTS.get(function.__module__.removeprefix("abhv_mc.kernel.").split(".")[0], "a part")
+    if elsewhere:
+        with Waiting(f"waiting for another process, which compiles {part}"):
+            yield
+        return
+    file, name = user_folder("XDG_CACHE_HOME", ".cache") / _TIMES, f"{function.__module__}.{function.__name__}"
+    try:
+        times = json.loads(file.read_text())
+        before = f"; {times[name]:.0f} s last time" if name in times else ""
+    except (OSError, ValueError):
+        times, before = {}, ""
+    with Waiting(f"compiling {part} for this machine (once per kind of campaign{before})") as waiting:
+        yield
+    with suppress(OSError):
+        file.write_text(json.dumps(times | {name: round(waiting.seconds, 1)}))
+
+
+def announce_warnings(warnings: Iterable[str]) -> None:
+    """What deserves a second look about the mission of these flights, each sentence once."""
+    for warning in dict.fromkeys(warnings):
+        say(f"warning: {warning}", file=sys.stderr, flush=True)

@@ -8,7 +8,7 @@ import pytest
 from report.few_figures import build_with
 from report.synthetic import sign, write_campaign
 
-from abhv_mc.cli.run import finish
+from abhv_mc.cli.running import finish
 from abhv_mc.execution.runner import RunResult
 from abhv_mc.folder.flights import flights_schema, read_pieces, write_block
 from abhv_mc.folder.manifest import ControllerCount, Manifest, read_manifest

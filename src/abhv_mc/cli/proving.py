@@ -1,32 +1,35 @@
-"""``abhv-mc verify``: check flights against published data, and a results folder against itself."""
+"""``verify``, ``bench``: checks against published data and of a folder, and speed."""
 
+import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from abhv_mc.cli.options import Folder, Json, Junit
-from abhv_mc.cli.printing import new_table, print_table, say, show
+from abhv_mc.cli.printing import announce_compiling, answer, new_table, print_table, say
+from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.input_error import InputError
 
 if TYPE_CHECKING:
     from abhv_mc.verification.check_rows import Row
 
-app = typer.Typer(
-    help="Check flights against published data, and a results folder against itself.", no_args_is_help=True
+verify = typer.Typer(
+    name="verify",
+    help="Check flights against published data, and a results folder against itself.",
+    no_args_is_help=True,
 )
 _Scale = Annotated[float, typer.Option("--tolerance-scale", metavar="X", help="Multiply every tolerance.")]
 
 _REFERENCES = Path("tests/reference")
 
 
-@app.command("campaign")
+@verify.command("campaign")
 def campaign(folder: Folder) -> None:
     """Check every file of a campaign's folder by its hash, and every number of its report; exit 1 at a difference.
 
     Numbers are computed anew from the flights. Nothing is flown again: replay does that with one flight.
     """
-    from abhv_mc.folder.layout import CampaignFolder
     from abhv_mc.folder.manifest import read_manifest
     from abhv_mc.folder.remote import fetched
     from abhv_mc.report.pages.searched import search_command
@@ -47,7 +50,7 @@ def campaign(folder: Folder) -> None:
         say(f"not checked, as they are not installed here: the topics {', '.join(skipped)}")
 
 
-@app.command("nesc")
+@verify.command("nesc")
 def nesc(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Holds Atmos_NN_Name/Atmos_NN_sim_MM.csv[.gz].")],
     json: Json = None,
@@ -64,7 +67,7 @@ def nesc(
     _show(verify_nesc(folder, scale), json, junit)
 
 
-@app.command("ghame6")
+@verify.command("ghame6")
 def ghame6(
     file: Annotated[Path, typer.Argument(metavar="FILE.csv[.gz]", help="A flight of CADAC++ GHAME6.")],
     json: Json = None,
@@ -81,7 +84,7 @@ def ghame6(
     _show(verify_ghame6(file, scale), json, junit)
 
 
-@app.command("all")
+@verify.command("all")
 def everything(
     references: Annotated[
         Path | None,
@@ -108,8 +111,6 @@ def _prepare(scale: float) -> float:
     """Refuse what would fail after the flights; the factor of the tolerances."""
     import math
 
-    from abhv_mc.cli.announce import announce_compiling
-
     if not (math.isfinite(scale) and scale > 0.0):
         raise InputError("--tolerance-scale", f"{scale:g}", "a positive number")
     announce_compiling()
@@ -120,7 +121,7 @@ def _show(rows: "list[Row]", json: Path | None, junit: Path | None) -> None:
     """Print one table, write JSON and JUnit XML, and exit 1 where a row is not as it should be."""
     from abhv_mc.verification.check_rows import all_ok, rows_record
 
-    show(rows_record(rows), json, lambda: _print_rows(rows))
+    answer(rows_record(rows), json, lambda: _print_rows(rows))
     if junit is not None:
         from abhv_mc.report.pages.matrix import Case, make_junit
 
@@ -153,3 +154,40 @@ def _print_rows(rows: "list[Row]") -> None:
 
 def _tolerance(row: "Row") -> str:
     return f"{row.tolerance:.2e}" if row.judged else "none"
+
+
+def bench(
+    json: Json = None,
+    repetitions: Annotated[int, typer.Option(min=1, help="Of each measurement; medians are shown.")] = 9,
+) -> None:
+    """Measure flights per second and core, starts and memory, with the default campaign; takes a minute or two."""
+    from abhv_mc.bench.json_record import make_figures
+    from abhv_mc.bench.speed import measure_speed
+    from abhv_mc.bench.start_times import measure_start
+
+    announce_compiling()
+    say("flying", file=sys.stderr, flush=True)
+    speed = measure_speed(repetitions)
+    say("starting anew, and flying the default campaign", file=sys.stderr, flush=True)
+    figures = make_figures(speed, measure_start(min(repetitions, 5)))
+    operations = {name: vars(one.operations) for name, one in speed.controllers.items()}
+    answer(figures, json, lambda: _print_figures(figures, operations))
+
+
+def _print_figures(figures: dict[str, Any], operations: dict[str, dict[str, float]]) -> None:
+    machine = figures["machine"]
+    peak = figures["peak_gflops_per_core"]
+    say(f"{machine['cpu']}, {machine['cores']} cores, {machine['simd']}")
+    say(f"{peak:.1f} GFLOP/s of one core: additions and multiplications, not fused, vectors in registers")
+    say(f"steps of {1e3 * figures['step_s']:g} ms (RK4), control at {figures['control_rate_hz']:g} Hz")
+    for name, one in figures["controllers"].items():
+        counts = ", ".join(f"{n / 1e6:.2f} M {kind.replace('_', ' ')}" for kind, n in operations[name].items())
+        rate, floor = one["flights_per_second_per_core"], one["flops_per_flight"] / 1e6
+        say(f"\n{name}")
+        say(f"  {rate:.0f} flights per second and core, {one['ms_per_flight']:.2f} ms each")
+        say(f"  {one['one_at_a_time_ms']:.2f} ms one at a time: batched {one['batched_over_one']:.2f} times as fast")
+        say(f"  {one['times_the_floor']:.2f} times the floor of {floor:.1f} M operations: {counts}")
+    say(f"\ntwo workers fly {figures['two_workers_over_one']:.2f} times as many as one")
+    say(f"start to first flight {figures['cold_start_s']:.1f} s cold, {figures['warm_start_s']:.2f} s from the cache")
+    say(f"import abhv_mc {1e3 * figures['import_s']:.0f} ms")
+    say(f"default campaign with its report: {figures['peak_memory_mb']:.0f} MB")

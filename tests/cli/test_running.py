@@ -16,7 +16,7 @@ import pytest
 import typer
 from fake_flight import DENSITY, ENGINE, fly, interrupted_after, run, write_campaign
 
-from abhv_mc.cli.run import finish
+from abhv_mc.cli.running import finish
 from abhv_mc.execution.runner import RunResult
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.manifest import ControllerCount, Manifest, RequirementVerdict, read_manifest, write_manifest

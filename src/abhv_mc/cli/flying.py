@@ -1,12 +1,64 @@
-"""``abhv-mc trim``: the controls of steady flight, from the full tables."""
+"""``fly``, ``trim``: one nominal flight, and the controls of steady flight."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from abhv_mc.cli.options import Json, VehicleFile
-from abhv_mc.cli.printing import new_table, print_table, say, show
+from abhv_mc.cli.options import ControllerFiles, Json, MissionFile, Vehicle, VehicleFile, find_controllers, parse_option
+from abhv_mc.cli.outputs import output, output_folder
+from abhv_mc.cli.printing import announce_compiling, announce_warnings, answer, beside, new_table, print_table, say
+from abhv_mc.io.input_error import InputError
+from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
+from abhv_mc.user_code.child import run_in_thread
+
+if TYPE_CHECKING:
+    from abhv_mc.one_flight.fly_once import OneFlight
+
+
+def fly(
+    mission: MissionFile,
+    vehicle: Vehicle = None,
+    controllers: ControllerFiles = None,
+    out: Annotated[Path | None, output(output_folder, "DIR", "Write history and figures here.")] = None,
+    json: Json = None,
+) -> None:
+    """Fly a mission once with each controller, nothing dispersed, and print how it went."""
+    from functools import partial
+
+    from abhv_mc.one_flight.fly_once import fly_once
+
+    files = find_controllers(controllers)
+    craft = vehicle or find_input(DEFAULT_VEHICLE, "vehicle")
+    announce_compiling()
+    flights = {name: run_in_thread(partial(fly_once, mission, craft, file)) for name, file in files.items()}
+    announce_warnings(warning for flight in flights.values() for warning in flight.plan.warnings.tolist())
+    if out is not None and len({flight.plan.timing.tick for flight in flights.values()}) > 1:
+        raise InputError("--output", "controllers of different rates", "one folder for each rate")
+    figures = {
+        name: {"outcome": flight.outcome, "end_time_s": flight.end_time, "metrics": flight.metrics}
+        for name, flight in flights.items()
+    }
+    about = {"mission": mission.stem, "vehicle": craft.stem, "controllers": figures}
+    answer(about, json, lambda: _print_flights(f"{mission.stem} with {craft.stem}, nominal", flights))
+    if out is not None:
+        from abhv_mc.report.pages.nominal import write_nominal_report
+
+        plans = {name: flight.plan for name, flight in flights.items()}
+        for path in write_nominal_report(out, plans, {name: one.block.history[0] for name, one in flights.items()}):
+            say(path, file=beside(json))
+
+
+def _print_flights(title: str, flights: "dict[str, OneFlight]") -> None:
+    table = new_table(("metric",), flights, title, padding=(0, 1, 0, 0))
+    table.add_row("outcome", *(flight.outcome for flight in flights.values()))
+    table.add_row("end_time_s", *(f"{flight.end_time:g}" for flight in flights.values()), end_section=True)
+    for name in next(iter(flights.values())).metrics:
+        table.add_row(name, *(f"{flight.metrics[name]:.4g}" for flight in flights.values()))
+    print_table(table)
+    for name, flight in flights.items():
+        say(f"{name}: {flight.sentence}")
+
 
 # Columns of the table: key of the JSON, heading, unit, divisor, digits.
 _COLUMNS = (
@@ -23,7 +75,7 @@ _COLUMNS = (
 )
 
 
-def command(
+def trim(
     vehicle: VehicleFile,
     altitude: Annotated[str, typer.Option(help="Geodetic altitude, m or with a unit.")] = "20 km",
     speed: Annotated[str, typer.Option(help="Speed, m/s or with a unit.")] = "1400 m/s",
@@ -40,7 +92,6 @@ def command(
     No sideslip, aileron or rudder; Earth at rest unless told. Exit code 1 where a bank angle has no trim.
     """
     from abhv_mc.api import trim
-    from abhv_mc.cli.options import parse_option
     from abhv_mc.io.units import ANGLE, LENGTH, MASS, SPEED
 
     def in_degrees(name: str, text: str) -> float:
@@ -60,12 +111,12 @@ def command(
     )
     points = table.reset_index().to_dict("records")
     head = {"vehicle": str(vehicle), "altitude_m": height, "speed_mps": pace, "mass_kg": table.attrs["mass_kg"]}
-    show(head | {"points": points}, json, lambda: _print_table(vehicle, height, pace, points))
+    answer(head | {"points": points}, json, lambda: _print_trims(vehicle, height, pace, points))
     if not table["trimmed"].all():
         raise typer.Exit(1)
 
 
-def _print_table(vehicle: Path, altitude: float, speed: float, points: list[dict[str, Any]]) -> None:
+def _print_trims(vehicle: Path, altitude: float, speed: float, points: list[dict[str, Any]]) -> None:
     mach, pressure = points[0]["mach"], points[0]["dynamic_pressure_pa"]
     title = f"{vehicle.stem}: {altitude / 1e3:g} km, {speed:g} m/s, Mach {mach:.3f}, {pressure / 1e3:.2f} kPa"
     headings = [f"{heading}\n{unit}" for _, heading, unit, _, _ in _COLUMNS]

@@ -1,9 +1,9 @@
-"""``abhv-mc run``: fly a campaign and make its report."""
+"""``run``, ``adopt``, ``merge``: campaigns that are flown, adopted or joined."""
 
 import shlex
 import sys
 from collections import Counter
-from contextlib import nullcontext
+from contextlib import ExitStack, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -25,17 +25,20 @@ from abhv_mc.cli.options import (
     Workers,
     parse_names,
 )
-from abhv_mc.cli.outputs import campaign_folder_or_address, output, output_folder
-from abhv_mc.cli.printing import beside, new_table, print_table, say, show
+from abhv_mc.cli.outputs import campaign_folder, campaign_folder_or_address, output, output_folder
+from abhv_mc.cli.printing import announce_compiling, announce_warnings, answer, beside, new_table, print_table, say
+from abhv_mc.execution.progress import Waiting
+from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.address import read_address
 from abhv_mc.io.input_error import InputError, Refusal
+from abhv_mc.shipped import find_input
 
 if TYPE_CHECKING:
     from abhv_mc.execution.runner import RunResult
     from abhv_mc.folder.manifest import ControllerCount, Manifest
 
 
-def command(
+def run(
     campaign: CampaignFile,
     out: Annotated[
         Path | None,
@@ -76,8 +79,6 @@ def command(
     Ctrl-C keeps what was flown; the same command goes on. Exit code 1 where a requirement has failed, 3 where flights
     are missing or could not be computed.
     """
-    from abhv_mc.cli.announce import announce_compiling
-
     announce_compiling()
     from abhv_mc.execution.retry import UnusableError
     from abhv_mc.execution.runner import run_campaign
@@ -117,7 +118,6 @@ def finish(
 
     ``place`` is what the user calls the folder: perhaps an address; ``flies``: whether the command flies again.
     """
-    from abhv_mc.cli.announce import announce_warnings
     from abhv_mc.folder.siblings import name_siblings
 
     named = str(read_address(place or "") or result.folder)
@@ -126,12 +126,11 @@ def finish(
     outcomes = [ended.outcomes for ended in result.manifest.controllers.values()]
     page = ""
     if result.complete and not no_report and any(set(ended) - {"failed_to_run"} for ended in outcomes):
-        from abhv_mc.execution.progress import Waiting
         from abhv_mc.report.pages.build import build_report, is_up_to_date
 
         made = is_up_to_date(result.folder, baseline)
         page = "report.html, up to date" if made else build_report(result.folder, baseline, stage=Waiting).name
-    show(result.manifest.as_entries() | {"folder": named}, json, lambda: _print_result(result, named))
+    answer(result.manifest.as_entries() | {"folder": named}, json, lambda: _print_result(result, named))
     if junit is not None:
         from abhv_mc.report.pages.matrix import make_junit, verdict_cases
 
@@ -210,3 +209,48 @@ def describe_verdicts(manifest: "Manifest") -> str:
     bound = Counter(entry.controller for entry in binding)
     follows = ", ".join(f"{name} ({n} verdict{'s' * (n > 1)})" for name, n in bound.items())
     return f"{'; '.join(parts)}. The exit code follows {follows}."
+
+
+def adopt(
+    table: Annotated[Path, typer.Argument(metavar="TABLE", help="CSV or Parquet: a row a flight.")],
+    campaign: Annotated[
+        Path, typer.Option("--campaign", metavar="FILE", help="Says 'inputs' and 'metrics', and no simulator.")
+    ],
+    out: Annotated[Path | None, output(campaign_folder, "DIR", "Folder.", default="reports/NAME")] = None,
+    no_report: NoReport = False,
+    fresh: Fresh = False,
+    json: Json = None,
+    junit: Junit = None,
+) -> None:
+    """Make a campaign's folder, and its report, of flights that somebody else has flown.
+
+    TABLE has a column for each input and metric, system (of several), outcome and, where wanted, flight. Units stand
+    in the heads, as in 'altitude_min [ft]'. Verdicts need 'independent: true' in FILE.
+    """
+    from abhv_mc.execution.adopt import adopt_table
+
+    result = adopt_table(table, find_input(campaign, "campaign"), out, fresh)
+    finish(result, no_report, json, out or result.folder, junit, flies=False)
+
+
+def merge(
+    parts: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Folders of all shards, or of campaigns.")],
+    out: Annotated[Path | None, output(campaign_folder, "DIR", "New folder.", default="reports/NAME")] = None,
+    no_report: NoReport = False,
+    json: Json = None,
+    trust_code: TrustCode = False,
+) -> None:
+    """Join the shards of a campaign (run --shard i/n), or campaigns of one question with different seeds.
+
+    Shards give the campaign flown in one piece: the same digest, envelopes and histories. Of several seeds the flights
+    are numbered on and judged together; bands and histories are flown once more.
+    """
+    from abhv_mc.execution.merge import merge_campaign
+    from abhv_mc.folder.manifest import read_manifest
+    from abhv_mc.folder.remote import fetched
+
+    with ExitStack() as stack:
+        here = [stack.enter_context(fetched(part)) for part in parts]
+        manifest = read_manifest(CampaignFolder(here[0]).manifest)
+        merged = merge_campaign(here, out or Path("reports") / manifest.name, trust_code=trust_code)
+    finish(merged, no_report, json)

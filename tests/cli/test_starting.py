@@ -1,4 +1,4 @@
-"""A new folder is complete in itself."""
+"""``new``: a folder complete in itself. ``validate``: files of every kind, with what they name."""
 
 import json
 import shutil
@@ -15,8 +15,8 @@ from abhv_mc.cli.app import app
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.io.documents import InputError
-from abhv_mc.shipped import shipped_files
+from abhv_mc.io.documents import InputError, InputErrors
+from abhv_mc.shipped import shipped_campaigns, shipped_configs, shipped_files
 from abhv_mc.simulators.check_inputs import check_inputs
 from abhv_mc.simulators.new_campaign import write_new_campaign
 from abhv_mc.simulators.new_simulator import write_new_simulator
@@ -101,3 +101,41 @@ def test_nothing_is_overwritten_and_nothing_made_of_an_unknown_name(tmp_path: Pa
         with pytest.raises(InputError, match="empty"):
             write_new_campaign(folder)
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
+
+
+SHIPPED = [
+    *(("campaign", path) for path in sorted(shipped_campaigns().glob("*.yaml"))),
+    *(("vehicle", path) for path in sorted(shipped_configs().glob("vehicle/*.yaml"))),
+    *(("mission", path) for path in sorted(shipped_configs().glob("mission/*.yaml"))),
+    *(("controller", path) for path in sorted(shipped_configs().glob("control/*.yaml"))),
+]
+
+
+@pytest.mark.parametrize(("kind", "path"), SHIPPED, ids=lambda part: getattr(part, "stem", part))
+def test_shipped_files_are_valid(kind: str, path: Path) -> None:
+    assert find_kind(path) == kind
+    assert check_inputs(path)[0].kind == kind
+
+
+def test_everything_wrong_in_every_file_is_said(tmp_path: Path) -> None:
+    for folder in (shipped_configs(), shipped_campaigns()):
+        shutil.copytree(folder, tmp_path / folder.name)
+    for name, old, new in (("mission/paper_s", "name:", "nmae:"), ("control/tlc", "law: tlc", "law: tcl")):
+        path = tmp_path / f"configs/{name}.yaml"
+        path.write_text(path.read_text().replace(old, new, 1))
+    answer = CliRunner().invoke(app, ["validate", str(tmp_path / "campaigns/s_manoeuvre.yaml")])
+    assert isinstance(answer.exception, InputErrors)
+    assert {Path(error.file).name for error in answer.exception.errors} == {"paper_s.yaml", "tlc.yaml"}
+
+
+def test_what_may_be_one_value_for_the_whole_programme_is_asked() -> None:
+    names = ("s_manoeuvre", "wide", "s_manoeuvre_unknown")
+    warned = {name: check_inputs(shipped_campaigns() / f"{name}.yaml")[0].warnings for name in names}
+    assert warned["s_manoeuvre"][0].startswith("aero.lift, aero.drag: is this one value")
+    assert "more: is this one value" in warned["wide"][0] and not warned["s_manoeuvre_unknown"]
+
+
+def test_a_file_of_no_kind(tmp_path: Path) -> None:
+    (tmp_path / "x.yaml").write_text("colour: red\n")
+    with pytest.raises(InputError, match="campaign, vehicle, mission, controller"):
+        find_kind(tmp_path / "x.yaml")

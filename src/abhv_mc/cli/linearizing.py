@@ -1,20 +1,31 @@
-"""``abhv-mc margins``: stability margins of each loop, at the trim or along the nominal flight."""
+"""``margins``, ``linearize``: stability margins and linear models."""
 
+from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from abhv_mc.cli.options import ControllerFiles, Json, MissionOrCampaign, TrustCode, Vehicle, find_controllers
-from abhv_mc.cli.outputs import output, output_folder
-from abhv_mc.cli.printing import new_table, print_table, say, show
+from abhv_mc.cli.options import (
+    ControllerFiles,
+    Json,
+    MissionOrCampaign,
+    TrustCode,
+    Vehicle,
+    controller_option,
+    find_controllers,
+    parse_names,
+    parse_option,
+)
+from abhv_mc.cli.outputs import output, output_file, output_folder
+from abhv_mc.cli.printing import announce_compiling, announce_warnings, answer, new_table, print_table, say
 from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
 
 if TYPE_CHECKING:
     from abhv_mc.one_flight.linear_models import Place
     from abhv_mc.stability.analysis import Stability, Time
 
-_MOST_TIMES = 10_000
 _NAMED = 6  # dispersions of a worst margin
 _COLUMNS = (
     ("gain_margin_low_db", "gain down\ndB", 2),
@@ -26,7 +37,7 @@ _COLUMNS = (
 )
 
 
-def command(
+def margins(
     mission: MissionOrCampaign,
     vehicle: Vehicle = None,
     controllers: ControllerFiles = None,
@@ -54,31 +65,28 @@ def command(
     from abhv_mc.one_flight.linear_models import analyse_place
     from abhv_mc.stability.rows import make_rows
 
-    times = read_times(at)
-    files = find_flown(vehicle, mission, controllers, trust_code)
+    times = _read_times(at)
+    craft, flight, files = _find_flown(vehicle, mission, controllers, trust_code)
     rows: list[dict[str, Any]] = []
     shown: list[tuple[str, list[dict[str, Any]], Stability]] = []
     figures: list[Path] = []
-    for name, file in files.controllers.items():
-        for time in times:
-            linear, stability = analyse_place(files.take(file, time, bank, times))
-            here = make_rows(name, None if time == "trim" else time, stability)
-            words = "at the trim" if time == "trim" else f"at {time:g} s, reference frozen"
-            shown.append((f"{name}, {files.vehicle.stem}, {files.mission.stem}, {words}", here, stability))
-            rows += here
-            if out is not None:
-                from abhv_mc.report.figures.loops import write_loop_figures
+    for (name, file), time in product(files.items(), times):
+        linear, stability = analyse_place(_take(flight, craft, file, time, bank, times))
+        here = make_rows(name, None if time == "trim" else time, stability)
+        words = "at the trim" if time == "trim" else f"at {time:g} s, reference frozen"
+        shown.append((f"{name}, {craft.stem}, {flight.stem}, {words}", here, stability))
+        rows += here
+        if out is not None:
+            from abhv_mc.report.figures.loops import write_loop_figures
 
-                stem = f"{name}_{time if time == 'trim' else f'{time:g}s'}"
-                figures += write_loop_figures(out, stem, linear)
+            figures += write_loop_figures(out, f"{name}_{time if time == 'trim' else f'{time:g}s'}", linear)
 
     def in_words() -> None:
         for part in shown:
             _print_rows(*part)
-        for path in figures:
-            say(path)
+        say(*figures, sep="\n", end="\n" * bool(figures))
 
-    show({"vehicle": files.vehicle.stem, "mission": files.mission.stem, "rows": rows}, json, in_words)
+    answer({"vehicle": craft.stem, "mission": flight.stem, "rows": rows}, json, in_words)
 
 
 def _show_worst(file: Path, controllers: str | None, json: Path | None, trust_code: bool) -> None:
@@ -87,8 +95,8 @@ def _show_worst(file: Path, controllers: str | None, json: Path | None, trust_co
     from abhv_mc.search.worst_margins import EVALUATIONS, find_worst_margins
     from abhv_mc.topics.parameter_words import shown_value, spoken_name
 
-    files = find_flown(None, file, controllers, trust_code)
-    found = find_worst_margins(read_campaign(file), tuple(files.controllers))
+    _, _, files = _find_flown(None, file, controllers, trust_code)
+    found = find_worst_margins(read_campaign(file), tuple(files))
 
     def in_words() -> None:
         table = new_table(("controller", "margin"), ("nominal", "least found"), None)
@@ -103,60 +111,44 @@ def _show_worst(file: Path, controllers: str | None, json: Path | None, trust_co
         print_table(table)
         say(f"Found by the linear analysis at the trim, {EVALUATIONS} points a margin: the true least is no greater.")
 
-    show({"rows": found}, json, in_words)
+    answer({"rows": found}, json, in_words)
 
 
-def read_times(at: str) -> "list[Time]":
-    """Times (s, or the trim) of the option. Raises InputError."""
-    from abhv_mc.cli.options import parse_option
+def _read_times(at: str) -> "list[Time]":
+    """Times (s, or the trim) of the option, first:last:step among them. Raises InputError."""
     from abhv_mc.io.units import TIME
 
     times: list[Time] = []
     for each in at.split(","):
-        if each.count(":") == 2:
-            times += _read_range([parse_option("--at", part, TIME, "s") for part in each.split(":")])
-        else:
-            times.append("trim" if each.strip() == "trim" else parse_option("--at", each, TIME, "s"))
+        if each.strip() == "trim":
+            times.append("trim")
+            continue
+        parts = [parse_option("--at", part, TIME, "s") for part in each.split(":")]
+        first, last, step = (*parts, 0.0)[:3] if len(parts) > 1 else (parts[0], parts[0], 1.0)
+        if len(parts) > 3 or step <= 0.0 or last < first:
+            raise InputError("--at", f"'{each}'", "rising times such as 0s:60s:1s")
+        times += [first + i * step for i in range(int((last - first) / step + 1e-9) + 1)]
     return times
 
 
-def _read_range(ends: "list[float]") -> "list[Time]":
-    """Times (s) from the first to the last, both among them, the third apart. Raises InputError."""
-    first, last, step = ends
-    if step <= 0.0 or last < first or last - first > _MOST_TIMES * step:
-        found = f"{first:g} s to {last:g} s every {step:g} s"
-        raise InputError("--at", found, f"rising times, at most {_MOST_TIMES}, such as 0s:60s:1s")
-    return [first + i * step for i in range(int((last - first) / step + 1e-9) + 1)]
+def _take(mission: Path, vehicle: Path, controller: Path, time: "Time", bank: str, times: "list[Time]") -> "Place":
+    """The point of the nominal flight; a warning where it is doubtful. A bank belongs to the trim alone."""
+    from abhv_mc.io.units import ANGLE
+    from abhv_mc.one_flight.linear_models import take_point
+
+    angle = parse_option("--bank", bank, ANGLE, "deg")
+    turn = angle if time == "trim" or "trim" not in times else 0.0
+    place = take_point(mission, vehicle, controller, time, turn)
+    announce_warnings(place.warnings)
+    return place
 
 
-class FlownFiles(NamedTuple):
-    """What is to be linearized: files."""
-
-    vehicle: Path
-    mission: Path
-    controllers: dict[str, Path]
-
-    def take(self, controller: Path, time: "Time", bank: str, times: "list[Time]") -> "Place":
-        """The point of the nominal flight; a warning where it is doubtful. A bank belongs to the trim alone."""
-        from abhv_mc.cli.announce import announce_warnings
-        from abhv_mc.cli.options import parse_option
-        from abhv_mc.io.units import ANGLE
-        from abhv_mc.one_flight.linear_models import take_point
-
-        angle = parse_option("--bank", bank, ANGLE, "deg")
-        turn = angle if time == "trim" or "trim" not in times else 0.0
-        place = take_point(self.mission, self.vehicle, controller, time, turn)
-        announce_warnings(place.warnings)
-        return place
-
-
-def find_flown(vehicle: Path | None, mission: Path, controllers: str | None, trust_code: bool) -> FlownFiles:
-    """Files by name, user laws among them trusted; ``mission`` may be a campaign file. Raises InputError."""
+def _find_flown(
+    vehicle: Path | None, mission: Path, controllers: str | None, trust_code: bool
+) -> tuple[Path, Path, dict[str, Path]]:
+    """Vehicle, mission and controllers, user laws among them trusted; ``mission`` may be a campaign's file."""
     from abhv_mc.campaign.file.kinds import find_kind
-    from abhv_mc.cli.announce import announce_compiling
-    from abhv_mc.cli.options import parse_names
     from abhv_mc.control.controller_file import read_controller
-    from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
     from abhv_mc.simulators.campaign_code import check_user_code, check_user_law
 
     if find_kind(mission) == "campaign":
@@ -169,17 +161,17 @@ def find_flown(vehicle: Path | None, mission: Path, controllers: str | None, tru
         check_user_code(campaign, trust_code)
         model = campaign.model
         known = {name: Path(file) for name, file in model.controllers.items()}
-        names = parse_names(controllers) or tuple(known)
-        for name in names:
+        for name in parse_names(controllers) or ():
             if name not in known:
                 raise InputError("--controllers", f"'{name}'", one_of(known, name))
-        flown = vehicle or Path(model.vehicle), Path(model.mission), {name: known[name] for name in names}
+        files = {name: known[name] for name in parse_names(controllers) or known}
+        vehicle, mission = vehicle or Path(model.vehicle), Path(model.mission)
     else:
-        flown = vehicle or find_input(DEFAULT_VEHICLE, "vehicle"), mission, find_controllers(controllers)
-    for file in flown[2].values():
+        files = find_controllers(controllers)
+    for file in files.values():
         check_user_law(read_controller(file), trust_code)
     announce_compiling()
-    return FlownFiles(*flown)
+    return vehicle or find_input(DEFAULT_VEHICLE, "vehicle"), mission, files
 
 
 def _print_rows(title: str, rows: list[dict[str, Any]], stability: "Stability") -> None:
@@ -210,3 +202,43 @@ def _print_rows(title: str, rows: list[dict[str, Any]], stability: "Stability") 
     damped = min((p for p in poles if p.imag > 0.0), key=lambda p: abs(p.real) / abs(p), default=None)
     if damped is not None:
         say(f"least damped pole {damped.real:.3f} +- {damped.imag:.2f}j per second")
+
+
+def linearize(
+    mission: MissionOrCampaign,
+    out: Annotated[
+        Path | None, output(output_file, "FILE", "Required; ends in .npz, .mat or .json.", default=False)
+    ] = None,
+    vehicle: Vehicle = None,
+    controller: Annotated[str, controller_option("Controller file or shipped name.")] = "tlc",
+    at: Annotated[
+        str, typer.Option(metavar="POINT", help="trim, a time of the nominal flight such as 30s, or 0s:60s:1s.")
+    ] = "trim",
+    bank: Annotated[str, typer.Option(help="Bank of the steady turn to trim for, deg or with a unit.")] = "0",
+    trust_code: TrustCode = False,
+) -> None:
+    """Write plant, law, open and closed loop about the trim or a time of the nominal flight.
+
+    Path coordinates, second-order actuators, exact zero-order hold; names and units are in the file. Over several times
+    (first:last:step) each matrix is an array [time, row, column], with time_s.
+    """
+    from abhv_mc.stability.linearize import linearize
+    from abhv_mc.stability.model_file import check_format, make_model, stack_models, write_model
+
+    if out is not None:
+        check_format(out)
+    times = _read_times(at)
+    if len(times) > 1 and "trim" in times:
+        raise InputError("--at", f"'{at}'", "one point, or times such as 0s:60s:1s")
+    craft, flight, files = _find_flown(vehicle, mission, controller, trust_code)
+    if len(files) > 1:
+        raise InputError("--controller", ", ".join(files), "one controller")
+    if out is None:
+        raise InputError("--output", "no file", "one that ends in .npz, .mat or .json (-o FILE)")
+    (file,) = files.values()
+    models = []
+    for time in times:
+        plan, points, _ = _take(flight, craft, file, time, bank, times)
+        models.append(make_model(plan, points, linearize(plan, points)))
+    write_model(out, stack_models(models, [t for t in times if t != "trim"]) if len(models) > 1 else models[0])
+    say(out)

@@ -1,0 +1,181 @@
+"""``replay``, ``explain``, ``explore``: single flights of a campaign, again."""
+
+from math import isnan
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from abhv_mc.cli.errors import ExitCode
+from abhv_mc.cli.options import Controller, Folder, Json, TrustCode, complete_metric
+from abhv_mc.cli.outputs import output, output_file
+from abhv_mc.cli.printing import announce_compiling, answer, print_section_table, say
+from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.user_code.child import run_in_thread
+
+
+def replay(
+    folder: Folder,
+    flight: Annotated[int, typer.Option(min=0, help="Number of the flight.")],
+    controller: Controller = None,
+    out: Annotated[Path | None, output(output_file, "FILE.parquet", "Write its history at full rate.")] = None,
+    json: Json = None,
+    trust_code: TrustCode = False,
+) -> None:
+    """Fly one flight again at full rate and compare its metrics with the stored ones, bit for bit.
+
+    Exit code 1 where any differs.
+    """
+    from abhv_mc.analysis.replay import replay_flight
+    from abhv_mc.folder.histories import write_histories
+    from abhv_mc.folder.inputs import first_controller
+    from abhv_mc.simulators.engine import make_engine
+
+    if out is not None and out.suffix != ".parquet":  # the only kind it writes, whatever the name promises
+        raise InputError("--output", f"'{out.name}'", "a name that ends in .parquet")
+    controller = controller or first_controller(folder)
+    announce_compiling()
+    fly = make_engine().fly
+    replay = run_in_thread(lambda: replay_flight(folder, controller, flight, fly, trust_code=trust_code))
+    block = replay.block
+    if out is not None and not block.history.size:
+        raise InputError("--output", "flights that return no history", "no --output")
+    if out is not None:
+        names = [channel.name for channel in replay.channels]
+        write_histories(out, controller, [flight], block.times, block.history, names, known=replay.channels)
+
+    def in_words() -> None:
+        end = replay.outcome + ("" if isnan(block.end_time[0]) else f" after {block.end_time[0]:g} s")
+        say(f"flight {flight} of {controller}: {end}. {replay.sentence}")
+        for name, value in replay.samples.items():
+            say(f"  {name:<40} {value:.10g}")
+        for name, value in replay.metrics.items():
+            say(f"  {name:<40} {value:.6g}")
+        if out is not None:
+            say(f"history   {out}")
+        if replay.differences:
+            say("metrics differ from the stored ones:", *replay.differences, sep="\n  ")
+        else:
+            say("metrics equal the stored ones bit for bit")
+
+    figures = {"flight": flight, "controller": controller, "outcome": replay.outcome}
+    figures |= {"end_time_s": block.end_time[0], "samples": replay.samples, "metrics": replay.metrics}
+    answer(figures | {"differences": list(replay.differences)}, json, in_words)
+    if replay.differences:
+        raise typer.Exit(ExitCode.FAILED)
+
+
+def explain(
+    folder: Folder,
+    flight: Annotated[int | None, typer.Option(min=0, help="Number of a flight that failed.")] = None,
+    every: Annotated[bool, typer.Option("--all", help="Map the failed flights: the 50 worst of a controller.")] = False,
+    controller: Controller = None,
+    requirement: Annotated[
+        str | None,
+        typer.Option(
+            metavar="METRIC",
+            help="Explain why it missed this requirement.",
+            show_default="what it failed",
+            autocompletion=complete_metric,
+        ),
+    ] = None,
+    out: Annotated[Path | None, output(output_file, "FILE.png", "Where the figure goes.", default="in DIR")] = None,
+    json: Json = None,
+    trust_code: TrustCode = False,
+) -> None:
+    """Find the smallest set of a failing flight's dispersions that still fails with all others nominal.
+
+    A flight failed that ended early or missed a requirement. With --all: the same of every controller's failed flights,
+    grouped by these sets; 'abhv-mc report' shows them.
+    """
+    if every == (flight is not None) or (every and (requirement or out)):
+        found = "no flight" if not every and flight is None else "both a flight (or its requirement, or figure) and all"
+        raise InputError("--flight", found, "--flight NUMBER, or --all alone")
+    announce_compiling()
+    if flight is None:
+        _map_all(folder, controller, json, trust_code)
+    else:
+        _explain_one(folder, flight, controller, requirement, out, json, trust_code)
+
+
+def _explain_one(
+    folder: Path, flight: int, controller: str | None, requirement: str | None, out: Path | None, json: Path | None,
+    trust_code: bool,
+) -> None:  # fmt: skip
+    from abhv_mc.analysis.explain import explain_flight
+    from abhv_mc.folder.inputs import first_controller
+    from abhv_mc.report.pages.explained import explanation_numbers, explanation_words, make_explained_figure
+    from abhv_mc.simulators.engine import make_engine
+
+    name = controller or first_controller(folder)
+    fly = make_engine().fly
+    found = run_in_thread(lambda: explain_flight(folder, name, flight, fly, requirement, trust_code=trust_code))
+    path = out or CampaignFolder(folder).explained / f"{name}-{flight}.png"
+    words, numbers = explanation_words(found), explanation_numbers(found)
+    if found.block.history.size:
+        from abhv_mc.topics.figure_style import write_png
+
+        write_png(make_explained_figure(found), path)
+        words, numbers = [*words, f"figure    {path}"], numbers | {"figure": str(path)}
+    answer(numbers, json, lambda: say(*words, sep="\n"))
+
+
+def _map_all(folder: Path, controller: str | None, json: Path | None, trust_code: bool) -> None:
+    from abhv_mc.analysis.failure_map import map_failures, write_map
+    from abhv_mc.folder.flown_campaign import read_flown
+    from abhv_mc.simulators.engine import make_engine
+    from abhv_mc.topics.failures.section import map_table
+    from abhv_mc.topics.flights.worst_flights import rank_failed
+    from abhv_mc.topics.names import names_of
+
+    results = read_flown(folder)
+    if controller is not None and controller not in results.controllers:
+        raise InputError(folder, f"no controller '{controller}'", one_of(results.controllers, controller))
+    names = results.controllers if controller is None else (controller,)
+    failed = {name: rank_failed(results, name) for name in names}
+    if not any(failed.values()):
+        say("no flight ended early or missed a requirement")
+        return
+    found = map_failures(folder, failed, make_engine(), trust_code)
+    results.refuse_changes()
+    path = write_map(folder, found)
+    table = map_table(found.controllers, names_of(results))
+
+    def in_words() -> None:
+        print_section_table(table)
+        say(f"map       {path}; abhv-mc report {folder} shows it")
+
+    answer(found.controllers, json, in_words)
+
+
+def explore(
+    folder: Folder,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port on this machine.", show_default="a free one")] = 0,
+    browser: Annotated[bool, typer.Option(help="Open the browser.")] = True,
+    trust_code: TrustCode = False,
+) -> None:
+    """Look at up to a million flights in the browser: brush, filter, and click a flight to fly it again.
+
+    Serves this machine alone, at an address with a token, until Ctrl-C. Only the campaign's Parquet is read; a click
+    flies a flight again as `replay` does.
+    """
+    import webbrowser
+    from contextlib import suppress
+
+    from abhv_mc.explore.counts import open_flights
+    from abhv_mc.explore.server import ExploreServer
+    from abhv_mc.simulators.engine import make_engine
+
+    with open_flights(folder) as table:
+        announce_compiling()
+        try:
+            server = ExploreServer(folder, table, make_engine(), port, trust_code)
+        except OSError as error:
+            raise InputError("--port", f"{port}: {error.strerror}", "a port that is free") from None
+        with server:
+            say(server.url, flush=True)
+            if browser:
+                webbrowser.open(server.url)
+            with suppress(KeyboardInterrupt):  # how one ends it
+                server.serve_forever()

@@ -1,0 +1,188 @@
+"""``report``, ``show``, ``compare``, ``whatif``, ``status``: what a flown campaign says."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from abhv_mc.cli.errors import ExitCode
+from abhv_mc.cli.options import Baseline, Folder, Json, controllers_option, folder_argument, parse_names
+from abhv_mc.cli.outputs import output, output_folder
+from abhv_mc.cli.printing import answer, beside, new_table, print_section, print_section_table, print_table, say
+from abhv_mc.cli.running import describe_outcomes, print_judgement, print_requirements
+from abhv_mc.execution.progress import Waiting
+from abhv_mc.folder.layout import CampaignFolder, write_whole
+from abhv_mc.io.address import read_address
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from abhv_mc.folder.status import Status
+    from abhv_mc.report.numbers.whatif import Whatif
+
+
+def report(
+    folder: Annotated[Path, folder_argument("Folder of a campaign, or its address.")],
+    out: Annotated[Path | None, output(output_folder, "DIR", "Where to.", "DIR; reports/NAME for an address")] = None,
+    baseline: Baseline = None,
+    svg: Annotated[bool, typer.Option("--svg", help="Write each figure as SVG, too.")] = False,
+    pdf: Annotated[bool, typer.Option("--pdf", help="Print report.pdf (A4), where a Chromium is found.")] = False,
+    letter: Annotated[bool, typer.Option("--letter", help="Print it on US letter.")] = False,
+) -> None:
+    """Make the page, the figures and report.json from a campaign's Parquet alone."""
+    import shutil
+    from functools import partial
+
+    from abhv_mc.folder.manifest import read_manifest
+    from abhv_mc.folder.remote import fetched, local_path
+    from abhv_mc.report.pages.build import build_report
+    from abhv_mc.report.pages.pdf import find_browser, print_pdf
+
+    browser = find_browser() if pdf or letter else None
+
+    with fetched(folder) as source:
+        page = build_report(source, baseline, svg, stage=Waiting)
+        if out is None and local_path(folder) is None:
+            out = output_folder(Path("reports") / read_manifest(CampaignFolder(source).manifest).name)
+        if out is not None:
+            figures = (f"figures/{path.name}" for path in (source / "figures").iterdir())
+            for name in (page.name, "report.json", *figures):
+                write_whole(out / name, partial(shutil.copyfile, source / name))
+            page = out / page.name
+        say(page)
+        if browser is not None:
+            with Waiting("report: PDF"):
+                printed = print_pdf(page, browser, letter)
+            say(printed)
+
+
+def show(
+    topic: Annotated[str, typer.Argument(metavar="TOPIC", help="A topic of the report, such as margins.")],
+    folder: Annotated[Path, folder_argument("Folder of a campaign.")],
+    json: Json = None,
+) -> None:
+    """Print what the report says of a topic: its sentences and tables, or its numbers with --json."""
+    from abhv_mc.folder.flown_campaign import read_flown
+    from abhv_mc.topics.plain import plain
+    from abhv_mc.topics.registry import find_topic
+    from abhv_mc.topics.topic import Models
+
+    asked = find_topic(topic)
+    models = Models(read_flown(folder))
+    model = models[asked]
+    models.results.refuse_changes()
+
+    def in_words() -> None:
+        for sentence in models.sentences(asked):
+            say(sentence)
+        section = models.section(asked)
+        if section is None:
+            say(f"nothing on {topic} in this campaign")
+        tables = section.tables() if section else ()
+        for table in tables:
+            print_section_table(table)
+        for item in section.items if section and not tables else ():  # its words then stand in no table
+            words = getattr(item, "sentences", (getattr(item, "text", ""),))
+            say("\n".join(words))
+
+    answer(plain(model), json, in_words)
+
+
+def compare(
+    folder_a: Annotated[Path, folder_argument("Folder of a campaign.", "DIR_A")],
+    folder_b: Annotated[Path, folder_argument("Folder of a campaign on the same samples.", "DIR_B")],
+    controllers: Annotated[str | None, controllers_option("Compare A of DIR_A with B of DIR_B.")] = None,
+    fail_if_worse: Annotated[
+        list[str] | None, typer.Option(metavar="METRIC=5%", help="Exit 1 where B is worse than that; repeatable.")
+    ] = None,
+    out: Annotated[Path | None, output(output_folder, "DIR", "Write a page there.")] = None,
+    json: Json = None,
+) -> None:
+    """Pair two campaigns flight by flight: differences with intervals, and failures of only one.
+
+    Without --controllers, each controller that both flew is compared with itself. --fail-if-worse stops B unless it is
+    shown to be at most so much worse on more than half of the flights; and where its 95 % or 99.73 % quantile is shown
+    to be worse by more, its worst flight is twice as bad, it loses more flights, or misses a requirement more often.
+    """
+    from abhv_mc.report.numbers.compare import parse_margins
+    from abhv_mc.report.pages.compare_page import compare_folders
+
+    margins = parse_margins(fail_if_worse or [])
+    found, section, page = compare_folders(folder_a, folder_b, parse_names(controllers) or (), margins, out)
+    answer(found, json, lambda: print_section(section))
+    if page is not None:
+        say(f"report    {page}", file=beside(json))
+    gates = [gate for pair in found.paired for gate in pair.not_worse.values()]
+    if not all(gate.shown for gate in gates):
+        raise typer.Exit(ExitCode.FAILED)
+
+
+def whatif(
+    folder: Annotated[Path, folder_argument("Folder of a campaign with sampling: random.")],
+    settings: Annotated[
+        list[str], typer.Option("--set", metavar="K=V", help="For example aero.drag.half_width=12%; may be repeated.")
+    ],
+    json: Json = None,
+) -> None:
+    """Estimate results under other dispersions by re-weighting existing flights.
+
+    Refused where the flights do not cover what is asked, or where too few of them count.
+    """
+    from abhv_mc.analysis.reweight import parse_settings
+    from abhv_mc.report.numbers.whatif import make_whatif
+
+    found = make_whatif(folder, parse_settings(settings))
+    answer(found, json, lambda: _print_whatif(found))
+
+
+def _print_whatif(found: "Whatif") -> None:
+    from abhv_mc.topics.labels import controller_label
+    from abhv_mc.topics.words import bounds, estimate, percent, significant
+
+    for name, after in found.after.items():
+        say(f"{name}: {_entry(found.before[name])}  ->  {_entry(after)}")
+    if found.stopped_when_proven:
+        say("The campaign stopped when proven; the intervals do not allow for that.")
+    for name, part in found.controllers.items():
+        worth = significant(part.effective_flights)
+        title = f"{controller_label(name)}: {part.flights} flights, worth {worth} under the changed dispersions"
+        table = new_table(("",), ("quantile", "as flown", "changed"), title)
+        for metric in found.asked:
+            for level, pair in part.metrics.get(metric, {}).items():
+                label = found.words[metric]["label"] if level == "q50" else ""
+                cells = [f"{estimate(cell)} ({bounds(cell) or 'no bounds'})" for cell in (pair.before, pair.after)]
+                table.add_row(label, f"{level[1:]} %", *cells)
+        for entry in part.requirements:
+            shares = entry.failure_share.before, entry.failure_share.after
+            cells = [f"{percent(cell.value)} ({percent(cell.low)} to {percent(cell.high)})" for cell in shares]
+            table.add_row(f"Failed: {entry.words}", "", *cells)
+        print_table(table)
+
+
+def _entry(entry: "Mapping[str, object]") -> str:
+    return ", ".join(f"{key} {value}" for key, value in entry.items())
+
+
+def status(folder: Folder, json: Json = None) -> None:
+    """Say how far a campaign is, who flies it, and what was found so far."""
+    from abhv_mc.folder.remote import fetched_manifests
+    from abhv_mc.folder.status import read_status
+
+    with fetched_manifests(folder, "*.json") as (here, describe):
+        found = replace(read_status(here, describe and describe("")), folder=str(read_address(folder) or folder))
+        answer(found.as_entries(), json, lambda: _print_status(found, here))
+
+
+def _print_status(found: "Status", here: Path) -> None:
+    manifest = found.manifest
+    print_judgement(here, manifest, found.folder)
+    say(f"{manifest.name}: {manifest.state}, {manifest.runs_done} of {manifest.runs_planned} flights")
+    if found.holder:
+        say(f"  flown now by {found.holder}")
+    for name, each in manifest.controllers.items():
+        say(f"  {name:<12} {each.flights_done} flown: {describe_outcomes(each)}")
+    print_requirements(manifest)
+    say(f"  digest       {manifest.digest}")
+    say(f"  time flown   {manifest.wall_time_s:.1f} s")
+    say(f"  on disk      {found.bytes / 1e6:.1f} MB")

@@ -1,0 +1,200 @@
+"""``new``, ``import``, ``validate``, ``plan``: what is written, checked and planned before anything flies."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from abhv_mc.cli.options import CampaignFile, Json, Runs
+from abhv_mc.cli.outputs import output, output_folder
+from abhv_mc.cli.printing import announce_compiling, announce_warnings, answer, beside, new_table, print_table, say
+from abhv_mc.io.input_error import InputError
+from abhv_mc.shipped import find_input
+
+if TYPE_CHECKING:
+    from abhv_mc.execution.estimate import Estimate
+    from abhv_mc.report.numbers.planned import PassChance, Planned
+
+
+def new(
+    folder: Annotated[Path, typer.Argument(callback=output_folder, metavar="DIR", help="A new or an empty folder.")],
+    source: Annotated[
+        str, typer.Option("--from", metavar="NAME", help="Name of a shipped campaign, such as wide or failures.")
+    ] = "s_manoeuvre",
+    law: Annotated[bool, typer.Option("--law", help="Add a commented control law of your own.")] = False,
+    language: Annotated[
+        str | None, typer.Argument(metavar="[LANGUAGE]", help="Of the law: python or c.", show_default="python")
+    ] = None,
+    simulator: Annotated[
+        str | None,
+        typer.Option("--simulator", metavar="KIND", help="A simulator of your own instead: python or command."),
+    ] = None,
+) -> None:
+    """Write a commented campaign with its vehicle, mission and control files to start from."""
+    from abhv_mc.simulators.new_campaign import write_new_campaign
+
+    if simulator is not None:
+        _begin_simulator(folder, simulator, law)
+        return
+    if language is not None and not law:
+        raise InputError(language, "a language without --law", "--law before it")
+    chosen = (language or "python") if law else None
+    campaign, *others = write_new_campaign(folder, source, chosen)
+    say(f"{campaign} and {len(others)} files that it needs. Next:")
+    if law:
+        file = "my_law.c" if chosen == "c" else "my_law.py"
+        say(f"  cd {folder} && abhv-mc fly level --controllers control/my_law.yaml   # after each edit of {file}")
+    say(f"  cd {folder} && abhv-mc run {campaign.name}")
+
+
+def _begin_simulator(folder: Path, kind: str, law: bool) -> None:
+    from abhv_mc.simulators.new_simulator import write_new_simulator
+
+    if law:
+        raise InputError("--simulator", "it beside --law", "one of both: a law flies this program's vehicles")
+    campaign, *others = write_new_simulator(folder, kind)
+    names = [file.name for file in others if file.suffix != ".json"]
+    say(f"{campaign} and {', '.join(names)}. Next:")
+    if kind == "command" and "rocket" not in names:
+        say(f"  cd {folder} && make   # no C compiler was found here: it needs one, by the name cc")
+    say(f"  cd {folder} && abhv-mc run {campaign.name}")
+
+
+imports = typer.Typer(name="import", help="Make files of your own from other people's models.", no_args_is_help=True)
+
+
+@imports.callback()
+def _family() -> None:
+    """Make files of your own from other people's models."""
+
+
+@imports.command("daveml")
+def daveml(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE.dml...", help="DAVE-ML files of one vehicle.")],
+    out: Annotated[Path, output(output_folder, "DIR", "Folder for the vehicle.")],
+) -> None:
+    """Write DAVE-ML files (ANSI/AIAA S-119) as readable Python functions; their check shots must pass.
+
+    What the files leave open is asked for in DIR/import.yaml.
+    """
+    from abhv_mc.daveml.import_vehicle import import_daveml
+
+    for path in import_daveml(files, out):
+        say(path)
+
+
+def validate(
+    files: Annotated[
+        list[str],
+        typer.Argument(metavar="FILE...", help="Campaign, vehicle, mission, controller; or a shipped name."),
+    ],
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Fly a few flights of each campaign; say what all of them will cost.")
+    ] = False,
+    json: Json = None,
+) -> None:
+    """Check files, and the files that they name, without flying."""
+    from abhv_mc.io.documents import InputError, InputErrors
+    from abhv_mc.simulators.check_inputs import check_inputs
+
+    errors: list[InputError] = []
+    paths = [find_input(file, "campaign", "vehicle", "mission", "control") for file in files]
+    for file in paths:
+        try:
+            checked = check_inputs(file)
+        except InputErrors as several:
+            errors.extend(several.errors)
+            continue
+        for found in checked:
+            say(f"{found.path}: a valid {found.kind} file", file=beside(json))
+            announce_warnings(f"{found.path}: {warning}" for warning in found.warnings)
+    if errors:
+        raise InputErrors(errors)
+    costs = {str(file): cost for file in paths if dry_run and (cost := _estimate(file)) is not None}
+    if json is not None or costs:
+        answer(costs, json, lambda: _print_costs(costs))
+
+
+def _estimate(file: Path) -> "Estimate | None":
+    """What a campaign will cost; None for another kind of file."""
+    from abhv_mc.campaign.file.check import read_campaign
+    from abhv_mc.campaign.file.kinds import find_kind
+    from abhv_mc.execution.estimate import estimate_campaign
+    from abhv_mc.simulators.engine import make_engine
+
+    if find_kind(file) != "campaign":
+        return None
+    announce_compiling()
+    cost = estimate_campaign(read_campaign(file), make_engine())
+    announce_warnings(cost.warnings)
+    return cost
+
+
+def _print_costs(costs: "dict[str, Estimate]") -> None:
+    for file, cost in costs.items():
+        say(f"{file}: {cost.flights} flights of {cost.controllers} {cost.kind}s, blocks of {cost.batch}")
+        if cost.searched:
+            say(f"  search  {cost.searched} flights of each, for the worst values of the unknowns")
+        each = f"{1e3 * cost.flight_s:.2f} ms a flight and core"
+        say(f"  time    {cost.flying_s:.0f} s with {cost.workers} workers ({each})")
+        kept, flying = f"{cost.kept} histories {cost.histories_bytes / 1e6:.1f}", f"{cost.envelope_bytes / 1e6:.1f}"
+        say(f"  disk    {cost.disk_bytes / 1e6:.1f} MB at most", end="")
+        say(f" (rows {cost.rows_bytes / 1e6:.1f}, {kept}, envelopes while flying {flying})")
+
+
+def plan(
+    campaign: CampaignFile,
+    out: Annotated[Path | None, output(output_folder, "DIR", "Write the figure plan.png there.")] = None,
+    runs: Runs = None,
+    json: Json = None,
+) -> None:
+    """Say how many flights each requirement needs, and how likely it is to PASS at the planned number."""
+    from abhv_mc.campaign.file.check import read_campaign
+    from abhv_mc.report.numbers.planned import plan_campaign
+
+    checked = read_campaign(campaign, runs)
+    if not checked.model.requirements:
+        raise checked.document.error((), "a campaign without requirements", "requirements that can PASS or FAIL")
+    planned = plan_campaign(checked)
+    answer(planned, json, lambda: _print_plan(planned))
+    announce_warnings(planned.problems)
+    if out is not None:
+        from abhv_mc.report.figures.planned import plot_planned
+        from abhv_mc.topics.figure_style import write_png
+
+        write_png(plot_planned(planned), out / "plan.png")
+        say(f"figure    {out / 'plan.png'}", file=beside(json))
+
+
+def _print_plan(planned: "Planned") -> None:
+    from abhv_mc.topics.words import percent
+
+    share = 0.2
+    place = min(range(len(planned.rates_over_allowed)), key=lambda k: abs(planned.rates_over_allowed[k] - share))
+
+    def both(chance: "PassChance") -> str:
+        return f"{percent(chance.at_some_flight[place], 2)} ({percent(chance.at_runs[place], 2)})"
+
+    chances = [f"by {entry.runs}: PASS *" for entry in planned.together]
+    heads = ("0 failures", "1", "2", "3", *chances)
+    table = new_table(("requirement",), heads, f"{planned.name}: flights needed for PASS")
+    for entry in planned.requirements:
+        table.add_row(
+            f"{entry.words} in {percent(entry.probability)}",
+            *map(str, entry.flights_for_failures.values()),
+            *map(both, entry.pass_chance),
+        )
+    print_table(table)
+    say("*  chance where a fifth of the allowed failures is true: at some flight (and at that number itself)")
+    if len(planned.requirements) > 1:
+        low, high = (percent(end[place], 2) for end in vars(planned.together[0].at_some_flight).values())
+        say(f"All of them PASS at some flight up to {planned.runs} with a chance between {low} and {high} then.")
+    if planned.most_points > 1:
+        say(f"Each controller flies {planned.runs} flights at each of at most {planned.most_points} values of the "
+            f"unknowns: {planned.runs * planned.most_points} flights; {planned.search_flights} of all controllers "
+            "before that search the worst values. All of the chances are those of one value.")  # fmt: skip
+    if planned.family_risk:
+        say(f"The chance of any false PASS among all {planned.verdicts} verdicts is at most "
+            f"{percent(planned.family_risk, 2)}.")  # fmt: skip
+    if not planned.independent_flights:
+        say("Its flights are not independent draws: it gets estimates and no verdict. These numbers are for random.")
