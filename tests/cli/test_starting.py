@@ -18,8 +18,7 @@ from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import InputError, InputErrors
 from abhv_mc.shipped import shipped_campaigns, shipped_configs, shipped_files
 from abhv_mc.simulators.check_inputs import check_inputs
-from abhv_mc.simulators.new_campaign import write_new_campaign
-from abhv_mc.simulators.new_simulator import write_new_simulator
+from abhv_mc.simulators.new_campaign import write_new_campaign, write_new_simulator
 
 
 @pytest.mark.parametrize("name", ["s_manoeuvre", "failures", "wide"])

@@ -10,7 +10,7 @@ from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.search import worst_margins
 from abhv_mc.search.worst_margins import find_worst_margins
 from abhv_mc.simulators.corner_margins import make_corners
-from abhv_mc.simulators.trim_margins import trim_margins
+from abhv_mc.simulators.margin_plans import trim_margins
 
 
 @pytest.mark.parametrize("kind", ["dispersions", "unknowns"])

@@ -33,7 +33,7 @@ def disperse(law, name="atmosphere.density"):
         (ask("sideslip_rms_deg", "below", "0"), "which no flight meets"),
         (disperse("uniform, half_width: 120 %"), "'atmosphere.density' down to -0.2"),
         (disperse("uniform, low: 0, high: 2"), "down to 0"),
-        (disperse("normal, sigma: 40 %"), "at or below zero with a probability of 0.0062"),
+        (disperse("normal, sigma: 40 %"), "down to -0.9"),
         (disperse("discrete, values: [0, 1]"), "down to 0"),
     ],
 )

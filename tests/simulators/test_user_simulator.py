@@ -14,7 +14,7 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.io.input_error import InputError
 from abhv_mc.simulators.check_inputs import check_inputs
-from abhv_mc.simulators.simulate import make_ready, simulate
+from abhv_mc.simulators.engine import make_ready, simulate
 from abhv_mc.simulators.user_simulator import process, python_lines
 from abhv_mc.simulators.user_simulator.user_flights import end_processes
 from abhv_mc.simulators.user_simulator.user_plan import make_user_plans

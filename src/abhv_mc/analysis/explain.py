@@ -19,8 +19,7 @@ from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.plant.parameters import OURS, Parameters
 from abhv_mc.simulators.end_sentence import end_of
-from abhv_mc.simulators.engine import Fly, fly_of
-from abhv_mc.simulators.simulate import make_ready, simulate
+from abhv_mc.simulators.engine import Fly, fly_of, make_ready, simulate
 from abhv_mc.simulators.stored_plans import open_flown
 
 _MOST_SAMPLES = 10_000  # flights that tell how unusual a value is

@@ -20,8 +20,7 @@ from abhv_mc.folder.layout import CampaignFolder, write_bytes
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError
-from abhv_mc.simulators.engine import Engine, Fly, engine_of
-from abhv_mc.simulators.simulate import make_ready, simulate
+from abhv_mc.simulators.engine import Engine, Fly, engine_of, make_ready, simulate
 from abhv_mc.simulators.stored_plans import open_flown
 
 MOST_CAUSES = 3  # of a set that explains a flight, none of which can be left out; larger ones say little

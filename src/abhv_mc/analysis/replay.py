@@ -15,8 +15,7 @@ from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError
 from abhv_mc.simulators.end_sentence import end_of
-from abhv_mc.simulators.engine import Fly, fly_of
-from abhv_mc.simulators.simulate import simulate
+from abhv_mc.simulators.engine import Fly, fly_of, simulate
 from abhv_mc.simulators.stored_plans import open_flown
 
 

@@ -48,7 +48,7 @@ def new(
 
 
 def _begin_simulator(folder: Path, kind: str, law: bool) -> None:
-    from abhv_mc.simulators.new_simulator import write_new_simulator
+    from abhv_mc.simulators.new_campaign import write_new_simulator
 
     if law:
         raise InputError("--simulator", "it beside --law", "one of both: a law flies this program's vehicles")

@@ -17,9 +17,8 @@ from abhv_mc.folder.envelope_states import ENVELOPE_FLIGHTS
 from abhv_mc.folder.flights import END_TIME, FlightRows, flights_schema, write_block
 from abhv_mc.folder.histories import write_histories
 from abhv_mc.identity import count_cores
-from abhv_mc.simulators.engine import Engine, engine_of
+from abhv_mc.simulators.engine import Engine, engine_of, make_ready, simulate
 from abhv_mc.simulators.make_plans import find_warnings, make_plans, record_every
-from abhv_mc.simulators.simulate import make_ready, simulate
 from abhv_mc.statistics.unknowns import search_flights
 
 TRIAL_FLIGHTS = 64

@@ -15,8 +15,7 @@ from abhv_mc.execution.probe_dispersions import make_trials, unchanging
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
-from abhv_mc.simulators.engine import Engine
-from abhv_mc.simulators.simulate import simulate
+from abhv_mc.simulators.engine import Engine, simulate
 from abhv_mc.simulators.user_simulator.user_flights import seconds_of_a_flight
 
 _LONG = 1.0  # s: flights that take longer are not flown for a check alone

@@ -12,9 +12,8 @@ from abhv_mc.execution.executor import open_executor
 from abhv_mc.flight.plan import Recording
 from abhv_mc.folder.flights import END_TIME
 from abhv_mc.io.documents import InputError, one_of
-from abhv_mc.simulators.engine import Engine, engine_of
+from abhv_mc.simulators.engine import Engine, engine_of, make_ready, simulate
 from abhv_mc.simulators.make_plans import check_rows, make_plans, record_every
-from abhv_mc.simulators.simulate import make_ready, simulate
 
 if TYPE_CHECKING:
     import pandas as pd

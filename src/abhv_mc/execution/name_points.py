@@ -17,8 +17,7 @@ from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.simulators.engine import Engine
-from abhv_mc.simulators.simulate import make_ready, simulate
+from abhv_mc.simulators.engine import Engine, make_ready, simulate
 from abhv_mc.statistics.unknowns import SEARCH_FLIGHTS, SEARCH_QUANTILE, points_flown, search_flights, search_worst
 
 

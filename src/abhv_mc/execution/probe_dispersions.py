@@ -15,8 +15,7 @@ from abhv_mc.execution.retry import time_limit
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.io.documents import InputError, InputErrors
-from abhv_mc.simulators.engine import Fly
-from abhv_mc.simulators.simulate import simulate
+from abhv_mc.simulators.engine import Fly, simulate
 from abhv_mc.user_code.child import run_in_thread
 
 _ROWS = 3  # trials of each dispersion

@@ -22,8 +22,7 @@ from abhv_mc.folder.histories import history_metadata, write_histories
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.ranking import read_worst
 from abhv_mc.folder.samples import SampleReader
-from abhv_mc.simulators.engine import Fly
-from abhv_mc.simulators.simulate import simulate
+from abhv_mc.simulators.engine import Fly, simulate
 
 _FLIGHTS_PER_FILE = 128
 _UNCOMPUTED = Outcome.FAILED_TO_RUN.code

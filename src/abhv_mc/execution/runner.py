@@ -35,9 +35,8 @@ from abhv_mc.folder.flown_by import note_flyers
 from abhv_mc.folder.layout import write_text
 from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, RUNNING, Manifest, write_manifest
 from abhv_mc.folder.samples import SampleReader
-from abhv_mc.simulators.engine import Engine, check_source, engine_of, make_engine
+from abhv_mc.simulators.engine import Engine, check_source, engine_of, make_engine, simulate
 from abhv_mc.simulators.make_plans import record_every
-from abhv_mc.simulators.simulate import simulate
 from abhv_mc.simulators.user_simulator.user_flights import seconds_of_a_flight
 
 _SAVE_INTERVAL = 5.0  # s between manifests on disk

@@ -29,9 +29,8 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.io.input_files import reading_once
 from abhv_mc.simulators.campaign_code import check_user_code
 from abhv_mc.simulators.corner_margins import is_compiled
-from abhv_mc.simulators.engine import Engine, check_source, engine_of
+from abhv_mc.simulators.engine import Engine, check_source, engine_of, make_ready
 from abhv_mc.simulators.make_plans import find_warnings, make_plans, record_every, reference_of, take_plans
-from abhv_mc.simulators.simulate import make_ready
 from abhv_mc.simulators.stored_plans import read_trusted_plan
 from abhv_mc.user_code.child import called_beside
 from abhv_mc.user_code.source import find_package_versions

@@ -38,9 +38,8 @@ from abhv_mc.io.input_files import reading_once
 from abhv_mc.search.severity import not_computed, rank_distinct
 from abhv_mc.search.space import Space, make_space
 from abhv_mc.simulators.campaign_code import check_user_code
-from abhv_mc.simulators.engine import Engine, check_source, engine_of
+from abhv_mc.simulators.engine import Engine, check_source, engine_of, make_ready, simulate
 from abhv_mc.simulators.make_plans import make_plans
-from abhv_mc.simulators.simulate import make_ready, simulate
 from abhv_mc.simulators.stored_plans import read_trusted_plan
 from abhv_mc.user_code.trust import trust
 

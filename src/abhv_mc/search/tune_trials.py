@@ -22,7 +22,7 @@ from abhv_mc.folder.arrays import read_array, write_array
 from abhv_mc.search.methods.tune import Scores
 from abhv_mc.search.space import Space
 from abhv_mc.simulators.candidates import Candidate, Candidates, Time
-from abhv_mc.simulators.simulate import simulate
+from abhv_mc.simulators.engine import simulate
 from abhv_mc.statistics.estimates import severity, sorted_quantile
 
 MOST_CORNERED = 7  # dispersions whose corners' margins are found: 128 vehicles

@@ -11,7 +11,7 @@ from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.search.methods.worst import search_worst
 from abhv_mc.search.space import make_space
-from abhv_mc.simulators.trim_margins import TrimMargins, trim_margins
+from abhv_mc.simulators.margin_plans import TrimMargins, trim_margins
 
 EVALUATIONS = 512  # of each margin
 _BOX = 3.0  # sigma of unbounded distributions

@@ -1,7 +1,7 @@
 """The full check of a file of any kind, and of what it names, without flying."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from abhv_mc.campaign.file.check import read_campaign
@@ -9,15 +9,27 @@ from abhv_mc.campaign.file.kinds import files_named, find_kind
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.law_file import UserController
 from abhv_mc.control.mission import read_mission
+from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.documents import InputError, InputErrors, read_document
+from abhv_mc.shipped import DEFAULT_VEHICLE, shipped_configs
 from abhv_mc.simulators.campaign_code import check_user_code
 from abhv_mc.simulators.feasibility import find_impossible
 from abhv_mc.simulators.user_simulator.process import LostFlightError, Process
 from abhv_mc.simulators.user_simulator.user_plan import make_user_plans
+from abhv_mc.user_code.child import run_in_thread
+from abhv_mc.user_code.law_source import law_place, read_law_source
+from abhv_mc.user_code.trust import is_in_a_folder, is_trusted
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
 
 _NAMED = 3  # dispersions of a warning
+_LONGEST = 600.0  # s, compiling included
+_BROKEN = {
+    Outcome.NOT_FINITE: "a law whose command at the first tick is not a number",
+    Outcome.LAW_FAILED: "a law that raises an exception at the first tick (above)",
+}
 Pending = list[tuple[Path, str | None, tuple[Path, Path] | None]]  # file, kind, vehicle and mission of its campaign
 
 
@@ -95,6 +107,28 @@ def _check(file: Path, kind: str, flown: tuple[Path, Path] | None, pending: Pend
         controller = read_controller(file)
         yield from controller.warnings()
         if isinstance(controller, UserController):
-            from abhv_mc.simulators.try_law import try_law
+            yield from _try_law(file, controller, *(flown or (None, None)))
 
-            yield from try_law(file, controller, *(flown or (None, None)))
+
+def _try_law(file: Path, controller: UserController, vehicle: Path | None, mission: Path | None) -> list[str]:
+    """Compile a controller and fly one tick, on the campaign's vehicle and mission or shipped ones; its warnings.
+
+    Code of a campaign's folder that this user has not flown is not run. Raises InputError.
+    """
+    place = law_place(controller)
+    if is_in_a_folder(place) and not is_trusted(read_law_source(controller)):
+        return ["its code was not run: it is a folder's, and you have not flown it"]
+    configs = shipped_configs()
+    vehicle = vehicle or configs / "vehicle" / f"{DEFAULT_VEHICLE}.yaml"
+    mission = mission or configs / "mission" / "level.yaml"
+    plan = prepare(vehicle, mission, file, file.stem)
+    one_tick = replace(plan, timing=plan.timing._replace(ticks=0))
+    try:
+        block = run_in_thread(lambda: fly(one_tick, nominal_parameters()), _LONGEST)
+    except TimeoutError:
+        found = f"a law whose first tick is not done in {_LONGEST:g} s"
+        raise InputError(place, found, "a law whose loops end") from None
+    broken = _BROKEN.get(Outcome(int(block.outcome[0])))
+    if broken is not None:
+        raise InputError(place, broken, "finite commands")
+    return []

@@ -1,19 +1,22 @@
-"""How plans are made and flights computed, and which of two engines may share a campaign."""
+"""What flies: how plans are made and flights computed, and the one way to fly rows of an experiment's inputs."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import PROCESSES, THREADS
-from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.campaign.file.experiment import Experiment, System
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, Recording
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import Manifest
 from abhv_mc.identity import code_hash
 from abhv_mc.io.documents import InputError
 from abhv_mc.simulators.corner_margins import describe_stability
+from abhv_mc.simulators.margin_plans import make_margin_plans
+from abhv_mc.simulators.user_simulator.user_flights import end_processes, fly_user_simulator
+from abhv_mc.simulators.user_simulator.user_plan import UserPlan
 
 Recorded = Recording | int | None  # as flight.fly takes it
 Fly = Callable[[FlightPlan, Floats, Recorded], FlightBlock]
@@ -46,8 +49,6 @@ def engine_of(experiment: Experiment, engine: Engine | None = None) -> Engine:
     """What flies an experiment: a user's simulator, or ``engine`` (by default the compiled flight)."""
     if experiment.user_model is None:
         return engine or make_engine()
-    from abhv_mc.simulators.user_simulator.user_flights import end_processes, fly_user_simulator
-
     return Engine(_no_plan, fly_user_simulator, code_hash(), checked=True, close=end_processes)  # type: ignore[arg-type]
 
 
@@ -66,3 +67,35 @@ def check_source(folder: CampaignFolder, manifest: Manifest, engine: Engine) -> 
     if flown != engine.source:
         found = f"flights of another version of the program (source {flown}, now {engine.source})"
         raise InputError(folder.root, found, "the same again, another folder (-o DIR), or --fresh")
+
+
+def make_ready(experiment: Experiment, plans: Mapping[str, FlightPlan], margins: bool = False) -> Experiment:
+    """The experiment with the controllers of ``plans`` ready to fly; with stability margins, where it asks for them.
+
+    Raises InputError where there can be none.
+    """
+    found = make_margin_plans(experiment, plans) if margins else {}
+    return replace(experiment, systems={name: System(plan, found.get(name)) for name, plan in plans.items()})
+
+
+def here(plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
+    """The executor that flies in this thread."""
+    return (fly_user_simulator if isinstance(plan, UserPlan) else make_engine().fly)(plan, parameters, recorded)
+
+
+def simulate(
+    experiment: Experiment,
+    system: str,
+    rows: Floats,
+    recording: Recorded = None,
+    executor: Fly = here,
+    margins: bool = False,
+) -> FlightBlock:
+    """Fly ``rows`` [flight, input], SI, whose columns are ``experiment.inputs``; what is none of them is nominal.
+
+    ``recording``: what is recorded, or control ticks between samples of every channel; ``margins``: the flights have
+    stability margins, too, where the experiment was made ready with these.
+    """
+    ready = experiment.systems[system]
+    plan = ready.with_margins or ready.plan if margins else ready.plan
+    return executor(plan, experiment.rows(rows), recording)

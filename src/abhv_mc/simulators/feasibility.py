@@ -8,8 +8,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.sampling.marginals import ContinuousMarginal, MixtureMarginal
 from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, FIXED_TABLE_ROWS, Vehicle
@@ -20,7 +20,7 @@ _ABOVE_ZERO = re.compile(
     r"^(atmosphere\.|actuator\.|engine\.|mass\.(total|inertia_(xx|yy|zz))$|propulsion\.specific_impulse$"
     r"|aero\.(lift|drag)$|propulsion\.thrust$|wind\.(turbulence|gust)_length$)"
 )
-_MOST_BELOW_ZERO = 1e-6  # probability that an unbounded law may have there
+_RARELY = 1e-6  # probability that an unbounded law may have beyond a bound
 _FIRST = 1000  # flights whose derived inputs are looked at
 
 
@@ -28,8 +28,30 @@ def find_impossible(campaign: Experiment, vehicle: Vehicle | None = None) -> lis
     """Everything of that kind, each with its place in the file; with ``vehicle`` also what that has nothing of."""
     found = [*_requirements(campaign)]
     if campaign.user_model is None:
-        found += [*_laws(campaign), *_derived(campaign)]
+        found += _meaningless(campaign)
     return found if vehicle is None else [*found, *_lacking(campaign, vehicle)]
+
+
+def refuse_input(campaign: Experiment, name: str, found: str, expected: str) -> InputError:
+    """What to raise for an input that varies, where the file says that it does."""
+    place: tuple[str, ...] = ("dispersions", name) if campaign.sample_file is None else ("sampling",)
+    if name not in campaign.names:
+        place = ("unknowns" if name in campaign.unknowns.names else "derived", name)
+    return campaign.document.key_error(place, found, expected)
+
+
+def values_of(campaign: Experiment, name: str) -> Floats:
+    """Values of an input that varies, with its ends; of unbounded laws all but one in 1e6."""
+    if name in campaign.unknowns.names:
+        at = campaign.unknowns.names.index(name)
+        return np.array([campaign.unknowns.low[at], campaign.unknowns.high[at]])
+    if name not in campaign.names:
+        rows = campaign.rows(campaign.make_samples().draw(0, min(campaign.runs, _FIRST)))
+        return rows[:, PARAMETER_INDEX[name]]
+    if campaign.sample_file is not None:
+        return campaign.sample_file.values[:, campaign.names.index(name)]
+    marginal = campaign.marginals[name]
+    return np.append(marginal.ppf(np.array([_RARELY, 1.0 - _RARELY])), marginal.at_fraction(np.array([0.0, 1.0])))
 
 
 def asked_in_vain(campaign: Experiment) -> list[str]:
@@ -67,76 +89,29 @@ def _requirements(campaign: Experiment) -> Iterator[InputError]:
         yield document.error(("requirements", i, "probability"), found, wish)
 
 
-def _laws(campaign: Experiment) -> Iterator[InputError]:
-    """Laws that give values at or below zero to what has a meaning above it only."""
-    for name, low in zip(campaign.unknowns.names, campaign.unknowns.low.tolist(), strict=True):
-        if _ABOVE_ZERO.search(name) and low <= 0.0:
-            wish = "values above zero: at or below it has no meaning"
-            yield campaign.document.key_error(("unknowns", name), f"'{name}' down to {low:g}", wish)
-    for column, name in enumerate(campaign.names):
-        if not _ABOVE_ZERO.search(name):
-            continue
-        if campaign.sample_file is not None:
-            least = float(campaign.sample_file.values[:, column].min())
-            if least <= 0.0:
-                found = f"'{name}' down to {least:g} in the samples"
-                yield campaign.document.error(("sampling",), found, "values above zero: below it has no meaning")
-            continue
-        marginal = campaign.marginals[name]
-        if isinstance(marginal, ContinuousMarginal | MixtureMarginal):
-            least = float(marginal.frozen.support()[0]) if isinstance(marginal, ContinuousMarginal) else -np.inf
-            if not np.isfinite(least):
-                below = float(marginal.cdf(np.zeros(1))[0])
-                if below > _MOST_BELOW_ZERO:
-                    found = f"'{name}' at or below zero with a probability of {below:.2g}"
-                    wish = f"at most {_MOST_BELOW_ZERO:g}: below zero it has no meaning; truncated_normal, or lognormal"
-                    yield campaign.document.key_error(("dispersions", name), found, wish)
-                continue
-            if least == 0.0 and float(marginal.density(np.array([1e-12]))[0]) < 1e-6:
-                continue  # a lognormal law comes near zero and never reaches it
-        else:
-            least = float(marginal.at_fraction(np.zeros(1))[0])
-        if least <= 0.0:
-            found = f"'{name}' down to {least:g}"
-            yield campaign.document.key_error(
-                ("dispersions", name), found, "values above zero: at or below it has no meaning"
-            )
-
-
-def _derived(campaign: Experiment) -> Iterator[InputError]:
-    """Derived inputs that some of the first flights have without a meaning."""
-    if not campaign.derived:
-        return
-    rows = campaign.rows(campaign.make_samples().draw(0, min(campaign.runs, _FIRST)))
-    for each in campaign.derived:
-        values = rows[:, PARAMETER_INDEX[each.name]]
-        least = float(values.min())
+def _meaningless(campaign: Experiment) -> Iterator[InputError]:
+    """Values at or below zero of what has a meaning above it only."""
+    for name in campaign.varied:
+        least = float(values_of(campaign, name).min())
         if np.isnan(least):
-            yield campaign.document.error(("derived", each.name), "an expression that is no number", "one that is")
-        elif least <= 0.0 and _ABOVE_ZERO.search(each.name):
-            found = f"'{each.name}' down to {least:g}"
-            wish = "values above zero: at or below it has no meaning"
-            yield campaign.document.error(("derived", each.name), found, wish)
+            yield refuse_input(campaign, name, f"'{name}' that is no number", "an expression that is one")
+        elif least <= 0.0 and _ABOVE_ZERO.search(name):
+            wish = "values above zero, as of a truncated_normal or lognormal law: at or below it has no meaning"
+            yield refuse_input(campaign, name, f"'{name}' down to {least:g}", wish)
 
 
 def _lacking(campaign: Experiment, vehicle: Vehicle) -> Iterator[InputError]:
     """Dispersions of parts that the vehicle does not have, and that would leave every flight as it is."""
-    where = ("sampling",) if campaign.sample_file is not None else ("dispersions",)
     for name in campaign.varied:
-        if _has(vehicle, name):
-            continue
-        drawn = name in campaign.names
-        place = (*where, name) if drawn and campaign.sample_file is None else where if drawn else ("derived", name)
-        found = f"'{name}' of a vehicle that has no such part"
-        yield campaign.document.key_error(place, found, "a dispersion that matters to this vehicle")
+        if not _has(vehicle, name):
+            found = f"'{name}' of a vehicle that has no such part"
+            yield refuse_input(campaign, name, found, "a dispersion that matters to this vehicle")
 
 
 def _has(vehicle: Vehicle, name: str) -> bool:
     """Whether a parameter multiplies anything of the vehicle. What is added, and what no file lacks, does."""
     group, _, rest = name.partition(".")
-    if vehicle.foreign.aerodynamics and group == "aero":
-        return True
-    if vehicle.foreign.propulsion and group == "propulsion":
+    if (vehicle.foreign.aerodynamics and group == "aero") or (vehicle.foreign.propulsion and group == "propulsion"):
         return True
     if group == "aero" and not rest.endswith(".increment"):
         coefficient, _, variable = rest.partition(".")
@@ -147,11 +122,10 @@ def _has(vehicle: Vehicle, name: str) -> bool:
         return int(effector[1]) < len(vehicle.effector_mix)
     if group == "engine":
         return vehicle.constants.equivalence_ratio_max > 0.0
-    if name == "mass.inertia_13":
-        return bool(np.any(_values(vehicle, "inertia_13")))
-    return name not in ("propulsion.thrust", "propulsion.specific_impulse") or any(
-        np.any(_values(vehicle, row)) for row in ("capture_area_ratio", "thrust_area")
-    )
+    thrust = "capture_area_ratio", "thrust_area"
+    rows: dict[str, tuple[str, ...]] = {"propulsion.thrust": thrust, "propulsion.specific_impulse": thrust}
+    rows["mass.inertia_13"] = ("inertia_13",)
+    return name not in rows or any(np.any(_values(vehicle, row)) for row in rows[name])
 
 
 def _values(vehicle: Vehicle, row: str) -> np.ndarray:

@@ -23,7 +23,7 @@ from abhv_mc.kernel.plant.parameter_names import AXES, PARAMETER_INDEX
 from abhv_mc.plant.parameters import DISTURBANCES
 from abhv_mc.simulators.campaign_code import check_user_code
 from abhv_mc.simulators.engine import Engine, check_source
-from abhv_mc.simulators.feasibility import asked_in_vain
+from abhv_mc.simulators.feasibility import asked_in_vain, refuse_input, values_of
 from abhv_mc.simulators.stored_plans import read_trusted_plan
 from abhv_mc.simulators.user_simulator.user_plan import make_user_plans
 from abhv_mc.user_code.effector_commands import find_driven
@@ -34,9 +34,7 @@ from abhv_mc.vehicle.actuators import drive, name_effectors
 from abhv_mc.vehicle.limits import STILL_AIR, refuse_oscillation
 from abhv_mc.vehicle.sensing import IN_WIND, describe_sensing
 
-_RARELY = 1e-6  # probability that a law may have beyond a bound
 _AXIS_FAILURES = tuple(f"failure.{axis}." for axis in AXES)
-_FIRST = 1000  # flights whose derived delays are looked at
 
 
 def record_every(document: Document, plan: FlightPlan, rate: float, kind: str) -> int:
@@ -57,53 +55,33 @@ def make_plans(campaign: Experiment, names: Iterable[str], engine: Engine) -> di
         return make_user_plans(campaign, names)  # type: ignore[return-value]
     made = {name: engine.prepare(model.vehicle, model.mission, model.controllers[name], name) for name in names}
     plans = {name: declare(campaign, plan) for name, plan in made.items()}
-    _check_delays(campaign, plans.values())
-    _check_oscillation(campaign, plans.values())
-    _check_axes(campaign, plans.values())
     for plan in plans.values():
+        _check_dispersions(campaign, plan)
         if plan.channels_source is not None:
             compile_channels(plan.channels_source, LANES)  # now, before anything is written
     return plans
 
 
-def _check_delays(campaign: Experiment, plans: Iterable[FlightPlan]) -> None:
-    """Raise InputError for delays, lags or intervals of sensors out of range, by more than one in 1e6."""
+def _check_dispersions(campaign: Experiment, plan: FlightPlan) -> None:
+    """Raise InputError, at its place, for dispersions that this plan's flights cannot have.
+
+    Delays, lags or intervals of sensors out of range by more than one in 1e6; a limit on oscillation where gusts,
+    turbulence or noise swing the angles; failures of axes where effectors are driven or commanded.
+    """
     for name in (name for name in SENSOR_TIMES if name in campaign.varied):
-        if name not in campaign.names:
-            place: tuple[str, ...] = ("derived", name)
-            values = campaign.make_samples().draw(0, min(campaign.runs, _FIRST))
-            drawn = campaign.rows(values)[:, PARAMETER_INDEX[name]]
-        elif campaign.sample_file is not None:
-            place = ("sampling",)
-            drawn = campaign.sample_file.values[:, campaign.names.index(name)]
-        else:
-            place = ("dispersions", name)
-            drawn = campaign.marginals[name].ppf(np.array([_RARELY, 1.0 - _RARELY]))
+        drawn = values_of(campaign, name)
         rows = nominal_parameters(drawn.size)
         rows[:, PARAMETER_INDEX[name]] = drawn
-        for plan in plans:
-            if late := find_late(rows, plan.timing.tick):
-                raise campaign.document.key_error(place, *late)
-
-
-def _check_oscillation(campaign: Experiment, plans: Iterable[FlightPlan]) -> None:
-    """Raise InputError for a limit on oscillation where gusts, turbulence or noise swing the angles."""
+        if late := find_late(rows, plan.timing.tick):
+            raise refuse_input(campaign, name, *late)
     moving = [name for name in DISTURBANCES if name in campaign.varied]
-    for plan in plans:
-        if refused := refuse_oscillation(plan.limits.loads, moving):
-            place = ("dispersions", moving[0]) if campaign.sample_file is None else ("sampling",)
-            raise campaign.document.key_error(place, refused, STILL_AIR)
-
-
-def _check_axes(campaign: Experiment, plans: Iterable[FlightPlan]) -> None:
-    """Raise InputError for failures of axes where effectors are driven or commanded: they have no actuators there."""
+    if refused := refuse_oscillation(plan.limits.loads, moving):
+        raise refuse_input(campaign, moving[0], refused, STILL_AIR)
     failing = [name for name in campaign.varied if name.startswith(_AXIS_FAILURES)]
-    for plan in plans:
-        if failing and plan.vehicle.constants.driven:
-            found = f"'{failing[0]}', of an axis, where '{plan.controller}' moves effectors by actuators of their own"
-            names = ", ".join(name_effectors(plan.vehicle))
-            place = ("sampling",) if campaign.sample_file is not None else ("dispersions", failing[0])
-            raise campaign.document.key_error(place, found, f"a failure of an effector: {names}")
+    if failing and plan.vehicle.constants.driven:
+        found = f"'{failing[0]}', of an axis, where '{plan.controller}' moves effectors by actuators of their own"
+        names = ", ".join(name_effectors(plan.vehicle))
+        raise refuse_input(campaign, failing[0], found, f"a failure of an effector: {names}")
 
 
 def check_rows(plan: FlightPlan, parameters: Floats) -> None:

@@ -1,10 +1,13 @@
-"""Plans of the flights whose stability margins a campaign asks for."""
+"""Stability margins that a campaign asks for: plans of its flights with them, and those of any vehicle at the start."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.input_error import InputError
@@ -13,6 +16,8 @@ from abhv_mc.stability.fly_with_margins import MarginPlan, add_margins
 if TYPE_CHECKING:  # which a worker process need not import
     from abhv_mc.campaign.file.experiment import Experiment
 
+Margins = tuple[Floats, list[str]]  # [flight, margin] in the order of MARGIN_NAMES, and why a flight has none
+TrimMargins = Callable[[Floats], Margins]  # of rows [flight, parameter]
 _LOOKED_AT = 1000  # flights whose sensors are to repeat with the law
 
 
@@ -48,3 +53,25 @@ def make_margin_plans(campaign: "Experiment", plans: Mapping[str, FlightPlan]) -
 def count_metrics(plan: FlightPlan) -> int:
     """Columns of the metrics of this plan's flights."""
     return len(plan.metrics) + (len(MARGIN_VALUES) if isinstance(plan, MarginPlan) else 0)
+
+
+def trim_margins(campaign: "Experiment", controllers: Iterable[str]) -> dict[str, TrimMargins]:
+    """For each controller what finds the margins of rows [flight, parameter] in steady flight; nothing flies.
+
+    Raises InputError where there can be none.
+    """
+    from abhv_mc.campaign.file.config import MarginsOfFlights
+    from abhv_mc.simulators.engine import make_engine
+    from abhv_mc.simulators.make_plans import make_plans
+
+    model = campaign.model.model_copy(update={"margins": MarginsOfFlights()})
+    plans = make_plans(campaign, controllers, make_engine())
+    made = make_margin_plans(replace(campaign, model=model), plans)
+    return {name: partial(_margins_of, plan) for name, plan in made.items()}
+
+
+def _margins_of(plan: MarginPlan, rows: Floats) -> Margins:
+    from abhv_mc.stability.analysis import margins_of_flights
+
+    found = margins_of_flights(plan, plan.steady, rows, ("trim",))
+    return found.table, found.faults[0]

@@ -24,7 +24,7 @@ from abhv_mc.kernel.plant.air_profile import PROFILE
 from abhv_mc.kernel.plant.state import N_STATES
 from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.plant.effectiveness import make_effectiveness
-from abhv_mc.simulators.simulate import make_ready
+from abhv_mc.simulators.engine import make_ready
 from abhv_mc.simulators.user_simulator.user_plan import make_user_plans, simulator_source
 from abhv_mc.stability.fly_with_margins import MarginPlan
 from abhv_mc.user_code.c_source import with_library
