@@ -10,7 +10,6 @@ from abhv_mc.io.number_table import read_number_table
 from abhv_mc.io.units import LENGTH, SPEED, TIME
 
 COLUMNS = ("time_s", "altitude_m", "speed_mps", "heading_deg")
-MAX_BYTES = 20_000_000  # of a table
 _LARGEST_FLOWN = dict(zip(COLUMNS, (TIME.largest, LENGTH.largest, SPEED.largest, 1e4), strict=True))
 
 
@@ -20,7 +19,7 @@ def read_trajectory(path: str | Path, duration: float) -> NDArray[np.float64]:
     Raises :class:`InputError` for anything but rising times from 0 to at least ``duration`` (s), finite numbers,
     positive speeds and four samples.
     """
-    table = read_number_table(Path(path), _LARGEST_FLOWN, MAX_BYTES)
+    table = read_number_table(Path(path), _LARGEST_FLOWN)
     samples = table.values
     table.check_rising("time_s", "s")
     for row in np.flatnonzero(samples[:, 2] <= 0.0)[:1]:
@@ -47,7 +46,7 @@ def read_air_table(path: Path, columns: tuple[str, ...]) -> NDArray[np.float64]:
     Raises :class:`InputError` for anything but at least two rising altitudes and finite numbers, a factor on the
     density above zero.
     """
-    table = read_number_table(path, {name: _LARGEST[name] for name in (ALTITUDE, *columns)}, MAX_BYTES)
+    table = read_number_table(path, {name: _LARGEST[name] for name in (ALTITUDE, *columns)})
     table.check_rising(ALTITUDE, "m")
     rows = table.values
     if columns == DENSITY:

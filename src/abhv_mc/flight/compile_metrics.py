@@ -17,7 +17,7 @@ from abhv_mc.flight.channels import SOURCES, effector_sources
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.flight.observed import find_factor, find_place
 from abhv_mc.io.input_error import Refusal, describe, one_of
-from abhv_mc.io.unit_pattern import NUMBER
+from abhv_mc.io.units import NUMBER
 from abhv_mc.kernel.flight.counting import (
     MAX_LEAN,
     MAX_PROGRAMS,

@@ -13,7 +13,7 @@ from typing import Any
 
 from abhv_mc.campaign.file.check import check_campaign
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.file.references import find_references
+from abhv_mc.campaign.file.kinds import find_references
 from abhv_mc.campaign.file.requirements import join_requirements, select_requirements
 from abhv_mc.campaign.file.simulator import SYSTEMS, is_own, systems_key
 from abhv_mc.folder.layout import CampaignFolder, is_inside, write_bytes, write_whole

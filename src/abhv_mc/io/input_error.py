@@ -25,9 +25,10 @@ class InputError(Exception):
 
 
 class InputErrors(InputError):
-    """Everything wrong with one input, in order of place; its own fields are those of the first."""
+    """Everything wrong with one input, in order of file and place; its own fields are those of the first."""
 
     def __init__(self, errors: Sequence[InputError]) -> None:
+        errors = sorted(errors, key=lambda error: (error.file, error.line or 0, error.column or 0))
         first = errors[0]
         super().__init__(first.file, first.found, first.expected, first.line, first.column)
         self.args = (tuple(errors),)

@@ -2,7 +2,6 @@
 
 import csv
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from io import StringIO
@@ -13,9 +12,6 @@ from numpy.typing import NDArray
 
 from abhv_mc.io.input_error import InputError
 from abhv_mc.io.input_files import read_input
-from abhv_mc.io.unit_pattern import NUMBER
-
-_DECIMAL = re.compile(NUMBER)
 
 
 @dataclass(frozen=True)
@@ -44,16 +40,12 @@ class NumberTable:
             raise self.error(int(row), name, f"the {quantity} {values[row]:g} {unit}", f"{quantity}s that rise")
 
 
-def read_number_table(
-    path: Path, expected: Mapping[str, float] | None = None, max_bytes: int = 200_000_000
-) -> NumberTable:
-    """The columns ``wanted`` of a file, in that order, each with the largest magnitude there may be; all where None.
+def read_number_table(path: Path, expected: Mapping[str, float] | None = None) -> NumberTable:
+    """The columns ``expected`` of a file, in that order, each with the largest magnitude there may be; all where None.
 
     Raises :class:`InputError` for a missing column, a column twice, a row too short, what is no finite number and what
     is larger.
     """
-    if path.stat().st_size > max_bytes:
-        raise InputError(path, "a very large file", f"at most {max_bytes // 1_000_000} MB")
     rows: list[list[float]] = []
     lines: list[int] = []
     try:
@@ -85,7 +77,10 @@ def _lines_of(path: Path) -> StringIO:
 
 def _number(path: Path, line: int, cells: list[str], place: int, most: float) -> float:
     text = cells[place].strip() if place < len(cells) else ""
-    value = float(text) if _DECIMAL.fullmatch(text) else math.nan
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
     if not math.isfinite(value):
         raise InputError(path, f"'{text}'", "a finite number", line, _column(cells, place))
     if abs(value) > most:

@@ -155,7 +155,7 @@ def write_inputs(data: Mapping[str, Any], folder: Path) -> Path:
 
 def _write_input(kind: str, given: Any, folder: Path, place: str) -> str:
     """Write an input and the files that it names, these as they lie to each other; its path from the folder."""
-    from abhv_mc.campaign.file.references import find_references
+    from abhv_mc.campaign.file.kinds import find_references
 
     document = make_document(kind, given)
     path = document.path.resolve()

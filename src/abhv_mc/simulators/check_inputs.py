@@ -5,14 +5,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.file.kinds import files_named, find_kind
+from abhv_mc.campaign.file.kinds import find_kind
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.law_file import UserController
 from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import prepare
-from abhv_mc.io.documents import InputError, InputErrors, read_document
+from abhv_mc.io.documents import InputError, InputErrors
 from abhv_mc.shipped import DEFAULT_VEHICLE, shipped_configs
 from abhv_mc.simulators.campaign_code import check_user_code
 from abhv_mc.simulators.feasibility import find_impossible
@@ -72,12 +72,7 @@ def check_inputs(path: Path) -> list[CheckedInput]:
 def _check(file: Path, kind: str, flown: tuple[Path, Path] | None, pending: Pending) -> Iterator[str]:
     """Check one file, yield its warnings and add the files that it names to ``pending``."""
     if kind == "campaign":
-        try:
-            checked = read_campaign(file)
-        except InputError:
-            # What is wrong with the files that it names is said in the same breath.
-            pending += [(path, kind, None) for _, kind, path in files_named(read_document(file))]
-            raise
+        checked = read_campaign(file)
         campaign = checked.model
         problems = find_impossible(checked, None if checked.user_model else load_vehicle(campaign.vehicle))
         if problems:

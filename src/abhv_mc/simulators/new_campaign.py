@@ -9,8 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.file.kinds import MODELS, find_kind
-from abhv_mc.campaign.file.references import find_references
+from abhv_mc.campaign.file.kinds import MODELS, find_kind, find_references
 from abhv_mc.campaign.file.schema import make_schema
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.law_file import CController

@@ -17,8 +17,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.io.input_error import InputError, Refusal, one_of
 from abhv_mc.io.input_files import read_input
-from abhv_mc.io.unit_pattern import NUMBER
-from abhv_mc.io.units import ANGLE, LENGTH, MASS, parse_unit
+from abhv_mc.io.units import ANGLE, LENGTH, MASS, NUMBER, parse_unit
 from abhv_mc.kernel.plant.vehicle import MAX_DIMENSIONS, VARIABLES
 from abhv_mc.vehicle.pack import Axis, Table
 

@@ -11,8 +11,7 @@ import numpy as np
 from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.keep import ALL, BY_REQUIREMENTS
-from abhv_mc.campaign.file.kinds import find_kind, find_wrong_kinds
-from abhv_mc.campaign.file.mistakes import find_more
+from abhv_mc.campaign.file.kinds import check_kinds, find_kind
 from abhv_mc.campaign.file.requirement_table import read_requirements
 from abhv_mc.campaign.file.requirements import (
     check_margins,
@@ -87,9 +86,11 @@ def read_campaign(
     Raises :class:`InputError` with everything that is wrong, each with line and column.
     """
     document = read_requirements(read_document(path))
-    if controllers is not None:  # what is left out must be right, too; said with the places of the whole file
-        check_campaign(document)
-    return check_campaign(_override(document, runs, seed, controllers))
+    given = {key: value for key, value in (("runs", runs), ("seed", seed)) if value is not None}
+    if given and isinstance(document.data, dict):
+        document = replace(document, data=document.data | given)
+    campaign = check_campaign(document)  # what is left out must be right, too
+    return campaign if controllers is None else check_campaign(_select_controllers(campaign.document, controllers))
 
 
 def check_campaign(document: Document) -> Experiment:
@@ -97,14 +98,7 @@ def check_campaign(document: Document) -> Experiment:
     if (kind := find_kind(document, "campaign")) != "campaign":
         raise document.error((), f"a {kind} file", "a campaign file")
     document = name_effectors(read_requirements(document))
-    wrong = list(find_wrong_kinds(document))
-    file: type[Campaign] = SimulatorCampaign if is_own(document.data) else Campaign
-    try:
-        model = validate(document, file)
-    except InputErrors as refused:
-        wrong += refused.errors
-    if wrong:
-        raise find_more(document, wrong, lambda rest: _check(rest, validate(rest, file)))
+    model: Campaign = validate(document, SimulatorCampaign if is_own(document.data) else Campaign)
     return _check(document, model)
 
 
@@ -112,6 +106,8 @@ def _check(document: Document, model: Campaign) -> Experiment:
     """What the model does not say. Raises :class:`InputError`."""
     errors: list[InputError] = []
     own = model if isinstance(model, SimulatorCampaign) else None
+    if not own:
+        check_kinds(document, model)
     parameters = own.parameters if own else OURS
     marginals = _make_marginals(document, model, parameters, errors)
     sample_file = read_sample_file(model.sampling.path, parameters.dispersible) if model.sampling.path else None
@@ -123,15 +119,14 @@ def _check(document: Document, model: Campaign) -> Experiment:
         check_simulator(document, own, errors)
         declared: tuple[Metric, ...] = ()
         effectors: tuple[str, ...] = ()
-        written = frozenset(name for name, entry in own.metrics.items() if entry.bad is not None)
         metrics = measured = {name: entry.record(name) for name, entry in own.metrics.items()}
     else:
         effectors = find_driven(model.vehicle, model.controllers.values())
-        declared, written = _declare_metrics(document, model, user_channels, effectors, errors)
+        declared = _declare_metrics(document, model, user_channels, effectors, errors)
         _check_channels(document, model, effectors, errors)
         metrics = {metric.name: metric for metric in (*METRICS, *declared)}
         measured = metrics | {metric.name: metric for metric in MARGINS}
-    requirements = tuple(check_requirements(document, model, measured, written, errors))
+    requirements = tuple(check_requirements(document, model, measured, errors))
     others = {**dict.fromkeys(model.derived, "derived"), **dict.fromkeys(model.dispersions, "a dispersion")}
     box = model.unknowns, model.points, others, model.sampling.design
     unknowns = check_unknowns(document, *box, parameters, errors)
@@ -151,7 +146,7 @@ def _check(document: Document, model: Campaign) -> Experiment:
         errors.append(document.key_error(("pooled",), found, f"at most {number} ('runs'), of the design {INDEPENDENT}"))
     check_margins(document, model, number, errors)
     if errors:
-        raise InputErrors(sorted(errors, key=lambda error: (error.line or 0, error.column or 0)))
+        raise InputErrors(errors)
     shared = document, model, number, marginals, copula, sample_file, requirements
     return Experiment(
         *shared,
@@ -172,64 +167,43 @@ def name_effectors(document: Document) -> Document:
     ``failure.right_elevon.stuck_time`` becomes ``failure.effector_0.stuck_time`` where the vehicle file lists
     right_elevon first.
     """
-    data: dict[str, Any] = document.data if isinstance(document.data, dict) else {}
-    held, vehicle = data.get("dispersions"), data.get("vehicle")
-    if not isinstance(held, dict) or not isinstance(vehicle, str):
-        return document
-    texts = data["derived"] if isinstance(data.get("derived"), dict) else {}
-    named = [*map(str, held), *(name for pair in texts.items() for text in pair for name in DOTTED.findall(str(text)))]
-    asked = [name for name in named if name.startswith(("failure.", "control.")) and name not in OURS]
+    data: Any = document.data
     try:
-        content = read_document(document.path.parent / vehicle).data if asked else None
-    except InputError:
-        return document  # the model refuses the vehicle
-    propulsion = content.get("propulsion") if isinstance(content, dict) else None
-    engines = propulsion.get("engines") if isinstance(propulsion, dict) else None
-    effectors = content.get("effectors") if isinstance(content, dict) else None
-    places = dict(zip(effectors or {}, EFFECTORS, strict=False)) | dict(zip(engines or {}, ENGINES, strict=False))
+        content: Any = read_document(document.resolve(data["vehicle"])).data
+        parts = (content.get("effectors", {}), EFFECTORS), (content.get("propulsion", {}).get("engines", {}), ENGINES)
+        places = {name: place for names, there in parts for name, place in zip(names, there, strict=False)}
+    except (InputError, KeyError, TypeError, AttributeError):
+        return document  # the models refuse it
 
-    def renamed(name: str) -> str:
-        group, _, rest = name.partition(".")
+    def renamed(text: str) -> str:
+        group, _, rest = text.partition(".")
         effector = rest.partition(".")[0].removesuffix("_effectiveness")
-        return f"{group}.{places[effector]}{rest[len(effector) :]}" if name in asked and effector in places else name
+        known = group not in ("failure", "control") or text in OURS or effector not in places
+        return text if known else f"{group}.{places[effector]}{rest[len(effector) :]}"
 
-    listed = data.get("correlations")
-    correlations = [
-        {**entry, "between": [renamed(str(name)) for name in entry["between"]]}
-        if isinstance(entry, dict) and isinstance(entry.get("between"), list)
-        else entry
-        for entry in (listed if isinstance(listed, list) else [])
-    ]
-    changed = {**data, "dispersions": {renamed(name): value for name, value in held.items()}}
-    if correlations:
-        changed["correlations"] = correlations
-    if texts:
-        changed["derived"] = {
-            renamed(str(name)): DOTTED.sub(lambda found: renamed(found[0]), text) if isinstance(text, str) else text
-            for name, text in texts.items()
-        }
-    return replace(document, data=changed) if asked else document
+    def rename(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {rename(key): rename(inner) for key, inner in value.items()}
+        if isinstance(value, list):
+            return [rename(inner) for inner in value]
+        return DOTTED.sub(lambda found: renamed(found[0]), value) if isinstance(value, str) else value
+
+    keys = ("dispersions", "unknowns", "derived", "correlations")
+    return replace(document, data={**data, **{key: rename(data[key]) for key in keys if key in data}})
 
 
-def _override(document: Document, runs: int | None, seed: int | None, controllers: Sequence[str] | None) -> Document:
-    data = document.data
-    if not isinstance(data, dict):
-        return document  # the model refuses it
-    changed = dict(data)
-    if runs is not None:
-        changed["runs"] = runs
-    if seed is not None:
-        changed["seed"] = seed
+def _select_controllers(document: Document, controllers: Sequence[str]) -> Document:
+    """A campaign that was checked, of these controllers alone."""
+    data: Any = document.data
     key = systems_key(data)
-    held = data.get(key)
-    if controllers is not None and isinstance(held, dict):
-        for name in controllers:
-            if name not in held:
-                found = f"no {key.removesuffix('s')} '{name}', which was asked for"
-                raise document.error((key,), found, one_of(held, name))
-        changed[key] = {name: held[name] for name in held if name in controllers}
-        changed["requirements"] = list(select_requirements(data.get("requirements") or [], controllers))
-    return replace(document, data=changed)
+    held = data.get(key) or {}
+    for name in controllers:
+        if name not in held:
+            found = f"no {key.removesuffix('s')} '{name}', which was asked for"
+            raise document.error((key,), found, one_of(held, name))
+    chosen = {name: held[name] for name in held if name in controllers}
+    requirements = list(select_requirements(data.get("requirements") or [], controllers))
+    return replace(document, data={**data, key: chosen, "requirements": requirements})
 
 
 def _make_marginals(
@@ -288,17 +262,16 @@ def _declare_metrics(
     user_channels: Sequence[tuple[str, str]],
     effectors: tuple[str, ...],
     errors: list[InputError],
-) -> tuple[tuple[Metric, ...], frozenset[str]]:
-    """The records of the campaign's own metrics, and which of them say what is bad; no file of channels is run."""
+) -> tuple[Metric, ...]:
+    """The records of the campaign's own metrics; no file of channels is run."""
     place: tuple[str, ...] = ("metrics",)
     entries, of = model.metrics, document
     if isinstance(entries, Path):
         of, entries = read_metrics_file(entries)
         place = ()
-    written = frozenset(name for name, entry in entries.items() if entry.bad is not None)
     windows = phase_windows(model) if any(entry.phase for entry in entries.values()) else {}
     own = declare_metrics(entries, user_channels, of, place, errors, windows, effectors)
-    return (*effector_metrics(effectors), *own), written
+    return (*effector_metrics(effectors), *own)
 
 
 def _check_channels(document: Document, model: Campaign, effectors: tuple[str, ...], errors: list[InputError]) -> None:

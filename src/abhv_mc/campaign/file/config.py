@@ -10,9 +10,8 @@ from abhv_mc.campaign.file.keep import Keep
 from abhv_mc.campaign.file.tuning import Points, Tune
 from abhv_mc.campaign.file.unknowns import Unknown, UnknownPoints
 from abhv_mc.campaign.file.user_metrics import MetricEntry, MetricName
-from abhv_mc.campaign.sampling.designs import DESIGNS
 from abhv_mc.campaign.sampling.distributions import Distribution, Value
-from abhv_mc.io.documents import File, Refusal, StrictModel, describe, one_of
+from abhv_mc.io.documents import File, Refusal, StrictModel
 from abhv_mc.io.units import Fraction, Time
 
 TRACED = ("id", "text", "source", "rationale")  # where a requirement comes from; no flight depends on it
@@ -21,24 +20,15 @@ PROCESSES, THREADS = "processes", "threads"
 _LARGEST_BATCH = 2**20
 
 
-def _auto(value: Any, most: int) -> int | None:
-    if value == "auto":
-        return None
-    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= most:
-        raise Refusal(describe(value), f"'auto' or a whole number from 1 to {most}")
-    return value
+def _none_for(word: str, most: int | None = None) -> Any:
+    """In the file a word in place of the number, in the model None."""
+    written = Literal[word] | Annotated[int, Field(ge=1, le=most)]  # type: ignore[valid-type]
+    return BeforeValidator(lambda value: None if value == word else value, json_schema_input_type=written)
 
 
-def _auto_up_to(most: int) -> Any:
-    """A field of a whole number up to ``most``, or None for "auto"."""
-    written = Literal["auto"] | Annotated[int, Field(ge=1, le=most)]
-    return BeforeValidator(lambda value: _auto(value, most), json_schema_input_type=written)
-
-
-Workers = Annotated[int | None, _auto_up_to(MOST_WORKERS)]
-Batch = Annotated[int | None, _auto_up_to(_LARGEST_BATCH)]
-
-
+Workers = Annotated[Annotated[int, Field(ge=1, le=MOST_WORKERS)] | None, _none_for("auto", MOST_WORKERS)]
+Batch = Annotated[Annotated[int, Field(ge=1, le=_LARGEST_BATCH)] | None, _none_for("auto", _LARGEST_BATCH)]
+FlightCount = Annotated[Annotated[int, Field(ge=1)] | None, _none_for("all")]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=80)]
 DesignName = Literal["random", "lhs", "sobol", "halton", "corners", "grid", "one_at_a_time", "file"]
 
@@ -57,18 +47,12 @@ class Sampling(StrictModel):
     @model_validator(mode="after")
     def _path_for_a_file(self) -> "Sampling":
         if (self.design == "file") != (self.path is not None):
-            raise Refusal(
-                f"design '{self.design}' {'without' if self.path is None else 'with'} a path", "a path for 'file' only"
-            )
+            raise Refusal(f"the design '{self.design}'", "a path for 'file', and for 'file' only")
         return self
 
 
 def _sampling(value: Any) -> Any:
-    if isinstance(value, str):
-        if value not in DESIGNS:
-            raise Refusal(f"'{value}'", one_of(DESIGNS, value))
-        return {"design": value}
-    return value
+    return {"design": value} if isinstance(value, str) else value
 
 
 class Correlation(StrictModel):
@@ -124,21 +108,11 @@ class RequirementEntry(StrictModel):
         return self
 
 
-def _flight_count(value: Any) -> Any:
-    if value == "all":
-        return None
-    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-        raise Refusal(describe(value), "'all' or a whole number from 1")
-    return value
-
-
 class MarginsOfFlights(StrictModel):
     """Of which flights stability margins are found, and where."""
 
     at: Points = Field(("trim",), description="trim, or times of the flight such as 30 s, or a list of these")
-    flights: Annotated[int | None, BeforeValidator(_flight_count, json_schema_input_type=Literal["all"] | int)] = Field(
-        100, description="margins are found of the first so many flights, or of all"
-    )
+    flights: FlightCount = Field(100, description="margins are found of the first so many flights, or of all")
 
     def of(self, runs: int) -> int:
         """How many of so many flights."""

@@ -1,25 +1,19 @@
 """What a campaign file says under ``keep``: which flights, channels and rates are written besides the metrics."""
 
+import re
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from abhv_mc.flight.channels import CHANNEL_INDEX, STANDARD_CHANNELS
 from abhv_mc.io.documents import Refusal, StrictModel, describe, one_of
-from abhv_mc.io.units import FREQUENCY, Frequency, parse_quantity
+from abhv_mc.io.units import Frequency
 
 ALL = "all"
 BY_REQUIREMENTS = "requirements"
 
 
-def _rate(value: Any) -> Any:
-    rate = parse_quantity(value, FREQUENCY)
-    if rate <= 0.0:
-        raise Refusal(describe(value), "a rate above zero such as '10 Hz'")
-    return rate
-
-
-Rate = Annotated[float, BeforeValidator(_rate, json_schema_input_type=Frequency)]
+Rate = Annotated[Frequency, Field(gt=0.0)]
 
 
 def _as_list(value: Any) -> Any:
@@ -44,15 +38,7 @@ Channels = Annotated[
 
 def _flights(value: tuple[int | str, ...]) -> tuple[int | str, ...]:
     for i, item in enumerate(value):
-        words = str(item).split()
-        number = (
-            len(words) == 2
-            and words[0] in ("worst", "every")
-            and words[1].isascii()
-            and words[1].isdecimal()
-            and int(words[1]) > 0
-        )
-        if not (isinstance(item, int) and item >= 0) and item not in ("failed", "all", "none") and not number:
+        if not re.fullmatch(r"failed|all|none|(worst|every) +0*[1-9][0-9]*|[0-9]+", str(item)):
             where = (i,) if len(value) > 1 else ()
             raise Refusal(describe(item), "all, none, failed, 'worst 20', 'every 100' or a flight's number", where)
     return value

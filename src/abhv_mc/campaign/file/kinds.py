@@ -1,6 +1,5 @@
-"""The four kinds of input file: their models, and which one a file is, by its keys."""
+"""The four kinds of input file: their models, which one a file is by its keys, and which files it names."""
 
-import contextlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,8 +9,9 @@ from pydantic import BaseModel
 from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.campaign.file.simulator import SimulatorCampaign
 from abhv_mc.control.controller_file import CONTROLLERS, ControllerFile
+from abhv_mc.control.law_file import find_law_files
 from abhv_mc.control.mission import Mission
-from abhv_mc.io.documents import Document, InputError, describe, one_of, read_document
+from abhv_mc.io.documents import Document, InputErrors, describe, one_of, read_document
 from abhv_mc.vehicle.document import VehicleDocument
 
 MODELS: dict[str, type[BaseModel]] = {
@@ -38,22 +38,41 @@ def find_kind(path: Path | Document, expected: str | None = None) -> str:
     return kind
 
 
-def files_named(document: Document) -> Iterator[tuple[tuple[str, ...], str, Path]]:
-    """Place, kind and path of the files that a campaign names and that are there, whatever else is wrong with it."""
-    data: dict[str, Any] = document.data if isinstance(document.data, dict) else {}
-    held = data.get("controllers")
-    named: list[tuple[tuple[str, ...], str, Any]] = [((kind,), kind, data.get(kind)) for kind in ("vehicle", "mission")]
-    named += [
-        (("controllers", name), "controller", file) for name, file in (held if isinstance(held, dict) else {}).items()
-    ]
-    for keys, kind, file in named:
-        if isinstance(file, str) and document.resolve(file).is_file():
-            yield keys, kind, document.resolve(file)
+def check_kinds(document: Document, model: Campaign) -> None:
+    """That the files which a campaign names are of the kind that stands there. Raises :class:`InputErrors`."""
+    named: dict[tuple[str, ...], Path] = {("vehicle",): model.vehicle, ("mission",): model.mission}
+    named |= {("controllers", name): file for name, file in model.controllers.items()}
+    wrong = []
+    for keys, file in named.items():
+        kind = keys[0].removesuffix("s")
+        if (found := find_kind(file, kind)) != kind:
+            wrong.append(document.error(keys, f"'{file.name}', a {found} file", f"a {kind} file"))
+    if wrong:
+        raise InputErrors(wrong)
 
 
-def find_wrong_kinds(document: Document) -> Iterator[InputError]:
-    """What to say of the files that a campaign names and that are of another kind than stands there."""
-    for keys, kind, file in files_named(document):
-        with contextlib.suppress(InputError):  # of a file that cannot be read, whose reader says so
-            if (found := find_kind(file, kind)) != kind:
-                yield document.error(keys, f"'{file.name}', a {found} file", f"a {kind} file")
+_YAML = (".yaml", ".yml")
+_DATA = (".csv", ".parquet", ".pq", ".json", ".gz", ".py")
+
+
+def find_references(path: Path, seen: frozenset[Path] = frozenset()) -> Iterator[Path]:
+    """Files that a YAML file names by relative paths, and those that they name."""
+    if path.suffix.lower() not in _YAML or path in seen:
+        return
+    data = read_document(path).data
+    yield from (file.resolve() for file in find_law_files(path, data) if file.is_file())
+    for text in _named_files(data):
+        if Path(text).suffix.lower() in (*_YAML, *_DATA) and not Path(text).is_absolute():
+            file = (path.parent / text).resolve()
+            if file.is_file():
+                yield file
+                yield from find_references(file, seen | {path})
+
+
+def _named_files(value: Any) -> Iterator[str]:
+    """What stands at the one key that names a file in the files that a campaign refers to; text elsewhere is text."""
+    for key, inner in value.items() if isinstance(value, dict) else ():
+        if key in ("file", "python") and isinstance(inner, str):
+            yield inner
+    for inner in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+        yield from _named_files(inner)

@@ -41,10 +41,9 @@ def check_requirements(
     document: Document,
     model: Campaign,
     metrics: Mapping[str, Metric],
-    written: Collection[str],
     errors: list[InputError],
 ) -> Iterator[Requirement]:
-    """The requirements, resolved; ``written``: the metrics that say what is bad."""
+    """The requirements, resolved."""
     own = model if isinstance(model, SimulatorCampaign) else None
     systems: Collection[str] = own.systems if own else model.controllers
     read = parse_limit if own else _limit
@@ -63,13 +62,6 @@ def check_requirements(
             )
             errors.append(document.error((*where, "metric"), f"unknown metric '{entry.metric}'", expected))
             continue
-        same = [other for other in model.requirements if other.metric == entry.metric]
-        sides = [key for key in ("above", "below") if any(getattr(other, key) is not None for other in same)]
-        said, bad = metrics[entry.metric].bad, "high" if sides == ["below"] else "low"
-        if entry.metric in written and len(sides) == 1 and said not in (bad, "size"):
-            found = f"'{sides[0]}' of '{entry.metric}', which says 'bad: {said}'"
-            expected = f"'bad: {bad}' there, or a limit on the other side"
-            errors.append(document.key_error((*where, sides[0]), found, expected))
         key = "above"
         try:
             low = read(entry.above, metrics[entry.metric].unit)

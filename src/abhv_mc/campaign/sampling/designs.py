@@ -18,7 +18,6 @@ from abhv_mc.plant.parameters import OURS, Parameters
 INDEPENDENT = "random"  # the design whose flights are independent draws, so that binomial statistics hold
 EXTENSIBLE = frozenset({"random", "sobol", "halton"})
 FACTORIAL = frozenset({"corners", "grid", "one_at_a_time"})
-DESIGNS = ("random", "lhs", "sobol", "halton", "corners", "grid", "one_at_a_time", "file")
 
 _BITS = 30  # of a Sobol point: 2**30 flights at most
 _PIECE = 4096  # points drawn at once; a power of two, as Sobol's net wants
