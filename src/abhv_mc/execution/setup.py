@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from abhv_mc.campaign.file.check import check_campaign, read_campaign
 from abhv_mc.campaign.file.config import PROCESSES
 from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.campaign.sampling.designs import EXTENSIBLE
 from abhv_mc.execution.first_flights import fly_first
 from abhv_mc.execution.name_points import name_points, with_points
 from abhv_mc.execution.probe_dispersions import fly_probes
@@ -207,7 +208,7 @@ def _check_same(
     if shard != request.shard:
         words = "the whole campaign" if shard is None else f"shard {shard[0]}/{shard[1]}"
         raise InputError(root, f"a folder that holds {words}", "that, or another folder (-o DIR)")
-    changes = describe_changes(before, inputs, requested.extensible)
+    changes = describe_changes(before, inputs, requested.sampling in EXTENSIBLE)
     if changes:
         found = "a folder that holds another campaign:\n  " + "\n  ".join(changes)
         wish = "the same campaign, another folder (-o DIR), or --fresh to delete what was flown"

@@ -16,8 +16,7 @@ from abhv_mc.campaign.sampling.marginals import (
     MixtureMarginal,
     SometimesMarginal,
 )
-from abhv_mc.campaign.sampling.samples import full_rows
-from abhv_mc.campaign.sampling.seeds import draw_seeds, find_seeds
+from abhv_mc.campaign.sampling.samples import draw_seeds, find_seeds, full_rows
 from abhv_mc.campaign.sampling.streams import stream_key
 from abhv_mc.io.documents import InputError
 

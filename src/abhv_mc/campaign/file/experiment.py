@@ -15,19 +15,18 @@ from abhv_mc.campaign.file.simulator import SimulatorCampaign
 from abhv_mc.campaign.file.unknowns import Unknowns
 from abhv_mc.campaign.sampling.correlation import Copula
 from abhv_mc.campaign.sampling.derived_parameters import Derived
-from abhv_mc.campaign.sampling.designs import EXTENSIBLE, INDEPENDENT, Design
+from abhv_mc.campaign.sampling.designs import INDEPENDENT, Design
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile
 from abhv_mc.campaign.sampling.samples import (
     DrawnSamples,
-    GivenSamples,
     PointSamples,
     PooledSamples,
     SampleSource,
     SeededSamples,
+    find_seeds,
     full_rows,
 )
-from abhv_mc.campaign.sampling.seeds import Seeds, find_seeds
 from abhv_mc.campaign.sampling.streams import stream_key
 from abhv_mc.flight.channels import CHANNELS, Signal, effector_channels
 from abhv_mc.flight.metrics import MARGINS, Metric
@@ -157,19 +156,9 @@ class Experiment:
         return self.model.family.risk if self.model.family else None
 
     @property
-    def figures(self) -> str | None:
-        """The set of figures, where it names one."""
-        return self.model.figures
-
-    @property
     def margin_flights(self) -> int:
         """Of how many flights margins are found."""
         return self.model.margins.of(self.runs) if self.model.margins else 0
-
-    @property
-    def margin_points(self) -> tuple[str | float, ...]:
-        """Where: "trim", or s."""
-        return self.model.margins.at if self.model.margins else ()
 
     @cached_property
     def channels(self) -> tuple[Signal, ...]:
@@ -222,11 +211,6 @@ class Experiment:
         """The columns of the rows that fly: the dispersed parameters, the unknowns, then the seeds that noise needs."""
         own = (*self.dimensions, *find_seeds(self.varied, self.parameters))
         return self.columns if self.columns is not None else own
-
-    @property
-    def extensible(self) -> bool:
-        """Whether more flights leave the first ones as they are."""
-        return self.sampling in (*EXTENSIBLE, "file")
 
     @cached_property
     def metrics(self) -> dict[str, Metric]:
@@ -317,11 +301,11 @@ class Experiment:
         sampling = self.model.sampling
         source: SampleSource
         if self.sample_file is not None:
-            source = GivenSamples(self.sample_file, runs)
+            source = replace(self.sample_file, values=self.sample_file.values[:runs])
         else:
             design = Design(sampling.design, seed, self.names, runs, sampling.levels, self.parameters)
             source = DrawnSamples(design, tuple(self.marginals.values()), self.copula, self.parameters)
         seeds = find_seeds(self.varied, self.parameters)
         if not seeds:
             return source
-        return SeededSamples(source, Seeds(seeds, seed, sampling.design))
+        return SeededSamples(source, seeds, seed, sampling.design)

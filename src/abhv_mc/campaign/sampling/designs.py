@@ -16,7 +16,7 @@ from abhv_mc.campaign.sampling.streams import draw_uniforms, make_generator, str
 from abhv_mc.plant.parameters import OURS, Parameters
 
 INDEPENDENT = "random"  # the design whose flights are independent draws, so that binomial statistics hold
-EXTENSIBLE = frozenset({"random", "sobol", "halton"})
+EXTENSIBLE = frozenset({"random", "sobol", "halton", "file"})  # more flights leave the first ones as they are
 FACTORIAL = frozenset({"corners", "grid", "one_at_a_time"})
 
 _BITS = 30  # of a Sobol point: 2**30 flights at most
@@ -37,8 +37,11 @@ class Design:
 
     def draw(self, first: int, stop: int) -> Floats:
         """Probabilities ``[flight, parameter]`` of the flights ``first`` .. ``stop - 1``."""
+        flights, number = np.arange(first, stop), len(self.names)
+        if self.kind == "one_at_a_time":
+            return _one_at_a_time_rows(flights, number, self.levels)
         if self.kind in FACTORIAL:
-            return _FACTORIAL_ROWS[self.kind](np.arange(first, stop), len(self.names), self.levels)
+            return _grid_rows(flights, number, 2 if self.kind == "corners" else self.levels)
         draw = _COLUMNS[self.kind]
         columns = [draw(self, name, first, stop) for name in self.names]
         return np.column_stack(columns) if columns else np.empty((stop - first, 0))
@@ -107,10 +110,6 @@ def _open(values: Floats) -> Floats:
     return np.clip(values, 2.0**-53, 1.0 - 2.0**-53)
 
 
-def _corner_rows(flights: NDArray[np.int64], parameters: int, levels: int) -> Floats:
-    return _grid_rows(flights, parameters, 2)
-
-
 def _grid_rows(flights: NDArray[np.int64], parameters: int, levels: int) -> Floats:
     """Full factorial, the last parameter changing fastest; entries are fractions of the distribution's extent."""
     powers = levels ** np.arange(parameters - 1, -1, -1)
@@ -132,9 +131,4 @@ _COLUMNS: dict[str, Callable[[Design, str, int, int], Floats]] = {
     "lhs": _draw_latin_hypercube,
     "sobol": _draw_sobol,
     "halton": _draw_halton,
-}
-_FACTORIAL_ROWS: dict[str, Callable[[NDArray[np.int64], int, int], Floats]] = {
-    "corners": _corner_rows,
-    "grid": _grid_rows,
-    "one_at_a_time": _one_at_a_time_rows,
 }

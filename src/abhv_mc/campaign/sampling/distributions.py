@@ -8,8 +8,10 @@ import math
 from abc import abstractmethod
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field
 
+from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.marginals import (
     ContinuousMarginal,
     DiscreteMarginal,
@@ -25,8 +27,7 @@ Value = float | str  # a number, or text with a unit
 
 _NUMBER = Parameter("number", "-", 1.0, "")
 _KIND = "the kind of distribution"
-_HALF_WIDTH = "from the nominal value to either end; in place of low and high"
-_LOW, _HIGH = "lower end", "upper end"
+_Weights = tuple[Annotated[float, Field(gt=0.0)], ...]
 
 
 class _Distribution(StrictModel):
@@ -56,10 +57,18 @@ class _Distribution(StrictModel):
             raise Refusal(f"{getattr(self, key)}", f"a {key} above zero", (key,))
         return value
 
+
+class _Ranged(_Distribution):
+    half_width: Value | None = Field(
+        None, description="from the nominal value (mean, mode) to either end; in place of low and high"
+    )
+    low: Value | None = Field(None, description="lower end")
+    high: Value | None = Field(None, description="upper end")
+
     def _range(self, parameter: Parameter, center: float) -> tuple[float, float]:
         """The range given by ``half_width`` about ``center``, or by ``low`` and ``high``."""
         low, high = self._read("low", parameter), self._read("high", parameter)
-        if getattr(self, "half_width", None) is not None:
+        if self.half_width is not None:
             if low is not None or high is not None:
                 raise Refusal("half_width beside low or high", "either half_width, or low and high")
             if not math.isfinite(center):
@@ -73,13 +82,10 @@ class _Distribution(StrictModel):
         return low, high
 
 
-class Uniform(_Distribution):
+class Uniform(_Ranged):
     """Every value of a range alike."""
 
     distribution: Literal["uniform"] = Field(description=_KIND)
-    half_width: Value | None = Field(None, description=_HALF_WIDTH)
-    low: Value | None = Field(None, description=_LOW)
-    high: Value | None = Field(None, description=_HIGH)
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         low, high = self._range(parameter, parameter.nominal)
@@ -98,15 +104,12 @@ class Normal(_Distribution):
         return ContinuousMarginal("norm", (mean, sigma))
 
 
-class TruncatedNormal(_Distribution):
+class TruncatedNormal(_Ranged):
     """Gauss conditioned on lying in a range (values outside are not moved to its ends)."""
 
     distribution: Literal["truncated_normal"] = Field(description=_KIND)
     sigma: Value = Field(description="standard deviation before truncation")
     mean: Value | None = Field(None, description="before truncation; left out: the nominal value")
-    half_width: Value | None = Field(None, description="from the mean to either end; in place of low and high")
-    low: Value | None = Field(None, description=_LOW)
-    high: Value | None = Field(None, description=_HIGH)
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         from scipy.special import ndtr
@@ -119,14 +122,11 @@ class TruncatedNormal(_Distribution):
         return ContinuousMarginal("truncnorm", (*ends, mean, sigma))
 
 
-class Triangular(_Distribution):
+class Triangular(_Ranged):
     """Linear up to the mode and down from it."""
 
     distribution: Literal["triangular"] = Field(description=_KIND)
-    half_width: Value | None = Field(None, description="from the mode to either end; in place of low and high")
-    low: Value | None = Field(None, description=_LOW)
     mode: Value | None = Field(None, description="the most likely value; left out: the nominal value")
-    high: Value | None = Field(None, description=_HIGH)
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         mode = _or(self._read("mode", parameter), parameter)
@@ -154,15 +154,12 @@ class Lognormal(_Distribution):
         return ContinuousMarginal("lognorm", (sigma, 0.0, median))
 
 
-class Beta(_Distribution):
+class Beta(_Ranged):
     """Beta distribution with exponents a and b stretched over a range."""
 
     distribution: Literal["beta"] = Field(description=_KIND)
     a: Annotated[float, Field(gt=0.0)] = Field(description="first shape parameter")
     b: Annotated[float, Field(gt=0.0)] = Field(description="second shape parameter")
-    half_width: Value | None = Field(None, description=_HALF_WIDTH)
-    low: Value | None = Field(None, description=_LOW)
-    high: Value | None = Field(None, description=_HIGH)
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         low, high = self._range(parameter, parameter.nominal)
@@ -174,21 +171,15 @@ class Discrete(_Distribution):
 
     distribution: Literal["discrete"] = Field(description=_KIND)
     values: Annotated[tuple[Value, ...], Field(min_length=2)] = Field(description="what may be drawn")
-    weights: tuple[Annotated[float, Field(gt=0.0)], ...] | None = Field(
-        None, description="one for each value; left out: all alike"
-    )
+    weights: _Weights | None = Field(None, description="one for each value; left out: all alike")
 
     def draw_from(self, parameter: Parameter) -> Marginal:
-        import numpy as np
-
         values = np.array([_read(parameter, value, "values", i) for i, value in enumerate(self.values)])
-        weights = np.array(self.weights if self.weights is not None else np.ones(len(values)))
-        if len(weights) != len(values):
-            raise Refusal(f"{len(weights)} weights", f"{len(values)}, one for each value", ("weights",))
+        weights = _shares(self.weights, len(values))
         if len(np.unique(values)) != len(values):
             raise Refusal("a value twice", "different values", ("values",))
         order = np.argsort(values)
-        cumulative = np.cumsum(weights[order] / weights.sum())
+        cumulative = np.cumsum(weights[order])
         cumulative[-1] = 1.0
         return DiscreteMarginal(values[order], cumulative)
 
@@ -203,7 +194,6 @@ class Scipy(_Distribution):
     scale: Value | None = Field(None, description="left out: 1, in SI")
 
     def draw_from(self, parameter: Parameter) -> Marginal:
-        import numpy as np
         from scipy import stats
 
         names = [name for name, law in vars(stats).items() if isinstance(law, stats.rv_continuous)]
@@ -233,17 +223,10 @@ class Mixture(_Distribution):
 
     distribution: Literal["mixture"] = Field(description=_KIND)
     parts: Annotated[tuple[_Part, ...], Field(min_length=2)] = Field(description="the distributions that it mixes")
-    weights: tuple[Annotated[float, Field(gt=0.0)], ...] | None = Field(
-        None, description="one for each part; left out: all alike"
-    )
+    weights: _Weights | None = Field(None, description="one for each part; left out: all alike")
 
     def draw_from(self, parameter: Parameter) -> Marginal:
-        import numpy as np
-
-        weights = np.array(self.weights if self.weights is not None else np.ones(len(self.parts)))
-        if len(weights) != len(self.parts):
-            raise Refusal(f"{len(weights)} weights", f"{len(self.parts)}, one for each part", ("weights",))
-        weights, drawn = weights / weights.sum(), []
+        weights, drawn = _shares(self.weights, len(self.parts)), []
         for i, part in enumerate(self.parts):
             if part.probability < 1.0:
                 raise Refusal("a part with a probability", "a weight, or a probability of the mixture", ("parts", i))
@@ -270,6 +253,14 @@ def _read(parameter: Parameter, value: Value, *keys: str | int, of_nominal: bool
         return parameter.read(value, of_nominal)
     except Refusal as refusal:
         raise Refusal(refusal.found, refusal.expected, tuple(keys)) from None
+
+
+def _shares(weights: tuple[float, ...] | None, number: int) -> Floats:
+    """Weights whose sum is 1, all alike where none are given."""
+    found = np.array(weights or [1.0] * number)
+    if len(found) != number:
+        raise Refusal(f"{len(found)} weights", f"{number}, one for each", ("weights",))
+    return found / found.sum()
 
 
 def _or(value: float | None, parameter: Parameter) -> float:

@@ -14,7 +14,7 @@ from abhv_mc.io.number_table import read_number_table
 
 @dataclass(frozen=True)
 class SampleFile:
-    """The file's content, SI; factors as they are."""
+    """The file's content as a source of samples, SI; factors as they are."""
 
     names: tuple[str, ...]
     values: NDArray[np.float64]  # [flight, parameter]
@@ -23,13 +23,20 @@ class SampleFile:
     def flights(self) -> int:
         return len(self.values)
 
+    def draw(self, first: int, stop: int) -> NDArray[np.float64]:
+        return self.values[first:stop]
+
 
 def read_sample_file(path: Path, known: Sequence[str]) -> SampleFile:
     """Read samples whose columns are named after the parameters ``known``; a column ``flight`` must count from 0.
 
     Raises :class:`InputError`.
     """
-    table = _read_parquet(path) if path.suffix.lower() in (".parquet", ".pq") else _read_csv(path)
+    if path.suffix.lower() in (".parquet", ".pq"):
+        table = _read_parquet(path)
+    else:
+        read = read_number_table(path)
+        table = dict(zip(read.names, read.values.T, strict=True))
     names = tuple(name for name in table if name != "flight")
     for name in names:
         if name not in known:
@@ -57,8 +64,3 @@ def _read_parquet(path: Path) -> dict[str, NDArray[np.float64]]:
         return {name: table[name].cast(pa.float64()).to_numpy() for name in table.column_names}
     except (pa.ArrowException, OSError) as error:
         raise InputError(path, str(error).splitlines()[0], "a Parquet file of numbers") from None
-
-
-def _read_csv(path: Path) -> dict[str, NDArray[np.float64]]:
-    table = read_number_table(path)
-    return {name: table.values[:, i] for i, name in enumerate(table.names)}

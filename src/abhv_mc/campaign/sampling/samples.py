@@ -1,4 +1,8 @@
-"""A campaign's samples: one row of parameter values for each flight, drawn before anything flies."""
+"""A campaign's samples: one row of parameter values for each flight, drawn before anything flies.
+
+Turbulence and sensor noise have seeds: columns of the samples as soon as there is such noise, and no dispersion.
+Without a seed of its own every flight would meet the same gusts, and the flights would not be independent.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,9 +15,14 @@ from abhv_mc.campaign.sampling.correlation import Copula
 from abhv_mc.campaign.sampling.derived_parameters import Derived, derive
 from abhv_mc.campaign.sampling.designs import FACTORIAL, NOMINAL, Design
 from abhv_mc.campaign.sampling.marginals import Marginal
-from abhv_mc.campaign.sampling.sample_file import SampleFile
-from abhv_mc.campaign.sampling.seeds import Seeds
+from abhv_mc.campaign.sampling.streams import draw_uniforms, stream_key
+from abhv_mc.kernel.plant.parameter_names import SENSOR_NOISES
 from abhv_mc.plant.parameters import OURS, Parameters
+
+NOISE_OF_SEED = {"wind.turbulence_seed": ("wind.turbulence",), "sensor.noise_seed": SENSOR_NOISES}
+"""By seed, the parameters that make the noise that it belongs to."""
+
+_WHOLE = 2.0**52  # a seed of a user's simulator is a whole number below it
 
 
 class SampleSource(Protocol):
@@ -61,38 +70,49 @@ class DrawnSamples:
         return values
 
 
-@dataclass(frozen=True)
-class GivenSamples:
-    """Samples of a file."""
+def find_seeds(names: Sequence[str], parameters: Parameters = OURS) -> tuple[str, ...]:
+    """The seeds that flights need whose samples have columns of these names, and that are not among them; all of a
+    user's simulator."""
+    if parameters is not OURS:
+        return tuple(record.name for record in parameters.records if record.seed)
+    there = {*names, *(parameter.name for parameter in parameters.records if parameter.nominal != 0.0)}
+    return tuple(seed for seed, noises in NOISE_OF_SEED.items() if seed not in names and there.intersection(noises))
 
-    file: SampleFile
-    flights: int
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        return self.file.names
-
-    def draw(self, first: int, stop: int) -> Floats:
-        return self.file.values[first:stop]
+def draw_seeds(name: str, seed: int, first: int, count: int) -> Floats:
+    """Values [flight] of a seed: in 0..1, of a user's simulator whole numbers."""
+    drawn = draw_uniforms(stream_key(seed, name), first, count)
+    return drawn if name in NOISE_OF_SEED else np.floor(drawn * _WHOLE)
 
 
 @dataclass(frozen=True)
 class SeededSamples:
-    """Samples with the seeds of the flights' noise in columns behind them."""
+    """Samples with the seeds of the flights' noise in columns behind them, each from (seed, name, flight).
+
+    Flights that are compared with each other by their design, all of a factorial one, have a common one.
+    """
 
     samples: SampleSource
-    seeds: Seeds
+    seeds: tuple[str, ...]
+    seed: int  # of the campaign
+    design: str
 
     @property
     def names(self) -> tuple[str, ...]:
-        return (*self.samples.names, *self.seeds.names)
+        return (*self.samples.names, *self.seeds)
 
     @property
     def flights(self) -> int:
         return self.samples.flights
 
     def draw(self, first: int, stop: int) -> Floats:
-        return np.column_stack([self.samples.draw(first, stop), self.seeds.draw(first, stop)])
+        columns = [self.samples.draw(first, stop)]
+        for name in self.seeds:
+            if self.design in FACTORIAL:
+                columns.append(np.repeat(draw_seeds(name, self.seed, 0, 1), stop - first)[:, None])
+            else:
+                columns.append(draw_seeds(name, self.seed, first, stop - first)[:, None])
+        return np.hstack(columns)
 
 
 @dataclass(frozen=True)

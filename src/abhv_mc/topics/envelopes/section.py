@@ -38,7 +38,7 @@ def envelope_section(found: Envelopes, names: Names) -> Section | None:
                     "median has two lines. Between them one cannot say where it lies; commands are drawn midway."
                 )
             )
-    of_paper = campaign.figures == "paper"
+    of_paper = campaign.model.figures == "paper"
     rows = tuple(_row(found, names, curve, of_paper) for curve in curves_of(campaign))
     heads = ("Channel", *names.controllers.values(), *(["Figure", "The paper's single flight"] if of_paper else []))
     table = Table("Smallest and largest value of each channel", heads, (tuple(row for row in rows if row),))

@@ -97,7 +97,7 @@ def compute_margins(results: FlownCampaign) -> Margins:
     }
     return Margins(
         results.steady_margins,
-        tuple(campaign.margin_points),
+        tuple(campaign.model.margins.at if campaign.model.margins else ()),
         {name: entry for name, entry in flights.items() if entry.flights},
         {name: numbers for name in flights if (numbers := _missing(results.flights[name], campaign.margin_flights))},
         bool(campaign.requirements),
