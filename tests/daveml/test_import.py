@@ -14,7 +14,6 @@ from daveml.graph import Graph
 from abhv_mc.daveml.graph import read_model
 from abhv_mc.daveml.import_vehicle import import_daveml
 from abhv_mc.daveml.shots import make_function, run_shots
-from abhv_mc.daveml.writer import python_names
 from abhv_mc.io.documents import read_document
 from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc.plant.trim import FlightPoint, trim
@@ -59,7 +58,7 @@ def changed(tmp_path: Path, name: str, old: str, new: str) -> Path:
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
 def test_written_python_is_the_graph_at_random_inputs(path: Path) -> None:
     model, graph = read_model(path), Graph(path)
-    function, names = make_function(model), python_names(model)
+    function, names = make_function(model), {key: variable.key for key, variable in model.variables.items()}
     assert {variable.identifier for variable in model.inputs} == set(graph.inputs)
     assert [variable.identifier for variable in model.outputs] != []
     rng = np.random.default_rng(19)

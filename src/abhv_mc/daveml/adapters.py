@@ -1,15 +1,14 @@
 """Functions that connect a written model to the program: coefficients, thrust and a control law in SI and radians."""
 
-import ast
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from abhv_mc.daveml import python_nodes as py
+from abhv_mc.daveml.formulas import MODEL, number
 from abhv_mc.daveml.graph import Model, Variable
 from abhv_mc.daveml.s119_units import parse_s119_unit
 from abhv_mc.daveml.signals import SI, find_signals, quantity_of, sign_of
-from abhv_mc.daveml.writer import MODEL, python_names
+from abhv_mc.daveml.writer import Line, call, declare, define, names_in
 from abhv_mc.io.input_error import InputError, Refusal
 from abhv_mc.io.units import parse_unit
 
@@ -76,21 +75,20 @@ def factor_to_si(model: Model, variable: Variable, quantity: str) -> float:
     return factor
 
 
-def _scaled(value: ast.expr, factor: float, operation: str) -> ast.expr:
-    if factor < 0.0:
-        value, factor = py.fill("-a", a=value), -factor
+def _scaled(value: str, factor: float, operation: str) -> str:
+    value, factor = (f"-{value}", -factor) if factor < 0.0 else (value, factor)
     if factor == 1.0:
         return value
-    return py.fill(f"a {operation} b", a=value, b=py.name("DEGREE") if factor == math.pi / 180.0 else py.number(factor))
+    return f"{value} {operation} {'DEGREE' if factor == math.pi / 180.0 else number(factor)}"
 
 
-def _call(model: Model, kind: str, answers: Mapping[str, Answer]) -> py.Line:
+def _call(model: Model, kind: str, answers: Mapping[str, Answer]) -> Line:
     """The line that calls the model with what the program gives."""
-    names, given, sources = python_names(model), {}, SOURCES[kind]
+    given, sources = {}, SOURCES[kind]
     for variable in model.inputs:
-        key, answer = names[variable.identifier], answers.get(variable.identifier)
+        key, answer = variable.key, answers.get(variable.identifier)
         if isinstance(answer, float | int):
-            given[key] = py.number(float(answer))
+            given[key] = number(answer)
             continue
         quantity = quantity_of(variable)
         sign = 1 if quantity is None else sign_of(quantity, variable)
@@ -98,40 +96,37 @@ def _call(model: Model, kind: str, answers: Mapping[str, Answer]) -> py.Line:
             quantity, sign = answer.removeprefix("-"), -1 if answer.startswith("-") else 1
         if quantity in sources:
             factor = (sign or 1) * factor_to_si(model, variable, quantity)
-            given[key] = _scaled(py.fill(sources[quantity]), factor, "/")
+            given[key] = _scaled(sources[quantity], factor, "/")
         elif kind == "control":
-            command = py.member("commands", key)
+            command = f"commands.{key}"
             if quantity == "cross_track":  # there to the right, and from where it is wanted
-                measured = py.member("commands", f"{key}{MEASURED}")
-                command = py.fill("command - measures * measured.cross_track", command=command, measures=measured)
+                command = f"({command} - {command}{MEASURED} * measured.cross_track)"
             given[key] = _scaled(command, _command_factor(variable), "/")
-    return py.assign("out", py.call(MODEL, **given))
+    return Line(f"out = {call(MODEL, (f'{key}={value}' for key, value in given.items()))}")
 
 
-def _return(kind: str, model: Model, expected: tuple[str, ...]) -> py.Line:
+def _return(kind: str, model: Model, expected: tuple[str, ...]) -> Line:
     """A value of this kind, in SI, of the quantities that the model gives; what is zero for good is left out."""
-    names, outputs, given = python_names(model), find_signals(model.outputs), {}
+    outputs, given = find_signals(model.outputs), []
     for quantity in expected:
         variable = outputs.get(quantity)
         if variable is None or (not variable.computed and variable.initial == 0.0):
             continue
         factor = (sign_of(quantity, variable) or 1) * factor_to_si(model, variable, quantity)
-        given[quantity] = _scaled(py.member("out", names[variable.identifier]), factor, "*")
-    return py.Line(ast.Return(py.call(kind, **given)))
+        given.append(f"{quantity}={_scaled(f'out.{variable.key}', factor, '*')}")
+    return Line(f"return {call(kind, given)}")
 
 
-def write_coefficients(
-    model: Model, answers: Mapping[str, Answer], span: float, chord: float
-) -> list[py.Line | py.Block]:
+def write_coefficients(model: Model, answers: Mapping[str, Answer], span: float, chord: float) -> list[Line]:
     """The function that the vehicle file names under ``aerodynamics``."""
     frame = frame_of(model)
     called = _call(model, "aerodynamics", answers)
     about = f"Coefficients in {frame} axes about the moment reference of the file."
     body = [called, _return("Coefficients", model, (*FORCES[frame], *MOMENTS))]
     lengths = (("SPAN", span), ("CHORD", chord))
-    read = set(py.names_in([called]))
-    used = [py.assign(key, py.number(value), "m, of the reduced rates") for key, value in lengths if key in read]
-    return [*used, py.define("def coefficients(air, controls, rates, settings):", about, body)]
+    read = names_in([called])
+    used = [Line(f"{key} = {number(value)}", "m, of the reduced rates") for key, value in lengths if key in read]
+    return [*used, *define("def coefficients(air, controls, rates, settings):", about, body)]
 
 
 def frame_of(model: Model) -> str:
@@ -143,10 +138,10 @@ def frame_of(model: Model) -> str:
     raise InputError(model.path, "no force coefficients", "CX, CY, CZ or lift and drag")
 
 
-def write_thrust(model: Model, answers: Mapping[str, Answer]) -> py.Block:
+def write_thrust(model: Model, answers: Mapping[str, Answer]) -> list[Line]:
     """The function that the vehicle file names under ``propulsion``."""
     body = [_call(model, "propulsion", answers), _return("Thrust", model, THRUST)]
-    return py.define("def thrust(air, throttle, settings):", "Thrust in body axes at the moment reference.", body)
+    return define("def thrust(air, throttle, settings):", "Thrust in body axes at the moment reference.", body)
 
 
 def _command_factor(variable: Variable) -> float:
@@ -170,26 +165,20 @@ def command_unit(variable: Variable) -> str:
     return next((unit for unit in ("m", "m/s", "rad", "rad/s", "kg", "s") if parse_unit(unit)[1] == exponents), "-")
 
 
-def write_law(model: Model, answers: Mapping[str, Answer]) -> list[py.Block]:
+def write_law(model: Model, answers: Mapping[str, Answer]) -> list[Line]:
     """The control law, its commands as the class ``Commands`` in SI."""
-    names = python_names(model)
     fields, units = [], {}
     for variable in command_inputs(model):
-        key, unit = names[variable.identifier], command_unit(variable)
+        key, unit = variable.key, command_unit(variable)
         value = (variable.initial or 0.0) * _command_factor(variable)
-        fields.append(py.declare(key, variable.name if unit == "-" else f"{variable.name}, {unit}", value))
+        fields.append(declare(key, variable.name if unit == "-" else f"{variable.name}, {unit}", value))
         if quantity_of(variable) == "cross_track":
-            fields.append(
-                py.declare(f"{key}{MEASURED}", "1: from the measured cross-track, 0: as commanded alone", 1.0)
-            )
+            fields.append(declare(f"{key}{MEASURED}", "1: from the measured cross-track, 0: as commanded alone", 1.0))
         if unit != "-":
             units[key] = unit
     body = [_call(model, "control", answers), _return("Command", model, ("aileron", "rudder", "elevator", "throttle"))]
-    arguments = "measured, commands" if fields else "measured"
-    law = py.define(f"def law({arguments}):", "Deflections and throttle from the measured motion.", body)
-    given = ast.Dict(list(map(ast.Constant, units)), list(map(ast.Constant, units.values())))
-    law.head.decorator_list = [py.call("controller", units=given) if units else py.name("controller")]
-    commands = py.define(
-        "class Commands(NamedTuple):", "What the pilot and the autopilot are told, SI and radians.", fields
-    )
-    return [commands, law] if fields else [law]
+    head = f"def law({'measured, commands' if fields else 'measured'}):"
+    law = define(head, "Deflections and throttle from the measured motion.", body)
+    about = "What the pilot and the autopilot are told, SI and radians."
+    commands = define("class Commands(NamedTuple):", about, fields) if fields else []
+    return [*commands, Line(f"@controller(units={units!r})" if units else "@controller"), *law]

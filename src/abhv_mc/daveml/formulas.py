@@ -1,154 +1,164 @@
-"""MathML calculations as Python expressions, by a fixed list of operators."""
+"""MathML calculations as the text of Python expressions, by a fixed list of operators; and names that Python takes.
+
+Nothing that a file says becomes code: its names become identifiers, its numbers are read and written anew.
+"""
 
 import ast
+import builtins
 import functools
+import keyword
 import math
-from collections.abc import Iterator
-from typing import Any
+import re
+from collections.abc import Iterable, Mapping
 
-from abhv_mc.daveml.python_nodes import fill, name, number
+from abhv_mc import extend
 from abhv_mc.daveml.xml_reader import Node
 from abhv_mc.io.input_error import one_of
 
-VARIABLE = "$"  # begins the name of a variable of the file, which no name of Python does
+FROM_MATH = ("ceil", "floor", "fmod", "trunc")
+OUTPUTS, MODEL = "Outputs", "model"
+_OWN = (OUTPUTS, MODEL, "NamedTuple", "DEGREE", "SPAN", "CHORD", "Commands", "coefficients", "thrust", "law", "out")
+_TAKEN = {*dir(builtins), *extend.__all__, *FROM_MATH, *_OWN}
+_LONGEST = 60  # letters of a name
 
-_RELATIONS = {"gt": ast.Gt, "lt": ast.Lt, "geq": ast.GtE, "leq": ast.LtE, "eq": ast.Eq, "neq": ast.NotEq}
-_LOGIC = {"and": "a and b", "or": "a or b", "xor": "a != b", "not": "not a"}
-_UNARY = {
-    **{name: f"{name}(a)" for name in ("abs", "exp", "floor", "sin", "cos", "tan")},
-    "ln": "log(a)",
-    "ceiling": "ceil(a)",
-    "sec": "1.0 / cos(a)",
-    "csc": "1.0 / sin(a)",
-    "cot": "1.0 / tan(a)",
-    "sinh": "0.5 * (exp(a) - exp(-a))",
-    "cosh": "0.5 * (exp(a) + exp(-a))",
-    "tanh": "1.0 - 2.0 / (exp(2.0 * a) + 1.0)",
-    "arcsin": "asin(a)",
-    "arccos": "acos(a)",
-    "arctan": "atan2(a, 1.0)",
+_RELATIONS = {"gt": ">", "lt": "<", "geq": ">=", "leq": "<=", "eq": "==", "neq": "!="}
+_LOGIC = {"and": "({} and {})", "or": "({} or {})", "xor": "({} != {})", "not": "(not {})"}
+_ONE = {
+    **{name: f"{name}({{}})" for name in ("abs", "exp", "floor", "sin", "cos", "tan")},
+    "minus": "(-{})",
+    "ln": "log({})",
+    "log": "(log({}) / log(10.0))",
+    "root": "sqrt({})",
+    "ceiling": "ceil({})",
+    "sec": "(1.0 / cos({}))",
+    "csc": "(1.0 / sin({}))",
+    "cot": "(1.0 / tan({}))",
+    "sinh": "(0.5 * (exp({0}) - exp(-{0})))",
+    "cosh": "(0.5 * (exp({0}) + exp(-{0})))",
+    "tanh": "(1.0 - 2.0 / (exp(2.0 * {}) + 1.0))",
+    "arcsin": "asin({})",
+    "arccos": "acos({})",
+    "arctan": "atan2({}, 1.0)",
 }
-_BINARY = {
-    "divide": "a / b",
-    "power": "power(a, b)",
-    "quotient": "trunc(a / b)",
-    "rem": "fmod(a, b)",
-    "atan2": "atan2(a, b)",
+_TWO = {
+    "minus": "({} - {})",
+    "divide": "({} / {})",
+    "power": "power({}, {})",
+    "quotient": "trunc({} / {})",
+    "rem": "fmod({}, {})",
+    "atan2": "atan2({}, {})",
+    "log": "(log({}) / log({}))",
+    "root": "power({}, 1.0 / {})",
 }
-_MANY = {"plus": "a + b", "times": "a * b", "max": "larger(a, b)", "min": "smaller(a, b)"}
-_ONE_OR_TWO = {"minus": "a - b", "log": "log(a) / log(b)", "root": "power(a, 1.0 / b)"}
-_WITHOUT_SECOND = {"minus": "-a", "log": "log(a) / log(10.0)", "root": "sqrt(a)"}
-_PYTHON = {**_UNARY, **_BINARY, **_MANY, **_ONE_OR_TWO, **_LOGIC}
-OPERATORS = (*_PYTHON, *_RELATIONS, "piecewise")
-_MOST = 200  # operands: Python nests them
+_MANY = {"plus": "({} + {})", "times": "({} * {})", "max": "larger({}, {})", "min": "smaller({}, {})"}
+OPERATORS = (*_ONE, *_TWO, *_MANY, *_LOGIC, *_RELATIONS, "piecewise")
 _CONSTANTS = {"pi": math.pi, "exponentiale": math.e}
 
 
-def variables_of(formula: ast.expr) -> Iterator[str]:
-    """The identifier of every variable that it names, as often as it does."""
-    names = (node.id for node in ast.walk(formula) if isinstance(node, ast.Name))
-    return (name.removeprefix(VARIABLE) for name in names if name.startswith(VARIABLE))
+def free_name(text: str, taken: Iterable[str] = ()) -> str:
+    """A Python name for a text, its own where that is possible."""
+    found = re.sub(r"\W", "_", text, flags=re.ASCII)[:_LONGEST]
+    found = found if found[:1].isalpha() else f"x{found}"
+    while found in _TAKEN or keyword.iskeyword(found) or keyword.issoftkeyword(found) or found in taken:
+        found += "_"
+    return found
 
 
-def read_formula(node: Node) -> ast.expr:
-    """The number that a content element of MathML gives. Raises InputError for what is not in the list."""
+def number(value: float) -> str:
+    """A number as Python reads it."""
+    return repr(float(value)).replace("inf", "1e309")
 
-    def leaf(at: Node) -> ast.expr:
+
+def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
+    """The Python of a content element of MathML, a number, and the variables (varID) that it names.
+
+    ``names``: of the variables in Python. Raises InputError for what is not in the list.
+    """
+    needs: list[str] = []
+
+    def leaf(at: Node) -> str:
         text, kind = at.text, at.attributes.get("type") if at.children else None
         if kind == "rational":
             above, _, below = text.partition(" ")
-            divisor = at.number(below)
-            text = repr(at.number(above) / divisor) if divisor else text
+            text = repr(at.number(above) / (at.number(below) or math.nan))
         elif at.children:
             text = ("e" if kind == "e-notation" else "").join(text.split())
-        return number(at.number(text))
+        return f"({number(at.number(text))})"
 
-    def piecewise(at: Node) -> ast.expr:
+    def piecewise(at: Node) -> str:
         pieces, rest = at.all("piece"), at.first("otherwise")
-        for piece in pieces:
-            if len(piece.children) != 2:
-                raise piece.refuse(f"a piece of {len(piece.children)} elements", "a value and its condition")
-        if rest is None or len(rest.children) != 1 or not pieces:
-            raise at.refuse("a piecewise without a piece or without 'otherwise'", "both: a value everywhere")
+        if rest is None or [len(each.children) for each in (*pieces, rest)] != [2] * len(pieces) + [1]:
+            raise at.refuse("a piecewise", "pieces of a value and its condition, and 'otherwise' with a value")
         found = value(rest.children[0])
         for piece in reversed(pieces):
-            found = fill("a if c else b", a=value(piece.children[0]), b=found, c=truth(piece.children[1]))
+            found = f"({value(piece.children[0])} if {truth(piece.children[1])} else {found})"
         return found
 
-    def power(base: Any, exponent: Any) -> ast.expr:
+    def power(base: str, exponent: str) -> str:
         try:
             known = float(ast.literal_eval(exponent))
         except ValueError:
-            return fill("power(a, b)", a=base, b=exponent)
+            return f"power({base}, {exponent})"
         if known == 0.5:
-            return fill("sqrt(a)", a=base)
-        if known in (2.0, 3.0) and isinstance(base, ast.Name):
-            return fill("a * a" if known == 2.0 else "a * a * a", a=base)
+            return f"sqrt({base})"
+        if known in (2.0, 3.0) and base.isidentifier():
+            return f"({' * '.join([base] * int(known))})"
         if abs(known) <= 64 and known == int(known):  # real for a negative base, too
-            return fill("a ** b", a=base, b=number(int(known)))
-        return fill("power(a, b)", a=base, b=exponent)
+            return f"({base} ** {int(known)})"
+        return f"power({base}, {exponent})"
 
-    def apply(at: Node) -> Any:
+    def apply(at: Node) -> tuple[str, bool]:
         if not at.children:
             raise at.refuse("an empty apply", "an operator and its operands")
         head, *rest = at.children
         if head.name == "piecewise" and not rest:
-            return piecewise(head)
+            return piecewise(head), False
         operator = head.name
         if operator == "csymbol":
             operator = head.text or head.attributes.get("definitionURL", "").rpartition("#")[2]
         if operator not in OPERATORS or operator == "piecewise":
             raise head.refuse(f"the operator '{operator}'", one_of(OPERATORS, operator))
-        qualifiers = {child.name: child for child in rest if child.name in ("degree", "logbase")}
-        given = [child for child in rest if child.name not in qualifiers]
-        for qualifier, child in qualifiers.items():
-            if {"degree": "root", "logbase": "log"}[qualifier] != operator or len(child.children) != 1:
-                found = f"'{qualifier}' in '{operator}'"
-                raise child.refuse(found, "degree of a root or logbase of a log, one element")
-            given.append(child.children[0])
-        fewest = 2 if operator in _BINARY or operator in _RELATIONS else 1
-        most = 2 if operator in _BINARY or operator in _ONE_OR_TWO else _MOST
-        most = 1 if operator in _UNARY or operator == "not" else most
-        if not fewest <= len(given) <= most:
-            raise at.refuse(f"'{operator}' of {len(given)} operands", f"{fewest} to {most}")
-        operands = list(map(truth if operator in _LOGIC else value, given))
-        if operator in _RELATIONS:
-            return ast.Compare(operands[0], [_RELATIONS[operator]()] * (len(given) - 1), operands[1:])
-        if operator == "power":
-            return power(*operands)
-        if most == _MOST:
-            return functools.reduce(lambda a, b: fill(_PYTHON[operator], a=a, b=b), operands)
-        template = _WITHOUT_SECOND.get(operator) if len(operands) == 1 else None
-        return fill(template or _PYTHON[operator], **dict(zip("ab", operands, strict=False)))
+        qualifier = {"root": "degree", "log": "logbase"}.get(operator)
+        given = [child for child in rest if child.name != qualifier]
+        given += [child.children[0] for child in rest if child.name == qualifier and child.children]
+        operands = [(truth if operator in _LOGIC else value)(child) for child in given]
+        if operator in _RELATIONS and len(operands) > 1:
+            return f"({f' {_RELATIONS[operator]} '.join(operands)})", True
+        if operator == "power" and len(operands) == 2:
+            return power(*operands), False
+        if operands and (operator in _MANY or operator in ("and", "or", "xor")):
+            pattern = (_MANY | _LOGIC)[operator]
+            return functools.reduce(pattern.format, operands), operator in _LOGIC
+        patterns = {1: {**_ONE, "not": _LOGIC["not"]}, 2: _TWO}.get(len(operands), {})
+        if operator not in patterns:
+            raise at.refuse(f"'{operator}' of {len(operands)} operands", "as many as it takes")
+        return patterns[operator].format(*operands), operator == "not"
 
-    def read(at: Node) -> Any:
+    def read(at: Node) -> tuple[str, bool]:
+        """The Python, and whether it is true or false and no number."""
         if at.name == "ci":
-            return name(VARIABLE + at.text)
+            if at.text not in names:
+                raise at.refuse(f"a value computed of '{at.text}', which there is not", one_of(names, at.text))
+            needs.append(at.text)
+            return names[at.text], False
         if at.name == "cn":
-            return leaf(at)
+            return leaf(at), False
         if at.name in _CONSTANTS:
-            return number(_CONSTANTS[at.name])
+            return number(_CONSTANTS[at.name]), False
         if at.name in ("true", "false"):
-            return ast.Constant(at.name == "true")
+            return at.name.capitalize(), True
         if at.name == "piecewise":
-            return piecewise(at)
+            return piecewise(at), False
         if at.name == "apply":
             return apply(at)
         raise at.refuse(f"the element '{at.name}'", one_of(("apply", "ci", "cn", "piecewise", *_CONSTANTS), at.name))
 
-    def value(at: Node) -> ast.expr:
-        found = read(at)
-        return fill("1.0 if a else 0.0", a=found) if _is_truth(found) else found
+    def value(at: Node) -> str:
+        text, is_truth = read(at)
+        return f"(1.0 if {text} else 0.0)" if is_truth else text
 
-    def truth(at: Node) -> ast.expr:
-        found = read(at)
-        return found if _is_truth(found) else fill("a != 0.0", a=found)
+    def truth(at: Node) -> str:
+        text, is_truth = read(at)
+        return text if is_truth else f"({text} != 0.0)"
 
-    return value(node)
-
-
-def _is_truth(node: Any) -> bool:
-    """Whether an expression is true or false and no number."""
-    if isinstance(node, ast.UnaryOp | ast.Constant):
-        return isinstance(getattr(node, "value", None), bool) or isinstance(getattr(node, "op", None), ast.Not)
-    return isinstance(node, ast.Compare | ast.BoolOp)
+    return ast.unparse(ast.parse(value(node), mode="eval")), needs

@@ -1,12 +1,11 @@
 """A DAVE-ML file as its graph: variables in the order in which they can be computed, functions, check shots."""
 
-import ast
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from abhv_mc.daveml.formulas import read_formula, variables_of
+from abhv_mc.daveml.formulas import free_name, read_formula
 from abhv_mc.daveml.look_ups import LookUp, read_look_ups
 from abhv_mc.daveml.s119_units import parse_s119_unit
 from abhv_mc.daveml.xml_reader import Node, read_xml
@@ -18,6 +17,7 @@ class Variable:
     """A variable: where its value comes from is its formula or its look-up, else its initial value, else the caller."""
 
     identifier: str  # varID
+    key: str  # its name in Python: its identifier where that is possible
     name: str
     units: str
     sign: str
@@ -25,8 +25,9 @@ class Variable:
     low: float | None  # its value is held within
     high: float | None
     initial: float | None
-    formula: ast.expr | None  # with the variables by their identifiers behind formulas.VARIABLE
+    formula: str | None  # in Python
     look_up: LookUp | None
+    needs: tuple[str, ...]  # variables (varID) that it is computed of
     is_input: bool
     is_output: bool
     line: int
@@ -36,12 +37,11 @@ class Variable:
         """Whether its value follows from others."""
         return self.formula is not None or self.look_up is not None
 
-    def needs(self) -> Iterator[str]:
-        """Identifiers of the variables that it is computed of."""
-        if self.formula is not None:
-            yield from variables_of(self.formula)
-        elif self.look_up is not None:
-            yield from (argument.variable for argument in self.look_up.arguments)
+    @property
+    def words(self) -> str:
+        """Its name, units, sign and description."""
+        sign = f" ({self.sign})" if self.sign else ""
+        return f"{self.name}, {self.units}{sign}" + (f": {self.description}" if self.description else "")
 
 
 @dataclass(frozen=True)
@@ -85,11 +85,10 @@ class Model:
     @property
     def outputs(self) -> list[Variable]:
         """What the file marks as outputs; without marks whatever nothing else is computed of."""
-        marked = [variable for variable in self.variables.values() if variable.is_output]
-        needed = {name for variable in self.variables.values() for name in variable.needs()}
-        return marked or [
-            variable for name, variable in self.variables.items() if name not in needed and not variable.is_input
-        ]
+        everything = self.variables.values()
+        needed = {name for variable in everything for name in variable.needs}
+        left = [variable for variable in everything if variable.identifier not in needed and not variable.is_input]
+        return [variable for variable in everything if variable.is_output] or left
 
 
 def read_model(path: Path) -> Model:
@@ -97,14 +96,16 @@ def read_model(path: Path) -> Model:
     root, content = read_xml(path)
     if root.name != "DAVEfunc":
         raise root.refuse(f"the element '{root.name}'", "a DAVE-ML file: 'DAVEfunc'")
-    look_ups = read_look_ups(root)
-    variables: dict[str, Variable] = {}
+    look_ups, names = read_look_ups(root), _name_variables(root.all("variableDef"))
+    variables = {}
     for node in root.all("variableDef"):
-        variable = _read_variable(node, look_ups)
-        if variable.identifier in variables:
-            raise node.refuse(f"a second variable '{variable.identifier}'", "one")
+        variable = _read_variable(node, look_ups, names)
         variables[variable.identifier] = variable
-    _check_references(path, variables, look_ups)
+    for name, look_up in look_ups.items():
+        for used in (name, *(argument.variable for argument in look_up.arguments)):
+            if used not in variables:
+                found = f"the function '{look_up.name}' of '{used}', which is no variable"
+                raise InputError(path, found, one_of(variables, used), look_up.line)
     header = root.first("fileHeader") or root
     return Model(
         path,
@@ -117,55 +118,46 @@ def read_model(path: Path) -> Model:
     )
 
 
-def _read_variable(node: Node, look_ups: dict[str, LookUp]) -> Variable:
-    identifier = node.attributes.get("varID")
-    if identifier is None:
-        raise node.refuse(f"'{node.name}' without varID", "it")
+def _name_variables(nodes: Iterable[Node]) -> dict[str, str]:
+    """A Python name for each variable's identifier."""
+    names: dict[str, str] = {}
+    for node in nodes:
+        identifier = node.attributes.get("varID")
+        if identifier is None or identifier in names:
+            raise node.refuse(f"'{node.name}' with varID '{identifier}'", "one of its own")
+        names[identifier] = free_name(identifier, names.values())
+    return names
 
-    def bound(name: str) -> float | None:
-        return node.number(node.attributes[name]) if name in node.attributes else None
 
-    formula = None
-    calculation = node.first("calculation")
-    if calculation is not None:
+def _read_variable(node: Node, look_ups: dict[str, LookUp], names: dict[str, str]) -> Variable:
+    identifier = node.attributes["varID"]
+    look_up, formula = look_ups.get(identifier), None
+    needs = [argument.variable for argument in look_up.arguments] if look_up else []
+    if (calculation := node.first("calculation")) is not None:
         maths = calculation.first("math")
-        if maths is None or len(maths.children) != 1:
-            raise calculation.refuse("a calculation", "one MathML element in 'math'")
-        formula = read_formula(maths.children[0])
-    look_up = look_ups.get(identifier)
-    if formula is not None and look_up is not None:
-        found = f"a calculation and the function '{look_up.name}', both of '{identifier}'"
-        raise node.refuse(found, "one of them")
+        if maths is None or len(maths.children) != 1 or look_up is not None:
+            found = "a calculation and a function" if look_up else "a calculation"
+            raise calculation.refuse(f"{found} of '{identifier}'", "one function, or one MathML element in 'math'")
+        formula, needs = read_formula(maths.children[0], names)
     marked = any(node.first(name) is not None for name in ("isInput", "isControl", "isDisturbance", "isState"))
-    initial = bound("initialValue")
-    computed = formula is not None or look_up is not None
+    initial = node.bound("initialValue")
     return Variable(
         identifier,
+        names[identifier],
         node.attributes.get("name", identifier),
         node.attributes.get("units", "nd"),
         node.attributes.get("sign", ""),
         node.words("description"),
-        bound("minValue"),
-        bound("maxValue"),
+        node.bound("minValue"),
+        node.bound("maxValue"),
         initial,
         formula,
         look_up,
-        not computed and (marked or initial is None),
+        tuple(needs),
+        formula is None and look_up is None and (marked or initial is None),
         node.first("isOutput") is not None,
         node.line,
     )
-
-
-def _check_references(path: Path, variables: dict[str, Variable], look_ups: dict[str, LookUp]) -> None:
-    for variable in variables.values():
-        for name in variable.needs():
-            if name not in variables:
-                found = f"'{variable.identifier}' computed of '{name}', which there is not"
-                raise InputError(path, found, one_of(variables, name), variable.line)
-    for name, look_up in look_ups.items():
-        if name not in variables:
-            found = f"the function '{look_up.name}' of '{name}', which is no variable"
-            raise InputError(path, found, one_of(variables, name), look_up.line)
 
 
 def _in_order(path: Path, variables: dict[str, Variable]) -> dict[str, Variable]:
@@ -175,7 +167,7 @@ def _in_order(path: Path, variables: dict[str, Variable]) -> dict[str, Variable]
         pending = [start]
         while pending:
             name = pending[-1]
-            waiting = [needed for needed in variables[name].needs() if needed not in done]
+            waiting = [needed for needed in variables[name].needs if needed not in done]
             if name in done or not waiting:
                 done.setdefault(name, variables[name])
                 pending.pop()
@@ -190,30 +182,21 @@ def _in_order(path: Path, variables: dict[str, Variable]) -> dict[str, Variable]
 def _read_shot(shot: Node, variables: dict[str, Variable]) -> CheckShot:
     by_name = {variable.name: variable.identifier for variable in variables.values()}
 
-    def values(group: str) -> tuple[CheckValue, ...]:
-        found = []
-        for signal in (node for part in shot.all(group) for node in part.all("signal")):
-            name, identified = signal.words("signalName"), signal.words("varID") or signal.words("signalID")
+    def read(signal: Node) -> CheckValue:
+        name, identified = signal.words("signalName"), signal.words("varID") or signal.words("signalID")
+        identifier = identified if identified in variables else by_name.get(name, name)
+        if identifier not in variables:
             given = name or identified
-            identifier = identified if identified in variables else by_name.get(name, name)
-            if identifier not in variables:
-                known = one_of((*by_name, *variables), given)
-                raise signal.refuse(f"the signal '{given}'", known)
-            factor = _conversion(signal, variables[identifier])
-            tolerance = signal.words("tol")
-            found.append(
-                CheckValue(
-                    identifier,
-                    factor * signal.number(signal.words("signalValue")),
-                    abs(factor) * signal.number(tolerance) if tolerance else None,
-                    signal.line,
-                )
-            )
-        return tuple(found)
+            raise signal.refuse(f"the signal '{given}'", one_of((*by_name, *variables), given))
+        factor, tolerance = _conversion(signal, variables[identifier]), signal.words("tol")
+        allowed = abs(factor) * signal.number(tolerance) if tolerance else None
+        return CheckValue(identifier, factor * signal.number(signal.words("signalValue")), allowed, signal.line)
 
-    return CheckShot(
-        shot.attributes.get("name", "shot"), values("checkInputs"), values("internalValues"), values("checkOutputs")
-    )
+    groups = [
+        tuple(read(signal) for part in shot.all(group) for signal in part.all("signal"))
+        for group in ("checkInputs", "internalValues", "checkOutputs")
+    ]
+    return CheckShot(shot.attributes.get("name", "shot"), *groups)
 
 
 def _conversion(signal: Node, variable: Variable) -> float:
@@ -226,6 +209,5 @@ def _conversion(signal: Node, variable: Variable) -> float:
     except Refusal:
         dimension, own_dimension = (1, 0, 0, 0), (0, 0, 0, 0)
     if dimension != own_dimension:
-        found = f"'{variable.name}' in '{units}'"
-        raise signal.refuse(found, f"'{variable.units}', as the variable is")
+        raise signal.refuse(f"'{variable.name}' in '{units}'", f"'{variable.units}', as the variable is")
     return given / own

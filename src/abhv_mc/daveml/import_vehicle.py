@@ -19,10 +19,9 @@ from abhv_mc.daveml.adapters import (
     write_thrust,
 )
 from abhv_mc.daveml.graph import Model, Variable, read_model
-from abhv_mc.daveml.python_nodes import Block, Line
 from abhv_mc.daveml.shots import make_function, run_shots
 from abhv_mc.daveml.signals import find_signals, kinds_of, quantity_of
-from abhv_mc.daveml.writer import describe_variable, python_names, write_module
+from abhv_mc.daveml.writer import Line, write_module
 from abhv_mc.daveml.xml_reader import fold
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.documents import read_document
@@ -94,7 +93,7 @@ def _write_questions(questions: Mapping[str, Mapping[str, tuple[Variable, Answer
         lines += [f"{json.dumps(name, ensure_ascii=False)}:"] if asked else []
         for key, (variable, value) in asked.items():
             lines += [
-                f"  # {describe_variable(variable)}",
+                f"  # {variable.words}",
                 f"  {json.dumps(key, ensure_ascii=False)}: {'' if value is None else value}".rstrip(),
             ]
     return "\n".join(lines) + "\n"
@@ -106,7 +105,7 @@ def _write_parts(models: Sequence[Model], kinds: Mapping[str, tuple[str, ...]], 
     texts: dict[str, str] = {}
     sections: dict[str, str] = {}
     for model in models:
-        extra: list[Line | Block] = []
+        extra: list[Line] = []
         module = f"{_plain(model.path.stem)}.py"
         for kind in kinds[model.path.name]:
             given = answers[model.path.name]
@@ -114,7 +113,7 @@ def _write_parts(models: Sequence[Model], kinds: Mapping[str, tuple[str, ...]], 
                 extra += write_coefficients(model, given, span, chord)
                 sections[kind] = f"  python: {module}\n  function: coefficients\n  frame: {frame_of(model)}"
             elif kind == "propulsion":
-                extra.append(write_thrust(model, given))
+                extra += write_thrust(model, given)
                 sections[kind] = f"  python: {module}\n  function: thrust\n  throttle: [0, 1]\n  ideal: true"
             elif kind == "control":
                 extra += write_law(model, given)
@@ -134,12 +133,11 @@ def _constants(models: Sequence[Model], answers: Answers) -> dict[str, float]:
         outputs = {name: variable for name, variable in find_signals(model.outputs).items() if name in expected}
         if not outputs:
             continue
-        names = python_names(model)
-        given = {v.identifier: answers[model.path.name].get(v.identifier, v.initial) for v in model.inputs}
-        numbers = {names[key]: value if isinstance(value, float | int) else 0.0 for key, value in given.items()}
+        given = {v.key: answers[model.path.name].get(v.identifier, v.initial) for v in model.inputs}
+        numbers = {key: value if isinstance(value, float | int) else 0.0 for key, value in given.items()}
         made: Any = make_function(model)(**numbers) if any(v.computed for v in outputs.values()) else None
         for name, variable in outputs.items():
-            value = getattr(made, names[variable.identifier]) if variable.computed else variable.initial
+            value = getattr(made, variable.key) if variable.computed else variable.initial
             found.setdefault(name, float(value or 0.0) * factor_to_si(model, variable, name))
     return found
 
@@ -187,9 +185,7 @@ def _limits(models: Sequence[Model]) -> list[str]:
                 if given.computed or quantity not in ends:
                     continue
                 degree = math.degrees(factor_to_si(model, given, quantity))
-                points = (
-                    look_up.table.grids[axis].points if look_up.table.points is None else look_up.table.points[:, axis]
-                )
+                points = look_up.coordinates(axis)
                 ends[quantity] += [degree * float(points.min()), degree * float(points.max())]
     lines = []
     if ends["angle_of_attack"]:
@@ -200,19 +196,19 @@ def _limits(models: Sequence[Model]) -> list[str]:
 
 
 def _controller(model: Model, module: str) -> str:
-    names = python_names(model)
     lines = [
         f"# The control law of {fold(model.path.name)}; commands change at times: {{0 s: ..., 5 s: ...}}.",
         "law: python",
+        f"file: {module}",
+        "rate: 200 Hz",
     ]
-    lines += [f"file: {module}", "rate: 200 Hz"]
     commands = command_inputs(model)
     lines += ["commands:"] if commands else []
     for variable in commands:
         unit = command_unit(variable)
         value = f"{variable.initial or 0.0!r}"
         written = {"m": "ft", "m/s": "kt", "rad": "deg"}.get(unit) if variable.units in ("ft", "nmi_h", "deg") else unit
-        lines.append(f"  {names[variable.identifier]}: {value}{'' if unit == '-' else f' {written}'} # {variable.name}")
+        lines.append(f"  {variable.key}: {value}{'' if unit == '-' else f' {written}'} # {variable.name}")
     return "\n".join(lines) + "\n"
 
 

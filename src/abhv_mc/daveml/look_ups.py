@@ -1,6 +1,7 @@
 """Functions of a DAVE-ML file: gridded and ungridded tables over breakpoints, and how far each argument goes."""
 
 import itertools
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,10 @@ from abhv_mc.array_types import Floats
 from abhv_mc.daveml.xml_reader import Node
 from abhv_mc.io.input_error import one_of
 
+Grids = tuple[tuple[str, Floats], ...]  # breakpoints of each axis: their name, and numbers that rise
+_Held = tuple[str, str, Grids, Floats | None, Floats]  # name, description, grids, scattered points, values
 _EXTRAPOLATE = ("neither", "min", "max", "both")
+_GRIDDED, _UNGRIDDED = ("griddedTableDef", "griddedTable"), ("ungriddedTableDef", "ungriddedTable")
 
 
 @dataclass(frozen=True)
@@ -23,160 +27,125 @@ class Argument:
 
 
 @dataclass(frozen=True)
-class Grid:
-    """Breakpoints of one axis: their identifier, and the numbers that rise."""
-
-    name: str
-    points: Floats
-
-
-@dataclass(frozen=True)
-class TableData:
-    """Values ``[axis_0, axis_1, ...]`` on grids; scattered, ``points`` [point, axis] and values [point]."""
-
-    name: str
-    grids: tuple[Grid, ...]
-    points: Floats | None
-    values: Floats
-    description: str
-
-
-@dataclass(frozen=True)
 class LookUp:
-    """The function that gives one variable."""
+    """The function that gives one variable: a table on grids, or scattered points."""
 
     name: str
-    description: str
+    title: str
+    table: str  # its name
     arguments: tuple[Argument, ...]
-    table: TableData
+    grids: Grids
+    points: Floats | None  # [point, axis], where they are scattered
+    values: Floats  # [axis_0, axis_1, ...], or [point]
     line: int
+
+    def coordinates(self, axis: int) -> Floats:
+        """Where the table has values along an axis."""
+        return self.grids[axis][1] if self.points is None else self.points[:, axis]
 
 
 def read_look_ups(root: Node) -> dict[str, LookUp]:
     """Every function by the variable that it gives (varID). Raises InputError."""
-    reader = _Tables(root)
+    grids = {node.attributes.get("bpID", ""): _rising(node, node.first("bpVals") or node)
+             for node in root.all("breakpointDef")}  # fmt: skip
+    tables = {_key(node): node for node in _descendants(root) if node.name in (*_GRIDDED, *_UNGRIDDED)}
     found: dict[str, LookUp] = {}
     for node in root.all("function"):
-        given, look_up = reader.read_function(node)
-        if given in found:
-            raise node.refuse(f"a second function of '{given}'", "one")
-        found[given] = look_up
+        given = node.first("dependentVarPts") or node.first("dependentVarRef")
+        name = node.attributes.get("name", "function")
+        if given is None or "varID" not in given.attributes:
+            raise node.refuse(f"the function '{name}' of nothing", "dependentVarRef with its varID")
+        arguments = tuple(map(_read_argument, node.all("independentVarRef", "independentVarPts")))
+        if given.name == "dependentVarPts":  # it holds its points itself
+            parts = node.all("independentVarPts")
+            axes = tuple((part.attributes.get("varID", ""), _rising(part, part)) for part in parts)
+            held: _Held = name, "", axes, None, _shaped(given, axes)
+        else:
+            held = _read_table(_find_table(node, tables), grids, len(arguments))
+        table, title, axes, points, values = held
+        number = len(axes) if points is None else points.shape[1]
+        if len(arguments) != number:
+            raise node.refuse(f"{len(arguments)} arguments of a table of {number} axes", "as many")
+        variable = given.attributes["varID"]
+        if variable in found:
+            raise node.refuse(f"a second function of '{variable}'", "one")
+        title = node.words("description") or title or name
+        found[variable] = LookUp(name, title, table, arguments, axes, points, values, node.line)
     return found
 
 
-class _Tables:
-    def __init__(self, root: Node) -> None:
-        self._grids: dict[str, Grid] = {}
-        for node in root.all("breakpointDef"):
-            name = node.attributes.get("bpID", "")
-            points = _numbers(node.first("bpVals") or node)
-            self._grids[name] = Grid(name, _rising(node, points))
-        self._definitions: dict[str, Node] = {}
-        for node in _descendants(root):
-            key = node.attributes.get("gtID") or node.attributes.get("utID") or node.attributes.get("utId")
-            if key and node.name in ("griddedTableDef", "ungriddedTableDef", "griddedTable", "ungriddedTable"):
-                self._definitions[key] = node
+def _key(node: Node) -> str:
+    attributes = node.attributes
+    return attributes.get("gtID") or attributes.get("utID") or attributes.get("utId") or ""
 
-    def read_function(self, node: Node) -> tuple[str, LookUp]:
-        name = node.attributes.get("name", "function")
-        arguments, table = self._read_points(node, name) if node.first("dependentVarPts") else self._read_refs(node)
-        given = node.first("dependentVarPts") or node.first("dependentVarRef")
-        if given is None or "varID" not in given.attributes:
-            raise node.refuse(f"the function '{name}' of nothing", "dependentVarRef with its varID")
-        axes = len(table.grids) if table.points is None else table.points.shape[1]
-        if len(arguments) != axes:
-            raise node.refuse(f"{len(arguments)} arguments of a table of {axes} axes", "as many")
-        return given.attributes["varID"], LookUp(name, node.words("description"), arguments, table, node.line)
 
-    def _read_refs(self, node: Node) -> tuple[tuple[Argument, ...], TableData]:
-        definition = node.first("functionDefn")
-        if definition is None:
-            raise node.refuse("a function without a definition", "functionDefn, or points")
-        kinds = ("griddedTableDef", "griddedTable", "ungriddedTableDef", "ungriddedTable")
-        tables = definition.all(*kinds)
-        for reference in definition.all("griddedTableRef", "ungriddedTableRef"):
-            attributes = reference.attributes
-            key = attributes.get("gtID") or attributes.get("utID") or attributes.get("utId") or ""
-            if key not in self._definitions:
-                raise reference.refuse(f"the table '{key}'", one_of(self._definitions, key))
-            tables.append(self._definitions[key])
-        if len(tables) != 1:
-            raise definition.refuse(f"{len(tables)} tables", "one gridded or ungridded table")
-        arguments = tuple(self._argument(reference) for reference in node.all("independentVarRef"))
-        gridded = tables[0].name in kinds[:2]
-        return arguments, self._gridded(tables[0]) if gridded else self._ungridded(tables[0], len(arguments))
+def _read_argument(node: Node) -> Argument:
+    attributes = node.attributes
+    extrapolate = attributes.get("extrapolate", "neither")
+    if extrapolate not in _EXTRAPOLATE:
+        raise node.refuse(f"extrapolate '{extrapolate}'", one_of(_EXTRAPOLATE, extrapolate))
+    if attributes.get("interpolate", "linear") != "linear":
+        raise node.refuse(f"interpolation '{attributes['interpolate']}'", "'linear'")
+    return Argument(attributes.get("varID", ""), node.bound("min"), node.bound("max"), extrapolate)
 
-    def _read_points(self, node: Node, name: str) -> tuple[tuple[Argument, ...], TableData]:
-        """A function that holds its points itself."""
-        parts = node.all("independentVarPts")
-        grids = tuple(Grid(part.attributes.get("varID", ""), _rising(part, _numbers(part))) for part in parts)
-        values = node.first("dependentVarPts") or node
-        shaped = _shaped(values, _numbers(values), grids)
-        return tuple(self._argument(part) for part in parts), TableData(name, grids, None, shaped, "")
 
-    def _argument(self, node: Node) -> Argument:
-        attributes = node.attributes
-        extrapolate = attributes.get("extrapolate", "neither")
-        if extrapolate not in _EXTRAPOLATE:
-            raise node.refuse(f"extrapolate '{extrapolate}'", one_of(_EXTRAPOLATE, extrapolate))
-        if attributes.get("interpolate", "linear") != "linear":
-            raise node.refuse(f"interpolation '{attributes['interpolate']}'", "'linear'")
-        ends = []
-        for key in ("min", "max"):
-            ends.append(node.number(attributes[key]) if key in attributes else None)
-        return Argument(attributes.get("varID", ""), ends[0], ends[1], extrapolate)
+def _find_table(node: Node, known: Mapping[str, Node]) -> Node:
+    definition = node.first("functionDefn") or node
+    tables = definition.all(*_GRIDDED, *_UNGRIDDED)
+    for reference in definition.all("griddedTableRef", "ungriddedTableRef"):
+        if _key(reference) not in known:
+            raise reference.refuse(f"the table '{_key(reference)}'", one_of(known, _key(reference)))
+        tables.append(known[_key(reference)])
+    if len(tables) != 1:
+        raise definition.refuse(f"{len(tables)} tables", "one gridded or ungridded table")
+    return tables[0]
 
-    def _gridded(self, node: Node) -> TableData:
-        references = [part.attributes.get("bpID", "") for part in (node.first("breakpointRefs") or node).all("bpRef")]
-        for key in references:
-            if key not in self._grids:
-                raise node.refuse(f"the breakpoints '{key}'", one_of(self._grids, key))
-        grids = tuple(self._grids[key] for key in references)
-        data = node.first("dataTable") or node
-        name = node.attributes.get("name") or node.attributes.get("gtID") or "table"
-        return TableData(name, grids, None, _shaped(data, _numbers(data), grids), node.words("description"))
 
-    def _ungridded(self, node: Node, axes: int) -> TableData:
-        """Scattered points; points that fill a grid are a table like any other."""
-        rows = [_numbers(point) for point in node.all("dataPoint")]
-        if len(rows) < 2 or any(row.size != axes + 1 for row in rows):
-            raise node.refuse("an ungridded table", f"points of {axes} coordinates and a value each")
-        array = np.array(rows)
-        points, values = array[:, :-1], array[:, -1]
-        name = node.attributes.get("name") or node.attributes.get("utID") or "table"
-        axis_points = [np.unique(column) for column in points.T]
-        order = np.lexsort(points.T[::-1])
-        if len(rows) == np.prod([axis.size for axis in axis_points]) and np.array_equal(
-            points[order], np.array(list(itertools.product(*axis_points)))
-        ):
-            grids = tuple(Grid(f"{name}_{i}", axis) for i, axis in enumerate(axis_points))
-            shape = [axis.size for axis in axis_points]
-            return TableData(name, grids, None, values[order].reshape(shape), node.words("description"))
-        if len(np.unique(points, axis=0)) != len(points):
-            raise node.refuse("a point twice", "each point once")
-        return TableData(name, (), points, values, node.words("description"))
+def _read_table(node: Node, grids: Mapping[str, Floats], arguments: int) -> _Held:
+    """Name, description, grids, scattered points and values; points that fill a grid are a table like any other."""
+    name, title = node.attributes.get("name") or _key(node) or "table", node.words("description")
+    if node.name in _GRIDDED:
+        keys = [part.attributes.get("bpID", "") for part in (node.first("breakpointRefs") or node).all("bpRef")]
+        for key in keys:
+            if key not in grids:
+                raise node.refuse(f"the breakpoints '{key}'", one_of(grids, key))
+        axes = tuple((key, grids[key]) for key in keys)
+        return name, title, axes, None, _shaped(node.first("dataTable") or node, axes)
+    rows = [_numbers(point) for point in node.all("dataPoint")]
+    if len(rows) < 2 or any(row.size != arguments + 1 for row in rows):
+        raise node.refuse("an ungridded table", f"points of {arguments} coordinates and a value each")
+    points, values = np.split(np.array(rows), [-1], axis=1)
+    order = np.lexsort(points.T[::-1])
+    along = [np.unique(column) for column in points.T]
+    shape = [axis.size for axis in along]
+    if len(rows) == np.prod(shape) and np.array_equal(points[order], np.array(list(itertools.product(*along)))):
+        axes = tuple((f"{name}_{i}", axis) for i, axis in enumerate(along))
+        return name, title, axes, None, values[order].reshape(shape)
+    if len(np.unique(points, axis=0)) != len(points):
+        raise node.refuse("a point twice", "each point once")
+    return name, title, (), points, values[:, 0]
 
 
 def _numbers(node: Node) -> Floats:
     return np.array([node.number(word) for word in node.text.replace(",", " ").replace(";", " ").split()])
 
 
-def _rising(node: Node, points: Floats) -> Floats:
+def _rising(node: Node, held: Node) -> Floats:
+    points = _numbers(held)
     if points.size < 2 or not (np.diff(points) > 0.0).all():
         raise node.refuse("breakpoints that do not rise", "at least two numbers that rise")
     return points
 
 
-def _shaped(node: Node, values: Floats, grids: tuple[Grid, ...]) -> Floats:
-    shape = [grid.points.size for grid in grids]
-    if not grids or values.size != np.prod(shape):
-        expected = f"{' x '.join(map(str, shape))}, as its breakpoints" if grids else "breakpoints"
+def _shaped(node: Node, axes: Grids) -> Floats:
+    values, shape = _numbers(node), [points.size for _, points in axes]
+    if not axes or values.size != np.prod(shape):
+        expected = f"{' x '.join(map(str, shape))}, as its breakpoints" if axes else "breakpoints"
         raise node.refuse(f"a table of {values.size} values", expected)
     return values.reshape(shape)
 
 
-def _descendants(node: Node) -> list[Node]:
-    found = []
+def _descendants(node: Node) -> Iterator[Node]:
     for child in node.children:
-        found += [child, *_descendants(child)]
-    return found
+        yield child
+        yield from _descendants(child)

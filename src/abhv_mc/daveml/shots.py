@@ -5,8 +5,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
+from abhv_mc.daveml.formulas import MODEL
 from abhv_mc.daveml.graph import Model
-from abhv_mc.daveml.writer import MODEL, python_names, write_module
+from abhv_mc.daveml.writer import write_module
 from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc.user_code.module import run_module
 from abhv_mc.user_code.source import UserSource
@@ -27,17 +28,16 @@ def run_shots(model: Model) -> None:
     """
     checked = {signal.identifier for shot in model.shots for signal in (*shot.internals, *shot.outputs)}
     seen = {key: replace(v, is_output=v.is_output or key in checked) for key, v in model.variables.items()}
-    model = replace(model, variables=seen)
-    errors = list(_differences(model, make_function(model), python_names(model))) if model.shots else []
+    errors = list(_differences(replace(model, variables=seen))) if model.shots else []
     if errors:
         raise InputErrors(errors)
 
 
-def _differences(model: Model, function: Callable[..., Any], names: dict[str, str]) -> Iterator[InputError]:
-    known = {variable.identifier for variable in model.inputs}
+def _differences(model: Model) -> Iterator[InputError]:
+    function, known = make_function(model), {variable.identifier: variable.key for variable in model.inputs}
     for shot in model.shots:
-        given = {names[signal.identifier]: signal.value for signal in shot.inputs if signal.identifier in known}
-        missing = [v.name for v in model.inputs if v.initial is None and names[v.identifier] not in given]
+        given = {known[signal.identifier]: signal.value for signal in shot.inputs if signal.identifier in known}
+        missing = [v.name for v in model.inputs if v.initial is None and v.key not in given]
         if missing:
             line = shot.inputs[0].line if shot.inputs else None
             yield InputError(model.path, f"the check shot '{shot.name}' without {', '.join(missing)}", "it", line)
@@ -45,7 +45,7 @@ def _differences(model: Model, function: Callable[..., Any], names: dict[str, st
         found_values = function(**given)
         internals = [signal for signal in shot.internals if signal.tolerance is not None]
         for signal in (*internals, *shot.outputs):
-            value = float(getattr(found_values, names[signal.identifier]))
+            value = float(getattr(found_values, model.variables[signal.identifier].key))
             allowed = _WITHOUT_TOLERANCE * max(1.0, abs(signal.value)) if signal.tolerance is None else signal.tolerance
             if not math.isfinite(value) or abs(value - signal.value) > allowed:
                 found = f"{value!r} for '{signal.identifier}' in the check shot '{shot.name}'"

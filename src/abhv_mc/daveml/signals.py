@@ -1,4 +1,4 @@
-"""Which S-119 signals carry what a vehicle needs: their names, with the synonyms that are in use, and the signs."""
+"""Which S-119 signals carry what a vehicle needs: their names, with the synonyms that are in use, signs and units."""
 
 import re
 from collections.abc import Iterable

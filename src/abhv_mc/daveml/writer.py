@@ -1,161 +1,202 @@
-"""A model as readable Python: its tables, its constants and one function from its inputs to its outputs."""
+"""A model as readable Python: its tables, its constants and one function from its inputs to its outputs.
+
+The text is made of this program's own words, of identifiers and of numbers; a file's words are comments and docstrings,
+which the reader has folded so that they end neither.
+"""
 
 import ast
-import builtins
-import copy
-import keyword
-import re
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from abhv_mc import extend
-from abhv_mc.daveml import python_nodes as py
-from abhv_mc.daveml.formulas import VARIABLE
+from abhv_mc.daveml.formulas import FROM_MATH, MODEL, OUTPUTS, free_name, number
 from abhv_mc.daveml.graph import Model, Variable
-from abhv_mc.daveml.look_ups import Argument, LookUp
+from abhv_mc.daveml.look_ups import LookUp
 from abhv_mc.daveml.xml_reader import fold
 
-FROM_MATH = ("ceil", "floor", "fmod", "trunc")
-OUTPUTS, MODEL = "Outputs", "model"
-_OWN = (OUTPUTS, MODEL, "NamedTuple", "DEGREE", "SPAN", "CHORD", "Commands", "coefficients", "thrust", "law", "out")
-_TAKEN = {*dir(builtins), *extend.__all__, *FROM_MATH, *_OWN}
-_LONGEST = 60  # letters of a name
+WIDTH = 116
+_INDENT = "    "
 
 
-def python_names(model: Model) -> dict[str, str]:
-    """A Python name for each variable's identifier: its own where that is possible."""
-    names: dict[str, str] = {}
-    for identifier in model.variables:
-        names[identifier] = free_name(identifier, names.values())
-    return names
+class Line(NamedTuple):
+    """A statement or head, and the words about it: one line, printable."""
+
+    text: str
+    words: str = ""
+    indent: str = ""
 
 
-def free_name(text: str, taken: Iterable[str] = ()) -> str:
-    """A Python name for a text, its own where that is possible."""
-    found = re.sub(r"\W", "_", text, flags=re.ASCII)[:_LONGEST]
-    found = found if found[:1].isalpha() else f"x{found}"
-    while found in _TAKEN or keyword.iskeyword(found) or keyword.issoftkeyword(found) or found in taken:
-        found += "_"
-    return found
+def call(function: str, arguments: Iterable[str]) -> str:
+    """A call."""
+    return f"{function}({', '.join(arguments)})"
 
 
-def write_module(model: Model, extra: Sequence[py.Line | py.Block] = ()) -> str:
+def define(head: str, docstring: str, body: Iterable[Line]) -> list[Line]:
+    """A function or class of the module."""
+    inner = [Line(f'"""{docstring}"""'), *body]
+    return [Line(head), *(line._replace(indent=_INDENT) for line in inner)]
+
+
+def declare(field: str, words: str, value: float | None = None) -> Line:
+    """A field of a class of floats."""
+    return Line(f"{field}: float" + ("" if value is None else f" = {number(value)}"), words)
+
+
+def names_in(lines: Iterable[Line]) -> set[str]:
+    """Every name that is read."""
+    tree = ast.parse("\n".join(line.indent + line.text for line in lines))
+    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+
+
+def write_module(model: Model, extra: Sequence[Line] = ()) -> str:
     """The text of the module; ``extra`` stands behind the model's function."""
-    names = python_names(model)
-    tables, functions = _tables(model, names)
-    constants: list[py.Line] = []
-    lines: list[py.Line] = []
+    tables, functions = _tables(model)
+    constants: list[Line] = []
+    body: list[Line] = []
     for variable in model.variables.values():
-        value = _value(variable, names, functions)
+        value = _value(variable, model, functions)
         if value is not None:
-            line = py.assign(names[variable.identifier], value, describe_variable(variable))
-            (lines if variable.computed or variable.is_input else constants).append(line)
-    outputs = [py.declare(names[v.identifier], f"{v.name}, {v.units}") for v in model.outputs]
-    returned = ast.Return(py.call(OUTPUTS, *(py.name(names[v.identifier]) for v in model.outputs)))
-    function = py.define(f"def {MODEL}():", _docstring(model, names), [*lines, py.Line(returned)])
-    function.head.args.args = [ast.arg(names[v.identifier]) for v in model.inputs]
-    function.head.args.defaults = [py.number(v.initial) for v in model.inputs if v.initial is not None]
-    gives = py.define(f"class {OUTPUTS}(NamedTuple):", "What the model gives.", outputs)
-    body = [*constants, *tables, gives, function, *extra]
-    head = ast.Module([ast.Expr(ast.Constant(_head(model)))], [])
-    return py.write_python(py.Block(head, [*_imports(set(py.names_in(body))), *body]))
+            line = Line(f"{variable.key} = {value}", variable.words)
+            (body if variable.computed or variable.is_input else constants).append(line)
+    body.append(Line(f"return {call(OUTPUTS, (v.key for v in model.outputs))}"))
+    given = (v.key if v.initial is None else f"{v.key}={number(v.initial)}" for v in model.inputs)
+    outputs = [declare(v.key, f"{v.name}, {v.units}") for v in model.outputs]
+    lines = [
+        *constants,
+        *tables,
+        *define(f"class {OUTPUTS}(NamedTuple):", "What the model gives.", outputs),
+        *define(f"def {call(MODEL, given)}:", _docstring(model), body),
+        *extra,
+    ]
+    return _lay_out(_head(model), [*_imports(names_in(lines)), *lines])
 
 
 def _head(model: Model) -> str:
     version = f" ({model.version})" if model.version else ""
     origin = f"Imported from {fold(model.path.name)}{version}, SHA-256 {model.digest}."
     parts = filter(None, (model.name.rstrip(".") + ".", model.description, origin))
-    return "\n\n".join(textwrap.fill(part, py.WIDTH) for part in parts) + "\n"
+    return "\n\n".join(textwrap.fill(part, WIDTH) for part in parts)
 
 
-def _imports(used: set[str]) -> Iterator[py.Line]:
+def _imports(used: set[str]) -> Iterator[Line]:
     for module, known in (("math", FROM_MATH), ("typing", ("NamedTuple",)), ("abhv_mc.extend", extend.__all__)):
         if found := sorted(used & set(known)):
-            yield py.Line(ast.ImportFrom(module, [ast.alias(one) for one in found], 0))
+            yield Line(f"from {module} import {', '.join(found)}")
     if "DEGREE" in used:
-        yield py.assign("DEGREE", py.fill("3.141592653589793 / 180.0"), "rad")
+        yield Line("DEGREE = 3.141592653589793 / 180.0", "rad")
 
 
-def describe_variable(variable: Variable) -> str:
-    """Its name, units, sign and description."""
-    sign = f" ({variable.sign})" if variable.sign else ""
-    what = f"{variable.name}, {variable.units}{sign}"
-    return f"{what}: {variable.description}" if variable.description else what
-
-
-def _value(variable: Variable, names: dict[str, str], functions: dict[str, str]) -> ast.expr | None:
+def _value(variable: Variable, model: Model, functions: dict[str, str]) -> str | None:
     """What a variable is set to; None for an input without limits."""
+    value = variable.key
     if variable.formula is not None:
-        values = {VARIABLE + identifier: py.name(text) for identifier, text in names.items()}
-        value: ast.expr = py.substitute(copy.deepcopy(variable.formula), values)
+        value = variable.formula
     elif variable.look_up is not None:
-        arguments = [_held(names[a.variable], a, variable.look_up, i) for i, a in enumerate(variable.look_up.arguments)]
-        value = py.call(functions[variable.identifier], *arguments)
+        arguments = (_held(model, variable.look_up, axis) for axis in range(len(variable.look_up.arguments)))
+        value = call(functions[variable.identifier], arguments)
     elif not variable.is_input:
-        return py.number(variable.initial or 0.0)
+        return number(variable.initial or 0.0)
     elif variable.low is None and variable.high is None:
         return None
-    else:
-        value = py.name(names[variable.identifier])
-    return _limited(value, variable.low, variable.high)
+    limited = _limited(value, variable.low, variable.high)
+    too_long = limited == variable.formula and len(f"{_INDENT}{variable.key} = {limited}") > WIDTH
+    return f"({limited})" if too_long else limited
 
 
-def _limited(value: ast.expr, low: float | None, high: float | None) -> ast.expr:
+def _limited(value: str, low: float | None, high: float | None) -> str:
     if low is not None and high is not None:
-        return py.call("clamp", value, py.number(low), py.number(high))
+        return f"clamp({value}, {number(low)}, {number(high)})"
     if low is not None:
-        return py.call("larger", value, py.number(low))
-    return value if high is None else py.call("smaller", value, py.number(high))
+        return f"larger({value}, {number(low)})"
+    return value if high is None else f"smaller({value}, {number(high)})"
 
 
-def _held(text: str, argument: Argument, look_up: LookUp, axis: int) -> ast.expr:
+def _held(model: Model, look_up: LookUp, axis: int) -> str:
     """An argument within the function's range, where that is narrower than the table."""
-    points = look_up.table.points
-    ends = look_up.table.grids[axis].points[[0, -1]] if points is None else np.array([-np.inf, np.inf])
+    argument = look_up.arguments[axis]
+    ends = look_up.coordinates(axis)[[0, -1]] if look_up.points is None else np.array([-np.inf, np.inf])
     low = argument.low if argument.extrapolate in ("neither", "max") else None
     high = argument.high if argument.extrapolate in ("neither", "min") else None
-    value = py.name(text) if low is None or low <= ends[0] else py.call("larger", py.name(text), py.number(low))
-    return value if high is None or high >= ends[1] else py.call("smaller", value, py.number(high))
+    value = _limited(model.variables[argument.variable].key, None if low is None or low <= ends[0] else low, None)
+    return _limited(value, None, None if high is None or high >= ends[1] else high)
 
 
-def _tables(model: Model, names: dict[str, str]) -> tuple[list[py.Line], dict[str, str]]:
+def _tables(model: Model) -> tuple[list[Line], dict[str, str]]:
     """Breakpoints and tables, each once; and the name of each variable's table."""
-    found: dict[str, py.Line] = {}
+    taken = [variable.key for variable in model.variables.values()]
+    found: dict[str, Line] = {}
     functions: dict[str, str] = {}
 
-    def add(wanted: str, value: ast.expr, words: str = "") -> str:
-        key = free_name(wanted, names.values())
-        while key in found and ast.dump(value) != ast.dump(found[key].statement.value):
+    def add(expected: str, value: str, words: str = "") -> str:
+        key = free_name(expected, taken)
+        while key in found and found[key].text != f"{key} = {value}":
             key += "_"
-        found.setdefault(key, py.assign(key, value, words))
+        found.setdefault(key, Line(f"{key} = {value}", words))
         return key
 
-    for variable in model.variables.values():
+    for identifier, variable in model.variables.items():
         look_up = variable.look_up
         if look_up is None:
             continue
-        data, title = look_up.table, look_up.description or look_up.table.description or look_up.name
-        if data.points is None:
-            axes = [py.name(add(f"GRID_{grid.name}", py.sequence(grid.points))) for grid in data.grids]
-            value = py.call("table", *axes, py.sequence(data.values))
+        name = look_up.table if look_up.table.lower().endswith("table") else f"{look_up.table}_table"
+        if look_up.points is None:
+            arguments = [add(f"GRID_{grid}", _sequence(points)) for grid, points in look_up.grids]
+            arguments.append(_sequence(look_up.values))
+            ends = tuple(argument.extrapolate for argument in look_up.arguments)
+            if set(ends) != {"neither"}:  # a table for this function
+                arguments.append(f"extrapolate={ends!r}")
+                name = f"{name}_to_{'_'.join(ends)}"
+            value = call("table", arguments)
         else:
-            value = py.call("scattered", py.sequence(data.points), py.sequence(data.values))
-        ends = [argument.extrapolate for argument in look_up.arguments]
-        wanted = data.name if data.name.lower().endswith("table") else f"{data.name}_table"
-        if data.points is None and set(ends) != {"neither"}:  # a table for this function
-            value.keywords.append(ast.keyword("extrapolate", ast.Tuple(list(map(ast.Constant, ends)), ast.Load())))
-            wanted = f"{wanted}_to_{'_'.join(ends)}"
-        functions[variable.identifier] = add(wanted, value, f"{look_up.name}: {title}")
+            value = call("scattered", map(_sequence, (look_up.points, look_up.values)))
+        functions[identifier] = add(name, value, f"{look_up.name}: {look_up.title}")
     return list(found.values()), functions
 
 
-def _docstring(model: Model, names: dict[str, str]) -> str:
+def _sequence(values: Any) -> str:
+    """Numbers, however nested, as tuples."""
+    return str(tuple(map(_sequence, values))).replace("'", "") if np.ndim(values) else number(values)
+
+
+def _docstring(model: Model) -> str:
     lines = ["The outputs, in the units of the file.", ""]
     for variable in model.inputs:
         sign = f" ({variable.sign})" if variable.sign else ""
         words = f" - {variable.description}" if variable.description else ""
-        text = f"{names[variable.identifier]}: {variable.name}, {variable.units}{sign}{words}"
-        lines += textwrap.wrap(text, py.WIDTH, initial_indent="    ", subsequent_indent="        ")
-    return "\n".join([*lines, "    "]) if model.inputs else "The outputs."
+        text = f"{variable.key}: {variable.name}, {variable.units}{sign}{words}"
+        lines += textwrap.wrap(text, WIDTH, initial_indent=_INDENT, subsequent_indent=2 * _INDENT)
+    return "\n".join([*lines, _INDENT]) if model.inputs else "The outputs."
+
+
+def _lay_out(docstring: str, statements: Iterable[Line]) -> str:
+    """The text of a module, in lines of at most ``WIDTH`` where that is possible."""
+    lines, before = [f'"""{docstring}\n"""'], ""
+    for text, words, indent in statements:
+        kind = next((kind for kind in ("from", "@", "class", "def") if text.startswith(kind)), "name")
+        broken = [indent + text] if text.startswith('"""') else _break(text, indent)
+        beside = f"{broken[0]}  # {words}" if words else broken[0]
+        above = textwrap.wrap(words, WIDTH, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}# ")
+        if len(broken) == 1 and len(beside) <= WIDTH:
+            broken, above = [beside], []
+        if not indent and kind in ("@", "class", "def"):
+            lines += ["", ""] if before != "@" else []
+        elif not indent and (above or kind != before):
+            lines.append("")
+        lines += above + broken
+        before = indent + kind
+    return "\n".join(lines) + "\n"
+
+
+def _break(text: str, indent: str) -> list[str]:
+    """A statement on lines of its own; one that is too long is broken within its brackets, which its first opens."""
+    if len(indent + text) <= WIDTH:
+        return [indent + text]
+    first, last, inner = text.index("(") + 1, text.rindex(")"), indent + _INDENT
+    parts = text[first:last].replace(", (", ",\n(").split("\n")
+    wrapper = textwrap.TextWrapper(
+        WIDTH, initial_indent=inner, subsequent_indent=inner, break_long_words=False, break_on_hyphens=False
+    )
+    return [indent + text[:first], *(line for part in parts for line in wrapper.wrap(part)), indent + text[last:]]

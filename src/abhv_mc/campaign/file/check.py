@@ -12,12 +12,12 @@ from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.keep import ALL, BY_REQUIREMENTS
 from abhv_mc.campaign.file.kinds import check_kinds, find_kind
-from abhv_mc.campaign.file.requirement_table import read_requirements
 from abhv_mc.campaign.file.requirements import (
     check_margins,
     check_requirements,
     check_stop,
     phase_windows,
+    read_requirements,
     select_requirements,
 )
 from abhv_mc.campaign.file.simulator import SimulatorCampaign, check_simulator, is_own, systems_key

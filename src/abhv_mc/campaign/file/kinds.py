@@ -22,7 +22,7 @@ MODELS: dict[str, type[BaseModel]] = {
 }
 _KEYS: dict[str, set[str]] = {
     **{kind: set(model.model_fields) for kind, model in MODELS.items()},
-    "campaign": set(SimulatorCampaign.model_fields),
+    "campaign": {*Campaign.model_fields, *SimulatorCampaign.model_fields},
     "controller": {key for model in CONTROLLERS.values() for key in model.model_fields},
 }
 

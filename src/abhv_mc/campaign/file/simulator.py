@@ -3,9 +3,9 @@
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from abhv_mc.campaign.file.config import Campaign, Execution, Name
 from abhv_mc.campaign.file.user_metrics import MetricName
@@ -97,31 +97,23 @@ class OwnChannel(StrictModel):
     doc: str = Field("", description="what it is, for the report")
 
 
-def _refuse(value: Any) -> None:
-    raise Refusal("it beside 'simulator'", "nothing: it is of this program's own simulator")
-
-
-Refused = Annotated[None, BeforeValidator(_refuse)]
-
-
-def _leave_out(schema: dict[str, Any]) -> None:
-    """What is refused stands in no schema: an editor says that the key is unknown."""
-    held = schema["properties"]
-    schema["properties"] = {key: part for key, part in held.items() if part.get("type") != "null"}
-
-
 class SimulatorExecution(Execution):
     """The same, but the time limit is the simulator's, and it flies in processes of its own."""
 
-    model_config = ConfigDict(json_schema_extra=_leave_out)
-    isolation: Refused = Field("auto", description="always in processes")  # type: ignore[assignment]
-    flight_time_limit: Refused = Field(None, description="simulator.time_limit says it")
+    isolation: ClassVar = "auto"  # type: ignore[misc]
+    flight_time_limit: ClassVar = None  # type: ignore[misc]
 
 
 class SimulatorCampaign(Campaign):
-    """A campaign file with a simulator of the user's own."""
+    """A campaign file with a simulator of the user's own; what is no field here is of this program's simulator."""
 
-    model_config = ConfigDict(json_schema_extra=_leave_out)
+    vehicle: ClassVar = None  # type: ignore[misc]
+    mission: ClassVar = None  # type: ignore[misc]
+    controllers: ClassVar = None  # type: ignore[misc]
+    channels: ClassVar = None  # type: ignore[misc]
+    margins: ClassVar = None  # type: ignore[misc]
+    tune: ClassVar = None  # type: ignore[misc]
+    figures: ClassVar = None  # type: ignore[misc]
     simulator: Simulator | None = Field(
         None, description="what flies, in place of vehicle, mission and controllers; left out: `adopt` takes flights"
     )
@@ -142,13 +134,6 @@ class SimulatorCampaign(Campaign):
         {}, description="columns of the history that a flight returns beside its time (s), by name"
     )
     execution: SimulatorExecution = Field(default_factory=SimulatorExecution, description="how it is flown")
-    vehicle: Refused = None  # type: ignore[assignment]
-    mission: Refused = None  # type: ignore[assignment]
-    controllers: Refused = None  # type: ignore[assignment]
-    channels: Refused = None
-    margins: Refused = None
-    tune: Refused = None
-    figures: Refused = None
 
     @model_validator(mode="after")
     def _names(self) -> "SimulatorCampaign":
