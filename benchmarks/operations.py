@@ -19,14 +19,14 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.bench.speed import OPERATIONS_FILE, Operations, make_work
+from abhv_mc.bench.speed import OPERATIONS_FILE, make_work
 from abhv_mc.flight.plan import FlightPlan
 from benchmarks.document import write_json
 
 _FIRST, _LAST = 5, 25  # ticks: past the start, where differentiators and hints settle
 
 
-def count_operations(plans: dict[str, FlightPlan]) -> dict[str, Operations]:
+def count_operations(plans: dict[str, FlightPlan]) -> dict[str, dict[str, int]]:
     """The operations of each plan's flight, counted over some ticks in a process of its own without the compiler."""
     from abhv_mc.folder.plan_file import write_plan
 
@@ -38,7 +38,7 @@ def count_operations(plans: dict[str, FlightPlan]) -> dict[str, Operations]:
         command = [sys.executable, "-m", "benchmarks.operations", *map(str, paths)]
         environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-    return {name: Operations(**counts) for name, counts in json.loads(done.stdout).items()}
+    return {name: {kind: round(n) for kind, n in counts.items()} for name, counts in json.loads(done.stdout).items()}
 
 
 def _count(plan: FlightPlan, ticks: int) -> dict[str, int]:
@@ -84,8 +84,7 @@ def _use_counted_floats() -> None:
 
 def _main(paths: list[str]) -> None:
     if not paths:
-        counts = count_operations(make_work(1)[0])
-        write_json(OPERATIONS_FILE, {name: {k: round(n) for k, n in vars(one).items()} for name, one in counts.items()})
+        write_json(OPERATIONS_FILE, count_operations(make_work(1)[0]))
         return
     if os.environ.get("NUMBA_DISABLE_JIT") != "1":
         raise SystemExit("counting needs NUMBA_DISABLE_JIT=1")

@@ -170,7 +170,7 @@ def measure_parts() -> dict[str, dict[str, float]]:
         ms = {name: 1e3 * seconds[name] / LANES for name, (_, _, laws) in PARTS.items() if law in laws}
         fly(plan, parameters)
         whole = median(measure_time(lambda plan=plan: fly(plan, parameters)) for _ in range(REPEATS))
-        slow = counts[law].divisions * division + counts[law].square_roots * root
+        slow = counts[law]["divisions"] * division + counts[law]["square_roots"] * root
         found[law] = {**ms, "flight": 1e3 * whole / LANES, SLOW: 1e3 * slow}
     return found
 

@@ -49,7 +49,7 @@ def describe_machine(load_before: float) -> dict[str, Any]:
     Call it when all is measured: libraries that it loads would share their pages with the measured processes, whose
     memory would then count for less.
     """
-    from abhv_mc.bench.json_record import find_simd
+    from abhv_mc.bench.speed import find_simd
     from abhv_mc.identity import find_machine
 
     return {**find_machine(), "simd": find_simd(), "load_before": load_before}

@@ -10,8 +10,7 @@ import dataclasses
 import sys
 
 from abhv_mc.array_types import Floats
-from abhv_mc.bench.json_record import find_simd
-from abhv_mc.bench.speed import make_work
+from abhv_mc.bench.speed import find_simd, make_work
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.kernel.flight.interface import LANES

@@ -1,15 +1,20 @@
-"""Speed of the compiled flight: batched, alone, on two workers, and against what the core can do.
+"""Speed of the compiled flight: batched, alone, on two workers, beside what the core can do; starts, and memory.
 
 Times of one core are the thread's own, so that other programs on the machine count for little; two workers are
 measured by the clock on the wall. The measurements take turns, so that a machine that slows down slows all of them.
+Starts and memory are those of processes of their own.
 """
 
 import json
+import os
+import subprocess
+import sys
+import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 import numpy as np
 
@@ -18,10 +23,13 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import prepare
+from abhv_mc.identity import find_machine
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.jit import kernel
 from abhv_mc.shipped import shipped_campaigns
 
+CONTROLLERS = ("tlc", "lqr")
+OPERATIONS_FILE = Path(__file__).with_name("operations.json")  # counted by benchmarks/operations.py
 _NUMBERS = 128
 _OPERATIONS = 16  # on each number in each sweep
 _SWEEPS = 40_000
@@ -49,62 +57,22 @@ def measure_peak() -> float:
     return _NUMBERS * _OPERATIONS * _SWEEPS / (time.thread_time() - start)
 
 
-CONTROLLERS = ("tlc", "lqr")
-OPERATIONS_FILE = Path(__file__).with_name("operations.json")  # counted by benchmarks/operations.py
 _ALONE = 4  # flights one at a time in a repetition
 
 
-@dataclass(frozen=True)
-class Operations:
-    """Floating-point operations of one flight from start to end."""
-
-    additions: float
-    multiplications: float
-    divisions: float
-    square_roots: float
-
-    @property
-    def total(self) -> float:
-        """All of them, each as one."""
-        return self.additions + self.multiplications + self.divisions + self.square_roots
+def read_operations() -> dict[str, dict[str, float]]:
+    """Floating-point operations, by kind, of each controller's flight of the default campaign."""
+    counts: dict[str, dict[str, float]] = json.loads(OPERATIONS_FILE.read_text("utf-8"))
+    return counts
 
 
-def read_operations() -> dict[str, Operations]:
-    """Of each controller's flight of the default campaign."""
-    return {name: Operations(**counts) for name, counts in json.loads(OPERATIONS_FILE.read_text("utf-8")).items()}
+def measure_speed(repetitions: int, flights: int = 64) -> dict[str, Any]:
+    """What ``abhv-mc bench --json`` writes but starts and memory: medians of ``repetitions`` of the default campaign.
 
-
-@dataclass(frozen=True)
-class ControllerSpeed:
-    """One controller's flights on one core."""
-
-    seconds: float  # a flight, flown in a batch
-    alone_seconds: float  # a flight, one at a time
-    operations: Operations
-
-    def times_the_floor(self, peak: float) -> float:
-        """Time over what the operations alone take at ``peak`` operations per second."""
-        return self.seconds * peak / self.operations.total
-
-
-@dataclass(frozen=True)
-class Speed:
-    """What :func:`measure_speed` found."""
-
-    peak: float  # additions and multiplications per second and core
-    controllers: dict[str, ControllerSpeed]
-    two_workers_over_one: float
-    plan: FlightPlan  # of one of them
-    flights: int  # of each controller, flown in batches
-
-
-def measure_speed(repetitions: int, flights: int = 64) -> Speed:
-    """Medians of ``repetitions`` flights of the default campaign, ``flights`` at a time.
-
-    ``flights`` should be a multiple of the lanes, so that none flies empty.
+    ``flights`` at a time should be a multiple of the lanes, so that none flies empty.
     """
     plans, parameters = make_work(flights)
-    operations = read_operations()
+    first = next(iter(plans.values()))
     for plan in plans.values():
         fly(plan, parameters[:LANES])
         fly(plan, parameters[:1], lanes=1)
@@ -117,14 +85,33 @@ def measure_speed(repetitions: int, flights: int = 64) -> Speed:
             peaks.append(measure_peak())
             batched[name].append(_time(plan, parameters, LANES) / flights)
             alone[name].append(_time(plan, parameters[:_ALONE], 1) / _ALONE)
-        gains.append(_gain_of_two(next(iter(plans.values())), parameters))
-    return Speed(
-        median(peaks),
-        {name: ControllerSpeed(median(batched[name]), median(alone[name]), operations[name]) for name in plans},
-        median(gains),
-        next(iter(plans.values())),
-        flights * repetitions,
-    )
+        gains.append(_gain_of_two(first, parameters))
+    machine, peak = find_machine(), median(peaks)
+    return {
+        "machine": {"cpu": machine["processor"], "cores": machine["cores"], "simd": find_simd()},
+        "peak_gflops_per_core": round(peak / 1e9, 2),
+        "controllers": {
+            name: compare_speeds(median(batched[name]), median(alone[name]), peak, counts)
+            for name, counts in read_operations().items()
+        },
+        "two_workers_over_one": round(median(gains), 3),
+        "step_s": first.timing.step,
+        "control_rate_hz": round(1.0 / first.timing.tick, 6),
+        "flights": flights * repetitions,
+    }
+
+
+def compare_speeds(seconds: float, alone: float, peak: float, operations: dict[str, float]) -> dict[str, float]:
+    """Figures of a flight in a batch, and one at a time, beside its operations at ``peak`` a second."""
+    flops = sum(operations.values())
+    return {
+        "flights_per_second_per_core": round(1.0 / seconds, 1),
+        "ms_per_flight": round(1e3 * seconds, 4),
+        "one_at_a_time_ms": round(1e3 * alone, 4),
+        "batched_over_one": round(alone / seconds, 3),
+        "flops_per_flight": round(flops),
+        "times_the_floor": round(seconds * peak / flops, 3),
+    }
 
 
 def make_work(flights: int) -> tuple[dict[str, FlightPlan], Floats]:
@@ -153,3 +140,64 @@ def _gain_of_two(plan: FlightPlan, parameters: Floats) -> float:
             flown.result()
         two = time.perf_counter() - start
     return 2.0 * one / two
+
+
+def find_simd() -> str:
+    """The widest vector instructions of this processor that the compiler knows."""
+    from llvmlite import binding
+
+    features = binding.get_host_cpu_features()
+    known = {"avx512f": "AVX-512", "avx2": "AVX2", "avx": "AVX", "sse2": "SSE2", "sve": "SVE", "neon": "NEON"}
+    return next((name for feature, name in known.items() if features.get(feature)), "none")
+
+
+def measure_start(repetitions: int) -> dict[str, float]:
+    """Medians of ``repetitions`` starts, one cold start, and the memory of the default campaign with its report.
+
+    Raises subprocess.CalledProcessError where a process fails.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        fresh = {"XDG_CACHE_HOME": str(Path(folder) / "cache")}
+        cold, _ = _run(_FIRST_FLIGHT, fresh)
+        warm = [_run(_FIRST_FLIGHT, fresh)[0] for _ in range(repetitions)]
+        imports = [float(_run(_IMPORT, {})[1]) for _ in range(repetitions)]
+        campaign = [str(shipped_campaigns() / "s_manoeuvre.yaml"), "-o", str(Path(folder) / "campaign")]
+        memory = _peak_memory(["-m", "abhv_mc", "run", *campaign])
+    return {
+        "cold_start_s": round(cold, 2),
+        "warm_start_s": round(median(warm), 3),
+        "import_s": round(median(imports), 4),
+        "peak_memory_mb": round(memory, 1),
+    }
+
+
+_FIRST_FLIGHT = ["-m", "abhv_mc", "fly", "s_manoeuvre", "--controllers", "tlc"]
+_IMPORT = ["-c", "import time; t = time.perf_counter(); import abhv_mc; print(time.perf_counter() - t)"]
+
+
+def _run(arguments: list[str], changes: dict[str, str]) -> tuple[float, str]:
+    """Wall time, s, and standard output of a Python process."""
+    searched = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "PYTHONSAFEPATH": "1"}  # not the working folder
+    environment = {**os.environ, **searched, **changes}
+    start = time.perf_counter()
+    done = subprocess.run(  # noqa: S603
+        [sys.executable, *arguments], env=environment, capture_output=True, text=True, check=True
+    )
+    return time.perf_counter() - start, done.stdout
+
+
+# Linux counts a parent's memory as its child's until the child has replaced itself: the parent must be a small one.
+_WATCH = (
+    "import resource, subprocess, sys\n"
+    "code = subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode\n"
+    "print(code, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)"
+)
+
+
+def _peak_memory(arguments: list[str]) -> float:
+    """Largest resident memory, MB, of a Python process; exit code 1 is a campaign that failed a requirement."""
+    _, said = _run(["-S", "-c", _WATCH, sys.executable, *arguments], {})
+    code, size = map(int, said.split())
+    if code not in (0, 1):
+        raise subprocess.CalledProcessError(code, arguments)
+    return size / (1e6 if sys.platform == "darwin" else 1e3)

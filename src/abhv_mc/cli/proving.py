@@ -161,16 +161,14 @@ def bench(
     repetitions: Annotated[int, typer.Option(min=1, help="Of each measurement; medians are shown.")] = 9,
 ) -> None:
     """Measure flights per second and core, starts and memory, with the default campaign; takes a minute or two."""
-    from abhv_mc.bench.json_record import make_figures
-    from abhv_mc.bench.speed import measure_speed
-    from abhv_mc.bench.start_times import measure_start
+    from abhv_mc.bench.speed import measure_speed, measure_start, read_operations
 
     announce_compiling()
     say("flying", file=sys.stderr, flush=True)
-    speed = measure_speed(repetitions)
+    figures = measure_speed(repetitions)
     say("starting anew, and flying the default campaign", file=sys.stderr, flush=True)
-    figures = make_figures(speed, measure_start(min(repetitions, 5)))
-    operations = {name: vars(one.operations) for name, one in speed.controllers.items()}
+    figures |= measure_start(min(repetitions, 5))
+    operations = read_operations()
     answer(figures, json, lambda: _print_figures(figures, operations))
 
 
