@@ -1,4 +1,4 @@
-"""The ways back of abhv_mc.verification.geodesy: from geodetic to Earth-fixed, from Earth-fixed to inertial."""
+"""The way back of abhv_mc.verification.ghame6: from geodetic to Earth-fixed."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,15 +16,3 @@ def ecef_from_geodetic(earth: Earth, latitude: ArrayLike, longitude: ArrayLike, 
     rho = (prime_vertical + altitude) * cos_lat
     z = (prime_vertical * (1.0 - e2) + altitude) * sin_lat
     return np.stack([rho * np.cos(longitude), rho * np.sin(longitude), z], axis=-1)
-
-
-def inertial_from_earth_fixed(
-    earth: Earth, time: ArrayLike, position: ArrayLike, velocity: ArrayLike
-) -> tuple[Floats, Floats]:
-    """Inertial position and velocity, I components, of a motion relative to the turning Earth ``[..., 3]``."""
-    angle = earth.rotation_rate * np.asarray(time, dtype=np.float64)
-    cosine, sine, zero, one = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
-    rows = ([cosine, -sine, zero], [sine, cosine, zero], [zero, zero, one])
-    turn = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-    carried = np.cross([0.0, 0.0, earth.rotation_rate], position)
-    return tuple(np.einsum("...ij,...j->...i", turn, vector) for vector in (position, np.add(velocity, carried)))

@@ -1,14 +1,23 @@
 """Replay of the C++ flight, and of the same flight in files that have other columns."""
 
+import math
+
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from verification.ellipsoid import ecef_from_geodetic
 
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.world.earth import WGS84, gravity_ned
-from abhv_mc.verification.ghame6 import CADAC_EARTH, read_recording, verify_ghame6
+from abhv_mc.verification.fly_recording import check_times, read_columns
+from abhv_mc.verification.ghame6 import CADAC_EARTH, geodetic_from_ecef, read_recording, verify_ghame6
 
+LATITUDES = st.floats(-math.pi / 2, math.pi / 2)
+LONGITUDES = st.floats(-math.pi, math.pi)
+ALTITUDES = st.floats(-1e4, 4e7)
 NAME = "sturn50_total_h1e-4.csv.gz"
 
 
@@ -88,9 +97,47 @@ def test_a_later_start_and_a_coarser_grid(frame, tmp_path):
     assert [row for row in verify_ghame6(file) if not row.ok] == []
 
 
-def test_uneven_rows_are_refused(frame, tmp_path):
-    file = tmp_path / "uneven.csv"
-    frame.iloc[:50].drop(index=20).to_csv(file, index=False)
-    with pytest.raises(InputError, match="evenly spaced") as refused:
-        verify_ghame6(file)
-    assert refused.value.line == 22
+@pytest.mark.parametrize(
+    ("text", "line", "words"),
+    [
+        ("time,b\n0,1\n0.1,2\n0.2,3\n0.4,4\n", 5, "evenly spaced"),
+        ("time,b\n0,1\n0.1,2\n0.1,3\n", 4, "times that rise"),
+        ("time,b\n0,1\n0.1,word\n", 3, "in b no finite number"),
+        ("time,c\n0,1\n0.1,2\n", None, "no column b"),
+        ("time,b\n0,1\n", None, "1 rows"),
+        (None, None, "cannot be read"),
+    ],
+)
+def test_a_recording_that_is_none_is_refused(tmp_path, text, line, words):
+    file = tmp_path / "a.csv"
+    if text is not None:
+        file.write_text(text)
+    with pytest.raises(InputError, match=words) as refused:
+        check_times(file, read_columns(file, ["time", "b"])["time"].to_numpy(), uniform=True)
+    assert refused.value.line == line
+
+
+def test_columns_come_with_their_digits(tmp_path):
+    (tmp_path / "a.csv").write_text("time, b,text\n0,0.1234567890123456789,x\n1,-2.5E7,y\n")
+    assert read_columns(tmp_path / "a.csv", ["b", "time"])["b"].tolist() == pytest.approx(
+        [0.1234567890123456789, -2.5e7], rel=1e-15
+    )
+
+
+def test_published_point() -> None:
+    # EPSG guidance note 7-2 (geographic/geocentric conversions): WGS-84 53 deg 48' 33.820" N, 2 deg 07' 46.380" E,
+    # 73.0 m is X = 3771793.968, Y = 140253.342, Z = 5124304.349 m
+    latitude = math.radians(53 + 48 / 60 + 33.820 / 3600)
+    longitude = math.radians(2 + 7 / 60 + 46.380 / 3600)
+    position = ecef_from_geodetic(WGS84, latitude, longitude, 73.0)
+    assert position == pytest.approx([3771793.968, 140253.342, 5124304.349], abs=0.02)
+    assert geodetic_from_ecef(WGS84, position) == pytest.approx((latitude, longitude, 73.0), abs=2e-9)
+
+
+@given(LATITUDES, LONGITUDES, ALTITUDES)
+def test_geodetic_round_trip(latitude: float, longitude: float, altitude: float) -> None:
+    position = ecef_from_geodetic(WGS84, latitude, longitude, altitude)
+    again = geodetic_from_ecef(WGS84, position)
+    assert again[2] == pytest.approx(altitude, abs=4e-9 + 1e-15 * abs(altitude))
+    assert again[0] == pytest.approx(latitude, abs=1e-15)
+    assert ecef_from_geodetic(WGS84, *again) == pytest.approx(position, abs=4e-9 + 1e-15 * abs(altitude))

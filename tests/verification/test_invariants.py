@@ -2,7 +2,7 @@
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from verification.ellipsoid import ecef_from_geodetic, inertial_from_earth_fixed
+from verification.ellipsoid import ecef_from_geodetic
 from verification.shown import check
 
 from abhv_mc.array_types import Floats
@@ -17,7 +17,7 @@ from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.evaluate import evaluate_fixed, make_variables
 from abhv_mc.verification.check_rows import Row
 from abhv_mc.verification.fly_recording import make_replay_plan, make_start, replay
-from abhv_mc.verification.geodesy import ned_from_ecef_matrix
+from abhv_mc.verification.ghame6 import ned_from_ecef_matrix
 
 STEP, TICKS = 0.01, 6000
 _RATES = tuple(np.radians((10.0, 20.0, 30.0)))
@@ -65,8 +65,9 @@ def to_inertial(states: Floats, times: Floats) -> tuple[Floats, Floats, Floats]:
     earth_from_body = earth_from_ned @ ned_from_body
     position = ecef_from_geodetic(WGS84, latitude, longitude, states[:, s.ALTITUDE])
     velocity = np.einsum("tij,tj->ti", earth_from_body, states[:, s.U : s.W + 1])
-    inertial_from_earth = Rotation.from_euler("z", (WGS84.rotation_rate * times)[:, np.newaxis]).as_matrix()
-    return (*inertial_from_earth_fixed(WGS84, times, position, velocity), inertial_from_earth @ earth_from_body)
+    turn = Rotation.from_euler("z", (WGS84.rotation_rate * times)[:, np.newaxis])
+    carried = np.cross([0.0, 0.0, WGS84.rotation_rate], position)
+    return turn.apply(position), turn.apply(velocity + carried), turn.as_matrix() @ earth_from_body
 
 
 def orbital_energy(position: Floats, velocity: Floats) -> Floats:

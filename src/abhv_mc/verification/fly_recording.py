@@ -1,13 +1,18 @@
-"""Fly with recorded surfaces and engine through the compiled flight, and look at the whole state."""
+"""Other people's recordings: read, flown with their surfaces and engine through the compiled flight, looked at."""
 
 import math
+import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.plan import FlightPlan, Limits
+from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.laws.recorded import RECORDED_GAINS
@@ -19,8 +24,47 @@ from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.user_code.vehicle_functions import find_code
 from abhv_mc.vehicle.actuators import drive
 
+if TYPE_CHECKING:
+    import pandas as pd
+
+_EVEN = 0.02  # of the spacing: printed times are rounded
 _INF = math.inf
 _NO_LIMITS = Limits(-_INF, _INF, -_INF, _INF, _INF)
+
+
+def read_columns(path: Path, names: Sequence[str], perhaps: Sequence[str] = ()) -> "pd.DataFrame":
+    """The named columns of a ``.csv`` or ``.csv.gz`` file, those of ``perhaps`` where it has them.
+
+    Raises :class:`InputError` for a missing column, a cell that is no finite number, or fewer than two rows.
+    """
+    import pandas as pd
+
+    try:
+        wanted = {*names, *perhaps}
+        table = pd.read_csv(path, usecols=wanted.__contains__, skipinitialspace=True)
+    except (OSError, EOFError, ValueError, zlib.error) as error:
+        raise InputError(path, f"a file that cannot be read ({error})", "a CSV file") from None
+    missing = [name for name in names if name not in table]
+    if missing or len(table) < 2:
+        found = f"no column {', '.join(missing)}" if missing else f"{len(table)} rows of numbers"
+        raise InputError(path, found, "the columns that are compared, and at least 2 rows")
+    table = table.apply(pd.to_numeric, errors="coerce")
+    for row, column in np.argwhere(~np.isfinite(table.to_numpy())):
+        raise InputError(path, f"in {table.columns[column]} no finite number", "one", int(row) + 2)
+    return table
+
+
+def check_times(path: Path, times: Floats, uniform: bool = False) -> None:
+    """Refuse times that do not rise, or that are not evenly spaced where that is wanted."""
+    steps = np.diff(times)
+    falling = np.flatnonzero(steps <= 0.0)
+    if falling.size:
+        raise InputError(path, f"the time {times[falling[0] + 1]:g} s", "times that rise", int(falling[0]) + 3)
+    step = float(np.median(steps))
+    off = np.flatnonzero(np.abs(steps - step) > _EVEN * step)
+    if uniform and off.size:
+        found = f"{steps[off[0]]:g} s since the row before"
+        raise InputError(path, found, f"evenly spaced rows, {step:g} s apart", int(off[0]) + 3)
 
 
 def make_start(

@@ -1,13 +1,17 @@
-"""Replay a flight of Zipfel's CADAC++ GHAME6: its surfaces and throttle through the product's plant."""
+"""Replay a flight of Zipfel's CADAC++ GHAME6: its surfaces and throttle through the product's plant.
+
+Frames: I is inertial; E turns with the Earth (x through the equator at longitude 0, z through the north pole) and
+coincides with I at time 0; N is local north, east, down.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.fly import nominal_parameters
-from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.kernel.numerics.quaternion import from_matrix
 from abhv_mc.kernel.plant import state as s
@@ -18,9 +22,14 @@ from abhv_mc.kernel.world.earth import Earth
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.verification.check_rows import Row
-from abhv_mc.verification.fly_recording import make_motion, make_replay_plan, replay, wrap_degrees
-from abhv_mc.verification.geodesy import earth_fixed_from_inertial, geodetic_from_ecef, ned_from_ecef_matrix
-from abhv_mc.verification.recording import check_times, read_columns, stack_columns
+from abhv_mc.verification.fly_recording import (
+    check_times,
+    make_motion,
+    make_replay_plan,
+    read_columns,
+    replay,
+    wrap_degrees,
+)
 
 # CADAC++'s Earth: its own flattening; J2 from the normalised C20. Its gravity pulls along the meridian away from the
 # equator: the accelerations in its output show the right size of J2's meridional part with the wrong sign.
@@ -64,45 +73,72 @@ class Recording:
 
 def read_recording(path: Path) -> Recording:
     """Read a CADAC++ GHAME6 time history, evenly spaced. Raises :class:`InputError`."""
+    from scipy.spatial.transform import Rotation
+
     needed = ["time", *POSITION, *VELOCITY, *ATTITUDE, *RATES, *CONTROLS, *COMPARED]
-    given = read_columns(path, needed) | _read_mass(path)
-    times = given["time"]
+    given = read_columns(path, needed, ["vmass", "fmasse"])
+    times = np.array(given["time"])
     check_times(path, times, uniform=True)
 
-    body_from_inertial = stack_columns(given, ATTITUDE).reshape(-1, 3, 3)
-    inertial = [stack_columns(given, names) for names in (POSITION, VELOCITY)]
-    position, velocity = earth_fixed_from_inertial(CADAC_EARTH, times, *inertial)
+    turn = Rotation.from_euler("z", -CADAC_EARTH.rotation_rate * times[:, np.newaxis])  # to E from I
+    position = turn.apply(np.array(given[POSITION]))
+    carried = np.cross([0.0, 0.0, CADAC_EARTH.rotation_rate], position)
     latitude, longitude, altitude = geodetic_from_ecef(CADAC_EARTH, position)
     ned_from_earth = ned_from_ecef_matrix(latitude, longitude)
-    ned_from_body = ned_from_earth @ _earth_from_inertial(times) @ np.swapaxes(body_from_inertial, -1, -2)
-    velocity_ned = np.einsum("tij,tj->ti", ned_from_earth, velocity)
+    velocity_ned = np.einsum("tij,tj->ti", ned_from_earth, turn.apply(np.array(given[VELOCITY])) - carried)
+    inertial_from_body = np.swapaxes(np.array(given[ATTITUDE]).reshape(-1, 3, 3), -1, -2)
+    ned_from_body = ned_from_earth @ turn.as_matrix() @ inertial_from_body
 
     states = np.zeros((times.size, s.N_STATES))
     states[:, s.ALTITUDE], states[:, s.LONGITUDE], states[:, s.LATITUDE] = altitude, longitude, latitude
     states[:, s.U : s.W + 1] = np.einsum("tji,tj->ti", ned_from_body, velocity_ned)
     states[:, s.Q0 : s.Q3 + 1] = from_matrix(ned_from_body)
-    states[:, s.ROLL_RATE : s.YAW_RATE + 1] = stack_columns(given, RATES)
-    states[:, s.MASS] = given["vmass"]
-    controls = stack_columns(given, CONTROLS)
+    states[:, s.ROLL_RATE : s.YAW_RATE + 1] = given[RATES]
+    states[:, s.MASS] = given["vmass"] if "vmass" in given else FULL_MASS - given["fmasse"]
+    controls = np.array(given[CONTROLS])
     controls[:, :3] = np.radians(controls[:, :3])
-    return Recording(times, states, controls, {name: given[name] for name in COMPARED})
+    return Recording(times, states, controls, {name: np.array(given[name]) for name in COMPARED})
 
 
-def _read_mass(path: Path) -> dict[str, Floats]:
-    """The mass, or what follows from the fuel expended."""
-    try:
-        return read_columns(path, ["vmass"])
-    except InputError as error:
-        try:
-            return {"vmass": FULL_MASS - read_columns(path, ["fmasse"])["fmasse"]}
-        except InputError:
-            raise error from None
+def geodetic_from_ecef(earth: Earth, position: ArrayLike) -> tuple[Floats, Floats, Floats]:
+    """Geodetic (latitude, longitude, altitude) of a position ``[..., 3]``, m, in E.
+
+    Bowring's iteration of the reduced latitude (Survey Review 23 (1976) 323), to rounding, a few 1e-9 m
+    near the ground, where a double itself resolves 1e-9 m. On the axis the longitude is 0.
+    """
+    x, y, z = np.moveaxis(np.asarray(position, dtype=np.float64), -1, 0)
+    a, f = earth.equatorial_radius, earth.flattening
+    b = a * (1.0 - f)
+    e2 = f * (2.0 - f)
+    second_e2 = e2 / (1.0 - e2)
+    rho = np.hypot(x, y)
+    sin_lat, cos_lat = _unit(z, (1.0 - e2) * rho)
+    for _ in range(20):
+        sin_reduced, cos_reduced = _unit((1.0 - f) * sin_lat, cos_lat)
+        before = sin_lat, cos_lat
+        sin_lat, cos_lat = _unit(z + second_e2 * b * sin_reduced**3, rho - e2 * a * cos_reduced**3)
+        if np.all(np.abs(sin_lat * before[1] - cos_lat * before[0]) < 1e-16):
+            break
+    altitude = rho * cos_lat + z * sin_lat - a * np.sqrt(1.0 - e2 * sin_lat**2)
+    return np.arctan2(sin_lat, cos_lat), np.arctan2(y, x), altitude
 
 
-def _earth_from_inertial(times: Floats) -> Floats:
-    from scipy.spatial.transform import Rotation
+def _unit(y: Floats, x: Floats) -> tuple[Floats, Floats]:
+    """Sine and cosine of the angle of the point (x, y)."""
+    length = np.hypot(x, y)
+    return y / length, x / length
 
-    return Rotation.from_euler("z", -CADAC_EARTH.rotation_rate * times[:, np.newaxis]).as_matrix()
+
+def ned_from_ecef_matrix(latitude: ArrayLike, longitude: ArrayLike) -> Floats:
+    """C_NE ``[..., 3, 3]``: takes E components of a vector to north, east, down at that place."""
+    latitude, longitude = np.broadcast_arrays(latitude, longitude)
+    sin_lat, cos_lat, sin_lon, cos_lon = np.sin(latitude), np.cos(latitude), np.sin(longitude), np.cos(longitude)
+    rows = (
+        (-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat),
+        (-sin_lon, cos_lon, 0.0 * latitude),
+        (-cos_lat * cos_lon, -cos_lat * sin_lon, -sin_lat),
+    )
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
 def verify_ghame6(path: Path, scale: float = 1.0) -> list[Row]:

@@ -2,10 +2,9 @@
 
 import itertools
 import math
-import os
 import re
-from itertools import chain, islice
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,10 +16,21 @@ from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.verification.check_rows import Row
-from abhv_mc.verification.fly_recording import at_times, make_motion, make_replay_plan, make_start, replay, wrap_degrees
+from abhv_mc.verification.fly_recording import (
+    at_times,
+    check_times,
+    make_motion,
+    make_replay_plan,
+    make_start,
+    read_columns,
+    replay,
+    wrap_degrees,
+)
 from abhv_mc.verification.nesc_cases import CASES, FOOT, CheckCase, tolerances
 from abhv_mc.verification.nesc_f16 import RATE, fly_aircraft, read_aircraft_cases
-from abhv_mc.verification.recording import check_times, read_columns, stack_columns
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 STEP = 0.01  # s, the product's default
 _FILE = re.compile(r"Atmos_(\d\d(?:p\d)?)_sim_(\w+)\.csv(\.gz)?")
@@ -35,7 +45,7 @@ COLUMNS = ["time", "altitudeMsl_ft", "longitude_deg", "latitude_deg", *VELOCITY,
 
 
 def find_files(folder: Path) -> dict[tuple[str, str], Path]:
-    """Files by (case, simulator), wherever in the folder they lie; linked case folders too.
+    """Files by (case, simulator), wherever in the folder they lie.
 
     A second file of the same case and simulator goes by its place. Raises :class:`InputError` where there is none.
     """
@@ -43,10 +53,7 @@ def find_files(folder: Path) -> dict[tuple[str, str], Path]:
         raise InputError(folder, "no such folder", "a folder of check-cases")
     found: dict[tuple[str, str], Path] = {}
     known = {*(f"{number:02d}" for number in CASES), *read_aircraft_cases()}
-    links = (path for path in folder.iterdir() if path.is_symlink())
-    # os.walk passes over what vanishes meanwhile, as processes of /proc do, and what is closed.
-    levels = chain(os.walk(folder), *(islice(os.walk(link), 1) for link in links))
-    for path in sorted(Path(place, name) for place, _, names in levels for name in names):
+    for path in sorted(folder.rglob("*.csv*")):
         match = _FILE.fullmatch(path.name)
         if match and match[1] in known:
             key = match[1], match[2]
@@ -73,10 +80,10 @@ def fly_case(case: CheckCase, duration: float, step: float = STEP) -> Floats:
 def verify_nesc(folder: Path, scale: float = 1.0) -> list[Row]:
     """Rows of every case and simulator in a folder; ``scale`` multiplies the tolerances."""
     files = find_files(folder)
-    data: dict[tuple[str, str], dict[str, Floats]] = {}
+    data: dict[tuple[str, str], pd.DataFrame] = {}
     for key, path in files.items():
         data[key] = read_columns(path, COLUMNS)
-        times = data[key]["time"]
+        times = np.array(data[key]["time"])
         check_times(path, times)
         if times[0] < 0.0 or times[-1] > _LONGEST:
             found = f"times {times[0]:g} to {times[-1]:g} s"
@@ -84,17 +91,19 @@ def verify_nesc(folder: Path, scale: float = 1.0) -> list[Row]:
     rows: list[Row] = []
     for name in sorted({case for case, _ in data}):
         given = {simulator: columns for (case, simulator), columns in data.items() if case == name}
-        duration = max(float(columns["time"][-1]) for columns in given.values())
+        duration = max(float(columns["time"].iloc[-1]) for columns in given.values())
         if name in read_aircraft_cases():
             step, allowed, states = 1.0 / RATE, allowed_difference(list(given.values())), fly_aircraft(name, duration)
         else:
             step, allowed, states = STEP, tolerances(int(name)), fly_case(CASES[int(name)], duration)
         for simulator, columns in given.items():
-            rows.extend(_compare(name, simulator, columns, at_times(step, states, columns["time"]), allowed, scale))
+            rows.extend(
+                _compare(name, simulator, columns, at_times(step, states, np.array(columns["time"])), allowed, scale)
+            )
     return rows
 
 
-def allowed_difference(given: list[dict[str, Floats]]) -> tuple[float, ...]:
+def allowed_difference(given: "list[pd.DataFrame]") -> tuple[float, ...]:
     """Tolerances of a case of the F-16: 1.25 times what its simulators differ by at the times that they have in common.
 
     To that the tolerance is added that the quantity has in the cases of simple bodies. One simulator alone gives none:
@@ -104,25 +113,18 @@ def allowed_difference(given: list[dict[str, Floats]]) -> tuple[float, ...]:
         return (math.inf,) * len(_QUANTITIES)
     largest = np.zeros(len(_QUANTITIES))
     for one, other in itertools.combinations(given, 2):
-        place = np.minimum(np.searchsorted(other["time"], one["time"] - 1e-6), other["time"].size - 1)
-        common = np.abs(other["time"][place] - one["time"]) < 2e-6
-        first = {name: column[common] for name, column in one.items()}
-        second = {name: column[place[common]] for name, column in other.items()}
-        apart = _differences(_published(first), _published(second))
+        times, others = np.array(one["time"]), np.array(other["time"])
+        place = np.minimum(np.searchsorted(others, times - 1e-6), others.size - 1)
+        common = np.abs(others[place] - times) < 2e-6
+        apart = _differences(_published(one[common]), _published(other.iloc[place[common]]))
         largest = np.maximum(largest, [np.abs(difference).max() for difference in apart])
     return tuple(_NEEDED * largest + tolerances(_LIKE))
 
 
-def _published(columns: dict[str, Floats]) -> list[Floats]:
+def _published(columns: "pd.DataFrame") -> list[Floats]:
     """Altitude, velocity, longitude, latitude, Euler angles and body rates, in the units of the files."""
-    return [
-        columns["altitudeMsl_ft"],
-        stack_columns(columns, VELOCITY),
-        columns["longitude_deg"],
-        columns["latitude_deg"],
-        stack_columns(columns, EULER),
-        stack_columns(columns, RATES),
-    ]
+    names = ("altitudeMsl_ft", VELOCITY, "longitude_deg", "latitude_deg", EULER, RATES)
+    return [np.array(columns[name]) for name in names]
 
 
 def _flown(states: Floats) -> list[Floats]:
@@ -158,7 +160,7 @@ def _differences(one: list[Floats], other: list[Floats]) -> list[Floats]:
 
 
 def _compare(
-    case: str, simulator: str, given: dict[str, Floats], states: Floats, allowed: tuple[float, ...], scale: float
+    case: str, simulator: str, given: "pd.DataFrame", states: Floats, allowed: tuple[float, ...], scale: float
 ) -> list[Row]:
     apart = _differences(_flown(states), _published(given))
     title = f"nesc {case.replace('p', '.')}"
