@@ -109,7 +109,7 @@ def test_a_stability_margin_is_a_limit_of_the_nominal_vehicle_or_of_all_corners(
     seen = []
 
     def margins_of(self, candidate):
-        bandwidth = candidate.controller.altitude.bandwidth
+        bandwidth = candidate.plan.gains[0, 1]
         lift = np.abs(self.vehicles[:, LIFT] - 1.0) / 0.05
         seen.append((len(lift), self.margins_at))
         return np.tile(((12.0 - 100.0 * bandwidth) - lift)[:, None], (1, 4))

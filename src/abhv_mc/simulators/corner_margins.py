@@ -12,6 +12,7 @@ from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.input_error import InputError
+from abhv_mc.simulators.margin_plans import make_steady
 
 _ALL_CORNERS, _SOME = 6, 64  # up to so many parameters all corners, else so many random ones
 _DIGITS = 6
@@ -36,21 +37,13 @@ def describe_stability(campaign: Experiment, plans: Mapping[str, FlightPlan]) ->
     ``plans`` are the controllers', with the code of laws of the user's own. Controllers of which no steady flight was
     found, or whose margins could not be computed, say why. Empty for vehicles without surfaces or engine.
     """
-    from abhv_mc.control.controller_file import read_controller
-    from abhv_mc.control.mission import read_mission
-    from abhv_mc.flight.prepare import user_parts_of
-    from abhv_mc.stability.steady import make_steady_plan
-
-    model = campaign.model
-    vehicle, mission = next(iter(plans.values())).vehicle, read_mission(model.mission)
+    vehicle = next(iter(plans.values())).vehicle
     if vehicle.constants.surface_limit == 0.0 or vehicle.constants.equivalence_ratio_max == 0.0:
         return {}
     rows, found = make_corners(campaign), {}
-    for name, file in model.controllers.items():
+    for name, file in campaign.model.controllers.items():
         try:
-            user_code = user_parts_of(plans[name])
-            steady = make_steady_plan(plans[name].vehicle, mission, read_controller(file), name, user_code=user_code)
-            found[name] = _describe(name, steady.lean_for(campaign.varied), rows)
+            found[name] = _describe(name, make_steady(campaign, plans[name], file), rows)
         except InputError as error:
             found[name] = {"fault": error.found}
         except Exception as error:  # the flights are flown, whatever becomes of this

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,27 +28,34 @@ def make_margin_plans(campaign: "Experiment", plans: Mapping[str, FlightPlan]) -
     if model.margins is None:
         return {}
 
-    from abhv_mc.control.controller_file import read_controller
-    from abhv_mc.control.mission import read_mission
-    from abhv_mc.flight.prepare import user_parts_of
     from abhv_mc.stability.periods import find_period
     from abhv_mc.stability.sensor_states import repeats_after, sensor_ticks
-    from abhv_mc.stability.steady import make_steady_plan
 
-    vehicle, mission = next(iter(plans.values())).vehicle, read_mission(model.mission)
+    vehicle = next(iter(plans.values())).vehicle
     if vehicle.constants.surface_limit == 0.0 or vehicle.constants.equivalence_ratio_max == 0.0:
         found = "margins of a vehicle without control surfaces or engine"
         raise InputError(model.vehicle, found, "one with both")
     sampled = campaign.rows(campaign.make_samples().draw(0, min(campaign.runs, _LOOKED_AT)))
     made: dict[str, MarginPlan] = {}
     for name, plan in plans.items():
-        law = read_controller(model.controllers[name])
-        steady = make_steady_plan(plan.vehicle, mission, law, name, user_code=user_parts_of(plan))
+        steady = make_steady(campaign, plan, model.controllers[name])
         period = find_period(steady).ticks  # a law that has none is refused before anything flies
         for ticks in np.unique(sensor_ticks(steady, sampled), axis=0):
             repeats_after(ticks, period)
-        made[name] = add_margins(plan, steady.lean_for(campaign.varied), model.margins.at)
+        made[name] = add_margins(plan, steady, model.margins.at)
     return made
+
+
+def make_steady(campaign: "Experiment", plan: FlightPlan, controller: Path) -> FlightPlan:
+    """The plan of a controller's steady flight at the mission's start. Raises InputError where there is none."""
+    from abhv_mc.control.controller_file import read_controller
+    from abhv_mc.control.mission import read_mission
+    from abhv_mc.flight.prepare import user_parts_of
+    from abhv_mc.stability.steady import make_steady_plan
+
+    law, mission = read_controller(controller), read_mission(campaign.model.mission)
+    steady = make_steady_plan(plan.vehicle, mission, law, plan.controller, user_code=user_parts_of(plan))
+    return steady.lean_for(campaign.varied)
 
 
 def count_metrics(plan: FlightPlan) -> int:

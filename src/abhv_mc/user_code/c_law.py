@@ -15,13 +15,13 @@ from abhv_mc.array_types import Floats
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.jit_pointer import address_of, call_c, floats_at
 from abhv_mc.kernel.laws.columns import REFERENCE
-from abhv_mc.kernel.laws.user import FAULT, MAX_MEMORY, MEMORY, N_ONBOARD, ONBOARD
+from abhv_mc.kernel.laws.user import FAULT, MAX_MEMORY, MEMORY
 from abhv_mc.kernel.numerics.lane_memory import aligned_zeros
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
 from abhv_mc.user_code.c_source import describe_layout, interface
 from abhv_mc.user_code.child import check_may_run
-from abhv_mc.user_code.compiled import COMMAND_ROWS, OpenLaw, build_loop, find_place, indent, lane_of
+from abhv_mc.user_code.compiled import COMMAND_ROWS, ONBOARD_ROWS, OpenLaw, build_loop, find_place, indent, lane_of
 from abhv_mc.user_code.effector_commands import effector_rows
 from abhv_mc.user_code.law_interface import NOT_GIVEN
 from abhv_mc.user_code.plain_law import LAW_FAILED
@@ -29,8 +29,7 @@ from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import BUILT, unpack
 
 _LINE = 64  # bytes that states begin at multiples of
-_ONBOARD = (*range(ONBOARD, ONBOARD + N_ONBOARD), *range(s.CMD, s.CMD + 4))  # its rows
-_COMMAND = 8 * (s.N_SEEN + len(_ONBOARD))  # where in the buffer the command lies
+_COMMAND = 8 * (s.N_SEEN + len(ONBOARD_ROWS))  # where in the buffer the command lies
 _NUMBERS = _COMMAND + 8 * (len(COMMAND_ROWS) + MAX_ACTUATORS)  # and the numbers of a memory
 
 
@@ -178,7 +177,7 @@ def compile_adapter(width: int, memory: int | None, given: int, onboard: bool, e
     kept = [f"{row} = numbers[{i}]" for i, row in enumerate(rows)]
     seen = [f"seen[{i}] = {at(s.MEASURED + i)}" for i in range(given)]
     seen += [f"total += seen[{i}]" for i in range(s.N_MEASURED)]
-    seen += [f"seen[{s.N_SEEN + i}] = {at(row)}" for i, row in enumerate(_ONBOARD if onboard else ())]
+    seen += [f"seen[{s.N_SEEN + i}] = {at(row)}" for i, row in enumerate(ONBOARD_ROWS if onboard else ())]
     text = (_HEAD + (find_place(width, 7, "places", commanded) if memory is None else "") + _CALL).format(
         width=width,
         command=_COMMAND,

@@ -16,19 +16,19 @@ from abhv_mc.kernel.cache import one_compiles
 from abhv_mc.kernel.jit import scalar
 from abhv_mc.kernel.jit_pointer import Uncompilable, compile_pointer
 from abhv_mc.kernel.laws.columns import REFERENCE
-from abhv_mc.kernel.laws.user import FAULT, MEMORY, ONBOARD
+from abhv_mc.kernel.laws.user import FAULT, MEMORY, N_ONBOARD, ONBOARD
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.user_code.effector_commands import effector_rows, tuple_codes
 from abhv_mc.user_code.law_interface import (
     COMMAND_FIELDS,
     Coefficients,
     Command,
-    LastCommand,
     Measured,
     MixedCommand,
     Onboard,
     Reference,
     Thrust,
+    nest,
 )
 from abhv_mc.user_code.load_law import load_law
 from abhv_mc.user_code.module import MODULE, Law, Module, code_hash, refuse_in_words
@@ -47,10 +47,7 @@ COMMAND_ROWS = (
 )  # of a Command
 _GIVEN = "float('inf')"  # in the text of a loop: abhv_mc.user_code.law_interface.NOT_GIVEN
 _MADE = (Command, Coefficients, Thrust)  # of whatever numbers
-REFERENCE_LINES = [  # of a loop, before its lanes
-    f"r = tick * {len(REFERENCE)}",
-    f"reference = _Reference({', '.join(f'row[r + {i}]' for i in range(len(REFERENCE)))})",
-]
+ONBOARD_ROWS = (*range(ONBOARD, ONBOARD + N_ONBOARD), *range(s.CMD, s.CMD + 4))  # of Onboard's numbers
 COMMANDS = "commands."  # before the name of a column that is one
 WANTED = "floats, named tuples and functions of them, or @controller(compiled=False)"
 _NOISE = re.compile(
@@ -97,6 +94,14 @@ def split_columns(names: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, .
 def make_gains_class(names: tuple[str, ...]) -> Any:
     """The named tuple that a law is given as ``gains``."""
     return namedtuple("Gains", names)
+
+
+def tuple_text(kind: str, parts: Iterable[str]) -> str:
+    """What makes a named tuple of its parts, in the text of a loop."""
+    return f"_{kind}({', '.join(parts)})"
+
+
+REFERENCE_TEXT = tuple_text("Reference", [f"row[tick * {len(REFERENCE)} + {i}]" for i in range(len(REFERENCE))])
 
 
 def lane_of(width: int, row: int) -> str:
@@ -230,60 +235,32 @@ def _make_maker(kind: Any, home: str, defaults: dict[str, Any]) -> Any:
 
 def _make_loop(law: Law, gains: tuple[str, ...], width: int, effectors: tuple[str, ...]) -> str:
     """The text of the loop over lanes; the number of lanes is a constant of it, so that it becomes vector code."""
-
     lane = functools.partial(lane_of, width)
-    onboard = _make_nested(Onboard, ONBOARD, lane)
-    designed, commands = split_columns(gains)
-    once, inside = [], []
-    for name in law.arguments:
-        if name == "reference":
-            once += REFERENCE_LINES
-        elif name == "gains":
-            columns = ", ".join(f"column[tick * {len(gains)} + {i}]" for i in range(len(designed)))
-            once.append(f"gains = _Gains({columns})")
-        elif name == "commands":
-            columns = ", ".join(f"column[tick * {len(gains)} + {len(designed) + i}]" for i in range(len(commands)))
-            once.append(f"commands = _Commands({columns})")
-        elif name == "settings":
-            once.append(f"settings = _Settings({', '.join(f'given[{i}]' for i in range(len(law.settings._fields)))})")
-        elif name == "time":
-            once.append("time = tick * dt")
-        elif name == "measured":
-            inside.append(f"measured = _Measured({', '.join(lane(s.MEASURED + i) for i in range(s.N_SEEN))})")
-        elif name == "memory":
-            kept = [lane(MEMORY + i) for i in range(len(law.memory._fields))]
-            starts = [repr(float(law.memory._field_defaults[field])) for field in law.memory._fields]
-            values = [f"{start} if tick == 0 else {held}" for start, held in zip(starts, kept, strict=True)]
-            inside.append(f"memory = _Memory({', '.join(values)})")
-        elif name == "onboard":
-            inside.append(f"onboard = {onboard}")
-    call = f"_law({', '.join(law.arguments)})"
-    if "memory" in law.arguments:
-        inside.append(f"command, after = {call}")
-        for i, field in enumerate(law.memory._fields):
-            inside.append(f"{lane(MEMORY + i)} = after.{field}")
-    else:
-        inside.append(f"command = {call}")
-    for i, row in enumerate(effector_rows(law.source, effectors)):
-        inside.append(f"{lane(row)} = command.effectors[{i}]")
-    for field, row in zip(COMMAND_FIELDS, COMMAND_ROWS, strict=True):
-        inside.append(f"{lane(row)} = command.{field}")
-    inside.append(f"if command.throttle != {_GIVEN}:")
-    inside.append(f"    {lane(s.CMD_ETA)} = command.throttle")
-    return loop_text(width, once, inside)
-
-
-def _make_nested(kind: Any, first: int, lane: Any) -> str:
-    """The expression that makes a named tuple of rows, however deep."""
-    parts, row = [], first
-    for hint in kind.__annotations__.values():
-        if hasattr(hint, "_fields"):
-            parts.append(_make_nested(hint, s.CMD if hint is LastCommand else row, lane))
-            row += len(hint._fields)
-        else:
-            parts.append(lane(row))
-            row += 1
-    return f"_{kind.__name__}({', '.join(parts)})"
+    columns = [f"column[tick * {len(gains)} + {i}]" for i in range(len(gains))]
+    designed = len(split_columns(gains)[0])
+    settings = law.settings._fields if law.settings is not None else ()
+    memory = law.memory._fields if "memory" in law.arguments else ()
+    starts = [repr(float(law.memory._field_defaults[field])) for field in memory]
+    held = [f"{start} if tick == 0 else {lane(MEMORY + i)}" for i, start in enumerate(starts)]
+    once = {
+        "reference": REFERENCE_TEXT,
+        "gains": tuple_text("Gains", columns[:designed]),
+        "commands": tuple_text("Commands", columns[designed:]),
+        "settings": tuple_text("Settings", [f"given[{i}]" for i in range(len(settings))]),
+        "time": "tick * dt",
+    }
+    inside = {
+        "measured": tuple_text("Measured", [lane(s.MEASURED + i) for i in range(s.N_SEEN)]),
+        "memory": tuple_text("Memory", held),
+        "onboard": nest(Onboard, map(lane, ONBOARD_ROWS), lambda kind, parts: tuple_text(kind.__name__, parts)),
+    }
+    before, lines = ([f"{name} = {of[name]}" for name in law.arguments if name in of] for of in (once, inside))
+    lines.append(f"{'command, after' if 'memory' in law.arguments else 'command'} = _law({', '.join(law.arguments)})")
+    lines += [f"{lane(MEMORY + i)} = after.{field}" for i, field in enumerate(memory)]
+    lines += [f"{lane(row)} = command.effectors[{i}]" for i, row in enumerate(effector_rows(law.source, effectors))]
+    lines += [f"{lane(row)} = command.{field}" for field, row in zip(COMMAND_FIELDS, COMMAND_ROWS, strict=True)]
+    lines += [f"if command.throttle != {_GIVEN}:", f"    {lane(s.CMD_ETA)} = command.throttle"]
+    return loop_text(width, before, lines)
 
 
 def _explain(module: Module, error: Uncompilable) -> InputError:

@@ -7,10 +7,10 @@ import numpy as np
 
 from abhv_mc.kernel.jit_pointer import call_c, floats_at
 from abhv_mc.kernel.laws.columns import REFERENCE
-from abhv_mc.kernel.laws.user import FAULT, MEMORY, N_ONBOARD, ONBOARD
+from abhv_mc.kernel.laws.user import FAULT, MEMORY
 from abhv_mc.kernel.numerics.float_bits import float_bits
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.user_code.compiled import COMMAND_ROWS, build_loop, find_place, indent, lane_of
+from abhv_mc.user_code.compiled import COMMAND_ROWS, ONBOARD_ROWS, build_loop, find_place, indent, lane_of
 from abhv_mc.user_code.law_interface import COMMAND_FIELDS, NOT_GIVEN, Measured, onboard_fields
 from abhv_mc.user_code.plain_law import LAW_FAILED
 
@@ -100,8 +100,7 @@ def compile_fmu_adapter(
         if group == "reference":
             return f"row[r + {REFERENCE.index(field)}]"
         if group == "onboard":
-            place = onboard_fields().index(field)
-            return at(ONBOARD + place if place < N_ONBOARD else s.CMD + place - N_ONBOARD)
+            return at(ONBOARD_ROWS[onboard_fields().index(field)])
         return "time" if group == "time" else f"column[k + {gains.index(field)}]"
 
     def to_fmu(wire: Wire) -> str:

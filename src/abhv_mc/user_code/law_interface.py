@@ -1,5 +1,6 @@
 """What a user law is given and what it gives back: named tuples of floats, SI and radians."""
 
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 from abhv_mc.kernel.laws.columns import REFERENCE
@@ -112,6 +113,12 @@ class Onboard(NamedTuple):
     thrust_by_equivalence_ratio: float
     inertia: Inertia
     last: LastCommand
+
+
+def nest(kind: Any, numbers: Iterator[Any], make: Callable[[Any, list[Any]], Any] = lambda kind, of: kind(*of)) -> Any:
+    """What ``make`` gives of a named tuple and its parts, from its numbers, however deep."""
+    hints = kind.__annotations__.values()
+    return make(kind, [nest(hint, numbers, make) if hasattr(hint, "_fields") else next(numbers) for hint in hints])
 
 
 def onboard_fields(kind: Any = Onboard) -> list[str]:

@@ -11,8 +11,8 @@ from abhv_mc.array_types import Floats
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.laws.user import FAULT, MEMORY, N_ONBOARD, ONBOARD
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.user_code.compiled import COMMAND_ROWS, make_gains_class, split_columns
-from abhv_mc.user_code.law_interface import Command, Measured, Onboard, Reference, command_rows
+from abhv_mc.user_code.compiled import COMMAND_ROWS, ONBOARD_ROWS, make_gains_class, split_columns
+from abhv_mc.user_code.law_interface import Command, Measured, Onboard, Reference, command_rows, nest
 from abhv_mc.user_code.module import Law
 from abhv_mc.user_code.unpack import in_its_folder
 from abhv_mc.user_code.watch import watching
@@ -109,8 +109,7 @@ class PlainLaw:
         if "measured" in law.arguments:
             values["measured"] = Measured(*block[s.MEASURED : s.MEASURED + s.N_SEEN, lane].tolist())
         if "onboard" in law.arguments:
-            numbers = block[ONBOARD : ONBOARD + N_ONBOARD, lane].tolist() + block[s.CMD : s.CMD + 4, lane].tolist()
-            values["onboard"] = _nest(Onboard, iter(numbers))
+            values["onboard"] = nest(Onboard, iter(block[list(ONBOARD_ROWS), lane].tolist()))
         returned = law.function(*(values[name] for name in law.arguments))
         if self._remembers:
             command, memory = returned
@@ -128,9 +127,3 @@ class PlainLaw:
 
 def _row(pointer: Any, tick: int, columns: int) -> list[float]:
     return pointer[tick * columns : (tick + 1) * columns]
-
-
-def _nest(kind: Any, numbers: Any) -> Any:
-    """A named tuple from its numbers, however deep."""
-    hints = kind.__annotations__.values()
-    return kind(*(_nest(hint, numbers) if hasattr(hint, "_fields") else next(numbers) for hint in hints))

@@ -7,7 +7,15 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.laws.user import CHANNEL, MAX_CHANNELS
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.state import X, variable_row
-from abhv_mc.user_code.compiled import COMMAND_ROWS, REFERENCE_LINES, build, compiled_names, lane_of, loop_text
+from abhv_mc.user_code.compiled import (
+    COMMAND_ROWS,
+    REFERENCE_TEXT,
+    build,
+    compiled_names,
+    lane_of,
+    loop_text,
+    tuple_text,
+)
 from abhv_mc.user_code.law_interface import Measured, MixedCommand, Reference
 from abhv_mc.user_code.load_law import check_functions
 from abhv_mc.user_code.module import CHANNEL as MARK
@@ -51,21 +59,15 @@ def compile_channels(source: UserSource, width: int) -> Any:
 
 
 def _make_loop(signatures: dict[str, tuple[str, ...]], width: int) -> str:
-    def tuple_of(kind: str, rows: Any) -> str:
-        return f"_{kind}({', '.join(lane_of(width, row) for row in rows)})"
-
-    expected = {argument for arguments in signatures.values() for argument in arguments}
-    once, inside = [], []
-    if "reference" in expected:
-        once += REFERENCE_LINES
-    if "time" in expected:
-        once.append("time = tick * dt")
-    if "actual" in expected:
-        inside.append(f"actual = {tuple_of('Measured', _ACTUAL)}")
-    if "measured" in expected:
-        inside.append(f"measured = {tuple_of('Measured', range(s.MEASURED, s.MEASURED + s.N_MEASURED))}")
-    if "command" in expected:
-        inside.append(f"command = {tuple_of('Command', (*COMMAND_ROWS, s.CMD_ETA))}")
+    lane = functools.partial(lane_of, width)
+    once = {"reference": REFERENCE_TEXT, "time": "tick * dt"}
+    inside = {
+        "actual": tuple_text("Measured", map(lane, _ACTUAL)),
+        "measured": tuple_text("Measured", [lane(s.MEASURED + i) for i in range(s.N_MEASURED)]),
+        "command": tuple_text("Command", map(lane, (*COMMAND_ROWS, s.CMD_ETA))),
+    }
+    named = {argument for arguments in signatures.values() for argument in arguments}
+    before, lines = ([f"{name} = {text}" for name, text in of.items() if name in named] for of in (once, inside))
     for i, (name, arguments) in enumerate(signatures.items()):
-        inside.append(f"{lane_of(width, CHANNEL + i)} = _channel_{name}({', '.join(arguments)})")
-    return loop_text(width, once, inside)
+        lines.append(f"{lane(CHANNEL + i)} = _channel_{name}({', '.join(arguments)})")
+    return loop_text(width, before, lines)
