@@ -2,7 +2,6 @@
 
 import random
 import shutil
-from dataclasses import replace
 
 import pytest
 from fake_flight import ENGINE, write_campaign
@@ -36,12 +35,22 @@ READERS = {
 SEED = 2026
 
 
+WORST = WorstSettings("altitude_error_max_m", flights=160)
+
+
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
     root = tmp_path_factory.mktemp("flown")
     campaign = write_campaign(root / "f", runs="60", keep=KEEP, execution="{batch: 20}")
     run_campaign(Request(campaign, root / "out"), ENGINE)
-    return campaign, root / "out"
+    return root / "out"
+
+
+@pytest.fixture(scope="module")
+def searched(tmp_path_factory):
+    root = tmp_path_factory.mktemp("searched")
+    find_worst(SearchRequest(write_line(root / "f"), root / "out"), WORST, LINE)
+    return root / "out"
 
 
 def files_of(folder):
@@ -63,30 +72,27 @@ def flips(folder):
         yield from ((file, place, chance.randrange(8)) for place in sorted(places) if 0 <= place < size)
 
 
-def test_the_manifest_names_every_file(flown):
-    _, folder = flown
+@pytest.mark.parametrize(("made", "readers"), [("flown", [*READERS]), ("searched", ["query", "notebook", "export"])])
+def test_readers_refuse_any_flipped_bit_and_name_the_file(made, readers, request):
+    folder = request.getfixturevalue(made)
     listed = open_results(folder).manifest.files
     assert sorted(listed) == [file.as_posix() for file in files_of(folder) if file.name != "manifest.json"]
-
-
-def test_readers_refuse_any_flipped_bit_and_name_the_file(flown):
-    _, folder = flown
     for file, place, bit in flips(folder):
         flip(folder / file, place, bit)
-        for name, read in READERS.items():
+        for name in readers:
             with pytest.raises(InputError) as refused:
-                read(folder)
+                READERS[name](folder)
             assert file.name in str(refused.value), (name, file, place, bit)
         if file.name != "manifest.json":
             assert next(verify_campaign(folder)).startswith(file.as_posix())
         flip(folder / file, place, bit)
-    read_flown(folder)
+    open_results(folder)
 
 
 def test_a_folder_in_which_somebody_flies_is_not_called_damaged(flown, tmp_path):
     """A run that goes on writes its envelopes before its manifest: readers asked for the file to be restored."""
     folder = tmp_path / "out"
-    shutil.copytree(flown[1], folder)
+    shutil.copytree(flown, folder)
     flip(folder / "envelopes.parquet", 100, 1)
     with hold_lock(folder / ".lock"), pytest.raises(InputError, match=r"while process .* flies .* the end of that run"):
         read_flown(folder)
@@ -97,7 +103,7 @@ def test_a_folder_in_which_somebody_flies_is_not_called_damaged(flown, tmp_path)
 
 
 def test_replay_looks_at_what_it_reads(flown):
-    _, folder = flown
+    folder = flown
     for part in ("plans/one.npz", "samples.parquet", "flights/one-000000000-000000020.parquet"):
         flip(folder / part, 40, 3)
         with pytest.raises(InputError, match=part.rpartition("/")[2]):
@@ -106,41 +112,11 @@ def test_replay_looks_at_what_it_reads(flown):
     assert not replay_flight(folder, "one", 3, ENGINE.fly).differences
 
 
-@pytest.fixture(scope="module")
-def searched(tmp_path_factory):
-    root = tmp_path_factory.mktemp("searched")
-    request = SearchRequest(write_line(root / "f"), root / "out")
-    find_worst(request, WORST, LINE)
-    return request
-
-
-WORST = WorstSettings("altitude_error_max_m", flights=160)
-
-
-def test_readers_refuse_any_flipped_bit_of_a_searchs_folder(searched):
-    folder = searched.out
-    assert sorted(open_results(folder).manifest.files) == [
-        file.as_posix() for file in files_of(folder) if file.name != "manifest.json"
-    ]
-    for file, place, bit in flips(folder):
-        flip(folder / file, place, bit)
-        for name in ("query", "notebook", "export"):
-            with pytest.raises(InputError) as refused:
-                READERS[name](folder)
-            assert file.name in str(refused.value), (name, file, place, bit)
-        if file.name != "manifest.json":
-            assert next(verify_campaign(folder)).startswith(file.as_posix())
-        flip(folder / file, place, bit)
-    assert not list(verify_campaign(folder))
-
-
-def test_the_search_flies_a_damaged_block_again(searched, tmp_path, capfd):
-    folder = searched.out
-    whole = {file: (folder / file).read_bytes() for file in files_of(folder) if file.name != "manifest.json"}
+def test_the_search_flies_a_damaged_block_again(searched, tmp_path):
+    whole = {file: (searched / file).read_bytes() for file in files_of(searched) if file.name != "manifest.json"}
+    request = SearchRequest(searched.parent / "f/campaign.yaml", tmp_path / "out")
     for file in (file for file in whole if file.parts[0] == "flights"):
-        out = tmp_path / "out"
-        shutil.copytree(folder, out)
-        flip(out / file, 1000, 3)
-        find_worst(replace(searched, out=out), WORST, LINE)
-        assert {name: (out / name).read_bytes() for name in whole} == whole, file
-        shutil.rmtree(out)
+        shutil.copytree(searched, request.out, dirs_exist_ok=True)
+        flip(request.out / file, 1000, 3)
+        find_worst(request, WORST, LINE)
+        assert {name: (request.out / name).read_bytes() for name in whole} == whole, file

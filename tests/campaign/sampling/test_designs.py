@@ -1,21 +1,23 @@
-"""Designs: what each promises of its numbers, and that nothing moves flight k."""
+"""Designs and their correlation by the Gaussian copula: what each promises of its numbers; nothing moves flight k."""
 
 import numpy as np
 import pytest
 from scipy import stats
 
+from abhv_mc.campaign.sampling.correlation import make_copula, normal_correlation
 from abhv_mc.campaign.sampling.designs import Design, count_flights
 
 # First numbers of seed 2014, atmosphere.density.
 PINNED = [0.017774777221241878, 0.20880064504902818]
 NAMES = ("atmosphere.density", "aero.lift", "aero.drag")
+DRAWN = ["random", "lhs", "sobol", "halton"]
 
 
 def draw(kind, flights=512, seed=7, names=NAMES, first=0, stop=None, levels=2):
     return Design(kind, seed, names, flights, levels).draw(first, flights if stop is None else stop)
 
 
-@pytest.mark.parametrize("kind", ["random", "lhs", "sobol", "halton"])
+@pytest.mark.parametrize("kind", DRAWN)
 def test_columns_are_uniform(kind):
     numbers = draw(kind, 2000)
     assert numbers.min() > 0.0 and numbers.max() < 1.0
@@ -23,7 +25,7 @@ def test_columns_are_uniform(kind):
         assert stats.kstest(column, "uniform").pvalue > 1e-3
 
 
-@pytest.mark.parametrize("kind", ["random", "lhs", "sobol", "halton"])
+@pytest.mark.parametrize("kind", DRAWN)
 @pytest.mark.parametrize("first, stop", [(0, 1), (5, 12), (4090, 4100), (500, 512)])
 def test_a_slice_is_the_whole_cut(kind, first, stop):
     whole = draw(kind, 4200)
@@ -35,13 +37,13 @@ def test_extending_keeps_the_first_flights(kind):
     np.testing.assert_array_equal(draw(kind, 5000)[:300], draw(kind, 300))
 
 
-@pytest.mark.parametrize("kind", ["random", "lhs", "sobol", "halton"])
+@pytest.mark.parametrize("kind", DRAWN)
 def test_an_added_parameter_shifts_no_other(kind):
     more = draw(kind, names=("wind.north", "aero.lift", "mass.total", "aero.drag", "atmosphere.density"))
     np.testing.assert_array_equal(more[:, [4, 1, 3]], draw(kind))
 
 
-@pytest.mark.parametrize("kind", ["random", "lhs", "sobol", "halton"])
+@pytest.mark.parametrize("kind", DRAWN)
 def test_neighbouring_seeds_and_parameters_share_nothing(kind):
     columns = np.column_stack([draw(kind, seed=7), draw(kind, seed=8)])
     correlation = np.corrcoef(columns.T) - np.eye(6)
@@ -77,3 +79,33 @@ def test_corners_grid_and_one_at_a_time():
 def test_first_numbers_of_a_stream_never_change():
     """Pinned: a change here would silently change every campaign ever flown."""
     np.testing.assert_array_equal(draw("random", 2, seed=2014)[:, 0], PINNED)
+
+
+CORRELATED = (*NAMES, "mass.total")
+PAIRS = {("aero.drag", "aero.lift"): normal_correlation(0.7), ("aero.lift", "mass.total"): -0.4}
+
+
+@pytest.fixture(scope="module")
+def numbers():
+    return Design("random", 5, CORRELATED, 20000).draw(0, 20000)
+
+
+def test_correlations_are_those_asked_for_laws_stay_uniform_and_other_columns_untouched(numbers):
+    mixed = make_copula(CORRELATED, PAIRS).apply(numbers)
+    np.testing.assert_array_equal(mixed[:, 0], numbers[:, 0])
+    assert all(stats.kstest(column, "uniform").pvalue > 1e-3 for column in mixed.T)
+    ranks = stats.spearmanr(mixed).statistic
+    assert ranks[1, 2] == pytest.approx(0.7, abs=0.02)
+    assert ranks[1, 3] == pytest.approx(6 / np.pi * np.arcsin(-0.4 / 2), abs=0.02)
+    assert abs(ranks[2, 3]) < 0.03
+
+
+def test_a_slice_of_correlated_numbers_is_the_whole_cut_to_the_bit(numbers):
+    copula = make_copula(CORRELATED, PAIRS)
+    np.testing.assert_array_equal(copula.apply(numbers)[7:12], copula.apply(numbers[7:12]))
+
+
+def test_a_matrix_that_is_not_positive_definite_is_refused():
+    impossible = {("aero.drag", "aero.lift"): 0.9, ("aero.lift", "mass.total"): 0.9, ("aero.drag", "mass.total"): -0.9}
+    with pytest.raises(np.linalg.LinAlgError):
+        make_copula(CORRELATED, impossible)

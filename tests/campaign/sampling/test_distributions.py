@@ -1,23 +1,39 @@
-"""Each distribution of a campaign file against its own law and against what the file says."""
+"""Each distribution of a campaign file against its own law and against what the file says: those of scipy, mixtures,
+and values that are drawn with a probability."""
+
+import math
+from pathlib import Path
 
 import numpy as np
 import pytest
+from fake_flight import write_campaign
 from pydantic import TypeAdapter
-from scipy import stats
+from scipy import optimize, stats
 
+from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.sampling.designs import Design
 from abhv_mc.campaign.sampling.distributions import Distribution
-from abhv_mc.io.documents import Refusal
+from abhv_mc.campaign.sampling.marginals import DiscreteMarginal
+from abhv_mc.io.documents import InputError, Refusal
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.plant.parameters import PARAMETERS
 
 DENSITY = PARAMETERS[PARAMETER_INDEX["atmosphere.density"]]
 ALTITUDE = PARAMETERS[PARAMETER_INDEX["initial.altitude"]]
 HEADING = PARAMETERS[PARAMETER_INDEX["initial.heading"]]
+STUCK = PARAMETERS[PARAMETER_INDEX["failure.elevator.stuck_time"]]
+NARROW = {"distribution": "normal", "mean": 0.9, "sigma": "5 %"}
+WIDE = {"distribution": "normal", "mean": 1.3, "sigma": "1 %"}
+CHOICE = {"distribution": "discrete", "values": [0.7, 1.0]}
+ENDS = np.array([0.0, 0.5, 1.0])
 
 
 def make_marginal(parameter, **entry):
     return TypeAdapter(Distribution).validate_python(entry).make_marginal(parameter)
+
+
+def make_mixture(*parts, **more):
+    return make_marginal(DENSITY, distribution="mixture", parts=list(parts), **more)
 
 
 TRUNCATED = stats.truncnorm(-1.2, 1.2, scale=50.0)
@@ -49,13 +65,6 @@ def test_samples_follow_the_declared_law(parameter, entry, expected):
     np.testing.assert_allclose(law.cdf(values), expected.cdf(values), atol=1e-12)
 
 
-def test_truncation_is_not_clipping():
-    law = make_marginal(DENSITY, distribution="truncated_normal", sigma=0.1, half_width=0.1)
-    values = law.ppf(Design("random", 3, ("aero.lift",), 4000).draw(0, 4000)[:, 0])
-    assert values.min() > 0.9 and values.max() < 1.1
-    assert len(np.unique(values)) == 4000  # clipping would pile flights up at the ends
-
-
 def test_discrete_choice_has_its_weights():
     law = make_marginal(ALTITUDE, distribution="discrete", values=["5 m", "-1 m", "3 m"], weights=[1.0, 2.0, 5.0])
     values = law.ppf(Design("random", 3, ("aero.lift",), 8000).draw(0, 8000)[:, 0])
@@ -65,16 +74,23 @@ def test_discrete_choice_has_its_weights():
     np.testing.assert_allclose(law.cdf(np.array([-2.0, -1.0, 4.0, 5.0])), [0.0, 0.25, 0.875, 1.0])
 
 
-def test_extent_of_bounded_and_unbounded_laws():
-    ends = np.array([0.0, 1.0])
-    np.testing.assert_allclose(
-        make_marginal(DENSITY, distribution="uniform", half_width=0.1).at_fraction(ends), [0.9, 1.1]
-    )
-    np.testing.assert_allclose(make_marginal(DENSITY, distribution="normal", sigma=0.1).at_fraction(ends), [0.7, 1.3])
-    wide = make_marginal(DENSITY, distribution="lognormal", sigma=0.1)  # 0 is where it begins, and no value of it
-    np.testing.assert_allclose(wide.at_fraction(ends), np.exp([-0.3, 0.3]))
-    discrete = make_marginal(DENSITY, distribution="discrete", values=[0.8, 1.0, 1.1])
-    np.testing.assert_array_equal(discrete.at_fraction(np.array([0.0, 0.5, 1.0])), [0.8, 1.0, 1.1])
+@pytest.mark.parametrize(
+    ("parameter", "entry", "expected"),
+    [
+        (DENSITY, dict(distribution="uniform", half_width=0.1), [0.9, 1.0, 1.1]),
+        (DENSITY, dict(distribution="normal", sigma=0.1), [0.7, 1.0, 1.3]),
+        (
+            DENSITY,
+            dict(distribution="lognormal", sigma=0.1),
+            [np.exp(-0.3), np.cosh(0.3), np.exp(0.3)],
+        ),  # 0 is no value
+        (DENSITY, dict(distribution="discrete", values=[0.8, 1.0, 1.1]), [0.8, 1.0, 1.1]),
+        (DENSITY, dict(distribution="mixture", parts=[NARROW, WIDE, CHOICE], weights=[1, 1e-6, 1]), [0.7, 1.015, 1.33]),
+        (STUCK, dict(distribution="uniform", low="5 s", high="50 s", probability="5 %"), [5.0, 27.5, 50.0]),
+    ],
+)
+def test_extent_of_bounded_and_unbounded_laws(parameter, entry, expected):
+    np.testing.assert_allclose(make_marginal(parameter, **entry).at_fraction(ENDS), expected, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -84,14 +100,113 @@ def test_extent_of_bounded_and_unbounded_laws():
         (DENSITY, dict(distribution="uniform", low=1.1, high=0.9), ("high",)),
         (DENSITY, dict(distribution="uniform", half_width=0.1, low=0.9), ()),
         (DENSITY, dict(distribution="normal", sigma=-0.1), ("sigma",)),
+        (STUCK, dict(distribution="normal", sigma="2 s"), ()),
+        (STUCK, dict(distribution="uniform", half_width="2 s"), ("half_width",)),
         (DENSITY, dict(distribution="truncated_normal", sigma=0.01, low=2.0, high=3.0), ("sigma",)),
         (ALTITUDE, dict(distribution="lognormal", sigma=0.1), ()),
         (DENSITY, dict(distribution="discrete", values=[1.0, 1.0]), ("values",)),
         (DENSITY, dict(distribution="scipy", law="os.system"), ("law",)),
         (DENSITY, dict(distribution="scipy", law="weibull_min", shapes={"c": -1.0}), ()),
+        (DENSITY, dict(distribution="mixture", parts=[NARROW, WIDE], weights=[1.0]), ("weights",)),
+        (DENSITY, dict(distribution="mixture", parts=[NARROW, {**WIDE, "probability": 0.5}]), ("parts", 1)),
+        (
+            DENSITY,
+            dict(distribution="mixture", parts=[NARROW, dict(distribution="uniform", low=2, high=1)]),
+            ("parts", 1, "high"),
+        ),
     ],
 )
 def test_what_makes_no_sense_is_refused_where_it_stands(parameter, entry, keys):
     with pytest.raises(Refusal) as caught:
         make_marginal(parameter, **entry)
     assert caught.value.keys == keys
+
+
+def test_two_normals_are_those_of_scipy():
+    law = make_mixture(NARROW, WIDE, weights=[3, 1])
+    one, other = stats.norm(0.9, 0.05), stats.norm(1.3, 0.01)
+    values = np.linspace(0.6, 1.5, 91)
+    np.testing.assert_allclose(law.cdf(values), 0.75 * one.cdf(values) + 0.25 * other.cdf(values), atol=1e-15)
+    np.testing.assert_allclose(law.density(values), 0.75 * one.pdf(values) + 0.25 * other.pdf(values), rtol=1e-12)
+    probabilities = np.array([1e-9, 0.01, 0.3, 0.7499, 0.75, 0.7501, 0.9, 1 - 1e-9])
+    expected = [
+        optimize.brentq(lambda x, p=p: 0.75 * one.cdf(x) + 0.25 * other.cdf(x) - p, 0.0, 2.0, xtol=1e-15, rtol=1e-15)
+        for p in probabilities
+    ]
+    steep = np.array([0, 1, 2, 3, 6])  # between the two the probability hardly rises: a root finder is lost there
+    np.testing.assert_allclose(law.ppf(probabilities)[steep], np.array(expected)[steep], rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(law.cdf(law.ppf(probabilities)), probabilities, rtol=0.0, atol=1e-12)
+
+
+def test_quantiles_are_bracketed_to_1e_12_and_do_not_depend_on_the_others():
+    law = make_mixture(NARROW, WIDE, CHOICE)
+    probabilities = Design("random", 3, ("aero.lift",), 3000).draw(0, 3000)[:, 0]
+    values = law.ppf(probabilities)
+    assert np.all(law.cdf(values) >= probabilities)
+    assert np.all(law.cdf(values - 1e-12) <= probabilities + 1e-15)
+    assert all(law.ppf(probabilities[i : i + 1])[0] == values[i] for i in range(40))
+    for atom in (0.7, 1.0):  # exactly, in a sixth of the flights
+        assert np.mean(values == atom) == pytest.approx(1 / 6, abs=0.02)
+    assert law.density(np.array([0.7, 1.0])) == pytest.approx([1 / 6, 1 / 6])
+
+
+def test_choices_alone_make_a_choice():
+    law = make_mixture(CHOICE, {"distribution": "discrete", "values": [1.0, 1.2], "weights": [3, 1]}, weights=[1, 3])
+    assert isinstance(law, DiscreteMarginal)
+    assert law.values.tolist() == [0.7, 1.0, 1.2]
+    assert law.cumulative == pytest.approx([0.125, 0.8125, 1.0])
+
+
+_UNIFORM = np.linspace(0.0005, 0.9995, 1000)
+
+
+def test_a_failure_comes_in_its_share_of_the_flights_and_never_in_the_others():
+    marginal = make_marginal(STUCK, distribution="uniform", low="5 s", high="50 s", probability="5 %")
+    values = marginal.ppf(_UNIFORM)
+    assert np.sum(np.isfinite(values)) == 50 and np.all(values[50:] == math.inf)
+    assert values[:50] == pytest.approx(5.0 + 45.0 * (_UNIFORM[:50] / 0.05))
+    assert marginal.cdf(np.array([4.0, 27.5, 1e9, math.inf])) == pytest.approx([0.0, 0.025, 0.05, 1.0])
+    assert marginal.density(np.array([20.0, math.inf])) == pytest.approx([0.05 / 45.0, 0.95])
+
+
+def test_about_a_nominal_value_the_quantiles_still_rise_and_the_shares_are_right():
+    marginal = make_marginal(DENSITY, distribution="normal", sigma="10 %", probability=0.3)
+    values = marginal.ppf(_UNIFORM)
+    assert np.all(np.diff(values) >= 0.0)
+    assert np.sum(values == 1.0) == pytest.approx(700, abs=1)
+    assert np.std(values[values != 1.0]) == pytest.approx(0.1, rel=0.02)
+    assert marginal.cdf(values[values != 1.0]) == pytest.approx(_UNIFORM[values != 1.0], abs=1e-9)
+
+
+_ENTRY = "{failure.engine.time: {distribution: uniform, low: 1 s, high: 2 s, probability: 20 %}, aero.lift: \
+{distribution: normal, sigma: 5 %}}"
+
+
+def test_flight_k_has_the_same_failure_however_many_fly(tmp_path: Path):
+    few = read_campaign(write_campaign(tmp_path / "a", dispersions=_ENTRY)).make_samples().draw(0, 50)
+    many = read_campaign(write_campaign(tmp_path / "b", dispersions=_ENTRY, runs="3000")).make_samples().draw(0, 3000)
+    assert np.array_equal(few, many[:50])
+    assert np.isfinite(many[:, 0]).mean() == pytest.approx(0.2, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("entries", "words"),
+    [
+        ({"sampling": "corners", "runs": "4"}, "a probability with the design 'corners'"),
+        ({"correlations": "[{between: [aero.lift, failure.engine.time], rank: 0.5}]"}, "drawn with a probability"),
+        ({"dispersions": _ENTRY.replace("20 %", "120 %")}, "120 %"),
+    ],
+)
+def test_where_it_has_no_meaning_it_is_refused_with_its_place(tmp_path: Path, entries: dict[str, str], words: str):
+    with pytest.raises(InputError, match=rf":\d+:\d+: .*{words}"):
+        read_campaign(write_campaign(tmp_path / "c", **{"dispersions": _ENTRY} | entries))
+
+
+def test_failures_of_the_vehicles_own_effectors_are_named_after_them(tmp_path: Path):
+    entry = "{failure.right_elevon.stuck_time: {distribution: uniform, low: 1 s, high: 2 s}}"
+    path = write_campaign(tmp_path / "d", dispersions=entry)
+    (tmp_path / "d/vehicle.yaml").write_text("effectors: {left_elevon: {}, right_elevon: {}}\n", encoding="utf-8")
+    assert read_campaign(path).names == ("failure.effector_1.stuck_time",)
+    (tmp_path / "d/vehicle.yaml").write_text("effectors: {left_elevon: {}}\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"parameter 'failure\.right_elevon\.stuck_time'"):
+        read_campaign(path)

@@ -31,6 +31,7 @@ _Weights = tuple[Annotated[float, Field(gt=0.0)], ...]
 
 
 class _Distribution(StrictModel):
+    distribution: str = Field(description=_KIND)
     probability: Annotated[Fraction, Field(gt=0.0, le=1.0)] = Field(
         1.0, description="with which the drawn value holds; else the nominal one"
     )
