@@ -123,7 +123,6 @@ def test_what_no_signal_gives_is_asked_for(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "found"),
     [
-        ('varID="vt" units="ft_s"', 'varID="vt" units="furlong_s"', "unknown unit 'furlong_s'"),
         ('DAVEfunc.dtd">', 'DAVEfunc.dtd" [<!ENTITY a "b">]>', "the entity declaration 'a'"),
         ("<cn>180.</cn>", "<cn>&amp;&other;</cn>", "entity"),
         ("<ci>el</ci>", "<ci>__import__('os')</ci>", "computed of '__import__"),
@@ -138,6 +137,11 @@ def test_what_is_wrong_is_refused_with_its_line(tmp_path: Path, old: str, new: s
         import_daveml([path], tmp_path / "out")
     assert error.value.line is not None
     assert not (tmp_path / "out").exists()
+
+
+def test_an_unknown_unit_of_a_mapped_signal_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="unknown unit 'furlong_s'"):
+        import_daveml([changed(tmp_path, "brick_aero.dml", 'units="ft_s"', 'units="furlong_s"')], tmp_path / "out")
 
 
 def test_ungridded_extrapolated_and_own_points(tmp_path: Path) -> None:

