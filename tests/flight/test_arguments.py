@@ -1,4 +1,4 @@
-"""What compiled code relies on is checked where Python enters: types, shapes, alignment, and that nothing overlaps."""
+"""What compiled code relies on is checked where Python enters: types, shapes, order and alignment."""
 
 import dataclasses
 
@@ -82,7 +82,7 @@ def test_wrong_types_and_shapes_are_refused(plan, change, sentence):
     ("parameters", "sentence"),
     [
         (nominal_parameters()[:, 1:], "parameters has the shape"),
-        (nominal_parameters() + 0j, "parameters are an array of complex128, not of real numbers"),
+        (nominal_parameters() + 0j, "parameters is an array of complex128, not an array of float64"),
     ],
 )
 def test_wrong_parameters_are_refused(plan, parameters, sentence):

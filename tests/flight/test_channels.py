@@ -5,7 +5,6 @@ import pytest
 from abhv_mc.flight.channels import CHANNELS, REFERENCE_CHANNELS, SOURCES
 from abhv_mc.flight.compile_metrics import compile_metrics, known_sources
 from abhv_mc.flight.metrics import METRICS
-from abhv_mc.flight.observed import find_factor
 from abhv_mc.flight.outcome import LIMITS, SENTENCES, Outcome
 from abhv_mc.flight.plan import NO_SOURCES
 from abhv_mc.kernel.flight import derived, observe
@@ -27,9 +26,9 @@ def test_every_source_has_a_row(entry):
 
 
 def test_rows_in_radians_become_degrees_and_derived_ones_stay():
-    assert find_factor("sideslip", "deg") == pytest.approx(57.29578)
-    assert find_factor("roll_rate", "deg/s") == pytest.approx(57.29578)
-    assert find_factor("bank_error_deg", "deg") == find_factor("altitude", "m") == 1.0
+    factors = {name: known.factor for name, known in known_sources(NO_SOURCES).items()}
+    assert factors["sideslip_deg"] == factors["roll_rate_dps"] == pytest.approx(57.29578)
+    assert factors["bank_error_deg"] == factors["altitude_m"] == 1.0
 
 
 LOST = {Outcome.LAW_FAILED, Outcome.LAW_CRASHED, Outcome.LAW_HUNG}

@@ -23,7 +23,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.execution.attest import Check
 from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries
 from abhv_mc.execution.worker import serve
-from abhv_mc.flight.last_tick import describe_last_tick
+from abhv_mc.flight.lost import describe_last_tick
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.simulators.engine import Fly, Recorded
 from abhv_mc.user_code.child import describe_exit

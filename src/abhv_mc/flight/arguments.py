@@ -1,25 +1,24 @@
-"""What the compiled flight takes: three named tuples, checked where Python hands them over.
+"""What the compiled flight takes: plan, parameters and room for results.
 
-Compiled code trusts its arrays: of the right type and shape, C-contiguous and aligned, and none that is written to
-shares memory with another. That is checked here, once a call.
+Compiled code trusts its arrays. Type, shape, order and alignment of a plan's are checked here, once a call; what is
+written to is made here.
 """
 
-from bisect import bisect_left
-from collections.abc import Iterator
+import math
+from collections.abc import Sequence
 from functools import cache
-from itertools import pairwise
 from typing import Any, NamedTuple, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.compile_metrics import compile_metrics, known_sources
-from abhv_mc.flight.observed import make_observed
+from abhv_mc.flight.compile_metrics import Known, compile_metrics, find_row, known_sources
+from abhv_mc.flight.outcome import LIMITS, Limits
 from abhv_mc.flight.plan import FlightPlan, Recording
 from abhv_mc.kernel.flight.counting import Statistic
-from abhv_mc.kernel.flight.interface import LQR, PYTHON, RECORDED, TLC, KernelPlan, KernelResults
-from abhv_mc.kernel.flight.memory import SAVED_ROWS, Memory
+from abhv_mc.kernel.flight.interface import LQR, PYTHON, RECORDED, TLC, KernelPlan, KernelResults, Observed
+from abhv_mc.kernel.flight.memory import SAVED_ROWS
 from abhv_mc.kernel.laws.columns import LQR_GAINS, LQR_SETTINGS, REFERENCE, TLC_GAINS, TLC_SETTINGS
 from abhv_mc.kernel.laws.recorded import RECORDED_GAINS
 from abhv_mc.kernel.plant.air_profile import PROFILE
@@ -30,10 +29,8 @@ _COLUMNS = {  # of the gains and of the settings
     "tlc": (len(TLC_GAINS), len(TLC_SETTINGS)),
     "lqr": (len(LQR_GAINS), len(LQR_SETTINGS)),
     "recorded": (len(RECORDED_GAINS), None),
-    "python": (None, None),
-    "c": (None, None),
-    "fmu": (None, None),
-}
+}  # a user law has any
+_FLOWN = 0.5  # verdict of a flight that has met its mission's end: below every limit's code, and OK as a whole number
 
 
 class Kept(NamedTuple):
@@ -73,6 +70,7 @@ def make_kernel_plan(
     Raises ValueError for an array of the wrong type or shape.
     """
     terms = plan.vehicle.build_up.factor.size
+    known = known_sources(plan.user_sources, plan.effectors)
     made = conform(
         KernelPlan(
             LAWS[plan.law],
@@ -82,7 +80,7 @@ def make_kernel_plan(
             plan.earth,
             plan.timing,
             recording.every,
-            make_observed(plan.limits, tuple(plan.channels[i] for i in recording.channels)),
+            make_observed(plan.limits, [known[plan.channels[i].name] for i in recording.channels]),
             np.zeros(terms, np.int64),
             plan.initial_state,
             plan.reference,
@@ -90,14 +88,14 @@ def make_kernel_plan(
             plan.settings,
             plan.profile,
             parameters,
-            compile_metrics(plan.metrics, known_sources(plan.user_sources, plan.effectors)),
+            compile_metrics(plan.metrics, known),
             start.tick if start else 0,
             start.rows if start else np.empty((0, SAVED_ROWS)),
         ),
         KernelPlan,
         "plan",
     )
-    columns, settings = _COLUMNS[plan.law]
+    columns, settings = _COLUMNS.get(plan.law, (None, None))
     check_shape(made.initial_state, (N_STATES,), "plan.initial_state")
     check_shape(made.parameters, (None, N_PARAMETERS), "parameters")
     check_shape(made.start, (len(made.parameters) if start else 0, SAVED_ROWS), "start")
@@ -109,6 +107,19 @@ def make_kernel_plan(
     if rows <= plan.timing.ticks:
         raise ValueError(f"plan.reference or plan.gains has {rows} rows for control ticks 0 to {plan.timing.ticks}")
     return made
+
+
+def make_observed(limits: Limits, recorded: Sequence[Known]) -> Observed:
+    """What a flight observes at each tick: its limits, and what it records."""
+    bounded = [limit for limit in LIMITS if any(map(math.isfinite, limit.bounds(limits)))]  # perhaps none
+    bounds = np.array([limit.bounds(limits) for limit in bounded], np.float64).reshape(-1, 2)
+    return Observed(
+        np.array([find_row(limit.source) for limit in bounded], np.int64),
+        np.array([float(limit.outcome) or _FLOWN for limit in bounded], np.float64),
+        *bounds.T.copy(),
+        np.array([channel.row for channel in recorded], np.int64),
+        np.array([channel.factor for channel in recorded], np.float64),
+    )
 
 
 def conform(value: Any, kind: Any, name: str) -> Any:
@@ -124,16 +135,11 @@ def conform(value: Any, kind: Any, name: str) -> Any:
         if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
             raise ValueError(f"{name} is {value!r:.60}, not a number")
         return kind(value)
-    check_type(value, kind, name)
-    return np.require(value, requirements=["C", "A", "O", "W"])
-
-
-def check_type(array: Any, kind: Any, name: str) -> None:
-    """Raise ValueError unless an array has the type that an annotation such as ``Floats`` declares."""
     expected = np.dtype(get_args(get_args(kind)[1])[0])
-    if not isinstance(array, np.ndarray) or array.dtype != expected:
-        found = f"an array of {array.dtype}" if isinstance(array, np.ndarray) else f"a {type(array).__name__}"
+    if not isinstance(value, np.ndarray) or value.dtype != expected:
+        found = f"an array of {value.dtype}" if isinstance(value, np.ndarray) else f"a {type(value).__name__}"
         raise ValueError(f"{name} is {found}, not an array of {expected}")
+    return np.require(value, requirements=["C", "A", "O", "W"])
 
 
 def check_shape(array: NDArray[Any], shape: tuple[int | None, ...], name: str) -> None:
@@ -141,54 +147,6 @@ def check_shape(array: NDArray[Any], shape: tuple[int | None, ...], name: str) -
     if array.ndim != len(shape) or any(want not in (None, have) for have, want in zip(array.shape, shape, strict=True)):
         words = ", ".join("any" if want is None else str(want) for want in shape)
         raise ValueError(f"{name} has the shape {array.shape}, not ({words})")
-
-
-def check_written(plan: KernelPlan, memory: Memory, results: KernelResults) -> None:
-    """Refuse arrays that the kernel cannot write to, or that share memory with another one of its arguments.
-
-    Raises ValueError.
-    """
-    flights = len(plan.parameters)
-    metrics = plan.counted.lean.place.size + plan.counted.programs.place.size
-    check_shape(results.metrics, (flights, metrics), "results.metrics")
-    check_shape(results.outcome, (flights,), "results.outcome")
-    check_shape(results.end_tick, (flights,), "results.end_tick")
-    samples = plan.timing.ticks // plan.record_every + 1 if plan.record_every else 0
-    channels = plan.observed.channel_row.size
-    check_shape(results.history, (flights, samples, channels), "results.history")
-    check_shape(results.states, (flights, samples if results.states.size else 0, N_STATES), "results.states")
-    check_shape(results.low, (samples if results.low.size else 0, channels), "results.low")
-    check_shape(results.high, results.low.shape, "results.high")
-    check_shape(results.samples, (None, flights, plan.timing.ticks + 1), "results.samples")
-    check_shape(results.kept, (flights, SAVED_ROWS if results.kept.size else 0), "results.kept")
-    written = []
-    for value, of in ((memory, "memory"), (results, "results")):
-        for name, array, kind in _arrays(value, of):
-            check_type(array, kind, name)
-            if not (array.flags.c_contiguous and array.flags.aligned and array.flags.writeable):
-                raise ValueError(f"{name} is not an aligned, C-contiguous and writable array")
-            if array.size:
-                written.append((*np.lib.array_utils.byte_bounds(array), name))
-    written.sort()
-    for (_, end, name), (start, _, other) in pairwise(written):
-        if start < end:
-            raise ValueError(f"{name} and {other} share memory and both are written to")
-    starts = [start for start, _, _ in written]
-    for name, array, _ in _arrays(plan, "plan"):
-        start, end = np.lib.array_utils.byte_bounds(array)
-        below = bisect_left(starts, end) - 1  # the last written array that begins before this one ends
-        if array.size and below >= 0 and written[below][1] > start:
-            raise ValueError(f"{name} shares memory with {written[below][2]}, which is written to")
-
-
-def _arrays(value: Any, name: str) -> Iterator[tuple[str, NDArray[Any], Any]]:
-    """The arrays of a named tuple, however deep, with their names and annotations."""
-    kind: Any = type(value)
-    for (field, hint), member in zip(_hints(kind).items(), value, strict=True):
-        if hasattr(hint, "_fields"):
-            yield from _arrays(member, f"{name}.{field}")
-        elif hint not in (int, float):
-            yield f"{name}.{field}", member, hint
 
 
 @cache

@@ -13,9 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.flight.channels import SOURCES, effector_sources
+from abhv_mc.flight.channels import SOURCES, Source, effector_sources
 from abhv_mc.flight.metrics import Metric
-from abhv_mc.flight.observed import find_factor, find_place
 from abhv_mc.io.input_error import Refusal, describe, one_of
 from abhv_mc.io.units import NUMBER
 from abhv_mc.kernel.flight.counting import (
@@ -28,6 +27,8 @@ from abhv_mc.kernel.flight.counting import (
     Programs,
     Statistic,
 )
+from abhv_mc.kernel.flight.derived import DERIVED
+from abhv_mc.kernel.flight.observe import find_row
 from abhv_mc.kernel.laws.user import CHANNEL, MAX_CHANNELS
 
 _LEAN_EMPTY = {  # what the accumulator of a lean metric starts from
@@ -46,12 +47,17 @@ class Known(NamedTuple):
     nonnegative: bool = False
 
 
+def _find(source: Source) -> Known:
+    """Rows are in SI and radians, derived quantities in their own unit; ``effector_at+3`` is the fourth of its rows."""
+    name, _, place = source.source.partition("+")
+    as_it_stands = source.unit not in ("deg", "deg/s") or name in DERIVED or name.endswith("_deg")
+    factor = 1.0 if as_it_stands else 180.0 / math.pi
+    return Known(source.unit, find_row(name) + int(place or 0), factor, source.nonnegative)
+
+
 @cache
 def _known_sources(effectors: tuple[str, ...]) -> dict[str, Known]:
-    return {
-        each.name: Known(each.unit, find_place(each.source), find_factor(each.source, each.unit), each.nonnegative)
-        for each in (*SOURCES.values(), *effector_sources(effectors))
-    }
+    return {each.name: _find(each) for each in (*SOURCES.values(), *effector_sources(effectors))}
 
 
 def known_sources(user_channels: NDArray[np.str_], effectors: tuple[str, ...] = ()) -> dict[str, Known]:

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Floats, Singles
-from abhv_mc.flight.arguments import Kept, check_written, make_kernel_plan, make_results
-from abhv_mc.flight.last_tick import open_memory
-from abhv_mc.flight.lost import fly_in_child
+from abhv_mc.flight.arguments import Kept, make_kernel_plan, make_results
+from abhv_mc.flight.lost import fly_in_child, open_memory
 from abhv_mc.flight.plan import NOT_LEAN, FlightBlock, FlightPlan, Recording, join_blocks, recording_of
 from abhv_mc.flight.user_law import must_fly_elsewhere, open_law
 from abhv_mc.kernel.flight.counting import Statistic
@@ -38,14 +37,6 @@ def choose_flight(lanes: int, lean: bool) -> Any:
 def nominal_parameters(flights: int = 1) -> Floats:
     """Undispersed parameters, ``[flight, parameter]``."""
     return np.tile([parameter.nominal for parameter in PARAMETERS], (flights, 1))
-
-
-def check_parameters(parameters: Floats) -> Floats:
-    """Parameters in double precision. Raises ValueError for what is not an array of real numbers."""
-    given = np.asarray(parameters)
-    if given.dtype.kind not in "fiu":
-        raise ValueError(f"parameters are an array of {given.dtype}, not of real numbers")
-    return given.astype(np.float64, copy=False)
 
 
 def make_block(plan: FlightPlan, results: KernelResults, recording: Recording) -> FlightBlock:
@@ -77,7 +68,6 @@ def fly(
     Releases the interpreter's lock, so threads may call it side by side.
     Raises ValueError for an array of the wrong type or shape.
     """
-    parameters = check_parameters(parameters)
     recording = recording_of(record_every, plan)
     if must_fly_elsewhere(plan):
         return fly_in_child(fly, plan, parameters, recording, lanes, keep_states, start)
@@ -119,7 +109,6 @@ def fly_in_memory(
     if plan.lean and not np.array_equal(parameters[:, _NOT_LEAN], nominal_parameters(len(parameters))[:, _NOT_LEAN]):
         raise ValueError("parameters of a lean flight disperse what it does not know")
     kernel_plan = make_kernel_plan(plan, parameters, recording, start)
-    check_written(kernel_plan, memory, results)
     width = memory.Z.shape[1]
     in_rows = memory_in_rows or start is not None
     with open_law(plan, width, memory_in_rows=in_rows, flights=len(parameters)) as user_code:

@@ -11,7 +11,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.fly import fly, fly_until, nominal_parameters
-from abhv_mc.flight.last_tick import describe_last_tick
+from abhv_mc.flight.lost import describe_last_tick
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.user_law import hidden_memory
 from abhv_mc.io.input_error import InputError
