@@ -13,9 +13,8 @@ from experiment import ROOT, Floats
 from paper_vehicle_box import BASE, BASE_MISSION, make_mission, make_vehicle
 
 from abhv_mc.control.controller_file import LqrController, TlcController, read_controller
-from abhv_mc.control.design.design_model import guidance_rates
+from abhv_mc.control.design.design_model import guidance_rates, make_environment, make_places
 from abhv_mc.control.design.design_tables import table_rows, variables_at
-from abhv_mc.control.design.environment import make_environment, make_places
 from abhv_mc.control.design.guidance_trim import trim_along
 from abhv_mc.control.design.lqr_design import Nominal, attitude_model_rates
 from abhv_mc.control.design.profile import make_profile, ramp_times

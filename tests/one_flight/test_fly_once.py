@@ -45,21 +45,6 @@ def test_what_is_wrong_is_said():
         abhv_mc.fly("level", controller={"base": "tlc", "limit.bank": "60 deg"})
 
 
-def test_a_dispersion_that_the_vehicle_does_not_feel_is_refused():
-    """As a campaign refuses it; the flight was the nominal one, and nothing said so."""
-    short = {"base": "level", "duration": "2 s"}
-    for given, unfelt in (
-        ({"aero.drag.elevator": 1.5}, "'aero.drag.elevator', without"),
-        ({"wind.gust_start": 1.0, "failure.effector_3.stuck_time": 1.0}, "'wind.gust_start', 'failure.effector_3.st"),
-    ):
-        with pytest.raises(InputError, match=unfelt):
-            abhv_mc.fly(short, dispersions=given)
-    felt = {"wind.gust_start": 1.0, "wind.gust_north": 3.0, "aero.drag.elevator": 1.0}
-    slack = {"actuator.rate_limit": 1.5, "failure.engine.time": "1 h"}  # felt farther out
-    for given in (felt, slack):
-        assert len(abhv_mc.fly(short, dispersions=given, every=100)) == 3
-
-
 @pytest.mark.parametrize("every", [0, 1.5, "2"])
 def test_a_table_has_rows_of_whole_ticks(every):
     """0 gave an empty table, and -1 an error of numpy's."""

@@ -10,9 +10,15 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.control.controller_file import TlcController, read_controller
-from abhv_mc.control.design.design_model import Environment, attitude_rates, body_rate_rates, guidance_rates, wrench_at
+from abhv_mc.control.design.design_model import (
+    Environment,
+    attitude_rates,
+    body_rate_rates,
+    guidance_rates,
+    make_environment,
+    wrench_at,
+)
 from abhv_mc.control.design.design_tables import Numbers, slope
-from abhv_mc.control.design.environment import make_environment
 from abhv_mc.control.design.reference import make_mission_trim_tables, solve_reference
 from abhv_mc.control.design.trim_tables import trim_elevator
 from abhv_mc.control.mission import Mission, read_mission

@@ -1,17 +1,20 @@
 """Controller files: the gains and limits of TLC and LQR. The defaults are the paper's (Zhu and Shen 2014)."""
 
+from operator import attrgetter
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Generic, Literal, TypeVar
 
 from pydantic import Discriminator, Field, RootModel, Tag, model_validator
 
 from abhv_mc.control.law_file import CController, ControllerModel, FmuController, PythonController, UserController
 from abhv_mc.io.documents import Document, Refusal, StrictModel, describe, one_of, read_document, validate
 from abhv_mc.io.units import Angle, AngularRate, Frequency, Pressure, Time
+from abhv_mc.vehicle.limits import Positive
 
-Positive = Field(gt=0.0)
 Weight = Annotated[float, Field(ge=0.0)]
 InputWeight = Annotated[float, Positive]
+States = TypeVar("States", bound=StrictModel)
+Inputs = TypeVar("Inputs", bound=StrictModel)
 
 
 class TimePoint(StrictModel):
@@ -66,17 +69,11 @@ class Channel(StrictModel):
         Discriminator(_bandwidth_kind),
     ] = Field(description="natural frequency of the closed loop, fixed or scheduled")
 
-    def largest(self) -> float:
-        """The greatest bandwidth that the channel ever has, rad/s."""
+    def bandwidths(self) -> list[float]:
+        """All points of the bandwidth, rad/s."""
         if isinstance(self.bandwidth, Schedule):
-            return max(bandwidth for _, bandwidth in self.bandwidth.points())
-        return self.bandwidth
-
-    def least(self) -> float:
-        """The smallest bandwidth that the channel ever has, rad/s."""
-        if isinstance(self.bandwidth, Schedule):
-            return min(bandwidth for _, bandwidth in self.bandwidth.points())
-        return self.bandwidth
+            return [bandwidth for _, bandwidth in self.bandwidth.points()]
+        return [self.bandwidth]
 
 
 class VelocityLoop(StrictModel):
@@ -127,6 +124,16 @@ class CommandLimits(StrictModel):
         return self
 
 
+_OUTER_AND_INNER = (
+    ("altitude", "velocity.flight_path_angle"),
+    ("velocity.flight_path_angle", "attitude.angle_of_attack"),
+    ("velocity.heading", "attitude.bank"),
+    ("attitude.angle_of_attack", "rates.pitch_rate"),
+    ("attitude.sideslip", "rates.yaw_rate"),
+    ("attitude.bank", "rates.roll_rate"),
+)
+
+
 class TlcController(ControllerModel):
     """Trajectory linearization control."""
 
@@ -141,25 +148,22 @@ class TlcController(ControllerModel):
 
     def warnings(self) -> list[str]:
         """Sentences on outer loops that are not slower than the inner loop that they rely on."""
-        pairs = [
-            ("altitude", self.altitude, "velocity.flight_path_angle", self.velocity.flight_path_angle),
-            (
-                "velocity.flight_path_angle",
-                self.velocity.flight_path_angle,
-                "attitude.angle_of_attack",
-                self.attitude.angle_of_attack,
-            ),
-            ("velocity.heading", self.velocity.heading, "attitude.bank", self.attitude.bank),
-            ("attitude.angle_of_attack", self.attitude.angle_of_attack, "rates.pitch_rate", self.rates.pitch_rate),
-            ("attitude.sideslip", self.attitude.sideslip, "rates.yaw_rate", self.rates.yaw_rate),
-            ("attitude.bank", self.attitude.bank, "rates.roll_rate", self.rates.roll_rate),
-        ]
-        return [
-            f"the bandwidth of {outer} ({slow.largest():g} rad/s) is not below that of {inner} ({fast.least():g} "
-            "rad/s): the loops' time scales are not separated"
-            for outer, slow, inner, fast in pairs
-            if slow.largest() >= fast.least()
-        ]
+        found = []
+        for outer, inner in _OUTER_AND_INNER:
+            slow, fast = max(attrgetter(outer)(self).bandwidths()), min(attrgetter(inner)(self).bandwidths())
+            if slow >= fast:
+                found.append(
+                    f"the bandwidth of {outer} ({slow:g} rad/s) is not below that of {inner} ({fast:g} rad/s): "
+                    "the loops' time scales are not separated"
+                )
+        return found
+
+
+class Weights(StrictModel, Generic[States, Inputs]):
+    """Weights of a regulator."""
+
+    states: States = Field(description="Q, by the deviation that is weighted")
+    inputs: Inputs = Field(description="R, by the input that is weighted")
 
 
 class GuidanceStates(StrictModel):
@@ -179,13 +183,6 @@ class GuidanceInputs(StrictModel):
     equivalence_ratio: InputWeight = Field(description="weight of the squared equivalence ratio")
 
 
-class GuidanceWeights(StrictModel):
-    """Weights of the guidance regulator (22)."""
-
-    states: GuidanceStates = Field(description="Q, by the deviation that is weighted")
-    inputs: GuidanceInputs = Field(description="R, by the input that is weighted")
-
-
 class LongitudinalStates(StrictModel):
     """Weights of the deviations, radians."""
 
@@ -197,13 +194,6 @@ class LongitudinalInputs(StrictModel):
     """Weight of the input in degrees."""
 
     elevator: InputWeight = Field(description="weight of the squared elevator, 1/deg2")
-
-
-class LongitudinalWeights(StrictModel):
-    """Weights of the pitch regulator (23)."""
-
-    states: LongitudinalStates = Field(description="Q, by the deviation that is weighted")
-    inputs: LongitudinalInputs = Field(description="R, by the input that is weighted")
 
 
 class LateralStates(StrictModel):
@@ -222,21 +212,16 @@ class LateralInputs(StrictModel):
     rudder: InputWeight = Field(description="weight of the squared rudder, 1/deg2")
 
 
-class LateralWeights(StrictModel):
-    """Weights of the roll and yaw regulator (23)."""
-
-    states: LateralStates = Field(description="Q, by the deviation that is weighted")
-    inputs: LateralInputs = Field(description="R, by the input that is weighted")
-
-
 class LqrController(ControllerModel):
     """Linear quadratic regulator along the reference."""
 
     law: Literal["lqr"] = Field(description="the control law")
     rate: Annotated[Frequency, Positive] = Field(100.0, description="control ticks per second")
-    guidance: GuidanceWeights = Field(description="weights of the guidance regulator")
-    longitudinal: LongitudinalWeights = Field(description="weights of the pitch regulator")
-    lateral: LateralWeights = Field(description="weights of the roll and yaw regulator")
+    guidance: Weights[GuidanceStates, GuidanceInputs] = Field(description="weights of the guidance regulator (22)")
+    longitudinal: Weights[LongitudinalStates, LongitudinalInputs] = Field(
+        description="weights of the pitch regulator (23)"
+    )
+    lateral: Weights[LateralStates, LateralInputs] = Field(description="weights of the roll and yaw regulator (23)")
     spacing: Annotated[Time, Field(gt=0.0)] = Field(1.0, description="time between the points where gains are computed")
     limits: CommandLimits = Field(CommandLimits(), description="limits of the guidance's commands")
 

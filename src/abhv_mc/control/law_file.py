@@ -189,19 +189,3 @@ def expand(folder: Path, patterns: Sequence[str]) -> list[Path]:
                 raise Refusal(found_words, "a file beside it", ("files", i))
             found[path] = None
     return list(found)
-
-
-def find_law_files(document: Path, data: Any) -> list[Path]:
-    """The files that a controller file with code of the user's own names beside ``file``; none of another document."""
-    if not isinstance(data, dict) or data.get("law") not in USER_LAWS:
-        return []
-    entries = [data.get(key) for key in NAMING_KEYS]
-    flat = [item for entry in entries for item in (entry if isinstance(entry, list) else [entry])]
-    named = [document.parent / item for item in flat if isinstance(item, str)]
-    patterns = [item for item in data.get("files") or [] if isinstance(item, str)]
-    first = next((data.get(key) for key in ("file", "library", "sources") if data.get(key)), None)
-    first = first[0] if isinstance(first, list) else first
-    try:
-        return named + (expand((document.parent / first).parent, patterns) if isinstance(first, str) else [])
-    except Refusal:
-        return named  # whoever reads it as a controller says so, with its place

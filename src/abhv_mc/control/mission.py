@@ -15,10 +15,9 @@ from abhv_mc.io.documents import File, Refusal, StrictModel, read_document, vali
 from abhv_mc.io.input_files import made_once
 from abhv_mc.io.units import Angle, AngularRate, Length, Mass, Pressure, Speed, Time, parse_in_unit
 from abhv_mc.kernel.world.earth import WGS84, Earth
-from abhv_mc.vehicle.limits import LoadLimits
+from abhv_mc.vehicle.limits import LoadLimits, Positive
 from abhv_mc.vehicle.sensing import SensingKeys
 
-Positive = Field(gt=0.0)
 _NORTHMOST = math.radians(89.99001)
 _KIND = "the kind of manoeuvre"
 _LENGTH = "how long it takes"

@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.compile_metrics import Known, compile_metrics, find_row, known_sources
+from abhv_mc.flight.compile_metrics import Known, compile_metrics, known_sources
 from abhv_mc.flight.outcome import LIMITS, Limits
 from abhv_mc.flight.plan import FlightPlan, Recording
 from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.kernel.flight.interface import LQR, PYTHON, RECORDED, TLC, KernelPlan, KernelResults, Observed
 from abhv_mc.kernel.flight.memory import SAVED_ROWS
+from abhv_mc.kernel.flight.observe import find_row
 from abhv_mc.kernel.laws.columns import LQR_GAINS, LQR_SETTINGS, REFERENCE, TLC_GAINS, TLC_SETTINGS
 from abhv_mc.kernel.laws.recorded import RECORDED_GAINS
 from abhv_mc.kernel.plant.air_profile import PROFILE
@@ -116,7 +117,8 @@ def make_observed(limits: Limits, recorded: Sequence[Known]) -> Observed:
     return Observed(
         np.array([find_row(limit.source) for limit in bounded], np.int64),
         np.array([float(limit.outcome) or _FLOWN for limit in bounded], np.float64),
-        *bounds.T.copy(),
+        bounds[:, 0].copy(),
+        bounds[:, 1].copy(),
         np.array([channel.row for channel in recorded], np.int64),
         np.array([channel.factor for channel in recorded], np.float64),
     )

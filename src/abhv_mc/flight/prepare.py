@@ -12,9 +12,8 @@ from abhv_mc.control.controller_file import (
     TlcController,
     read_controller_document,
 )
-from abhv_mc.control.design.design_model import wrench_at
+from abhv_mc.control.design.design_model import make_environment, wrench_at
 from abhv_mc.control.design.design_tables import Numbers, slope
-from abhv_mc.control.design.environment import make_environment
 from abhv_mc.control.design.guidance_trim import trim_faults
 from abhv_mc.control.design.lqr_design import make_lqr_gains, make_lqr_settings
 from abhv_mc.control.design.reference import make_mission_trim_tables, make_start_trim, on_glide_path, solve_reference
@@ -46,9 +45,9 @@ from abhv_mc.user_code.settings import NO_COMMANDS, CommandSteps, make_commands,
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.vehicle_functions import find_code, load_vehicle
 from abhv_mc.vehicle.actuators import name_effectors
+from abhv_mc.vehicle.file import find_vehicle_warnings
 from abhv_mc.vehicle.limits import tighter
 from abhv_mc.vehicle.sensing import choose_sensing
-from abhv_mc.vehicle.warnings import find_vehicle_warnings
 
 _LEAST_FUEL = 1e-9  # kg: below it there is none
 _ALPHA_OF_AUTHORITY = np.deg2rad(1.2)  # a small angle inside of most tables' cells

@@ -1,8 +1,8 @@
 """Read a vehicle file and pack it: everything becomes SI and radians here."""
 
+import itertools
 import math
 import re
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -141,6 +141,13 @@ def _check_mass(document: Document, content: VehicleDocument, points: Sequence[M
         raise document.error(("mass", "start"), found, expected)
 
 
+def find_vehicle_warnings(vehicle: Vehicle) -> list[str]:
+    """A sentence (without its full stop) for each thing that a user should know before flying the vehicle."""
+    if vehicle.constants.equivalence_ratio_max > 0.0 and vehicle.constants.burns_fuel == 0.0:
+        return ["the vehicle file has no mass.empty, so the engine burns no fuel and the mass stays as it is"]
+    return []
+
+
 def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
     """The packed vehicle of a file; ``factor_index`` gives the parameter of a name such as ``aero.lift.elevator``."""
     content = file.content
@@ -154,12 +161,12 @@ def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
             entries.append(file.tables[name].scaled(scale))
         return entry_of[name, scale]
 
-    terms = []  # coefficient, entry, variable, factor
+    terms: list[list[tuple[int, int, int, int]]] = [[] for _ in COEFFICIENTS]  # coefficient, entry, variable, factor
     for c, coefficient in enumerate(COEFFICIENTS):
         for term in getattr(content.aerodynamics, coefficient, ()):
             variable = _variable(term.times, tuple(content.effectors))
             factor = factor_index.get(f"aero.{coefficient}.{term.times}", 0)
-            terms.append((c, use(term.table, term.scale), VARIABLES.index(variable), factor))
+            terms[c].append((c, use(term.table, term.scale), VARIABLES.index(variable), factor))
     fixed = {}
     for quantity, key in PROPULSION_TABLES.items():
         if used := getattr(content.propulsion, key, None):
@@ -171,7 +178,9 @@ def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
     if isinstance(content.aerodynamics, AerodynamicsFunction) and content.aerodynamics.nodes:
         entries.append(_make_nodes(content.aerodynamics.nodes))
     tables, rows = pack_tables(entries, fixed)
-    columns = np.array(_in_turns(terms), dtype=np.int64).reshape(-1, 4).T
+    # The coefficients take turns: a sum need not wait for its own last term.
+    turns = [term for turn in itertools.zip_longest(*terms) for term in turn if term is not None]
+    columns = np.array(turns, dtype=np.int64).reshape(-1, 4).T
     build_up = BuildUp(columns[0].copy(), rows[columns[1]], columns[2].copy(), columns[3].copy())
     foreign = file.code.pack() if file.code else no_functions()
     constants = _make_constants(content)
@@ -182,16 +191,6 @@ def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
     effectors = mix, _effectors(content, constants, mix, named), _letters(list(content.effectors))
     engines = np.array(engine_rows(content.propulsion.engines) if content.propulsion else []).reshape(-1, 4)
     return Vehicle(constants, tables, build_up, *effectors, engines, foreign)
-
-
-def _in_turns(terms: list[tuple[int, int, int, int]]) -> list[tuple[int, int, int, int]]:
-    """Terms with the coefficients taking turns: a sum need not wait for its own last term."""
-    seen: Counter[int] = Counter()
-    turns = []
-    for term in terms:
-        turns.append((seen[term[0]], *term))
-        seen[term[0]] += 1
-    return [(c, table, variable, factor) for _, c, table, variable, factor in sorted(turns, key=lambda turn: turn[0])]
 
 
 def _variable(times: str | None, effectors: tuple[str, ...]) -> str:

@@ -1,7 +1,7 @@
 """The engine in a vehicle file: tables or a function, its lag, how it fails, and several engines."""
 
 import math
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
@@ -85,26 +85,34 @@ class Engine(StrictModel):
     z: Length = Field(0.0, description="below")
 
 
-def check_engines(engines: dict[str, Engine]) -> None:
-    """Refuse engines whose thrusts together act elsewhere than the whole. Raises :class:`Refusal`."""
-    rows = engine_rows(engines)
-    if not rows:
-        return
-    total = sum(share for share, *_ in rows)
-    off = [sum(row[0] * row[i] for row in rows) for i in (1, 2, 3)]
-    if len({engine.share is None for engine in engines.values()}) > 1 or abs(total - 1.0) > 1e-9:
-        raise Refusal(f"engines with shares that make {total:g}", "shares that make 1, or none", ("engines",))
-    if max(map(abs, off)) > 1e-6:
-        found = f"engines whose thrust acts {', '.join(f'{x:g}' for x in off)} m from the whole's"
-        raise Refusal(found, "positions from the thrust's line that balance", ("engines",))
-
-
 def engine_rows(engines: dict[str, Engine]) -> list[tuple[float, float, float, float]]:
     """Share and position of each."""
     return [(each.share or 1.0 / len(engines), each.x, each.y, each.z) for each in engines.values()]
 
 
-class _Propulsion(StrictModel):
+class _Inlets(StrictModel):
+    unstart: Unstart | None = Field(
+        default=None, description="flow outside which the engine fails; left out: the inlet stays started in any flow"
+    )
+    engines: dict[str, Engine] = Field(
+        default_factory=dict, max_length=MAX_ENGINES, description="several engines by name; left out: one"
+    )
+
+    @model_validator(mode="after")
+    def _check_engines(self) -> Self:
+        rows = engine_rows(self.engines)
+        total = sum(share for share, *_ in rows)
+        off = [sum(row[0] * row[i] for row in rows) for i in (1, 2, 3)]
+        unlike = len({engine.share is None for engine in self.engines.values()}) > 1
+        if rows and (unlike or abs(total - 1.0) > 1e-9):
+            raise Refusal(f"engines with shares that make {total:g}", "shares that make 1, or none", ("engines",))
+        if max(map(abs, off)) > 1e-6:
+            found = f"engines whose thrust acts {', '.join(f'{x:g}' for x in off)} m from the whole's"
+            raise Refusal(found, "positions from the thrust's line that balance", ("engines",))
+        return self
+
+
+class _Propulsion(_Inlets):
     specific_impulse: str = Field(description="name of the table of the specific impulse")
     standard_gravity: Annotated[Acceleration, Positive] = Field(
         default=9.80665, description="gravity in the specific impulse"
@@ -115,16 +123,9 @@ class _Propulsion(StrictModel):
     damping: Annotated[float, Positive] = Field(description="damping ratio of the throttle")
     rate_limit: Annotated[Frequency, Positive] = Field(description="greatest rate of the throttle")
     relight: Relight = Field(Relight(), description="how it comes back after a failure")
-    unstart: Unstart | None = Field(
-        default=None, description="flow outside which the engine fails; left out: the inlet stays started in any flow"
-    )
-    engines: dict[str, Engine] = Field(
-        default_factory=dict, max_length=MAX_ENGINES, description="several engines by name; left out: one"
-    )
 
     @model_validator(mode="after")
     def _check(self) -> "_Propulsion":
-        check_engines(self.engines)
         if not 0.0 <= self.equivalence_ratio[0] < self.equivalence_ratio[1]:
             raise Refusal(f"{list(self.equivalence_ratio)}", "least and greatest, from 0 up", ("equivalence_ratio",))
         return self
@@ -146,7 +147,7 @@ class ThrustArea(_Propulsion):
     area: str = Field(description="name of the table of thrust over dynamic pressure")
 
 
-class ThrustFunction(PythonFunction):
+class ThrustFunction(PythonFunction, _Inlets):
     """Thrust as a Python function of the air and the throttle."""
 
     function: str = Field("thrust", description="name of the function")
@@ -155,16 +156,9 @@ class ThrustFunction(PythonFunction):
     bandwidth: Annotated[AngularRate, Positive] | None = Field(default=None, description="of the throttle")
     damping: Annotated[float, Positive] = Field(default=1.0, description="damping ratio of the throttle")
     rate_limit: Annotated[Frequency, Positive] | None = Field(default=None, description="greatest rate of the throttle")
-    unstart: Unstart | None = Field(
-        default=None, description="flow outside which the engine fails; left out: the inlet stays started in any flow"
-    )
-    engines: dict[str, Engine] = Field(
-        default_factory=dict, max_length=MAX_ENGINES, description="several engines by name; left out: one"
-    )
 
     @model_validator(mode="after")
     def _check(self) -> "ThrustFunction":
-        check_engines(self.engines)
         if not self.throttle[0] < self.throttle[1]:
             raise Refusal(f"{list(self.throttle)}", "least and greatest", ("throttle",))
         if self.ideal == (self.bandwidth is not None and self.rate_limit is not None):

@@ -41,8 +41,6 @@ _PLAUSIBLE = {
     "mass": (1e-3, 1e7),
     "angle": (-math.pi, math.pi),
 }
-_NARROWEST_ANGLE_DEG = 1.0  # a degree axis narrower than this holds radians
-_NARROWEST_ALTITUDE_M = 200.0  # an axis in metres narrower than this holds kilometres
 _NUMBER = re.compile(NUMBER)
 
 
@@ -136,13 +134,9 @@ def _role_of_header(column: str, effectors: Sequence[str]) -> Role | None:
     return None
 
 
-def _unit_factor(rows: Rows, column: int, role: Role, header_unit: str | None) -> float:
+def _unit_factor(rows: Rows, column: int, role: Role) -> float:
     """Factor to SI of an axis, whose unit the header or the vehicle file gives."""
-    dimension = _DIMENSIONS.get(role.name) or (None if role.name in _PLAIN else ANGLE)
-    if role.unit and header_unit and parse_unit(role.unit) != parse_unit(header_unit):
-        found = f"'{rows.header[column]}', while the vehicle file says {role.name} in {role.unit}"
-        raise rows.error(None, column, found, "one unit")
-    unit = role.unit or header_unit
+    dimension, unit = _DIMENSIONS.get(role.name) or (None if role.name in _PLAIN else ANGLE), role.unit
     expected = f"{role.name} " + (f"in units of {dimension.name}, such as {dimension.unit}" if dimension else "alone")
     if (unit is None) != (dimension is None):
         found = f"'{rows.header[column]}' " + ("without a unit" if unit is None else f"in '{unit}'")
@@ -158,7 +152,7 @@ def _unit_factor(rows: Rows, column: int, role: Role, header_unit: str | None) -
     return factor
 
 
-def _check_plausible(rows: Rows, column: int, role: Role, numbers: Floats, factor: float, *, said: bool) -> None:
+def _check_plausible(rows: Rows, column: int, role: Role, numbers: Floats, factor: float) -> None:
     low, high = _PLAUSIBLE[role.name if role.name in _PLAUSIBLE else "angle"]
     outside = np.flatnonzero((numbers * factor < low) | (numbers * factor > high * (1.0 + 1e-12)))
     if outside.size:
@@ -168,14 +162,6 @@ def _check_plausible(rows: Rows, column: int, role: Role, numbers: Floats, facto
             f"{low / factor:.6g} to {high / factor:.6g}: is it in another unit than '{rows.header[column]}' says?"
         )
         raise rows.error(row, column, f"{role.name} {text}", expected)
-    if factor == math.radians(1.0) and not said and np.ptp(numbers) < _NARROWEST_ANGLE_DEG:
-        found = f"{role.name} in degrees over {np.ptp(numbers):g} degrees only"
-        expected = f"degrees (if they are, say '{rows.header[column]}: {role.name} deg' under columns)"
-        raise rows.error(0, column, found, expected)
-    if role.name == "altitude" and factor == 1.0 and not said and np.ptp(numbers) < _NARROWEST_ALTITUDE_M:
-        found = f"altitude in metres over {np.ptp(numbers):g} m only"
-        expected = f"metres (if they are, say '{rows.header[column]}: altitude m' under columns)"
-        raise rows.error(0, column, found, expected)
 
 
 def _grid(rows: Rows, columns: Sequence[int], points: Floats) -> list[Floats]:
@@ -213,8 +199,7 @@ def read_table(path: Path, columns: Mapping[str, Role], effectors: Sequence[str]
             raise rows.error(None, None, f"no column '{name}', which the vehicle file describes", one_of(rows.header))
     roles: dict[str, tuple[int, Role]] = {}
     for i, name in enumerate(rows.header):
-        own = _role_of_header(name, effectors)
-        role = columns.get(name) or own
+        role = columns.get(name) or _role_of_header(name, effectors)
         if role is None:
             expected = "mach, alpha_deg, value, ... (or say what it is under columns in the vehicle file)"
             raise rows.error(None, i, f"the column '{name}'", expected)
@@ -231,13 +216,9 @@ def read_table(path: Path, columns: Mapping[str, Role], effectors: Sequence[str]
 
     numbers, factors = [], []
     for i, role in roles.values():
-        suffix = rows.header[i].rpartition("_")[2]
-        own = _role_of_header(rows.header[i], effectors)
-        header_unit = own.unit if own else (suffix if suffix in ("deg", "rad") else None)
-        factors.append(_unit_factor(rows, i, role, header_unit))
+        factors.append(_unit_factor(rows, i, role))
         numbers.append(rows.numbers(i))
-        said = rows.header[i] in columns and columns[rows.header[i]].unit is not None
-        _check_plausible(rows, i, role, numbers[-1], factors[-1], said=said)
+        _check_plausible(rows, i, role, numbers[-1], factors[-1])
     grids = _grid(rows, [i for i, _ in roles.values()], np.stack(numbers, axis=1))
     axes = tuple(
         Axis(VARIABLES.index(_variable(name, effectors)), grid * factor)

@@ -79,9 +79,9 @@ def test_an_interval_without_a_root_gives_its_nearest_end(vehicle, trim_tables):
     (sentence,) = trim_faults(too_fast, np.array([2.5]))
     assert "no throttle" in sentence
     assert "at 1 of 1 points, first at 2.50 s" in sentence
-    chosen = trim_along(vehicle, trim_tables, points(axial=-5.0), MASS, equivalence_ratio_range=(0.9, 1.1))
-    assert chosen.status[0] == NO_EQUIVALENCE_RATIO
-    assert chosen.equivalence_ratio[0] == 0.9
+    too_slow = trim_along(vehicle, trim_tables, points(axial=-50.0), MASS)
+    assert too_slow.status[0] == NO_EQUIVALENCE_RATIO
+    assert too_slow.equivalence_ratio[0] == vehicle.constants.equivalence_ratio_min
     too_much_lift = trim_along(vehicle, trim_tables, points(vertical=300.0), MASS)
     assert too_much_lift.status[0] & NO_ANGLE_OF_ATTACK
     assert too_much_lift.angle_of_attack[0] == pytest.approx(vehicle.constants.angle_of_attack_max)

@@ -8,8 +8,8 @@ from pydantic import BaseModel
 
 from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.campaign.file.simulator import SimulatorCampaign
-from abhv_mc.control.controller_file import CONTROLLERS, ControllerFile
-from abhv_mc.control.law_file import find_law_files
+from abhv_mc.control.controller_file import CONTROLLERS, ControllerFile, read_controller
+from abhv_mc.control.law_file import USER_LAWS, UserController, find_files
 from abhv_mc.control.mission import Mission
 from abhv_mc.io.documents import Document, InputErrors, describe, one_of, read_document
 from abhv_mc.vehicle.document import VehicleDocument
@@ -60,7 +60,9 @@ def find_references(path: Path, seen: frozenset[Path] = frozenset()) -> Iterator
     if path.suffix.lower() not in _YAML or path in seen:
         return
     data = read_document(path).data
-    yield from (file.resolve() for file in find_law_files(path, data) if file.is_file())
+    law = read_controller(path) if isinstance(data, dict) and data.get("law") in USER_LAWS else None
+    if isinstance(law, UserController):
+        yield from (file.resolve() for file in find_files(law).values())
     for text in _named_files(data):
         if Path(text).suffix.lower() in (*_YAML, *_DATA) and not Path(text).is_absolute():
             file = (path.parent / text).resolve()

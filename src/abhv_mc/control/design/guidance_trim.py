@@ -47,18 +47,15 @@ def trim_along(
     mass: float,
     tick: float = 0.0,
     held_equivalence_ratio: float | None = None,
-    equivalence_ratio_range: tuple[float, float] | None = None,
     warm_start: bool = True,
 ) -> GuidanceTrim:
     """Solve (12) at every point in order, each search starting about the last solution.
 
     mass: at the first point, kg; with ``tick`` (s between points) the fuel burnt on the way leaves it.
-    held_equivalence_ratio: skip the axial equation. equivalence_ratio_range: the vehicle's own by default. The angle
-    of attack is searched over the trim tables, the bank within BANK_LIMIT. Where an interval holds no root, the end
-    with the smaller residual stands and the status says so.
+    held_equivalence_ratio: skip the axial equation. The angle of attack is searched over the trim tables, the bank
+    within BANK_LIMIT. Where an interval holds no root, the end with the smaller residual stands and the status says so.
     """
     constants = vehicle.constants
-    eta_low, eta_high = equivalence_ratio_range or (constants.equivalence_ratio_min, constants.equivalence_ratio_max)
     if [VARIABLES[v] for v in trim_tables.axis_variable[:3]] != ["mach", "angle_of_attack", "equivalence_ratio"]:
         raise ValueError("trim tables have the axes Mach, angle of attack, equivalence ratio")
     alpha_nodes, eta_nodes = (
@@ -69,8 +66,8 @@ def trim_along(
     bounds = SearchBounds(
         alpha_low,
         alpha_high,
-        eta_low,
-        eta_high,
+        constants.equivalence_ratio_min,
+        constants.equivalence_ratio_max,
         0.5 * (alpha_low + alpha_high),
         alpha_high - alpha_low,
         2,

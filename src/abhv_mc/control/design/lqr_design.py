@@ -4,27 +4,22 @@ Zhu and Shen 2014, section 7. Guidance is linearized with the data at trim, atti
 thrust included, both by complex steps of :mod:`abhv_mc.control.design.design_model`; the Riccati equations are scipy's.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control.controller_file import (
-    GuidanceWeights,
-    LateralWeights,
-    LongitudinalWeights,
-    LqrController,
-)
+from abhv_mc.control.controller_file import LqrController, Weights
 from abhv_mc.control.design.design_model import (
     Environment,
     attitude_rates,
     body_rate_rates,
     guidance_rates,
+    make_environment,
     wrench_at,
 )
 from abhv_mc.control.design.design_tables import Numbers, slope
-from abhv_mc.control.design.environment import make_environment
 from abhv_mc.control.design.kept import kept
 from abhv_mc.control.design.profile import ramp_times
 from abhv_mc.control.mission import Mission
@@ -144,9 +139,7 @@ def gains_at(controller: LqrController, models: LinearModels) -> Floats:
     return np.concatenate([guide.ravel(), pitch.ravel(), roll_yaw.ravel()])
 
 
-def _gain(
-    weights: GuidanceWeights | LongitudinalWeights | LateralWeights, model: tuple[Floats, Floats], unit: float
-) -> Floats:
+def _gain(weights: Weights[Any, Any], model: tuple[Floats, Floats], unit: float) -> Floats:
     """A regulator's gain in SI; ``unit``: the input's unit that the weights are meant for."""
     A, B = model
     Q, R = (np.diag(np.array([w for _, w in part], dtype=np.float64)) for part in (weights.states, weights.inputs))

@@ -3,7 +3,7 @@
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control.design.environment import density_factor, make_places
+from abhv_mc.control.design.design_model import density_factor, make_places
 from abhv_mc.control.design.guidance_trim import GuidanceTrim, trim_along
 from abhv_mc.control.design.kept import kept
 from abhv_mc.control.design.profile import Profile, make_profile, ramp_times
