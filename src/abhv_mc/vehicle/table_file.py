@@ -87,11 +87,6 @@ def read_rows(path: Path) -> Rows:
         raise InputError(path, f"a file that cannot be read ({error.strerror})", "a CSV file") from None
     except UnicodeDecodeError:
         raise InputError(path, "bytes that are not UTF-8 text", "a CSV file") from None
-    return split_rows(path, text)
-
-
-def split_rows(path: Path, text: str) -> Rows:
-    """Cells of equal count from a CSV file's text. Raises :class:`InputError`."""
     numbered = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
     if len(numbered) < 2:
         raise InputError(path, "no rows", "a header and rows of numbers", 1)
