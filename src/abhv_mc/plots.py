@@ -1,7 +1,6 @@
 """Figures of a report: arrays in, a matplotlib Figure out."""
 
-from abhv_mc.report.figures.paired import DifferencePanel, plot_differences
-from abhv_mc.topics.comparison.figures import Trade, plot_error_against_usage
+from abhv_mc.topics.comparison.figures import DifferencePanel, Trade, plot_differences, plot_error_against_usage
 from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, plot_envelopes
 from abhv_mc.topics.metrics.figures import Spread, plot_distributions
 

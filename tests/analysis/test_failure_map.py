@@ -11,7 +11,7 @@ from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.io.documents import InputError
-from abhv_mc.topics.flights.worst_flights import rank_failed
+from abhv_mc.topics.flights.model import rank_failed
 
 REQUIREMENTS = "[{metric: altitude_error_max_m, below: 4.9, probability: 0.9, ended_early: as_measured}]"
 

@@ -1,7 +1,7 @@
 """How a report speaks of metrics and controllers."""
 
 from abhv_mc.shipped import shipped_files
-from abhv_mc.topics.labels import full_labels
+from abhv_mc.topics.names import full_labels
 
 
 def test_only_the_papers_own_lqr_is_called_so(tmp_path):

@@ -14,7 +14,7 @@ from abhv_mc.cli.app import app
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.pages.verify import skipped_topics, verify_campaign
 from abhv_mc.topics import Topic, register
-from abhv_mc.topics.user_topics import REGISTERED
+from abhv_mc.topics.topic import REGISTERED
 
 EXAMPLE = Path(__file__).parents[2] / "docs/how-to/correlate.py"
 

@@ -125,8 +125,8 @@ def _map_all(folder: Path, controller: str | None, json: Path | None, trust_code
     from abhv_mc.analysis.failure_map import map_failures, write_map
     from abhv_mc.folder.flown_campaign import read_flown
     from abhv_mc.simulators.engine import make_engine
-    from abhv_mc.topics.failures.section import map_table
-    from abhv_mc.topics.flights.worst_flights import rank_failed
+    from abhv_mc.topics.failures import map_table
+    from abhv_mc.topics.flights.model import rank_failed
     from abhv_mc.topics.names import names_of
 
     results = read_flown(folder)

@@ -137,7 +137,7 @@ def whatif(
 
 
 def _print_whatif(found: "Whatif") -> None:
-    from abhv_mc.topics.labels import controller_label
+    from abhv_mc.topics.names import controller_label
     from abhv_mc.topics.words import bounds, estimate, percent, significant
 
     for name, after in found.after.items():

@@ -1,31 +1,44 @@
 """What a campaign calls its controllers and metrics, for sentences, tables and figures."""
 
 import shlex
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
 
-from abhv_mc.campaign.file.experiment import Requirement
+from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.plant.parameters import OURS, Parameters
-from abhv_mc.topics.labels import full_labels
+from abhv_mc.shipped import shipped_files
+
+_INITIALS = ("tlc", "lqr")
+
+
+def controller_label(name: str) -> str:
+    """A controller's name as it is printed: 'LQR robust' of 'lqr_robust'."""
+    return " ".join(word.upper() if word in _INITIALS else word for word in name.split("_"))
+
+
+def full_labels(folder: Path, names: Iterable[str]) -> dict[str, str]:
+    """Labels of a campaign's controllers that say which of them is the paper's LQR, as it is not the best one."""
+    paper = shipped_files("control")["lqr"].read_bytes()
+    flown = {name: folder / "inputs" / "controllers" / name / "lqr.yaml" for name in names}
+    return {
+        name: controller_label(name) + (" (paper's weights)" if path.is_file() and path.read_bytes() == paper else "")
+        for name, path in flown.items()
+    }
 
 
 @dataclass(frozen=True)
 class Names:
-    """Labels of the controllers, records of the metrics, and the folder as a command names it."""
+    """Labels of the controllers, records of the metrics, the folder as a command names it; and what both stand for."""
 
     controllers: Mapping[str, str]  # name -> label, in the campaign's order
     metrics: Mapping[str, Metric]  # records by name
     asked: tuple[str, ...]  # the metrics that stand first
     requirements: tuple[Requirement, ...]
     folder: str
-    design: str = "random"  # of its samples
-    independent: bool = True  # whether its flights are independent draws, so that exact statistics hold
-    judged: bool = True  # whether those at each value of its unknowns are, so that there are verdicts and winners
-    parameters: Parameters = OURS  # what its flights are given
-    kind: str = "controller"  # what is judged, in a word
-    flies: bool = True  # whether a flight can be flown again: not where a table was adopted
+    campaign: Experiment
+    results: FlownCampaign = field(repr=False)
 
     def label(self, controller: str) -> str:
         """How a controller is called in print."""
@@ -34,9 +47,6 @@ class Names:
 
 def names_of(results: FlownCampaign) -> Names:
     """The names of a campaign."""
-    labels = full_labels(results.folder, results.controllers)
-    campaign, folder = results.campaign, shlex.quote(results.folder.as_posix())
-    asked, requirements = results.asked, campaign.requirements
-    design = "several-point" if campaign.unknowns.names else campaign.sampling
-    known = campaign.independent, campaign.judged, campaign.parameters, campaign.kind, not campaign.adopted
-    return Names(labels, campaign.metrics, asked, requirements, folder, design, *known)
+    labels, campaign = full_labels(results.folder, results.controllers), results.campaign
+    folder = shlex.quote(results.folder.as_posix())
+    return Names(labels, campaign.metrics, results.asked, campaign.requirements, folder, campaign, results)

@@ -1,12 +1,10 @@
 """How a campaign is flown again: what was asked, which program and machine flew it, and its bytes."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.topics.labels import full_labels
-from abhv_mc.topics.names import Names
-from abhv_mc.topics.plain import DRAWN
+from abhv_mc.topics.names import Names, full_labels
 from abhv_mc.topics.section import Cell, Fold, Section, Table, Text
 from abhv_mc.topics.topic import Topic
 from abhv_mc.topics.words import significant
@@ -27,8 +25,6 @@ class Provenance:
     pooled_seeds: tuple[int, ...]  # of the flights that a merge joined
     independent_flights: bool
     digests: Mapping[str, str]  # by controller
-    manifest: Mapping[str, str] = field(metadata={DRAWN: True})  # the rest of it, in words
-    files: Mapping[str, str] = field(metadata={DRAWN: True})  # SHA-256 by path
 
 
 def compute_provenance(results: FlownCampaign) -> Provenance:
@@ -42,8 +38,6 @@ def compute_provenance(results: FlownCampaign) -> Provenance:
         pooled_seeds=campaign.pooled_seeds,
         independent_flights=campaign.independent,
         digests=manifest.digests,
-        manifest=dict(_rows(manifest.as_entries())),
-        files={name: text for name, text in manifest.files.items() if not name.startswith(_NOT_READ)},
     )
 
 
@@ -73,21 +67,24 @@ def _words(value: object) -> str:
     return "\N{EM DASH}" if value is None else str(value)
 
 
-def _section(found: Provenance, names: Names) -> Section:
-    again = (
-        f"To fly it again: `abhv-mc run {names.folder}/campaign.yaml -o ANOTHER_FOLDER`; the digest below must come "
-    )
+def _section(_found: Provenance, names: Names) -> Section:
+    title, again, manifest = "Where the numbers come from", "", names.results.manifest
+    if not names.campaign.adopted:
+        title = "How to fly it again"
+        again = f"To fly it again: `abhv-mc run {names.folder}/campaign.yaml -o ANOTHER_FOLDER`; "
+        again += "the digest below must come out the same. "
     text = (
-        f"{f'{again}out the same. ' if names.flies else ''}To make this page again: `abhv-mc report {names.folder}`. "
+        f"{again}To make this page again: `abhv-mc report {names.folder}`. "
         f"To check every number on it against the data: `abhv-mc verify campaign {names.folder}`. `report.json` beside "
         "this page holds every number unrounded."
     )
+    read = {name: text for name, text in manifest.files.items() if not name.startswith(_NOT_READ)}
     made, files = (
-        tuple((Cell(key, head=True), Cell(value)) for key, value in rows.items())
-        for rows in (found.manifest, found.files)
+        tuple((Cell(key, head=True), Cell(value)) for key, value in rows)
+        for rows in (_rows(manifest.as_entries()), read.items())
     )
     return Section(
-        "How to fly it again" if names.flies else "Where the numbers come from",
+        title,
         (
             Text(text),
             Fold("Provenance", (Table("Provenance", ("What", "Value"), (made,), numbers=False),)),

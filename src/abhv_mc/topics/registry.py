@@ -14,8 +14,7 @@ from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.margins import MARGINS
 from abhv_mc.topics.metrics import METRICS
 from abhv_mc.topics.provenance import PROVENANCE
-from abhv_mc.topics.topic import Drawn, Models, Topic
-from abhv_mc.topics.user_topics import REGISTERED, user_topics
+from abhv_mc.topics.topic import REGISTERED, Drawn, Models, Topic, user_topics
 from abhv_mc.topics.verdicts import VERDICTS
 
 BUILT_IN: tuple[Topic[Any], ...] = (

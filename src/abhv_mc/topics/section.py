@@ -3,6 +3,7 @@
 In every text, what stands between backticks is typed as it stands: a command, a file, a key.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import isfinite
 from typing import TypeAlias
@@ -33,6 +34,11 @@ def interval_cell(interval: Interval) -> Cell:
 
 
 Row: TypeAlias = tuple[Cell, ...]
+
+
+def grouped(rows: Sequence[Row], *heads: Cell) -> tuple[Row, ...]:
+    """Rows behind cells that stand for all of them."""
+    return ((*(replace(head, rows=len(rows)) for head in heads), *rows[0]), *rows[1:])
 
 
 @dataclass(frozen=True)

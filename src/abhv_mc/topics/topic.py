@@ -4,9 +4,11 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
+from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
 from abhv_mc.folder.flown_campaign import FlownCampaign
+from abhv_mc.io.input_error import InputError, describe
 from abhv_mc.topics.names import Names, names_of
 from abhv_mc.topics.section import FigureText, Section
 
@@ -80,3 +82,18 @@ class Models:
     def figures(self, topic: Topic[Any]) -> Iterator[Drawn]:
         """A topic's figures, each with its words."""
         return topic.figures(self[topic], self.names)
+
+
+GROUP = "abhv_mc.topics"  # of entry points: name = "package.module:TOPIC"
+REGISTERED: dict[str, Topic[Any]] = {}  # in this process
+
+
+def user_topics() -> tuple[Topic[Any], ...]:
+    """Those that installed packages and notebooks have added. Raises InputError for an entry point that is none."""
+    found: dict[str, Topic[Any]] = {}
+    for entry in entry_points(group=GROUP):
+        topic = entry.load()
+        if not isinstance(topic, Topic):
+            raise InputError(f"entry point {entry.name} of {GROUP}", describe(topic), "an abhv_mc.topics.Topic")
+        found[topic.name] = topic
+    return tuple({**found, **REGISTERED}.values())

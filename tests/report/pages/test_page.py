@@ -13,7 +13,7 @@ from report.synthetic import write_campaign
 
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.report.pages.page import make_page
-from abhv_mc.topics.flights.worst_flights import worst_flights
+from abhv_mc.topics.flights.model import worst_flights
 from abhv_mc.topics.topic import Models
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from abhv_mc.campaign.file.config import Sampling
+from abhv_mc.topics.drivers import Driver, MetricDrivers, Share, compute_drivers, otherwise_words
 from abhv_mc.topics.drivers.figures import _bars, draw
-from abhv_mc.topics.drivers.model import Driver, MetricDrivers, Share, compute_drivers, otherwise_words
 from abhv_mc.topics.topic import Models
 
 METRIC = "altitude_error_max_m"

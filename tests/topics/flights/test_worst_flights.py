@@ -13,7 +13,7 @@ from abhv_mc.execution.setup import Request
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.topics.flights import FLIGHTS
-from abhv_mc.topics.flights.worst_flights import worst_flights
+from abhv_mc.topics.flights.model import worst_flights
 from abhv_mc.topics.topic import Models
 
 

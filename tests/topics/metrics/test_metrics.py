@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from abhv_mc.topics.metrics.model import compute_metrics
+from abhv_mc.topics.metrics import compute_metrics
 
 
 @pytest.fixture(scope="module")

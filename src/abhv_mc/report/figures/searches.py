@@ -1,15 +1,42 @@
-"""Figures of searches: how the worst was closed in on, where it lies, how deep levels go, where failures live."""
+"""Figures of searches: how the worst was closed in on, where it lies, how deep levels go, where failures live; and the
+flights that a search or an explanation sets beside the nominal one."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.topics.figure_style import BLUE, CYCLE, INK, MARKERS, SKY, VERMILION, new_figure, pad_if_flat, styled
+from abhv_mc.topics.figure_style import (
+    BLUE,
+    CYCLE,
+    INK,
+    MARKERS,
+    SKY,
+    VERMILION,
+    label_lowest,
+    legend_below,
+    new_figure,
+    new_panels,
+    pad_if_flat,
+    styled,
+)  # fmt: skip
 
 _ROW = 0.22  # in, of one parameter
+_BESIDE = (CYCLE[1], CYCLE[0], *CYCLE[2:])  # the worst, or what makes a flight fail, stands out
+# Channels, axes and scales of a figure of single flights.
+FLIGHT_PANELS = (
+    ("altitude_m", "altitude (km)", 1e-3),
+    ("speed_mps", "speed (m/s)", 1.0),
+    ("angle_of_attack_deg", "angle of attack (deg)", 1.0),
+    ("sideslip_deg", "sideslip (deg)", 1.0),
+    ("bank_deg", "bank (deg)", 1.0),
+    ("elevator_deg", "elevator (deg)", 1.0),
+    ("aileron_deg", "aileron (deg)", 1.0),
+    ("rudder_deg", "rudder (deg)", 1.0),
+)
 
 
 @styled
@@ -155,4 +182,30 @@ def plot_gains(label: str, objective: Floats, allowed: NDArray[np.bool_]) -> Fig
         low = float(finite.min())
         axes.set_ylim(low - 0.1 * abs(objective[0] - low) - 1e-12, low + 2.5 * max(objective[0] - low, 0.1 * abs(low)))
     figure.legend(loc="outside right upper")
+    return figure
+
+
+@styled
+def plot_flights(times: Floats, panels: Mapping[str, Floats], labels: Sequence[str], title: str = "") -> Figure:
+    """Channels ``[flight, time]`` over time, NaN after a flight's end: the nominal flight first, dashed.
+
+    Two columns; a cross marks where a flight ended early.
+    """
+    figure, grid = new_panels(
+        len(panels), 2, 1.2, between=(0.68, 0.2), top=0.24 + 0.18 * bool(title) * (1 + title.count("\n")), sharex=True
+    )
+    figure.suptitle(title, fontsize=8.5)
+    for axes, (label, curves) in zip(grid.flat, panels.items(), strict=False):
+        for i, (curve, name) in enumerate(zip(curves, labels, strict=True)):
+            look: dict[str, Any] = {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 2))}
+            if i:
+                look = {"color": _BESIDE[(i - 1) % len(_BESIDE)], "linewidth": 1.5 if i == 1 else 0.9}
+            axes.plot(times, curve, label=name, **look)
+            flown = np.flatnonzero(np.isfinite(curve))
+            if flown.size and flown[-1] < times.size - 1:
+                axes.plot(times[flown[-1]], curve[flown[-1]], "x", color=look["color"], markersize=5)
+        axes.set_ylabel(label)
+        pad_if_flat(axes)
+    label_lowest(grid, len(panels), "time (s)")
+    legend_below(figure, grid[0, 0])
     return figure

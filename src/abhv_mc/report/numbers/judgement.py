@@ -10,7 +10,7 @@ from abhv_mc.statistics.verdicts import advise
 from abhv_mc.statistics.winner import RISK as WINNERS_RISK
 from abhv_mc.topics.comparison import COMPARISON
 from abhv_mc.topics.comparison.model import ControllerPair
-from abhv_mc.topics.comparison.sentences import closer_in, standing, verdict_of
+from abhv_mc.topics.comparison.sentences import by_strength, closer_in, standing, verdict_of
 from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.margins import MARGINS
 from abhv_mc.topics.margins.model import least_margins
@@ -37,7 +37,7 @@ def judge_campaign(models: Models) -> Judgement:
     open_ones = [name for name in bound if name not in (*failed, *passed)]
 
     def who(them: list[str]) -> str:
-        return joined(list(map(names.label, them))) if len(them) <= 2 else f"{len(them)} {names.kind}s"
+        return joined(list(map(names.label, them))) if len(them) <= 2 else f"{len(them)} {names.campaign.kind}s"
 
     others = [name for name in names.controllers if name not in bound and _passes(verdicts, name)]
     too = f"; {joined(list(map(names.label, others)))} meet{'s' * (len(others) == 1)} them, too" if others else ""
@@ -49,7 +49,7 @@ def judge_campaign(models: Models) -> Judgement:
         "nothing required": "Nothing is required.",
     }
     winner = {
-        MIXED: " None is better throughout.", NO_DIFFERENCE: f" No {names.kind} is shown to be better.",
+        MIXED: " None is better throughout.", NO_DIFFERENCE: f" No {names.campaign.kind} is shown to be better.",
         ALONE: "",
     }  # fmt: skip
     answer = told[met] + (winner[better] if better in winner else f" {names.label(better)} is better.")
@@ -84,19 +84,14 @@ def _better(models: Models) -> str:
     pairs, names = list(models[COMPARISON].pairs.values()), models.names
     if not pairs:
         return ALONE
-    if not names.judged:
+    if not names.campaign.judged:
         return NO_DIFFERENCE
-    found = [_standing(pair, names) for pair in pairs]
+    found = [verdict_of(pair, names) for pair in pairs]
     if set(found) == {"better"}:
         return pairs[0].a
     if found.count("worse") == 1 and set(found) <= {"worse", "better"}:
         return pairs[found.index("worse")].b
     return NO_DIFFERENCE if set(found) <= {"open", "better"} else MIXED
-
-
-def _standing(pair: ControllerPair, names: Names) -> str:
-    """How the first of a pair stands; lost flights, where the statistics tell, lead."""
-    return {"a": "worse", "b": "better"}.get(pair.losing) or verdict_of(pair, names)
 
 
 def _reasons(models: Models) -> Iterator[str]:
@@ -119,12 +114,8 @@ def _reasons(models: Models) -> Iterator[str]:
                 missed.setdefault(names.label(name), []).append(names.metrics[item.asked.metric].phrase)
     if missed:
         yield f"Missed: {'; '.join(f'{who} in {few(what)}' for who, what in missed.items())}."
-    if names.judged:
-        order = ("worse", "mixed", "open", "better")  # the strongest rival first
-        pairs = sorted(
-            models[COMPARISON].pairs.values(),
-            key=lambda pair: (order.index(_standing(pair, names)), verdicts.statuses(pair.b).count("FAIL")),
-        )
+    if names.campaign.judged:
+        pairs = by_strength(models[COMPARISON], names)
         angles = [*filter(None, (_angles(pair, names) for pair in pairs))]
         yield from angles or filter(None, (_closer(pair, names) for pair in pairs[:1]))
 
@@ -176,7 +167,7 @@ def _sure(models: Models) -> str:
     risk = max(entry.asked.consumer_risk for entry in verdicts.requirements)
     passed = held.stand + len(held.dropped)
     text = f"Verdicts at {percent(risk, 2)} risk."
-    if models.names.judged and models[COMPARISON].pairs:
+    if models.names.campaign.judged and models[COMPARISON].pairs:
         text = f"Verdicts at {percent(risk, 2)} risk, winners at {percent(WINNERS_RISK, 2)}."
     if passed > 1:
         text += f" Jointly {held.stand or 'none'} of {passed} PASS stand{'s' if held.stand == 1 else ''}."
@@ -199,9 +190,9 @@ def flights_jointly(verdicts: Verdicts) -> int | None:
 
 def _next(models: Models, met: Met) -> Next | None:
     """What helps: why flights fail; more flights, where they promise a PASS; what is missing for all jointly."""
-    if models.results.manifest.state != "complete" or not models.names.independent:
+    if models.results.manifest.state != "complete" or not models.names.campaign.independent:
         return None
-    verdicts, flies = models[VERDICTS], models.names.flies
+    verdicts, flies = models[VERDICTS], not models.names.campaign.adopted
     why_failed = Next("why flights fail", "abhv-mc explain DIR --all")
     if not flies:
         why_failed = Next("see 'Why flights fail' in the report")

@@ -9,11 +9,10 @@ from typing import Any
 from abhv_mc.report.numbers.compare import Baseline
 from abhv_mc.report.numbers.judgement import judge_campaign
 from abhv_mc.topics.margins import MARGINS
-from abhv_mc.topics.margins.sentences import missing_margins
+from abhv_mc.topics.margins.section import missing_margins
 from abhv_mc.topics.plain import plain
 from abhv_mc.topics.registry import BUILT_IN
-from abhv_mc.topics.topic import Models
-from abhv_mc.topics.user_topics import user_topics
+from abhv_mc.topics.topic import Models, user_topics
 
 FORMAT = 2
 

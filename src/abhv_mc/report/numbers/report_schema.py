@@ -8,7 +8,7 @@ from typing import Any, Literal, TypeAlias, Union, get_args, get_origin, get_typ
 from abhv_mc.report.numbers.judged import Judgement
 from abhv_mc.topics.plain import DRAWN
 from abhv_mc.topics.registry import BUILT_IN
-from abhv_mc.topics.user_topics import user_topics
+from abhv_mc.topics.topic import user_topics
 
 _PLAIN = {str: "string", int: "integer", bool: "boolean", NoneType: "null"}
 _HASHES = {"type": "object", "additionalProperties": {"type": ["string", "null"]}}

@@ -37,7 +37,7 @@ def hash_pages(folder: Path, names: Iterable[str]) -> dict[str, str | None]:
 def make_key(folder: Path, baseline: Path | None = None) -> str:
     """What a report follows from: the data and manifests of the folder and its baseline, and the program."""
     import abhv_mc
-    from abhv_mc.topics.user_topics import user_topics
+    from abhv_mc.topics.topic import user_topics
 
     source = Path(abhv_mc.__file__).parent
     parts = sorted(

@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from abhv_mc.analysis.explain import Explanation
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.report.figures.single_flights import plot_flights
-from abhv_mc.topics.labels import FLIGHT_PANELS, controller_label
+from abhv_mc.report.figures.searches import FLIGHT_PANELS, plot_flights
+from abhv_mc.topics.names import controller_label
 from abhv_mc.topics.parameter_words import shown_value
 
 _IN_TITLE = 4

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from abhv_mc.flight.metrics import SURFACE_USAGE
 from abhv_mc.report.numbers.compare import Baseline
 from abhv_mc.report.pages.flights_view import mark_of
+from abhv_mc.topics.comparison.sentences import standing
 from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.margins import MARGINS
 from abhv_mc.topics.margins.model import corners_unstable, least_margins
@@ -182,20 +183,6 @@ def _margin(models: Models, name: str) -> tuple[str, bool]:
     return ", ".join(parts), found.little
 
 
-def _standing(winners: Sequence[tuple[str | None, bool]], a: str, b: str) -> str:
-    """'better in 3 and worse in 2 of 5 metrics', from the winner of each and whether it is mixed."""
-    counts = [
-        (sum(winner == a for winner, _ in winners), "better"),
-        (sum(winner == b for winner, _ in winners), "worse"),
-        (sum(mixed for _, mixed in winners), "undecided"),
-    ]
-    words = joined([f"{word} in {count}" for count, word in counts if count])
-    of = f"{len(winners)} metric{'s' if len(winners) != 1 else ''}"
-    if not winners:
-        return ""
-    return f"{words} of {of}" if words else f"no difference shown in {of}"
-
-
 def more_words(entries: Sequence[object]) -> str:
     """'4 more below'; '' where the chart has all."""
     return f"{len(entries) - _ROWS} more below" if len(entries) > _ROWS else ""
@@ -207,9 +194,11 @@ def baseline_line(held: Baseline | None, names: Names) -> str:
         return ""
     parts = []
     for pair in held.paired[:_PAIRS]:
-        failed, entries = pair.any_failure, [pair.metrics[m] for m in names.asked if m in pair.metrics]
-        standing = _standing([(entry.winner, entry.mixed) for entry in entries], pair.a, pair.b)
-        text = f"{names.label(pair.controllers[0])} {standing}"
+        failed, shown = pair.any_failure, {side: len(metrics) for side, metrics in standing(pair, names).items()}
+        counts = (("better", shown["better"]), ("worse", shown["worse"]), ("undecided", shown["mixed"]))
+        words, total = joined([f"{word} in {count}" for word, count in counts if count]), sum(shown.values())
+        of = f"{total} metric{'s' * (total != 1)}"
+        text = f"{names.label(pair.controllers[0])} {f'{words} of' if words else 'no difference shown in'} {of}"
         if failed.only_a or failed.only_b:
             text += f", newly failed {fixed(failed.only_a, 0)}, no longer {fixed(failed.only_b, 0)}"
         parts.append(text)

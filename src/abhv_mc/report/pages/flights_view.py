@@ -18,7 +18,7 @@ from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.plant.parameters import Parameters
 from abhv_mc.report.pages.interactive import channel_curves, describe_channel
 from abhv_mc.topics.failed_flights import requirement_failures, requirement_words
-from abhv_mc.topics.flights.worst_flights import listed_worst, moments_of
+from abhv_mc.topics.flights.model import listed_worst, moments_of
 from abhv_mc.topics.parameter_words import axis_unit, is_factor, shown_value, spoken_name
 from abhv_mc.topics.words import fixed
 

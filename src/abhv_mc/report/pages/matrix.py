@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 from abhv_mc.campaign.file.config import TRACED
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.manifest import RequirementVerdict
-from abhv_mc.topics.metrics.model import Metrics
+from abhv_mc.topics.metrics import Metrics
 from abhv_mc.topics.plain import plain
 from abhv_mc.topics.verdicts.model import Verdicts
 

@@ -24,7 +24,7 @@ def write_nominal_report(
     from abhv_mc.simulators.make_plans import reference_of
     from abhv_mc.topics.envelopes.figures import plot_flown
     from abhv_mc.topics.figure_style import write_png
-    from abhv_mc.topics.labels import controller_label
+    from abhv_mc.topics.names import controller_label
 
     plan = next(iter(plans.values()))
     times = np.arange(plan.timing.ticks + 1).astype(np.float64) * plan.timing.tick

@@ -12,7 +12,7 @@ from abhv_mc.search.methods import second_look
 from abhv_mc.search.methods.subset import ACCEPTANCE
 from abhv_mc.search.rare import RareFound
 from abhv_mc.search.severity import ENDED_EARLY
-from abhv_mc.topics.labels import controller_label
+from abhv_mc.topics.names import controller_label
 from abhv_mc.topics.section import Bullets, FigureText, Lead, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
 

@@ -11,11 +11,10 @@ from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.plant.parameters import Parameters
-from abhv_mc.report.figures.single_flights import plot_flights
+from abhv_mc.report.figures.searches import FLIGHT_PANELS, plot_flights
 from abhv_mc.report.pages.section_page import make_table
 from abhv_mc.search.search_flights import DRAWN_APART, DrawnFlights
 from abhv_mc.search.severity import rank_distinct
-from abhv_mc.topics.labels import FLIGHT_PANELS
 from abhv_mc.topics.parameter_words import shown_value
 from abhv_mc.topics.section import FigureText, Fold
 from abhv_mc.topics.topic import Drawn

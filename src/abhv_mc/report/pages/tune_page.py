@@ -7,7 +7,7 @@ import numpy as np
 from abhv_mc.report.figures.searches import plot_front, plot_gains
 from abhv_mc.report.pages.section_page import Answer, make_table, write_section_page
 from abhv_mc.search.tune import TuneFound
-from abhv_mc.topics.labels import controller_label
+from abhv_mc.topics.names import controller_label
 from abhv_mc.topics.section import Bullets, FigureText, Lead, Picture, Section, Table
 
 

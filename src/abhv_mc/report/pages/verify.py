@@ -14,8 +14,7 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.compare import compare_baseline
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.report.pages.build import hash_files, hash_pages
-from abhv_mc.topics.topic import Models
-from abhv_mc.topics.user_topics import user_topics
+from abhv_mc.topics.topic import Models, user_topics
 
 
 def verify_campaign(root: Path) -> Iterator[str]:

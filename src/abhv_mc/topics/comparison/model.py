@@ -85,9 +85,8 @@ class Comparison:
     """The first controller of a campaign against each other one."""
 
     pairs: Mapping[str, ControllerPair]
-    compared: tuple[str, ...] = field(default=(), metadata={DRAWN: True})  # metrics in which a winner is named
-    medians: Mapping[str, Mapping[str, Interval]] = field(default_factory=dict, metadata={DRAWN: True})  # of these
-    source: FlownCampaign | None = field(default=None, repr=False, metadata={DRAWN: True})
+    # By metric in which a winner is named, and controller.
+    medians: Mapping[str, Mapping[str, Interval]] = field(default_factory=dict, metadata={DRAWN: True})
 
 
 def compute_comparison(results: FlownCampaign) -> Comparison:
@@ -105,7 +104,7 @@ def compute_comparison(results: FlownCampaign) -> Comparison:
         }
         for metric in results.compared
     }
-    return Comparison({name: pair for name, pair in pairs.items() if pair}, results.compared, medians, results)
+    return Comparison({name: pair for name, pair in pairs.items() if pair}, medians)
 
 
 def compare_pair(

@@ -1,6 +1,7 @@
 """Which controller, and by how much: medians, differences, and what each pair shows."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 from abhv_mc.topics.comparison.model import ComparedMetric, Comparison, ControllerPair, ListedFailures
 from abhv_mc.topics.comparison.sentences import asked_of, survival_sentences
@@ -22,13 +23,13 @@ def comparison_section(found: Comparison, names: Names) -> Section | None:
     if not found.pairs:
         return None
     first = names.label(next(iter(names.controllers)))
-    heads = ("Metric", names.kind.capitalize(), "Median", f"{first} minus this", "Better")
+    heads = ("Metric", names.campaign.kind.capitalize(), "Median", f"{first} minus this", "Better")
     pairs = [
         Fold(f"{names.label(pair.a)} against {names.label(pair.b)}", tuple(_pair_items(pair, names)))
         for pair in found.pairs.values()
     ]
-    asked = tuple(tuple(_metric_rows(found, m, names)) for m in found.compared if m in names.asked)
-    usage = tuple(_usage_row(found, m, names) for m in found.compared if m not in names.asked)
+    asked = tuple(tuple(_metric_rows(found, m, names)) for m in found.medians if m in names.asked)
+    usage = tuple(_usage_row(found, m, names) for m in found.medians if m not in names.asked)
     labels = names.controllers.values()
     usage_heads = ("Metric", *labels, *(f"{first} minus {label}" for label in list(labels)[1:]))
     lost = survival_sentences(found, names)
@@ -40,7 +41,7 @@ def comparison_section(found: Comparison, names: Names) -> Section | None:
         *([Fold(title, (Table(title, usage_heads, (usage,)),))] if usage else []),
         Picture("error_against_usage"),
     )
-    return Section(f"Which {names.kind}, and by how much", (*items, *pairs))
+    return Section(f"Which {names.campaign.kind}, and by how much", (*items, *pairs))
 
 
 def _metric_rows(found: Comparison, metric: str, names: Names) -> Iterator[Row]:
@@ -53,8 +54,7 @@ def _metric_rows(found: Comparison, metric: str, names: Names) -> Iterator[Row]:
             cells = (*cells, Cell(""), Cell(""))
         else:
             entry = pair.metrics[metric]
-            winner = "mixed" if entry.mixed else names.label(entry.winner) if entry.winner else "neither"
-            cells = (*cells, interval_cell(entry.median_difference), Cell(winner))
+            cells = (*cells, interval_cell(entry.median_difference), _winner_cell(entry, names))
         yield (head, *cells) if name == first else cells
 
 
@@ -69,35 +69,61 @@ def _usage_row(found: Comparison, metric: str, names: Names) -> Row:
     )
 
 
+def _winner_cell(entry: ComparedMetric, names: Names) -> Cell:
+    if not entry.compared:
+        return Cell("")
+    return Cell("mixed" if entry.mixed else names.label(entry.winner) if entry.winner else "neither")
+
+
 def _pair_items(pair: ControllerPair, names: Names) -> Iterator[Item]:
+    yield from _usage_tables(pair, names)
+    yield _difference_table(pair, names, asked_of(pair, names))
+    yield _failure_table(pair, names, [requirement_words(item, names.metrics) for item in names.requirements])
+
+
+def pair_tables(
+    pair: ControllerPair, names: Names, metrics: Mapping[str, ComparedMetric], requirements: Sequence[str]
+) -> Iterator[Table]:
+    """The tables of a pair by itself: differences in these metrics with who is better, failures, control usage."""
+    table = _difference_table(pair, names, metrics)
+    rows = tuple(
+        (label, interval_cell(entry.median_difference), *cells, _winner_cell(entry, names))
+        for (label, _, *cells), entry in zip(table.groups[0], metrics.values(), strict=True)
+    )
+    heads = ("Metric", "Median difference", "of 95 % quantiles", "of 99.73 %", *table.heads[4:], "Better")
+    yield replace(table, title="Differences", heads=heads, groups=(rows,), caption=table.caption.replace(
+        "Quantiles of", "Medians of the differences, and quantiles of", 1))  # fmt: skip
+    yield _failure_table(pair, names, requirements)
+    yield from _usage_tables(pair, names)
+
+
+def _difference_table(pair: ControllerPair, names: Names, metrics: Mapping[str, ComparedMetric]) -> Table:
     a, b = names.label(pair.a), names.label(pair.b)
-    yield from usage_tables(pair, names)
-    levels = tuple(
+    rows = tuple(
         (
             Cell(names.metrics[metric].label_with_unit, head=True),
             *map(interval_cell, entry.quantile_differences.values()),
             Cell(count_of(entry.a_better, pair.pairs)),
-            Cell(gain_words(entry)),
+            Cell(_gain_words(entry)),
         )
-        for metric, entry in asked_of(pair, names).items()
+        for metric, entry in metrics.items()
     )
-    yield Table(
+    return Table(
         f"Quantile differences, {a} minus {b}",
         ("Metric", "Median", "95 %", "99.73 %", f"{a} better in", "Pairing gain"),
-        (levels,),
+        (rows,),
         f"Quantiles of {a} minus quantiles of {b}, with 95 % intervals, open where so few flights bound nothing. "
         "Pairing gain: an unpaired comparison of the means would need this many times the flights",
     )
-    yield failure_table(pair, names)
 
 
-def gain_words(entry: ComparedMetric) -> str:
+def _gain_words(entry: ComparedMetric) -> str:
     """'1.4 times': how many times the flights an unpaired comparison would need; 'none' where about as many."""
     gain = entry.pairing_gain
     return f"{significant(gain, 2)} times" if gain and gain >= 1.05 else "none"
 
 
-def usage_tables(pair: ControllerPair, names: Names) -> Iterator[Table]:
+def _usage_tables(pair: ControllerPair, names: Names) -> Iterator[Table]:
     """Tracking errors beside the control usage, where surfaces are used."""
     a, b = names.label(pair.a), names.label(pair.b)
     usage = tuple(
@@ -125,14 +151,13 @@ def usage_tables(pair: ControllerPair, names: Names) -> Iterator[Table]:
         )  # fmt: skip
 
 
-def failure_table(pair: ControllerPair, names: Names) -> Table:
-    """How often one alone misses each requirement, and loses the flight."""
+def _failure_table(pair: ControllerPair, names: Names, requirements: Sequence[str]) -> Table:
+    """How often one alone misses each requirement, which are in words, and loses the flight."""
     a, b = names.label(pair.a), names.label(pair.b)
-    words = [requirement_words(item, names.metrics) for item in names.requirements]
-    ended = "Reached the end of the mission" if names.kind == "controller" else "Reached its end"
-    missed = zip([*words, ended], [*pair.requirements, pair.ended_early], strict=True)
+    ended = "Reached the end of the mission" if names.campaign.kind == "controller" else "Reached its end"
+    missed = zip([*requirements, ended], [*pair.requirements, pair.ended_early], strict=True)
     return Table(
-        f"Failures of one {names.kind} only, {a} against {b}",
+        f"Failures of one {names.campaign.kind} only, {a} against {b}",
         ("Requirement", "Both failed", f"Only {a}", f"Only {b}", "Neither", "p-value",
          f"Flights, only {a}", f"Flights, only {b}"),
         (tuple(_failure_row(words, each) for words, each in missed),),

@@ -13,7 +13,7 @@ _OPEN = 2  # rivals told one by one, of whom no difference in lost flights is sh
 
 def comparison_sentences(found: Comparison, names: Names) -> Sequence[str]:
     """Lost flights, then each rival."""
-    return [*survival_sentences(found, names), *pair_sentences(found, names)]
+    return [*survival_sentences(found, names), *_pair_sentences(found, names)]
 
 
 def standing(pair: ControllerPair, names: Names, full: bool = False) -> Mapping[str, list[str]]:
@@ -80,44 +80,47 @@ def _contradiction(pair: ControllerPair, entry: ComparedMetric, names: Names) ->
 
 
 def verdict_of(pair: ControllerPair, names: Names) -> str:
-    """'better', 'worse', 'mixed' or 'open' over all errors of a pair, lost flights among them."""
-    found = standing(pair, names)
-    sides = {side for side in ("better", "worse") if found[side]}
-    if found["mixed"] or len(sides) == 2:
-        return "mixed"
+    """How the first of a pair stands: 'better', 'worse', 'mixed' or 'open'; lost flights, where they tell, lead."""
     if pair.losing:
-        sides.add("worse" if pair.losing == "a" else "better")
-    return "mixed" if len(sides) == 2 else next(iter(sides), "open")
+        return "worse" if pair.losing == "a" else "better"
+    found = standing(pair, names)
+    if found["mixed"] or (found["better"] and found["worse"]):
+        return "mixed"
+    return next((side for side in ("better", "worse") if found[side]), "open")
 
 
-def _by_strength(found: Comparison, names: Names) -> list[ControllerPair]:
+def by_strength(found: Comparison, names: Names) -> list[ControllerPair]:
     """The pairs, the rival first against which the first controller stands worst; of equals the one that fails less."""
-    order = {"worse": 0, "mixed": 1, "open": 2, "better": 3}
+    order = ("worse", "mixed", "open", "better")
 
     def strength(pair: ControllerPair) -> tuple[int, int, int]:
         held = standing(pair, names)
         failed = sum(each.both + each.only_b for each in pair.requirements)
-        return order[verdict_of(pair, names)], len(held["better"]) - len(held["worse"]), failed
+        return order.index(verdict_of(pair, names)), len(held["better"]) - len(held["worse"]), failed
 
     return sorted(found.pairs.values(), key=strength)
 
 
-def pair_sentences(found: Comparison, names: Names) -> list[str]:
+def _pair_sentences(found: Comparison, names: Names) -> list[str]:
     """Against each rival, the strongest first; the first sentence begins with the answer over all rivals."""
-    pairs = [pair for pair in _by_strength(found, names) if any(standing(pair, names).values())]
+    pairs = [pair for pair in by_strength(found, names) if any(standing(pair, names).values())]
     if not pairs:
         return []
-    if not names.judged:
-        return [f"No winner is named: the flights of a {names.design} design are not independent draws."]
+    if not names.campaign.judged:
+        return [f"No winner is named: the flights of a {names.campaign.sampling} design are not independent draws."]
     verdicts = {verdict_of(pair, names) for pair in pairs}
     name = names.label(pairs[0].a)
     overall = {"better": f"{name} is better: ", "worse": f"{name} is worse: ", "open": "No difference is shown: "}
-    head = overall.get(next(iter(verdicts)), "Mixed: ") if len(verdicts) == 1 else "Mixed: "
-    sentences = [_pair_sentence(pair, names) for pair in pairs]
+    sentences = [
+        f"against {names.label(pair.b)}, on the same {fixed(pair.pairs, 0)} flights, {pair_words(pair, names)}."
+        for pair in pairs
+    ]
+    head = overall.get(verdicts.pop(), "Mixed: ") if len(verdicts) == 1 else "Mixed: "
     return [f"{head}{sentences[0]}", *(f"{text[0].upper()}{text[1:]}" for text in sentences[1:])]
 
 
-def _pair_sentence(pair: ControllerPair, names: Names) -> str:
+def pair_words(pair: ControllerPair, names: Names) -> str:
+    """'TLC is better on more flights in ...; it is worse ... in ...; undecided in ...; TLC uses ...'."""
     found, first = standing(pair, names, full=True), names.label(pair.a)
     words = {
         "better": "it is better on more flights in",
@@ -126,19 +129,16 @@ def _pair_sentence(pair: ControllerPair, names: Names) -> str:
         "open": "no difference is shown in",
     }
     parts = [f"{words[side]} {joined(found[side])}" for side in words if found[side]]
-    text = "; ".join(parts).replace("it is", f"{first} is", 1) + _tails_words(pair, names)
-    flights = f"on the same {fixed(pair.pairs, 0)} flights"
-    return f"against {names.label(pair.b)}, {flights}, {text}{_usage_words(pair, first)}."
+    text = "; ".join(parts).replace("it is", f"{first} is", 1)
+    return f"{text}{_tails_words(pair, names)}{_usage_words(pair, first)}"
 
 
 def _tails_words(pair: ControllerPair, names: Names) -> str:
     """'; tails not compared ...' where the flights are too few to compare the tails of an error with a winner."""
     won = [entry for entry in asked_of(pair, names).values() if entry.winner]
     levels = sorted({level for entry in won for level in entry.uncompared_tails})
-    if not levels:
-        return ""
     shown = joined([f"{100.0 * level:.4g} %" for level in levels])
-    return f"; tails not compared at {shown} (too few flights)"
+    return f"; tails not compared at {shown} (too few flights)" if levels else ""
 
 
 def _usage_words(pair: ControllerPair, first: str) -> str:

@@ -1,7 +1,6 @@
 """How the numbers settled as flights came in."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -9,34 +8,52 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullFormatter, NullLocator, ScalarFormatter
 
 from abhv_mc.array_types import Floats
-from abhv_mc.topics.figure_style import label_lowest, legend_below, new_panels, styled
+from abhv_mc.topics.convergence import Convergence
+from abhv_mc.topics.figure_style import controller_colors, label_lowest, legend_below, new_panels, styled
+from abhv_mc.topics.names import Names
+from abhv_mc.topics.section import FigureText
 
 
-@dataclass(frozen=True)
-class ConvergencePanel:
-    """One number of each controller against flights."""
-
-    label: str
-    flights: Mapping[str, Floats]
-    series: Mapping[str, Floats]  # controller -> [look, (value, low, high)], NaN where unbounded
+def draw(found: Convergence, names: Names) -> Iterator[tuple[FigureText, Figure]]:
+    """A panel a metric that stands first, of what every controller reached."""
+    flights = {name: np.array(part.flights, float) for name, part in found.controllers.items()}
+    panels: dict[str, dict[str, Floats]] = {}
+    for metric in names.asked:
+        tables = {name: part.metrics[metric] for name, part in found.controllers.items()}
+        reached = all(np.isfinite(table["q95"].value[-1]) for table in tables.values())
+        level, words = ("q95", "95 % quantile") if reached else ("q50", "median")
+        series = {
+            name: np.array([each[level].value, each[level].low, each[level].high]) for name, each in tables.items()
+        }
+        if any(np.isfinite(each[0]).any() for each in series.values()):
+            label = f"{names.metrics[metric].label_with_unit}\n{words}"
+            panels[label] = {name: np.where(np.isfinite(each), each, np.nan) for name, each in series.items()}
+    if panels and max(each.size for each in flights.values()) > 1:
+        text = FigureText(
+            "convergence",
+            "How the numbers settled",
+            "The 95 % quantile of each error (the median where more than 5 % of its flights ended early) "
+            "after so many flights, in flight order, with its exact 95 % interval where the flights bound it on both "
+            "sides.",
+        )
+        yield text, plot_convergence(flights, panels, names.controllers)
 
 
 @styled
 def plot_convergence(
-    panels: Sequence[ConvergencePanel], labels: Mapping[str, str], colors: Mapping[str, str]
+    flights: Mapping[str, Floats], panels: Mapping[str, Mapping[str, Floats]], labels: Mapping[str, str]
 ) -> Figure:
-    """Each number after so many flights, with its 95 % interval."""
+    """Each number [value, low, high; look] of each controller after so many flights [look]; NaN where unbounded."""
+    colors = controller_colors(tuple(labels))
     figure, grid = new_panels(len(panels), min(3, len(panels)), 1.2, between=(0.5, 0.75), top=0.4)
-    for axes, panel in zip(grid.flat, panels, strict=False):
-        for name, table in panel.series.items():
-            value, low, high = table.T
+    for axes, (title, series) in zip(grid.flat, panels.items(), strict=False):
+        for name, (value, low, high) in series.items():
             bounded = np.isfinite(low) & np.isfinite(high)
-            flights = panel.flights[name]
-            axes.fill_between(flights, low, high, where=bounded, color=colors[name], alpha=0.22, linewidth=0)
-            axes.plot(flights, value, color=colors[name], label=labels[name])
+            axes.fill_between(flights[name], low, high, where=bounded, color=colors[name], alpha=0.22, linewidth=0)
+            axes.plot(flights[name], value, color=colors[name], label=labels[name])
         axes.set_xscale("log")
-        _ticks(axes, np.concatenate(list(panel.flights.values())))
-        axes.set_title(panel.label, fontsize=8)
+        _ticks(axes, np.concatenate(list(flights.values())))
+        axes.set_title(title, fontsize=8)
     label_lowest(grid, len(panels), "flights")
     legend_below(figure, grid.flat[0])
     return figure

@@ -1,7 +1,131 @@
 """The channels over all flights: bands over time, and how far each channel goes."""
 
-from abhv_mc.topics.envelopes.model import Envelopes, compute_envelopes
-from abhv_mc.topics.envelopes.section import envelope_section
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.folder import envelope_states
+from abhv_mc.folder.flown_campaign import FlownCampaign
+from abhv_mc.topics.names import Names
+from abhv_mc.topics.section import Cell, Fold, Item, Picture, Row, Section, Table, Text, Widget
 from abhv_mc.topics.topic import Topic, figures_of
+from abhv_mc.topics.words import fixed
+
+_SIGN = ", sign open"
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A channel as a sheet shows it."""
+
+    channel: str
+    label: str
+    reference: str = ""
+    off_reference: bool = False  # what is left of it without the reference
+    needles: bool = False  # whether it moves for a moment at each step of its command, which an inset shows
+    paper: tuple[int, str] | None = None  # figure of the paper, and what it shows
+
+
+CURVES = (
+    Curve("altitude_m", "altitude error (m)", "altitude_reference_m", off_reference=True, paper=(3, "within 50 m")),
+    Curve("speed_mps", "speed (m/s)", "speed_reference_mps", paper=(3, "1400 ± 5 m/s")),
+    Curve("heading_deg", "heading (deg)", "heading_reference_deg", paper=(4, "84 to 91 deg")),
+    Curve("angle_of_attack_deg", "angle of attack (deg)", paper=(5, "2 to 6 deg")),
+    Curve("sideslip_deg", "sideslip (deg)", needles=True, paper=(6, f"−0.2 to 0.7 deg{_SIGN}")),
+    Curve("bank_deg", "bank (deg)", paper=(7, "−50 to 55 deg with TLC, to 60 with LQR")),
+    Curve("aileron_deg", "aileron (deg)", needles=True, paper=(8, f"−1.2 to 0.8 deg{_SIGN}")),
+    Curve("rudder_deg", "rudder (deg)", needles=True, paper=(9, f"−0.4 to 0.3 deg{_SIGN}")),
+    Curve("elevator_deg", "elevator (deg)", needles=True, paper=(10, f"−0.5 to 2.5 deg{_SIGN}")),
+    Curve(
+        "equivalence_ratio_command", "throttle (–)", "equivalence_ratio_reference", paper=(11, "0.8 to 1.25")
+    ),
+)  # fmt: skip
+
+
+def curves_of(campaign: Experiment) -> tuple[Curve, ...]:
+    """Those that a sheet of its flights may show: all channels of a user's simulator."""
+    return tuple(Curve(each.name, each.axis) for each in campaign.channels) if campaign.user_model else CURVES
+
+
+@dataclass(frozen=True)
+class Envelopes:
+    """Smallest and largest value of each channel over the flights and times."""
+
+    ranges: Mapping[str, Mapping[str, tuple[float, float]]]  # controller -> channel
+    step_s: float | None  # between the samples of the bands
+    flights: int  # of each controller, the first ones
+
+
+def compute_envelopes(results: FlownCampaign) -> Envelopes:
+    """The ranges of every channel of which a flight was computed."""
+    ranges: dict[str, dict[str, tuple[float, float]]] = {}
+    for (controller, channel), envelope in results.envelopes.items():
+        low, high = envelope.bands["min"], envelope.bands["max"]
+        if not np.isnan(low).all():
+            ranges.setdefault(controller, {})[channel] = float(np.nanmin(low)), float(np.nanmax(high))
+    times = next((envelope.time for envelope in results.envelopes.values() if envelope.time.size > 1), None)
+    flown = max((int(each.flight.max(initial=-1)) + 1 for each in results.flights.values()), default=0)
+    flights = min(flown, envelope_states.ENVELOPE_FLIGHTS)
+    return Envelopes(ranges, None if times is None else float(times[1] - times[0]), flights)
+
+
+def envelope_section(found: Envelopes, names: Names) -> Section | None:
+    """What bands are, the interactive ones, and the sheet of all channels; None where flights have no histories."""
+    items: list[Item] = []
+    campaign = names.campaign
+    if not campaign.has_histories:
+        return None
+    if not campaign.has_bands:
+        text = "None are kept; `keep: {envelopes: {rate: 5 Hz}}` in the campaign file asks for them."
+        return Section("Bands over time", (Text(text),))
+    if found.step_s is not None:
+        flown = max(flights.flight.size for flights in names.results.flights.values())
+        of = "" if found.flights >= flown else f" of flights 0 to {found.flights - 1}"
+        who, ends = "flights still airborne", "at any control tick; the other bands are of samples"
+        if campaign.user_model:
+            who, ends = "flights that have a history then", "of all samples returned; the other bands are of values"
+        apart = " s apart, linear between samples" if campaign.user_model else " s apart"
+        items.append(
+            Text(
+                f"Bands are pointwise quantiles over the {who}{of}: no single flight need follow one. "
+                f'"All flights" is the smallest and largest value {ends} {found.step_s:.4g}{apart}.'
+            )
+        )
+        points = len(campaign.unknowns.points)
+        if points > 1:
+            items.append(
+                Text(
+                    f"The unknowns have one value for the whole programme: each band goes from the least to the most "
+                    f"quantile over their {points} points, with {found.flights // points:,} flights at each, and the "
+                    "median has two lines. Between them one cannot say where it lies; commands are drawn midway."
+                )
+            )
+    of_paper = campaign.model.figures == "paper"
+    rows = tuple(_row(found, names, curve, of_paper) for curve in curves_of(campaign))
+    heads = ("Channel", *names.controllers.values(), *(["Figure", "The paper's single flight"] if of_paper else []))
+    table = Table("Smallest and largest value of each channel", heads, (tuple(row for row in rows if row),))
+    sheet = Fold("All channels on one sheet", (table, Picture("channels")))
+    return Section("Bands over time", (*items, Widget("bands"), sheet))
+
+
+def _row(found: Envelopes, names: Names, curve: Curve, of_paper: bool) -> Row:
+    """A channel's range under each controller; nothing where no flight has it."""
+    ranges = [found.ranges.get(name, {}).get(curve.channel) for name in names.controllers]
+    if not any(ranges):
+        return ()
+    shown = [_ends(*ends) if ends else "" for ends in ranges]
+    paper = [f"Fig. {curve.paper[0]}", curve.paper[1]] if of_paper and curve.paper else []
+    label = curve.label.replace("altitude error", "altitude")
+    return (Cell(label, head=True), *map(Cell, (*shown, *paper)))
+
+
+def _ends(low: float, high: float) -> str:
+    """Both ends of a range, to a thousandth of the range but no finer than four digits of the larger."""
+    spread = high - low
+    places = 2 if spread <= 0.0 else max(0, 2 - len(str(int(spread)))) if spread >= 1.0 else 3
+    return f"{fixed(low, places)} to {fixed(high, places)}"
+
 
 ENVELOPES = Topic("envelopes", Envelopes, compute_envelopes, envelope_section, figures=figures_of(__name__))

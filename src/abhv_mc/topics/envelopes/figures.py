@@ -6,8 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from abhv_mc.array_types import Floats
-from abhv_mc.topics.envelopes.curves import CURVES, Curve, curves_of
-from abhv_mc.topics.envelopes.model import Envelopes
+from abhv_mc.topics.envelopes import CURVES, Curve, Envelopes, curves_of
 from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, off_reference, plot_sheet, shown_bands
 from abhv_mc.topics.figure_style import controller_colors
 from abhv_mc.topics.names import Names
@@ -19,24 +18,22 @@ Find = Callable[[str, str], Bands | None]  # of a controller and a channel
 _OURS = "; insets show the largest move. The altitude error has no band of all flights where the reference climbs"
 
 
-def draw(found: Envelopes, labels: Names) -> Iterator[tuple[FigureText, Figure]]:
+def draw(_found: Envelopes, names: Names) -> Iterator[tuple[FigureText, Figure]]:
     """One sheet of the channels that the envelopes hold."""
-    envelopes = found.source.envelopes
+    controllers, campaign, results = tuple(names.controllers), names.campaign, names.results
 
     def find(controller: str, channel: str) -> Bands | None:
-        envelope = envelopes.get((controller, channel))
-        there = envelope is not None and np.isfinite(envelope.median).any()
-        return (envelope.time, envelope.bands) if envelope is not None and there else None
+        envelope = results.envelopes.get((controller, channel))
+        return (envelope.time, envelope.bands) if envelope and np.isfinite(envelope.median).any() else None
 
-    names, campaign = tuple(labels.controllers), found.source.campaign
-    if rows := _rows(find, names, found.source.reference, curves_of(campaign)):
+    if rows := _rows(find, controllers, results.reference, curves_of(campaign)):
         words = FigureText(
             "channels",
             "The channels over all flights",
             f"Bands of all {campaign.kind}s in the same axes{'' if campaign.user_model else _OURS}.",
             alt="The table above has the smallest and the largest value of each channel.",
         )
-        yield words, plot_sheet(rows, labels.controllers, controller_colors(names))
+        yield words, plot_sheet(rows, names.controllers, controller_colors(controllers))
 
 
 def plot_flown(

@@ -1,14 +1,195 @@
-"""Which failures in flight each controller survives."""
+"""Which failures each controller survives: flights by what failed in them, with the time since the failure as an axis.
 
-from abhv_mc.topics.failure_cases.model import FailureCases, compute_failure_cases
-from abhv_mc.topics.failure_cases.section import failure_case_section, failure_case_sentences
+A flight's case is what was drawn to fail before the mission's end, so that every controller has the same flights in
+each. An unstart by the vehicle's own condition belongs to no case: it depends on the controller.
+"""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.array_types import Floats
+from abhv_mc.flight.failure_case import NO_FAILURE, failure_cases, failure_times
+from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES
+from abhv_mc.folder.controller_flights import ControllerFlights
+from abhv_mc.folder.flown_campaign import FlownCampaign
+from abhv_mc.kernel.plant.parameter_names import FAILURE_TIMES
+from abhv_mc.statistics.binomial import clopper_pearson
+from abhv_mc.statistics.estimates import Interval
+from abhv_mc.statistics.family import Pair, judge_pairs
+from abhv_mc.topics.failed_flights import requirement_failures, requirement_words
+from abhv_mc.topics.names import Names
+from abhv_mc.topics.section import Cell, Picture, Row, Section, Table, Text, grouped
 from abhv_mc.topics.topic import Topic, figures_of
+from abhv_mc.topics.words import count_of, percent
+
+
+@dataclass(frozen=True)
+class CaseVerdict:
+    """One requirement in the flights of a case."""
+
+    missed: int
+    status: str
+
+
+@dataclass(frozen=True)
+class CaseMargins:
+    """Least gain margins of a case's flights."""
+
+    flights: int
+    unstable: int
+    median_db: float
+
+
+@dataclass(frozen=True)
+class CaseFlights:
+    """The flights of a case under one controller."""
+
+    flights: int
+    lost: int
+    lost_before: int  # before anything failed
+    survived: Interval  # share, 95 %
+    median_time_to_loss_s: float | None
+    requirements: Mapping[str, CaseVerdict]  # by their words, those that bind the controller
+    margins: CaseMargins | None  # where they were asked for
+
+
+@dataclass(frozen=True)
+class FailureCase:
+    """Flights in which the same failed."""
+
+    case: str
+    flights: int
+    controllers: Mapping[str, CaseFlights]
+
+
+@dataclass(frozen=True)
+class FailureCases:
+    """All cases, no failure first, then the most frequent; none where no failure is dispersed."""
+
+    cases: tuple[FailureCase, ...] = ()
+    end_s: float | None = None  # of the mission
+
+
+def drawn_cases(results: FlownCampaign) -> tuple[NDArray[np.str_], Floats]:
+    """Case and time of the first failure (s, infinite without one) of every flight [flight] in the samples."""
+    names = [name for name in results.samples if name in FAILURE_TIMES]
+    columns = [results.samples[name] for name in names]
+    if not columns:
+        return np.empty(0, dtype=np.str_), np.empty(0)
+    samples, end = np.column_stack(columns), float(results.reference["time"][-1])
+    nothing = np.zeros(len(samples))
+    first = failure_times(names, samples)
+    return np.array(failure_cases(names, samples, nothing + end, nothing)), np.where(first < end, first, np.inf)
+
+
+def cases_by_frequency(cases: NDArray[np.str_]) -> list[str]:
+    """The names of the cases of all flights [flight], no failure first."""
+    counts = Counter(cases.tolist())
+    return sorted(counts, key=lambda name: (name != NO_FAILURE, -counts[name], name))
+
+
+def compute_failure_cases(results: FlownCampaign) -> FailureCases:
+    """Survivors and verdicts of each case and controller."""
+    cases, first = drawn_cases(results)
+    if not cases.size:
+        return FailureCases()
+    found = []
+    for case in cases_by_frequency(cases):
+        inside = {name: cases[results.flights[name].flight] == case for name in results.controllers}
+        flown = {name: _flown(results, name, case, rows, first) for name, rows in inside.items() if rows.any()}
+        found.append(FailureCase(case, int(np.sum(cases == case)), flown))
+    return FailureCases(tuple(found), float(results.reference["time"][-1]))
+
+
+def _flown(results: FlownCampaign, name: str, case: str, inside: NDArray[np.bool_], first: Floats) -> CaseFlights:
+    flights, campaign = results.flights[name], results.campaign
+    lost, number = flights.failed & inside, int(inside.sum())
+    failures = int(lost.sum())
+    bounds = clopper_pearson(failures, number) if campaign.independent else (np.nan, np.nan)
+    after = flights.end_time[lost] - first[flights.flight[lost]]
+    times = after[after >= 0.0]
+    verdicts = {}
+    for item in campaign.requirements:
+        if name in item.controllers:
+            missed = int(np.sum(requirement_failures(flights, item) & inside))
+            pair = Pair(missed, number, 0, item.probability, item.consumer_risk, item.producer_risk)
+            status = judge_pairs([pair], campaign.independent)[0].status
+            verdicts[requirement_words(item, campaign.metrics)] = CaseVerdict(missed, status)
+    return CaseFlights(
+        flights=number,
+        lost=failures,
+        lost_before=int(np.sum(after < 0.0)) if case != NO_FAILURE else 0,
+        survived=Interval(1.0 - failures / number, 1.0 - bounds[1], 1.0 - bounds[0]),
+        median_time_to_loss_s=float(np.median(times)) if times.size and case != NO_FAILURE else None,
+        requirements=verdicts,
+        margins=_margins(flights, inside),
+    )
+
+
+def _margins(flights: ControllerFlights, inside: NDArray[np.bool_]) -> CaseMargins | None:
+    values = flights.metrics.get(MARGIN_NAMES[0], np.empty(0))
+    known = inside & np.isfinite(values) if values.size else np.zeros(0, bool)
+    if not known.any():
+        return None
+    unstable = flights.metrics[MARGIN_FAULTS[0].name][known] > 0
+    return CaseMargins(int(known.sum()), int(unstable.sum()), float(np.median(values[known])))
+
+
+def failure_case_sentences(found: FailureCases, names: Names) -> Sequence[str]:
+    """How many flights of each controller survived each single failure; none where none came alone."""
+    words = []
+    for entry in found.cases:
+        if entry.case != NO_FAILURE and " + " not in entry.case:
+            each = [
+                f"{names.label(name)} {count_of(cell.flights - cell.lost, cell.flights)}"
+                for name, cell in entry.controllers.items()
+            ]
+            words.append(f"{entry.case}: {', '.join(each)}")
+    return [f"Flights that survived one failure alone: {'; '.join(words)}."] if words else []
+
+
+def failure_case_section(found: FailureCases, names: Names) -> Section | None:
+    """A row for each case and controller; None where no failure is dispersed."""
+    if not found.cases:
+        return None
+    heads = ("What fails", "Flights", "Controller", "Survived (95 % interval)", "Lost",
+             "Median time from the failure to the loss", "Requirements")  # fmt: skip
+    return Section(
+        "Failures in flight",
+        (
+            Text(
+                "A flight survives if it reaches the end of the mission. Cases are what was drawn to fail before that, "
+                "the same flights for every controller. Verdicts are of the flights of the case alone, each by itself: "
+                "no allowance is made for their number."
+            ),
+            Table("Survival by failure case", heads, tuple(_group(entry, names) for entry in found.cases)),
+            Picture("failure_survival"),
+        ),
+    )
+
+
+def _group(entry: FailureCase, names: Names) -> tuple[Row, ...]:
+    rows = [_row(names.label(name), cell) for name, cell in entry.controllers.items()]
+    return grouped(rows, Cell(entry.case, head=True), Cell(str(entry.flights)))
+
+
+def _row(label: str, cell: CaseFlights) -> Row:
+    share = cell.survived
+    bounds = f"{percent(share.low, 1)} to {percent(share.high, 1)}" if share.low == share.low else ""  # nan: none
+    time = "" if cell.median_time_to_loss_s is None else f"{cell.median_time_to_loss_s:.1f} s"
+    words = [f"{words}: missed by {each.missed}, {each.status}" for words, each in cell.requirements.items()]
+    if cell.margins is not None:
+        unstable = count_of(cell.margins.unstable, cell.margins.flights)
+        words.append(f"least gain margin {cell.margins.median_db:.1f} dB in the median, unstable at a point {unstable}")
+    cells = Cell(percent(share.value, 1), bounds), Cell(str(cell.lost)), Cell(time), Cell("; ".join(words))
+    return (Cell(label, head=True), *cells)
+
 
 FAILURE_CASES = Topic(
-    "failure_cases",
-    FailureCases,
-    compute_failure_cases,
-    failure_case_section,
-    failure_case_sentences,
+    "failure_cases", FailureCases, compute_failure_cases, failure_case_section, failure_case_sentences,
     figures_of(__name__),
-)
+)  # fmt: skip

@@ -23,8 +23,8 @@ _CHANNELS = (
 
 def draw(found: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
     """The flights that are listed, as far as their histories are kept."""
-    results, controllers = found.source, tuple(names.controllers)
-    if results is None or not results.envelopes:
+    results, controllers = names.results, tuple(names.controllers)
+    if not results.envelopes:
         return
     kept = {name: read_histories(results.folder, name) for name in controllers}
     listed = {name: [each.flight for each in found.worst[name] if each.flight in kept[name]] for name in controllers}

@@ -1,17 +1,120 @@
-"""What each flight did: how they ended, what they drew, what a board has to know of them, and the worst of them."""
+"""What each flight did: how they ended, what a board has to know of them, and the worst of them with what they drew."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from abhv_mc.array_types import Floats
 from abhv_mc.folder.controller_flights import ControllerFlights
-from abhv_mc.folder.flown_campaign import FlownCampaign
+from abhv_mc.folder.flown_campaign import FlownCampaign, kept_flights
 from abhv_mc.plant.parameters import DISTURBANCES
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import Interval
-from abhv_mc.topics.flights.worst_flights import WorstFlight, worst_flights
-from abhv_mc.topics.plain import DRAWN
+from abhv_mc.topics.failed_flights import failed_anyhow
+
+_LISTED = 10  # at most, where no number of worst flights keeps its histories
+_LARGEST = 3  # dispersions of a flight that are told
+
+
+@dataclass(frozen=True)
+class LargeDispersion:
+    """One of the dispersions of a flight that are furthest from the campaign's mean."""
+
+    parameter: str
+    value: float
+    sigma: float | None  # distance in its standard deviations; None of what only some flights have, such as a failure
+
+
+@dataclass(frozen=True)
+class WorstFlight:
+    """A flight, what it was worst in and its dispersions."""
+
+    flight: int
+    outcome: str  # its code
+    by: str | None  # metric; None where it ended early
+    beyond: float  # distance beyond the limit, in units of it
+    metrics: Mapping[str, float]  # not-a-number where it was lost before the stretches that a metric counts
+    samples: Mapping[str, float]
+    largest: tuple[LargeDispersion, ...]
+
+
+def listed_worst(results: FlownCampaign, name: str) -> list[int]:
+    """The rows [flight] of the flights that a report lists: those whose histories are kept, the worst without any.
+
+    At most as many as the campaign asks for with 'worst N', or 10 where it keeps others.
+    """
+    rows = results.ranking.rows_of(name)
+    kept = np.isin(results.flights[name].flight[rows], list(kept_flights(results.folder, name)))
+    return (rows[kept] if kept.any() else rows)[: results.campaign.worst or _LISTED].tolist()
+
+
+def rank_failed(results: FlownCampaign, controller: str) -> list[int]:
+    """Numbers of the flights that ended early or missed a requirement, the worst first."""
+    flights, rows = results.flights[controller], results.ranking.rows_of(controller)
+    return flights.flight[rows[failed_anyhow(flights, results.campaign.requirements)[rows]]].tolist()
+
+
+def worst_flights(results: FlownCampaign) -> dict[str, tuple[WorstFlight, ...]]:
+    """The worst flights of each controller, those whose histories are kept, with what they were worst in."""
+    moments = moments_of(results)
+    return {name: tuple(_of(results, name, moments)) for name in results.controllers}
+
+
+def moments_of(results: FlownCampaign) -> dict[str, tuple[float, float]]:
+    """Mean and standard deviation of each dispersion over the flights."""
+    return {key: _moments(results.samples[key]) for key in results.dispersed}
+
+
+def _of(results: FlownCampaign, name: str, moments: Mapping[str, tuple[float, float]]) -> list[WorstFlight]:
+    criteria, flights = results.campaign.criteria, results.flights[name]
+    rows = np.array(listed_worst(results, name), dtype=np.intp)
+    beyond, which = results.ranking.beyond[name], results.ranking.by[name]
+    numbers = flights.flight[rows]
+    metrics = {metric: _counted(flights, metric, rows).tolist() for metric in results.compared}
+    samples = {key: value[numbers].tolist() for key, value in results.samples.items()}
+    found = []
+    for i, row in enumerate(rows.tolist()):
+        drawn = {key: values[i] for key, values in samples.items()}
+        found.append(
+            WorstFlight(
+                flight=int(numbers[i]),
+                outcome=flights.ends.codes[int(flights.outcome[row])],
+                by=None if flights.failed[row] or not criteria else criteria[which[row]].metric,
+                beyond=float(beyond[row]),
+                metrics={metric: values[i] for metric, values in metrics.items()},
+                samples=drawn,
+                largest=_largest(drawn, moments),
+            )
+        )
+    return found
+
+
+def _moments(column: Floats) -> tuple[float, float]:
+    """Mean and standard deviation; both infinite where some flights have an infinite value: it never comes to them."""
+    return (float(np.mean(column)), float(np.std(column))) if np.isfinite(column).all() else (np.inf, np.inf)
+
+
+def _sigmas(value: float, mean: float, sigma: float) -> float | None:
+    return None if np.isinf(sigma) else (value - mean) / sigma if sigma > 0.0 else 0.0
+
+
+def _largest(samples: Mapping[str, float], spread: Mapping[str, tuple[float, float]]) -> tuple[LargeDispersion, ...]:
+    """The dispersions furthest from the campaign's mean, furthest first; before them what only some flights have."""
+    moved = [
+        LargeDispersion(key, samples[key], _sigmas(samples[key], *spread[key]))
+        for key in spread
+        if np.isfinite(samples[key])
+    ]
+    return tuple(sorted(moved, key=lambda each: -np.inf if each.sigma is None else -abs(each.sigma))[:_LARGEST])
+
+
+def _counted(flights: ControllerFlights, metric: str, rows: NDArray[np.intp]) -> Floats:
+    record, values = flights.records[metric], flights.metrics[metric][rows]
+    nothing = flights.failed[rows] & record.settled & (values == record.empty)
+    return np.where(nothing, np.nan, values)
+
 
 _CYCLES = 5.0  # deg, from side to side: ripple from which a flight is said to cycle
 _LIMITS = {"saturates": 0.0, "leaves_tables": 0.0, "cycles": _CYCLES}  # of a record's finding: what is more is said
@@ -51,7 +154,6 @@ class Flights:
     left_out: Mapping[str, int]  # controllers of which the machine computed none, with their flights
     findings: Mapping[str, Findings]
     worst: Mapping[str, tuple[WorstFlight, ...]]
-    source: FlownCampaign | None = field(default=None, repr=False, metadata={DRAWN: True})
 
 
 def compute_flights(results: FlownCampaign) -> Flights:
@@ -66,7 +168,6 @@ def compute_flights(results: FlownCampaign) -> Flights:
         _left_out(results),
         {name: _findings(results.flights[name], disturbed) for name in names},
         worst_flights(results),
-        results,
     )
 
 

@@ -1,17 +1,44 @@
 """What was flown and how it ended, the linked view of the flights, and tables of the worst ones."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.topics.flights.model import FlightCounts, Flights
-from abhv_mc.topics.flights.worst_flights import LargeDispersion, WorstFlight
+from abhv_mc.topics.flights.model import FlightCounts, Flights, LargeDispersion, WorstFlight
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.parameter_words import parameter_doc, shown_value, spoken_name
 from abhv_mc.topics.section import Cell, Fold, Item, Picture, Row, Section, Table, Text, Widget
-from abhv_mc.topics.words import fixed, joined, significant
+from abhv_mc.topics.words import count_of, fixed, joined, significant
 
 _COLUMNS = 5  # metrics beside each of the worst flights
+
+
+def flight_sentences(found: Flights, names: Names, off_cards: bool = False) -> Sequence[str]:
+    """One of each controller: flights not computed, cycling or ended early, saturated surfaces, tables left.
+
+    ``off_cards``: what of it the cards of the first screen do not show.
+    """
+    said = [
+        f"{name}: the machine could compute none of {count} flights, so it is not in this report; it met nothing."
+        for name, count in found.left_out.items()
+    ]
+    for name, part in found.findings.items():
+        counts, swings = (
+            found.counts[name],
+            "swings, in gusts, turbulence or noise," if part.disturbed else "limit cycle",
+        )
+        known = [("the vehicle's tables are left in", part.outside_tables, part.flown)]
+        if not off_cards:
+            cycles = [(f"{swings} (> {part.ripple_deg:g} deg) in {channel.replace('_', ' ')} in", count, part.flown)
+                      for channel, count in part.cycling.items()]  # fmt: skip
+            known = [
+                ("the machine could not compute", counts.not_computed, counts.flown + counts.not_computed),
+                ("ended early:", counts.failed, counts.flown),
+                ("surfaces reach a limit of deflection or rate in", part.saturated, part.flown), *cycles, *known,
+            ]  # fmt: skip
+        words = [f"{text} {count_of(count, flown, 'flights')}" for text, count, flown in known if count]
+        said += [f"{names.label(name)}: {'; '.join(words)}."] if words else []
+    return said
 
 
 def flight_section(found: Flights, names: Names) -> Section:
@@ -20,24 +47,23 @@ def flight_section(found: Flights, names: Names) -> Section:
 
 
 def _items(found: Flights, names: Names) -> Iterator[Item]:
-    if found.source:
-        yield Text(_flown(found, found.source.campaign, names))
+    campaign = names.campaign
+    yield Text(_flown(found, campaign, names))
     if found.dispersions:
         rows = [_dispersion(name, _law(entry), _settings(entry), names) for name, entry in found.dispersions.items()]
         rows += [_dispersion(name, "derived", text, names) for name, text in found.derived.items()]
         yield Table("Dispersions", ("Parameter", "Meaning", "Distribution", "Settings"), (tuple(rows),), numbers=False)
-    heads = (names.kind.capitalize(), "Flown", "Ended early", "Not computed", "Outcomes")
+    heads = (campaign.kind.capitalize(), "Flown", "Ended early", "Not computed", "Outcomes")
     counts = tuple(_counts(names.label(name), entry) for name, entry in found.counts.items())
     yield Table("How the flights ended", heads, (counts,), numbers=False)
     yield Widget("flights")
-    drawn = found.source is None or found.source.campaign.has_histories
+    kept = "Their histories are kept: a number draws it" if campaign.has_histories else "A number opens it"
     words = (
         "Flights that ended early come first, the earliest before all others, then those furthest past (or nearest to) "
         "a limit, in units of it as in the chart (without requirements, of the median). "
-        f"{'Their histories are kept: a number draws it above' if drawn else 'A number opens it above'}; on paper the "
-        "first five are listed."
+        f"{kept} above; on paper the first five are listed."
     )
-    if names.flies:
+    if not campaign.adopted:
         words += f" `abhv-mc explain {names.folder} --controller NAME --flight NUMBER` finds the smallest set of "
         words += "dispersions that still makes a flight fail."
     yield Text(words)
@@ -47,7 +73,7 @@ def _items(found: Flights, names: Names) -> Iterator[Item]:
         title = f"Worst flights of {names.label(name)}"
         again = f"Again, bit for bit: `abhv-mc replay {names.folder} --controller {name} --flight NUMBER`"
         table = Table(title, worst_heads, (tuple(_worst(name, each, names) for each in flights),))
-        yield Fold(title, (Text(again), table) if names.flies else (table,))
+        yield Fold(title, (table,) if campaign.adopted else (Text(again), table))
     yield Picture("worst_flights")
 
 
@@ -86,7 +112,7 @@ def _settings(entry: Mapping[str, Any]) -> str:
 
 
 def _dispersion(name: str, law: str, settings: str, names: Names) -> Row:
-    return Cell(f"`{name}`", head=True), Cell(parameter_doc(name, names.parameters)), Cell(law), Cell(settings)
+    return Cell(f"`{name}`", head=True), Cell(parameter_doc(name, names.campaign.parameters)), Cell(law), Cell(settings)
 
 
 def _counts(label: str, found: FlightCounts) -> Row:
@@ -110,4 +136,5 @@ def _worst(controller: str, found: WorstFlight, names: Names) -> Row:
 def _words(found: LargeDispersion, names: Names) -> str:
     """'lift +8.1 % (1.6 sigma)'."""
     sigma = "" if found.sigma is None else f" ({fixed(found.sigma, 1)} sigma)"
-    return f"{spoken_name(found.parameter)} {shown_value(found.parameter, found.value, names.parameters)}{sigma}"
+    value = shown_value(found.parameter, found.value, names.campaign.parameters)
+    return f"{spoken_name(found.parameter)} {value}{sigma}"

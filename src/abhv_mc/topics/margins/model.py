@@ -1,19 +1,16 @@
 """Stability margins of a campaign: of the nominal vehicle and of corners in steady flight, and of its flights."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
 from abhv_mc.flight.metrics import GAIN_MARGIN, MARGIN_FAULTS, MARGIN_NAMES, PHASE_MARGIN
 from abhv_mc.flight.outcome import LAW_LOST
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.folder.steady_margins import SteadyMargins
 from abhv_mc.topics.failed_flights import failed_anyhow
-from abhv_mc.topics.plain import DRAWN
 
 LISTED = 5  # flights of least margin
 
@@ -37,16 +34,6 @@ class LeastFlight:
 
 
 @dataclass(frozen=True)
-class Marks:
-    """The flights of one controller in the figure, [flight]."""
-
-    gain_db: Floats
-    phase_deg: Floats
-    beyond: Floats  # distance beyond any limit; infinite where the flight ended early
-    failed: NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
 class FlightMargins:
     """Margins of one controller's flights, as many as were asked for."""
 
@@ -57,7 +44,6 @@ class FlightMargins:
     least: tuple[LeastFlight, ...]  # the smallest gain margin first
     failed_below: tuple[int, int] | None  # of the flights below the customary gain margin: failed, and all
     failed_above: tuple[int, int] | None  # of the others; None without requirements
-    marks: Marks | None = field(default=None, repr=False, metadata={DRAWN: True})
 
 
 @dataclass(frozen=True)
@@ -68,7 +54,6 @@ class Margins:
     points: tuple[str | float, ...]  # of the flights: "trim", or s
     flights: Mapping[str, FlightMargins]
     missing: Mapping[str, tuple[int, ...]]  # flights that were to have margins, which could not be computed
-    required: bool = field(default=False, metadata={DRAWN: True})  # whether anything is
 
 
 @dataclass(frozen=True)
@@ -100,7 +85,6 @@ def compute_margins(results: FlownCampaign) -> Margins:
         tuple(campaign.model.margins.at if campaign.model.margins else ()),
         {name: entry for name, entry in flights.items() if entry.flights},
         {name: numbers for name in flights if (numbers := _missing(results.flights[name], campaign.margin_flights))},
-        bool(campaign.requirements),
     )
 
 
@@ -115,7 +99,7 @@ def _of_flights(results: FlownCampaign, controller: str) -> FlightMargins:
     values = {name: flights.metrics[name][rows] for name in MARGIN_NAMES}
     faults = {signal.name: flights.metrics[signal.name][rows] for signal in MARGIN_FAULTS}
     lost = failed_anyhow(flights, results.campaign.requirements)[rows]
-    gain, phase = (values[name] for name in MARGIN_NAMES[:2])
+    gain = values[MARGIN_NAMES[0]]
     low = gain < GAIN_MARGIN.customary
     unstable, at_limit = (int((each > 0).sum()) for each in faults.values())
     required = bool(results.campaign.requirements and rows.size)
@@ -135,7 +119,6 @@ def _of_flights(results: FlownCampaign, controller: str) -> FlightMargins:
         ),
         failed_below=(int((lost & low).sum()), int(low.sum())) if required else None,
         failed_above=(int((lost & ~low).sum()), int((~low).sum())) if required else None,
-        marks=Marks(gain, phase, results.ranking.beyond[controller][rows], lost),
     )
 
 

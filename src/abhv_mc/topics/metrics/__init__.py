@@ -1,7 +1,137 @@
-"""Every metric of every controller: quantiles and the worst flight."""
+"""How large the errors are: quantiles and the worst flight of every metric of every controller."""
 
-from abhv_mc.topics.metrics.model import Metrics, compute_metrics
-from abhv_mc.topics.metrics.section import metric_section
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from abhv_mc.flight.metrics import Metric
+from abhv_mc.folder.controller_flights import ControllerFlights
+from abhv_mc.folder.flown_campaign import FlownCampaign
+from abhv_mc.statistics.estimates import LEVELS, Interval, quantiles, severity
+from abhv_mc.topics.names import Names
+from abhv_mc.topics.plain import level_name
+from abhv_mc.topics.section import Cell, Fold, Picture, Row, Section, Table, Text, grouped, interval_cell
 from abhv_mc.topics.topic import Topic, figures_of
+from abhv_mc.topics.words import significant
+
+
+@dataclass(frozen=True)
+class ControllerMetric:
+    """One metric of one controller."""
+
+    quantiles: Mapping[str, Interval]  # by level, 95 %; flights that ended early are the worst
+    worst: float | None  # of the flights that did not; None without one
+    worst_flight: int | None
+
+
+@dataclass(frozen=True)
+class MetricTable:
+    """One metric of every controller."""
+
+    words: Mapping[str, str]  # what it is called
+    same_as: str | None  # the metric without the settled stretches' restriction that is the same in every flight
+    controllers: Mapping[str, ControllerMetric]
+
+
+@dataclass(frozen=True)
+class Metrics:
+    """Every metric; names of those that stand first, and of those in which controllers are compared."""
+
+    asked: tuple[str, ...]
+    compared: tuple[str, ...]
+    table: Mapping[str, MetricTable]
+
+
+def compute_metrics(results: FlownCampaign) -> Metrics:
+    """Every metric that the flights hold."""
+    records = results.campaign.metrics
+    table = {
+        metric: MetricTable(
+            records[metric].as_words(),
+            _unsettled(results, records[metric]),
+            {name: _of(results.flights[name], metric, records[metric]) for name in results.controllers},
+        )
+        for metric in results.metrics
+    }
+    return Metrics(results.asked, results.compared, table)
+
+
+def _of(flights: ControllerFlights, metric: str, record: Metric) -> ControllerMetric:
+    measured = flights.metrics[metric]
+    values = severity(measured, record.bad, flights.failed)
+    levels = {
+        level_name(level): interval.in_sense(record.bad)
+        for level, interval in zip(LEVELS, quantiles(values, LEVELS), strict=True)
+    }
+    flown = np.where(flights.failed | np.isnan(measured), -np.inf, values)
+    worst = int(np.argmax(flown))
+    if not np.isfinite(flown[worst]):
+        return ControllerMetric(levels, None, None)
+    return ControllerMetric(levels, float(measured[worst]), int(flights.flight[worst]))
+
+
+def _unsettled(results: FlownCampaign, record: Metric) -> str | None:
+    if not record.settled:
+        return None
+    for other in map(results.campaign.metrics.__getitem__, results.metrics):
+        same = replace(other, name="", doc="", label="", settled=True) == replace(record, name="", doc="", label="")
+        if same and not other.settled:
+            pairs = (
+                (flights.metrics[record.name], flights.metrics[other.name]) for flights in results.flights.values()
+            )
+            if all(np.array_equal(*pair, equal_nan=True) for pair in pairs):
+                return other.name
+    return None
+
+
+GROUPS = {
+    "asked": "What is asked",
+    "tracking": "Tracking errors",
+    "usage": "Control usage",
+    "loads": "Loads and validity",
+    "stability": "Stability margins",
+    "user": "Metrics of this campaign",
+}
+_HEADS = ("Median", "95 %", "99.73 %", "Worst", "Flight")
+
+
+def metric_section(found: Metrics, names: Names) -> Section:
+    """What is asked, then by group; settled metrics where they say something else."""
+    text = (
+        "Quantiles over the flights with their exact 95 % intervals (order statistics), to the digits that the number "
+        "of flights allows, and the worst flight. Where small values are the bad ones the quantiles are taken from "
+        'below. "Not reached": more flights ended early than lie beyond the quantile. `metrics.csv` has all metrics; '
+        "on paper stand those that are asked."
+    )
+    if not names.campaign.independent:
+        text += " These intervals would be exact for independent flights, which those of this design are not."
+    return Section("How large the errors are", (Text(text), Picture("distribution_asked"), *_folds(found, names)))
+
+
+def _folds(found: Metrics, names: Names) -> Iterator[Fold]:
+    for group, title in GROUPS.items():
+        listed = []
+        for metric, table in found.table.items():
+            own = "asked" if metric in names.asked else table.words["group"]
+            if own == group and (group == "asked" or not table.same_as):
+                listed.append(_rows(table, names))
+        if listed:
+            yield Fold(title, (Table(title, ("Metric", names.campaign.kind.capitalize(), *_HEADS), tuple(listed)),))
+
+
+def _rows(table: MetricTable, names: Names) -> tuple[Row, ...]:
+    words = table.words
+    note = "small is bad" if words["bad"] == "low" else ""
+    rows = [_row(names.label(name), cell) for name, cell in table.controllers.items()]
+    return grouped(rows, Cell(words["label_with_unit"], note, head=True, hint=words["doc"]))
+
+
+def _row(label: str, found: ControllerMetric) -> Row:
+    flight = found.worst_flight
+    worst = Cell("\N{EM DASH}" if flight is None else str(flight))
+    levels = map(interval_cell, found.quantiles.values())
+    return (Cell(label, head=True), *levels, Cell(significant(found.worst, 4)), worst)
+
 
 METRICS = Topic("metrics", Metrics, compute_metrics, metric_section, figures=figures_of(__name__))

@@ -19,7 +19,7 @@ from abhv_mc.topics.figure_style import (
     new_panels,
     styled,
 )
-from abhv_mc.topics.metrics.model import Metrics
+from abhv_mc.topics.metrics import Metrics
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
@@ -69,10 +69,10 @@ _TEXT = FigureText(
 )
 
 
-def draw(found: Metrics, names: Names) -> Iterator[tuple[FigureText, Figure]]:
+def draw(_found: Metrics, names: Names) -> Iterator[tuple[FigureText, Figure]]:
     """The distributions of the metrics that stand first."""
-    if names.asked and found.source:
-        spreads = [_spread(found.source, metric) for metric in names.asked]
+    if names.asked:
+        spreads = [_spread(names.results, metric) for metric in names.asked]
         yield _TEXT, plot_distributions(spreads, names.controllers, controller_colors(tuple(names.controllers)))
 
 

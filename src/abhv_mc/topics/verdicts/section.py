@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from abhv_mc.campaign.file.config import TRACED
 from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import Cell, Fold, Item, Row, Section, Table, Text
+from abhv_mc.topics.section import Cell, Fold, Item, Row, Section, Table, Text, grouped
 from abhv_mc.topics.verdicts.model import ControllerVerdict, JudgedRequirement, Verdicts
 from abhv_mc.topics.words import count_of, joined, percent, significant
 
@@ -66,7 +66,7 @@ def verdict_section(verdicts: Verdicts, names: Names) -> Section:
     if not verdicts.requirements:
         return Section(title, (Text("The campaign requires nothing."),))
     groups = tuple(_group(entry, names) for entry in verdicts.requirements)
-    heads = "Requirement", names.kind.capitalize(), *_HEADS
+    heads = "Requirement", names.campaign.kind.capitalize(), *_HEADS
     table = Table("Requirements in full", heads, groups, numbers=False)
     if verdicts.held_together is None:
         return Section(title, (Text(_ESTIMATES), table))
@@ -77,12 +77,9 @@ def _group(entry: JudgedRequirement, names: Names) -> tuple[Row, ...]:
     item, traced = entry.asked, entry.asked.traced
     note = f"in {percent(item.probability)} of the flights, consumer's risk {percent(item.consumer_risk)}"
     told = " \N{MIDDLE DOT} ".join(traced[key] for key in TRACED if key != "id" and key in traced)
-    head = Cell(
-        f"{traced.get('id', '')} {entry.words}".strip(), "; ".join(filter(None, (note, told))),
-        rows=len(entry.controllers), head=True,
-    )  # fmt: skip
+    notes = "; ".join(filter(None, (note, told)))
     rows = [_row(names.label(name), name, item, verdict, names) for name, verdict in entry.controllers.items()]
-    return ((head, *rows[0]), *rows[1:])
+    return grouped(rows, Cell(f"{traced.get('id', '')} {entry.words}".strip(), notes, head=True))
 
 
 def _row(label: str, name: str, item: Requirement, verdict: ControllerVerdict, names: Names) -> Row:

@@ -1,14 +1,124 @@
-"""The report's section on why flights fail."""
+"""Why flights fail: the map of failures where it was made, and rules of one dispersed parameter or two."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
-from abhv_mc.analysis.failure_map import ControllerFailures, Dispersed
-from abhv_mc.topics.failed_flights import requirement_words
-from abhv_mc.topics.failures.model import FailureKind, Failures
+import numpy as np
+
+from abhv_mc.analysis.failure_map import ControllerFailures, Dispersed, read_map
+from abhv_mc.array_types import Floats
+from abhv_mc.folder.flown_campaign import FlownCampaign
+from abhv_mc.plant.parameters import Parameters
+from abhv_mc.statistics.failure_drivers import FALSE_DISCOVERY_RATE, FEWEST_FAILURES, bin_inputs, find_rules
+from abhv_mc.statistics.failure_rules import Condition, Rule
+from abhv_mc.topics.failed_flights import failure_kinds, requirement_words
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.parameter_words import shown_value, spoken_name
 from abhv_mc.topics.section import Bullets, Cell, Heading, Item, Row, Section, Table, Text
+from abhv_mc.topics.topic import Topic
 from abhv_mc.topics.words import count_of, fixed, joined, percent
+
+
+@dataclass(frozen=True)
+class FailureCondition:
+    """A parameter above a threshold or not; or that parameter less another, each in its standard deviations."""
+
+    parameter: str
+    minus: str | None
+    above: bool
+    threshold: float
+
+
+@dataclass(frozen=True)
+class FailureRule:
+    """A region that failures prefer."""
+
+    where: str  # in words
+    rule: str  # the same with its shares
+    conditions: tuple[FailureCondition, ...]
+    failures_inside: int
+    failures: int
+    others_inside: int
+    others: int
+    p_value: float
+    q_value: float
+
+
+@dataclass(frozen=True)
+class FailureKind:
+    """One way to fail, and where it happens."""
+
+    kind: str
+    flights: int
+    failures: int
+    rules: tuple[FailureRule, ...]
+
+
+@dataclass(frozen=True)
+class Failures:
+    """The kinds of failure of each controller; none without dispersions."""
+
+    controllers: Mapping[str, tuple[FailureKind, ...]]
+    map: Mapping[str, ControllerFailures] | None = None  # by controller; None where it was not made of these flights
+    false_discovery_rate: float = FALSE_DISCOVERY_RATE
+    fewest_failures: int = FEWEST_FAILURES  # that tell anything
+
+
+def compute_failures(results: FlownCampaign) -> Failures:
+    """Rules for every kind of failure that occurred."""
+    names = results.controllers if results.dispersed else ()
+    found = read_map(results.folder, results.manifest.digest)
+    return Failures({name: _kinds(results, name) for name in names}, found.controllers if found else None)
+
+
+def _kinds(results: FlownCampaign, controller: str) -> tuple[FailureKind, ...]:
+    names, flown = list(results.dispersed), results.flights[controller].flight
+    kinds, known = failure_kinds(results, controller), results.campaign.parameters
+    if not kinds:
+        return ()
+
+    def column(index: int) -> Floats:
+        return np.asarray(results.samples[names[index]][flown], dtype=np.float64)
+
+    binned = bin_inputs(results.samples[name][flown] for name in names)
+    return tuple(
+        FailureKind(
+            kind,
+            int(failed.size),
+            int(failed.sum()),
+            tuple(_rule(rule, names, known) for rule in find_rules(binned, failed, column)) if binned else (),
+        )
+        for kind, failed in kinds
+    )
+
+
+def _rule(rule: Rule, names: list[str], known: Parameters) -> FailureRule:
+    words = (" or " if rule.either else " and ").join(_words(each, names, known) for each in rule.conditions)
+    inside, outside = rule.failures_inside / rule.failures, rule.others_inside / rule.others
+    return FailureRule(
+        words,
+        f"{words}: {percent(inside, 2)} of the failures, {percent(outside, 2)} of the rest",
+        tuple(
+            FailureCondition(names[c.input], None if c.minus is None else names[c.minus], c.above, c.threshold)
+            for c in rule.conditions
+        ),
+        rule.failures_inside,
+        rule.failures,
+        rule.others_inside,
+        rule.others,
+        rule.p_value,
+        rule.q_value,
+    )
+
+
+def _words(condition: Condition, names: list[str], known: Parameters) -> str:
+    """'wind north > 25 m/s'; a difference in standard deviations."""
+    name, sign = names[condition.input], ">" if condition.above else "\N{LESS-THAN OR EQUAL TO}"
+    if condition.minus is None:
+        return f"{spoken_name(name)} {sign} {shown_value(name, condition.threshold, known)}"
+    other = spoken_name(names[condition.minus])
+    return f"{spoken_name(name)} minus {other}, each in standard deviations, {sign} {condition.threshold:.2f}"
+
 
 TITLE = "Why flights fail"
 _LISTED = 2  # rules of a kind
@@ -30,7 +140,7 @@ def failure_section(failures: Failures, names: Names) -> Section:
 
 def map_table(found: Mapping[str, ControllerFailures], names: Names) -> Table:
     """For each controller with failed flights a row a group, and what is in none."""
-    heads = (names.kind.capitalize(), "Failed", "Still fails with", "Values", "Flights", "One of them")
+    heads = (names.campaign.kind.capitalize(), "Failed", "Still fails with", "Values", "Flights", "One of them")
     groups = tuple(_map_group(name, part, names) for name, part in found.items() if part.failed)
     return Table("Map of failures", heads, groups, numbers=False)
 
@@ -58,7 +168,7 @@ def _map_group(controller: str, part: ControllerFailures, names: Names) -> tuple
 def _typical(found: Dispersed, names: Names) -> str:
     """'-35 % (-40 % to -31 %)'; of one flight its value."""
     values = found.least, found.median, found.largest
-    low, middle, high = (shown_value(found.parameter, value, names.parameters) for value in values)
+    low, middle, high = (shown_value(found.parameter, value, names.campaign.parameters) for value in values)
     return f"{middle} ({low} to {high})" if low != high else middle
 
 
@@ -92,7 +202,7 @@ def _rules_section(failures: Failures, names: Names) -> Section:
     note = (
         f"Rules of one parameter or two at deciles of the samples, tested exactly, at a false-discovery rate of {rate}"
     )
-    return Section(TITLE, (*items, *([Text(command)] if names.flies else []), Text(f"{note}.")))
+    return Section(TITLE, (*items, *([Text(command)] if not names.campaign.adopted else []), Text(f"{note}.")))
 
 
 def _sentence(kind: FailureKind, fewest: int) -> str:
@@ -105,3 +215,6 @@ def _sentence(kind: FailureKind, fewest: int) -> str:
         return f"{head}: every flight."
     few = " (too few to tell)" if kind.failures < fewest else ""
     return f"{head}: no region holds more of them than chance explains{few}."
+
+
+FAILURES = Topic("failures", Failures, compute_failures, failure_section)
