@@ -5,8 +5,7 @@ import pytest
 from stability.systems import flight_plan, linear_at_trim, parameters, read, stability_at_trim, steady_plan
 
 from abhv_mc.flight.prepare import make_plan
-from abhv_mc.stability.analysis import analyse, margins_of_flights
-from abhv_mc.stability.rows import make_rows
+from abhv_mc.stability.analysis import analyse, make_rows, margins_of_flights
 
 
 def test_the_least_margin_over_loops_and_times_counts():

@@ -9,10 +9,9 @@ from stability.systems import assert_predicted
 from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.prepare import prepare, read_law
 from abhv_mc.shipped import shipped_configs
-from abhv_mc.stability.analysis import analyse
+from abhv_mc.stability.analysis import analyse, cut_loops, make_rows, margin_values
 from abhv_mc.stability.linearize import closed_loop, linearize
 from abhv_mc.stability.points import flown_points
-from abhv_mc.stability.rows import cut_loops, make_rows, margin_values
 from abhv_mc.stability.steady import make_steady_plan, trim_points
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 

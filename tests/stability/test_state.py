@@ -5,10 +5,9 @@ import pytest
 from stability.systems import assert_predicted, flight_plan, parameters, read, steady_plan
 
 from abhv_mc.flight.prepare import make_plan
-from abhv_mc.stability.analysis import analyse, margins_of_flights
+from abhv_mc.stability.analysis import analyse, make_rows, margins_of_flights
 from abhv_mc.stability.linearize import NO_EFFECT, STUCK, closed_loop, linearize
 from abhv_mc.stability.points import flown_points
-from abhv_mc.stability.rows import make_rows
 from abhv_mc.stability.steady import trim_points
 
 # A difference of the throttle is one of the mass too, which is no state of the model: no fuel flow.

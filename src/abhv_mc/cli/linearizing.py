@@ -63,7 +63,7 @@ def margins(
         _show_worst(mission, controllers, json, trust_code)
         return
     from abhv_mc.one_flight.linear_models import analyse_place
-    from abhv_mc.stability.rows import make_rows
+    from abhv_mc.stability.analysis import make_rows
 
     times = _read_times(at)
     craft, flight, files = _find_flown(vehicle, mission, controllers, trust_code)

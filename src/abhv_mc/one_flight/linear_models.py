@@ -88,9 +88,8 @@ def take_point(
     from abhv_mc.control.mission import read_mission
     from abhv_mc.flight.prepare import prepare, read_law
     from abhv_mc.simulators.make_plans import check_rows
-    from abhv_mc.stability.nodes import near_nodes
     from abhv_mc.stability.periods import find_period
-    from abhv_mc.stability.points import AT_LIMIT, flown_points
+    from abhv_mc.stability.points import AT_LIMIT, flown_points, near_nodes
     from abhv_mc.stability.steady import make_steady_plan, trim_points
     from abhv_mc.user_code.vehicle_functions import load_vehicle
 
@@ -232,7 +231,7 @@ def margins(
     """
     import pandas as pd
 
-    from abhv_mc.stability.rows import cut_loops, margin_values
+    from abhv_mc.stability.analysis import cut_loops, margin_values
 
     place = take_point(mission, vehicle, controller, at, bank, dispersions)
     _, stability = analyse_place(place)

@@ -53,10 +53,9 @@ def describe_stability(campaign: Experiment, plans: Mapping[str, FlightPlan]) ->
 
 
 def _describe(name: str, steady: Any, parameters: Floats) -> dict[str, Any]:
-    from abhv_mc.stability.analysis import NO_SLOPES, analyse
+    from abhv_mc.stability.analysis import NO_SLOPES, analyse, make_rows
     from abhv_mc.stability.linearize import linearize
     from abhv_mc.stability.probe import compile_probes
-    from abhv_mc.stability.rows import make_rows
     from abhv_mc.stability.steady import trim_points
 
     compile_probes(steady)  # before the trims, which wait where another process compiles the flight

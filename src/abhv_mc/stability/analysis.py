@@ -1,16 +1,15 @@
-"""Stability and margins of linear models, and of the flights of a campaign at given times."""
+"""Stability and margins of linear models, as rows of plain numbers too, and of flights of a campaign at given times."""
 
-from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats, Ints
+from abhv_mc.array_types import Complexes, Floats, Ints, Mask
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.stability.lifted import find_lifted_margins
-from abhv_mc.stability.linearize import Linear, closed_period, linearize
-from abhv_mc.stability.margins import Margins, find_margins
+from abhv_mc.stability.linearize import REASONS, Linear, closed_period, linearize
+from abhv_mc.stability.margins import Margins, disk_gain_and_phase, find_margins
 from abhv_mc.stability.points import AT_LIMIT, Found, flown_points
 from abhv_mc.stability.responses import loop_gains, make_loops
 from abhv_mc.stability.search import frequency_grid
@@ -31,9 +30,8 @@ Time = Literal["trim"] | float  # s
 class Stability(NamedTuple):
     """What is known of each linear model."""
 
-    stable: NDArray[np.bool_]  # [system]
-    poles: list[NDArray[np.complex128]]  # of the closed loop, as of a continuous one, 1/s, fastest growing first;
-    # none where vehicle or law have no slopes at the point
+    stable: Mask  # [system]
+    poles: list[Complexes]  # of the closed loops, 1/s, fastest growing first; none where there are no slopes
     margins: Margins  # nan for systems that are not stable
     cut: Ints  # [system, input] where an input has no loop, see abhv_mc.stability.linearize
     inputs: tuple[str, ...]
@@ -43,9 +41,7 @@ class Stability(NamedTuple):
 class FlightMargins(NamedTuple):
     """The least margins of each flight over loops and times; 0 where a flight has none."""
 
-    table: (
-        Floats  # [flight, 4] gain (dB, the smaller of both sides), phase (deg), delay (ms), disk of all loops at once
-    )
+    table: Floats  # [flight, 4] gain (dB, the smaller side), phase (deg), delay (ms), disk of all loops at once
     faults: list[list[str]]  # [time][flight] why there is no margin; empty where there is one
 
 
@@ -58,7 +54,8 @@ def analyse(linear: Linear, frequencies: int = FREQUENCIES, apart: bool = False)
         poles = [np.log(z[z != 0.0].astype(np.complex128)) / span for z in discrete]
     poles = [each[np.argsort(-each.real)] for each in poles]
     stable = np.array([each.size > 0 and each[0].real < GROWTH for each in poles])
-    margins = Margins(*(np.full(shape, np.nan) for shape in _shapes(len(poles), linear.law_D.shape[1])))
+    systems, inputs = len(poles), linear.law_D.shape[1]
+    margins = Margins._make(np.full(shape, np.nan) for shape in [(systems, inputs)] * 9 + [(systems,)] * 3)
     chosen = np.flatnonzero(stable)
     grid = frequency_grid([discrete[i] for i in chosen], span, frequencies)
     if linear.phases:
@@ -73,16 +70,12 @@ def analyse(linear: Linear, frequencies: int = FREQUENCIES, apart: bool = False)
     return Stability(stable, poles, margins, linear.cut, linear.inputs)
 
 
-def _shapes(systems: int, inputs: int) -> list[tuple[int, ...]]:
-    return [(systems, inputs)] * 9 + [(systems,)] * 3
-
-
-def _closed_poles(linear: Linear) -> list[NDArray[np.complex128]]:
+def _closed_poles(linear: Linear) -> list[Complexes]:
     """Eigenvalues of the sampled closed loops over the law's period, those of one delay together.
 
     None where the law has no slopes, or the loop is not finite.
     """
-    poles: list[NDArray[np.complex128]] = [np.empty(0, np.complex128)] * len(linear.A)
+    poles: list[Complexes] = [np.empty(0, np.complex128)] * len(linear.A)
     for delay in np.unique(linear.delay):
         systems = np.flatnonzero(linear.delay == delay)
         loops = np.stack([closed_period(linear, int(i)) for i in systems])
@@ -128,3 +121,78 @@ def _least(margins: Margins, system: int) -> Floats:
         gain = 20.0 * np.log10(np.minimum(margins.gain_high[system], 1.0 / margins.gain_low[system])).min()
     phase, delay = margins.phase[system].min(), margins.delay[system].min()
     return np.array([gain, np.rad2deg(phase), 1e3 * delay, margins.all_disk[system]])
+
+
+_LOOP = (
+    "gain_margin_low_db",
+    "gain_margin_high_db",
+    "phase_margin_deg",
+    "delay_margin_ms",
+    "sensitivity_peak",
+    "crossover_rad_s",
+)
+
+
+def margin_values(stability: Stability, system: int = 0) -> dict[str, dict[str, float]]:
+    """The margins of each loop and of ``all`` at once, by name.
+
+    Infinite where nothing makes a loop unstable, not-a-number where the closed loop is unstable as it is, and where
+    there is no loop (:func:`cut_loops`).
+    """
+    values = {name: _margins_of_loop(of, system, i) for name, of, i in _loops(stability)}
+    m = stability.margins
+    with np.errstate(divide="ignore"):
+        gain, phase = disk_gain_and_phase(m.all_disk[system])
+        disk_gain = 20.0 * np.log10(gain)
+    values["all"] = {
+        "disk_margin": float(m.all_disk[system]),
+        "disk_gain_db": float(disk_gain),
+        "disk_phase_deg": float(np.rad2deg(phase)),
+        "delay_margin_ms": float(1e3 * m.all_delay[system]),
+    }
+    return values
+
+
+def _loops(stability: Stability) -> Iterator[tuple[str, Stability, int]]:
+    """Name and place of each loop: those that count, then those of single effectors."""
+    yield from ((name, stability, i) for i, name in enumerate(stability.inputs))
+    if stability.apart is not None:
+        for i, name in enumerate(stability.apart.inputs[:-1]):
+            yield f"{name}_effector" if name in stability.inputs else name, stability.apart, i
+
+
+def _margins_of_loop(stability: Stability, system: int, i: int) -> dict[str, float]:
+    m = stability.margins
+    with np.errstate(divide="ignore", invalid="ignore"):
+        low, high = 20.0 * np.log10(m.gain_low[system, i]), 20.0 * np.log10(m.gain_high[system, i])
+    phase, delay = np.rad2deg(m.phase[system, i]), 1e3 * m.delay[system, i]
+    values = (low, high, phase, delay, m.sensitivity[system, i], m.crossover[system, i])
+    return {name: np.nan if stability.cut[system, i] else float(x) for name, x in zip(_LOOP, values, strict=True)}
+
+
+def cut_loops(stability: Stability, system: int = 0) -> dict[str, str]:
+    """Why an input has no loop: ``stuck``, or ``no effect`` (as of an engine without fuel)."""
+    return {name: REASONS[why] for name, of, i in _loops(stability) if (why := int(of.cut[system, i]))}
+
+
+def make_rows(controller: str, time: float | None, stability: Stability, system: int = 0) -> list[dict[str, Any]]:
+    """A row for each loop and one, ``all``, for all at once; ``time`` (s) is None at the trim.
+
+    What is infinite, or without meaning because the closed loop is unstable, is None. The row of a loop that is not
+    there has its ``reason``, the row ``all`` of an unstable loop its growing poles (1/s, real and imaginary part), and
+    single effectors' rows under a law that commands axes say that they do not count.
+    """
+    stable, reasons = bool(stability.stable[system]), cut_loops(stability, system)
+    apart = [name for name, of, _ in _loops(stability) if of is stability.apart]
+    rows: list[dict[str, Any]] = [
+        {"controller": controller, "time_s": time, "loop": loop}
+        | {key: value if np.isfinite(value) else None for key, value in values.items()}
+        | {"stable": stable}
+        | ({"reason": reasons[loop]} if loop in reasons else {})
+        | ({"counts": False} if loop in apart else {})
+        for loop, values in margin_values(stability, system).items()
+    ]
+    if not stable:
+        growing = [[float(p.real), float(p.imag)] for p in stability.poles[system] if p.real >= 0.0 and p.imag >= 0.0]
+        rows[-1]["poles"] = growing
+    return rows

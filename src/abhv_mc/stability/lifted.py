@@ -16,13 +16,12 @@ import numpy as np
 
 from abhv_mc.array_types import Complexes, Floats, Ints
 from abhv_mc.stability.linearize import Linear, open_loop
-from abhv_mc.stability.margins import Margins, eigenvalues, gain_margins, largest, phase_margins
+from abhv_mc.stability.margins import Margins, eigenvalues, gain_margins, inverse, largest, phase_margins
 from abhv_mc.stability.responses import Loops, loop_gains, to_hessenberg
 from abhv_mc.stability.search import refine_peaks
 
 _SLOWEST = 1e-6  # rad/s, in place of zero, where integrators have no response
 _ROUNDING = 1e-13  # of a matrix times a locus' condition: a smaller locus is taken for zero
-_APART = 1e-14  # of the identity, by which a matrix is moved that may be singular
 _NEWTON_STEPS = 12
 
 
@@ -41,11 +40,11 @@ def find_lifted_margins(linear: Linear, system: int, omega: Floats) -> Margins:
     rows, eye = np.arange(len(linear.inputs)), np.eye(single.ticks)
     grid, shape = np.tile(omega, (rows.size, 1)), (rows.size, omega.size, *eye.shape)
     L = _gains(single, np.repeat(rows, omega.size), grid.ravel()).reshape(shape)
-    S = _inverse(eye + L)
+    S = inverse(eye + L)
 
     def farthest(centre: float) -> Floats:
         c = centre * eye
-        return largest(lambda i, w: _norm(_inverse(eye + _gains(single, i, w)) - c), grid, _norm(S - c))
+        return largest(lambda i, w: _norm(inverse(eye + _gains(single, i, w)) - c), grid, _norm(S - c))
 
     gain = gain_margins(lambda i, w: _loci(_gains(single, i, w)), grid, _loci(L), single.period * single.ticks)
     for k, frequency in (gain[:2], gain[2:]):
@@ -120,7 +119,7 @@ def _in_harmonics(law: _Lifted, system: Ints, omega: Floats) -> Complexes:
 def _harmonic(law: _Lifted, system: Ints, omega: Floats, locus: Complexes) -> Floats:
     """The frequency [point], rad/s, of the harmonic that the eigenvector of a locus has most of."""
     values, vectors = np.linalg.eig(_in_harmonics(law, system, omega))
-    share = np.abs(_inverse(vectors) * np.swapaxes(vectors, -1, -2))
+    share = np.abs(inverse(vectors) * np.swapaxes(vectors, -1, -2))
     points, nearest = np.arange(omega.size), np.abs(values - locus[:, None]).argmin(axis=1)
     of = share[points, nearest].reshape(omega.size, -1, law.ticks).sum(axis=1)
     return np.asarray(_harmonics(law, omega)[points, of.argmax(axis=1)])
@@ -129,7 +128,7 @@ def _harmonic(law: _Lifted, system: Ints, omega: Floats, locus: Complexes) -> Fl
 def _loci(matrices: Complexes) -> Complexes:
     """Eigenvalues [..., locus], zero where rounding hides them."""
     values, vectors = np.linalg.eig(matrices)
-    condition = np.linalg.norm(_inverse(vectors), axis=-1)
+    condition = np.linalg.norm(inverse(vectors), axis=-1)
     size = np.linalg.norm(matrices, axis=(-2, -1))[..., None]
     return np.asarray(np.where(np.abs(values) > _ROUNDING * condition * size, values, 0.0))
 
@@ -162,10 +161,6 @@ def _delays(law: _Lifted, system: Ints, omega: Floats, locus: Complexes) -> tupl
     return np.abs(harmonic), np.where(found, x[:, 1], guess)
 
 
-def _inverse(matrices: Complexes) -> Complexes:
-    return np.asarray(np.linalg.inv(matrices + _APART * np.eye(matrices.shape[-1])))
-
-
 def _norm(matrices: Complexes) -> Floats:
     return np.asarray(np.linalg.norm(matrices, 2, axis=(-2, -1)))
 
@@ -173,7 +168,7 @@ def _norm(matrices: Complexes) -> Floats:
 def _largest_scaled(law: _Lifted, omega: Floats, L: Complexes, inputs: int) -> tuple[Floats, Floats]:
     """Largest over frequency [1] of the least norm of D M D^-1, D one scale for each input, M = S - I/2, and where."""
     eye = np.eye(L.shape[-1])
-    M = _inverse(eye + L) - 0.5 * eye
+    M = inverse(eye + L) - 0.5 * eye
     bounds, scales, tight = np.linalg.norm(M, axis=(1, 2)), np.zeros(inputs), np.zeros(omega.size, bool)
     while not tight[best := int(bounds.argmax())]:
         bounds[best], scales = _least_norm(M[best], scales)
@@ -182,7 +177,7 @@ def _largest_scaled(law: _Lifted, omega: Floats, L: Complexes, inputs: int) -> t
         bounds[others] = np.minimum(bounds[others], _norm(_scaled(M[others], scales)))
 
     def size(system: Ints, w: Floats) -> Floats:
-        found = _inverse(eye + _gains(law, system, w)) - 0.5 * eye
+        found = inverse(eye + _gains(law, system, w)) - 0.5 * eye
         return np.array([_least_norm(each, scales)[0] for each in found])
 
     return refine_peaks(size, omega[None], np.array([best]), bounds[[best]])

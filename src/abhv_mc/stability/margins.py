@@ -5,7 +5,6 @@ i alone, the others closed, is ``L_i = T_ii / S_ii`` with ``S = (1 + L)^-1`` and
 Packard and Gahinet, IEEE Control Systems 40 (2020) 78-95, with the symmetric disk (skew 0).
 """
 
-import contextlib
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -19,6 +18,7 @@ from abhv_mc.stability.search import Quantity, changes_of_sign, refine_crossings
 Response = Callable[[Ints, Floats], Complexes]
 
 _FARTHEST = 1e6  # a gain margin beyond 120 dB is none
+_APART = 1e-14  # of the identity, by which a matrix is moved that may be singular
 
 
 class Margins(NamedTuple):
@@ -56,23 +56,15 @@ Delays = Callable[[Ints, Floats, Complexes], tuple[Floats, Floats]]
 
 def close(L: Complexes) -> tuple[Complexes, Closed]:
     """Sensitivity [..., input, input] and the single loops of loop gains [..., input, input]."""
-    eye = np.eye(L.shape[-1])
-    S = _inverses(eye + L)
+    S = inverse(np.eye(L.shape[-1]) + L)
     alone = np.einsum("...ij,...ji->...i", S, L)
     own = np.einsum("...ii->...i", S)
-    return np.asarray(S), Closed(np.asarray(alone / own), own)
+    return S, Closed(np.asarray(alone / own), own)
 
 
-def _inverses(matrices: Complexes) -> Complexes:
-    """Inverses of matrices [..., n, n]; nan of what is singular: a pole of the closed loop, such as an integrator."""
-    try:
-        return np.asarray(np.linalg.inv(matrices))
-    except np.linalg.LinAlgError:
-        found = np.full_like(matrices, np.nan)
-        for place in np.ndindex(matrices.shape[:-2]):
-            with contextlib.suppress(np.linalg.LinAlgError):
-                found[place] = np.linalg.inv(matrices[place])
-        return found
+def inverse(matrices: Complexes) -> Complexes:
+    """Inverses of matrices [..., n, n], each moved a little: it may be singular, at a pole of the closed loop."""
+    return np.asarray(np.linalg.inv(matrices + _APART * np.eye(matrices.shape[-1])))
 
 
 def find_margins(response: Response, omega: Floats, period: float) -> Margins:

@@ -10,9 +10,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Mask
 from abhv_mc.control.law_file import USER_LAWS
 from abhv_mc.flight.fly import fly_until, nominal_parameters
 from abhv_mc.flight.plan import FlightPlan
@@ -20,8 +19,7 @@ from abhv_mc.flight.user_law import measured_count
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.laws import columns as ref
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.stability.differences import Slopes
-from abhv_mc.stability.point_slopes import Points, law_slopes, measured_steps
+from abhv_mc.stability.point_slopes import Points, Slopes, law_slopes, measured_steps
 from abhv_mc.stability.probe import begin, law_at, law_memory_rows, run_law
 
 LONGEST = 100  # ticks of a period
@@ -38,7 +36,7 @@ class Period(NamedTuple):
     """After how many ticks a law does the same again, and what it carries along."""
 
     ticks: int
-    carried: NDArray[np.bool_]  # [memory] what no small change of the measurement moves
+    carried: Mask  # [memory] what no small change of the measurement moves
     start: Floats  # [memory] when it has settled, before a tick that is one more than a multiple of the period
     modes: tuple[str, ...]  # of what is carried, those that stay: name and value
 
@@ -154,6 +152,6 @@ def over_period(plan: FlightPlan, points: Points) -> Slopes:
     return Slopes(values, np.concatenate([memory, command / count], axis=1), uneven)
 
 
-def switching(plan: FlightPlan, law: Slopes) -> NDArray[np.bool_]:
+def switching(plan: FlightPlan, law: Slopes) -> Mask:
     """Whether a user law has other slopes to the left of the point than to the right of it, [point]."""
     return np.asarray(law.uneven.any(axis=(1, 2)) & (plan.law in USER_LAWS))

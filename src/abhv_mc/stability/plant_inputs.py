@@ -1,9 +1,8 @@
 """What moves the plant in a linear model: the three surfaces, or effectors that have actuators, and the engine."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Mask
 from abhv_mc.control.law_file import USER_LAWS
 from abhv_mc.flight.arguments import Kept
 from abhv_mc.flight.plan import FlightPlan
@@ -64,7 +63,7 @@ def held_at(vehicle: Vehicle, lane: Floats) -> Floats:
     return lane[:, first : first + len(list_actuators(vehicle).mix)]
 
 
-def sticks_here(vehicle: Vehicle, lane: Floats) -> NDArray[np.bool_]:
+def sticks_here(vehicle: Vehicle, lane: Floats) -> Mask:
     """Which of these stick where they were [point, input - 1]."""
     stuck = held_at(vehicle, lane) != NEVER
     names = EFFECTORS[: len(vehicle.effector_mix)] if vehicle.constants.driven else INPUTS[:3]

@@ -1,11 +1,10 @@
-"""Where flights are linearized: the flight at a time, as the kernel's memory holds it."""
+"""Where flights are linearized: the flight at a time, as the kernel remembers it; warnings near nodes of tables."""
 
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Mask
 from abhv_mc.control.law_file import USER_LAWS
 from abhv_mc.flight.fly import fly_until
 from abhv_mc.flight.plan import FlightPlan
@@ -14,10 +13,11 @@ from abhv_mc.kernel.flight.memory import Z_ROWS
 from abhv_mc.kernel.flight.observe import ALIVE
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import NEVER
+from abhv_mc.kernel.plant.vehicle import VARIABLES, Tables
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.periods import SWITCHES, over_period, switching
 from abhv_mc.stability.plant_inputs import actuator_columns, held_at, range_of
-from abhv_mc.stability.point_slopes import Points
+from abhv_mc.stability.point_slopes import Points, ask_at
 from abhv_mc.stability.probe import begin, law_at, law_tick
 
 AT_LIMIT = "a command stands at a limit"
@@ -62,7 +62,7 @@ def flown_points(plan: FlightPlan, parameters: Floats, time: float) -> Found:
     return Found(points, np.select([ended, switches, limited], words, "").tolist())
 
 
-def behind_limit(plan: FlightPlan, points: Points) -> NDArray[np.bool_]:
+def behind_limit(plan: FlightPlan, points: Points) -> Mask:
     """Whether the law, left free, commands what it or the vehicle's record does not allow, [point]."""
     free = law_tick(plan, points.tick, points.measured, points.memory)
     low, high = range_of(plan.vehicle)
@@ -74,3 +74,35 @@ def behind_limit(plan: FlightPlan, points: Points) -> NDArray[np.bool_]:
     low, high, bank = plan.settings[-3:]
     alpha, sigma = free.guidance[:, 1], np.abs(free.guidance[:, 2])
     return np.asarray(beyond | (alpha < low) | (alpha > high) | (sigma > bank))
+
+
+_NEAR = 0.02  # of the cell's length
+_DEGREES = ("angle_of_attack", "sideslip", "aileron", "rudder", "elevator")
+
+
+def near_nodes(plan: FlightPlan, points: Points) -> list[str]:
+    """A sentence for each variable of the first point that lies close to a node of the plant's or guidance's tables."""
+    variables = ask_at(plan, points, points.path[:1], points.controls[:1], np.zeros(1, np.int64))[0].variables
+    found = _near("the vehicle's tables", plan.vehicle.tables, variables[0])
+    if plan.law == "tlc":
+        answer = law_tick(plan, points.tick, points.measured[:1], points.memory[:1])
+        found += _near("the tables at trim", plan.trim_tables, answer.guided[0])
+    return list(dict.fromkeys(found))
+
+
+def _near(whose: str, tables: Tables, variables: Floats) -> list[str]:
+    sentences = []
+    for start, length, variable in zip(tables.axis_start, tables.axis_length, tables.axis_variable, strict=True):
+        name, x = VARIABLES[variable], variables[variable]
+        if name == "one":
+            continue
+        grid = tables.grid[start : start + length]
+        nearest = int(np.abs(grid - x).argmin())
+        cell = min(max(int(np.searchsorted(grid, x, side="right")) - 1, 0), length - 2)
+        if abs(grid[nearest] - x) < _NEAR * (grid[cell + 1] - grid[cell]):
+            value, node = np.rad2deg((x, grid[nearest])) if name in _DEGREES else (x, grid[nearest])
+            unit = " deg" if name in _DEGREES else ""
+            sentences.append(
+                f"{name} {value:.4f}{unit} lies near the node {node:.4f}{unit} of {whose}: slopes are those on its side"
+            )
+    return sentences

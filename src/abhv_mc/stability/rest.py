@@ -5,17 +5,15 @@ NASA's F-16 does with its stick full aft at an error of two metres of altitude; 
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Mask
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.kernel.laws import columns as ref
 from abhv_mc.kernel.plant.parameter_names import NEVER
 from abhv_mc.stability import path_coordinates as path
-from abhv_mc.stability.differences import Slopes, newton_step
 from abhv_mc.stability.periods import find_period, over_period
 from abhv_mc.stability.plant_inputs import held_at, mixes
-from abhv_mc.stability.point_slopes import Points, plant_slopes
+from abhv_mc.stability.point_slopes import Points, Slopes, newton_step, plant_slopes
 
 _ITERATIONS = 40
 _AT_REST = 1e-8  # of all rates, of the memory's change in a tick and of what commands and controls differ by
@@ -24,7 +22,7 @@ _LOST = 1e-3  # of a slope, what is left of it behind a limit
 _MEASURED = 11  # the first measurement of what plant_slopes gives
 
 
-def leave_limits(plan: FlightPlan, points: Points, at_errors_zero: Floats) -> tuple[Points, NDArray[np.bool_]]:
+def leave_limits(plan: FlightPlan, points: Points, at_errors_zero: Floats) -> tuple[Points, Mask]:
     """Trims, but where the law stands behind a limit of its code there the flight comes to rest; which stay so [point].
 
     A command is behind a limit where speed, or angles and rates, no longer move it as they do at the measurement
@@ -48,13 +46,13 @@ def leave_limits(plan: FlightPlan, points: Points, at_errors_zero: Floats) -> tu
     return points, limited
 
 
-def _moves(plan: FlightPlan, points: Points) -> NDArray[np.bool_]:
+def _moves(plan: FlightPlan, points: Points) -> Mask:
     """Whether the law moves each of the inputs, [point, input]."""
     free = held_at(plan.vehicle, points.lane) == NEVER
     return np.hstack([free, np.ones((len(free), 1), bool)])
 
 
-def _limited(plan: FlightPlan, points: Points, free: Slopes) -> NDArray[np.bool_]:
+def _limited(plan: FlightPlan, points: Points, free: Slopes) -> Mask:
     now = over_period(plan, points)
     here, at_zero = (_strengths(each.slope[:, points.memory.shape[1] :]) for each in (now, free))
     lost = (at_zero > _ROUNDING) & (here < _LOST * at_zero)
@@ -67,7 +65,7 @@ def _strengths(slope: Floats) -> Floats:
     return np.stack([np.abs(slope[:, :, path.SPEED]), angles], axis=2)
 
 
-def _come_to_rest(plan: FlightPlan, points: Points, free: Slopes) -> tuple[Points, NDArray[np.bool_]]:
+def _come_to_rest(plan: FlightPlan, points: Points, free: Slopes) -> tuple[Points, Mask]:
     """Points at which nothing but the heading changes with the law in command, and whether they do rest [point].
 
     By Newton's method with the law's slopes ``free`` of its limits.

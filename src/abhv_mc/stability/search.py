@@ -3,9 +3,8 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats, Ints
+from abhv_mc.array_types import Complexes, Floats, Ints, Mask
 
 _CROSSING_STEPS = 40
 _PEAK_STEPS = 9
@@ -80,12 +79,12 @@ def refine_peaks(quantity: Quantity, omega: Floats, at: Ints, value: Floats) -> 
 
 
 def _choose(  # the first that is so
-    a: NDArray[np.bool_], xa: Floats, fa: Floats, b: NDArray[np.bool_], xb: Floats, fb: Floats, x: Floats, f: Floats
+    a: Mask, xa: Floats, fa: Floats, b: Mask, xb: Floats, fb: Floats, x: Floats, f: Floats
 ) -> tuple[Floats, Floats]:
     return np.where(a, xa, np.where(b, xb, x)), np.where(a, fa, np.where(b, fb, f))
 
 
-def frequency_grid(poles: list[NDArray[np.complex128]], period: float, count: int) -> Floats:
+def frequency_grid(poles: list[Complexes], period: float, count: int) -> Floats:
     """Frequencies [system, frequency], rad/s: evenly in the logarithm up to half the sampling rate.
 
     The systems' own oscillating ``poles`` (discrete) are among them, where their responses may have narrow peaks.

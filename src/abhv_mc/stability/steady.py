@@ -3,9 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Mask
 from abhv_mc.control.controller_file import Controller
 from abhv_mc.control.design.guidance_trim import GuidanceTrim, trim_along
 from abhv_mc.control.design.reference import make_mission_trim_tables
@@ -22,10 +21,9 @@ from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import NEVER, PARAMETER_INDEX
 from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.stability import path_coordinates as path
-from abhv_mc.stability.differences import newton_step
 from abhv_mc.stability.periods import SWITCHES, find_period, over_period, switching
 from abhv_mc.stability.plant_inputs import as_axes, from_axes, held_at, mix_matrix, range_of
-from abhv_mc.stability.point_slopes import Points, plant_slopes
+from abhv_mc.stability.point_slopes import Points, newton_step, plant_slopes
 from abhv_mc.stability.points import AT_LIMIT, Found
 from abhv_mc.stability.probe import begin, law_memory_rows
 from abhv_mc.stability.rest import leave_limits
@@ -172,7 +170,7 @@ def _unsettled(controller: str, sideslip: float) -> str:
     return f"{words} (it measures {sideslip:.3g} deg of sideslip)" if abs(sideslip) > 1e-4 else words
 
 
-def _memory_at_rest(plan: FlightPlan, points: Points) -> tuple[Floats, NDArray[np.bool_], NDArray[np.bool_]]:
+def _memory_at_rest(plan: FlightPlan, points: Points) -> tuple[Floats, Mask, Mask]:
     """The law's memory [point, memory] that stays as it is and whose commands are the points' controls.
 
     Where no memory does both, as of a law without integrals, it stays as it is and comes closest to the controls.
