@@ -35,7 +35,7 @@ configs = ROOT / "configs"
 files = configs / "vehicle" / "ghame_x.yaml", configs / "mission" / "s_manoeuvre.yaml"
 built_in = prepare(*files, configs / "control" / "lqr.yaml", "lqr")
 entries = {name: MetricEntry(**entry) for name, entry in METRICS.items()}
-declared = pack_metrics(declare_metrics(entries, (), Document("-", {}, {(): (1, 1)}, {}), (), []))
+declared = pack_metrics(declare_metrics(entries, (), Document("-", {}, {(): (1, 1)}, {}), (), [], {}))
 plans = {
     "built-in LQR": built_in,
     "LQR as a file": prepare(*files, ROOT / "tests" / "user_code" / "lqr_law.yaml", "own"),

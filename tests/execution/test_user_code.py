@@ -284,34 +284,21 @@ def test_nobodys_code_runs_unasked(study, tmp_path, monkeypatch):
     assert replay_flight(out, "mine", 1, fly, trust_code=True).differences == ()
 
 
-def folder_named(place, law, text):
-    """A folder made by hand, as an attacker may: ``place`` is what its controller file names."""
-    root = law.parent / "handed" / "out"
-    (root / "inputs/controllers/mine/a/b/c/d").mkdir(parents=True)
-    (root / "manifest.json").write_text("{}")
-    (root / "inputs/controllers/mine/law.yaml").write_text(text.replace("law.py", place))
-    beside = root.parent / "code.py"
-    beside.write_text(law.read_text())
-    (root / "inputs/controllers/mine/a/b/c/d/deep.py").write_text(law.read_text())
-    return root
-
-
-PLACES = ["a/b/c/d/deep.py", "../../../../code.py", "{beside}"]
-
-
-@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("place", ["a/b/deep.py", "../../../../code.py", "{beside}"])
 def test_no_command_runs_code_that_a_folder_names(study, tmp_path, monkeypatch, place):
-    """Not from deep in it, not out of it; whatever else may be wrong with such a folder."""
-    ran = tmp_path / "ran"
-    law = tmp_path / "law.py"
+    """Not from deep in it, not out of it; whatever else may be wrong with a folder that an attacker made by hand."""
+    ran, law, root = tmp_path / "ran", tmp_path / "law.py", tmp_path / "handed" / "out"
     law.write_text(law.read_text() + f"\nopen({str(ran)!r}, 'w').close()\n")
-    root = folder_named(place.format(beside=tmp_path / "handed/code.py"), law, (tmp_path / "law.yaml").read_text())
+    deep, beside = root / "inputs/controllers/mine/a/b/deep.py", root.parent / "code.py"
+    deep.parent.mkdir(parents=True)
+    for copy in (deep, beside):
+        shutil.copy(law, copy)
+    (root / "manifest.json").write_text("{}")
+    controller = (tmp_path / "law.yaml").read_text().replace("law.py", place.format(beside=beside))
+    (root / "inputs/controllers/mine/law.yaml").write_text(controller)
     text = study(4).read_text().replace("law.yaml", "inputs/controllers/mine/law.yaml")
-    entry = "{of: bank_error_deg, statistic: max}"
-    text = text.replace("mission: mission", f"mission: {tmp_path}/mission").replace("channels: channels.py\n", "")
-    text = text.replace("twist_max: {of: twist, statistic: max_abs}", f"twist_max: {entry}")
-    (root / "campaign.yaml").write_text(text)
     campaign = root / "campaign.yaml"
+    campaign.write_text(re.sub("(mission|channels): (?=mission|channels)", rf"\1: {tmp_path}/", text))
     settings = WorstSettings("bank_error_settled_max_deg", flights=64)
     for ask in (
         lambda: run_campaign(Request(campaign, tmp_path / "again", runs=4), threads()),
@@ -327,10 +314,7 @@ def test_no_command_runs_code_that_a_folder_names(study, tmp_path, monkeypatch, 
 BAD = [
     ("bank_error_deg", "{of: bank_eror_deg, statistic: min}", "channel 'bank_eror_deg'"),
     ("x", "{of: '__import__(\"os\")', statistic: min}", "expected channels, numbers"),
-    ("x", "{of: 'bank_deg.real', statistic: min}", "expected channels, numbers"),
-    ("x", "{of: 'bank_deg +', statistic: min}", "'bank_deg +'"),
     ("x", "{of: sin(bank_deg), statistic: min}", "which is in degrees"),
-    ("x", "{of: bank_deg, statistic: median}", "'median'"),
     ("x", "{of: bank_deg, statistic: time_outside}", "'time_outside' without 'limit'"),
     ("x", "{of: bank_deg, statistic: min, from: 3 m}", "'3 m', a length"),
     ("sideslip_max_deg", "{of: bank_deg, statistic: min}", "'sideslip_max_deg', a metric of the program"),

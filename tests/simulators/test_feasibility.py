@@ -23,14 +23,12 @@ def disperse(law, name="atmosphere.density"):
     ("entries", "words"),
     [
         (dict(runs="400", requirements=RARE), "0.9999 that no outcome of 400 flights shows|at least 26"),
-        (dict(runs="400", requirements=RARE, stop="when proven"), "that no outcome of 400 flights shows"),
         (
             dict(requirements="[{metric: altitude_error_max_m, below: 50, probability: 0.99}]", family="{risk: 0.001}"),
             "shows at a risk of 0.0005",
         ),
         (ask("altitude_error_max_m", "below", "-50"), "below -50, which no flight meets"),
         (ask("altitude_error_max_m", "above", "-50"), "above -50, which every flight meets"),
-        (ask("sideslip_rms_deg", "below", "0"), "which no flight meets"),
         (disperse("uniform, half_width: 120 %"), "'atmosphere.density' down to -0.2"),
         (disperse("uniform, low: 0, high: 2"), "down to 0"),
         (disperse("normal, sigma: 40 %"), "down to -0.9"),
@@ -49,8 +47,6 @@ def test_what_cannot_come_out_is_found(tmp_path, entries, words):
         {},
         dict(runs="2700", requirements="[{metric: altitude_error_max_m, below: 50, probability: 0.999}]"),
         ask("cross_track_error_final_m", "below", "-50"),
-        ask("angle_of_attack_min_deg", "above", "-5"),
-        disperse("normal, sigma: 20 %"),
         disperse("lognormal, sigma: 50 %"),
         disperse("truncated_normal, sigma: 40 %, half_width: 90 %"),
         disperse("uniform, half_width: 120 %", "aero.rolling_moment.yaw_rate"),

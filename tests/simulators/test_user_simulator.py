@@ -190,20 +190,6 @@ def test_python_keeps_what_it_compiled_of_declared_files(tmp_path: Path, monkeyp
         assert list(tmp_path.glob("__pycache__/dive.*.pyc"))
 
 
-def test_a_program_speaks_lines(tmp_path: Path) -> None:
-    program = (
-        "import json, sys\n"
-        "for line in sys.stdin:\n"
-        "    given = json.loads(line)\n"
-        "    low = given['inputs']['altitude'] - 100.0 * given['settings']['pull']\n"
-        "    print(json.dumps({'altitude_min': low, 'load': 1.0}), flush=True)\n"
-    )
-    (tmp_path / "program.py").write_text(program)
-    command = {"command": [sys.executable, "program.py"], "files": ["program.py"], "time_limit": "20 s"}
-    block = fly_delays(dive_campaign(tmp_path, simulator=command), [1.0] * 200)
-    assert block.metrics.tolist() == [[1830.0, 1.0]] * 200
-
-
 PROGRAM = """
 import json, os, sys, time
 for line in sys.stdin:
@@ -213,19 +199,22 @@ for line in sys.stdin:
     if given["delay"] == 3.0:
         os.close(1)
         time.sleep(600.0)
+    if given["delay"] == 4.0:
+        print("out of the table")
     print(json.dumps({"altitude_min": given["delay"], "load": 1.0}), flush=True)
 """
 
 
-def test_a_program_that_writes_other_answers_or_closes_its_output_costs_its_flight(
+def test_a_program_speaks_lines_and_what_is_no_answer_costs_its_flight_and_shifts_no_other(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(process, "_ENDING", 0.1)
     (tmp_path / "program.py").write_text(PROGRAM)
     path = dive_campaign(tmp_path, simulator={"command": [sys.executable, "./program.py"], "time_limit": "20 s"})
     assert dict(ready(path).systems["v1"].plan.files).keys() == {"program.py"}  # type: ignore[union-attr]
-    block = fly_delays(path, [1.0, 2.0, 1.1, 1.2, 3.0, 1.3])
-    assert block.metrics[:, 0].tolist() == pytest.approx([1.0, np.nan, 1.1, 1.2, np.nan, 1.3], nan_ok=True)
+    delays = [1.0, 2.0, 1.1, 1.2, 3.0, 1.3, 4.0, 1.4, *[1.5] * 200]
+    expected = [delay if delay < 2.0 else np.nan for delay in delays]
+    assert fly_delays(path, delays).metrics[:, 0].tolist() == pytest.approx(expected, nan_ok=True)
 
 
 def test_packages_beside_the_simulator_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -238,22 +227,6 @@ def test_packages_beside_the_simulator_are_read(tmp_path: Path, monkeypatch: pyt
     check("open", (str(package), "r", 0))
     with pytest.raises(PermissionError, match="other"):
         check("open", (str(other), "r", 0))
-
-
-def test_a_line_that_is_no_answer_costs_its_flight_and_shifts_no_other(tmp_path: Path) -> None:
-    program = (
-        "import json, sys\n"
-        "for line in sys.stdin:\n"
-        "    given = json.loads(line)['inputs']\n"
-        "    if given['delay'] == 2.0:\n"
-        "        print('out of the table')\n"
-        "    print(json.dumps({'altitude_min': given['delay'], 'load': 1.0}), flush=True)\n"
-    )
-    (tmp_path / "program.py").write_text(program)
-    command = {"command": [sys.executable, "program.py"], "files": ["program.py"], "time_limit": "20 s"}
-    delays = [1.0, 2.0, 1.1, 1.2, 2.0, 1.3]
-    block = fly_delays(dive_campaign(tmp_path, simulator=command), delays)
-    assert block.metrics[:, 0].tolist() == pytest.approx([1.0, np.nan, 1.1, 1.2, np.nan, 1.3], nan_ok=True)
 
 
 def test_a_program_that_cannot_be_started_is_said(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -1,7 +1,9 @@
 """What a law consists of: what it declares is hashed and found wherever it flies, anything else is refused by name."""
 
 import ctypes
+from importlib import metadata
 
+import numba
 import numpy as np
 import pytest
 
@@ -10,9 +12,11 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.flight.memory import Z_ROWS
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.plant import state as s
+from abhv_mc.user_code import compiled
 from abhv_mc.user_code.compiled import compile_law
 from abhv_mc.user_code.law_source import read_law_source
 from abhv_mc.user_code.module import check_closure
+from abhv_mc.user_code.source import UserSource, find_package_versions
 
 HEAD = "from pathlib import Path\nimport numpy as np\nfrom abhv_mc.extend import Command, controller\n"
 LAW = """
@@ -60,17 +64,16 @@ def test_declared_files_are_read_as_they_were_hashed(write, tmp_path):
     assert aileron(source) == 5.0 * 0.25
 
 
-@pytest.mark.parametrize("name", ["gains.csv", "tables/more.csv", "law.py"])
-def test_one_changed_byte_is_another_law(write, tmp_path, name):
-    before = write(READS, "[gains.csv, tables/]")
-    assert write(READS, "[gains.csv, tables/]").hash == before.hash
-    text = (tmp_path / name).read_text()
-    (tmp_path / name).write_text(text.replace(text[-2], chr(ord(text[-2]) ^ 1)) if name != "law.py" else text + "#")
-    after = read_law_source(read_controller(tmp_path / "law.yaml"))
-    assert after.hash != before.hash
-    (tmp_path / name).write_text(text)
+def test_one_changed_byte_or_name_is_another_law(write, tmp_path):
+    known = {write(READS, "[gains.csv, tables/]").hash}
+    assert write(READS, "[gains.csv, tables/]").hash in known
+    for name in ("gains.csv", "tables/more.csv"):
+        (tmp_path / name).write_text("2.1\n")
+        known.add(write(READS, "[gains.csv, tables/]").hash)
+    known.add(write(READS + "#", "[gains.csv, tables/]").hash)
     (tmp_path / "tables" / "more.csv").rename(tmp_path / "tables" / "other.csv")
-    assert read_law_source(read_controller(tmp_path / "law.yaml")).hash != before.hash, "names count"
+    known.add(write(READS, "[gains.csv, tables/]").hash)
+    assert len(known) == 5
 
 
 @pytest.mark.parametrize("imported", ["from helper import twice", "import helper"])
@@ -87,13 +90,7 @@ def test_modules_of_its_own_compile_with_it_and_are_no_other_laws(write, tmp_pat
 
 UNDECLARED = [
     ("K = float(np.loadtxt('gains.csv'))\n", 4, "opens 'gains.csv'", "files: [gains.csv]"),
-    ("K = float((Path(__file__).parent / 'gains.csv').read_text())\n", 4, "opens 'gains.csv'", "files: [gains.csv]"),
-    (
-        "try:\n    K = float(open('gains.csv').read())\nexcept Exception:\n    K = 1.0\n",
-        5,
-        "opens 'gains.csv'",
-        "gains",
-    ),
+    ("try:\n    K = open('gains.csv')\nexcept Exception:\n    K = 1.0\n", 5, "opens 'gains.csv'", "gains"),
     ("import helper\nK = 1.0\n", 4, "imports 'helper'", "files: [helper.py]"),
     ("import ctypes\nK = 1.0\nctypes.CDLL('./libmine.so')\n", 6, "loads 'libmine.so'", "files: [libmine.so]"),
 ]
@@ -131,3 +128,39 @@ def test_entries_that_name_no_file_beside_the_law_are_refused(write, tmp_path, e
 def test_a_file_that_ends_its_process_is_refused_in_words(write):
     with pytest.raises(InputError, match="SIGSEGV"):
         check_closure(write("import ctypes\nK = 1.0\nctypes.string_at(0)\n" + LAW))
+
+
+IMPORTS = """
+import math
+import numpy as np
+from mylaw.gains import K
+def design(model, settings):
+    from scipy.linalg import solve
+"""
+
+
+def test_packages_are_found_in_the_law_and_in_the_modules_that_it_declares():
+    more = b"import yaml\nfrom . import more\n"
+    files = ("law.py", IMPORTS.encode()), ("mylaw/gains.py", more), ("odd.py", b"print 1")
+    sources = UserSource(IMPORTS, "law.py", files), UserSource('{"law": "c", "library": null}', "law.c")
+    found = find_package_versions(sources)
+    assert found == {name: metadata.version(name) for name in ("numpy", "scipy", "PyYAML")}
+
+
+def test_a_flipped_bit_of_a_compiled_law_is_not_executed(tmp_path, monkeypatch):
+    """It flew another law, or killed the process."""
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(compiled, "laws_folder", lambda: tmp_path / "laws")
+    (tmp_path / "laws").mkdir()
+    source = UserSource(HEAD + "K = 1.0\n" + LAW, str(tmp_path / "law.py"))
+
+    def compile_it():
+        compile_law.__wrapped__(source, (), 8)
+        (kept,) = tmp_path.rglob("law_*.nbc")
+        return kept, kept.read_bytes()
+
+    kept, content = compile_it()
+    assert compile_it() == (kept, content), "found in the cache"
+    damaged = content[:-2000] + bytes([content[-2000] ^ 1]) + content[-1999:]
+    kept.write_bytes(damaged)
+    assert compile_it()[1] != damaged
