@@ -38,7 +38,7 @@ entries = {name: MetricEntry(**entry) for name, entry in METRICS.items()}
 declared = pack_metrics(declare_metrics(entries, (), Document("-", {}, {(): (1, 1)}, {}), (), [], {}))
 plans = {
     "built-in LQR": built_in,
-    "LQR as a file": prepare(*files, ROOT / "tests" / "user_code" / "lqr_law.yaml", "own"),
+    "cascade in Python": prepare(*files, configs / "control" / "cascade.yaml", "own"),
     "with ten metrics": dataclasses.replace(built_in, declared=declared),
     "inversion, on board": prepare(*files, configs / "control" / "inversion.yaml", "own"),
 }

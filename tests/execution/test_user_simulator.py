@@ -65,24 +65,6 @@ def test_a_campaign_is_flown_judged_and_explained(tmp_path: Path) -> None:
     assert groups.looked_at == 1
 
 
-def test_a_campaign_goes_on_and_its_shards_are_joined(tmp_path: Path) -> None:
-    path = dive_campaign(tmp_path / "own", runs=80)
-    whole = run_campaign(Request(path, tmp_path / "whole")).manifest
-    run_campaign(Request(path, tmp_path / "grown", runs=50, controllers=("v1",)))
-    grown = run_campaign(Request(path, tmp_path / "grown")).manifest
-    assert grown.digest == whole.digest
-    shards = [tmp_path / "a", tmp_path / "b"]
-    for i, out in enumerate(shards, 1):
-        run_campaign(Request(path, out, shard=(i, 2)))
-    assert merge_campaign(shards, tmp_path / "joined").manifest.digest == whole.digest
-    changed = dive_campaign(tmp_path / "own", systems={"v1": {"pull": 5.5}, "v2": {"pull": 6.0}}, runs=80)
-    with pytest.raises(InputError, match=r"systems\.v1\.pull"):
-        run_campaign(Request(changed, tmp_path / "whole"))
-    changed = dive_campaign(tmp_path / "own", DIVE + "\n", runs=80)
-    with pytest.raises(InputError, match=r"dive\.py: other content"):
-        run_campaign(Request(changed, tmp_path / "whole"))
-
-
 def test_the_folder_of_a_stranger_runs_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ran = tmp_path / "ran"
     source = DIVE + f"\nopen({str(ran)!r}, 'a').write('x')\n"
@@ -276,22 +258,31 @@ def test_bands_are_those_of_the_first_flights_histories(tmp_path: Path, monkeypa
     assert 'id="plot"' in page.read_text("utf-8")
 
 
-def test_bands_are_the_same_however_flights_came_and_none_flies_twice(tmp_path: Path) -> None:
-    flown = tmp_path / "flown"
+def test_a_campaign_goes_on_and_its_shards_are_joined_to_the_same_tables_and_none_flies_twice(tmp_path: Path) -> None:
+    flown, own = tmp_path / "flown", tmp_path / "own"
     source = DIVE_SCATTERED + (
         f"\nonce = fly\ndef fly(inputs, settings):\n    open({str(flown)!r}, 'a').write('x')\n"
         "    return once(inputs, settings)\n"
     )
-    path = dive_campaign(tmp_path / "own", source, histories=DIVE_CHANNELS, keep=BANDS, runs=60)
-    run_campaign(Request(path, tmp_path / "whole"))
-    whole = pq.read_table(tmp_path / "whole" / "envelopes.parquet")
+    path = dive_campaign(own, source, histories=DIVE_CHANNELS, keep=BANDS, runs=60)
+    whole = run_campaign(Request(path, tmp_path / "whole")).manifest
+    bands = pq.read_table(tmp_path / "whole" / "envelopes.parquet")
+    run_campaign(Request(path, tmp_path / "grown", runs=25, controllers=("v1",)))
     run_campaign(Request(path, tmp_path / "grown", runs=25))
     before = flown.stat().st_size
-    run_campaign(Request(path, tmp_path / "grown"))
+    grown = run_campaign(Request(path, tmp_path / "grown")).manifest
     assert flown.stat().st_size - before == 2 * 35
     shards = [tmp_path / "a", tmp_path / "b"]
     for i, out in enumerate(shards, 1):
         run_campaign(Request(path, out, shard=(i, 2)))
-    merge_campaign(shards, tmp_path / "joined")
+    joined = merge_campaign(shards, tmp_path / "joined").manifest
+    assert whole.digest == grown.digest == joined.digest
     for out in ("grown", "joined"):
-        assert pq.read_table(tmp_path / out / "envelopes.parquet").equals(whole)
+        assert pq.read_table(tmp_path / out / "envelopes.parquet").equals(bands)
+    for changes, found in (
+        ({"systems": {"v1": {"pull": 5.5}, "v2": {"pull": 6.0}}}, r"systems\.v1\.pull"),
+        ({"source": source + "\n"}, r"dive\.py: other content"),
+    ):
+        given = {"source": source, "histories": DIVE_CHANNELS, "keep": BANDS, "runs": 60} | changes
+        with pytest.raises(InputError, match=found):
+            run_campaign(Request(dive_campaign(own, **given), tmp_path / "whole"))

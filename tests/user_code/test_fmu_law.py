@@ -1,7 +1,6 @@
 """A law as an FMU of FMI 2.0 and 3.0 flies as the program's own law, resets between flights and leaks nothing."""
 
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,7 +20,6 @@ from abhv_mc.stability.linearize import linearize
 from abhv_mc.stability.points import flown_points
 from abhv_mc.stability.probe import law_memory_rows
 from abhv_mc.user_code.child import in_child
-from abhv_mc.user_code.law_interface import COMMAND_FIELDS
 
 
 @pytest.fixture
@@ -66,7 +64,6 @@ def test_units_of_the_model_description_are_heeded(make):
         (("  rudder: command.rudder\n", ""), None, "rudder"),
         (("gains.earth_radius: gains.earth_radius", "gains.earth_radius: gains.k"), None, "gains.k"),
         (None, {"measured.altitude": "deg"}, "measured.altitude"),
-        (("bank_limit: 70 deg", "bank_limit: 70"), {"bank_limit": "deg"}, "'bank_limit: 70' of a parameter in deg"),
         (("bank_limit: 70 deg", "bank_limit: 70 m"), {"bank_limit": "deg"}, "'bank_limit: 70 m' of a parameter in deg"),
     ],
 )
@@ -106,32 +103,31 @@ def test_slopes_of_an_fmu_that_hides_what_it_remembers_are_refused_by_name(make)
         flown_points(make(2, 3.0, memory="hidden"), nominal_parameters(), 0.5)
 
 
-def test_it_commands_effectors_by_name_and_sees_the_nominal_vehicle_and_its_last_command(make, tmp_path):
-    """As the LQR in Python with elevons does."""
-    folder, python = tmp_path, '"left": lqr.elevator - lqr.aileron + 0.1 * onboard.last.rudder, '
-    python += '"right": lqr.elevator + 0.9 * lqr.aileron + 1e-7 * onboard.moment.pitch'
+def test_it_commands_effectors_by_name_and_sees_the_nominal_vehicle_and_its_last_command(make, repository, tmp_path):
+    """As the LQR in C with elevons does."""
     ways = dict(zip(ELEVONS, (1, -1), strict=True))
     elevons = "".join(f"\n  {name}: {{aileron: {way}, elevator: 1}}" for name, way in ways.items())
     rolls = "{table: roll_aileron, times: right, scale: 0.5}\n    - {table: roll_aileron, times: left, scale: -0.5}"
     vehicle = change_vehicle(
-        folder,
+        tmp_path,
         ("\npropulsion:", f"\neffectors:{elevons}\n  fin: {{rudder: 1}}\n\npropulsion:"),
         ("{table: roll_aileron, times: aileron}", rolls),
     )
     make(3)
-    text = (folder / "mine.yaml").read_text()
+    text = (tmp_path / "mine.yaml").read_text()
     text = text.replace("outputs:\n", "".join(f"  {name}: {name}\n" for name in SEEN) + "outputs:\n")
     text = text.replace("params:\n", "".join(f"  {name}: {name}\n" for name in ELEVONS) + "params:\n")
-    (folder / "mine.yaml").write_text(text)
-    law = (Path(__file__).parent / "lqr_law.py").read_text()
-    law = law.replace("settings, gains):", "settings, gains, onboard):")
-    law = law.replace("    return Command(\n", "    lqr = Axes(\n")
-    axes = 'Axes = NamedTuple("Axes", [(name, float) for name in Command._fields[:7]])\n\n\n'
-    given = ", ".join(f"lqr.{name}" for name in COMMAND_FIELDS)
-    text = f"{law.replace('@controller', f'{axes}@controller')}    return Command({given}, effectors={{{python}}})\n"
-    (folder / "law.py").write_text(text)
-    (folder / "law.yaml").write_text("law: python\nfile: law.py\n")
-    plans = [short_plan(100, folder / f"{name}.yaml", vehicle=vehicle) for name in ("mine", "law")]
+    (tmp_path / "mine.yaml").write_text(text)
+    shipped = repository / "configs" / "control" / "lqr_c"
+    commands = (
+        "command->effectors[0] = command->elevator + 0.9 * command->aileron + 1e-7 * measured->onboard.moment.pitch;"
+    )
+    commands += "command->effectors[1] = command->elevator - command->aileron + 0.1 * measured->onboard.last.rudder;"
+    head, _, tail = (shipped / "lqr.c").read_text().rpartition("return 0;")
+    (tmp_path / "lqr.c").write_text(f"{head}{commands} return 0;{tail}")
+    text = (shipped / "lqr_c.yaml").read_text()
+    (tmp_path / "law.yaml").write_text(f"{text}effectors: [{', '.join(ELEVONS)}]\nonboard: true\n")
+    plans = [short_plan(100, tmp_path / f"{name}.yaml", vehicle=vehicle) for name in ("mine", "law")]
     assert_same(*(fly(plan, disperse(4), 10) for plan in plans))
     found, expected = (linearize(plan, flown_points(plan, disperse(2)[1:], 0.5).points) for plan in plans)
     assert found.inputs == expected.inputs and set(found.inputs) >= {"right", "left", "fin"}

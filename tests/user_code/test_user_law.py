@@ -23,8 +23,6 @@ from abhv_mc.one_flight.given import make_flight_plan
 from abhv_mc.simulators.stored_plans import read_plan
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 
-HERE = Path(__file__).parent
-
 HEAD = """\
 from typing import NamedTuple
 from abhv_mc.extend import Command, atan2, clamp, controller, exp, log, sincos, sqrt, table, wrap
@@ -66,13 +64,6 @@ def make(tmp_path):
         return short_plan(round(seconds * 100), tmp_path / "law.yaml", "level")
 
     return make_plan
-
-
-def test_lqr_as_a_file_is_the_built_in_lqr_to_the_bit():
-    laws = str(HERE / "lqr_law.yaml"), "lqr"
-    own, built_in = (make_flight_plan("s_manoeuvre", "ghame_x_coupled", law) for law in laws)
-    parameters = disperse(70)
-    assert_same(fly(own, parameters, 50), fly(built_in, parameters, 50))
 
 
 MATHS = (
