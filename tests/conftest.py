@@ -25,8 +25,7 @@ os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(Path(__file__).pare
 _THOROUGH = (
     "benchmarks",
     "campaign/test_flipped_bits.py",
-    "control/design/test_retuned.py",
-    "control/design/test_robust.py",
+    "control/design/test_shipped_designs.py",
     "docs",
     "execution/test_adopt_ours.py",
     "execution/test_cluster.py",

@@ -1,4 +1,4 @@
-"""Failures in flight, each against what it must equal or an independent expectation."""
+"""Failures in flight, of one of several engines too: against what they must equal or an independent expectation."""
 
 from dataclasses import replace
 
@@ -11,6 +11,7 @@ from abhv_mc.flight.failure_case import failure_cases, failure_times
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.plant import failures
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import FAILURE_TIMES, NEVER
@@ -56,6 +57,8 @@ def test_it_acts_from_the_first_control_tick_at_or_after_its_time(plan: FlightPl
 
 # Failed from the start, each is the same as the parameter that says so of the whole flight.
 _UNSTART = {"failure.engine.time": 0.0, "failure.engine.thrust": 1.0}
+
+
 _EQUAL = [
     ({f"failure.{name}.slow_time": 0.0 for name in ("aileron", "rudder", "elevator")}, {"actuator.rate_limit": 0.1}),
     (_UNSTART | {"failure.engine.drag_increment": 0.004}, {"aero.drag.increment": 0.004}),
@@ -204,3 +207,55 @@ def test_cases_name_what_failed_before_the_missions_end() -> None:
     cases = failure_cases(names, samples, np.full(4, 60.0), np.array([0.0, 55.0, 55.0, 2.0]))
     assert cases == ["none", "engine failed", "engine failed + elevator stuck + speed sensor", "engine unstart"]
     assert failure_times(names, samples).tolist() == [NEVER, 5.0, 4.0, NEVER]
+
+
+def with_engines(engines):
+    return short_plan(100, mission="level", vehicle={"base": "ghame_x", "propulsion.engines": engines})
+
+
+@pytest.fixture(scope="module")
+def several():
+    left, right = ({"share": 0.4, "y": y, "z": "-0.1 m"} for y in ("-0.6 m", "0.6 m"))
+    return with_engines({"left": left, "right": right, "below": {"share": 0.2, "z": "0.4 m"}})
+
+
+def test_an_engine_out_takes_its_share_and_turns_the_vehicle(several) -> None:
+    """The change of the body rates over the first tick against moment over inertia."""
+    block = _fly(several, {}, {"failure.engine_0.time": 0.0}, {"failure.engine_2.time": 0.0})
+    thrust = block.history[:, :, CHANNEL_INDEX["thrust_n"]].astype(float)
+    eta = block.history[:, :, CHANNEL_INDEX["equivalence_ratio"]].astype(float)
+    # TLC asks for more, at another angle of attack, where the inlet captures more.
+    assert thrust[1, 60] / thrust[0, 60] / (eta[1, 60] / eta[0, 60]) == pytest.approx(0.6, abs=0.05)
+    # The first tick: thrust falls by the mean of 1 - exp(-t / lag), and nothing has answered yet.
+    lag = 2.0 * 1.0 / 20.0
+    lost = 1.0 - lag / 0.01 * (1.0 - np.exp(-0.01 / lag))
+    vehicle = several.vehicle
+    fixed = evaluate_fixed(vehicle, make_variables(vehicle, mass=vehicle.constants.mass_start))
+    whole = thrust[0, 0]
+    for flight, share, y, z in ((1, 0.4, -0.6, -0.1), (2, 0.2, 0.0, 0.4)):
+        assert thrust[flight, 0] == pytest.approx(whole * (1.0 - share * lost), rel=1e-6)
+        change = (block.states[flight, 1] - block.states[0, 1])[s.ROLL_RATE : s.YAW_RATE + 1] / 0.01
+        line = vehicle.constants.thrust_offset_z - fixed["center_of_gravity_z"][0]
+        force = -whole * share * lost
+        pitch, yaw = (line + z) * force / fixed["inertia_yy"][0], -y * force / fixed["inertia_zz"][0]
+        assert change[1] == pytest.approx(pitch, rel=2e-2)
+        assert change[2] == pytest.approx(yaw, rel=2e-2, abs=1e-6)
+
+
+def test_all_engines_out_is_the_engine_out(several) -> None:
+    each = {f"failure.engine_{i}.time": 0.3 for i in range(3)}
+    block = _fly(several, each, {"failure.engine.time": 0.3}, {"failure.engine_3.time": 0.3}, {})
+    assert np.abs(block.states[0] - block.states[1]).max() < 1e-9
+    assert np.array_equal(block.states[2], block.states[3])  # there are three
+
+
+@pytest.mark.parametrize(
+    ("engines", "words"),
+    [
+        ({"left": {"y": "-1 m"}, "right": {"y": "2 m"}}, "acts"),
+        ({"left": {"share": 0.4}, "right": {}}, "shares"),
+    ],
+)
+def test_engines_that_do_not_make_the_whole_are_refused(engines, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        with_engines(engines)

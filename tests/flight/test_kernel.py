@@ -1,4 +1,4 @@
-"""A flight does not depend on how it is flown: alone, abreast, in which order, beside what, compiled or not."""
+"""A flight does not depend on how it is flown: alone, abreast, in which order, beside what, lean or full, in Python."""
 
 import os
 import pickle
@@ -9,18 +9,29 @@ import numpy as np
 import pytest
 from short_flights import cut, short_plan
 
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.sampling.samples import full_rows
+from abhv_mc.flight import fly as flying
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.kernel.flight.fly_lanes import COMPACTION
+from abhv_mc.kernel.flight.fly_lanes import COMPACTION, make_fly_lanes
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.flight.memory import TOGETHER
 from abhv_mc.kernel.plant.parameter_names import FAILURE_TIMES, PARAMETER_INDEX
 from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.simulators.end_sentence import describe_end
+from abhv_mc.simulators.engine import make_engine
+from abhv_mc.simulators.make_plans import make_plans
 
 FLIGHTS = LANES
+
+
 FACTOR = 0.05
+
+
 HALF_WIDTH = {"-": 2e-4, "m": 0.02, "m/s": 3.0, "1/s": 1e-4, "rad": 0.005, "rad/s": 0.001, "s": 0.02}  # what adds
+
+
 NEVER_NEGATIVE = ("_noise", "turbulence", "delay", "gust_start")
 
 
@@ -141,3 +152,46 @@ def test_flights_that_take_the_lanes_of_ended_ones_stay_the_same():
     segments = np.unique((ended / plan.timing.tick) // COMPACTION)
     assert 20 < len(ended) < len(parameters) - 20 and len(segments) >= 3
     assert_equal(result(abreast), result(fly(plan, parameters, record_every=50, lanes=1, keep_states=True)))
+
+
+CAMPAIGNS = {  # which of them it flies
+    "f16_gust": False,
+    "failures": False,
+    "harder_vehicle": True,
+    "paper": True,
+    "s_manoeuvre": True,
+    "wide": True,
+    "wind_and_air_data": False,
+    "wind_and_sensors": False,
+    "winged_cone": True,
+}
+
+
+QUICK = ("s_manoeuvre", "winged_cone", *(name for name, lean in CAMPAIGNS.items() if not lean))
+
+
+SLOW = [pytest.param(name, marks=pytest.mark.thorough) for name in CAMPAIGNS if name not in QUICK]
+
+
+@pytest.mark.parametrize("name", [*QUICK, *SLOW])
+def test_lean_flights_have_the_same_bits(name, repository, monkeypatch):
+    campaign = read_campaign(repository / "campaigns" / f"{name}.yaml", 64, None, None)
+    plans = make_plans(campaign, campaign.model.controllers, make_engine())
+    assert {plan.lean for plan in plans.values()} == {CAMPAIGNS[name]}
+    source = campaign.make_samples()
+    rows = full_rows(source.names, source.draw(0, 64), ())
+    for plan in plans.values() if CAMPAIGNS[name] else ():
+        blocks = []
+        for lean in (True, False):
+            monkeypatch.setattr(flying, "choose_flight", lambda lanes, _, lean=lean: make_fly_lanes(lanes, lean))
+            blocks.append(flying.fly(plan, rows, 100))
+        for part in ("outcome", "end_time", "metrics", "history"):
+            assert np.array_equal(*(getattr(block, part) for block in blocks), equal_nan=True), (plan.controller, part)
+
+
+def test_a_lean_flight_refuses_what_it_does_not_know(repository):
+    campaign = read_campaign(repository / "campaigns" / "s_manoeuvre.yaml", 1, None, None)
+    (plan, *_) = make_plans(campaign, ["tlc"], make_engine()).values()
+    rows = full_rows(("wind.north",), np.array([[10.0]]), ())
+    with pytest.raises(ValueError, match="lean"):
+        flying.fly(plan, rows)

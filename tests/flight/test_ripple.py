@@ -124,12 +124,6 @@ def test_a_cycle_has_its_size_from_side_to_side_and_its_frequency(mean: float) -
     assert follow(noisy, ALWAYS) == pytest.approx((10.2, 0.8 / (2.0 * np.pi)), rel=0.05)
 
 
-def test_a_third_side_counts_as_far_as_it_has_got() -> None:
-    wave = 5.0 * np.sin(TIME)
-    for end, size in ((6.5, 0.0), (7.0, 10.0)):  # s: the third side begins at half the amplitude, after 6.8 s
-        assert follow(wave, end > TIME)[0] == pytest.approx(size, abs=0.01)
-
-
 @pytest.mark.parametrize("name", ["tlc", "lqr"])
 def test_the_metrics_are_those_of_the_recorded_flight(name: str) -> None:
     plan = make_flight_plan("s_manoeuvre", "ghame_x", controller=name)

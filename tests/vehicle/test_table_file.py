@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from abhv_mc.io.documents import InputError, Refusal
+from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.plant.vehicle import VARIABLES
-from abhv_mc.vehicle.table_file import Role, parse_role, read_table
+from abhv_mc.vehicle.table_file import parse_role, read_table
 
 GOOD = "mach,alpha_deg,value\n4,-1,1\n4,0,2\n4,2,3\n6,-1,4\n6,0,5\n6,2,6\n"
 
@@ -60,25 +60,13 @@ def test_axes_in_other_units(tmp_path, text, columns, grid):
             "mach,alpha_rad,value\n4,0,1\n4,12,2\n6,0,1\n6,12,2\n", 3, 3, "angle_of_attack 12", id="deg as rad"
         ),
         pytest.param("mach,value\n1200,1\n1800,2\n", 2, 1, "mach 1200", id="speed as mach"),
+        pytest.param(GOOD, 1, None, "no column 'delta'", id="a description of no column"),
         pytest.param(b"mach,value\n4,\xff\n", None, None, "not UTF-8", id="bytes"),
     ],
 )
 def test_refuses_with_the_place(tmp_path, text, line, column, words):
     with pytest.raises(InputError) as caught:
-        read(tmp_path, text)
+        read(tmp_path, text, {"delta": "elevator deg"} if "delta" in words else {})
     assert (caught.value.line, caught.value.column) == (line, column)
     assert words in f"{caught.value.found} {caught.value.expected}"
     assert caught.value.file.endswith("table.csv")
-
-
-def test_refuses_a_description_of_no_column(tmp_path):
-    with pytest.raises(InputError, match="no column 'delta'"):
-        read(tmp_path, GOOD, {"delta": "elevator deg"})
-
-
-def test_roles():
-    assert parse_role("phi") == Role("equivalence_ratio")
-    assert parse_role("flap  deg", ("flap",)) == Role("flap", "deg")
-    for text in ("flap deg", "value deg", "", "alpa deg"):
-        with pytest.raises(Refusal):
-            parse_role(text)

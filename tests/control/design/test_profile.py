@@ -1,5 +1,6 @@
-"""Manoeuvres, alone or in phases: rates are the derivatives of what is asked for, and each ends where it should."""
+"""Manoeuvres, alone or in phases: rates are the derivatives of what is asked for, each ends where it should."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,11 @@ from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.io.documents import Document, InputError, validate
 
 START = {"altitude": "20 km", "speed": "1400 m/s", "heading": "90 deg", "latitude": "29.3 deg"}
+
+
 STEP = 0.005
+
+
 TIMES = np.arange(0.0, 60.0 + STEP / 2.0, STEP)
 
 
@@ -160,32 +165,6 @@ def test_a_recorded_heading_runs_on_through_north(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "line", "words"),
-    [
-        (("10.0,", "9.0,"), 12, "times that rise"),
-        (("20000.0", "nan"), 2, "finite"),
-        (("60.0,", "59.5,"), None, "from 0 to 60 s"),
-    ],
-)
-def test_a_bad_trajectory_is_refused_with_its_line(
-    tmp_path: Path, change: tuple[str, str], line: int | None, words: str
-) -> None:
-    path = Path(recorded(tmp_path)["file"])
-    path.write_text(path.read_text().replace(*change, 1))
-    mission = tmp_path / "mission.yaml"
-    mission.write_text(
-        "name: test\nstart: {altitude: 20 km, speed: 1400 m/s, heading: 90 deg, latitude: 29.3 deg}\n"
-        f"manoeuvre: {{kind: recorded, file: {path.name}}}\n"
-    )
-    with pytest.raises(InputError) as caught:
-        read_mission(mission)
-    assert words in str(caught.value)
-    assert caught.value.file.endswith("trajectory.csv")
-    if line:
-        assert caught.value.line == line
-
-
-@pytest.mark.parametrize(
     ("text", "words"),
     [
         ("manoeuvre: {kind: loop}", "kind 'loop'"),
@@ -205,9 +184,33 @@ def test_a_bad_mission_is_refused(tmp_path: Path, text: str, words: str) -> None
         read_mission(path)
 
 
-def test_earth_by_numbers(tmp_path: Path) -> None:
-    mission = make_mission({"kind": "level"}, earth={"rotation_rate": "0 rad/s", "flattening": 0.0})
-    earth = mission.make_earth()
-    assert earth.rotation_rate == 0.0
-    assert earth.flattening == 0.0
-    assert earth.equatorial_radius == 6378137.0
+WINDS, DENSITIES = "altitude_m,wind_north_mps,wind_east_mps\n", "altitude_m,density_factor\n"
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "words"),
+    [
+        ("wind", f"{WINDS}0,1e300,1\n9,1,1\n", ":2:3: '1e300'; expected a magnitude of at most 12000"),
+        ("wind", f"{WINDS}0,1,1\n9,nan,1\n", ":3:3: 'nan'; expected a finite number"),
+        ("wind", f"{WINDS}5,1,1\n5,1,1\n", ":3:1: the altitude 5 m"),
+        ("wind", f"{WINDS}5,1,1\n", "1 rows"),
+        ("density", f"{DENSITIES}0,0\n9,1\n", ":2:3: a factor 0"),
+        ("trajectory", ("10.0,", "9.0,"), ":12:1: the time 9 s; expected times that rise"),
+        ("trajectory", ("20000.0", "nan"), ":2:5: 'nan'; expected a finite number"),
+        ("trajectory", ("60.0,", "59.5,"), "from 0 to 60 s"),
+    ],
+)
+def test_a_bad_table_is_refused_in_its_place(tmp_path: Path, key: str, text: Any, words: str) -> None:
+    file = Path(recorded(tmp_path)["file"])
+    manoeuvre, table = {"kind": "level"}, {}
+    if key == "trajectory":
+        manoeuvre = {"kind": "recorded", "file": str(file)}
+        file.write_text(file.read_text().replace(*text, 1))
+    else:
+        file.write_text(text)
+        table = {key: {"file": str(file)}}
+    mission = {"name": "test", "start": START, "manoeuvre": manoeuvre, **table}
+    (tmp_path / "mission.yaml").write_text(json.dumps(mission))
+    with pytest.raises(InputError) as caught:
+        read_mission(tmp_path / "mission.yaml")
+    assert words in str(caught.value)

@@ -1,4 +1,4 @@
-"""Trim tables: balanced at the nodes, as good as exact between them, honest where there is no trim."""
+"""Trim tables: balanced at the nodes, as good as exact between them, honest where there is no trim; what is kept."""
 
 from pathlib import Path
 
@@ -7,6 +7,7 @@ import pytest
 
 from abhv_mc.control.design.design_model import Environment
 from abhv_mc.control.design.design_tables import table_rows, variables_at
+from abhv_mc.control.design.kept import kept
 from abhv_mc.control.design.trim_tables import make_trim_tables, trim_elevator
 from abhv_mc.kernel.laws.trim_lookup import TRIM_ROWS
 from abhv_mc.kernel.plant.vehicle import Vehicle
@@ -14,6 +15,8 @@ from abhv_mc.kernel.world.atmosphere import atmosphere
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 
 ALTITUDE = 20e3
+
+
 VEHICLES = Path(__file__).parents[3] / "configs" / "vehicle"
 
 
@@ -81,3 +84,21 @@ def test_a_node_without_trim_is_marked_and_clamped(vehicle: Vehicle) -> None:
     assert (np.abs(elevator[untrimmed == 0.0]) < limit).all()
     strong = make_trim_tables(vehicle, ALTITUDE, (1400.0, 1400.0)).data.reshape(-1, tables.group_width[0])[:, 0]
     np.testing.assert_array_equal(np.sign(elevator), np.sign(strong))  # the end nearest to the trim
+
+
+def test_equal_contents_share_a_result_and_others_do_not():
+    calls = []
+
+    @kept
+    def total(values, *, scale=1.0):
+        calls.append(scale)
+        return scale * values.sum()
+
+    assert total(np.arange(3.0)) == total(np.arange(3.0)) == 3.0
+    assert len(calls) == 1
+    assert total(np.arange(3.0), scale=2.0) == 6.0
+    assert total(np.arange(4.0)) == 6.0
+    values = np.arange(3.0)
+    values[0] = 5.0
+    assert total(values) == 8.0
+    assert len(calls) == 4
