@@ -2,12 +2,11 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 from abhv_mc.daveml.formulas import MODEL, number
 from abhv_mc.daveml.graph import Model, Variable
 from abhv_mc.daveml.s119_units import parse_s119_unit
-from abhv_mc.daveml.signals import SI, find_signals, quantity_of, sign_of
+from abhv_mc.daveml.signals import SI, find_signals, kinds_of, quantity_of, sign_of
 from abhv_mc.daveml.writer import Line, call, declare, define, names_in
 from abhv_mc.io.input_error import InputError, Refusal
 from abhv_mc.io.units import parse_unit
@@ -42,25 +41,12 @@ MOMENTS = ("Cl", "Cm", "Cn")
 THRUST = ("force_x", "force_y", "force_z", "fuel_flow", "moment_x", "moment_y", "moment_z")
 
 
-@dataclass(frozen=True)
-class Question:
-    """An input whose value the program cannot know."""
-
-    variable: Variable
-    value: Answer  # the file's own value, where it has one
-
-
-def find_questions(model: Model, kinds: tuple[str, ...]) -> list[Question]:
+def find_questions(model: Model) -> list[Variable]:
     """Inputs that no signal of the program gives. What a control law lacks are its commands."""
-    if "control" in kinds:
-        return []
-    sources = {name: text for kind in kinds for name, text in SOURCES[kind].items()}
-    found = []
-    for variable in model.inputs:
-        quantity = quantity_of(variable)
-        if quantity not in sources or sign_of(quantity, variable) is None:
-            found.append(Question(variable, variable.initial))
-    return found
+    kinds = kinds_of(model)
+    known = {name for kind in kinds for name in SOURCES[kind]}
+    open_ones = [v for v in model.inputs if (of := quantity_of(v)) not in known or sign_of(of, v) is None]
+    return [] if "control" in kinds else open_ones
 
 
 def factor_to_si(model: Model, variable: Variable, quantity: str) -> float:
@@ -101,7 +87,7 @@ def _call(model: Model, kind: str, answers: Mapping[str, Answer]) -> Line:
             command = f"commands.{key}"
             if quantity == "cross_track":  # there to the right, and from where it is wanted
                 command = f"({command} - {command}{MEASURED} * measured.cross_track)"
-            given[key] = _scaled(command, _command_factor(variable), "/")
+            given[key] = _scaled(command, command_unit(variable)[1], "/")
     return Line(f"out = {call(MODEL, (f'{key}={value}' for key, value in given.items()))}")
 
 
@@ -144,34 +130,28 @@ def write_thrust(model: Model, answers: Mapping[str, Answer]) -> list[Line]:
     return define("def thrust(air, throttle, settings):", "Thrust in body axes at the moment reference.", body)
 
 
-def _command_factor(variable: Variable) -> float:
-    try:
-        return parse_s119_unit(variable.units)[0]
-    except Refusal:
-        return 1.0
-
-
 def command_inputs(model: Model) -> list[Variable]:
     """Inputs of a control law that no measurement gives."""
     return [variable for variable in model.inputs if quantity_of(variable) not in _MEASURED]
 
 
-def command_unit(variable: Variable) -> str:
-    """The SI unit of a command, ``-`` for a plain number."""
+def command_unit(variable: Variable) -> tuple[str, float]:
+    """The SI unit of a command, ``-`` for a plain number, and the factor to it from the file's."""
     try:
-        _, exponents = parse_s119_unit(variable.units)
+        factor, exponents = parse_s119_unit(variable.units)
     except Refusal:
-        return "-"
-    return next((unit for unit in ("m", "m/s", "rad", "rad/s", "kg", "s") if parse_unit(unit)[1] == exponents), "-")
+        return "-", 1.0
+    known = (unit for unit in ("m", "m/s", "rad", "rad/s", "kg", "s") if parse_unit(unit)[1] == exponents)
+    return next(known, "-"), factor
 
 
 def write_law(model: Model, answers: Mapping[str, Answer]) -> list[Line]:
     """The control law, its commands as the class ``Commands`` in SI."""
     fields, units = [], {}
     for variable in command_inputs(model):
-        key, unit = variable.key, command_unit(variable)
-        value = (variable.initial or 0.0) * _command_factor(variable)
-        fields.append(declare(key, variable.name if unit == "-" else f"{variable.name}, {unit}", value))
+        key, (unit, factor) = variable.key, command_unit(variable)
+        about = variable.name if unit == "-" else f"{variable.name}, {unit}"
+        fields.append(declare(key, about, (variable.initial or 0.0) * factor))
         if quantity_of(variable) == "cross_track":
             fields.append(declare(f"{key}{MEASURED}", "1: from the measured cross-track, 0: as commanded alone", 1.0))
         if unit != "-":

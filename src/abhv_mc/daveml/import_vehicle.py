@@ -18,7 +18,7 @@ from abhv_mc.daveml.adapters import (
     write_law,
     write_thrust,
 )
-from abhv_mc.daveml.graph import Model, Variable, read_model
+from abhv_mc.daveml.graph import Model, read_model
 from abhv_mc.daveml.shots import make_function, run_shots
 from abhv_mc.daveml.signals import find_signals, kinds_of, quantity_of
 from abhv_mc.daveml.writer import Line, write_module
@@ -39,43 +39,36 @@ def import_daveml(files: Sequence[Path], folder: Path) -> list[Path]:
     models = [read_model(path) for path in files]
     for model in models:
         run_shots(model)
-    kinds = {model.path.name: kinds_of(model) for model in models}
-    answers = _read_answers(folder / ANSWERS, models)
-    questions: dict[str, dict[str, tuple[Variable, Answer]]] = {name: {} for name in kinds}
-    for model in models:
-        name = model.path.name
-        for asked in find_questions(model, kinds[name]):
-            key = asked.variable.identifier
-            questions[name][key] = asked.variable, answers[name].get(key, asked.value)
-    texts: dict[str, str] = {}
-    if any(questions.values()):
-        texts[ANSWERS] = _write_questions(questions)
-    open_ones = [
-        f"{name}: {key}" for name, asked in questions.items() for key, (_, value) in asked.items() if value is None
+    told, answers = _read_answers(folder / ANSWERS), {}
+    lines = [
+        "# Inputs that no signal of the program gives: numbers in the units of the file, or a signal such as throttle."
     ]
-    if open_ones:
-        paths = _write(folder, texts)
-        found = f"no value for {', '.join(open_ones)}"
-        raise InputError(paths[0], found, "numbers there, then the same command again")
-    given = {name: {key: value for key, (_, value) in asked.items()} for name, asked in questions.items()}
-    texts |= _write_parts(models, kinds, given)
-    return _write(folder, texts)
+    for model in models:
+        name, asked = model.path.name, find_questions(model)
+        answers[name] = {v.identifier: told.get(name, {}).get(v.identifier, v.initial) for v in asked}
+        lines += [f"{json.dumps(name, ensure_ascii=False)}:"] if asked else []
+        for variable in asked:
+            value = answers[name][variable.identifier]
+            line = f"  {json.dumps(variable.identifier, ensure_ascii=False)}: {'' if value is None else value}"
+            lines += [f"  # {variable.words}", line.rstrip()]
+    texts = {ANSWERS: "\n".join(lines) + "\n"} if any(answers.values()) else {}
+    left = [f"{name}: {key}" for name, given in answers.items() for key, value in given.items() if value is None]
+    if left:
+        (path,) = _write(folder, texts)
+        raise InputError(path, f"no value for {', '.join(left)}", "numbers there, then the same command again")
+    return _write(folder, texts | _write_parts(models, answers))
 
 
-def _read_answers(path: Path, models: Sequence[Model]) -> Answers:
-    answers: Answers = {model.path.name: {} for model in models}
+def _read_answers(path: Path) -> Answers:
     if not path.exists():
-        return answers
+        return {}
     document = read_document(path)
-    for name, content in document.data.items() if isinstance(document.data, dict) else ():
-        if name not in answers or not isinstance(content, dict):
-            continue
+    answers: Any = document.data
+    for name, content in answers.items():
         for key, value in content.items():
             if isinstance(value, bool) or not isinstance(value, float | int | str | None):
-                raise document.error(
-                    (name, key), describe(value), "a number in the units of the file, or a signal's name"
-                )
-            answers[name][key] = value
+                expected = "a number in the units of the file, or a signal's name"
+                raise document.error((name, key), describe(value), expected)
     return answers
 
 
@@ -85,30 +78,15 @@ def _plain(text: str) -> str:
     return plain if plain[:1].isalpha() else f"x{plain}"
 
 
-def _write_questions(questions: Mapping[str, Mapping[str, tuple[Variable, Answer]]]) -> str:
-    lines = [
-        "# Inputs that no signal of the program gives: numbers in the units of the file, or a signal such as throttle."
-    ]
-    for name, asked in questions.items():
-        lines += [f"{json.dumps(name, ensure_ascii=False)}:"] if asked else []
-        for key, (variable, value) in asked.items():
-            lines += [
-                f"  # {variable.words}",
-                f"  {json.dumps(key, ensure_ascii=False)}: {'' if value is None else value}".rstrip(),
-            ]
-    return "\n".join(lines) + "\n"
-
-
-def _write_parts(models: Sequence[Model], kinds: Mapping[str, tuple[str, ...]], answers: Answers) -> dict[str, str]:
+def _write_parts(models: Sequence[Model], answers: Answers) -> dict[str, str]:
     values = _constants(models, answers)
     span, chord = values.get("span", 1.0), values.get("chord", 1.0)
     texts: dict[str, str] = {}
     sections: dict[str, str] = {}
     for model in models:
         extra: list[Line] = []
-        module = f"{_plain(model.path.stem)}.py"
-        for kind in kinds[model.path.name]:
-            given = answers[model.path.name]
+        module, given = f"{_plain(model.path.stem)}.py", answers[model.path.name]
+        for kind in kinds_of(model):
             if kind == "aerodynamics":
                 extra += write_coefficients(model, given, span, chord)
                 sections[kind] = f"  python: {module}\n  function: coefficients\n  frame: {frame_of(model)}"
@@ -205,7 +183,7 @@ def _controller(model: Model, module: str) -> str:
     commands = command_inputs(model)
     lines += ["commands:"] if commands else []
     for variable in commands:
-        unit = command_unit(variable)
+        unit, _ = command_unit(variable)
         value = f"{variable.initial or 0.0!r}"
         written = {"m": "ft", "m/s": "kt", "rad": "deg"}.get(unit) if variable.units in ("ft", "nmi_h", "deg") else unit
         lines.append(f"  {variable.key}: {value}{'' if unit == '-' else f' {written}'} # {variable.name}")

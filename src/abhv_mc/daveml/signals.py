@@ -5,84 +5,67 @@ from collections.abc import Iterable
 
 from abhv_mc.daveml.graph import Model, Variable
 
-# Quantity: names that stand for it, compared without regard to case and to anything but letters and digits.
-_SYNONYMS: dict[str, tuple[str, ...]] = {
+# Quantity: its unit in the program, and names that stand for it, compared without regard to case and to anything but
+# letters and digits.
+_QUANTITIES: dict[str, tuple[str, ...]] = {
     # the air and the motion
-    "airspeed": ("trueAirspeed", "velocityTrue", "airspeed"),
-    "equivalent_airspeed": ("equivalentAirspeed",),
-    "mach": ("mach", "machNumber"),
-    "altitude": ("altitudeMsl", "altitude", "geometricAltitude", "altitudeGeometric", "heightOfCmWrtMsl"),
-    "density": ("airDensity", "density", "ambientDensity"),
-    "pressure": ("ambientPressure", "staticPressure"),
-    "sound_speed": ("speedOfSound",),
-    "dynamic_pressure": ("dynamicPressure",),
-    "angle_of_attack": ("angleOfAttack", "alpha"),
-    "sideslip": ("angleOfSideslip", "sideslipAngle", "beta"),
-    "roll_rate": ("bodyAngularRate_Roll", "bodyAngularRateWrtEi_Roll", "rollRate"),
-    "pitch_rate": ("bodyAngularRate_Pitch", "bodyAngularRateWrtEi_Pitch", "pitchRate"),
-    "yaw_rate": ("bodyAngularRate_Yaw", "bodyAngularRateWrtEi_Yaw", "yawRate"),
-    "roll": ("eulerAngle_Roll",),
-    "pitch": ("eulerAngle_Pitch",),
-    "yaw": ("eulerAngle_Yaw",),
-    "cross_track": ("lateralDeviationError",),
-    "latitude": ("geLatitude", "geodeticLatitude", "latitude", "positionGeodetic_Latitude"),
-    "longitude": ("geLongitude", "geodeticLongitude", "longitude", "positionGeodetic_Longitude"),
+    "airspeed": ("m/s", "trueAirspeed", "velocityTrue", "airspeed"),
+    "equivalent_airspeed": ("m/s", "equivalentAirspeed"),
+    "mach": ("-", "mach", "machNumber"),
+    "altitude": ("m", "altitudeMsl", "altitude", "geometricAltitude", "altitudeGeometric", "heightOfCmWrtMsl"),
+    "density": ("kg/m3", "airDensity", "density", "ambientDensity"),
+    "pressure": ("Pa", "ambientPressure", "staticPressure"),
+    "sound_speed": ("m/s", "speedOfSound"),
+    "dynamic_pressure": ("Pa", "dynamicPressure"),
+    "angle_of_attack": ("rad", "angleOfAttack", "alpha"),
+    "sideslip": ("rad", "angleOfSideslip", "sideslipAngle", "beta"),
+    "roll_rate": ("rad/s", "bodyAngularRate_Roll", "bodyAngularRateWrtEi_Roll", "rollRate"),
+    "pitch_rate": ("rad/s", "bodyAngularRate_Pitch", "bodyAngularRateWrtEi_Pitch", "pitchRate"),
+    "yaw_rate": ("rad/s", "bodyAngularRate_Yaw", "bodyAngularRateWrtEi_Yaw", "yawRate"),
+    "roll": ("rad", "eulerAngle_Roll"),
+    "pitch": ("rad", "eulerAngle_Pitch"),
+    "yaw": ("rad", "eulerAngle_Yaw"),
+    "cross_track": ("m", "lateralDeviationError"),
+    "latitude": ("rad", "geLatitude", "geodeticLatitude", "latitude", "positionGeodetic_Latitude"),
+    "longitude": ("rad", "geLongitude", "geodeticLongitude", "longitude", "positionGeodetic_Longitude"),
     # what moves
-    "aileron": ("aileronDeflection",),
-    "rudder": ("rudderDeflection",),
-    "elevator": ("elevatorDeflection", "stabilatorDeflection", "horizontalTailDeflection"),
-    "throttle": ("powerLeverAngle", "throttlePosition", "thrustLeverAngle"),
+    "aileron": ("rad", "aileronDeflection"),
+    "rudder": ("rad", "rudderDeflection"),
+    "elevator": ("rad", "elevatorDeflection", "stabilatorDeflection", "horizontalTailDeflection"),
+    "throttle": ("-", "powerLeverAngle", "throttlePosition", "thrustLeverAngle"),
     # the coefficients
-    "CX": ("aeroBodyForceCoefficient_X", "bodyForceCoefficient_X", "axialForceCoefficient_X"),
-    "CY": ("aeroBodyForceCoefficient_Y", "bodyForceCoefficient_Y", "sideForceCoefficient"),
-    "CZ": ("aeroBodyForceCoefficient_Z", "bodyForceCoefficient_Z"),
-    "CL": ("totalCoefficientOfLift", "liftCoefficient", "coefficientOfLift"),
-    "CD": ("totalCoefficientOfDrag", "dragCoefficient", "coefficientOfDrag"),
-    "Cl": ("aeroBodyMomentCoefficient_Roll", "rollingMomentCoefficient", "bodyMomentCoefficient_Roll"),
-    "Cm": ("aeroBodyMomentCoefficient_Pitch", "pitchingMomentCoefficient", "bodyMomentCoefficient_Pitch"),
-    "Cn": ("aeroBodyMomentCoefficient_Yaw", "yawingMomentCoefficient", "bodyMomentCoefficient_Yaw"),
-    "area": ("referenceWingArea", "referenceArea"),
-    "span": ("referenceWingSpan", "lateralReferenceLength", "referenceSpan"),
-    "chord": ("referenceWingChord", "longitudinalReferenceLength", "referenceChord"),
+    "CX": ("-", "aeroBodyForceCoefficient_X", "bodyForceCoefficient_X", "axialForceCoefficient_X"),
+    "CY": ("-", "aeroBodyForceCoefficient_Y", "bodyForceCoefficient_Y", "sideForceCoefficient"),
+    "CZ": ("-", "aeroBodyForceCoefficient_Z", "bodyForceCoefficient_Z"),
+    "CL": ("-", "totalCoefficientOfLift", "liftCoefficient", "coefficientOfLift"),
+    "CD": ("-", "totalCoefficientOfDrag", "dragCoefficient", "coefficientOfDrag"),
+    "Cl": ("-", "aeroBodyMomentCoefficient_Roll", "rollingMomentCoefficient", "bodyMomentCoefficient_Roll"),
+    "Cm": ("-", "aeroBodyMomentCoefficient_Pitch", "pitchingMomentCoefficient", "bodyMomentCoefficient_Pitch"),
+    "Cn": ("-", "aeroBodyMomentCoefficient_Yaw", "yawingMomentCoefficient", "bodyMomentCoefficient_Yaw"),
+    "area": ("m2", "referenceWingArea", "referenceArea"),
+    "span": ("m", "referenceWingSpan", "lateralReferenceLength", "referenceSpan"),
+    "chord": ("m", "referenceWingChord", "longitudinalReferenceLength", "referenceChord"),
     # the engine
-    "force_x": ("thrustBodyForce_X", "bodyThrustForce_X"),
-    "force_y": ("thrustBodyForce_Y", "bodyThrustForce_Y"),
-    "force_z": ("thrustBodyForce_Z", "bodyThrustForce_Z"),
-    "moment_x": ("thrustBodyMoment_Roll", "bodyThrustMoment_Roll"),
-    "moment_y": ("thrustBodyMoment_Pitch", "bodyThrustMoment_Pitch"),
-    "moment_z": ("thrustBodyMoment_Yaw", "bodyThrustMoment_Yaw"),
-    "fuel_flow": ("massDot", "fuelFlow", "fuelMassFlowRate"),
+    "force_x": ("N", "thrustBodyForce_X", "bodyThrustForce_X"),
+    "force_y": ("N", "thrustBodyForce_Y", "bodyThrustForce_Y"),
+    "force_z": ("N", "thrustBodyForce_Z", "bodyThrustForce_Z"),
+    "moment_x": ("N m", "thrustBodyMoment_Roll", "bodyThrustMoment_Roll"),
+    "moment_y": ("N m", "thrustBodyMoment_Pitch", "bodyThrustMoment_Pitch"),
+    "moment_z": ("N m", "thrustBodyMoment_Yaw", "bodyThrustMoment_Yaw"),
+    "fuel_flow": ("kg/s", "massDot", "fuelFlow", "fuelMassFlowRate"),
     # the body
-    "mass": ("totalMass", "mass"),
-    "inertia_xx": ("bodyMomentOfInertia_Roll",),
-    "inertia_yy": ("bodyMomentOfInertia_Pitch",),
-    "inertia_zz": ("bodyMomentOfInertia_Yaw",),
-    "inertia_zx": ("bodyProductOfInertia_ZX", "bodyProductOfInertia_XZ"),
-    "inertia_xy": ("bodyProductOfInertia_XY",),
-    "inertia_yz": ("bodyProductOfInertia_YZ",),
-    "center_of_gravity_x": ("bodyPositionOfCmWrtMrc_X",),
-    "center_of_gravity_y": ("bodyPositionOfCmWrtMrc_Y",),
-    "center_of_gravity_z": ("bodyPositionOfCmWrtMrc_Z",),
+    "mass": ("kg", "totalMass", "mass"),
+    "inertia_xx": ("kg m2", "bodyMomentOfInertia_Roll"),
+    "inertia_yy": ("kg m2", "bodyMomentOfInertia_Pitch"),
+    "inertia_zz": ("kg m2", "bodyMomentOfInertia_Yaw"),
+    "inertia_zx": ("kg m2", "bodyProductOfInertia_ZX", "bodyProductOfInertia_XZ"),
+    "inertia_xy": ("kg m2", "bodyProductOfInertia_XY"),
+    "inertia_yz": ("kg m2", "bodyProductOfInertia_YZ"),
+    "center_of_gravity_x": ("m", "bodyPositionOfCmWrtMrc_X"),
+    "center_of_gravity_y": ("m", "bodyPositionOfCmWrtMrc_Y"),
+    "center_of_gravity_z": ("m", "bodyPositionOfCmWrtMrc_Z"),
 }  # fmt: skip
-
-SI = {  # the unit of each quantity in the program
-    **dict.fromkeys(("airspeed", "equivalent_airspeed", "sound_speed"), "m/s"),
-    **dict.fromkeys(
-        ("altitude", "cross_track", "span", "chord", *(f"center_of_gravity_{axis}" for axis in "xyz")), "m"
-    ),
-    **dict.fromkeys(("pressure", "dynamic_pressure"), "Pa"),
-    **dict.fromkeys(("roll_rate", "pitch_rate", "yaw_rate"), "rad/s"),
-    **dict.fromkeys(("angle_of_attack", "sideslip", "roll", "pitch", "yaw", "latitude", "longitude"), "rad"),
-    **dict.fromkeys(("aileron", "rudder", "elevator"), "rad"),
-    **dict.fromkeys(("mach", "throttle", "CX", "CY", "CZ", "CL", "CD", "Cl", "Cm", "Cn"), "-"),
-    **dict.fromkeys((f"force_{axis}" for axis in "xyz"), "N"),
-    **dict.fromkeys((f"moment_{axis}" for axis in "xyz"), "N m"),
-    **dict.fromkeys((f"inertia_{pair}" for pair in ("xx", "yy", "zz", "zx", "xy", "yz")), "kg m2"),
-    "area": "m2",
-    "density": "kg/m3",
-    "fuel_flow": "kg/s",
-    "mass": "kg",
-}
+SI = {quantity: unit for quantity, (unit, *_) in _QUANTITIES.items()}
 
 # Words of the attribute ``sign`` that say where a positive deflection turns the vehicle: +1 as here, -1 the other way.
 _SIGNS = {
@@ -96,7 +79,7 @@ def _plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]", "", name.lower())
 
 
-_QUANTITY_OF = {_plain(name): quantity for quantity, names in _SYNONYMS.items() for name in names}
+_QUANTITY_OF = {_plain(name): quantity for quantity, (_, *names) in _QUANTITIES.items() for name in names}
 
 
 def quantity_of(variable: Variable) -> str | None:

@@ -84,7 +84,7 @@ def estimate_campaign(campaign: Experiment, engine: Engine, workers: int | None 
             schema = flights_schema(source.names, {}, (*campaign.measured, END_TIME), *tables)
             write_block(Path(folder), rows, schema)
             rows_size += next(Path(folder).glob(f"{name}-*")).stat().st_size
-            if not campaign.has_histories:
+            if not campaign.channels:
                 continue
             block = simulate(campaign, name, values[:16], history_every, engine.fly)
             path = Path(folder) / "history.parquet"
@@ -100,7 +100,7 @@ def estimate_campaign(campaign: Experiment, engine: Engine, workers: int | None 
     workers = workers or model.execution.workers or count_cores()
     counts: FlightCounts = next(iter(make_flight_counts(campaign).values()))
     worst = range(min(campaign.worst, campaign.runs))
-    kept = len(choose_kept(model.keep.histories.flights, campaign.runs, counts, worst)) if campaign.has_histories else 0
+    kept = len(choose_kept(model.keep.histories.flights, campaign.runs, counts, worst)) if campaign.channels else 0
     return Estimate(
         flights=campaign.runs,
         controllers=len(plans),

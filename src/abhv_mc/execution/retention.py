@@ -69,7 +69,7 @@ def list_histories(
     """The files that the histories of all flights, which have flown, are kept in."""
     keep = campaign.model.keep.histories
     files: list[HistoryFile] = []
-    if not campaign.has_histories:
+    if not campaign.channels:
         return files
     number = campaign.worst
     worst = (

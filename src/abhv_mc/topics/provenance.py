@@ -34,7 +34,7 @@ def compute_provenance(results: FlownCampaign) -> Provenance:
         **{key: getattr(campaign, key) for key in ("name", "question", "runs", "seed", "sampling")},
         controllers=results.controllers,
         labels=full_labels(results.folder, results.controllers),
-        stops_when_proven=campaign.stops_when_proven,
+        stops_when_proven=campaign.model.stop is not None,
         pooled_seeds=campaign.pooled_seeds,
         independent_flights=campaign.independent,
         digests=manifest.digests,

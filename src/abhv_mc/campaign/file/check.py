@@ -16,7 +16,6 @@ from abhv_mc.campaign.file.requirements import (
     check_margins,
     check_requirements,
     check_stop,
-    phase_windows,
     read_requirements,
     select_requirements,
 )
@@ -37,6 +36,7 @@ from abhv_mc.campaign.sampling.designs import (
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile, read_sample_file
 from abhv_mc.campaign.sampling.samples import full_rows
+from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.channels import CHANNELS, effector_channels
 from abhv_mc.flight.metrics import MARGINS, METRICS, Metric, effector_metrics
 from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of, read_document, validate
@@ -269,7 +269,7 @@ def _declare_metrics(
     if isinstance(entries, Path):
         of, entries = read_metrics_file(entries)
         place = ()
-    windows = phase_windows(model) if any(entry.phase for entry in entries.values()) else {}
+    windows = read_mission(model.mission).windows() if any(entry.phase for entry in entries.values()) else {}
     own = declare_metrics(entries, user_channels, of, place, errors, windows, effectors)
     return (*effector_metrics(effectors), *own)
 

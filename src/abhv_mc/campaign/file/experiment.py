@@ -142,10 +142,6 @@ class Experiment:
         return self.judged and not self.unknowns.names
 
     @property
-    def stops_when_proven(self) -> bool:
-        return self.model.stop is not None
-
-    @property
     def pooled_seeds(self) -> tuple[int, ...]:
         """Of the flights that a merge joined."""
         return tuple(part.seed for part in self.model.pooled)
@@ -172,11 +168,6 @@ class Experiment:
         return tuple(channel.name for channel in self.channels if ALL in asked or channel.name in asked)
 
     @property
-    def has_histories(self) -> bool:
-        """Whether its flights have any."""
-        return bool(self.channels)
-
-    @property
     def has_bands(self) -> bool:
         """Whether it has bands over time; those of a user's simulator are asked for."""
         return self.user_model is None or "envelopes" in self.model.keep.model_fields_set
@@ -184,12 +175,9 @@ class Experiment:
     @property
     def dispersions(self) -> dict[str, dict[str, Any]]:
         """As the file writes them."""
-        data = self.document.data
-        if not isinstance(data, dict):
-            return {}
-        unknowns: dict[str, Any] = data.get("unknowns") or {}
-        drawn = dict(data.get("dispersions") or {})
-        return drawn | {name: {"distribution": "unknown", **entry} for name, entry in unknowns.items()}
+        data: Any = self.document.data
+        unknowns = {name: {"distribution": "unknown", **entry} for name, entry in (data.get("unknowns") or {}).items()}
+        return (data.get("dispersions") or {}) | unknowns
 
     @property
     def names(self) -> tuple[str, ...]:

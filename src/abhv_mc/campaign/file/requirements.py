@@ -12,12 +12,12 @@ from typing import Any
 from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.config import TRACED, Campaign, RequirementEntry
 from abhv_mc.campaign.file.experiment import Requirement
-from abhv_mc.campaign.file.simulator import SimulatorCampaign, parse_limit
+from abhv_mc.campaign.file.simulator import SimulatorCampaign
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.metrics import MARGINS, Metric
 from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, one_of, validate
-from abhv_mc.io.units import dimension_of, parse_quantity, parse_unit
+from abhv_mc.io.units import dimension_of, parse_in_any_unit, parse_quantity, parse_unit
 
 _MARGIN_METRICS = tuple(signal.name for signal in MARGINS)
 _COLUMNS = tuple(RequirementEntry.model_fields)
@@ -110,7 +110,7 @@ def check_requirements(
     """The requirements, resolved."""
     own = model if isinstance(model, SimulatorCampaign) else None
     systems: Collection[str] = own.systems if own else model.controllers
-    read = parse_limit if own else _limit
+    read = parse_in_any_unit if own else _limit
     ids = [entry.id for entry in model.requirements]
     for i, entry in enumerate(model.requirements):
         where = ("requirements", i)
@@ -128,9 +128,9 @@ def check_requirements(
             continue
         key = "above"
         try:
-            low = read(entry.above, metrics[entry.metric].unit)
+            low = None if entry.above is None else read(entry.above, metrics[entry.metric].unit)
             key = "below"
-            high = read(entry.below, metrics[entry.metric].unit)
+            high = None if entry.below is None else read(entry.below, metrics[entry.metric].unit)
             if low is not None and high is not None and low >= high:
                 raise Refusal(f"below {high:g} and above {low:g}", "a limit below that is the larger one")
             yield Requirement(
@@ -148,9 +148,9 @@ def check_requirements(
             errors.append(document.error((*where, key), refusal.found, refusal.expected))
 
 
-def _limit(value: float | str | None, unit: str) -> float | None:
+def _limit(value: float | str, unit: str) -> float:
     """A limit in the metric's unit; a plain number is in it already."""
-    if value is None or isinstance(value, float):
+    if isinstance(value, float):
         return value
     if unit in ("g", "dB"):
         raise Refusal(f"'{value}'", f"a plain number, in {unit}")
@@ -166,11 +166,6 @@ def check_stop(document: Document, model: Campaign, errors: list[InputError]) ->
     if model.sampling.design != INDEPENDENT:
         found = f"'stop' with the design '{model.sampling.design}', whose flights are not independent"
         errors.append(document.key_error(("stop",), found, f"sampling: {INDEPENDENT}, or no 'stop'"))
-
-
-def phase_windows(model: Campaign) -> dict[str, tuple[float, float]]:
-    """Begin and end (s) of the mission's phases that have names."""
-    return read_mission(model.mission).windows()
 
 
 def check_margins(document: Document, model: Campaign, runs: int, errors: list[InputError]) -> None:

@@ -14,7 +14,7 @@ from abhv_mc.flight.channels import Signal
 from abhv_mc.flight.metrics import MARGIN_NAMES, Bad, Metric, label_of
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel
-from abhv_mc.io.units import Time, parse_in_any_unit
+from abhv_mc.io.units import Time
 from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.plant.parameters import Parameter, Parameters
 
@@ -167,11 +167,6 @@ def systems_key(data: Mapping[str, Any]) -> str:
 def is_own(data: object) -> bool:
     """Whether a campaign file is one of a user's simulator, or of flights that somebody else has flown."""
     return isinstance(data, dict) and ("simulator" in data or "inputs" in data)
-
-
-def parse_limit(value: float | str | None, unit: str) -> float | None:
-    """A limit of a metric in its own unit. Raises Refusal."""
-    return None if value is None else parse_in_any_unit(value, unit)
 
 
 def check_simulator(document: Document, model: SimulatorCampaign, errors: list[InputError]) -> None:

@@ -60,7 +60,7 @@ def confidence_sentence(models: Models, warnings: Sequence[str] = ()) -> str:
             f" A system that just misses a requirement would ever PASS with a probability of at most "
             f"{percent(largest, 2)}, however often one looks or extends the campaign; the intervals are for one look."
         )
-        if campaign.stops_when_proven:
+        if campaign.model.stop:
             text += f" The campaign stops when proven, after at most {fixed(campaign.runs, 0)} flights."
     for warning in (*warnings_of(models), *warnings):
         text += f" Note: {warning}."

@@ -198,7 +198,7 @@ def make_flights_view(results: FlownCampaign, labels: Mapping[str, str], colors:
         "outcomes": {k: results.campaign.outcomes.codes[k].replace("_", " ") for k in np.unique(outcome).tolist()},
         "order": np.argsort(order).tolist(),
         "histories": bool(channels),
-        "drawn_again": results.campaign.has_histories,
+        "drawn_again": bool(results.campaign.channels),
         "total": int(number.size),
         "left": ""
         if number.size == total

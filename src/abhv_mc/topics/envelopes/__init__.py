@@ -75,7 +75,7 @@ def envelope_section(found: Envelopes, names: Names) -> Section | None:
     """What bands are, the interactive ones, and the sheet of all channels; None where flights have no histories."""
     items: list[Item] = []
     campaign = names.campaign
-    if not campaign.has_histories:
+    if not campaign.channels:
         return None
     if not campaign.has_bands:
         text = "None are kept; `keep: {envelopes: {rate: 5 Hz}}` in the campaign file asks for them."

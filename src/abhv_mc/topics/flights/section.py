@@ -57,7 +57,7 @@ def _items(found: Flights, names: Names) -> Iterator[Item]:
     counts = tuple(_counts(names.label(name), entry) for name, entry in found.counts.items())
     yield Table("How the flights ended", heads, (counts,), numbers=False)
     yield Widget("flights")
-    kept = "Their histories are kept: a number draws it" if campaign.has_histories else "A number opens it"
+    kept = "Their histories are kept: a number draws it" if campaign.channels else "A number opens it"
     words = (
         "Flights that ended early come first, the earliest before all others, then those furthest past (or nearest to) "
         "a limit, in units of it as in the chart (without requirements, of the median). "
@@ -81,7 +81,7 @@ def _flown(found: Flights, campaign: Experiment, names: Names) -> str:
     flown = fixed(next(iter(found.counts.values())).flown, 0)
     text = f"{joined(list(names.controllers.values()))} flew {'the same ' if len(names.controllers) > 1 else ''}{flown}"
     text += " dispersed flights"
-    if campaign.stops_when_proven:
+    if campaign.model.stop:
         text += f" (at most {fixed(campaign.runs, 0)}; it stops when proven)"
     seeds = f"seeds {', '.join(map(str, campaign.pooled_seeds))} one after the other"
     if campaign.adopted:
