@@ -70,18 +70,12 @@ def number(value: float) -> str:
 
 
 def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
-    """The Python of a content element of MathML, a number, and the variables (varID) that it names.
-
-    ``names``: of the variables in Python. Raises InputError for what is not in the list.
-    """
+    """The Python of a content element of MathML, a number, and the variables (varID) in it. Raises InputError."""
     needs: list[str] = []
 
     def leaf(at: Node) -> str:
         text, kind = at.text, at.attributes.get("type") if at.children else None
-        if kind == "rational":
-            above, _, below = text.partition(" ")
-            text = repr(at.number(above) / (at.number(below) or math.nan))
-        elif at.children:
+        if at.children:
             text = ("e" if kind == "e-notation" else "").join(text.split())
         return f"({number(at.number(text))})"
 

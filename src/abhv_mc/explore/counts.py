@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pydantic import TypeAdapter
+
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown
 from abhv_mc.folder.sql import open_database
 from abhv_mc.io.input_error import InputError, describe, one_of
@@ -110,20 +112,13 @@ def _ranks(results: FlownCampaign) -> Any:
 
 
 def parse_asked(data: Any, table: FlightTable) -> Asked:
-    """What the browser sent. Raises InputError for what the view never sends."""
-    try:
-        names = [str(name) for name in data["controllers"]]
-        brushes = {str(name): (float(ends[0]), float(ends[1])) for name, ends in dict(data["brushes"]).items()}
-        x, y, outcome, sort = (str(data[key]) for key in ("x", "y", "outcome", "sort"))
-        asked = Asked(x, y, tuple(names), outcome, brushes, bool(data["fit"]), sort, bool(data["down"]))
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        wanted = "x, y, controllers, outcome, brushes, fit, sort, down"
-        raise InputError("request", describe(str(error)), wanted) from None
-    for name in (asked.x, asked.y, *brushes, *({asked.sort} - set(_OWN))):
+    """What the browser sent. Raises InputError or ValueError for what the view never sends."""
+    asked = TypeAdapter(Asked).validate_python(data)
+    for name in (asked.x, asked.y, *asked.brushes, *({asked.sort} - set(_OWN))):
         if name not in table.ranges:
             raise InputError("request", f"no column {describe(name)}", one_of(list(table.ranges), name))
     shares = [*_SHARES, *(f"missed {k}" for k in range(len(table.view["requirements"])))]
-    if asked.outcome not in shares or not set(names) <= set(table.order):
+    if asked.outcome not in shares or not set(asked.controllers) <= set(table.order):
         raise InputError("request", "an unknown outcome or controller", f"{', '.join(shares)}; {list(table.order)}")
     return asked
 

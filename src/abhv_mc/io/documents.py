@@ -82,10 +82,7 @@ class Document:
 
 
 def read_document(path: "str | Path | Document") -> Document:
-    """Read one YAML file; a document is what was read already.
-
-    Raises :class:`InputError` for whatever keeps it from being plain data.
-    """
+    """Read one YAML file; a document is what was read already. Raises :class:`InputError`."""
     if isinstance(path, Document):
         return path
     path = Path(path)
@@ -99,10 +96,7 @@ def read_document(path: "str | Path | Document") -> Document:
 
 
 def write_document(path: str | Path, data: Plain, comment: str = "") -> None:
-    """Write plain data as YAML that :func:`read_document` reads back equal; ``comment`` heads it.
-
-    Numbers and text of numpy's types are Python's. Raises :class:`InputError` for what is no plain data.
-    """
+    """Write plain data, numpy's scalars among them, that read back equal. Raises :class:`InputError` for other data."""
     from ruamel.yaml import YAML
 
     def of_numpy(value: Any) -> Any:

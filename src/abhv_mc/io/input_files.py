@@ -6,19 +6,12 @@ Whoever edits a file while a campaign is made ready changes nothing of it.
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar, cast
 
 T = TypeVar("T")
 
 
-class _Held(NamedTuple):
-    """The bytes of the files read so far, and what was made of them."""
-
-    content: dict[Path, bytes]
-    made: dict[tuple[str, Path], Any]
-
-
-_held: list[_Held] = []
+_held: list[dict[tuple[str, Path], Any]] = []  # bytes of the files read so far, and what was made of them
 
 
 @contextmanager
@@ -27,7 +20,7 @@ def reading_once() -> Iterator[None]:
     if _held:  # a command within a command
         yield
         return
-    _held.append(_Held({}, {}))
+    _held.append({})
     try:
         yield
     finally:
@@ -36,22 +29,14 @@ def reading_once() -> Iterator[None]:
 
 def read_input(path: Path) -> bytes:
     """A file's bytes: those read before, within :func:`reading_once`. Raises OSError."""
-    if not _held:
-        return path.read_bytes()
-    content, key = _held[-1].content, path.resolve()
-    if key not in content:
-        content[key] = path.read_bytes()
-    return content[key]
+    return made_once("bytes", path, path.read_bytes)
 
 
 def made_once(kind: str, path: Any, make: Callable[[], T]) -> T:
-    """What ``make`` gives for a file, which nobody may change; within :func:`reading_once` it is called once.
-
-    A document that stands for a file is no path, and made each time.
-    """
+    """What ``make`` gives for a file, once within :func:`reading_once`, and each time for a document in its place."""
     if not _held or not isinstance(path, str | Path):
         return make()
-    made, key = _held[-1].made, (kind, Path(path).resolve())
-    if key not in made:
-        made[key] = make()
-    return made[key]
+    key = kind, Path(path).resolve()
+    if key not in _held[-1]:
+        _held[-1][key] = make()
+    return cast(T, _held[-1][key])

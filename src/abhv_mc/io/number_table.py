@@ -41,11 +41,7 @@ class NumberTable:
 
 
 def read_number_table(path: Path, expected: Mapping[str, float] | None = None) -> NumberTable:
-    """The columns ``expected`` of a file, in that order, each with the largest magnitude there may be; all where None.
-
-    Raises :class:`InputError` for a missing column, a column twice, a row too short, what is no finite number and what
-    is larger.
-    """
+    """These columns, in order, with the largest magnitude of each; all where None. Raises :class:`InputError`."""
     rows: list[list[float]] = []
     lines: list[int] = []
     try:

@@ -130,10 +130,7 @@ def dimension_of(unit: str) -> Dimension:
 
 
 def parse_quantity(text: str | float, dimension: Dimension, bare_unit: str | None = None) -> float:
-    """A quantity in SI. A number without a unit is in ``bare_unit``, and refused where that is None.
-
-    Raises :class:`Refusal` (a ValueError) for anything else than a finite quantity of this dimension.
-    """
+    """A quantity in SI; a number without a unit is in ``bare_unit``. Raises :class:`Refusal` (a ValueError)."""
     if dimension is FRACTION:
         bare_unit = "-"
     if isinstance(text, bool) or not isinstance(text, (str, Real)):  # numbers of numpy, too
@@ -181,10 +178,7 @@ def parse_in_unit(value: str | float, unit: str) -> float:
 
 
 def parse_in_any_unit(value: str | float, unit: str) -> float:
-    """A quantity in a unit of any text: a plain number is in it, text with a unit is converted where both are known.
-
-    Raises :class:`Refusal`.
-    """
+    """A plain number is in this unit, of any text; text is converted where both are known. Raises :class:`Refusal`."""
     given = unit_of(value)
     if given in ("", unit):
         number = str(value).strip().removesuffix(given or " ") if isinstance(value, str) else value

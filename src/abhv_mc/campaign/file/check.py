@@ -81,10 +81,7 @@ def read_campaign(
     seed: int | None = None,
     controllers: Sequence[str] | None = None,
 ) -> Experiment:
-    """Read and check a campaign file; the other arguments override its entries.
-
-    Raises :class:`InputError` with everything that is wrong, each with line and column.
-    """
+    """Read and check a campaign file; the other arguments override its entries. Raises :class:`InputErrors`."""
     document = read_requirements(read_document(path))
     given = {key: value for key, value in (("runs", runs), ("seed", seed)) if value is not None}
     if given and isinstance(document.data, dict):
@@ -94,7 +91,7 @@ def read_campaign(
 
 
 def check_campaign(document: Document) -> Experiment:
-    """Check a campaign that was read already. Raises :class:`InputError` as :func:`read_campaign` does."""
+    """Check a campaign that was read already. Raises :class:`InputErrors`."""
     if (kind := find_kind(document, "campaign")) != "campaign":
         raise document.error((), f"a {kind} file", "a campaign file")
     document = name_effectors(read_requirements(document))

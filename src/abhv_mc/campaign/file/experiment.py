@@ -263,8 +263,7 @@ class Experiment:
         return self._at_points(self._samples_of(self.model.seed, self.runs_at_point), self.unknowns.points)
 
     def search_rows(self, flights: int, points: Floats) -> Floats:
-        """Rows of its inputs: so many samples, none of them among those that are judged, at each of ``points``
-        [point, unknown], one point after the other."""
+        """Rows of its inputs at each of ``points`` [point, unknown]: so many samples, none of those that are judged."""
         seed = stream_key(self.seed, "unknowns", "search") % 2**63
         rows = self._at_points(self._samples_of(seed, flights), points).draw(0, flights * len(points))
         return rows.reshape(flights, len(points), -1).swapaxes(0, 1).reshape(len(rows), -1)

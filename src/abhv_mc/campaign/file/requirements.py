@@ -29,10 +29,7 @@ class _Table(StrictModel):
 
 
 def read_requirements(document: Document) -> Document:
-    """The campaign with the entries of its table of requirements in place of the table's path, where it names one.
-
-    Raises :class:`InputError`, in the table's lines and columns, for what is wrong in it.
-    """
+    """The campaign with the entries of its table of requirements, where it names one. Raises :class:`InputErrors`."""
     data = document.data
     if not isinstance(data, dict) or not isinstance(data.get("requirements"), str):
         return document

@@ -42,11 +42,7 @@ class Simulator(StrictModel):
         return self
 
     def find_files(self, folder: Path) -> dict[str, Path]:
-        """What it consists of, by its place in ``folder``: first what starts it, and other words of the command that
-        name a file there.
-
-        Raises Refusal.
-        """
+        """Its files by place in ``folder``: what starts it, then what command and ``files`` name. Raises Refusal."""
         base = Path(os.path.normpath(folder))
         words = [Path(os.path.normpath(base / word)) for word in (self.python, *(self.command or ())) if word]
         named = [path for path in words if path.is_relative_to(base) and path.is_file()]

@@ -110,11 +110,7 @@ def declare_metrics(
     windows: Mapping[str, tuple[float, float]],
     effectors: tuple[str, ...] = (),
 ) -> tuple[Metric, ...]:
-    """The records of a campaign's metrics; what is wrong is added to ``errors``.
-
-    ``user_channels``: name and unit of its own channels; ``windows``: of its mission's phases; ``effectors``: those
-    that have actuators.
-    """
+    """Records of a campaign's metrics; what is wrong is added to ``errors``. ``effectors``: those with actuators."""
     known = known_sources(pack_sources(user_channels), effectors)
     taken = _TAKEN | {metric.name for metric in effector_metrics(effectors)}
     if len(entries) > MAX_DECLARED:

@@ -43,10 +43,7 @@ class Copula:
 
 
 def make_copula(names: Sequence[str], pairs: dict[tuple[str, str], float]) -> Copula:
-    """Copula of the correlations ``pairs`` (of the normal numbers) among the columns ``names``.
-
-    Raises numpy.linalg.LinAlgError when the matrix is not positive definite.
-    """
+    """Copula of correlations of normal numbers among columns. Raises numpy.linalg.LinAlgError where it is none."""
     columns = tuple(i for i, name in enumerate(names) if any(name in pair for pair in pairs))
     place = {names[column]: row for row, column in enumerate(columns)}
     matrix = np.eye(len(columns))

@@ -41,10 +41,7 @@ class _Distribution(StrictModel):
         """The distribution of the drawn value of ``parameter`` in SI. Raises Refusal."""
 
     def make_marginal(self, parameter: Parameter) -> Marginal:
-        """The distribution of ``parameter`` in SI, the nominal value included where it holds now and then.
-
-        Raises Refusal.
-        """
+        """Its distribution in SI, with the nominal value where that holds now and then. Raises Refusal."""
         drawn = self.draw_from(parameter)
         return drawn if self.probability == 1.0 else SometimesMarginal(drawn, self.probability, parameter.nominal)
 

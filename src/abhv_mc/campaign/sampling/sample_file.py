@@ -28,10 +28,7 @@ class SampleFile:
 
 
 def read_sample_file(path: Path, known: Sequence[str]) -> SampleFile:
-    """Read samples whose columns are named after the parameters ``known``; a column ``flight`` must count from 0.
-
-    Raises :class:`InputError`.
-    """
+    """Read samples whose columns are parameters, or a ``flight`` that counts from 0. Raises :class:`InputError`."""
     if path.suffix.lower() in (".parquet", ".pq"):
         table = _read_parquet(path)
     else:

@@ -71,8 +71,7 @@ class DrawnSamples:
 
 
 def find_seeds(names: Sequence[str], parameters: Parameters = OURS) -> tuple[str, ...]:
-    """The seeds that flights need whose samples have columns of these names, and that are not among them; all of a
-    user's simulator."""
+    """The seeds that flights need beside columns of these names; all of a user's simulator."""
     if parameters is not OURS:
         return tuple(record.name for record in parameters.records if record.seed)
     there = {*names, *(parameter.name for parameter in parameters.records if parameter.nominal != 0.0)}
