@@ -13,9 +13,9 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.tuning import Free
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.law_file import NAMING_KEYS
-from abhv_mc.io.documents import Document, InputError, one_of, read_document, write_document
+from abhv_mc.io.documents import Document, one_of, read_document, write_document
 
-_NUMBER = re.compile(r"\s*([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(.*?)\s*$")
+_NUMBER = re.compile(r"\s*(\+?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")  # and its unit
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,8 @@ class ControllerNumbers:
     def values(self, point: Floats) -> dict[str, str | float]:
         """The free entries as the file writes them."""
         factors = self.factors(point).tolist()
-        return {e.key: _scaled(self._entry(e.key), factor) for e, factor in zip(self.free, factors, strict=True)}
+        entries = dict(_numbers(self.document.data))
+        return {e.key: _scaled(entries[e.key], factor) for e, factor in zip(self.free, factors, strict=True)}
 
     def at_ends(self, point: Floats) -> list[str]:
         """Keys of the free numbers that a point puts on an end of their range."""
@@ -44,20 +45,12 @@ class ControllerNumbers:
         for key in NAMING_KEYS:
             if key in data:
                 named = data[key] if isinstance(data[key], list) else [data[key]]
-                moved = [self._path_from(path.parent, text) for text in named]
+                places = [(self.document.path.parent / text).resolve() for text in named]
+                moved = [os.path.relpath(place, path.parent.resolve()) for place in places]
                 data[key] = moved if isinstance(data[key], list) else moved[0]
         for key, value in self.values(point).items():
             data = _replaced(data, key.split("."), value)
         write_document(path, data, comment)
-
-    def _path_from(self, folder: Path, text: str) -> str:
-        return os.path.relpath((self.document.path.parent / text).resolve(), folder.resolve())
-
-    def _entry(self, key: str) -> Any:
-        value: Any = self.document.data
-        for part in key.split("."):
-            value = value[part]
-        return value
 
 
 def read_controller_numbers(
@@ -80,26 +73,18 @@ def _numbers(data: Any, prefix: str = "") -> Any:
     if isinstance(data, dict):
         for key, value in data.items():
             yield from _numbers(value, f"{prefix}.{key}" if prefix else str(key))
-    elif prefix and not isinstance(data, bool):
-        match = _NUMBER.match(str(data)) if isinstance(data, (int, float, str)) else None
-        if match and _is_positive(match[1]):
+    elif isinstance(data, int | float | str) and not isinstance(data, bool):
+        match = _NUMBER.match(str(data))
+        if match and float(match[1]) > 0.0:
             yield prefix, data
-
-
-def _is_positive(text: str) -> bool:
-    try:
-        return float(text) > 0.0
-    except ValueError:
-        return False
 
 
 def _scaled(entry: Any, factor: float) -> str | float:
     """The entry times a factor, to six digits, with its unit."""
-    match = _NUMBER.match(str(entry))
-    if match is None:
-        raise InputError("tune", str(entry), "a number")
-    value = f"{float(match[1]) * factor:.6g}"
-    return f"{value} {match[2]}" if match[2] else float(value)
+    match: Any = _NUMBER.match(str(entry))
+    number, unit = match.groups()
+    value = f"{float(number) * factor:.6g}"
+    return f"{value} {unit}" if unit else float(value)
 
 
 def _replaced(data: Any, keys: list[str], value: str | float) -> Any:

@@ -1,4 +1,4 @@
-"""A controller's gains along a mission in a file of another program: MATLAB, CSV, C arrays."""
+"""A controller's gains along a mission in a file of another program: MATLAB, CSV."""
 
 from pathlib import Path
 
@@ -9,14 +9,13 @@ from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.laws.columns import LQR_GAINS, TIME, TLC_GAINS
 
-FORMATS = (".mat", ".csv", ".h")
 _BUILT_IN = {"tlc": TLC_GAINS, "lqr": LQR_GAINS}
 
 
 def check_gain_format(file: Path) -> None:
-    """Raise InputError for a file name with an ending that is none of FORMATS."""
-    if file.suffix not in FORMATS:
-        raise InputError(file, f"the ending '{file.suffix}'", "a file name that ends in .mat, .csv or .h")
+    """Raise InputError for a file name with another ending."""
+    if file.suffix not in (".mat", ".csv"):
+        raise InputError(file, f"the ending '{file.suffix}'", "a file name that ends in .mat or .csv")
 
 
 def write_gains(file: Path, plan: FlightPlan) -> None:
@@ -30,31 +29,14 @@ def write_gains(file: Path, plan: FlightPlan) -> None:
         raise InputError(file, f"the law {plan.controller}, which has no gains", "one with a design")
     ticks = plan.timing.ticks + 1
     times, gains = plan.reference[:ticks, TIME], plan.gains[:ticks]
-    with atomic_write(file) as temporary:
+    with atomic_write(file) as temporary, temporary.open("wb") as stream:
         if file.suffix == ".mat":
             from scipy.io import savemat
 
-            with temporary.open("wb") as stream:
-                content = {"time_s": times, "gains": gains, "names": np.array(names, dtype=object)}
-                savemat(stream, content, oned_as="column")
+            content = {"time_s": times, "gains": gains, "names": np.array(names, dtype=object)}
+            savemat(stream, content, oned_as="column")
         else:
-            make = _make_csv if file.suffix == ".csv" else _make_header
-            temporary.write_text(make(plan.controller, names, times, gains), encoding="utf-8")
+            import pandas as pd
 
-
-def _make_csv(controller: str, names: tuple[str, ...], times: np.ndarray, gains: np.ndarray) -> str:
-    rows = np.column_stack([times, gains]).tolist()
-    return "\n".join([",".join(("time_s", *names)), *(",".join(map(repr, row)) for row in rows)]) + "\n"
-
-
-def _make_header(controller: str, names: tuple[str, ...], times: np.ndarray, gains: np.ndarray) -> str:
-    """C99: an enumerator for each column, the times, the gains."""
-    columns = "".join(f"    GAIN_{name.upper()},\n" for name in names)
-    rows = "".join(f"    {{{', '.join(map(repr, row))}}},\n" for row in gains.tolist())
-    return (
-        f"/* Gains of {controller} along its mission, SI and radians: gain[tick][GAIN_...] at gain_time_s[tick]. */\n"
-        f"enum gain {{\n{columns}    GAINS\n}};\n"
-        f"#define GAIN_TICKS {len(times)}\n"
-        f"static const double gain_time_s[GAIN_TICKS] = {{{', '.join(map(repr, times.tolist()))}}};\n"
-        f"static const double gain[GAIN_TICKS][GAINS] = {{\n{rows}}};\n"
-    )
+            table = pd.DataFrame(np.column_stack([times, gains]), columns=["time_s", *names])
+            table.to_csv(stream, index=False)

@@ -150,7 +150,8 @@ def refuse_in_words(source: UserSource, what: str, expected: str) -> Iterator[No
             raise InputError(source.file, found, f"files: [{missed[1]}] in its controller file", line) from None
         if line is None and isinstance(error, OSError | MemoryError):
             raise
-        raise InputError(source.file, f"{what} that raises {_describe(error)}", expected, line) from None
+        found = f"{what} that raises {type(error).__name__}: {error!s:.300}"
+        raise InputError(source.file, found, expected, line) from None
 
 
 def _undeclared(source: UserSource, error: Exception) -> tuple[str, str] | None:
@@ -161,20 +162,11 @@ def _undeclared(source: UserSource, error: Exception) -> tuple[str, str] | None:
         entry = next((name for name in (f"{top}.py", f"{top}/") if (beside / name).exists()), None)
         return (f"imports '{error.name}'", entry) if entry else None
     if isinstance(error, FileNotFoundError):  # numpy's says the name in words alone
-        words = [str(error.filename), *re.findall(r"[\w./-]+\w", _describe(error))]
+        words = [str(error.filename), *re.findall(r"[\w./-]+\w", str(error))]
         named = (os.path.relpath(beside / word, beside) for word in words)
         entry = next((name for name in named if (beside / name).is_file() and not name.startswith("..")), None)
         return (f"opens '{entry}'", entry) if entry else None
     return None
-
-
-def _describe(error: Exception) -> str:
-    """What it is and says, as far as it can say it: its words are the user's code, too."""
-    name = type(error).__name__
-    try:
-        return f"{name}: {error!s:.300}"
-    except Exception:
-        return name
 
 
 def _line_in(error: Exception, file: str) -> int | None:
