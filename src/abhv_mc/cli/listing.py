@@ -109,7 +109,7 @@ def schemas(
     from abhv_mc.campaign.file.kinds import MODELS
     from abhv_mc.campaign.file.schema import make_schema
     from abhv_mc.folder.manifest import manifest_schema
-    from abhv_mc.report.numbers.report_schema import report_schema
+    from abhv_mc.report.numbers.report_numbers import report_schema
 
     known = {name: partial(make_schema, name) for name in MODELS} | {
         "report": report_schema,

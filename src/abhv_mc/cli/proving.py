@@ -32,7 +32,7 @@ def campaign(folder: Folder) -> None:
     """
     from abhv_mc.folder.manifest import read_manifest
     from abhv_mc.folder.remote import fetched
-    from abhv_mc.report.pages.searched import search_command
+    from abhv_mc.report.pages.build import search_command
     from abhv_mc.report.pages.verify import skipped_topics, verify_campaign
 
     with fetched(folder) as source:

@@ -192,15 +192,8 @@ class Section:
 
     def tables(self) -> list[Table]:
         """Its tables, folded ones too."""
-        found: list[Table] = []
-        waiting = list(self.items)
-        while waiting:
-            item = waiting.pop(0)
-            if isinstance(item, Table):
-                found.append(item)
-            elif isinstance(item, Fold):
-                waiting = [*item.items, *waiting]
-        return found
+        open_ = [each for item in self.items for each in (item.items if isinstance(item, Fold) else (item,))]
+        return [item for item in open_ if isinstance(item, Table)]
 
 
 def _without_idle(items: tuple[Item, ...]) -> tuple[Item, ...]:

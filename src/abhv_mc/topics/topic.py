@@ -19,14 +19,6 @@ M = TypeVar("M")
 Drawn: TypeAlias = "tuple[FigureText, Figure]"  # a figure and its words
 
 
-def _no_sentences(_model: Any, _names: Names) -> Sequence[str]:
-    return ()
-
-
-def _no_figures(_model: Any, _names: Names) -> Iterator[Drawn]:
-    return iter(())
-
-
 def figures_of(room: str) -> Callable[[Any, Names], Iterator[Drawn]]:
     """What a room's ``figures.draw`` gives: that module, and matplotlib, is imported when they are drawn."""
 
@@ -48,8 +40,8 @@ class Topic(Generic[M]):
     model: type[M]
     compute: Callable[[FlownCampaign], M]
     section: Callable[[M, Names], Section | None]  # None where there is nothing to say
-    sentences: Callable[[M, Names], Sequence[str]] = _no_sentences  # the answer in words
-    figures: Callable[[M, Names], Iterator[Drawn]] = _no_figures
+    sentences: Callable[[M, Names], Sequence[str]] = lambda _model, _names: ()  # the answer in words
+    figures: Callable[[M, Names], Iterator[Drawn]] = lambda _model, _names: iter(())
 
 
 class Models:

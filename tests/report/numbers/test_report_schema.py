@@ -5,8 +5,7 @@ import copy
 import pytest
 from jsonschema import Draft202012Validator
 
-from abhv_mc.report.numbers.report_numbers import make_numbers
-from abhv_mc.report.numbers.report_schema import report_schema
+from abhv_mc.report.numbers.report_numbers import make_numbers, report_schema
 from abhv_mc.topics.topic import Models
 
 

@@ -32,7 +32,7 @@ def test_the_chart_prints_the_tolerance_limit_and_its_room(verdicts):
         "lqr_retuned": GlanceCell(0.5, lost, lost),
     }
     names = dict.fromkeys(cells, "")
-    (row,) = chart_rows([replace(verdicts.glance[2], cells=cells)], names, names)
-    assert [bar.edge for bar in row.bars] == ["0.650 deg, 7.1\u202f% to spare", "1.57 deg, 124\u202f% over", "lost"]
-    assert [(bar.median is None, bar.tolerance is None, bar.beyond) for bar in row.bars] == [
+    ((_, bars),) = chart_rows([replace(verdicts.glance[2], cells=cells)], names, names)
+    assert [bar.edge for bar in bars] == ["0.650 deg, 7.1\u202f% to spare", "1.57 deg, 124\u202f% over", "lost"]
+    assert [(bar.median is None, bar.tolerance is None, bar.beyond) for bar in bars] == [
         (False, False, False), (True, True, True), (True, True, True)]  # fmt: skip

@@ -40,26 +40,23 @@ FLIGHT_PANELS = (
 
 
 @styled
-def plot_convergence(curves: Mapping[str, Sequence[Floats]], stages: Sequence[tuple[int, str]]) -> Figure:
-    """For each label, what was worst so far over the flights of the search, and over random ones; nan is left out.
+def plot_convergence(label: str, searched: Floats, random: Floats, stages: Sequence[tuple[int, str]]) -> Figure:
+    """What was worst so far over the flights of the search, and over random ones; nan is left out.
 
     ``stages`` holds the flight at which each stage begins, and its name.
     """
-    figure = new_figure(0.8 + 2.0 * len(curves))
-    panels = figure.subplots(len(curves), 1, sharex=True, squeeze=False)[:, 0]
-    for axes, (label, (searched, random)) in zip(panels, curves.items(), strict=True):
-        axes.plot(np.arange(1, random.size + 1), random, color=INK, linestyle=(0, (4, 2)), label="random, same box")
-        axes.plot(np.arange(1, searched.size + 1), searched, color=VERMILION, linewidth=1.5, label="search")
-        for start, _ in stages:
-            axes.axvline(start, color=SKY, linewidth=0.6)
-        axes.set_ylabel(f"worst so far:\n{label}")
-        pad_if_flat(axes)
+    figure = new_figure(2.8)
+    axes = figure.subplots()
+    axes.plot(np.arange(1, random.size + 1), random, color=INK, linestyle=(0, (4, 2)), label="random, same box")
+    axes.plot(np.arange(1, searched.size + 1), searched, color=VERMILION, linewidth=1.5, label="search")
     for i, (start, name) in enumerate(stages):
-        panels[0].annotate(
-            name, (start, 1.02 + 0.08 * (i % 2)), xycoords=("data", "axes fraction"), fontsize=6.5, va="bottom"
-        )
-    panels[-1].set_xlabel("flights")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+        axes.axvline(start, color=SKY, linewidth=0.6)
+        place = start, 1.02 + 0.08 * (i % 2)
+        axes.annotate(name, place, xycoords=("data", "axes fraction"), fontsize=6.5, va="bottom")
+    axes.set_ylabel(f"worst so far:\n{label}")
+    pad_if_flat(axes)
+    axes.set_xlabel("flights")
+    figure.legend(loc="outside lower center", ncols=2)
     return figure
 
 
@@ -104,25 +101,6 @@ def plot_levels(label: str, limit: float, repetitions: Sequence[tuple[Floats, Fl
 
 
 @styled
-def plot_mixing(acceptance: Sequence[Floats], spread: Sequence[Floats], aim: float) -> Figure:
-    """Share of accepted moves and size of the moves at each level after the first, by repetition; ``aim`` is dashed."""
-    figure = new_figure(2.4)
-    left, right = figure.subplots(1, 2)
-    for i, (rates, sizes) in enumerate(zip(acceptance, spread, strict=True)):
-        look = {"color": CYCLE[i % len(CYCLE)], "marker": MARKERS[i % len(MARKERS)], "markersize": 4, "linewidth": 0.9}
-        levels = np.arange(2, rates.size + 2)
-        left.plot(levels, rates, **look)
-        right.plot(levels, sizes, **look)
-    left.axhline(aim, color=INK, linestyle=(0, (4, 2)), linewidth=0.8)
-    for axes, words in ((left, "accepted moves"), (right, "size of a move (1: drawn afresh)")):
-        axes.set_xlabel("level")
-        axes.xaxis.get_major_locator().set_params(integer=True)
-        axes.set_ylabel(words)
-        axes.set_ylim(0.0, 1.05)
-    return figure
-
-
-@styled
 def plot_failures(names: Sequence[str], points: Floats) -> Figure:
     """Where failures live: quantiles of each parameter's standard normal number among failures, beside all flights'."""
     figure = new_figure(0.8 + _ROW * len(names) * 1.2)
@@ -160,27 +138,6 @@ def plot_front(
         for near, values, mark in ((axes.set_xlim, usage, usage[0]), (axes.set_ylim, error, error[0])):
             low = float(values[shown].min())
             near(low - 0.1 * abs(mark - low), max(low, mark) + 1.5 * max(abs(mark - low), 0.1 * abs(mark)))
-    figure.legend(loc="outside right upper")
-    return figure
-
-
-@styled
-def plot_gains(label: str, objective: Floats, allowed: NDArray[np.bool_]) -> Figure:
-    """The objective of candidates in their order, and the least so far of those within all limits; the first starts."""
-    figure = new_figure(2.4)
-    axes = figure.subplots()
-    number = np.arange(1, objective.size + 1)
-    within = np.minimum.accumulate(np.where(allowed, objective, np.inf))
-    for chosen, color, words in ((~allowed, "#BBBBBB", "beyond a limit"), (allowed, SKY, "within all limits")):
-        axes.plot(number[chosen], objective[chosen], ".", color=color, markersize=3, label=words)
-    least = np.where(np.isfinite(within), within, np.nan)
-    axes.plot(number, least, color=VERMILION, drawstyle="steps-post", label="least within all limits")
-    axes.set_xlabel("candidates")
-    axes.set_ylabel(label)
-    finite = objective[np.isfinite(objective)]
-    if finite.size and np.isfinite(objective[0]):  # far candidates would squeeze what matters into a corner
-        low = float(finite.min())
-        axes.set_ylim(low - 0.1 * abs(objective[0] - low) - 1e-12, low + 2.5 * max(objective[0] - low, 0.1 * abs(low)))
     figure.legend(loc="outside right upper")
     return figure
 

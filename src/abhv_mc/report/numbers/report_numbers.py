@@ -1,16 +1,21 @@
-"""Every number of a report, as plain data: `report.json` holds it, the page prints it, `verify campaign` remakes it.
+"""Every number of a report, as plain data, and its JSON Schema: `report.json` holds it, the page prints it, `verify
+campaign` remakes it.
 
 The same folder gives the same numbers to the last bit: seeds are fixed and nothing depends on time or machine.
 Infinite and missing values are None.
 """
 
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from types import NoneType, UnionType
+from typing import Any, Literal, TypeAlias, Union, get_args, get_origin, get_type_hints
 
 from abhv_mc.report.numbers.compare import Baseline
+from abhv_mc.report.numbers.judged import Judgement
 from abhv_mc.report.numbers.judgement import judge_campaign
 from abhv_mc.topics.margins import MARGINS
 from abhv_mc.topics.margins.section import missing_margins
-from abhv_mc.topics.plain import plain
+from abhv_mc.topics.plain import DRAWN, plain
 from abhv_mc.topics.registry import BUILT_IN
 from abhv_mc.topics.topic import Models, user_topics
 
@@ -37,3 +42,65 @@ def warnings_of(models: Models) -> list[str]:
     manifest = models.results.manifest
     made = (*manifest.warnings, *manifest.not_made)
     return [*made, *missing_margins(models[MARGINS], models.names)]
+
+
+_PLAIN = {str: "string", int: "integer", bool: "boolean", NoneType: "null"}
+_HASHES = {"type": "object", "additionalProperties": {"type": ["string", "null"]}}
+
+
+Schema: TypeAlias = dict[str, Any]
+
+
+def report_schema() -> Schema:
+    """What stands in report.json; an infinite or missing number is null."""
+    defs: dict[str, Schema] = {}
+    held = {"judgement": _schema(Judgement, defs)} | {topic.name: _schema(topic.model, defs) for topic in BUILT_IN}
+    users = {topic.name: _schema(topic.model, defs) for topic in user_topics()}
+    text = {"type": ["string", "null"]}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "abhv-mc: the numbers of a report",
+        "type": "object",
+        "properties": {
+            "format": {"type": "integer"}, "state": text, "digest": text, "key": {"type": "string"},
+            "warnings": {"type": "array", "items": {"type": "string"}}, "baseline": {"type": "object"},
+            "topics": {"type": "object", "properties": users},
+            **dict.fromkeys(("files", "pages", "pictures"), _HASHES), **held,
+        },
+        "required": ["format", "state", "digest", "warnings", *held],
+        "additionalProperties": False,
+        "$defs": defs,
+    }  # fmt: skip
+
+
+def _schema(hint: Any, defs: dict[str, Schema]) -> Schema:
+    """The schema of a type as :func:`abhv_mc.topics.plain.plain` writes its values; classes go to ``defs``."""
+    origin, arguments = get_origin(hint), get_args(hint)
+    if hint in _PLAIN:
+        return {"type": _PLAIN[hint]}
+    if hint is float:
+        return {"type": ["number", "null"]}
+    if origin is Literal:
+        return {"enum": list(arguments)}
+    if origin in (Union, UnionType):
+        return {"anyOf": [_schema(each, defs) for each in arguments]}
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        return {"type": "object", "additionalProperties": _schema(arguments[1], defs)}
+    if origin is tuple and arguments[-1] is not Ellipsis:
+        items = [_schema(each, defs) for each in arguments]
+        return {"type": "array", "prefixItems": items, "minItems": len(items), "maxItems": len(items)}
+    if origin in (tuple, list):
+        return {"type": "array", "items": _schema(arguments[0], defs)}
+    if is_dataclass(hint):
+        names = [field.name for field in fields(hint) if not field.metadata.get(DRAWN)]
+    elif hasattr(hint, "_fields"):  # a named tuple
+        names = list(hint._fields)
+    else:
+        return {}  # anything
+    name = f"{hint.__module__}.{hint.__name__}"
+    if name not in defs:
+        defs[name] = {}
+        hints = get_type_hints(hint)
+        properties = {each: _schema(hints[each], defs) for each in names}
+        defs[name] = {"type": "object", "properties": properties, "required": names, "additionalProperties": False}
+    return {"$ref": f"#/$defs/{name}"}

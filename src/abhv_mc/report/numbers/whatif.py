@@ -1,6 +1,6 @@
 """What a campaign's numbers would be under other dispersions, from the flights that were flown."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,8 +10,9 @@ import numpy as np
 from abhv_mc.analysis.reweight import make_change, unseen_probability, weigh_flights
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.folder.controller_flights import ControllerFlights, severities
-from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown
+from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.documents import InputError
 from abhv_mc.statistics.binomial import clopper_pearson
@@ -82,13 +83,10 @@ def make_whatif(root: Path, settings: Mapping[str, Mapping[str, Any]]) -> Whatif
         weights = weigh_flights(campaign, change, rows)
         effective, unseen = effective_size(weights), unseen_probability(campaign, change, rows)
         _refuse_too_little(root, effective, unseen, flights)
-        controllers[name] = WhatifController(
-            int(flights.flight.size),
-            effective,
-            unseen.joint,
-            tuple(_requirements(results, flights, weights, unseen.joint)),
-            dict(_metrics(results, flights, weights, unseen.joint)),
-        )
+        metrics = {metric: _levels(flights, metric, weights, unseen.joint) for metric in results.metrics}
+        required = tuple(_required(flights, item, weights, unseen.joint) for item in results.campaign.requirements)
+        total = int(flights.flight.size)
+        controllers[name] = WhatifController(total, effective, unseen.joint, required, metrics)
     results.refuse_changes()
     words = {name: results.campaign.metrics[name].as_words() for name in results.metrics}
     stopped = campaign.model.stop is not None
@@ -107,29 +105,20 @@ def _refuse_too_little(root: Path, effective: float, unseen: Unseen, flights: Co
         raise InputError(root, found, f"{expected} campaign")
 
 
-def _requirements(
-    results: FlownCampaign, flights: ControllerFlights, weights: Floats, unseen: float
-) -> Iterator[WhatifRequirement]:
-    for item in results.campaign.requirements:
-        failed = requirement_failures(flights, item)
-        count = int(failed.sum())
-        before = Interval(count / failed.size, *clopper_pearson(count, failed.size))
-        shares = Pair(before, weighted_share(failed, weights, unseen))
-        yield WhatifRequirement(item.metric, requirement_words(item, flights.records), item.probability, shares)
+def _required(flights: ControllerFlights, item: Requirement, weights: Floats, unseen: float) -> WhatifRequirement:
+    failed = requirement_failures(flights, item)
+    count = int(failed.sum())
+    before = Interval(count / failed.size, *clopper_pearson(count, failed.size))
+    shares = Pair(before, weighted_share(failed, weights, unseen))
+    return WhatifRequirement(item.metric, requirement_words(item, flights.records), item.probability, shares)
 
 
-def _metrics(
-    results: FlownCampaign, flights: ControllerFlights, weights: Floats, unseen: float
-) -> Iterator[tuple[str, dict[str, Pair]]]:
-    for metric in results.metrics:
-        values, sense = severities(flights, metric), flights.records[metric].bad
-        yield (
-            metric,
-            {
-                level_name(level): Pair(
-                    quantile(values, level).in_sense(sense),
-                    weighted_quantile(values, weights, level, unseen).in_sense(sense),
-                )
-                for level in LEVELS
-            },
+def _levels(flights: ControllerFlights, metric: str, weights: Floats, unseen: float) -> dict[str, Pair]:
+    values, sense = severities(flights, metric), flights.records[metric].bad
+    return {
+        level_name(level): Pair(
+            quantile(values, level).in_sense(sense),
+            weighted_quantile(values, weights, level, unseen).in_sense(sense),
         )
+        for level in LEVELS
+    }

@@ -3,6 +3,7 @@
 import gc
 import hashlib
 import json
+import shlex
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
@@ -10,8 +11,9 @@ from typing import Any
 
 from abhv_mc.folder.hashes import data_files
 from abhv_mc.folder.layout import CampaignFolder, hash_file
-from abhv_mc.folder.manifest import read_manifest
+from abhv_mc.folder.manifest import Manifest, read_manifest
 from abhv_mc.folder.siblings import name_siblings
+from abhv_mc.io.input_error import InputError
 
 Stage = Callable[[str], AbstractContextManager[object]]
 
@@ -70,6 +72,27 @@ def is_up_to_date(folder: Path, baseline: Path | None = None) -> bool:
         return False
 
 
+SIDES: dict[str | None, tuple[str, ...]] = {"high": ("--above",), "low": ("--below",), None: ()}
+
+
+def refuse_search(root: Path, manifest: Manifest) -> None:
+    """Raise InputError for a search's folder, naming the command that makes its page again."""
+    if manifest.search:
+        expected = f"the search's own command, which makes its page again from them: {search_command(root, manifest)}"
+        raise InputError(root, "the flights of a search, of which there is no campaign's report", expected)
+
+
+def search_command(root: Path, manifest: Manifest) -> str:
+    """The command that answers the search again from what the folder holds."""
+    held = manifest.search or {}
+    words = ["abhv-mc", held["kind"], str(root / "campaign.yaml"), "--controller", held["controller"]]
+    if held["kind"] == "worst":
+        words += ["--metric", held["metric"], *SIDES[held["bad"]], "--box", f"{held['box']:g}"]
+    else:
+        words += ["--requirement", held["requirement"], "--target-cov", f"{held['target_cov']:g}"]
+    return shlex.join([*words, "--flights", str(held["flights"]), "-o", str(root)])
+
+
 @contextmanager
 def _seldom_collecting() -> Iterator[None]:
     """Figures are made of so many objects that looking for garbage among them takes an eighth of a report's time."""
@@ -97,7 +120,6 @@ def build_report(folder: Path, baseline: Path | None = None, svg: bool = False, 
     from abhv_mc.report.numbers.report_numbers import make_numbers
     from abhv_mc.report.pages.matrix import make_matrix, make_metrics
     from abhv_mc.report.pages.page import PageFigure, make_page
-    from abhv_mc.report.pages.searched import refuse_search
     from abhv_mc.topics.figure_style import write_png, write_svg
     from abhv_mc.topics.metrics import METRICS
     from abhv_mc.topics.registry import make_figures

@@ -10,7 +10,7 @@ from abhv_mc.flight.metrics import SURFACE_USAGE
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.report.numbers.compare import CampaignPair, Compared, compare_results, gate_words, read_compared, sides
 from abhv_mc.report.numbers.judgement import few
-from abhv_mc.report.pages.section_page import Answer, make_table, write_section_page
+from abhv_mc.report.pages.page import Answer, make_table, write_section_page
 from abhv_mc.topics.comparison.figures import DifferencePanel, plot_differences
 from abhv_mc.topics.comparison.model import metric_differences
 from abhv_mc.topics.comparison.section import pair_tables

@@ -26,7 +26,6 @@ _LEFT, _RIGHT = 0.0, 1.35  # ends of the chart, in units of the limit; what lies
 class Bar:
     """One controller in a row of the chart; places are percent of the chart's width, None where there is nothing."""
 
-    controller: str
     label: str
     color: str
     mark: str  # 'circle', 'square' ... as in the scatter
@@ -38,31 +37,6 @@ class Bar:
     edge: str  # said right of it: the tolerance limit and its room, or 'lost' where the median is
     words: str  # the same for those who cannot see it
     status: str
-
-
-@dataclass(frozen=True)
-class Row:
-    """A requirement (or, without any, a metric)."""
-
-    metric: str
-    label: str
-    limit: str
-    bars: tuple[Bar, ...]
-
-
-@dataclass(frozen=True)
-class Card:
-    """What decides about a controller."""
-
-    controller: str
-    label: str
-    color: str
-    met: str
-    lost: str
-    margin: str
-    poor: bool  # whether its margins are below what is customary, or it is unstable
-    notes: tuple[str, ...]
-    usage: str
 
 
 def place(value: float | None, entry: GlanceRow) -> float | None:
@@ -77,32 +51,30 @@ def place(value: float | None, entry: GlanceRow) -> float | None:
 LIMIT_PLACE = 100.0 * (1.0 - _LEFT) / (_RIGHT - _LEFT)
 
 
-def chart_rows(entries: Sequence[GlanceRow], labels: Mapping[str, str], colors: Mapping[str, str]) -> list[Row]:
+def chart_rows(
+    entries: Sequence[GlanceRow], labels: Mapping[str, str], colors: Mapping[str, str]
+) -> list[tuple[GlanceRow, list[Bar]]]:
     """The rows of the chart, those nearest to their limit first where there are more than eight."""
     if len(entries) > _ROWS:
         entries = sorted(entries, key=lambda entry: -_nearest(entry))[:_ROWS]
     marks = {name: mark_of(k) for k, name in enumerate(labels)}
-    rows = []
-    for entry in entries:
-        bars = []
-        for name, cell in entry.cells.items():
-            low, median, high, tolerance = (
-                place(value, entry) for value in (cell.low, cell.median, cell.high, cell.tolerance)
-            )
-            ends = sorted(value for value in (low, high) if value is not None)
-            off_scale = tolerance == 100.0
-            bars.append(
-                Bar(
-                    name, labels[name], colors[name], marks[name],
-                    low=ends[0] if ends else None, high=ends[-1] if len(ends) > 1 else 100.0 if ends else None,
-                    median=None if median == 100.0 else median, tolerance=None if off_scale else tolerance,
-                    beyond=not {None, 100.0}.isdisjoint((low, high)),
-                    edge=_edge(entry, cell) if math.isfinite(cell.median) else "lost",
-                    words=_bar_words(entry, labels[name], cell), status=cell.status,
-                )
-            )  # fmt: skip
-        rows.append(Row(entry.metric, entry.label, entry.text, tuple(bars)))
-    return rows
+    return [
+        (entry, [_bar(entry, cell, labels[name], colors[name], marks[name]) for name, cell in entry.cells.items()])
+        for entry in entries
+    ]
+
+
+def _bar(entry: GlanceRow, cell: GlanceCell, label: str, color: str, mark: str) -> Bar:
+    low, median, high, tolerance = (place(each, entry) for each in (cell.low, cell.median, cell.high, cell.tolerance))
+    ends = sorted(value for value in (low, high) if value is not None)
+    return Bar(
+        label, color, mark,
+        low=ends[0] if ends else None, high=ends[-1] if len(ends) > 1 else 100.0 if ends else None,
+        median=None if median == 100.0 else median, tolerance=None if tolerance == 100.0 else tolerance,
+        beyond=not {None, 100.0}.isdisjoint((low, high)),
+        edge=_edge(entry, cell) if math.isfinite(cell.median) else "lost",
+        words=_bar_words(entry, label, cell), status=cell.status,
+    )  # fmt: skip
 
 
 def _nearest(entry: GlanceRow) -> float:
@@ -130,12 +102,8 @@ def _bar_words(entry: GlanceRow, label: str, cell: GlanceCell) -> str:
     return f"{label}: median {median}, 5 to 95 % {low} to {high}{tolerance} {entry.unit}".strip()
 
 
-def cards(models: Models, colors: Mapping[str, str]) -> list[Card]:
-    """A card for each controller."""
-    return [_card(models, name, colors[name]) for name in models.names.controllers]
-
-
-def _card(models: Models, name: str, color: str) -> Card:
+def card(models: Models, name: str, color: str) -> dict[str, object]:
+    """What decides about a controller."""
     flights, table = models[FLIGHTS], models[METRICS].table
     found, counts = flights.findings[name], flights.counts[name]
     margin, poor = _margin(models, name)
@@ -152,11 +120,16 @@ def _card(models: Models, name: str, color: str) -> Card:
         for metric in SURFACE_USAGE
         if metric in table
     ]
-    return Card(
-        name, models.names.label(name), color, met_words(models[VERDICTS], name),
-        f"{fixed(counts.failed, 0)} of {fixed(counts.flown, 0)} lost", margin, poor,
-        tuple(filter(None, notes)), f"{' / '.join(used)} deg" if len(used) == len(SURFACE_USAGE) else "",
-    )  # fmt: skip
+    return {
+        "label": models.names.label(name),
+        "color": color,
+        "met": met_words(models[VERDICTS], name),
+        "lost": f"{fixed(counts.failed, 0)} of {fixed(counts.flown, 0)} lost",
+        "margin": margin,
+        "poor": poor,  # whether its margins are below what is customary, or it is unstable
+        "notes": list(filter(None, notes)),
+        "usage": f"{' / '.join(used)} deg" if len(used) == len(SURFACE_USAGE) else "",
+    }
 
 
 def met_words(verdicts: Verdicts, name: str) -> str:

@@ -1,10 +1,10 @@
-"""The report as one HTML file that opens offline: a frame, the first screen and the sections of the topics."""
+"""Pages as one HTML file that opens offline: the report, and the answer of a search or a comparison."""
 
 import base64
 import gzip
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
@@ -14,6 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 from numpy.typing import ArrayLike, NDArray
 
+from abhv_mc.folder.layout import write_text
 from abhv_mc.report.numbers.compare import Baseline
 from abhv_mc.report.numbers.judged import judgement_lead
 from abhv_mc.report.numbers.judgement import judge_campaign
@@ -21,17 +22,17 @@ from abhv_mc.report.numbers.summary import section_leads
 from abhv_mc.report.pages.first_screen import (
     LIMIT_PLACE,
     baseline_line,
-    cards,
+    card,
     chart_rows,
     more_words,
 )
 from abhv_mc.report.pages.flights_view import SCRIPTS, SHAPES, STYLES, make_flights_view, template_text
 from abhv_mc.report.pages.interactive import envelope_data
-from abhv_mc.topics.figure_style import controller_colors
+from abhv_mc.topics.figure_style import controller_colors, write_png
 from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.registry import all_topics
-from abhv_mc.topics.section import Bullets, FigureText, Section
-from abhv_mc.topics.topic import Models
+from abhv_mc.topics.section import Bullets, Cell, FigureText, Section, Table
+from abhv_mc.topics.topic import Drawn, Models
 from abhv_mc.topics.verdicts import VERDICTS
 from abhv_mc.topics.words import fixed
 
@@ -77,20 +78,11 @@ class PageFigure:
     width: int  # px
     height: int
 
-
-def embed(figure: PageFigure) -> dict[str, object]:
-    """A figure as the template of a section draws it."""
-    image = base64.b64encode(figure.path.read_bytes()).decode("ascii")
-    return {
-        "name": figure.text.name,
-        "file": f"figures/{figure.path.name}",
-        "title": figure.text.title,
-        "caption": figure.text.caption,
-        "alt": f"{figure.text.title}. {figure.text.alt}",
-        "source": Markup(f"data:image/png;base64,{image}"),  # noqa: S704  letters of base64 only
-        "width": figure.width,
-        "height": figure.height,
-    }
+    @property
+    def source(self) -> Markup:
+        """What its element shows."""
+        image = base64.b64encode(self.path.read_bytes()).decode("ascii")
+        return Markup(f"data:image/png;base64,{image}")  # noqa: S704  letters of base64 only
 
 
 def _script_json(data: object) -> Markup:
@@ -171,7 +163,7 @@ def make_page(
             question=campaign.question or f"What does the campaign {campaign.name} show?",
             state=state,
             sections=page_sections(models, warnings),
-            figure_of={figure.text.name: embed(figure) for figure in figures},
+            figure_of={figure.text.name: figure for figure in figures},
             style=Markup("".join(map(template_text, STYLES))),  # noqa: S704  our own files
             script=Markup(script),  # noqa: S704
             script_hashes=_script_hashes(script, gzip.decompress(packed_library).decode()),
@@ -180,7 +172,7 @@ def make_page(
             data=_script_json({"envelopes": envelopes, "flights": view.data, "places": places}),
             chart=chart_rows(verdicts.glance, names.controllers, colors),
             required=bool(verdicts.requirements),
-            cards=cards(models, colors),
+            cards=[card(models, name, colors[name]) for name in names.controllers],
             lead=judgement_lead(judge_campaign(models), names.folder),
             baseline_line=baseline_line(baseline, names),
             limit_place=LIMIT_PLACE,
@@ -189,3 +181,30 @@ def make_page(
             more_rows=more_words(verdicts.glance),
         )
     )
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a search or a comparison says: a page and the terminal draw the same section."""
+
+    title: str
+    kicker: str
+    section: Section
+
+
+def make_table(title: str, caption: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
+    """A table of texts; what stands between backticks is a command."""
+    cells = tuple(tuple(Cell(text) for text in row) for row in rows)
+    return Table(title, tuple(heads), (cells,), f"{title}. {caption}", numbers=False)
+
+
+def write_section_page(answer: Answer, drawn: Iterable[Drawn], path: Path, folder: Path | None = None) -> Path:
+    """Write the page, and its figures into ``folder``, by default `figures` beside it; returns the page's path."""
+    folder, figures = folder or path.parent / "figures", {}
+    for text, figure in drawn:
+        file = folder / f"{text.name}.png"
+        figures[text.name] = PageFigure(text, file, *write_png(figure, file))
+    style = Markup(template_text("style.css"))  # noqa: S704  our own file
+    page = make_environment().get_template("answer.html.j2").render(answer=answer, figure_of=figures, style=style)
+    write_text(path, page)
+    return path

@@ -12,7 +12,7 @@ from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.plant.parameters import Parameters
 from abhv_mc.report.figures.searches import FLIGHT_PANELS, plot_flights
-from abhv_mc.report.pages.section_page import make_table
+from abhv_mc.report.pages.page import make_table
 from abhv_mc.search.search_flights import DRAWN_APART, DrawnFlights
 from abhv_mc.search.severity import rank_distinct
 from abhv_mc.topics.parameter_words import shown_value
@@ -21,14 +21,9 @@ from abhv_mc.topics.topic import Drawn
 
 _LISTED = 10
 _ELSEWHERE = (
-    f"the worst flight, and the worst of those that lie elsewhere: at least {100 * DRAWN_APART:g} % of the range flown "
+    f"The worst flight, and the worst of those that lie elsewhere: at least {100 * DRAWN_APART:g} % of the range flown "
     "(rms over the parameters) from every worse one"
 )
-
-
-def with_unit(value: float, metric: Metric) -> str:
-    """A value to five digits with its unit."""
-    return metric.with_unit(f"{value:.5g}")
 
 
 def drawn_figures(drawn: DrawnFlights | None) -> Iterator[Drawn]:
@@ -40,7 +35,7 @@ def drawn_figures(drawn: DrawnFlights | None) -> Iterator[Drawn]:
         for name, label, scale in FLIGHT_PANELS[:6]
     }
     labels = ["nominal", *(f"flight {number}" for number in drawn.numbers)]
-    caption = f"{_ELSEWHERE[:1].upper()}{_ELSEWHERE[1:]}; beside the nominal one. A line ends where its flight ended."
+    caption = f"{_ELSEWHERE}; beside the nominal one. A line ends where its flight ended."
     yield FigureText("flights", "The worst flights", caption), plot_flights(drawn.times, panels, labels)
 
 
@@ -71,5 +66,5 @@ def flights_table(
         for k in numbers
     ]
     heads = ("flight", metric.label_with_unit, "ended", "parameters", "flown again, bit for bit, by")
-    caption = f"{_ELSEWHERE[:1].upper()}{_ELSEWHERE[1:]}."
+    caption = f"{_ELSEWHERE}."
     return Fold("The worst flights, and how each is flown again", (make_table("Worst flights", caption, heads, rows),))

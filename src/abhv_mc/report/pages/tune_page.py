@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from abhv_mc.report.figures.searches import plot_front, plot_gains
-from abhv_mc.report.pages.section_page import Answer, make_table, write_section_page
+from abhv_mc.report.figures.searches import plot_front
+from abhv_mc.report.pages.page import Answer, make_table, write_section_page
 from abhv_mc.search.tune import TuneFound
 from abhv_mc.topics.names import controller_label
 from abhv_mc.topics.section import Bullets, FigureText, Lead, Picture, Section, Table
@@ -13,7 +13,7 @@ from abhv_mc.topics.section import Bullets, FigureText, Lead, Picture, Section, 
 
 def make_tune_answer(found: TuneFound) -> Answer:
     """What tuning says."""
-    items = *_answers(found), Picture("front"), Picture("gains"), _sides(found), _numbers(found)
+    items = *_answers(found), Picture("front"), _sides(found), _numbers(found)
     title = f"{controller_label(found.controller)} tuned for {found.aim.phrase}"
     return Answer(title, "Tuning", Section("Answer", items))
 
@@ -31,17 +31,8 @@ def write_tune_page(found: TuneFound, path: Path) -> Path:
         "Every candidate on the common flights. The Pareto front joins those within all limits that no other such "
         "candidate beats in both. Candidates far outside are not drawn.",
     )
-    gains = FigureText(
-        "gains",
-        "How the search went",
-        "The error of each candidate on the common flights, the start first. The search fits itself to these "
-        "flights: what it gains is judged on the fresh ones above.",
-    )
     points = scores.usage, scores.objective, scores.allowed
-    drawn = (
-        (front, plot_front((usage, aim), points, found.tuning.front, found.tuning.best)),
-        (gains, plot_gains(aim, scores.objective, scores.allowed)),
-    )
+    drawn = [(front, plot_front((usage, aim), points, found.tuning.front, found.tuning.best))]
     return write_section_page(make_tune_answer(found), drawn, path, path.with_suffix(".tuning") / "figures")
 
 
@@ -63,12 +54,11 @@ def _answers(found: TuneFound) -> tuple[Lead, Bullets]:
             change,
         ]
     else:
-        why = (
-            f"beyond its limits on fresh flights: {'; '.join(broken)}"
-            if broken
-            else "the interval is not all on the good side of zero"
-        )
-        answers = [f"No file is written: {why}.", change]
+        why = f"beyond its limits on fresh flights: {'; '.join(broken)}"
+        answers = [
+            f"No file is written: {why if broken else 'the interval is not all on the good side of zero'}.",
+            change,
+        ]
     ends = found.numbers.at_ends(found.tuning.place)
     if ends:
         answers.append(
@@ -86,9 +76,9 @@ def _answers(found: TuneFound) -> tuple[Lead, Bullets]:
 def _sides(found: TuneFound) -> Table:
     rows = []
     for side in found.sides:
-        sign = "" if side.limit is None else "above" if side.floor else "below"
-        limit = "" if side.limit is None else f"{sign} {side.limit:.4g}"
-        kept = "" if side.limit is None else "yes" if side.keeps else "no"
+        limit, kept = "", ""
+        if side.limit is not None:
+            limit, kept = f"{'above' if side.floor else 'below'} {side.limit:.4g}", "yes" if side.keeps else "no"
         rows.append([side.words, f"{side.start:.5g}", f"{side.best:.5g}", limit, kept])
     caption = (
         "Metrics on the fresh flights, the same for both; flights that ended early count as the worst. Stability "

@@ -50,17 +50,13 @@ def _report_differences(root: Path) -> Iterator[str]:
         yield f"baseline: {baseline} is no longer there to compare with"
         del written["baseline"]
         baseline = None
-    for name in skipped_topics(root):
-        del written["topics"][name]
-    if not written.get("topics", True):
-        del written["topics"]
     results = read_flown(root)
     held = compare_baseline(results, baseline) if baseline else None
     remade = json.loads(json.dumps(make_numbers(Models(results), held)))
-    if "topics" in remade:  # those installed since are not in the report
-        remade["topics"] = {key: value for key, value in remade["topics"].items() if key in written.get("topics", {})}
-        remade = remade if remade["topics"] else {key: value for key, value in remade.items() if key != "topics"}
+    users = [each.pop("topics", {}) for each in (written, remade)]  # of those installed then, and now
     yield from differences(written, remade)
+    written, remade = ({name: users[k][name] for name in users[0] if name in users[1]} for k in (0, 1))
+    yield from differences(written, remade, "topics")
 
 
 def skipped_topics(root: Path) -> list[str]:

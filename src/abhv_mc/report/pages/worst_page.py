@@ -6,8 +6,8 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.report.figures.searches import plot_convergence, plot_place
-from abhv_mc.report.pages.searched_flights import drawn_figures, flights_table, with_unit
-from abhv_mc.report.pages.section_page import Answer, make_table, write_section_page
+from abhv_mc.report.pages.page import Answer, make_table, write_section_page
+from abhv_mc.report.pages.searched_flights import drawn_figures, flights_table
 from abhv_mc.search.severity import ENDED_EARLY
 from abhv_mc.search.worst import WorstFound
 from abhv_mc.topics.names import controller_label
@@ -73,7 +73,7 @@ def _words(found: WorstFound, flight: int) -> str:
     """'20.25 m', or 'ended early, at 31.2 s (sideslip_limit)'."""
     if _ended_early(found, flight):
         return f"ended early, at {found.flights.end_time[flight]:.4g} s ({found.flights.outcome[flight]})"
-    return with_unit(found.value(flight), found.metric)
+    return found.metric.with_unit(f"{found.value(flight):.5g}")
 
 
 def _convergence(found: WorstFound) -> Drawn:
@@ -83,26 +83,19 @@ def _convergence(found: WorstFound) -> Drawn:
         if not stages or stages[-1][1] != step.stage:
             stages.append((last, step.stage))
         last = step.evaluations
-    parts = np.split(found.severities, [found.searched])
-    curves = {found.metric.label_with_unit: [_so_far(part, found.sign) for part in parts]}
-    caption = "The worst value so far over the flights of the search and over the random flights of the same box."
-    if _ended_early(found, found.worst) or _ended_early(found, found.random_worst):
-        parts = np.split(found.severities - ENDED_EARLY, [found.searched])
-        curves["earliest end (s)"] = [found.duration - _left(part) for part in parts]
-        caption += " A line ends with the first flight that ended early, which is worse; below, the earliest such end."
-    return FigureText("convergence", "Convergence", caption), plot_convergence(curves, stages)
+    searched, random = (_so_far(part, found.sign) for part in np.split(found.severities, [found.searched]))
+    caption = (
+        "The worst value so far over the flights of the search and over the random flights of the same box. A line "
+        "ends with the first flight that ended early, which is worse."
+    )
+    figure = plot_convergence(found.metric.label_with_unit, searched, random, stages)
+    return FigureText("convergence", "Convergence", caption), figure
 
 
 def _so_far(severities: Floats, sign: float) -> Floats:
     """The worst metric so far; nan once a flight has ended early."""
     highest = np.maximum.accumulate(severities)
     return np.where(np.isfinite(highest) & (highest < ENDED_EARLY), sign * highest, np.nan)
-
-
-def _left(seconds: Floats) -> Floats:
-    """The most seconds left at an early end so far; nan before the first."""
-    most = np.maximum.accumulate(seconds)
-    return np.where(most >= 0.0, most, np.nan)
 
 
 def _place(found: WorstFound) -> Drawn:
@@ -122,13 +115,9 @@ def _place(found: WorstFound) -> Drawn:
 
 
 def _range_table(found: WorstFound) -> Table:
+    worst = found.flights.samples[found.worst]
     rows = [
-        [
-            name,
-            shown_value(name, low, found.known),
-            shown_value(name, found.flights.samples[found.worst, i], found.known),
-            shown_value(name, high, found.known),
-        ]
+        [name, *(shown_value(name, value, found.known) for value in (low, worst[i], high))]
         for i, (name, (low, high)) in enumerate(zip(found.names, found.bounds.tolist(), strict=True))
     ]
     caption = f"Bounded distributions span their range, others {found.settings.box:g} standard deviations either way."

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from abhv_mc.campaign.file.config import TRACED
 from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import Cell, Fold, Item, Row, Section, Table, Text, grouped
+from abhv_mc.topics.section import Cell, Row, Section, Table, Text, grouped
 from abhv_mc.topics.verdicts.model import ControllerVerdict, JudgedRequirement, Verdicts
 from abhv_mc.topics.words import count_of, joined, percent, significant
 
@@ -61,16 +61,14 @@ def _together_words(verdicts: Verdicts, names: Names) -> str:
 
 
 def verdict_section(verdicts: Verdicts, names: Names) -> Section:
-    """The rule, each requirement with its verdicts, and the bounds for one look."""
+    """The rule, and each requirement with its verdicts."""
     title = "What was asked and what came out"
     if not verdicts.requirements:
         return Section(title, (Text("The campaign requires nothing."),))
     groups = tuple(_group(entry, names) for entry in verdicts.requirements)
     heads = "Requirement", names.campaign.kind.capitalize(), *_HEADS
     table = Table("Requirements in full", heads, groups, numbers=False)
-    if verdicts.held_together is None:
-        return Section(title, (Text(_ESTIMATES), table))
-    return Section(title, (Text(_RULE), table, _one_look(verdicts, names)))
+    return Section(title, (Text(_ESTIMATES if verdicts.held_together is None else _RULE), table))
 
 
 def _group(entry: JudgedRequirement, names: Names) -> tuple[Row, ...]:
@@ -109,16 +107,3 @@ def _tolerance(found: ControllerVerdict, item: Requirement, names: Names) -> tup
         return limit, _DASH
     missed = "too little" if limits.high is None else "too much"
     return limit, f"{percent(abs(found.room), 2)} {'to spare' if found.room > 0.0 else missed}"
-
-
-def _one_look(verdicts: Verdicts, names: Names) -> Item:
-    bounds = "; ".join(
-        f"{entry.words}: "
-        + ", ".join(f"{names.label(name)} {percent(each.one_look_bound)}" for name, each in entry.controllers.items())
-        for entry in verdicts.requirements
-    )
-    words = (
-        "Exact binomial lower bound on the success probability at the consumer's risk (Clopper and Pearson; the order "
-        "statistics of Hanson and Beard, NASA/TP-2010-216447). It does not hold after extensions or several looks: "
-    )
-    return Fold("For one look at a number of flights that was fixed before", (Text(f"{words}{bounds}."),))
