@@ -80,7 +80,7 @@ def test_tune_writes_the_file_and_a_page_or_says_why_not(abhv_mc, tmp_path, monk
     assert code == 0 and "95 % interval" in out
     page = Path("new.html").read_text(encoding="utf-8")
     assert f"{read_json('new.json')['fresh'][0]['best']:.4g} instead of" in page
-    assert "It is shown for this campaign" in page and page.count("<img ") == 2
+    assert "It is shown for this campaign" in page and page.count("<img ") == 1
     impossible = Path("block.yaml").read_text(encoding="utf-8").replace("below_start_times: 1.5", "below: 0.01")
     Path("block.yaml").write_text(impossible, encoding="utf-8")
     code, out, err = abhv_mc(*words, "-o", "no.yaml")
