@@ -1,6 +1,5 @@
 """Which code flies: the source that a process has imported, not what lies on the disk by now."""
 
-import io
 import os
 import subprocess
 import sys
@@ -75,15 +74,3 @@ def test_another_numba_is_another_identity(source, monkeypatch):
     monkeypatch.setattr(identity, "version", lambda name: "0")
     assert hash_now(source) != before
     identity._join_hashes.cache_clear()
-
-
-@pytest.mark.parametrize(("quota", "cores"), [("max 100000", 16), ("200000 100000", 2), ("150000 100000", 2)])
-def test_a_container_has_as_many_cores_as_its_quota_keeps_busy(quota, cores, monkeypatch):
-    from joblib.externals.loky.backend import context
-
-    exists = os.path.exists
-    monkeypatch.setattr(os, "cpu_count", lambda: 16)
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(16)), raising=False)
-    monkeypatch.setattr(os.path, "exists", lambda path: path == "/sys/fs/cgroup/cpu.max" or exists(path))
-    monkeypatch.setattr(context, "open", lambda path: io.StringIO(quota), raising=False)
-    assert identity.count_cores() == cores

@@ -73,27 +73,23 @@ def test_outputs_keep_away_from_what_is_the_campaigns(call, flown, tmp_path, wor
         assert code == 2 and "an address" in said, said
 
 
-def test_a_file_is_no_folder_and_a_folder_no_file(call, tmp_path):
-    (tmp_path / "file").touch()
-    for words in (("export", tmp_path, "-o", tmp_path / "file"), ("status", tmp_path, "--json", tmp_path)):
-        code, said = call(*words)
-        assert code == 2 and "a f" in said, said
-    code, said = call("status", tmp_path, "--json", tmp_path / "file/more/x.json")
-    assert code == 2 and "cannot be written" in said, said
-
-
-@pytest.mark.parametrize("command", ["fly", "export"])
-def test_folders_of_files_are_not_a_campaigns(call, flown, command):
-    """`fly -o` would write its nominal flight over the campaign's."""
-    code, said = call(command, *([flown] if command == "export" else ()), "-o", flown)
-    assert code == 2 and "own files" in said
-
-
-def test_figures_are_not_written_over_an_input_file(call, tmp_path):
-    (tmp_path / "one.yaml").write_text("{}\n", encoding="utf-8")
-    code, said = call("plan", tmp_path / "one.yaml", "--json", tmp_path / "one.yaml")
-    assert code == 2 and "a JSON file" in said
-    assert (tmp_path / "one.yaml").read_text() == "{}\n"
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("export", "FLOWN", "-o", "file.yaml"), "a file"),
+        (("status", "FLOWN", "--json", "."), "a folder"),
+        (("status", "FLOWN", "--json", "file.yaml/more/x.json"), "cannot be written"),
+        (("fly", "level", "-o", "FLOWN"), "own files"),  # its nominal flight would be written over the campaign's
+        (("export", "FLOWN", "-o", "FLOWN"), "own files"),
+        (("plan", "file.yaml", "--json", "file.yaml"), "a JSON file"),
+    ],
+)
+def test_what_is_no_place_for_an_output(call, flown, tmp_path, monkeypatch, words, said):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file.yaml").write_text("{}\n", encoding="utf-8")
+    code, found = call(*(flown if word == "FLOWN" else word for word in words))
+    assert code == 2 and said in found, found
+    assert (tmp_path / "file.yaml").read_text() == "{}\n"
 
 
 @pytest.mark.parametrize("command", ["plan", "worst", "rare", "tune", "run"])

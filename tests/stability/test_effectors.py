@@ -84,15 +84,6 @@ def test_a_law_of_effectors_counts_theirs_and_rests_where_it_puts_them(write) ->
     assert points.controls[0, 2] == pytest.approx(flap, abs=1e-8)
 
 
-def test_less_effectiveness_at_an_effectors_margin_is_neutral(write) -> None:
-    """The margin below 1 of a loop is the effectiveness with which the vehicle is neutral."""
-    files = write(AXES)
-    whole, _ = trimmed(files)
-    half, _ = trimmed(files, control__effector_0_effectiveness=0.5)
-    expected = whole.apart.plant_B[0, :, 0] * 0.5
-    np.testing.assert_allclose(half.apart.plant_B[0, :, 0], expected, atol=2e-3 * np.abs(expected).max())
-
-
 def test_a_stuck_effector_has_no_loop(write) -> None:
     files = write(AXES)
     plan = cut(prepare(*files, "own"), 200)

@@ -6,7 +6,6 @@ from stability.systems import (
     assert_predicted,
     decibels,
     flight_plan,
-    linear_at_trim,
     parameters,
     read,
     stability_at_trim,
@@ -18,14 +17,15 @@ from abhv_mc.control.design.tlc_design import velocity_loop
 from abhv_mc.control.design.trim_tables import LONGEST
 from abhv_mc.flight import prepare
 from abhv_mc.flight.channels import CHANNEL_INDEX
-from abhv_mc.flight.fly import fly, fly_until
+from abhv_mc.flight.fly import fly
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.stability import path_coordinates as path
-from abhv_mc.stability import steady
+from abhv_mc.stability import probe, steady
 from abhv_mc.stability.analysis import analyse
 from abhv_mc.stability.linearize import linearize
 from abhv_mc.stability.plant_inputs import INPUTS
-from abhv_mc.stability.probe import ask_plant, begin, law_at
+from abhv_mc.stability.points import flown_points
+from abhv_mc.stability.probe import ask_plant
 from abhv_mc.stability.steady import make_steady_plan, trim_points
 
 # An independent simulator: gain down and up (dB), phase (deg), delay (ms), sensitivity of each loop; None for none.
@@ -178,16 +178,6 @@ def test_flights_begin_to_cycle_where_the_gain_margin_ends(vehicle, mission, con
     np.testing.assert_array_equal(late > 0.5 * early, [side == "gain_low", side == "gain_high"])
 
 
-def test_the_memory_of_the_law_is_as_flown():
-    plan = flight_plan("tlc", 3.0)
-    flown = fly(plan, parameters(sensor__noise_seed=0.3, sensor__roll_rate_noise=1e-4), 1)
-    for tick in (1, 57, 300):
-        noisy = parameters(sensor__noise_seed=0.3, sensor__roll_rate_noise=1e-4)
-        memory = law_at(plan, begin(plan, fly_until(plan, noisy, tick))[0], tick)
-        last = flown.history[0, tick - 1, [CHANNEL_INDEX[f"{name}_command_deg"] for name in INPUTS[:3]]]
-        np.testing.assert_allclose(np.rad2deg(memory[0, 15:18]), last, rtol=1e-6, atol=1e-7)
-
-
 def test_slopes_end_at_the_tables_nodes():
     """Beside a node and on either side of it, the slope is the cell's, not the mean over both."""
     plan, point = steady_plan("lqr_retuned"), trim_points(steady_plan("lqr_retuned"), parameters()).points
@@ -204,9 +194,16 @@ def test_slopes_end_at_the_tables_nodes():
     assert thrust[0] / thrust[1] > 1.02
 
 
-def test_the_linear_model_is_the_same_whatever_is_linearized_beside_it():
-    plan, dispersions = steady_plan("tlc"), parameters(3, aero__drag=np.array([1.0, 1.1, 0.9]))
-    points = trim_points(plan, dispersions).points
-    together = linearize(plan, points)
-    np.testing.assert_allclose(together.A[0], linear_at_trim("tlc").A[0], rtol=1e-7, atol=1e-9)
-    assert np.abs(together.A[1] - together.A[0]).max() > 1e-6
+@pytest.mark.thorough
+@pytest.mark.parametrize("controller", ["tlc", "lqr"])
+def test_probes_that_are_lean_to_compile_have_the_same_bits(controller, monkeypatch):
+    plan = flight_plan(controller, 20.0).lean_for({"aero.lift", "aero.drag"})
+    assert plan.lean
+    dispersions = parameters(3, aero__lift=np.array([0.9, 1.0, 1.1]), aero__drag=0.85)
+    made, found = [], []
+    for lean in (True, False):
+        monkeypatch.setattr(probe, "choose_probe", lambda make, _, lean=lean: made.append(lean) or make(lean))
+        found.append(linearize(plan, flown_points(plan, dispersions, 8.0).points))
+    assert set(made) == {True, False}
+    for name, ours, full in zip(found[0]._fields, *found, strict=True):
+        assert np.asarray(ours).tobytes() == np.asarray(full).tobytes(), name

@@ -46,18 +46,6 @@ def test_a_loop_that_is_always_below_one_has_no_phase_or_delay_margin():
     np.testing.assert_allclose(found.sensitivity[0, 0], 2.0, rtol=1e-6)  # there too, which the grid comes close to
 
 
-def test_each_loop_is_cut_with_the_others_closed():
-    rng = np.random.default_rng(3)
-    L = rng.normal(size=(3, 4, 4)) + 1j * rng.normal(size=(3, 4, 4))
-    _, closed = close(L)
-    for system, matrix in enumerate(L):
-        for i in range(4):
-            others = [j for j in range(4) if j != i]
-            inner = np.linalg.solve(np.eye(3) + matrix[np.ix_(others, others)], matrix[others, i])
-            alone = matrix[i, i] - matrix[i, others] @ inner
-            np.testing.assert_allclose(closed.L[system, i], alone, rtol=1e-12)
-
-
 def test_a_delay_common_to_two_loops_counts_in_both():
     # Two integrators that feed each other: eigenvalues (a +- b) / s of L, the fast one is the first to go.
     a, b = 3.0, 1.0

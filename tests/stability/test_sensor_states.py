@@ -64,14 +64,6 @@ def test_samples_that_are_held_and_late_are_the_map_computed_apart(late):
         assert np.abs(poles - pole).min() < 1e-8
 
 
-def test_a_scale_factor_is_one_of_the_loop_gain():
-    plan = steady_plan("lqr_retuned")
-    without, scaled = at_trim(plan)[0], at_trim(plan, sensor__pitch_rate_scale=1.2)[0]
-    expected = without.law_D[0].copy()
-    expected[:, SENSORS.index("pitch_rate")] *= 1.2
-    np.testing.assert_allclose(scaled.law_D[0], expected, rtol=1e-12)
-
-
 def test_sensors_and_a_law_repeat_together(tmp_path):
     plan = plan_of(tmp_path, COUNTER)
     linear, points = at_trim(plan, sensor__speed_interval=0.04, sensor__bank_lag=0.02)

@@ -5,7 +5,7 @@ import pytest
 from stability.systems import assert_predicted, flight_plan, parameters, read, steady_plan
 
 from abhv_mc.flight.prepare import make_plan
-from abhv_mc.stability.analysis import analyse, make_rows, margins_of_flights
+from abhv_mc.stability.analysis import analyse, make_rows
 from abhv_mc.stability.linearize import NO_EFFECT, STUCK, closed_loop, linearize
 from abhv_mc.stability.points import flown_points
 from abhv_mc.stability.steady import trim_points
@@ -78,16 +78,6 @@ def test_a_loss_in_flight_grows_as_the_same_loss_at_the_trim():
     assert found == pytest.approx(expected, rel=0.03)
 
 
-def test_failures_and_factors_have_as_many_unstable_points():
-    plan, steady = flight_plan("tlc", 3.0), steady_plan("tlc")
-    left = np.linspace(0.6, 0.95, 12)
-    lost = parameters(12, failure__aileron__loss_time=np.linspace(1.5, 1.9, 12), failure__aileron__effectiveness=left)
-    factor = parameters(12, control__aileron_effectiveness=left)
-    faults = [margins_of_flights(plan, steady, flights, [2.0]).faults[0] for flights in (lost, factor)]
-    unstable = [["unstable" in words for words in flown] for flown in faults]
-    assert unstable[0] == unstable[1] and 0 < sum(unstable[0]) < 12
-
-
 def test_a_stuck_surface_and_an_engine_that_is_out_have_no_loop():
     plan = flight_plan("lqr_retuned", 3.0)
     failed = parameters(2, failure__elevator__stuck_time=1.9)
@@ -98,13 +88,6 @@ def test_a_stuck_surface_and_an_engine_that_is_out_have_no_loop():
     for system, (loop, reason) in enumerate((("elevator", "stuck"), ("equivalence_ratio", "no effect"))):
         row = next(row for row in make_rows("lqr_retuned", 2.9, stability, system) if row["loop"] == loop)
         assert row["reason"] == reason and row["phase_margin_deg"] is None
-
-
-def test_a_frozen_measurement_has_no_path_through_the_law():
-    plan = flight_plan("tlc", 3.0)
-    frozen = linearize(plan, flown_points(plan, parameters(failure__sensor__pitch_rate__time=1.9), 2.0).points)
-    np.testing.assert_array_equal(frozen.sense[0, 8], 0.0)
-    np.testing.assert_array_equal(frozen.sense[0, :8], np.eye(10, 18)[:8])
 
 
 def test_the_trim_is_that_of_the_failed_vehicle_in_its_wind():

@@ -11,7 +11,6 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "studies"))
 
 import paper_vehicle_box as box
 import paper_vehicle_flights as flights
-import paper_vehicle_search as searches
 
 from abhv_mc.control.design.lqr_design import attitude_slopes, make_lqr_gains, make_nominal
 from abhv_mc.control.design.reference import make_mission_trim_tables, solve_reference
@@ -77,38 +76,3 @@ def test_quick_gains_are_the_product_s() -> None:
     traits = dict(zip(flights.TRAITS, flights.find_traits(vehicle, trim_tables, quick), strict=True))
     wanted = slopes[3, 6], slopes[5, 7], slopes[4, 8], slopes[5, 1], slopes[4, 0], slopes[4, 4]
     assert list(traits.values())[:6] == pytest.approx(wanted, rel=1e-3)
-
-
-def make_up_a_vehicle(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, float]]:
-    """A made-up vehicle whose 28 ends are linear in its numbers; what is flown of it."""
-    matrix = np.random.default_rng(8).standard_normal((28, len(box.FREE)))
-    goal = box.to_numbers(VALUES)
-    flown = []
-
-    def fly(values: dict[str, float]) -> flights.Candidate:
-        flown.append(values)
-        off = (0.02 * matrix @ (box.to_numbers(values) - goal)).reshape(-1, 2)
-        seen = (
-            flights.Seen(axis, 0.0, 0.0, False, (abs(a), abs(b)), (a, b))
-            for axis, (a, b) in zip(flights.AXES, off.tolist(), strict=True)
-        )
-        return flights.Candidate(tuple(seen), traits=tuple(values.values())[:8], off_node=1.0)
-
-    monkeypatch.setattr(searches, "fly_candidate", fly)
-    monkeypatch.setattr(searches, "_PULL", 0.0)
-    return flown
-
-
-def test_a_search_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The search finds the made-up vehicle, in one go or in two."""
-    flown = make_up_a_vehicle(monkeypatch)
-    whole = searches.run(searches.Search(3), tmp_path, lambda: True)
-    assert whole.done
-    assert whole.rank <= flights.READING
-    count = len(flown)
-    answers = iter([True] * 40 + [False])
-    (tmp_path / "later").mkdir()
-    assert not searches.run(searches.Search(3), tmp_path / "later", lambda: next(answers)).done
-    assert searches.run(searches.Search(3), tmp_path / "later", lambda: True) == whole
-    assert len(flown) == 2 * count
-    assert (tmp_path / "seed-3.jsonl").read_text() == (tmp_path / "later/seed-3.jsonl").read_text()

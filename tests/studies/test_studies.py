@@ -8,6 +8,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "studies"))
 
+import fronts
 import tuning_flights
 from experiment import CORNERS, corner_parameters, random_parameters
 
@@ -34,3 +35,25 @@ def test_the_corners_and_the_draws_are_the_papers() -> None:
     np.testing.assert_allclose(corners[1:], 1.0 + np.array(CORNERS) * (0.10, 0.10, 0.15))
     drawn = random_parameters(2000)[:, columns]
     np.testing.assert_allclose(np.abs(drawn - 1.0).max(axis=0), (0.10, 0.10, 0.15), rtol=0.01)
+
+
+def made_up(errors: list[float], usages: list[list[float]], broken: tuple[int, ...] = ()) -> fronts.Tried:
+    count = len(errors)
+    limits = np.full((count, fronts.LIMITS), -0.1)
+    limits[list(broken), 1] = 0.1
+    return fronts.Tried(np.zeros((count, 14)), np.tile(np.array(errors)[:, None], 6), np.array(usages), limits)
+
+
+def test_a_front_is_of_designs_within_limits_that_none_beats() -> None:
+    usage = [[u] * 6 for u in (0.5, 0.6, 0.7, 0.8, 0.4)]
+    tried = made_up([1.0, 1.1, 0.9, 0.8, 0.5], usage, broken=(4,))
+    np.testing.assert_allclose(tried.front.mean_usage, [0.5, 0.7, 0.8])
+    again = fronts.tried_of(tried.table)
+    np.testing.assert_array_equal(again.limits, tried.limits)
+    np.testing.assert_array_equal(again.usage, tried.usage)
+
+
+def test_the_best_within_a_budget_keeps_it() -> None:
+    tried = made_up([1.0, 0.9, 0.8], [[u] * 6 for u in (0.5, 0.7, 0.9)])
+    assert int(np.argmin(tried.within(0.75).rank())) == 1
+    assert int(np.argmin(tried.within(0.3).rank())) == 0  # none keeps it: the nearest
