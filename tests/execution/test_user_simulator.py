@@ -188,22 +188,6 @@ def test_histories_that_a_flight_returns_are_kept_and_opened(tmp_path: Path) -> 
         assert set(history["channels"]) == {"altitude", "sink_rate"}
 
 
-@pytest.mark.parametrize(
-    ("keep", "histories", "found"),
-    [
-        ({"histories": {"channels": ["altitude_m"]}}, DIVE_CHANNELS, "channels of this program's"),
-        ({"envelopes": {"channels": ["altitude_m"]}}, DIVE_CHANNELS, "channels of this program's"),
-        ({"envelopes": {}}, None, "envelopes of no 'histories'"),
-    ],
-)
-def test_what_is_kept_of_flights_is_in_their_histories(
-    tmp_path: Path, keep: dict[str, object], histories: object, found: str
-) -> None:
-    path = dive_campaign(tmp_path / "own", DIVE_HISTORY, histories=histories, keep=keep)
-    with pytest.raises(InputError, match=found):
-        run_campaign(Request(path, tmp_path / "out"))
-
-
 RATE = 4.0  # Hz
 BANDS = {"histories": {"flights": "none"}, "envelopes": {"rate": f"{RATE:g} Hz"}}
 

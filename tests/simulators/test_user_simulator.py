@@ -20,49 +20,30 @@ from abhv_mc.simulators.user_simulator.user_flights import end_processes
 from abhv_mc.simulators.user_simulator.user_plan import make_user_plans
 
 LOST = int(Outcome.FAILED_TO_RUN)
-# Flights that go wrong, by the delay that is asked for.
-WRONG = (
-    DIVE
-    + """
-well = fly
-
-def fly(inputs, settings):
-    print("a flight")
-    with open("flown", "a") as file:
-        file.write(f"{inputs['delay']}\\n")
-    found = well(inputs, settings)
-    match inputs["delay"]:
-        case 2.0:
-            os.abort()
-        case 3.0:
-            time.sleep(60.0)
-        case 4.0:
-            raise ArithmeticError("no root")
-        case 5.0:
-            return found | {"load": math.nan, "outcome": "ok"}
-        case 6.0:
-            return {"load": 1.0}
-        case 7.0:
-            return found | {"other": 1.0}
-        case 8.0:
-            return found | {"outcome": "elsewhere"}
-        case 9.0:
-            return {"altitude_min": None, "load": math.nan, "outcome": "ground"}
-        case 10.0:
-            return 5
-        case 11.0:
-            return found | {"load": "much"}
-        case 12.0:
-            open("secret.txt").read()
-        case 13.0:
-            sys.exit(3)
-        case 14.0:
-            return found | {"outcome": ["ok"]}
-        case 15.0:
-            return found | {"load": 10**400}
-    return found
-"""
-)
+WRONG = {  # by the delay that is asked for: what the flight returns, and what is said of it
+    2.0: ("os.abort()", "killed by SIGABRT"),
+    3.0: ("time.sleep(60.0)", "not done in 0.5 s"),
+    4.0: ("math.sqrt(-1.0)", "ValueError: math domain error (dive.py, line "),
+    5.0: ("found | {'load': math.nan, 'outcome': 'ok'}", "load is not a finite number, and the outcome is ok"),
+    6.0: ("{'load': 1.0}", "it did not return altitude_min"),
+    7.0: ("found | {'other': 1.0}", "it returned 'other', which the campaign does not declare"),
+    8.0: ("found | {'outcome': 'elsewhere'}", "it returned the outcome 'elsewhere'"),
+    10.0: ("5", "which is no mapping"),
+    11.0: ("found | {'load': 'much'}", "a metric or an end_time that is no number"),
+    12.0: ("open('secret.txt').read()", "it reads secret.txt, which 'files' does not name"),
+    13.0: ("sys.exit(3)", "exit code 3"),
+    14.0: ("found | {'outcome': ['ok']}", "it returned the outcome '['ok']'"),
+    15.0: ("found | {'load': 10**400}", "a metric or an end_time that is no number"),
+}
+WRONG_HISTORIES = {  # what is done to the history
+    2.0: ("history.pop('time')", "its history holds sink_rate, altitude; declared are time, altitude, sink_rate"),
+    3.0: ("history['altitude'].pop()", "the columns of its history are no lists of numbers of one length"),
+    4.0: ("history['time'].reverse()", "the time of its history does not ascend"),
+    5.0: ("history['altitude'].append(math.nan)", "the columns of its history are no lists"),
+    6.0: ("history.update(altitude=[math.nan] * 5)", "altitude of its history is not a finite number, and the outcome"),
+    7.0: ("found.pop('history')", "it did not return history"),
+    8.0: ("history.update(dict.fromkeys(history, []))", "the columns of its history are no lists of numbers"),
+}
 
 
 def ready(path: Path) -> Experiment:
@@ -94,72 +75,37 @@ def test_flights_are_those_of_the_function(tmp_path: Path) -> None:
 def test_what_goes_wrong_costs_one_flight_and_none_is_flown_twice(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    path = dive_campaign(tmp_path, WRONG, simulator={"python": "dive.py", "time_limit": "500 ms"})
+    source = DIVE + "\nwell = fly\n\ndef fly(inputs, settings):\n    print('a flight')\n    delay = inputs['delay']\n"
+    source += "    open('flown', 'a').write(f'{delay}\\n')\n    found = well(inputs, settings)\n    if delay == 9.0:\n"
+    source += "        return {'altitude_min': None, 'load': math.nan, 'outcome': 'ground'}\n"
+    source += "".join(f"    if delay == {delay}:\n        return {code}\n" for delay, (code, _) in WRONG.items())
+    path = dive_campaign(
+        tmp_path, f"{source}    return found\n", simulator={"python": "dive.py", "time_limit": "500 ms"}
+    )
     (tmp_path / "secret.txt").write_text("42")
     delays = [1.0, 2.0, 1.1, 3.0, 1.2, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0, 1.3]
     block = fly_delays(path, delays)
-    lost = [delay not in (1.0, 1.1, 1.2, 1.3, 9.0) for delay in delays]
+    lost = [delay in WRONG for delay in delays]
     assert (block.outcome == LOST).tolist() == lost
     assert np.isnan(block.metrics[lost]).all()
     assert np.isfinite(block.metrics[[0, 2, 4, -1]]).all()
-    assert block.outcome[10] == 100
-    assert block.end_time[10] == 0.0
-    flown = (tmp_path / "flown").read_text().split()
-    assert sorted(map(float, flown)) == sorted(delays)
+    assert (block.outcome[10], block.end_time[10]) == (100, 0.0)
+    assert sorted(map(float, (tmp_path / "flown").read_text().split())) == sorted(delays)
     told = capfd.readouterr().err
-    for words in (
-        "killed by SIGABRT",
-        "not done in 0.5 s",
-        "ArithmeticError: no root (dive.py, line ",
-        "load is not a finite number, and the outcome is ok",
-        "it did not return altitude_min",
-        "it returned 'other', which the campaign does not declare",
-        "it returned the outcome 'elsewhere'",
-        "which is no mapping",
-        "a metric or an end_time that is no number",
-        "it reads secret.txt, which 'files' does not name",
-        "exit code 3",
-    ):
-        assert words in told
+    assert [words for _, words in WRONG.values() if words not in told] == []
 
 
 def test_a_history_that_is_none_costs_its_flight(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    source = (
-        DIVE_HISTORY
-        + """
-whole = fly
-
-def fly(inputs, settings):
-    found = whole(inputs, settings)
-    history = found["history"]
-    match inputs["delay"]:
-        case 2.0:
-            del history["time"]
-        case 3.0:
-            history["altitude"].pop()
-        case 4.0:
-            history["time"].reverse()
-        case 5.0 | 6.0:
-            history["altitude"][2] = math.nan
-        case 7.0:
-            del found["history"]
-        case 8.0:
-            found["history"] = {name: [] for name in history}
-    return found | ({"outcome": "ground"} if inputs["delay"] == 6.0 else {"outcome": "ok"})
-"""
-    )
+    source = DIVE_HISTORY + "\nwhole = fly\n\ndef fly(inputs, settings):\n    found = whole(inputs, settings)\n"
+    source += "    history, delay = found['history'], inputs['delay']\n"
+    source += "".join(f"    if delay == {delay}:\n        {code}\n" for delay, (code, _) in WRONG_HISTORIES.items())
+    source += "    if delay == 9.0:\n        history['altitude'][2] = math.nan\n"
+    source += "    return found | {'outcome': 'ground' if delay == 9.0 else 'ok'}\n"
     path = dive_campaign(tmp_path, source, histories=DIVE_CHANNELS)
-    block = fly_delays(path, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0])
-    assert (block.outcome == LOST).tolist() == [False, True, True, True, True, False, True, True]
+    delays = [1.0, *WRONG_HISTORIES, 9.0]
+    assert (fly_delays(path, delays).outcome == LOST).tolist() == [delay in WRONG_HISTORIES for delay in delays]
     told = capfd.readouterr().err
-    for words in (
-        "its history holds sink_rate, altitude; declared are time, altitude, sink_rate",
-        "the columns of its history are no lists of numbers of one length",
-        "the time of its history does not ascend",
-        "altitude of its history is not a finite number, and the outcome is ok",
-        "it did not return history",
-    ):
-        assert words in told
+    assert [words for _, words in WRONG_HISTORIES.values() if words not in told] == []
     path = dive_campaign(tmp_path, source)
     assert fly_delays(path, [1.0]).outcome.tolist() == [LOST]
     assert "it returned 'history', which the campaign does not declare" in capfd.readouterr().err

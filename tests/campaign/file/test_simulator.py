@@ -29,6 +29,7 @@ def test_quantities_stay_in_the_units_of_the_inputs(tmp_path: Path) -> None:
         ({"margins": {"flights": "all"}}, "unknown key 'margins'"),
         ({"execution": {"flight_time_limit": "5 s"}}, "unknown key 'flight_time_limit'"),
         ({"keep": {"envelopes": {"rate": "5 Hz"}}}, "envelopes of no"),
+        ({"keep": {"histories": {"channels": ["altitude_m"]}}, "histories": {"altitude": {}}}, "of this program's"),
         ({"dispersions": {"altitude": {"distribution": "normal", "sigma": "50 kg"}}}, "a mass"),
         ({"dispersions": {"height": {"distribution": "normal", "sigma": 50.0}}}, "unknown parameter 'height'"),
         (
