@@ -151,18 +151,6 @@ def test_a_law_that_hangs_on_one_parameter_set_loses_that_flight_alone(study, tm
     assert "not done in 0.5 s" in capfd.readouterr().err
 
 
-def test_plans_of_a_campaign_with_other_metrics_fly_the_metrics_that_are_asked_for(study, tmp_path):
-    """They flew the other's: bank angles under the name of sideslips, judged, merged and reported."""
-    file = study(8)
-    asked = file.read_text()
-    file.write_text(asked.replace("from: 1 s", "from: 0.5 s"))
-    run_campaign(Request(file, tmp_path / "other", workers=1), threads())
-    file.write_text(asked)
-    alone = run_campaign(Request(file, tmp_path / "alone", workers=1), threads()).manifest
-    request = Request(file, tmp_path / "taken", workers=1, plans_from=tmp_path / "other")
-    assert run_campaign(request, threads()).manifest.digest == alone.digest
-
-
 def write_c_law(repository, folder, *lines):
     """The shipped LQR in C, with lines of its own, as the law of the study's campaign."""
     shipped = repository / "configs" / "control" / "lqr_c"
