@@ -21,7 +21,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.kernel.laws.columns import REFERENCE, TLC_GAINS, TLC_SETTINGS
-from abhv_mc.kernel.plant.air_profile import no_profile
+from abhv_mc.kernel.plant.air_data import no_profile
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.kernel.plant.state import N_STATES
 from abhv_mc.kernel.plant.vehicle import CHUNK, Vehicle

@@ -15,10 +15,10 @@ from abhv_mc.flight.metrics import METRIC_INDEX, METRICS, TAKES_LIMIT, pack_metr
 from abhv_mc.flight.outcome import LIMITS, SENTENCES, Outcome
 from abhv_mc.flight.plan import NO_SOURCES
 from abhv_mc.io.documents import Document
-from abhv_mc.kernel.flight import derived, observe
 from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.flight.memory import Z_ROWS
+from abhv_mc.kernel.flight.observe import find_row
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 
@@ -200,10 +200,7 @@ def test_names_are_unique():
 
 @pytest.mark.parametrize("entry", [*SOURCES.values(), *LIMITS], ids=lambda entry: getattr(entry, "name", "limit"))
 def test_every_source_has_a_row(entry):
-    row = observe.find_row(entry.source)
-    assert s.X <= row < Z_ROWS
-    derived_row = row >= derived.FIRST_DERIVED
-    assert derived_row == (entry.source in observe.DERIVED) == hasattr(derived, entry.source)
+    assert s.X <= find_row(entry.source) < Z_ROWS
 
 
 def test_rows_in_radians_become_degrees_and_derived_ones_stay():

@@ -25,10 +25,7 @@ if TYPE_CHECKING:
 
 _COLORS = {"PASS": 32, "FAIL": 31, "NOT SHOWN": 33, "warning:": 33}  # ANSI, of words on a terminal
 _TIMES = "compiled.json"  # beside the folders of compiled code: seconds that each took last time on this machine
-_PARTS = {
-    "flight": "the flight", "stability": "a part of the stability margins", "laws": "the reference",
-    "numerics": "the ranking of flights",
-}  # fmt: skip
+_PARTS = {"flight": "the flight", "stability": "a part of the stability margins", "laws": "the reference"}
 _COLORED = re.compile(r"\b(?:PASS|FAIL|NOT SHOWN)\b|^warning:")
 
 

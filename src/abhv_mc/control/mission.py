@@ -308,7 +308,7 @@ class Mission(StrictModel):
         return {move.name: (begin, begin + move.length) for begin, move in named}
 
     def make_air(self) -> NDArray[np.float64]:
-        """The nominal air ``[knot, column]``, see :mod:`abhv_mc.kernel.plant.air_profile`. Raises InputError."""
+        """The nominal air ``[knot, column]``, see :mod:`abhv_mc.kernel.plant.air_data`. Raises InputError."""
         wind = None if isinstance(self.wind, str) else read_air_table(self.wind.file, WIND)
         density = None if isinstance(self.density, str) else read_air_table(self.density.file, DENSITY)
         return join_air(wind, density)

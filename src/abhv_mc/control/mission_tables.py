@@ -58,7 +58,7 @@ def read_air_table(path: Path, columns: tuple[str, ...]) -> NDArray[np.float64]:
 
 
 def join_air(wind: NDArray[np.float64] | None, density: NDArray[np.float64] | None) -> NDArray[np.float64]:
-    """The columns of :mod:`abhv_mc.kernel.plant.air_profile` on the altitudes of both tables, exact between them."""
+    """The columns of :mod:`abhv_mc.kernel.plant.air_data` on the altitudes of both tables, exact between them."""
     if wind is None and density is None:
         return np.empty((0, 4))
     knots = np.unique(np.concatenate([table[:, 0] for table in (wind, density) if table is not None]))

@@ -1,9 +1,9 @@
 """The table of sources: what channels record and metrics count, with name, unit, meaning. Order is array order.
 
 A source's quantity is either held in the lane memory (a state of :mod:`abhv_mc.kernel.plant.state`, a variable of the
-tables, or a named row, all in SI and radians, converted to degrees where the unit asks for them) or a function of
-:mod:`abhv_mc.kernel.flight.derived`, which returns the source's unit. Only channels are recorded; expressions of
-metrics may name every source. A new one is an entry here, and a function there where the lane memory does not hold it.
+tables, or a named row, all in SI and radians, converted to degrees where the unit asks for them) or a row of
+:mod:`abhv_mc.kernel.flight.derived` in the source's unit. Only channels are recorded; expressions of metrics may name
+every source. A new one is an entry here, and a row there where the lane memory does not hold it.
 """
 
 from collections.abc import Sequence

@@ -27,7 +27,6 @@ from abhv_mc.kernel.flight.counting import (
     Programs,
     Statistic,
 )
-from abhv_mc.kernel.flight.derived import DERIVED
 from abhv_mc.kernel.flight.observe import find_row
 from abhv_mc.kernel.laws.user import CHANNEL, MAX_CHANNELS
 
@@ -50,7 +49,7 @@ class Known(NamedTuple):
 def _find(source: Source) -> Known:
     """Rows are in SI and radians, derived quantities in their own unit; ``effector_at+3`` is the fourth of its rows."""
     name, _, place = source.source.partition("+")
-    as_it_stands = source.unit not in ("deg", "deg/s") or name in DERIVED or name.endswith("_deg")
+    as_it_stands = source.unit not in ("deg", "deg/s") or name.endswith("_deg")
     factor = 1.0 if as_it_stands else 180.0 / math.pi
     return Known(source.unit, find_row(name) + int(place or 0), factor, source.nonnegative)
 

@@ -14,7 +14,7 @@ from abhv_mc.flight.metrics import METRICS, NO_METRICS, Metric, unpack_metrics
 from abhv_mc.identity import Flyer
 from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.kernel.flight.sensors import MAX_DELAY_TICKS
-from abhv_mc.kernel.plant.air_profile import no_profile
+from abhv_mc.kernel.plant.air_data import no_profile
 from abhv_mc.kernel.plant.parameter_names import ALL_SENSORS, PARAMETER_INDEX
 from abhv_mc.kernel.plant.slopes import Effectiveness
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
@@ -83,9 +83,7 @@ class FlightPlan:
     reference: Floats  # [tick, column] see abhv_mc.kernel.laws.columns
     gains: Floats  # [tick, gain] columns as the law names them
     settings: Floats  # the law's constants (differentiator bandwidths, command limits)
-    profile: Floats = field(
-        default_factory=no_profile
-    )  # [knot, column] nominal air, see abhv_mc.kernel.plant.air_profile
+    profile: Floats = field(default_factory=no_profile)  # [knot, column] nominal air, see abhv_mc.kernel.plant.air_data
     warnings: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))  # sentences for the user
     gain_names: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))  # of a user law
     declared: NDArray[np.str_] = field(default_factory=NO_METRICS.copy)  # metrics of a campaign, as pack_metrics gives

@@ -22,7 +22,6 @@ from abhv_mc.folder.envelopes import QUANTILES, EnvelopeTable
 from abhv_mc.folder.flights import DamagedFileError, parse_block_name
 from abhv_mc.folder.layout import write_whole
 from abhv_mc.io.input_error import InputError
-from abhv_mc.kernel.numerics.order_statistics import select_ranks
 
 ENVELOPE_FLIGHTS = 4096
 _SLAB = 4_000_000  # values sorted at once
@@ -139,12 +138,14 @@ class Collector:
 
 def _quantiles(values: Singles, count: NDArray[np.int64]) -> Floats:
     """``[quantile, cell]`` of ``values[cell, flight]``, of which ``count[cell]`` are numbers; nan where none is."""
-    ranks = np.array(QUANTILES)[:, None] * np.maximum(count - 1, 0)
+    if values.shape[1] == 0:
+        return np.full((len(QUANTILES), len(count)), np.nan)
+    last = np.maximum(count - 1, 0)
+    ranks = np.array(QUANTILES)[:, None] * last
     floor = np.floor(ranks).astype(np.int64)
-    pairs = np.stack([floor, np.minimum(floor + 1, np.maximum(count - 1, 0))], axis=1)
-    found = np.full((len(count), 2 * len(QUANTILES)), np.nan, np.float32)
-    select_ranks(values, np.ascontiguousarray(pairs.reshape(-1, len(count)).T), found)
-    lower, upper = found[:, ::2].T.astype(np.float64), found[:, 1::2].T
+    ordered = np.sort(values, axis=1).T  # not-a-number last
+    lower, upper = (np.take_along_axis(ordered, np.minimum(floor + i, last), axis=0) for i in range(2))
+    lower = lower.astype(np.float64)
     return np.asarray(lower + (upper - lower) * (ranks - floor))
 
 

@@ -46,9 +46,7 @@ def scalar(function: F) -> F:
     return _decorate(_inlined, function, error_model="numpy", forceinline=True)
 
 
-def lanes(function: F) -> F:
-    """Compile a function that loops over lanes; inlined, so that the loop sees where its blocks live."""
-    return _decorate(_inlined, function, error_model="numpy", forceinline=True)
+lanes = scalar  # of a function that loops over lanes; inlined, so that the loop sees where its blocks live
 
 
 def routine(function: F) -> F:
@@ -277,7 +275,7 @@ def _make_private() -> tuple[Any, Any]:
     return Inlined, Kernel
 
 
-def _probe_dispersions(row: Any) -> None:
+def _try(row: Any) -> None:
     row[0] = _twice(row[0])
 
 
@@ -290,7 +288,7 @@ if _mode == "private":
         _inlined, _kernel = _make_private()
         _twice = scalar(lambda x: x + x)
         if not (tried := code_folder(_mode) / "tried").exists():  # half a second; numba's version is in the name
-            kernel(_probe_dispersions)(np.ones(2))
+            kernel(_try)(np.ones(2))
             with contextlib.suppress(OSError):
                 tried.touch()
     except Exception as error:

@@ -5,7 +5,7 @@ from typing import Any
 import numba
 from numba import types
 from numba.core.errors import NumbaError
-from numba.extending import intrinsic, overload
+from numba.extending import intrinsic
 
 from abhv_mc.kernel.jit import PLAIN
 
@@ -18,20 +18,13 @@ class Uncompilable(Exception):
         self.file, self.line, self.words = file, line, words
 
 
-def call_address(
-    address: int, context: int, Z: Any, reference: Any, gains: Any, settings: Any, tick: int, dt: float
-) -> None:
+def _call_address(
+    typing_context: Any, address: Any, own: Any, Z: Any, reference: Any, gains: Any, settings: Any, tick: Any, dt: Any
+) -> Any:
     """Call a function that :func:`compile_pointer` compiled, from compiled code, by its address.
 
-    ``context``: address of whatever numbers it was made with, 0 for none.
+    ``own``: address of whatever numbers it was made with, 0 for none.
     """
-    raise TypeError("only compiled code calls an address")
-
-
-@intrinsic
-def _call_address(
-    context: Any, address: Any, own: Any, Z: Any, reference: Any, gains: Any, settings: Any, tick: Any, dt: Any
-) -> Any:
     arrays = (Z, reference, gains, settings)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -50,13 +43,7 @@ def _call_address(
     return types.void(types.int64, types.int64, *arrays, types.int64, types.float64), generate
 
 
-@overload(call_address, jit_options={"forceinline": True}, strict=False)
-def _overload_call_address(
-    address: Any, context: Any, Z: Any, reference: Any, gains: Any, settings: Any, tick: Any, dt: Any
-) -> Any:
-    return lambda address, context, Z, reference, gains, settings, tick, dt: _call_address(  # noqa: PLW0108
-        address, context, Z, reference, gains, settings, tick, dt
-    )  # type: ignore[call-arg]
+call_address: Any = intrinsic(_call_address)
 
 
 @intrinsic

@@ -20,7 +20,7 @@ from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import one_of
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.laws.columns import LQR_GAINS, LQR_SETTINGS, REFERENCE, TLC_GAINS, TLC_SETTINGS
-from abhv_mc.kernel.plant.air_profile import PROFILE
+from abhv_mc.kernel.plant.air_data import PROFILE
 from abhv_mc.kernel.plant.state import N_STATES
 from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.plant.effectiveness import make_effectiveness

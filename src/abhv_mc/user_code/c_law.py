@@ -16,8 +16,8 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.jit_pointer import address_of, call_c, floats_at
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.laws.user import FAULT, MAX_MEMORY, MEMORY
-from abhv_mc.kernel.numerics.lane_memory import aligned_zeros
 from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.state import aligned_zeros
 from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
 from abhv_mc.user_code.c_source import describe_layout, interface
 from abhv_mc.user_code.child import check_may_run

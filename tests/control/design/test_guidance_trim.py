@@ -53,14 +53,12 @@ def test_equations_hold_over_the_envelope(vehicle, trim_tables):
     assert (np.abs(rates(vehicle, trim_tables, where, found) - wanted).max(axis=0)[~good] > 1e-6).all()
 
 
-def test_warm_start_saves_iterations_and_changes_nothing(vehicle, trim_tables):
+def test_warm_start_changes_nothing(vehicle, trim_tables):
     lateral = 9.8 * np.cos(np.linspace(0.0, np.pi, 1001))  # the S
     warm = trim_along(vehicle, trim_tables, points(lateral=lateral), MASS)
     cold = trim_along(vehicle, trim_tables, points(lateral=lateral), MASS, warm_start=False)
     for a, b in zip(warm[:4], cold[:4], strict=True):
         np.testing.assert_allclose(a, b, atol=1e-9)
-    assert warm.iterations[1:].mean() < 0.75 * cold.iterations[1:].mean()
-    assert cold.iterations.max() <= 12
 
 
 def test_warm_start_survives_a_step_of_the_reference(vehicle, trim_tables):
@@ -97,7 +95,6 @@ def test_with_speed_held_the_axial_equation_can_be_skipped(vehicle, trim_tables)
     assert held.equivalence_ratio[1] == full.equivalence_ratio[0]
     error = rates(vehicle, trim_tables, where, held) - np.stack([where.axial, where.longitudinal, where.lateral])
     assert np.abs(error[1:]).max() < 1e-8
-    assert not held.iterations.any()
 
 
 def test_fuel_leaves_the_vehicle_on_the_way(vehicle, trim_tables):

@@ -50,7 +50,7 @@ class Places(NamedTuple):
 
 
 def density_factor(air: Floats, altitude: Floats) -> Floats:
-    """Factor on the standard density of a mission's nominal air (:mod:`abhv_mc.kernel.plant.air_profile`)."""
+    """Factor on the standard density of a mission's nominal air (:mod:`abhv_mc.kernel.plant.air_data`)."""
     return np.interp(altitude, air[:, 0], air[:, 3]) if len(air) else np.ones_like(altitude)
 
 

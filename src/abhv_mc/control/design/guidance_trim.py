@@ -37,7 +37,6 @@ class GuidanceTrim(NamedTuple):
     elevator: Floats
     mass: Floats  # fuel burnt up to the point counted
     status: NDArray[np.int64]  # 0, or a sum of NO_EQUIVALENCE_RATIO, ...: then at the nearest end of the interval
-    iterations: NDArray[np.int64]  # of the outermost search
 
 
 def trim_along(
@@ -62,25 +61,17 @@ def trim_along(
         trim_tables.grid[first : first + length].copy()
         for first, length in zip(trim_tables.axis_start[1:3], trim_tables.axis_length[1:3], strict=True)
     )
-    alpha_low, alpha_high = float(alpha_nodes[0]), float(alpha_nodes[-1])
-    bounds = SearchBounds(
-        alpha_low,
-        alpha_high,
-        constants.equivalence_ratio_min,
-        constants.equivalence_ratio_max,
-        0.5 * (alpha_low + alpha_high),
-        alpha_high - alpha_low,
-        2,
-    )
+    eta_range = (constants.equivalence_ratio_min, constants.equivalence_ratio_max)
+    bounds = SearchBounds(float(alpha_nodes[0]), float(alpha_nodes[-1]), *eta_range, 2)
     points = GuidancePoints(*(np.array(x, dtype=np.float64) for x in np.broadcast_arrays(*points)))
-    solution = np.empty((points.speed.size, 7))
+    solution = np.empty((points.speed.size, 6))
     held = -1.0 if held_equivalence_ratio is None else held_equivalence_ratio
     rows = len(TRIM_ROWS)
     line = np.empty((alpha_nodes.size, rows))
     cut = Cut(alpha_nodes, eta_nodes, np.empty((eta_nodes.size, alpha_nodes.size, rows)), line)
     fill_trim(trim_tables, constants, points, mass, tick, held, warm_start, bounds, cut, solution)
-    alpha, bank, eta, elevator, masses, status, iterations = np.ascontiguousarray(solution.T)
-    return GuidanceTrim(alpha, bank, eta, elevator, masses, status.astype(np.int64), iterations.astype(np.int64))
+    alpha, bank, eta, elevator, masses, status = np.ascontiguousarray(solution.T)
+    return GuidanceTrim(alpha, bank, eta, elevator, masses, status.astype(np.int64))
 
 
 def trim_faults(trim: GuidanceTrim, times: Floats) -> list[str]:

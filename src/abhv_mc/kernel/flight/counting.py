@@ -140,15 +140,8 @@ def count_tick(memory, width, plan, samples, flights, n, tick, first_row):
     settled = plan.reference[tick, ref.SETTLED] > 0.0
     for m in range(lean.row.size):
         if settled or lean.settled[m] == 0:
-            count_row(
-                O[natural(first_row + m)],
-                Z[natural(lean.row[m])],
-                lean.factor[m],
-                lean.statistic[m],
-                dt,
-                Z[s.COUNTED],
-                width,
-            )
+            out, row = O[natural(first_row + m)], Z[natural(lean.row[m])]
+            count_row(out, row, lean.factor[m], lean.statistic[m], dt, Z[s.COUNTED], width)
     kept = 0
     for m in range(programs.statistic.size):
         inside = now >= programs.start[m] - 1e-9 and now <= programs.end[m] + 1e-9
@@ -162,18 +155,8 @@ def count_tick(memory, width, plan, samples, flights, n, tick, first_row):
                     if Z[s.COUNTED, lane] > 0.0:
                         samples[kept, flights[lane], tick] = T[value, lane]
             row = natural(first_row + MAX_LEAN + ROWS * m)
-            count_value(
-                O,
-                row,
-                T[value],
-                Z[s.COUNTED],
-                programs.statistic[m],
-                programs.limit[m],
-                programs.factor[m],
-                tick,
-                dt,
-                width,
-            )
+            statistic, limit, factor = programs.statistic[m], programs.limit[m], programs.factor[m]
+            count_value(O, row, T[value], Z[s.COUNTED], statistic, limit, factor, tick, dt, width)
         kept += 1 if programs.statistic[m] == _QUANTILE else 0
 
 

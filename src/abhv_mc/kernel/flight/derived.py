@@ -1,13 +1,10 @@
-"""Observed quantities that the lane memory does not hold, once a control tick: one function each, named as its source.
+"""Observed quantities that the lane memory does not hold, once a control tick, each in a row named as its source.
 
-Each takes the lane memory, a lane, what it sees of the plan and the tick, and returns the unit that its name ends with.
+A source's name ends with its unit.
 """
 
 import math
-from typing import NamedTuple
 
-from abhv_mc.array_types import Floats
-from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.kernel.flight.ripple import (
     FREQUENCY,
     LARGEST,
@@ -18,16 +15,15 @@ from abhv_mc.kernel.flight.ripple import (
     watch_sides,
 )
 from abhv_mc.kernel.flight.sensors import END_ROW
-from abhv_mc.kernel.jit import lanes
+from abhv_mc.kernel.jit import lanes, scalar
 from abhv_mc.kernel.laws import columns as ref
 from abhv_mc.kernel.numerics.angles import larger, wrap
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.heating import heat_flux
 from abhv_mc.kernel.plant.state import X
-from abhv_mc.kernel.plant.vehicle import Constants
 
 _DEG = 180.0 / math.pi
 _G0 = 9.80665  # m/s2
+_SUTTON_GRAVES = 1.7415e-4  # kg^0.5/m
 
 # Rows of the lane memory: what is remembered of the flight so far.
 FIRST_SURFACE = END_ROW  # deflections at the start: aileron, rudder, elevator
@@ -38,14 +34,26 @@ FIRST_DERIVED = RIPPLES + 3 * N_RIPPLE_ROWS  # the quantities themselves
 _EACH = tuple(RIPPLES + i * N_RIPPLE_ROWS for i in range(3))
 BANK_RIPPLE_DEG, ANGLE_OF_ATTACK_RIPPLE_DEG, SIDESLIP_RIPPLE_DEG = (row + LARGEST for row in _EACH)
 BANK_CYCLE_HZ, ANGLE_OF_ATTACK_CYCLE_HZ, SIDESLIP_CYCLE_HZ = (row + FREQUENCY for row in _EACH)
+FUEL_LEFT_KG, STAGNATION_HEAT_FLUX_W_M2, LOAD_FACTOR_G, HEADING_DEG = range(FIRST_DERIVED, FIRST_DERIVED + 4)
+_ERRORS, _SURFACES = FIRST_DERIVED + 4, FIRST_DERIVED + 10
+ALTITUDE_ERROR_M, SPEED_ERROR_MPS, HEADING_ERROR_DEG, CROSS_TRACK_M = range(_ERRORS, _ERRORS + 4)
+ANGLE_OF_ATTACK_ERROR_DEG, BANK_ERROR_DEG = range(_ERRORS + 4, _SURFACES)
+AILERON_FROM_TRIM_DEG, RUDDER_FROM_TRIM_DEG, ELEVATOR_FROM_TRIM_DEG = range(_SURFACES, _SURFACES + 3)
+AILERON_MOVED_DEG, RUDDER_MOVED_DEG, ELEVATOR_MOVED_DEG = range(_SURFACES + 3, _SURFACES + 6)
+FUEL_USED_KG, SURFACE_SATURATED = range(_SURFACES + 6, _SURFACES + 8)
+VERDICT = SURFACE_SATURATED + 1  # outcome of the limits at this tick, 0 within all of them
+_ANGLE_ERRORS = (BANK_ERROR_DEG, ANGLE_OF_ATTACK_ERROR_DEG, s.V_BETA)
 
 
-class Observing(NamedTuple):
-    """What of a plan these functions see: the whole of it is hundreds of arguments of each, and slow to compile."""
+@scalar
+def heat_flux(density, airspeed, nose_radius):
+    """Heat flux at a stagnation point with a nose radius (m), cold wall, W/m2; not a number without a radius.
 
-    reference: Floats  # [tick, column]
-    timing: Timing
-    constants: Constants
+    k sqrt(density / radius) V^3: Sutton and Graves, NASA TR R-376 (1971), for the Earth's air.
+    """
+    cubed = airspeed * airspeed * airspeed
+    known = nose_radius > 0.0
+    return _SUTTON_GRAVES * math.sqrt(density / (nose_radius if known else 1.0)) * cubed if known else math.nan
 
 
 @lanes
@@ -61,161 +69,52 @@ def remember_start(Z, width):
 
 
 @lanes
-def altitude_error_m(Z, lane, plan, tick):
-    """Altitude minus reference."""
-    return Z[X + s.ALTITUDE, lane] - plan.reference[tick, ref.ALTITUDE]
+def derive(Z, width, reference, constants, tick):
+    """The quantities at this tick; ``reference`` [tick, column]."""
+    for lane in range(width):
+        fuel_left = Z[X + s.MASS, lane] - constants.mass_empty * Z[s.K_MASS, lane]
+        Z[FUEL_LEFT_KG, lane] = fuel_left if constants.burns_fuel > 0.0 else math.inf
+        Z[FUEL_USED_KG, lane] = Z[FIRST_MASS, lane] - Z[X + s.MASS, lane]
+        Z[STAGNATION_HEAT_FLUX_W_M2, lane] = heat_flux(Z[s.RHO, lane], Z[s.AIRSPEED, lane], constants.nose_radius)
+        x, y, z = Z[s.SPECIFIC_X, lane], Z[s.SPECIFIC_Y, lane], Z[s.SPECIFIC_Z, lane]
+        Z[LOAD_FACTOR_G, lane] = math.sqrt(x * x + y * y + z * z) / _G0
+        chi = Z[s.CHI, lane]
+        Z[HEADING_DEG, lane] = (chi if chi >= 0.0 else chi + 2.0 * math.pi) * _DEG
+        Z[HEADING_ERROR_DEG, lane] = wrap(chi - reference[tick, ref.HEADING]) * _DEG
+        Z[ALTITUDE_ERROR_M, lane] = Z[X + s.ALTITUDE, lane] - reference[tick, ref.ALTITUDE]
+        Z[SPEED_ERROR_MPS, lane] = Z[s.SPEED, lane] - reference[tick, ref.SPEED]
+        north, east = Z[s.NORTH, lane] - reference[tick, ref.NORTH], Z[s.EAST, lane] - reference[tick, ref.EAST]
+        Z[CROSS_TRACK_M, lane] = north * reference[0, ref.TRACK_NORTH] + east * reference[0, ref.TRACK_EAST]
+        Z[ANGLE_OF_ATTACK_ERROR_DEG, lane] = Z[s.V_ALPHA, lane] * _DEG - Z[s.ALPHA_CMD, lane] * _DEG
+        Z[BANK_ERROR_DEG, lane] = wrap(Z[s.BANK, lane] - Z[s.BANK_CMD, lane]) * _DEG
+        # A command at the stop counts as saturated, too: the surface creeps towards it and may never arrive.
+        limit, deflected, asked = constants.surface_limit * Z[s.K_LIMIT, lane], 0.0, 0.0
+        for i in range(3):
+            deflection = Z[X + s.AILERON + i, lane]
+            deflected, asked = larger(deflected, abs(deflection)), larger(asked, abs(Z[s.CMD + i, lane]))
+            Z[AILERON_FROM_TRIM_DEG + i, lane] = (deflection - Z[FIRST_SURFACE + i, lane]) * _DEG
+            Z[AILERON_MOVED_DEG + i, lane] = abs(deflection - Z[LAST_SURFACE + i, lane]) * _DEG
+            Z[LAST_SURFACE + i, lane] = deflection
+        saturated = (deflected >= limit or asked >= constants.surface_limit) and limit > 0.0
+        Z[SURFACE_SATURATED, lane] = Z[s.ANY_SATURATED, lane] if constants.driven > 0.0 else 1.0 if saturated else 0.0
 
 
 @lanes
-def speed_error_mps(Z, lane, plan, tick):
-    """Earth-relative speed minus reference."""
-    return Z[s.SPEED, lane] - plan.reference[tick, ref.SPEED]
-
-
-@lanes
-def heading_deg(Z, lane, plan, tick):
-    """Heading of the velocity in 0..360 deg."""
-    chi = Z[s.CHI, lane]
-    return (chi if chi >= 0.0 else chi + 2.0 * math.pi) * _DEG
-
-
-@lanes
-def heading_error_deg(Z, lane, plan, tick):
-    """Heading minus reference."""
-    return wrap(Z[s.CHI, lane] - plan.reference[tick, ref.HEADING]) * _DEG
-
-
-@lanes
-def cross_track_m(Z, lane, plan, tick):
-    """Distance to the left of the reference."""
-    north = Z[s.NORTH, lane] - plan.reference[tick, ref.NORTH]
-    east = Z[s.EAST, lane] - plan.reference[tick, ref.EAST]
-    return north * plan.reference[0, ref.TRACK_NORTH] + east * plan.reference[0, ref.TRACK_EAST]
-
-
-@lanes
-def angle_of_attack_error_deg(Z, lane, plan, tick):
-    """Angle of attack minus its command."""
-    return Z[s.V_ALPHA, lane] * _DEG - Z[s.ALPHA_CMD, lane] * _DEG
-
-
-@lanes
-def bank_error_deg(Z, lane, plan, tick):
-    """Bank minus its command."""
-    return wrap(Z[s.BANK, lane] - Z[s.BANK_CMD, lane]) * _DEG
-
-
-@lanes
-def load_factor_g(Z, lane, plan, tick):
-    """Magnitude of the specific force."""
-    x, y, z = Z[s.SPECIFIC_X, lane], Z[s.SPECIFIC_Y, lane], Z[s.SPECIFIC_Z, lane]
-    return math.sqrt(x * x + y * y + z * z) / _G0
-
-
-@lanes
-def follow_ripples(Z, width, plan, tick, errors):
-    """Cycles of bank, angle of attack and sideslip, from rows of their errors."""
-    length, now = plan.timing.step * plan.timing.steps_per_tick, float(tick)
-    settled = plan.reference[tick, ref.SETTLED]
+def follow_ripples(Z, width, settled, tick, length):
+    """Cycles of bank, angle of attack and sideslip; ``settled``: ticks of this settled stretch, 0 outside of one."""
     for i in range(3):
         row, factor = RIPPLES + i * N_RIPPLE_ROWS, _DEG if i == 2 else 1.0
         if settled == 1.0:
             for lane in range(width):
                 keep_cycle(Z, lane, row, length)
             begin_stretch(Z, width, row)
-        if settled > 0.0 and watch_sides(Z, width, row, errors[i], factor, 1.0 / settled, now) > 0.0:
+        if settled > 0.0 and watch_sides(Z, width, row, _ANGLE_ERRORS[i], factor, 1.0 / settled, float(tick)) > 0.0:
             for lane in range(width):
-                change_side(Z, lane, row, Z[errors[i], lane] * factor, now, length)
+                change_side(Z, lane, row, Z[_ANGLE_ERRORS[i], lane] * factor, float(tick), length)
 
 
 @lanes
-def end_ripples(Z, lane, plan):
-    """At the end of a flight the third side of a cycle counts as far as it has got."""
+def end_ripples(Z, lane, length):
+    """At the end of a flight the third side of a cycle counts as far as it has got; ``length``: of a tick, s."""
     for i in range(3):
-        keep_cycle(Z, lane, RIPPLES + i * N_RIPPLE_ROWS, plan.timing.step * plan.timing.steps_per_tick)
-
-
-@lanes
-def fuel_left_kg(Z, lane, plan, tick):
-    """Mass above the empty one; infinite for a vehicle that burns no fuel."""
-    constants = plan.constants
-    return Z[X + s.MASS, lane] - constants.mass_empty * Z[s.K_MASS, lane] if constants.burns_fuel > 0.0 else math.inf
-
-
-@lanes
-def stagnation_heat_flux_w_m2(Z, lane, plan, tick):
-    """Heat flux at the stagnation point; not a number for a vehicle without a nose radius."""
-    return heat_flux(Z[s.RHO, lane], Z[s.AIRSPEED, lane], plan.constants.nose_radius)
-
-
-@lanes
-def fuel_used_kg(Z, lane, plan, tick):
-    """Mass at the start minus mass."""
-    return Z[FIRST_MASS, lane] - Z[X + s.MASS, lane]
-
-
-@lanes
-def surface_saturated(Z, lane, plan, tick):
-    """1 where a surface or its command is at the deflection limit.
-
-    A command at the stop counts too: the surface creeps towards it and may never arrive.
-    """
-    if plan.constants.driven > 0.0:
-        return Z[s.ANY_SATURATED, lane]
-    nominal_limit = plan.constants.surface_limit
-    limit = nominal_limit * Z[s.K_LIMIT, lane]
-    largest = larger(abs(Z[X + s.AILERON, lane]), abs(Z[X + s.RUDDER, lane]))
-    largest = larger(largest, abs(Z[X + s.ELEVATOR, lane]))
-    command = larger(abs(Z[s.CMD_AILERON, lane]), abs(Z[s.CMD_RUDDER, lane]))
-    command = larger(command, abs(Z[s.CMD_ELEVATOR, lane]))
-    saturated = (largest >= limit or command >= nominal_limit) and limit > 0.0
-    return 1.0 if saturated else 0.0
-
-
-def _make_from_trim(i):
-    """The function of surface ``i`` of aileron, rudder and elevator."""
-
-    @lanes
-    def from_trim_deg(Z, lane, plan, tick):
-        """Deflection minus that at the start."""
-        return (Z[X + s.AILERON + i, lane] - Z[FIRST_SURFACE + i, lane]) * _DEG
-
-    return from_trim_deg
-
-
-def _make_moved(i):
-    @lanes
-    def moved_deg(Z, lane, plan, tick):
-        """Absolute change of the deflection since the last tick."""
-        deflection = Z[X + s.AILERON + i, lane]
-        moved = abs(deflection - Z[LAST_SURFACE + i, lane]) * _DEG
-        Z[LAST_SURFACE + i, lane] = deflection
-        return moved
-
-    return moved_deg
-
-
-aileron_from_trim_deg, rudder_from_trim_deg, elevator_from_trim_deg = map(_make_from_trim, range(3))
-aileron_moved_deg, rudder_moved_deg, elevator_moved_deg = map(_make_moved, range(3))
-
-# The functions above that a flight has a row for, in the order of the rows.
-DERIVED = (
-    "fuel_left_kg",
-    "stagnation_heat_flux_w_m2",
-    "load_factor_g",
-    "heading_deg",
-    "altitude_error_m",
-    "speed_error_mps",
-    "heading_error_deg",
-    "cross_track_m",
-    "angle_of_attack_error_deg",
-    "bank_error_deg",
-    "aileron_from_trim_deg",
-    "elevator_from_trim_deg",
-    "rudder_from_trim_deg",
-    "aileron_moved_deg",
-    "elevator_moved_deg",
-    "rudder_moved_deg",
-    "fuel_used_kg",
-    "surface_saturated",
-)
+        keep_cycle(Z, lane, RIPPLES + i * N_RIPPLE_ROWS, length)

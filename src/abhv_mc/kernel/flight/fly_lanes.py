@@ -7,19 +7,28 @@ tuples: the plan, which is only read (:class:`abhv_mc.kernel.flight.interface.Ke
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from abhv_mc.kernel.flight import observe
 from abhv_mc.kernel.flight.counting import count_tick, finish_counting
-from abhv_mc.kernel.flight.extremes import follow_extremes, keep_extremes
+from abhv_mc.kernel.flight.derived import derive, follow_ripples
 from abhv_mc.kernel.flight.interface import LQR, PYTHON, RECORDED, TLC
 from abhv_mc.kernel.flight.memory import Z_ROWS, has_width, restore_lanes, save_lane
 from abhv_mc.kernel.flight.navigation import measure_air, measure_more, navigate
-from abhv_mc.kernel.flight.observe import check_limits, derive, finish_flights, record, record_states, start_observing
+from abhv_mc.kernel.flight.observe import (
+    check_limits,
+    finish_flights,
+    follow_extremes,
+    keep_extremes,
+    record,
+    record_states,
+    start_observing,
+)
 from abhv_mc.kernel.flight.sensors import SensorErrors, active_sensor_errors, add_biases, lag_and_scale, sense
 from abhv_mc.kernel.flight.start import face_air, start_flights
 from abhv_mc.kernel.jit import kernel, lanes
 from abhv_mc.kernel.jit_pointer import call_address
+from abhv_mc.kernel.laws import columns as ref
 from abhv_mc.kernel.laws.lqr import lqr_tick
 from abhv_mc.kernel.laws.recorded import recorded_tick
 from abhv_mc.kernel.laws.tlc import tlc_tick
@@ -27,8 +36,7 @@ from abhv_mc.kernel.laws.user import own_tick
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.actuators import command_ideal, pass_commands, prepare_actuators, run_actuators, set_actuators
 from abhv_mc.kernel.plant.aerodynamics import build_up, look_up
-from abhv_mc.kernel.plant.air_data import air_data, deflections, move_air
-from abhv_mc.kernel.plant.air_profile import nominal_density, nominal_wind
+from abhv_mc.kernel.plant.air_data import air_data, deflections, move_air, nominal_density
 from abhv_mc.kernel.plant.disturbance import Disturbances, active_disturbances, any_lane, calm, disturb
 from abhv_mc.kernel.plant.effectors import (
     begin_effectors,
@@ -92,8 +100,7 @@ def instruments(plan, Z, width, active, tick):
     sensing, more = plan.vehicle.constants.sensing, plan.user_code.more > 0 or active.sensor_errors.changed
     against_air = active.windy and sensing.angle_of_attack + sensing.sideslip + sensing.speed > 0
     if active.windy and (against_air or more):
-        move_air(Z, width)
-        nominal_wind(Z, width, plan.profile)
+        move_air(Z, width, plan.profile)
     if against_air:
         measure_air(Z, width, sensing)
     if more:
@@ -125,8 +132,7 @@ def evaluate(plan, memory, width, stage, active):
     """One Runge-Kutta stage at ``XS``."""
     Z, T, vehicle = memory.Z, memory.T, plan.vehicle
     if active is not None and active.windy:
-        move_air(Z, width)
-        nominal_wind(Z, width, plan.profile)
+        move_air(Z, width, plan.profile)
     air_data(Z, width, vehicle, plan.earth)
     deflections(Z, width)
     if active is None:
@@ -161,16 +167,17 @@ def control(plan, memory, width, law, active, tick):
 @lanes
 def observe_tick(plan, memory, results, width, active, flights, n, tick):
     """Limits and metrics at a control tick, of the ``flights`` in the first ``n`` lanes."""
+    Z, O, reference, dt = memory.Z, memory.O, plan.reference, plan.timing.step * plan.timing.steps_per_tick
     inlet = plan.vehicle.constants.inlet
     if active is not None and inlet.unstarts > 0.0:
-        watch_inlet(memory.Z, width, inlet, tick * plan.timing.step * plan.timing.steps_per_tick)
-    derive(memory.Z, width, plan, tick)
+        watch_inlet(Z, width, inlet, tick * plan.timing.step * plan.timing.steps_per_tick)
+    derive(Z, width, reference, plan.vehicle.constants, tick)
+    follow_ripples(Z, width, reference[tick, ref.SETTLED], tick, dt)
     if active is not None and plan.user_code.channels != 0:
-        dt = plan.timing.step * plan.timing.steps_per_tick
-        call_address(plan.user_code.channels, 0, memory.Z, plan.reference, plan.gains, plan.settings, tick, dt)
-    ended = check_limits(memory.Z, memory.O, width, plan.observed, tick)
+        call_address(plan.user_code.channels, 0, Z, reference, plan.gains, plan.settings, tick, dt)
+    ended = check_limits(Z, O, width, plan.observed, tick)
     if ended > 0.0 or tick == plan.timing.ticks:
-        finish_flights(memory.Z, memory.O, width, plan, tick)
+        finish_flights(Z, O, width, tick == plan.timing.ticks, dt)
     count_tick(memory, width, plan, results.samples, flights, n, tick, observe.FIRST_METRIC)
 
 
@@ -246,6 +253,7 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
     that have ended go to flights that still fly.
     """
     saved, order, keeps = memory.saved, memory.order, results.kept.shape[1] > 0
+    O, dt = memory.O, plan.timing.step * plan.timing.steps_per_tick
     driven = count_driven(plan.vehicle) > 0
     start, last = plan.first_tick, plan.timing.ticks if keeps else plan.timing.ticks + 1
     compacted = 1 < width < last_flight - first_flight  # otherwise there is one group, or no lane to give away
@@ -269,24 +277,16 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
                 fly_ticks(plan, memory, results, width, law, active, first_tick, end, flights, n)
                 for lane in range(n):
                     flight = flights[lane]
-                    if memory.O[observe.ALIVE, lane] > 0.0 and end < last:
-                        save_lane(
-                            memory, lane, saved[still_flying], driven
-                        )  # at or before its own place, already restored
+                    if O[observe.ALIVE, lane] > 0.0 and end < last:
+                        # At or before its own place, which has been restored.
+                        save_lane(memory, lane, saved[still_flying], driven)
                         order[still_flying] = flight
                         still_flying += 1
                     else:
-                        finish_counting(
-                            memory.O,
-                            lane,
-                            plan.counted,
-                            memory.O[observe.SAMPLES, lane],
-                            plan.timing.step * plan.timing.steps_per_tick,
-                            observe.FIRST_METRIC,
-                            results.metrics[flight],
-                        )
-                        results.outcome[flight] = int(memory.O[observe.OUTCOME, lane])
-                        results.end_tick[flight] = int(memory.O[observe.END, lane])
+                        metrics, samples = results.metrics[flight], O[observe.SAMPLES, lane]
+                        finish_counting(O, lane, plan.counted, samples, dt, observe.FIRST_METRIC, metrics)
+                        results.outcome[flight] = int(O[observe.OUTCOME, lane])
+                        results.end_tick[flight] = int(O[observe.END, lane])
                         if keeps:
                             save_lane(memory, lane, results.kept[flight], driven)
             flying = still_flying
@@ -317,8 +317,7 @@ def start_active(plan, memory, width, active):
     Z = memory.Z
     if active is not None:
         if active.windy and plan.vehicle.constants.sensing.sideslip > 0:
-            move_air(Z, width)
-            nominal_wind(Z, width, plan.profile)
+            move_air(Z, width, plan.profile)
             face_air(Z, width)
         if plan.user_code.aerodynamics != 0:
             find_dispersed(Z, width)
@@ -338,11 +337,13 @@ def make_fly_lanes(capacity: int, lean: bool = False) -> Callable[..., None]:
         """Fly every row of the plan's parameters in a memory for ``capacity`` lanes; fill the results."""
         if has_width(memory, capacity):  # checked where Python enters, and a constant to LLVM from here on
             width, flights = memory.Z.shape[1], plan.parameters.shape[0]
-            if lean:
-                fly_groups(plan, memory, results, width, plan.law, nothing_active, 0, flights)
-            else:
-                fly_groups(plan, memory, results, width, plan.law, find_active, 0, flights)
+            fly_groups(plan, memory, results, width, plan.law, nothing_active if lean else find_active, 0, flights)
 
-    fly_lanes.__name__ += "_lean" if lean else ""  # the cache knows them by name
-    fly_lanes.__qualname__ += "_lean" if lean else ""
-    return kernel(fly_lanes)
+    return named_kernel(fly_lanes, lean)
+
+
+def named_kernel(function: Callable[..., Any], lean: bool) -> Callable[..., Any]:
+    """A kernel that the cache knows by name."""
+    function.__name__ += "_lean" if lean else ""
+    function.__qualname__ += "_lean" if lean else ""
+    return kernel(function)

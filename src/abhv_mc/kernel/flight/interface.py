@@ -74,7 +74,7 @@ class KernelPlan(NamedTuple):
     reference: Floats  # [tick, column]
     gains: Floats  # [tick, gain]
     settings: Floats  # [setting]
-    profile: Floats  # [knot, column] nominal air, see abhv_mc.kernel.plant.air_profile; no knots: still standard air
+    profile: Floats  # [knot, column] nominal air, see abhv_mc.kernel.plant.air_data; no knots: still standard air
     parameters: Floats  # [flight, parameter]
     counted: Counted
     first_tick: int  # at which the flights start

@@ -6,13 +6,12 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Ints
 from abhv_mc.kernel.flight import observe
-from abhv_mc.kernel.flight.extremes import E_ROWS
 from abhv_mc.kernel.jit import lanes
 from abhv_mc.kernel.laws.trim_lookup import TrimCells, make_trim_cells
-from abhv_mc.kernel.numerics.lane_memory import aligned_zeros
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.aerodynamics import TableCells, make_cells
 from abhv_mc.kernel.plant.effectors import A_ROWS
+from abhv_mc.kernel.plant.state import aligned_zeros
 
 TOGETHER = 256  # flights that share a compaction: what is saved of them stays in a near cache
 
@@ -27,7 +26,7 @@ class Memory(NamedTuple):
     Z: Floats  # [row, lane] state, parameters, air data, ... see abhv_mc.kernel.plant.state
     O: Floats  # [row, lane] end of the flight and metrics, see abhv_mc.kernel.flight.observe
     A: Floats  # [row, lane] effectors with actuators of their own, see abhv_mc.kernel.plant.effectors
-    E: Floats  # [2 channel + side, lane] extremes of a bin, see abhv_mc.kernel.flight.extremes
+    E: Floats  # [2 channel + side, lane] extremes of a bin, see abhv_mc.kernel.flight.observe
     T: Floats  # [table row, lane]
     cells: TableCells
     trim: TrimCells
@@ -42,7 +41,7 @@ def make_memory(width: int) -> Memory:
         aligned_zeros((Z_ROWS, width)),
         aligned_zeros((O_ROWS, width)),
         aligned_zeros((A_ROWS, width)),
-        aligned_zeros((E_ROWS, width)),
+        aligned_zeros((observe.E_ROWS, width)),
         aligned_zeros((s.MAX_TABLE_ROWS, width)),
         make_cells(width),
         make_trim_cells(width),

@@ -1,15 +1,15 @@
-"""Once a tick, at the state of the tick: derived quantities, the end of a flight and the recorded channels.
+"""Once a tick, at the state of the tick: the end of a flight, and what is recorded: channels, states, extremes.
 
 Which limits and channels there are comes as numbers, see :mod:`abhv_mc.flight.observed`.
 """
 
-from collections.abc import Callable, Sequence
-from typing import Any
+import math
 
 from abhv_mc.kernel.flight import counting, derived
-from abhv_mc.kernel.flight.derived import DERIVED, FIRST_DERIVED, end_ripples, follow_ripples, remember_start
+from abhv_mc.kernel.flight.derived import VERDICT, end_ripples, remember_start
 from abhv_mc.kernel.jit import lanes
 from abhv_mc.kernel.laws.user import FAULT, NOT_FINITE
+from abhv_mc.kernel.numerics.angles import larger, smaller
 from abhv_mc.kernel.numerics.tables import natural
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.state import STATE_INDEX, X
@@ -19,54 +19,23 @@ from abhv_mc.kernel.plant.vehicle import VARIABLES
 ALIVE, OUTCOME, END, SAMPLES = range(4)  # END: tick of the last sample that counted
 FIRST_METRIC = 4
 N_ROWS = FIRST_METRIC + counting.N_ROWS
-
-
-def _row_in_memory(source: str) -> int | None:
-    """The row of the lane memory that holds a source; None for what is derived."""
-    if source in STATE_INDEX:
-        return X + STATE_INDEX[source]
-    if source in VARIABLES:
-        return s.variable_row(source)
-    return getattr(s, source.upper(), getattr(derived, source.upper(), None))
-
-
-VERDICT = FIRST_DERIVED + len(DERIVED)  # outcome of the limits at this tick, 0 within all of them
 END_ROW = VERDICT + 1  # of the lane memory
+
+MAX_RECORDED = 96  # channels
+HIDDEN = 2 * MAX_RECORDED  # row of E: 0, or NaN in the lanes that do not count
+E_ROWS = HIDDEN + 1
 
 
 def find_row(source: str) -> int:
     """Row of the lane memory where a source stands. Raises ValueError for one that there is not."""
-    row = _row_in_memory(source)
-    if row is None and source not in DERIVED:
-        raise ValueError(f"'{source}' is no row of the lane memory and no function of abhv_mc.kernel.flight.derived")
-    return FIRST_DERIVED + DERIVED.index(source) if row is None else row
-
-
-_ERRORS = tuple(find_row(name) for name in ("bank_error_deg", "angle_of_attack_error_deg", "sideslip"))
-
-
-def _compose(functions: Sequence[Callable[..., Any]], row: int) -> Callable[..., None]:
-    """One compiled function that puts what each of these returns for a lane into its own row, from ``row`` on."""
-    if len(functions) == 1:
-        function = functions[0]
-
-        @lanes
-        def derive_one(Z, lane, plan, tick):
-            Z[row, lane] = function(Z, lane, plan, tick)
-
-        return derive_one
-    half = len(functions) // 2
-    some, others = _compose(functions[:half], row), _compose(functions[half:], row + half)
-
-    @lanes
-    def derive_more(Z, lane, plan, tick):
-        some(Z, lane, plan, tick)
-        others(Z, lane, plan, tick)
-
-    return derive_more
-
-
-_derive_lane = _compose([getattr(derived, source) for source in DERIVED], FIRST_DERIVED)
+    if source in STATE_INDEX:
+        return X + STATE_INDEX[source]
+    if source in VARIABLES:
+        return s.variable_row(source)
+    row = getattr(s, source.upper(), getattr(derived, source.upper(), None))
+    if not isinstance(row, int):
+        raise ValueError(f"'{source}' is no row of the lane memory")
+    return row
 
 
 @lanes
@@ -81,29 +50,14 @@ def start_observing(Z, O, width, counted):
 
 
 @lanes
-def derive(Z, width, plan, tick):
-    """The derived quantities at this tick."""
-    observing = derived.Observing(plan.reference, plan.timing, plan.vehicle.constants)
-    for lane in range(width):
-        _derive_lane(Z, lane, observing, tick)
-    follow_ripples(Z, width, observing, tick, _ERRORS)
-
-
-@lanes
 def check_limits(Z, O, width, observed, tick):
     """End the flights that left their limits or are no longer finite: how many. Metrics keep what was counted."""
     ended = 0.0
     for lane in range(width):
         Z[VERDICT, lane] = 0.0
     for i in range(observed.limit_row.size):
-        check_limit(
-            Z[VERDICT],
-            Z[natural(observed.limit_row[i])],
-            observed.limit_low[i],
-            observed.limit_high[i],
-            observed.limit_outcome[i],
-            width,
-        )
+        low, high, outcome = observed.limit_low[i], observed.limit_high[i], observed.limit_outcome[i]
+        check_limit(Z[VERDICT], Z[natural(observed.limit_row[i])], low, high, outcome, width)
     for lane in range(width):
         alive = O[ALIVE, lane]
         total = 0.0
@@ -125,11 +79,11 @@ def check_limits(Z, O, width, observed, tick):
 
 
 @lanes
-def finish_flights(Z, O, width, plan, tick):
-    """What metrics count of flights that have ended, at this tick or before."""
+def finish_flights(Z, O, width, last, length):
+    """What metrics count of flights that have ended, at this tick or before; ``length``: of a tick, s."""
     for lane in range(width):
-        if tick == plan.timing.ticks or O[ALIVE, lane] == 0.0:
-            end_ripples(Z, lane, plan)
+        if last or O[ALIVE, lane] == 0.0:
+            end_ripples(Z, lane, length)
 
 
 @lanes
@@ -156,3 +110,49 @@ def record_states(Z, states, flights, n, sample):
         if Z[s.COUNTED, lane] > 0.0:
             for i in range(s.N_STATES):
                 states[flights[lane], sample, i] = Z[X + i, lane]
+
+
+@lanes
+def follow_extremes(Z, E, observed, width, fresh):
+    """Add a tick to the extremes ``E[2 channel + side, lane]`` of the flights that count; ``fresh``: a bin begins.
+
+    A bin runs from a sample to the tick before the next one. What is compared are rows of the lane memory: factors are
+    positive and rounding keeps the order, so these are extremes of what a history would hold, to the bit.
+    """
+    for lane in range(width):
+        E[HIDDEN, lane] = 0.0 if Z[s.COUNTED, lane] > 0.0 else math.nan
+    for i in range(observed.channel_row.size):
+        if fresh:
+            forget(E[2 * i], E[2 * i + 1], width)
+        widen(E[2 * i], E[2 * i + 1], Z[natural(observed.channel_row[i])], E[HIDDEN], width)
+
+
+@lanes
+def forget(low, high, width):
+    """No value seen."""
+    for lane in range(width):
+        low[lane] = math.inf
+        high[lane] = -math.inf
+
+
+@lanes
+def widen(low, high, row, hidden, width):
+    """One value in all lanes; a NaN is none, and becomes of what is hidden."""
+    for lane in range(width):
+        value = row[lane] + hidden[lane]
+        low[lane] = value if value < low[lane] else low[lane]
+        high[lane] = value if value > high[lane] else high[lane]
+
+
+@lanes
+def keep_extremes(E, observed, least, greatest, width):
+    """Widen the result ``[channel]`` of a bin by what the lanes have seen in it."""
+    for i in range(observed.channel_row.size):
+        low, high = E[2 * i], E[2 * i + 1]
+        smallest, largest = low[0], high[0]
+        for lane in range(1, width):
+            smallest = low[lane] if low[lane] < smallest else smallest
+            largest = high[lane] if high[lane] > largest else largest
+        factor = observed.channel_factor[i]
+        least[i] = smaller(least[i], smallest * factor)
+        greatest[i] = larger(greatest[i], largest * factor)

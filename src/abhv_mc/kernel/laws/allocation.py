@@ -11,13 +11,25 @@ from abhv_mc.kernel.plant.equations import aerodynamic_force, thrust
 from abhv_mc.kernel.plant.slopes import N_INPUTS
 
 
-@scalar
-def moment_about_cg(constants, q_s, cg_x, cg_z, roll, pitch, yaw, fx, fy, fz):
-    """Moment (N m) of moment coefficients and of a force (N) at the moment reference, or of their slopes alike."""
+@lanes
+def force_of(Z, lane, constants, q_bar, row, stride):
+    """Force of the coefficients at the variables' flow angles, N, or of their slopes alike.
+
+    They stand in the rows ``row``, ``row + stride``, ...
+    """
+    flow = sincos(Z[s.V_ALPHA, lane]) + sincos(Z[s.V_BETA, lane])
+    lift, drag, side = Z[row, lane], Z[row + stride, lane], Z[row + 2 * stride, lane]
+    return aerodynamic_force(constants, q_bar, lift, drag, side, flow)
+
+
+@lanes
+def moment_about_cg(Z, lane, constants, q_bar, row, stride, fx, fy, fz):
+    """Moment (N m) of such coefficients and of a force (N) at the moment reference."""
+    q_s, cg_x, cg_z = q_bar * constants.area, Z[s.CG_X, lane], Z[s.CG_Z, lane]
     return (
-        q_s * constants.span * roll + cg_z * fy,
-        q_s * constants.chord * pitch + cg_x * fz - cg_z * fx,
-        q_s * constants.span * yaw - cg_x * fy,
+        q_s * constants.span * Z[row + 3 * stride, lane] + cg_z * fy,
+        q_s * constants.chord * Z[row + 4 * stride, lane] + cg_x * fz - cg_z * fx,
+        q_s * constants.span * Z[row + 5 * stride, lane] - cg_x * fy,
     )
 
 
@@ -30,35 +42,11 @@ def side_force_slope(constants, q_s, side_by_sideslip, drag):
 @lanes
 def nominal_moment(Z, lane, constants, density, q_bar, speed):
     """Moment of the nominal vehicle about its centre of gravity at the measured state and the last commands, N m."""
-    sin_a, cos_a = sincos(Z[s.V_ALPHA, lane])
-    sin_b, cos_b = sincos(Z[s.V_BETA, lane])
-    fx, fy, fz = aerodynamic_force(
-        constants, q_bar, Z[s.COEF, lane], Z[s.COEF + 1, lane], Z[s.COEF + 2, lane], sin_a, cos_a, sin_b, cos_b
-    )
-    t = thrust(
-        constants,
-        Z[s.V_ETA, lane],
-        density,
-        speed,
-        q_bar,
-        Z[s.CAPTURE, lane],
-        Z[s.ISP, lane],
-        Z[s.THRUST_AREA, lane],
-    )
+    fx, fy, fz = force_of(Z, lane, constants, q_bar, s.COEF, 1)
+    t = thrust(Z, lane, constants, Z[s.V_ETA, lane], density, speed, q_bar)
     tx, tz = t * constants.thrust_cos, -t * constants.thrust_sin
     f_x, f_y, f_z = Z[s.F_THRUST, lane], Z[s.F_THRUST + 1, lane], Z[s.F_THRUST + 2, lane]  # of an engine function
-    m_x, m_y, m_z = moment_about_cg(
-        constants,
-        q_bar * constants.area,
-        Z[s.CG_X, lane],
-        Z[s.CG_Z, lane],
-        Z[s.COEF + 3, lane],
-        Z[s.COEF + 4, lane],
-        Z[s.COEF + 5, lane],
-        fx + tx + f_x,
-        fy + f_y,
-        fz + tz + f_z,
-    )
+    m_x, m_y, m_z = moment_about_cg(Z, lane, constants, q_bar, s.COEF, 1, fx + tx + f_x, fy + f_y, fz + tz + f_z)
     return (
         m_x + Z[s.F_MOMENT, lane],
         m_y + constants.thrust_offset_z * tx + Z[s.F_MOMENT + 1, lane],
@@ -72,32 +60,9 @@ def moment_slope(Z, lane, constants, q_bar, first_slope, deflection):
 
     ``first_slope``: row of the coefficients' slopes, see :func:`abhv_mc.kernel.plant.slopes.slopes_of_coefficients`.
     """
-    sin_a, cos_a = sincos(Z[s.V_ALPHA, lane])
-    sin_b, cos_b = sincos(Z[s.V_BETA, lane])
     row = first_slope + deflection
-    fx, fy, fz = aerodynamic_force(
-        constants,
-        q_bar,
-        Z[row, lane],
-        Z[row + N_INPUTS, lane],
-        Z[row + 2 * N_INPUTS, lane],
-        sin_a,
-        cos_a,
-        sin_b,
-        cos_b,
-    )
-    return moment_about_cg(
-        constants,
-        q_bar * constants.area,
-        Z[s.CG_X, lane],
-        Z[s.CG_Z, lane],
-        Z[row + 3 * N_INPUTS, lane],
-        Z[row + 4 * N_INPUTS, lane],
-        Z[row + 5 * N_INPUTS, lane],
-        fx,
-        fy,
-        fz,
-    )
+    fx, fy, fz = force_of(Z, lane, constants, q_bar, row, N_INPUTS)
+    return moment_about_cg(Z, lane, constants, q_bar, row, N_INPUTS, fx, fy, fz)
 
 
 @scalar

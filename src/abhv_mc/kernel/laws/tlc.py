@@ -44,43 +44,37 @@ N_ROWS = 21 + N_COEFFICIENTS * N_INPUTS
 
 
 @scalar
-def dot6(gains, k, first, e0, e1, e2, e3, e4, e5):
-    """Six gains of the tick times six errors."""
-    return (
-        gains[k, first] * e0
-        + gains[k, first + 1] * e1
-        + gains[k, first + 2] * e2
-        + gains[k, first + 3] * e3
-        + gains[k, first + 4] * e4
-        + gains[k, first + 5] * e5
-    )
+def six_from(gains, i):
+    """Six of the tick's gains."""
+    return gains[i], gains[i + 1], gains[i + 2], gains[i + 3], gains[i + 4], gains[i + 5]
+
+
+@scalar
+def dot6(gains, errors):
+    """Six gains times six errors."""
+    k0, k1, k2, k3, k4, k5 = gains
+    e0, e1, e2, e3, e4, e5 = errors
+    return k0 * e0 + k1 * e1 + k2 * e2 + k3 * e3 + k4 * e4 + k5 * e5
 
 
 @lanes
 def tlc_guidance(Z, width, vehicle, reference, gains, settings, k, dt):
     """Sub-loops 1 and 2: flight path angle, then angle of attack, bank and equivalence ratio commands."""
-    constants = vehicle.constants
+    constants, g = vehicle.constants, gains[k]
     for lane in range(width):
         altitude = Z[s.M_ALTITUDE, lane] - reference[k, ref.ALTITUDE]
         int_altitude = Z[I_ALTITUDE, lane] + dt * altitude
-        path_cmd = (
-            reference[k, ref.FLIGHT_PATH_ANGLE] - gains[k, TLC_K1] * int_altitude - gains[k, TLC_K1 + 1] * altitude
-        )
+        path_cmd = reference[k, ref.FLIGHT_PATH_ANGLE] - g[TLC_K1] * int_altitude - g[TLC_K1 + 1] * altitude
         path = Z[s.M_GAMMA, lane] - path_cmd
         heading = wrap(Z[s.M_CHI, lane] - reference[k, ref.HEADING])
         speed = Z[s.M_SPEED, lane] - reference[k, ref.SPEED]
         int_path = Z[I_GUIDANCE, lane] + dt * path
         int_heading = Z[I_GUIDANCE + 1, lane] + dt * heading
         int_speed = Z[I_GUIDANCE + 2, lane] + dt * speed
-        alpha = reference[k, ref.ANGLE_OF_ATTACK] - dot6(
-            gains, k, TLC_K2, int_path, path, int_heading, heading, int_speed, speed
-        )
-        bank = reference[k, ref.BANK] - dot6(
-            gains, k, TLC_K2 + 6, int_path, path, int_heading, heading, int_speed, speed
-        )
-        eta = reference[k, ref.EQUIVALENCE_RATIO] - dot6(
-            gains, k, TLC_K2 + 12, int_path, path, int_heading, heading, int_speed, speed
-        )
+        errors = int_path, path, int_heading, heading, int_speed, speed
+        alpha = reference[k, ref.ANGLE_OF_ATTACK] - dot6(six_from(g, TLC_K2), errors)
+        bank = reference[k, ref.BANK] - dot6(six_from(g, TLC_K2 + 6), errors)
+        eta = reference[k, ref.EQUIVALENCE_RATIO] - dot6(six_from(g, TLC_K2 + 12), errors)
         alpha_cmd = clamp(alpha, settings[2], settings[3])
         bank_cmd = clamp(bank, -settings[4], settings[4])
         eta_cmd = clamp(eta, constants.equivalence_ratio_min, constants.equivalence_ratio_max)
@@ -129,17 +123,7 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
     wd_attitude, wd_rate = settings[0], settings[1]
     decay_attitude, decay_rate = exp(-wd_attitude * dt), exp(-wd_rate * dt)
     g = gains[k]
-    attitude_spectrum = Spectrum(
-        g[TLC_ATTITUDE],
-        g[TLC_ATTITUDE + 1],
-        g[TLC_ATTITUDE + 2],
-        g[TLC_ATTITUDE + 3],
-        g[TLC_ATTITUDE + 4],
-        g[TLC_ATTITUDE + 5],
-    )
-    rate_spectrum = Spectrum(
-        g[TLC_RATE], g[TLC_RATE + 1], g[TLC_RATE + 2], g[TLC_RATE + 3], g[TLC_RATE + 4], g[TLC_RATE + 5]
-    )
+    attitude_spectrum, rate_spectrum = Spectrum(*six_from(g, TLC_ATTITUDE)), Spectrum(*six_from(g, TLC_RATE))
     for lane in range(width):
         speed = Z[s.M_SPEED, lane]
         q_bar = 0.5 * Z[RHO_NOM, lane] * speed * speed
@@ -179,32 +163,15 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
         Z[D_ALPHA, lane] = differentiator_next(decay_attitude, d_alpha, alpha_cmd)
         Z[D_BANK, lane] = differentiator_next(decay_attitude, d_bank, bank_cmd)
         p_nom, q_nom, r_nom = attitude_inverse(point, alpha_dot, 0.0, bank_dot)
-        a = attitude_gains(point, p_nom, r_nom, attitude_spectrum)
+        to_p, to_q, to_r = attitude_gains(point, p_nom, r_nom, attitude_spectrum)
         alpha_err = Z[s.M_ALPHA, lane] - alpha_cmd
         beta_err = Z[s.M_BETA, lane]
         bank_err = wrap(Z[s.M_BANK, lane] - bank_cmd)
         int_alpha = Z[I_ATTITUDE, lane] + dt * alpha_err
         int_beta = Z[I_ATTITUDE + 1, lane] + dt * beta_err
         int_bank = Z[I_ATTITUDE + 2, lane] + dt * bank_err
-        p_cmd = p_nom - (
-            a[0] * int_alpha + a[1] * alpha_err + a[2] * int_beta + a[3] * beta_err + a[4] * int_bank + a[5] * bank_err
-        )
-        q_cmd = q_nom - (
-            a[6] * int_alpha
-            + a[7] * alpha_err
-            + a[8] * int_beta
-            + a[9] * beta_err
-            + a[10] * int_bank
-            + a[11] * bank_err
-        )
-        r_cmd = r_nom - (
-            a[12] * int_alpha
-            + a[13] * alpha_err
-            + a[14] * int_beta
-            + a[15] * beta_err
-            + a[16] * int_bank
-            + a[17] * bank_err
-        )
+        errors = int_alpha, alpha_err, int_beta, beta_err, int_bank, bank_err
+        p_cmd, q_cmd, r_cmd = p_nom - dot6(to_p, errors), q_nom - dot6(to_q, errors), r_nom - dot6(to_r, errors)
 
         # Sub-loop 4 about the commanded rates.
         d_p = p_cmd if first else Z[D_P, lane]
@@ -218,16 +185,15 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
         Z[D_R, lane] = differentiator_next(decay_rate, d_r, r_cmd)
         inertia = Inertia(Z[s.INERTIA_XX, lane], Z[s.INERTIA_YY, lane], Z[s.INERTIA_ZZ, lane], Z[s.INERTIA_13, lane])
         m_x, m_y, m_z = moment_inverse(inertia, p_cmd, q_cmd, r_cmd, p_dot, q_dot, r_dot)
-        b = rate_gains(inertia, p_cmd, q_cmd, r_cmd, rate_spectrum)
+        to_x, to_y, to_z = rate_gains(inertia, p_cmd, q_cmd, r_cmd, rate_spectrum)
         p_err = Z[s.M_P, lane] - p_cmd
         q_err = Z[s.M_Q, lane] - q_cmd
         r_err = Z[s.M_R, lane] - r_cmd
         int_p = Z[I_RATE, lane] + dt * p_err
         int_q = Z[I_RATE + 1, lane] + dt * q_err
         int_r = Z[I_RATE + 2, lane] + dt * r_err
-        m_x -= b[0] * int_p + b[1] * p_err + b[2] * int_q + b[3] * q_err + b[4] * int_r + b[5] * r_err
-        m_y -= b[6] * int_p + b[7] * p_err + b[8] * int_q + b[9] * q_err + b[10] * int_r + b[11] * r_err
-        m_z -= b[12] * int_p + b[13] * p_err + b[14] * int_q + b[15] * q_err + b[16] * int_r + b[17] * r_err
+        errors = int_p, p_err, int_q, q_err, int_r, r_err
+        m_x, m_y, m_z = m_x - dot6(to_x, errors), m_y - dot6(to_y, errors), m_z - dot6(to_z, errors)
 
         # Allocation (19): the moment wanted in addition to that of the last commands.
         now_x, now_y, now_z = nominal_moment(Z, lane, constants, Z[RHO_NOM, lane], q_bar, speed)

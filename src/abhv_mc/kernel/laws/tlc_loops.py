@@ -1,7 +1,7 @@
 """Sub-loops 3 and 4 of TLC as pure scalar functions: inverses and time-varying PI gains.
 
 Zhu and Shen 2014, equations (13)-(18), in FRD axes (x forward, y right, z down); there the paper's matrix element
-Jxy is J13: ``Hx = Jx p + J13 r``, ``Hz = Jz r + J13 p``. Each gain K (3 x 6, row by row, a state's integral before
+Jxy is J13: ``Hx = Jx p + J13 r``, ``Hz = Jz r + J13 p``. Each gain K (3 x 6, a state's integral before
 the state) makes the linearized closed loop equal to the wanted one: ``B K = A - A_c`` with the rows of ``A_c``
 ``[-a1, -a2]`` for each channel. SI and radians.
 """
@@ -64,7 +64,7 @@ def attitude_inverse(point, alpha_dot, beta_dot, bank_dot):
 
 @scalar
 def attitude_gains(point, p, r, spectrum):
-    """K3: (p, q, r) from (int alpha, alpha, int beta, beta, int bank, bank); 18 numbers, row by row.
+    """K3: the rows of p, q and r, each from (int alpha, alpha, int beta, beta, int bank, bank).
 
     ``p`` and ``r`` are the nominal rates of :func:`attitude_inverse`.
     """
@@ -87,25 +87,13 @@ def attitude_gains(point, p, r, spectrum):
     bank_by_bank = point.tan_gamma * (normal * cs - side * ss) + spectrum.a2_2
 
     # B = [[0, 1, 0], [sin a, 0, -cos a], [cos a, 0, sin a]]: p and r turn the rows of beta and bank by alpha.
+    p_by_alpha, r_by_alpha = sa * beta_by_alpha + ca * bank_by_alpha, sa * bank_by_alpha - ca * beta_by_alpha
+    p_by_beta, r_by_beta = sa * beta_by_beta + ca * bank_by_beta, sa * bank_by_beta - ca * beta_by_beta
+    p_by_bank, r_by_bank = sa * beta_by_bank + ca * bank_by_bank, sa * bank_by_bank - ca * beta_by_bank
     return (
-        0.0,
-        sa * beta_by_alpha + ca * bank_by_alpha,
-        sa * spectrum.a1_1,
-        sa * beta_by_beta + ca * bank_by_beta,
-        ca * spectrum.a1_2,
-        sa * beta_by_bank + ca * bank_by_bank,
-        spectrum.a1_0,
-        alpha_by_alpha,
-        0.0,
-        alpha_by_beta,
-        0.0,
-        alpha_by_bank,
-        0.0,
-        sa * bank_by_alpha - ca * beta_by_alpha,
-        -ca * spectrum.a1_1,
-        sa * bank_by_beta - ca * beta_by_beta,
-        sa * spectrum.a1_2,
-        sa * bank_by_bank - ca * beta_by_bank,
+        (0.0, p_by_alpha, sa * spectrum.a1_1, p_by_beta, ca * spectrum.a1_2, p_by_bank),
+        (spectrum.a1_0, alpha_by_alpha, 0.0, alpha_by_beta, 0.0, alpha_by_bank),
+        (0.0, r_by_alpha, -ca * spectrum.a1_1, r_by_beta, sa * spectrum.a1_2, r_by_bank),
     )
 
 
@@ -123,27 +111,16 @@ def moment_inverse(inertia, p, q, r, p_dot, q_dot, r_dot):
 
 @scalar
 def rate_gains(inertia, p, q, r, spectrum):
-    """K4: moments from (int p, p, int q, q, int r, r) at the nominal rates; 18 numbers, row by row, (18)."""
+    """K4: the rows of the three moments, each from (int p, p, int q, q, int r, r) at the nominal rates, (18)."""
     jx, jy, jz, j13 = inertia.xx, inertia.yy, inertia.zz, inertia.e13
+    roll_by_p, roll_by_q = jx * spectrum.a2_0 - j13 * q, -(jz - jy) * r - j13 * p
+    pitch_by_p, pitch_by_r = -(jx - jz) * r + 2.0 * j13 * p, -(jx - jz) * p - 2.0 * j13 * r
+    yaw_by_p, yaw_by_q = j13 * spectrum.a2_0 - (jy - jx) * q, -(jy - jx) * p + j13 * r
+    roll_by_r, yaw_by_r = j13 * spectrum.a2_2 - (jz - jy) * q, jz * spectrum.a2_2 + j13 * q
     return (
-        jx * spectrum.a1_0,
-        jx * spectrum.a2_0 - j13 * q,
-        0.0,
-        -(jz - jy) * r - j13 * p,
-        j13 * spectrum.a1_2,
-        j13 * spectrum.a2_2 - (jz - jy) * q,
-        0.0,
-        -(jx - jz) * r + 2.0 * j13 * p,
-        jy * spectrum.a1_1,
-        jy * spectrum.a2_1,
-        0.0,
-        -(jx - jz) * p - 2.0 * j13 * r,
-        j13 * spectrum.a1_0,
-        j13 * spectrum.a2_0 - (jy - jx) * q,
-        0.0,
-        -(jy - jx) * p + j13 * r,
-        jz * spectrum.a1_2,
-        jz * spectrum.a2_2 + j13 * q,
+        (jx * spectrum.a1_0, roll_by_p, 0.0, roll_by_q, j13 * spectrum.a1_2, roll_by_r),
+        (0.0, pitch_by_p, jy * spectrum.a1_1, jy * spectrum.a2_1, 0.0, pitch_by_r),
+        (j13 * spectrum.a1_0, yaw_by_p, 0.0, yaw_by_q, jz * spectrum.a1_2, yaw_by_r),
     )
 
 

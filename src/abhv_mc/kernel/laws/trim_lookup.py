@@ -6,13 +6,12 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Ints
 from abhv_mc.kernel.jit import lanes, scalar
-from abhv_mc.kernel.numerics.lane_memory import aligned_zeros
-from abhv_mc.kernel.numerics.tables import bracket, natural
+from abhv_mc.kernel.numerics.tables import bracket, mix, natural, weigh
 from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.state import aligned_zeros
 from abhv_mc.kernel.plant.vehicle import CHUNK
 
 AXES = 3  # Mach, angle of attack, equivalence ratio
-_MACH_AXIS, _ALPHA_AXIS, _ETA_AXIS = range(AXES)
 
 # Rows of the trim tables: rad, -, -, T / (q_bar S), s; and 1 at the nodes that have no trim, else 0.
 TRIM_ROWS = ("elevator", "lift", "drag", "thrust", "specific_impulse", "untrimmed")
@@ -33,15 +32,8 @@ class TrimCells(NamedTuple):
 
 def make_trim_cells(width: int) -> TrimCells:
     """Memory of ``width`` lanes before their first look-up: empty intervals, so that it searches every axis."""
-    return TrimCells(
-        aligned_zeros((AXES, width), np.int64),
-        aligned_zeros((AXES, width)),
-        aligned_zeros((AXES, width)),
-        aligned_zeros((AXES, width)),
-        aligned_zeros((AXES, width)),
-        aligned_zeros(CHUNK),
-        aligned_zeros(CHUNK),
-    )
+    shapes: list[tuple[int, ...]] = [(AXES, width)] * 4 + [(CHUNK,)] * 2
+    return TrimCells(aligned_zeros((AXES, width), np.int64), *map(aligned_zeros, shapes))
 
 
 @lanes
@@ -68,15 +60,14 @@ def follow(Z, W, row, tables, axis, cells):
 @scalar
 def blend(data, corner, s0, s1, s2, t0, t1, t2, per_step, value, slope):
     """A cell's tables, side by side as one vector, and their slopes with the middle axis."""
-    w00, w10 = (1.0 - t0) * (1.0 - t2), t0 * (1.0 - t2)
-    w01, w11 = (1.0 - t0) * t2, t0 * t2
+    weights = weigh(t0, t2)
     a, b = natural(corner), natural(corner + s0)
     c, d = natural(corner + s2), natural(corner + s0 + s2)
     e, f = natural(corner + s1), natural(corner + s1 + s0)
     g, h = natural(corner + s1 + s2), natural(corner + s1 + s0 + s2)
     for k in range(CHUNK):
-        low = w00 * data[a + k] + w10 * data[b + k] + w01 * data[c + k] + w11 * data[d + k]
-        high = w00 * data[e + k] + w10 * data[f + k] + w01 * data[g + k] + w11 * data[h + k]
+        low = mix(weights, (data[a + k], data[b + k], data[c + k], data[d + k]))
+        high = mix(weights, (data[e + k], data[f + k], data[g + k], data[h + k]))
         value[k] = (1.0 - t1) * low + t1 * high
         slope[k] = (high - low) * per_step
 
@@ -87,9 +78,9 @@ def look_up_trim(Z, W, trim, cells, alpha_row, eta_row, first_row):
 
     The five go to the rows from ``first_row``; the slopes are those with the angle of attack.
     """
-    follow(Z, W, s.V_MACH, trim, _MACH_AXIS, cells)
-    follow(Z, W, alpha_row, trim, _ALPHA_AXIS, cells)
-    follow(Z, W, eta_row, trim, _ETA_AXIS, cells)
+    follow(Z, W, s.V_MACH, trim, 0, cells)
+    follow(Z, W, alpha_row, trim, 1, cells)
+    follow(Z, W, eta_row, trim, 2, cells)
     s0, s1, s2 = trim.group_stride[0, 0], trim.group_stride[0, 1], trim.group_stride[0, 2]
     start = trim.group_start[0]
     for lane in range(W):

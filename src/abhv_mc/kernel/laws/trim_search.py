@@ -51,8 +51,6 @@ class SearchBounds(NamedTuple):
     alpha_high: float
     eta_low: float
     eta_high: float
-    alpha_near: float  # last solution
-    alpha_margin: float
     searches: int  # 2: a shortened bracket may fail once; a constant here would be unrolled and compile for long
 
 
@@ -150,10 +148,9 @@ def _alpha_residual(alpha, cut, expected):
 
 
 @routine
-def _alpha_of(eta, cut, expected, bounds):
+def _alpha_of(eta, near, margin, cut, expected, bounds):
     """Second equation with the third inside it: (angle of attack, status); leaves the cut at ``eta``."""
     _cut_at_eta(eta, cut)
-    near, margin = bounds.alpha_near, bounds.alpha_margin
     low, high = max(bounds.alpha_low, near - margin), min(bounds.alpha_high, near + margin)
     root, status = near, NO_SIGN_CHANGE
     for _ in range(bounds.searches):
@@ -165,32 +162,30 @@ def _alpha_of(eta, cut, expected, bounds):
 
 
 @routine
-def _eta_residual(eta, cut, expected, bounds):
-    alpha, _ = _alpha_of(eta, cut, expected, bounds)
+def _eta_residual(eta, near_alpha, margin, cut, expected, bounds):
+    alpha, _ = _alpha_of(eta, near_alpha, margin, cut, expected, bounds)
     cos_thrust = np.cos(alpha) * expected.thrust_cos - np.sin(alpha) * expected.thrust_sin
     return expected.q_area * (_look_up(alpha, THRUST, cut) * cos_thrust - _look_up(alpha, DRAG, cut)) - expected.axial
 
 
 @routine
-def _eta_of(near, margin, cut, expected, bounds):
-    """First equation with the others inside it: (equivalence ratio, iterations, status)."""
+def _eta_of(near, margin, near_alpha, alpha_margin, cut, expected, bounds):
+    """First equation with the others inside it: (equivalence ratio, status)."""
     low, high = max(bounds.eta_low, near - margin), min(bounds.eta_high, near + margin)
-    root, iterations, status = near, 0, NO_SIGN_CHANGE
+    root, status, given = near, NO_SIGN_CHANGE, (near_alpha, alpha_margin, cut, expected, bounds)
     for _ in range(bounds.searches):
-        root, iterations, status = _brent_eta(
-            _eta_residual, (cut, expected, bounds), low, high, X_TOLERANCE, MAX_ITERATIONS
-        )
+        root, _, status = _brent_eta(_eta_residual, given, low, high, X_TOLERANCE, MAX_ITERATIONS)
         if status != NO_SIGN_CHANGE:
             break
         low, high = bounds.eta_low, bounds.eta_high
-    return root, iterations, status
+    return root, status
 
 
 @kernel
 def fill_trim(tables, constants, points, mass, tick, held_eta, warm, bounds, cut, solution):
-    """Fill ``solution[point, 7]``; see :func:`abhv_mc.control.design.guidance_trim.trim_along`."""
-    near_eta = 0.5 * (bounds.eta_low + bounds.eta_high)
-    eta_margin = bounds.eta_high - bounds.eta_low
+    """Fill ``solution[point, 6]``; see :func:`abhv_mc.control.design.guidance_trim.trim_along`."""
+    near_eta, eta_margin = 0.5 * (bounds.eta_low + bounds.eta_high), bounds.eta_high - bounds.eta_low
+    near_alpha, alpha_margin = 0.5 * (bounds.alpha_low + bounds.alpha_high), bounds.alpha_high - bounds.alpha_low
     for k in range(points.speed.size):
         speed, gamma, chi = points.speed[k], points.flight_path_angle[k], points.heading[k]
         gravity, radius = points.gravity[k], points.radius[k]
@@ -206,14 +201,11 @@ def fill_trim(tables, constants, points, mass, tick, held_eta, warm, bounds, cut
             constants.thrust_sin,
         )
         _cut_at_mach(tables, expected.mach, cut)
-        status = 0
-        iterations = 0
-        if held_eta >= 0.0:
-            eta = held_eta
-        else:
-            eta, iterations, found = _eta_of(near_eta, eta_margin, cut, expected, bounds)
+        eta, status = held_eta, 0
+        if held_eta < 0.0:
+            eta, found = _eta_of(near_eta, eta_margin, near_alpha, alpha_margin, cut, expected, bounds)
             status += NO_EQUIVALENCE_RATIO if found != 0 else 0
-        alpha, found = _alpha_of(eta, cut, expected, bounds)
+        alpha, found = _alpha_of(eta, near_alpha, alpha_margin, cut, expected, bounds)
         status += NO_ANGLE_OF_ATTACK if found != 0 else 0
         normal = _normal_force(alpha, cut, expected)
         sine = _sin_bank_of(normal, expected.lateral)
@@ -225,18 +217,8 @@ def fill_trim(tables, constants, points, mass, tick, held_eta, warm, bounds, cut
         solution[k, 3] = _look_up(alpha, ELEVATOR, cut)
         solution[k, 4] = mass
         solution[k, 5] = status
-        solution[k, 6] = iterations
         if warm:
-            near_eta, eta_margin = eta, _NEAR_ETA
-            bounds = SearchBounds(
-                bounds.alpha_low,
-                bounds.alpha_high,
-                bounds.eta_low,
-                bounds.eta_high,
-                alpha,
-                _NEAR_ALPHA,
-                bounds.searches,
-            )
+            near_eta, eta_margin, near_alpha, alpha_margin = eta, _NEAR_ETA, alpha, _NEAR_ALPHA
         if tick > 0.0:
             thrust = expected.q_area * _look_up(alpha, THRUST, cut)
             impulse = _look_up(alpha, IMPULSE, cut)  # zero where an engine does not run

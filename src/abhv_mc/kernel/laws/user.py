@@ -101,16 +101,7 @@ def nominal_onboard(plan, memory, width, tick):
             q_bar = 0.5 * density * speed * speed
             lift = q_bar * constants.area * Z[s.COEF, lane]
             drag = q_bar * constants.area * Z[s.COEF + 1, lane]
-            force = thrust(
-                constants,
-                Z[s.V_ETA, lane],
-                density,
-                speed,
-                q_bar,
-                Z[s.CAPTURE, lane],
-                Z[s.ISP, lane],
-                Z[s.THRUST_AREA, lane],
-            )
+            force = thrust(Z, lane, constants, Z[s.V_ETA, lane], density, speed, q_bar)
             force += Z[s.F_THRUST, lane]  # of an engine function
             if probe == 0:
                 Z[ONBOARD, lane] = Z[s.V_MACH, lane]

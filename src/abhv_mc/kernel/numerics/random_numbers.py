@@ -9,8 +9,8 @@ import math
 from abhv_mc.kernel.jit import scalar
 from abhv_mc.kernel.numerics.lane_math import log, sincos
 
-_M1, _M2 = 4294967087.0, 4294944443.0
-_INVERSE_M1, _INVERSE_M2 = 1.0 / _M1, 1.0 / _M2
+M1, M2 = 4294967087.0, 4294944443.0
+_INVERSE_M1, _INVERSE_M2 = 1.0 / M1, 1.0 / M2
 _NORM = 2.328306549295728e-10  # 1 / (m1 + 1)
 _ROUND = 6755399441055744.0  # adding and subtracting it rounds to an integer
 _GOLDEN = 0.6180339887498949
@@ -42,10 +42,10 @@ def seed_word(seed, number, m):
 @scalar
 def next_uniform(s0, s1, s2, s3, s4, s5):
     """(a number in (0, 1), the six words of the next state)."""
-    p1 = modulo(1403580.0 * s1 - 810728.0 * s0, _M1, _INVERSE_M1)
-    p2 = modulo(527612.0 * s5 - 1370589.0 * s3, _M2, _INVERSE_M2)
+    p1 = modulo(1403580.0 * s1 - 810728.0 * s0, M1, _INVERSE_M1)
+    p2 = modulo(527612.0 * s5 - 1370589.0 * s3, M2, _INVERSE_M2)
     difference = p1 - p2
-    u = (difference if difference > 0.0 else difference + _M1) * _NORM
+    u = (difference if difference > 0.0 else difference + M1) * _NORM
     return u, s1, s2, p1, s4, s5, p2
 
 

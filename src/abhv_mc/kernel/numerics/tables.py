@@ -34,6 +34,26 @@ def bracket(grid, inverse_step, length, hint, x):
 
 
 @scalar
+def weigh(t0, t1):
+    """Weights of the four corners of a 2-D cell."""
+    return (1.0 - t0) * (1.0 - t1), t0 * (1.0 - t1), (1.0 - t0) * t1, t0 * t1
+
+
+@scalar
+def corners_of(data, i, s0, s1):
+    """One table's values at the four corners of a 2-D cell."""
+    return data[i], data[i + s0], data[i + s1], data[i + s0 + s1]
+
+
+@scalar
+def mix(weights, corners):
+    """Corners' values by their weights."""
+    w00, w10, w01, w11 = weights
+    a, b, c, d = corners
+    return w00 * a + w10 * b + w01 * c + w11 * d
+
+
+@scalar
 def interpolate_1d(data, corner, s0, t0, width, out):
     """The ``width`` tables that lie side by side from ``corner`` on, between two nodes, into ``out[:width]``."""
     a, b = natural(corner), natural(corner + s0)
@@ -44,29 +64,22 @@ def interpolate_1d(data, corner, s0, t0, width, out):
 @scalar
 def interpolate_2d(data, corner, s0, s1, t0, t1, width, out):
     """The ``width`` tables that lie side by side from ``corner`` on, in one 2-D cell, into ``out[:width]``."""
-    w00 = (1.0 - t0) * (1.0 - t1)
-    w10 = t0 * (1.0 - t1)
-    w01 = (1.0 - t0) * t1
-    w11 = t0 * t1
+    weights = weigh(t0, t1)
     a, b = natural(corner), natural(corner + s0)
     c, d = natural(corner + s1), natural(corner + s0 + s1)
     for k in range(width):
-        out[k] = w00 * data[a + k] + w10 * data[b + k] + w01 * data[c + k] + w11 * data[d + k]
+        out[k] = mix(weights, (data[a + k], data[b + k], data[c + k], data[d + k]))
 
 
 @scalar
 def interpolate_3d(data, corner, s0, s1, s2, t0, t1, t2, width, out):
     """The ``width`` tables that lie side by side from ``corner`` on, in one 3-D cell, into ``out[:width]``."""
-    w00 = (1.0 - t0) * (1.0 - t1)
-    w10 = t0 * (1.0 - t1)
-    w01 = (1.0 - t0) * t1
-    w11 = t0 * t1
-    lower = 1.0 - t2
+    weights = weigh(t0, t1)
     a, b = natural(corner), natural(corner + s0)
     c, d = natural(corner + s1), natural(corner + s0 + s1)
     e, f = natural(corner + s2), natural(corner + s0 + s2)
     g, h = natural(corner + s1 + s2), natural(corner + s0 + s1 + s2)
     for k in range(width):
-        out[k] = lower * (w00 * data[a + k] + w10 * data[b + k] + w01 * data[c + k] + w11 * data[d + k]) + t2 * (
-            w00 * data[e + k] + w10 * data[f + k] + w01 * data[g + k] + w11 * data[h + k]
-        )
+        lower = mix(weights, (data[a + k], data[b + k], data[c + k], data[d + k]))
+        upper = mix(weights, (data[e + k], data[f + k], data[g + k], data[h + k]))
+        out[k] = (1.0 - t2) * lower + t2 * upper

@@ -6,12 +6,19 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Ints
 from abhv_mc.kernel.jit import lanes
-from abhv_mc.kernel.numerics.lane_memory import aligned_zeros
-from abhv_mc.kernel.numerics.tables import bracket, interpolate_1d, interpolate_2d, interpolate_3d, natural
-from abhv_mc.kernel.plant.state import COEF, FIXED, MAX_AXES, MAX_TABLE_ROWS, N_COEFFICIENTS, OUTSIDE, VAR, P
+from abhv_mc.kernel.numerics.tables import (
+    bracket,
+    corners_of,
+    interpolate_1d,
+    interpolate_2d,
+    interpolate_3d,
+    mix,
+    natural,
+    weigh,
+)
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.state import COEF, FIXED, MAX_AXES, MAX_TABLE_ROWS, OUTSIDE, VAR, P, aligned_zeros
 from abhv_mc.kernel.plant.vehicle import FIXED_TABLE_ROWS
-
-N_FIXED = len(FIXED_TABLE_ROWS)
 
 
 class TableCells(NamedTuple):
@@ -27,14 +34,9 @@ class TableCells(NamedTuple):
 
 def make_cells(width: int) -> TableCells:
     """Memory of ``width`` lanes before their first look-up."""
-    return TableCells(
-        aligned_zeros((MAX_AXES, width), np.int64),
-        aligned_zeros((MAX_AXES, width)),
-        aligned_zeros(MAX_AXES, np.int64),
-        aligned_zeros(MAX_AXES, np.int64),
-        aligned_zeros((4, width)),
-        aligned_zeros(MAX_TABLE_ROWS),
-    )
+    cell, fraction = aligned_zeros((MAX_AXES, width), np.int64), aligned_zeros((MAX_AXES, width))
+    lowest, spread = aligned_zeros(MAX_AXES, np.int64), aligned_zeros(MAX_AXES, np.int64)
+    return TableCells(cell, fraction, lowest, spread, aligned_zeros((4, width)), aligned_zeros(MAX_TABLE_ROWS))
 
 
 @lanes
@@ -110,18 +112,10 @@ def interpolate_groups(T, W, tables, cells):
         if line and spread <= 1:
             c = natural(start + cells.lowest[a0] * s0)
             last = s0 if spread == 0 else 2 * s0
+            upper = cells.lowest[a0] + 1
             for k in range(used):
-                i = c + k
-                choose_nodes(
-                    T[row + k],
-                    fraction[a0],
-                    cells.cell[a0],
-                    cells.lowest[a0] + 1,
-                    data[i],
-                    data[i + s0],
-                    data[i + last],
-                    W,
-                )
+                nodes = data[c + k], data[c + k + s0], data[c + k + last]
+                choose_nodes(T[row + k], fraction[a0], cells.cell[a0], upper, nodes, W)
         elif line:
             for lane in range(W):
                 corner = natural(start + cells.cell[a0, lane] * s0)
@@ -131,38 +125,15 @@ def interpolate_groups(T, W, tables, cells):
         elif flat and spread == 0:
             set_weights(weight, fraction, a0, a1, W)
             for k in range(0, used, 2):  # in pairs: the padding makes their number even
-                i = c + k
-                j = i + 1
-                share_corners_2d(
-                    T[row + k],
-                    T[row + k + 1],
-                    weight,
-                    data[i],
-                    data[i + s0],
-                    data[i + s1],
-                    data[i + s0 + s1],
-                    data[j],
-                    data[j + s0],
-                    data[j + s1],
-                    data[j + s0 + s1],
-                    W,
-                )
+                corners, corners_2 = corners_of(data, c + k, s0, s1), corners_of(data, c + k + 1, s0, s1)
+                share_corners_2d(T[row + k], T[row + k + 1], weight, corners, corners_2, W)
         elif flat and spread == 1:
             set_weights(weight, fraction, a0, a1, W)
             split, further = (a0, s0) if cells.spread[a0] == 1 else (a1, s1)
             upper = cells.lowest[split] + 1
             for k in range(used):
-                i = c + k
-                j = i + further
-                choose_corners_2d(
-                    T[row + k],
-                    weight,
-                    cells.cell[split],
-                    upper,
-                    (data[i], data[i + s0], data[i + s1], data[i + s0 + s1]),
-                    (data[j], data[j + s0], data[j + s1], data[j + s0 + s1]),
-                    W,
-                )
+                corners, corners_up = corners_of(data, c + k, s0, s1), corners_of(data, c + k + further, s0, s1)
+                choose_corners_2d(T[row + k], weight, cells.cell[split], upper, corners, corners_up, W)
         elif flat:
             for lane in range(W):
                 corner = start + cells.cell[a0, lane] * s0 + cells.cell[a1, lane] * s1
@@ -173,20 +144,8 @@ def interpolate_groups(T, W, tables, cells):
             c = natural(c + cells.lowest[a2] * s2)
             set_weights(weight, fraction, a0, a1, W)
             for k in range(used):
-                share_corners_3d(
-                    T[row + k],
-                    weight,
-                    fraction[a2],
-                    data[c + k],
-                    data[c + s0 + k],
-                    data[c + s1 + k],
-                    data[c + s0 + s1 + k],
-                    data[c + s2 + k],
-                    data[c + s0 + s2 + k],
-                    data[c + s1 + s2 + k],
-                    data[c + s0 + s1 + s2 + k],
-                    W,
-                )
+                corners, corners_up = corners_of(data, c + k, s0, s1), corners_of(data, c + k + s2, s0, s1)
+                share_corners_3d(T[row + k], weight, fraction[a2], corners, corners_up, W)
         else:
             for lane in range(W):
                 corner = start + cells.cell[a0, lane] * s0 + cells.cell[a1, lane] * s1 + cells.cell[a2, lane] * s2
@@ -200,16 +159,15 @@ def interpolate_groups(T, W, tables, cells):
 def set_weights(weights, fractions, a0, a1, W):
     """Weights of the four corners in the first two axes."""
     for lane in range(W):
-        t0, t1 = fractions[a0, lane], fractions[a1, lane]
-        weights[0, lane] = (1.0 - t0) * (1.0 - t1)
-        weights[1, lane] = t0 * (1.0 - t1)
-        weights[2, lane] = (1.0 - t0) * t1
-        weights[3, lane] = t0 * t1
+        weights[0, lane], weights[1, lane], weights[2, lane], weights[3, lane] = weigh(
+            fractions[a0, lane], fractions[a1, lane]
+        )
 
 
 @lanes
-def choose_nodes(out, fraction, cell, upper, a, b, c, W):
+def choose_nodes(out, fraction, cell, upper, nodes, W):
     """One 1-D table between three nodes, for lanes in either of the two cells."""
+    a, b, c = nodes
     for lane in range(W):
         up = cell[lane] == upper
         t = fraction[lane]
@@ -217,37 +175,30 @@ def choose_nodes(out, fraction, cell, upper, a, b, c, W):
 
 
 @lanes
-def share_corners_2d(out, out_2, weights, a, b, c, d, e, f, g, h, W):
+def share_corners_2d(out, out_2, weights, corners, corners_2, W):
     """Two tables of a 2-D cell that all lanes share."""
     for lane in range(W):
-        w00, w10, w01, w11 = weights[0, lane], weights[1, lane], weights[2, lane], weights[3, lane]
-        out[lane] = w00 * a + w10 * b + w01 * c + w11 * d
-        out_2[lane] = w00 * e + w10 * f + w01 * g + w11 * h
+        w = weights[0, lane], weights[1, lane], weights[2, lane], weights[3, lane]
+        out[lane], out_2[lane] = mix(w, corners), mix(w, corners_2)
 
 
 @lanes
-def choose_corners_2d(out, weights, cell, upper, lower_corners, upper_corners, W):
+def choose_corners_2d(out, weights, cell, upper, corners, corners_up, W):
     """One table of two neighbouring 2-D cells, for lanes in either."""
-    a, b, c, d = lower_corners
-    a_up, b_up, c_up, d_up = upper_corners
+    a, b, c, d = corners
+    a_up, b_up, c_up, d_up = corners_up
     for lane in range(W):
         up = cell[lane] == upper
-        out[lane] = (
-            weights[0, lane] * (a_up if up else a)
-            + weights[1, lane] * (b_up if up else b)
-            + weights[2, lane] * (c_up if up else c)
-            + weights[3, lane] * (d_up if up else d)
-        )
+        w = weights[0, lane], weights[1, lane], weights[2, lane], weights[3, lane]
+        out[lane] = mix(w, (a_up if up else a, b_up if up else b, c_up if up else c, d_up if up else d))
 
 
 @lanes
-def share_corners_3d(out, weights, t2, a, b, c, d, e, f, g, h, W):
+def share_corners_3d(out, weights, t2, corners, corners_up, W):
     """One table of a 3-D cell that all lanes share."""
     for lane in range(W):
-        w00, w10, w01, w11 = weights[0, lane], weights[1, lane], weights[2, lane], weights[3, lane]
-        lower = w00 * a + w10 * b + w01 * c + w11 * d
-        upper = w00 * e + w10 * f + w01 * g + w11 * h
-        out[lane] = (1.0 - t2[lane]) * lower + t2[lane] * upper
+        w = weights[0, lane], weights[1, lane], weights[2, lane], weights[3, lane]
+        out[lane] = (1.0 - t2[lane]) * mix(w, corners) + t2[lane] * mix(w, corners_up)
 
 
 @lanes
@@ -255,7 +206,7 @@ def look_up(Z, T, W, tables, cells):
     """All tables of every lane at its variables: T [row, lane], and the fixed quantities as rows of Z."""
     find_cells(Z, W, tables, cells)
     interpolate_groups(T, W, tables, cells)
-    for i in range(N_FIXED):
+    for i in range(len(FIXED_TABLE_ROWS)):
         row = T[natural(tables.fixed_row[i])]
         for lane in range(W):
             Z[FIXED + i, lane] = row[lane]
@@ -264,17 +215,12 @@ def look_up(Z, T, W, tables, cells):
 @lanes
 def build_up(Z, T, W, terms, factors):
     """Sum the terms of each coefficient: factor * table * variable. ``factors`` names the parameter rows."""
-    for c in range(N_COEFFICIENTS):
+    for c in range(s.N_COEFFICIENTS):
         for lane in range(W):
             Z[COEF + c, lane] = 0.0
     for term in range(terms.coefficient.size):
-        add_term(
-            Z[COEF + natural(terms.coefficient[term])],
-            Z[P + natural(factors[term])],
-            T[natural(terms.table[term])],
-            Z[VAR + natural(terms.variable[term])],
-            W,
-        )
+        total, factor = Z[COEF + natural(terms.coefficient[term])], Z[P + natural(factors[term])]
+        add_term(total, factor, T[natural(terms.table[term])], Z[VAR + natural(terms.variable[term])], W)
 
 
 @lanes

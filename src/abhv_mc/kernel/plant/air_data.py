@@ -1,13 +1,23 @@
-"""First loop of a stage: from the state to the air data and to the variables of the tables."""
+"""First loop of a stage: from the state to the air data and to the variables of the tables.
+
+The mission's nominal air is wind and a factor on the standard density over altitude, from a table; without one nothing
+is computed. The factor is held over a control tick, as a dispersed profile's is.
+"""
 
 import math
 
+import numpy as np
+
+from abhv_mc.array_types import Floats
 from abhv_mc.kernel.jit import lanes, scalar
 from abhv_mc.kernel.numerics.lane_math import is_shallow, reciprocals, shallow_angles, sincos, two_angles
 from abhv_mc.kernel.numerics.quaternion import rotate_meridional, rotate_to_body
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.state import XS
+from abhv_mc.kernel.plant.state import XS, X
 from abhv_mc.kernel.world.atmosphere import atmosphere_lanes
+
+PROFILE = ("altitude", "wind_north", "wind_east", "density")  # m, m/s towards north and east, factor
+_ALTITUDE, _NORTH, _EAST, _DENSITY = range(4)
 
 
 @scalar
@@ -50,17 +60,56 @@ def flow_angles(Z, width, alpha_row, beta_row):
 
 
 @lanes
-def move_air(Z, width):
-    """Velocity of the air at the stage's state ``XS``: wind, linear in the altitude, and the gusts of the tick."""
+def move_air(Z, width, profile):
+    """Velocity of the air at the stage's state ``XS``: wind, linear in the altitude, the tick's gusts, the profile."""
     for lane in range(width):
         altitude = Z[XS + s.ALTITUDE, lane]
         wind_n = Z[s.K_WIND_NORTH, lane] + Z[s.K_SHEAR_NORTH, lane] * altitude
         wind_e = Z[s.K_WIND_EAST, lane] + Z[s.K_SHEAR_EAST, lane] * altitude
-        q0, q1, q2, q3 = Z[XS + s.Q0, lane], Z[XS + s.Q1, lane], Z[XS + s.Q2, lane], Z[XS + s.Q3, lane]
-        wind_u, wind_v, wind_w = rotate_to_body(q0, q1, q2, q3, wind_n, wind_e, 0.0)
-        Z[s.AIR_U, lane] = wind_u + Z[s.GUST_U, lane]
-        Z[s.AIR_V, lane] = wind_v + Z[s.GUST_V, lane]
-        Z[s.AIR_W, lane] = wind_w + Z[s.GUST_W, lane]
+        u, v, w = wind_in_body(Z, lane, wind_n, wind_e)
+        Z[s.AIR_U, lane], Z[s.AIR_V, lane] = u + Z[s.GUST_U, lane], v + Z[s.GUST_V, lane]
+        Z[s.AIR_W, lane] = w + Z[s.GUST_W, lane]
+    if profile.shape[0] > 0:
+        for lane in range(width):
+            altitude = Z[XS + s.ALTITUDE, lane]
+            north, east = between_knots(profile, _NORTH, altitude), between_knots(profile, _EAST, altitude)
+            u, v, w = wind_in_body(Z, lane, north, east)
+            Z[s.AIR_U, lane] += u
+            Z[s.AIR_V, lane] += v
+            Z[s.AIR_W, lane] += w
+
+
+@lanes
+def wind_in_body(Z, lane, north, east):
+    """Body components of a wind at the stage's attitude."""
+    q0, q1, q2, q3 = Z[XS + s.Q0, lane], Z[XS + s.Q1, lane], Z[XS + s.Q2, lane], Z[XS + s.Q3, lane]
+    return rotate_to_body(q0, q1, q2, q3, north, east, 0.0)
+
+
+def no_profile() -> Floats:
+    """Still standard air: no knots."""
+    return np.empty((0, len(PROFILE)))
+
+
+@lanes
+def between_knots(profile, column, altitude):
+    """A column at an altitude: linear between the knots, constant beyond them."""
+    value = profile[0, column]
+    for knot in range(profile.shape[0] - 1):
+        low, high = profile[knot, _ALTITUDE], profile[knot + 1, _ALTITUDE]
+        share = (altitude - low) / (high - low)
+        share = 1.0 if share > 1.0 else share
+        here = profile[knot, column] + share * (profile[knot + 1, column] - profile[knot, column])
+        value = here if altitude > low else value
+    return value
+
+
+@lanes
+def nominal_density(Z, width, profile):
+    """Multiply the factor on the density of the tick by the profile's."""
+    if profile.shape[0] > 0:
+        for lane in range(width):
+            Z[s.DENSITY_PROFILE, lane] *= between_knots(profile, _DENSITY, Z[X + s.ALTITUDE, lane])
 
 
 @lanes

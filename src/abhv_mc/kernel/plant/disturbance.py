@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from abhv_mc.kernel.jit import lanes
 from abhv_mc.kernel.numerics.quaternion import rotate_to_body
-from abhv_mc.kernel.numerics.random_numbers import N_STREAM_ROWS, next_uniform, normal_pair, seed_word
+from abhv_mc.kernel.numerics.random_numbers import M1, M2, N_STREAM_ROWS, next_uniform, normal_pair, seed_word
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import DENSITY_KNOTS_KM
 from abhv_mc.kernel.plant.state import FILTERS, TURBULENCE, X, parameter_row
@@ -16,7 +16,6 @@ from abhv_mc.kernel.world.turbulence import (
     dryden_first,
     dryden_second,
     dryden_second_output,
-    dryden_second_start,
     follow,
     one_minus_cosine,
     roll_gust_sigma,
@@ -36,8 +35,6 @@ _PROFILE = parameter_row(f"atmosphere.density_at_{DENSITY_KNOTS_KM[0]}km")
 _KNOTS = len(DENSITY_KNOTS_KM)
 _FIRST_KNOT = 1000.0 * DENSITY_KNOTS_KM[0]
 _KNOT_STEP = 1000.0 * (DENSITY_KNOTS_KM[1] - DENSITY_KNOTS_KM[0])
-_M1 = 4294967087.0
-_M2 = 4294944443.0
 
 
 @lanes
@@ -54,7 +51,7 @@ def any_lane(Z, width, first, rows, value):
 def seed_stream(Z, width, first_row, seed_row, stream):
     """Start a stream of random numbers in six rows from the flight's seed, the ``stream``-th of that seed."""
     for word in range(N_STREAM_ROWS):
-        modulus = _M1 if word < 3 else _M2
+        modulus = M1 if word < 3 else M2
         for lane in range(width):
             number = float(N_STREAM_ROWS * stream + word)
             Z[first_row + word, lane] = seed_word(Z[seed_row, lane], number, modulus)
@@ -69,12 +66,8 @@ def draw(Z, lane, r):
     u, s0, s1, s2, s3, s4, s5 = next_uniform(
         Z[r, lane], Z[r + 1, lane], Z[r + 2, lane], Z[r + 3, lane], Z[r + 4, lane], Z[r + 5, lane]
     )
-    Z[r, lane] = s0
-    Z[r + 1, lane] = s1
-    Z[r + 2, lane] = s2
-    Z[r + 3, lane] = s3
-    Z[r + 4, lane] = s4
-    Z[r + 5, lane] = s5
+    Z[r, lane], Z[r + 1, lane], Z[r + 2, lane] = s0, s1, s2
+    Z[r + 3, lane], Z[r + 4, lane], Z[r + 5, lane] = s3, s4, s5
     return u
 
 
@@ -107,12 +100,8 @@ def active_disturbances(Z, width):
 def calm(Z, width):
     """No gust, and the standard density."""
     for lane in range(width):
-        Z[s.GUST_P, lane] = 0.0
-        Z[s.GUST_Q, lane] = 0.0
-        Z[s.GUST_R, lane] = 0.0
-        Z[s.GUST_U, lane] = 0.0
-        Z[s.GUST_V, lane] = 0.0
-        Z[s.GUST_W, lane] = 0.0
+        Z[s.GUST_P, lane], Z[s.GUST_Q, lane], Z[s.GUST_R, lane] = 0.0, 0.0, 0.0
+        Z[s.GUST_U, lane], Z[s.GUST_V, lane], Z[s.GUST_W, lane] = 0.0, 0.0, 0.0
         Z[s.DENSITY_PROFILE, lane] = 1.0
 
 
@@ -157,19 +146,10 @@ def turbulence(Z, width, span, dt, first):
         n2, n3 = draw_normals(Z, lane, TURBULENCE)
         n4, n5 = draw_normals(Z, lane, TURBULENCE)
         u = n0 if first else dryden_first(Z[FILTERS, lane], a, dt, n0)
-        v1_new, v2_new = dryden_second(Z[FILTERS + 1, lane], Z[FILTERS + 2, lane], a_v, dt, n1, n2)
-        w1_new, w2_new = dryden_second(Z[FILTERS + 3, lane], Z[FILTERS + 4, lane], a_w, dt, n3, n4)
-        v1_start, v2_start = dryden_second_start(a_v, n1, n2)
-        w1_start, w2_start = dryden_second_start(a_w, n3, n4)
-        v1 = v1_start if first else v1_new
-        v2 = v2_start if first else v2_new
-        w1 = w1_start if first else w1_new
-        w2 = w2_start if first else w2_new
-        Z[FILTERS, lane] = u
-        Z[FILTERS + 1, lane] = v1
-        Z[FILTERS + 2, lane] = v2
-        Z[FILTERS + 3, lane] = w1
-        Z[FILTERS + 4, lane] = w2
+        v1, v2 = dryden_second(Z[FILTERS + 1, lane], Z[FILTERS + 2, lane], a_v, dt, n1, n2, first)
+        w1, w2 = dryden_second(Z[FILTERS + 3, lane], Z[FILTERS + 4, lane], a_w, dt, n3, n4, first)
+        Z[FILTERS, lane], Z[FILTERS + 1, lane], Z[FILTERS + 2, lane] = u, v1, v2
+        Z[FILTERS + 3, lane], Z[FILTERS + 4, lane] = w1, w2
         sigma = Z[_SIGMA, lane]
         sigma_w = sigma * Z[_AXIS_SIGMA + 2, lane]
         across = sigma * Z[_AXIS_SIGMA + 1, lane] * dryden_second_output(v1, v2, a_v)

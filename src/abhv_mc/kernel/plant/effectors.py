@@ -31,6 +31,22 @@ def count_driven(vehicle):
 
 
 @lanes
+def mix_axes(Z, lane, mix, e, row):
+    """An effector's part of the three axes' rows."""
+    mixed = 0.0
+    for i in range(3):
+        mixed += mix[e, i] * Z[row + i, lane]
+    return mixed
+
+
+@lanes
+def limits_of(Z, lane, vehicle, e):
+    """Lowest and highest deflection of an effector with an actuator."""
+    actuator, factor = vehicle.effectors.actuator, Z[s.K_LIMIT, lane]
+    return actuator[e, LOW] * factor, actuator[e, HIGH] * factor
+
+
+@lanes
 def set_effectors(Z, width, mix):
     """Effectors that follow the three (effective) axis deflections."""
     for e in range(mix.shape[0]):
@@ -116,18 +132,15 @@ def share_commands(Z, width, vehicle):
 @lanes
 def start_effectors(Z, A, width, vehicle, step):
     """Effectors where the axes' deflections at the start put them, at rest."""
-    actuator, mix = vehicle.effectors.actuator, vehicle.effectors.mix
+    actuator = vehicle.effectors.actuator
     for e in range(count_driven(vehicle)):
         first = e * N_EFFECTOR_ROWS
         for lane in range(width):
             bandwidth = actuator[e, BANDWIDTH] * Z[s.K_BANDWIDTH, lane]
             damping = actuator[e, DAMPING] * Z[s.K_DAMPING, lane]
             prepare_actuator(A, lane, first + BLOCK, bandwidth, damping, step)
-            mixed = 0.0
-            for i in range(3):
-                mixed += mix[e, i] * Z[X + s.AILERON + i, lane]
-            factor = Z[s.K_LIMIT, lane]
-            mixed = clamp(mixed, actuator[e, LOW] * factor, actuator[e, HIGH] * factor)
+            low, high = limits_of(Z, lane, vehicle, e)
+            mixed = clamp(mix_axes(Z, lane, vehicle.effectors.mix, e, X + s.AILERON), low, high)
             A[first + POSITION, lane], A[first + STAGE, lane] = mixed, mixed
             A[first + MOVES, lane] = 0.0
     show_axes(Z, A, width, vehicle)
@@ -151,19 +164,14 @@ def show_axes(Z, A, width, vehicle):
 @lanes
 def command_effectors(Z, A, width, vehicle):
     """Commands of the tick: what the law gives an effector, else the mix of the axes', within its limits."""
-    actuator, mix = vehicle.effectors.actuator, vehicle.effectors.mix
     for e in range(count_driven(vehicle)):
         first = e * N_EFFECTOR_ROWS
         for lane in range(width):
-            mixed = 0.0
-            for i in range(3):
-                mixed += mix[e, i] * Z[s.ACTUATED + i, lane]
-            given = Z[s.EFFECTOR_COMMAND + e, lane]
+            mixed, given = mix_axes(Z, lane, vehicle.effectors.mix, e, s.ACTUATED), Z[s.EFFECTOR_COMMAND + e, lane]
             asked = mixed if given == math.inf else given
-            factor = Z[s.K_LIMIT, lane]
+            low, high = limits_of(Z, lane, vehicle, e)
             Z[s.EFFECTOR_ASKED + e, lane] = asked
-            A[first + COMMAND, lane] = clamp(asked, actuator[e, LOW] * factor, actuator[e, HIGH] * factor)
-            A[first + SLOWED, lane] = 1.0
+            A[first + COMMAND, lane], A[first + SLOWED, lane] = clamp(asked, low, high), 1.0
 
 
 @lanes
@@ -178,7 +186,7 @@ def begin_effectors(Z, A, width, vehicle):
             for lane in range(width):
                 A[first + POSITION, lane], A[first + STAGE, lane] = A[first + COMMAND, lane], A[first + COMMAND, lane]
         for lane in range(width):
-            low, high = actuator[e, LOW] * Z[s.K_LIMIT, lane], actuator[e, HIGH] * Z[s.K_LIMIT, lane]
+            low, high = limits_of(Z, lane, vehicle, e)
             at, asked = A[first + POSITION, lane], Z[s.EFFECTOR_ASKED + e, lane]
             saturated = high > low and (at <= low or at >= high or asked <= low or asked >= high)
             Z[s.EFFECTOR_AT + e, lane] = at
@@ -199,18 +207,10 @@ def run_effectors(Z, A, width, vehicle, step):
                 A[first + NEXT, lane], A[first + NEXT_RATE, lane] = A[first + POSITION, lane], 0.0
         else:
             for lane in range(width):
-                factor = Z[s.K_LIMIT, lane]
-                low[lane], high[lane] = actuator[e, LOW] * factor, actuator[e, HIGH] * factor
+                low[lane], high[lane] = limits_of(Z, lane, vehicle, e)
                 rate_limit[lane] = actuator[e, RATE] * Z[s.K_RATE, lane] * A[first + SLOWED, lane]
-            rows = Actuator(
-                first + POSITION,
-                first + MOVES,
-                first + STAGE,
-                first + NEXT,
-                first + NEXT_RATE,
-                first + COMMAND,
-                first + BLOCK,
-            )
+            before, after = (first + POSITION, first + MOVES, first + STAGE), (first + NEXT, first + NEXT_RATE)
+            rows = Actuator(*before, *after, first + COMMAND, first + BLOCK)
             run_actuator(A, width, rows, low, high, rate_limit, step, False)
 
 

@@ -19,15 +19,20 @@ _LIFT, _DRAG, _SIDE_FORCE, _ROLL, _PITCH, _YAW = range(s.COEF, s.COEF + 6)
 _K_LIFT, _K_DRAG, _K_SIDE_FORCE, _K_ROLL, _K_PITCH, _K_YAW, _D_LIFT, _D_DRAG, _D_PITCH = parameter_rows("aero.lift", 9)
 
 
-@scalar
-def thrust(constants, eta, rho, airspeed, q_bar, capture, isp, thrust_area):
+@lanes
+def thrust(Z, lane, constants, eta, rho, airspeed, q_bar):
     """Thrust, N: captured air times specific impulse, or dynamic pressure times a thrust area."""
-    return constants.capture_thrust * eta * rho * airspeed * capture * isp + q_bar * thrust_area
+    captured = constants.capture_thrust * eta * rho * airspeed * Z[s.CAPTURE, lane] * Z[s.ISP, lane]
+    return captured + q_bar * Z[s.THRUST_AREA, lane]
 
 
 @scalar
-def aerodynamic_force(constants, q_bar, lift, drag, side, sin_a, cos_a, sin_b, cos_b):
-    """Aerodynamic force in body axes, N, from coefficients in stability (or wind) axes."""
+def aerodynamic_force(constants, q_bar, lift, drag, side, flow):
+    """Aerodynamic force in body axes, N, from coefficients in stability (or wind) axes.
+
+    ``flow``: sine and cosine of the angle of attack, then of the sideslip.
+    """
+    sin_a, cos_a, sin_b, cos_b = flow
     q_s = q_bar * constants.area
     in_wind = constants.drag_in_wind_axes > 0.0
     drag_plane = drag * cos_b if in_wind else drag
@@ -94,30 +99,12 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
         lift = Z[_K_LIFT, lane] * Z[_LIFT, lane] + Z[_D_LIFT, lane]
         drag = Z[_K_DRAG, lane] * Z[_DRAG, lane] + Z[_D_DRAG, lane] + Z[s.ENGINE_DRAG, lane]
         side = Z[_K_SIDE_FORCE, lane] * Z[_SIDE_FORCE, lane]
-        fx, fy, fz = aerodynamic_force(
-            constants,
-            q_bar,
-            lift,
-            drag,
-            side,
-            Z[s.SIN_ALPHA, lane],
-            Z[s.COS_ALPHA, lane],
-            Z[s.SIN_BETA, lane],
-            Z[s.COS_BETA, lane],
-        )
+        flow = Z[s.SIN_ALPHA, lane], Z[s.COS_ALPHA, lane], Z[s.SIN_BETA, lane], Z[s.COS_BETA, lane]
+        fx, fy, fz = aerodynamic_force(constants, q_bar, lift, drag, side, flow)
         isp = Z[s.ISP, lane]
         # A vehicle without an empty mass keeps its mass and its engine.
         fuel_left = mass > constants.mass_empty * Z[s.K_MASS, lane] or constants.burns_fuel == 0.0
-        nominal_thrust = thrust(
-            constants,
-            Z[XS + s.ETA, lane],
-            Z[s.RHO, lane],
-            Z[s.AIRSPEED, lane],
-            q_bar,
-            Z[s.CAPTURE, lane],
-            isp,
-            Z[s.THRUST_AREA, lane],
-        )
+        nominal_thrust = thrust(Z, lane, constants, Z[XS + s.ETA, lane], Z[s.RHO, lane], Z[s.AIRSPEED, lane], q_bar)
         nominal_thrust = nominal_thrust * Z[s.ENGINE_THRUST, lane] if fuel_left else 0.0
         t = Z[s.K_THRUST, lane] * nominal_thrust
         Z[s.THRUST, lane] = t

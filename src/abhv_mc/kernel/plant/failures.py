@@ -109,6 +109,15 @@ def fail_plant(Z, A, width, failures, vehicle, time, tick):
 
 
 @lanes
+def hold_stuck(Z, lane, row, asked, at, stuck):
+    """Where a stuck surface is: where it is ``asked`` to, else where it was ``at`` first, which ``row`` remembers."""
+    held = Z[row, lane]
+    held = (at if held == NEVER else held) if asked == NEVER else asked
+    Z[row, lane] = held if stuck else NEVER
+    return held
+
+
+@lanes
 def fail_surfaces(Z, width, constants, time):
     """Aileron, rudder and elevator.
 
@@ -123,12 +132,10 @@ def fail_surfaces(Z, width, constants, time):
             fastest = constants.surface_rate_limit * Z[s.K_RATE, lane] * factor
             rate = Z[X + s.AILERON_RATE + i, lane]
             rate = clamp(rate, -fastest, fastest) if slow else rate
-            asked, held = Z[_HOW + 3 * i, lane], Z[s.STUCK_SURFACE + i, lane]
-            here = asked == NEVER
-            held = (Z[X + s.AILERON + i, lane] if held == NEVER else held) if here else asked
-            Z[s.STUCK_SURFACE + i, lane] = held if stuck else NEVER
+            asked = Z[_HOW + 3 * i, lane]
+            held = hold_stuck(Z, lane, s.STUCK_SURFACE + i, asked, Z[X + s.AILERON + i, lane], stuck)
             Z[s.ACTUATED + i, lane] = held if stuck else Z[s.ACTUATED + i, lane]
-            Z[X + s.AILERON_RATE + i, lane] = 0.0 if stuck and here else rate
+            Z[X + s.AILERON_RATE + i, lane] = 0.0 if stuck and asked == NEVER else rate
             Z[XS + s.AILERON_RATE + i, lane] = Z[X + s.AILERON_RATE + i, lane]
 
 
@@ -139,12 +146,9 @@ def fail_driven_effector(Z, A, width, e, time):
     times, how = failure_rows(e)
     for lane in range(width):
         stuck, lost, slow = has_failed(Z, lane, times, time)
-        asked, held = Z[how, lane], Z[s.STUCK_EFFECTOR + e, lane]
-        here = asked == NEVER
-        held = (A[first + POSITION, lane] if held == NEVER else held) if here else asked
-        Z[s.STUCK_EFFECTOR + e, lane] = held if stuck else NEVER
+        held = hold_stuck(Z, lane, s.STUCK_EFFECTOR + e, Z[how, lane], A[first + POSITION, lane], stuck)
         A[first + COMMAND, lane] = held if stuck else A[first + COMMAND, lane]
-        A[first + MOVES, lane] = 0.0 if stuck and here else A[first + MOVES, lane]
+        A[first + MOVES, lane] = 0.0 if stuck and Z[how, lane] == NEVER else A[first + MOVES, lane]
         A[first + SLOWED, lane] *= Z[how + 2, lane] if slow else 1.0
         Z[s.EFFECTOR_GAIN + e, lane] = Z[_EFFECTOR_EFFECTIVENESS + e, lane] * (Z[how + 1, lane] if lost else 1.0)
         Z[s.EFFECTOR_OFFSET + e, lane] = 0.0
@@ -153,10 +157,9 @@ def fail_driven_effector(Z, A, width, e, time):
 @lanes
 def failure_rows(e):
     """First rows of an effector's three times, and of how it fails."""
-    more = e >= _N_FIRST
-    return (_MORE_TIMES - 3 * _N_FIRST if more else _EFFECTOR_TIMES) + 3 * e, (
-        _MORE_HOW - 3 * _N_FIRST if more else _EFFECTOR_HOW
-    ) + 3 * e
+    if e < _N_FIRST:
+        return _EFFECTOR_TIMES + 3 * e, _EFFECTOR_HOW + 3 * e
+    return _MORE_TIMES + 3 * (e - _N_FIRST), _MORE_HOW + 3 * (e - _N_FIRST)
 
 
 @lanes
@@ -193,10 +196,8 @@ def fail_effectors(Z, A, width, vehicle, time, tick):
             near = mixed if last == NEVER else clamp(mixed, last - farthest, last + farthest)
             Z[s.SLOW_EFFECTOR + e, lane] = near if slow else NEVER
             gain = Z[_EFFECTOR_EFFECTIVENESS + e, lane] * (Z[how + 1, lane] if lost else 1.0)
-            asked, held = Z[how, lane], Z[s.STUCK_EFFECTOR + e, lane]
-            where = gain * (near if slow else mixed)
-            held = (where if held == NEVER else held) if asked == NEVER else asked
-            Z[s.STUCK_EFFECTOR + e, lane] = held if stuck else NEVER
+            at = gain * (near if slow else mixed)
+            held = hold_stuck(Z, lane, s.STUCK_EFFECTOR + e, Z[how, lane], at, stuck)
             Z[s.EFFECTOR_GAIN + e, lane] = 0.0 if stuck or slow else gain
             Z[s.EFFECTOR_OFFSET + e, lane] = held if stuck else (gain * near if slow else 0.0)
 
@@ -209,6 +210,20 @@ def settle(value, aim, lag, tick):
 
 
 @lanes
+def engine_lag(Z, lane, constants):
+    """Time constant of the engine's own answer, s."""
+    damping = constants.engine_damping * Z[s.K_ENGINE_DAMPING, lane]
+    return 2.0 * damping / (constants.engine_bandwidth * Z[s.K_ENGINE_BANDWIDTH, lane])
+
+
+@lanes
+def fails_now(Z, lane, time, begin, duration):
+    """Whether ``time`` is within a failure of an engine, of which rows give time and duration."""
+    since = time - Z[begin, lane]
+    return since >= -_SAME_TIME and since < Z[duration, lane] - _SAME_TIME
+
+
+@lanes
 def fail_engine(Z, width, constants, time, tick):
     """Thrust, drag and pitching moment of an engine that has failed, at its time or by its inlet's condition.
 
@@ -216,12 +231,8 @@ def fail_engine(Z, width, constants, time, tick):
     """
     inlet = constants.inlet
     for lane in range(width):
-        damping = constants.engine_damping * Z[s.K_ENGINE_DAMPING, lane]
-        lag = 2.0 * damping / (constants.engine_bandwidth * Z[s.K_ENGINE_BANDWIDTH, lane])
-        since = time - Z[_ENGINE_TIME, lane]
-        timed = since >= -_SAME_TIME and since < Z[_DURATION, lane] - _SAME_TIME
-        unstarted = Z[s.UNSTARTED, lane] > 0.0
-        failed = timed or unstarted
+        lag, unstarted = engine_lag(Z, lane, constants), Z[s.UNSTARTED, lane] > 0.0
+        failed = fails_now(Z, lane, time, _ENGINE_TIME, _DURATION) or unstarted
         last = time if failed else Z[s.FAILED_TIME, lane]
         out = time - last < constants.relight_delay - _SAME_TIME
         before, aim = Z[s.ENGINE_WHOLE, lane], Z[_THRUST, lane] if failed or out else 1.0
@@ -230,9 +241,8 @@ def fail_engine(Z, width, constants, time, tick):
         Z[s.ENGINE_WHOLE, lane], Z[s.ENGINE_THRUST, lane] = settle(before, aim, 0.0 if at_once else slow, tick)
         Z[s.FAILED_TIME, lane] = last
         Z[s.ENGINE_DRAG, lane] = (Z[_DRAG, lane] if failed else 0.0) + (inlet.drag_increment if unstarted else 0.0)
-        Z[s.ENGINE_PITCH, lane] = (Z[_PITCH, lane] if failed else 0.0) + (
-            inlet.pitching_moment_increment if unstarted else 0.0
-        )
+        pitch = inlet.pitching_moment_increment if unstarted else 0.0
+        Z[s.ENGINE_PITCH, lane] = (Z[_PITCH, lane] if failed else 0.0) + pitch
         Z[s.ENGINE_FAILED, lane] = 1.0 if failed else 0.0
 
 
@@ -244,13 +254,10 @@ def fail_engines(Z, width, vehicle, whole_fails, time, tick):
     """
     constants = vehicle.constants
     for lane in range(width):
-        damping = constants.engine_damping * Z[s.K_ENGINE_DAMPING, lane]
-        lag = 2.0 * damping / (constants.engine_bandwidth * Z[s.K_ENGINE_BANDWIDTH, lane])
-        lag = 0.0 if constants.ideal_engine > 0.0 else lag
+        lag = 0.0 if constants.ideal_engine > 0.0 else engine_lag(Z, lane, constants)
         left, x, y, z, some = 1.0, 0.0, 0.0, 0.0, False
         for i in range(vehicle.engines.shape[0]):
-            since = time - Z[_ENGINE_TIMES + i, lane]
-            failed = since >= -_SAME_TIME and since < Z[_ENGINE_DURATION + i, lane] - _SAME_TIME
+            failed = fails_now(Z, lane, time, _ENGINE_TIMES + i, _ENGINE_DURATION + i)
             aim = Z[_ENGINE_FACTOR + i, lane] if failed else 1.0
             Z[s.ENGINE_RUNS + i, lane], mean = settle(Z[s.ENGINE_RUNS + i, lane], aim, lag, tick)
             lost = vehicle.engines[i, 0] * (mean - 1.0)
@@ -273,13 +280,8 @@ def watch_inlet(Z, width, inlet, time):
     """
     for lane in range(width):
         alpha, beta, mach = Z[s.V_ALPHA, lane], Z[s.V_BETA, lane], Z[s.V_MACH, lane]
-        inside = (
-            alpha >= inlet.angle_of_attack_min
-            and alpha <= inlet.angle_of_attack_max
-            and abs(beta) <= inlet.sideslip_max
-            and mach >= inlet.mach_min
-            and mach <= inlet.mach_max
-        )
+        inside = inlet.angle_of_attack_min <= alpha <= inlet.angle_of_attack_max and abs(beta) <= inlet.sideslip_max
+        inside = inside and inlet.mach_min <= mach <= inlet.mach_max
         last = Z[s.UNSTART_TIME, lane] if inside else time
         over = time - last >= inlet.restart_delay - _SAME_TIME
         before = Z[s.UNSTARTED, lane]

@@ -60,13 +60,8 @@ def slopes_of_coefficients(Z, T, W, effectiveness, first_row):
             Z[first_row + i, lane] = 0.0
     for term in range(effectiveness.coefficient.size):
         slope = natural(effectiveness.coefficient[term] * N_INPUTS + effectiveness.input[term])
-        add_weighted(
-            Z[first_row + slope],
-            effectiveness.weight[term],
-            T[natural(effectiveness.row[term])],
-            Z[VAR + natural(effectiveness.variable[term])],
-            W,
-        )
+        table, variable = T[natural(effectiveness.row[term])], Z[VAR + natural(effectiveness.variable[term])]
+        add_weighted(Z[first_row + slope], effectiveness.weight[term], table, variable, W)
 
 
 @lanes

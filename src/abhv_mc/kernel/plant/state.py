@@ -4,6 +4,11 @@ One block with constant rows lets the compiler see that nothing overlaps, which 
 lane loops vector code.
 """
 
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
 from abhv_mc.kernel.numerics.random_numbers import N_STREAM_ROWS
 from abhv_mc.kernel.plant.actuator_step import N_ACTUATOR_ROWS
 from abhv_mc.kernel.plant.parameter_names import ALL_SENSORS, ENGINES, PARAMETER_INDEX, PARAMETER_NAMES, SENSORS
@@ -119,6 +124,15 @@ F_BASE, F_MASS, F_DISPERSED = FOREIGN + 15, FOREIGN + 21, FOREIGN + 22
 N_VARIABLES = len(VARIABLES)
 N_COEFFICIENTS = len(COEFFICIENTS)
 N_PARAMETERS = len(PARAMETER_NAMES)
+
+
+def aligned_zeros(shape: tuple[int, ...] | int, dtype: type[np.generic] = np.float64) -> NDArray[Any]:
+    """Zeros that begin with a cache line: vectors of eight doubles are as long, and would otherwise touch two."""
+    line = 64  # bytes
+    size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+    memory = np.zeros(size + line, dtype=np.uint8)
+    start = -memory.ctypes.data % line
+    return memory[start : start + size].view(dtype).reshape(shape)
 
 
 def parameter_row(name: str) -> int:

@@ -11,15 +11,16 @@ from abhv_mc.kernel.flight.fly_lanes import (
     evaluate,
     find_active,
     instruments,
+    named_kernel,
     nothing_active,
 )
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.flight.memory import has_width
 from abhv_mc.kernel.flight.navigation import navigate
-from abhv_mc.kernel.jit import kernel, lanes
+from abhv_mc.kernel.jit import lanes
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.actuators import pass_commands
-from abhv_mc.kernel.plant.air_profile import nominal_density
+from abhv_mc.kernel.plant.air_data import nominal_density
 from abhv_mc.kernel.plant.disturbance import calm, density_profile
 from abhv_mc.kernel.plant.effectors import N_EFFECTOR_ROWS, STAGE
 from abhv_mc.kernel.plant.equations import Stage
@@ -54,24 +55,19 @@ def _store(Z, row, values, start, n):
 
 
 @lanes
-def _begin(plan, memory, width, active, tick, sensed, acting, start, n):
-    Z, tick_length = memory.Z, plan.timing.step * plan.timing.steps_per_tick
-    begin_tick(plan, memory, width, active, tick)
-    _store(Z, 0, sensed, start, n)
-    pass_commands(Z, width)
-    if active is not None:
-        fail_plant(Z, memory.A, width, active.failures, plan.vehicle, tick * tick_length, tick_length)
-    _store(Z, 0, acting, start, n)
-
-
-@lanes
 def _begin_all(plan, memory, before, moving, numbers, find, tick, sensed, acting):
-    Z, width = memory.Z, memory.Z.shape[1]
+    Z, width, tick_length = memory.Z, memory.Z.shape[1], plan.timing.step * plan.timing.steps_per_tick
     for start in range(0, before.shape[0], width):
         n = min(width, before.shape[0] - start)
         _load(Z, 0, width, before, numbers, start, n)
         _load(memory.A, 0, width, moving, numbers, start, n)
-        _begin(plan, memory, width, find(Z, width, plan), tick, sensed, acting, start, n)
+        active = find(Z, width, plan)
+        begin_tick(plan, memory, width, active, tick)
+        _store(Z, 0, sensed, start, n)
+        pass_commands(Z, width)
+        if active is not None:
+            fail_plant(Z, memory.A, width, active.failures, plan.vehicle, tick * tick_length, tick_length)
+        _store(Z, 0, acting, start, n)
 
 
 def make_probe_begin(lean: bool) -> Callable[..., Any]:
@@ -83,12 +79,10 @@ def make_probe_begin(lean: bool) -> Callable[..., Any]:
         ``sensed`` [point, row] is the memory with the tick's measurement, ``acting`` with what has failed in the plant.
         """
         if has_width(memory, LANES):
-            if lean:
-                _begin_all(plan, memory, before, moving, numbers, nothing_active, tick, sensed, acting)
-            else:
-                _begin_all(plan, memory, before, moving, numbers, find_active, tick, sensed, acting)
+            find = nothing_active if lean else find_active
+            _begin_all(plan, memory, before, moving, numbers, find, tick, sensed, acting)
 
-    return _named(probe_begin, lean)
+    return named_kernel(probe_begin, lean)
 
 
 @lanes
@@ -149,14 +143,10 @@ def make_probe_plant(lean: bool) -> Callable[..., Any]:
         state's mix puts them at the beginning of a tick.
         """
         if has_width(memory, LANES):
-            if lean:
-                _answer_all(
-                    plan, memory, held, acting, flight, states, positions, numbers, nothing_active, tick, answer
-                )
-            else:
-                _answer_all(plan, memory, held, acting, flight, states, positions, numbers, find_active, tick, answer)
+            find = nothing_active if lean else find_active
+            _answer_all(plan, memory, held, acting, flight, states, positions, numbers, find, tick, answer)
 
-    return _named(probe_plant, lean)
+    return named_kernel(probe_plant, lean)
 
 
 @lanes
@@ -189,16 +179,6 @@ def make_probe_law(lean: bool) -> Callable[..., Any]:
     def probe_law(plan, memory, tick, rows, numbers, before, after, seen):
         """A tick of the plan's law from memory rows ``before`` [point, row] to ``after``; the measurement is there."""
         if has_width(memory, LANES):
-            if lean:
-                _law_all(plan, memory, None, tick, rows, numbers, before, after, seen)
-            else:
-                _law_all(plan, memory, plan.user_code, tick, rows, numbers, before, after, seen)
+            _law_all(plan, memory, None if lean else plan.user_code, tick, rows, numbers, before, after, seen)
 
-    return _named(probe_law, lean)
-
-
-def _named(function: Callable[..., Any], lean: bool) -> Callable[..., Any]:
-    """A kernel that the cache knows by name."""
-    function.__name__ += "_lean" if lean else ""
-    function.__qualname__ += "_lean" if lean else ""
-    return kernel(function)
+    return named_kernel(probe_law, lean)

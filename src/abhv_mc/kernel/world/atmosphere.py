@@ -16,42 +16,21 @@ GEOPOTENTIAL_RADIUS = 6356766.0  # m, r0: geopotential altitude H = r0 Z / (r0 +
 GAS_CONSTANT = 8314.32 / 28.9644  # J/(kg K), R* / M0: the standard's own R*
 HEAT_CAPACITY_RATIO = 1.4
 
-# One entry per layer. Above 86 km the temperature stays (the standard's, to 91 km) and the pressure falls on.
-_BASE = (0.0, 11000.0, 20000.0, 32000.0, 47000.0, 51000.0, 71000.0, 84852.04584490575)  # m, geopotential
-_TEMPERATURE = (288.15, 216.65, 216.65, 228.65, 270.65, 270.65, 214.65, 186.9459083101885)  # K, at the base
-# lapse rate / base temperature, 1/m, of -6.5, 0, 1, 2.8, 0, -2.8, -2, 0 K/km
-_RELATIVE_LAPSE = (
-    -2.2557695644629534e-05,
-    0.0,
-    4.615739672282483e-06,
-    1.2245790509512356e-05,
-    0.0,
-    -1.0345464622205801e-05,
-    -9.317493594223155e-06,
-    0.0,
+# A row per layer: geopotential height of the base, m; temperature there, K; lapse rate / that temperature, 1/m; rate;
+# pressure at the base, Pa. log(p / p_base) is the rate times log(T / T_base), or in an isothermal layer times the
+# height above its base: -g0 M0 / (R* lapse), or -g0 M0 / (R* T), 1/m. Lapse: -6.5, 0, 1, 2.8, 0, -2.8, -2, 0 K/km.
+# Above 86 km the temperature stays (the standard's, to 91 km) and the pressure falls on.
+_LAYERS = (
+    (0.0, 288.15, -2.2557695644629534e-05, 5.255876113278518, 101325.0),
+    (11000.0, 216.65, 0.0, -0.00015768841327629986, 22632.06397346293),
+    (20000.0, 216.65, 4.615739672282483e-06, -34.163194736310366, 5474.88866967778),
+    (32000.0, 228.65, 1.2245790509512356e-05, -12.201140977253703, 868.0186847552274),
+    (47000.0, 270.65, 0.0, -0.0001262264723307237, 110.90630555496588),
+    (51000.0, 270.65, -1.0345464622205801e-05, 12.201140977253703, 66.93887311868727),
+    (71000.0, 214.65, -9.317493594223155e-06, 17.081597368155183, 3.9564204280407287),
+    (84852.04584490575, 186.9459083101885, 0.0, -0.00018274374146571507, 0.3733804618310579),
 )
-# log(p / p_base) is this times log(T / T_base), or in an isothermal layer times the height above its base:
-# -g0 M0 / (R* lapse), or -g0 M0 / (R* T), 1/m
-_RATE = (
-    5.255876113278518,
-    -0.00015768841327629986,
-    -34.163194736310366,
-    -12.201140977253703,
-    -0.0001262264723307237,
-    12.201140977253703,
-    17.081597368155183,
-    -0.00018274374146571507,
-)
-_PRESSURE = (  # Pa, at the base
-    101325.0,
-    22632.06397346293,
-    5474.88866967778,
-    868.0186847552274,
-    110.90630555496588,
-    66.93887311868727,
-    3.9564204280407287,
-    0.3733804618310579,
-)
+_BASE, _TEMPERATURE, _RELATIVE_LAPSE, _RATE, _PRESSURE = zip(*_LAYERS, strict=True)
 
 
 class Layer(NamedTuple):

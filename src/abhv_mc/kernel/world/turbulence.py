@@ -30,8 +30,15 @@ def dryden_first(x, a, dt, noise):
 
 
 @scalar
-def dryden_second(x1, x2, a, dt, noise1, noise2):
-    """Next states of the lateral or vertical filter driven by unit white noise: x1' = -a x1 + w, x2' = -a x2 + x1."""
+def dryden_second(x1, x2, a, dt, noise1, noise2, first):
+    """Next states of the lateral or vertical filter driven by unit white noise: x1' = -a x1 + w, x2' = -a x2 + x1.
+
+    At the ``first`` tick they are drawn from the filter's stationary distribution.
+    """
+    s11 = math.sqrt(0.5 / a)
+    s21 = 0.25 / (a * a * s11)
+    rest = 0.25 / (a * a * a) - s21 * s21
+    start1, start2 = s11 * noise1, s21 * noise1 + math.sqrt(rest if rest > 0.0 else 0.0) * noise2
     e = exp(-a * dt)
     e2 = e * e
     t = a * dt
@@ -42,7 +49,8 @@ def dryden_second(x1, x2, a, dt, noise1, noise2):
     l21 = q12 / l11
     rest = q22 - l21 * l21
     l22 = math.sqrt(rest if rest > 0.0 else 0.0)
-    return e * x1 + l11 * noise1, e * (x2 + dt * x1) + l21 * noise1 + l22 * noise2
+    next1, next2 = e * x1 + l11 * noise1, e * (x2 + dt * x1) + l21 * noise1 + l22 * noise2
+    return (start1 if first else next1), (start2 if first else next2)
 
 
 @scalar
@@ -64,12 +72,3 @@ def roll_gust_sigma(length, span):
 def follow(late, value, rate, dt):
     """A first-order lag behind a value that is held over ``dt``."""
     return value + exp(-rate * dt) * (late - value)
-
-
-@scalar
-def dryden_second_start(a, noise1, noise2):
-    """States drawn from the filter's stationary distribution."""
-    l11 = math.sqrt(0.5 / a)
-    l21 = 0.25 / (a * a * l11)
-    rest = 0.25 / (a * a * a) - l21 * l21
-    return l11 * noise1, l21 * noise1 + math.sqrt(rest if rest > 0.0 else 0.0) * noise2
