@@ -1,9 +1,15 @@
-"""Where compiled code is kept: never stale, and compiled once."""
+"""Where compiled code is kept: never stale, and compiled once; it uses the whole width of a processor's vectors."""
 
 import contextlib
 import threading
 
-from abhv_mc.kernel import cache
+import llvmlite.binding as llvm
+import numba
+import numpy as np
+import pytest
+
+from abhv_mc.kernel import cache, compiler_target, jit
+from abhv_mc.kernel.compiler_target import code_folder, find_features
 
 WORDS = ("flight/metrics.py", "flight/channels.py", "flight/outcome.py", "plant/parameters.py", "user_code/compiled.py")
 
@@ -20,18 +26,25 @@ def test_any_change_to_what_is_compiled_changes_the_hash_and_no_other(source, mo
         before = cache.source_hash()
 
 
-def test_another_numba_has_another_hash(monkeypatch):
-    before = cache.source_hash()
-    monkeypatch.setattr(cache, "version", lambda name: "0")
-    assert cache.source_hash() != before
+SETTINGS = {"BOUNDSCHECK": 1, "DEBUGINFO_DEFAULT": 1, "DISABLE_INTEL_SVML": 1, "LOOP_VECTORIZE": 0, "SLP_VECTORIZE": 1}
 
 
-def test_what_changes_the_code_changes_the_folder(monkeypatch, tmp_path):
+def test_what_changes_the_code_changes_its_folder(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    folders = [cache.cache_folder("private"), cache.cache_folder("public")]
-    monkeypatch.setattr(cache, "_SOURCE", "another")
-    folders.append(cache.cache_folder("private"))
-    assert len(set(folders)) == 3 and all(tmp_path in folder.parents for folder in folders)
+    folders = {code_folder("private"), code_folder("public")}
+    for name, value in SETTINGS.items():
+        assert getattr(numba.config, name) != value
+        with monkeypatch.context() as patch:
+            patch.setattr(numba.config, name, value)
+            folders.add(code_folder("private"))
+    with monkeypatch.context() as patch:
+        patch.setattr(cache, "_SOURCE", "another")
+        folders.add(code_folder("private"))
+    assert len(folders) == 3 + len(SETTINGS) and all(tmp_path in folder.parents for folder in folders)
+    assert code_folder("private") in folders
+    before = cache.source_hash()
+    monkeypatch.setattr(cache, "version", lambda name: "0")  # another numba
+    assert cache.source_hash() != before
 
 
 def enter_beside(enter, waits):
@@ -88,3 +101,38 @@ def test_waiting_for_another_process_is_said(tmp_path):
         said.append("done")
     thread.join()
     assert said == ["waits", "done", "goes on", "compiles"]
+
+
+class Features(dict):
+    def flatten(self):
+        return ",".join(f"{'+' if has else '-'}{name}" for name, has in self.items())
+
+
+@pytest.mark.parametrize(
+    ("features", "chosen", "found"),
+    [
+        ({"avx2": True, "avx512f": True}, None, "+avx2,+avx512f,-prefer-256-bit"),
+        ({"avx2": True, "avx512f": False}, None, None),  # left to numba
+        ({"neon": True}, None, None),
+        ({"avx512f": True}, "CPU_NAME", None),  # a user's choice stands
+        ({"avx512f": True}, "CPU_FEATURES", None),
+    ],
+)
+def test_a_processor_with_512_bit_vectors_uses_them(monkeypatch, features, chosen, found):
+    monkeypatch.setattr(compiler_target.llvm, "get_host_cpu_features", lambda: Features(features))
+    for name in ("CPU_NAME", "CPU_FEATURES"):
+        monkeypatch.setattr(numba.config, name, "haswell" if name == chosen else None)
+    assert find_features() == found
+
+
+@pytest.mark.skipif(not llvm.get_host_cpu_features().get("avx512f"), reason="no 512-bit vectors here")
+def test_machine_code_has_them():
+    @numba.njit  # not a kernel: of what comes from the cache, numba has no assembly code
+    def add(a, b):
+        for i in range(a.size):
+            a[i] += b[i]
+
+    assert jit.compiler()  # which has chosen the target
+    add(np.zeros(64), np.ones(64))
+    (code,) = add.inspect_asm().values()
+    assert "%zmm" in code
