@@ -111,169 +111,118 @@ def is_never_negative(statistic: Statistic, nonnegative: bool) -> bool:
     return statistic in _SIZES or nonnegative
 
 
-_ZERO: dict[str, Any] = {"empty": 0.0, "never_negative": True}
+def _count(
+    name: str,
+    unit: str,
+    doc: str,
+    label: str,
+    group: Group,
+    of: str,
+    statistic: Statistic,
+    nonnegative: bool = False,
+    bad: Bad | None = None,
+    **others: Any,
+) -> Metric:
+    """What is bad of a metric, and what it is where nothing was flown, follow from how it is counted."""
+    never = is_never_negative(statistic, nonnegative)
+    empty = {Statistic.MIN: math.inf, Statistic.MAX: -math.inf}.get(statistic, 0.0) if not never else 0.0
+    bad = bad or default_bad(statistic)
+    return Metric(name, unit, doc, label, bad, group, of, statistic, empty=empty, never_negative=never, **others)
 
 
-def _error(
-    name: str, unit: str, words: str, label: str, of: str, rms_leads: bool = False, max_leads: bool = False
-) -> tuple[Metric, ...]:
+def _error(name: str, unit: str, words: str, label: str, of: str, leads: str = "") -> tuple[Metric, ...]:
     end = name_end(unit)
-    return (
-        Metric(
-            f"{name}_rms_{end}", unit, f"{words}, rms over the control ticks", f"{label}, rms",
-            "high", "tracking", of, Statistic.RMS, **_ZERO, leads=rms_leads,
-        ),
-        Metric(
-            f"{name}_max_{end}", unit, f"{words}, largest absolute value", f"{label}, max",
-            "high", "tracking", of, Statistic.MAX_ABS, **_ZERO, leads=max_leads,
-        ),
+    return tuple(
+        _count(f"{name}_{kind}_{end}", unit, f"{words}, {doc}", f"{label}, {kind}", "tracking", of, statistic,
+               leads=kind == leads)
+        for kind, doc, statistic in (
+            ("rms", "rms over the control ticks", Statistic.RMS),
+            ("max", "largest absolute value", Statistic.MAX_ABS),
+        )
     )  # fmt: skip
 
 
 def _settled(name: str, label: str) -> Metric:
-    return Metric(
-        f"{name}_settled_max_deg",
-        "deg",
-        "the same, largest, leaving out 5 s after each step of the reference",
-        f"{label}, settled, max",
-        "high",
-        "tracking",
-        f"{name}_deg",
-        Statistic.MAX_ABS,
-        settled=True,
-        **_ZERO,
-    )
+    doc = "the same, largest, leaving out 5 s after each step of the reference"
+    label, of = f"{label}, settled, max", f"{name}_deg"
+    return _count(f"{name}_settled_max_deg", "deg", doc, label, "tracking", of, Statistic.MAX_ABS, settled=True)
 
 
 def _surface(name: str) -> tuple[Metric, ...]:
     label = name.capitalize()
     return (
-        Metric(
-            f"{name}_rms_deg", "deg", f"{name} deflection minus its initial trim, rms", f"{label}, rms",
-            "high", "usage", f"{name}_from_trim_deg", Statistic.RMS, **_ZERO,
-        ),
-        Metric(
-            f"{name}_max_deg", "deg", f"largest absolute {name} deflection", f"{label}, max",
-            "high", "usage", f"{name}_deg", Statistic.MAX_ABS, **_ZERO,
-        ),
-        Metric(
-            f"{name}_travel_deg", "deg", f"sum of the absolute changes of the {name} deflection", f"{label} travel",
-            "high", "usage", f"{name}_moved_deg", Statistic.SUM, **_ZERO,
-        ),
+        _count(f"{name}_rms_deg", "deg", f"{name} deflection minus its initial trim, rms", f"{label}, rms", "usage",
+               f"{name}_from_trim_deg", Statistic.RMS),
+        _count(f"{name}_max_deg", "deg", f"largest absolute {name} deflection", f"{label}, max", "usage",
+               f"{name}_deg", Statistic.MAX_ABS),
+        _count(f"{name}_travel_deg", "deg", f"sum of the absolute changes of the {name} deflection", f"{label} travel",
+               "usage", f"{name}_moved_deg", Statistic.SUM, nonnegative=True),
     )  # fmt: skip
 
 
-def _extreme(name: str, unit: str, doc: str, label: str, group: Group, of: str, most: bool) -> Metric:
-    statistic, bad, empty = (Statistic.MAX, "high", -math.inf) if most else (Statistic.MIN, "low", math.inf)
-    return Metric(name, unit, doc, label, bad, group, of, statistic, empty=empty)  # type: ignore[arg-type]
-
-
-def _largest(name: str, unit: str, doc: str, label: str, group: Group, of: str) -> Metric:
-    """The largest value of what is never negative."""
-    return Metric(name, unit, doc, label, "high", group, of, Statistic.MAX, **_ZERO)
-
-
-def _time(name: str, doc: str, label: str, group: Group, of: str, finding: Any = "") -> Metric:
-    return Metric(name, "s", doc, label, "high", group, of, Statistic.TIME_OUTSIDE, **_ZERO, finding=finding)
-
-
 METRICS: tuple[Metric, ...] = (
-    *_error("altitude_error", "m", "altitude error", "Altitude error", "altitude_error_m", max_leads=True),
-    *_error("speed_error", "m/s", "speed error", "Speed error", "speed_error_mps", max_leads=True),
+    *_error("altitude_error", "m", "altitude error", "Altitude error", "altitude_error_m", leads="max"),
+    *_error("speed_error", "m/s", "speed error", "Speed error", "speed_error_mps", leads="max"),
     *_error("heading_error", "deg", "heading error", "Heading error", "heading_error_deg"),
     *_error("cross_track_error", "m", "cross-track error", "Cross-track error", "cross_track_m"),
-    Metric(
-        "cross_track_error_final_m", "m", "cross-track error at the end, actual minus reference",
-        "Cross-track error at the end", "size", "tracking", "cross_track_m", Statistic.FINAL, empty=0.0,
-    ),
-    *_error(
-        "angle_of_attack_error", "deg", "angle of attack minus its command, error",
-        "Angle of attack error", "angle_of_attack_error_deg", rms_leads=True,
-    ),
+    _count("cross_track_error_final_m", "m", "cross-track error at the end, actual minus reference",
+           "Cross-track error at the end", "tracking", "cross_track_m", Statistic.FINAL, bad="size"),
+    *_error("angle_of_attack_error", "deg", "angle of attack minus its command, error", "Angle of attack error",
+            "angle_of_attack_error_deg", leads="rms"),
     _settled("angle_of_attack_error", "Angle of attack error"),
-    *_error(
-        "bank_error", "deg", "bank minus its command, error", "Bank error", "bank_error_deg", rms_leads=True
-    ),
+    *_error("bank_error", "deg", "bank minus its command, error", "Bank error", "bank_error_deg", leads="rms"),
     _settled("bank_error", "Bank error"),
-    *_error("sideslip", "deg", "sideslip", "Sideslip", "sideslip_deg", rms_leads=True),
-    _extreme(
-        "angle_of_attack_min_deg", "deg", "smallest angle of attack", "Angle of attack, min", "loads",
-        "angle_of_attack_deg", False,
-    ),
-    _extreme(
-        "angle_of_attack_max_deg", "deg", "largest angle of attack", "Angle of attack, max", "loads",
-        "angle_of_attack_deg", True,
-    ),
+    *_error("sideslip", "deg", "sideslip", "Sideslip", "sideslip_deg", leads="rms"),
+    _count("angle_of_attack_min_deg", "deg", "smallest angle of attack", "Angle of attack, min", "loads",
+           "angle_of_attack_deg", Statistic.MIN),
+    _count("angle_of_attack_max_deg", "deg", "largest angle of attack", "Angle of attack, max", "loads",
+           "angle_of_attack_deg", Statistic.MAX),
     *(metric for name in SURFACES for metric in _surface(name)),
-    _extreme(
-        "equivalence_ratio_min", "-", "smallest throttle", "Throttle, min", "usage",
-        "equivalence_ratio", False,
-    ),
-    _extreme(
-        "equivalence_ratio_max", "-", "largest throttle", "Throttle, max", "usage",
-        "equivalence_ratio", True,
-    ),
-    Metric(
-        "fuel_used_kg", "kg", "fuel burnt", "Fuel used", "high", "usage", "fuel_used_kg", Statistic.FINAL, empty=0.0
-    ),
-    _largest(
-        "dynamic_pressure_max_pa", "Pa", "largest dynamic pressure", "Dynamic pressure, max", "loads",
-        "dynamic_pressure_pa",
-    ),
-    _largest(
-        "load_factor_max_g", "g", "largest magnitude of the specific force", "Load factor, max", "loads",
-        "load_factor_g",
-    ),
-    _time(
-        "surface_saturation_s", "time with a surface at its deflection limit", "Surface saturation", "usage",
-        "surface_saturated", "saturates",
-    ),
+    _count("equivalence_ratio_min", "-", "smallest throttle", "Throttle, min", "usage", "equivalence_ratio",
+           Statistic.MIN),
+    _count("equivalence_ratio_max", "-", "largest throttle", "Throttle, max", "usage", "equivalence_ratio",
+           Statistic.MAX),
+    _count("fuel_used_kg", "kg", "fuel burnt", "Fuel used", "usage", "fuel_used_kg", Statistic.FINAL),
+    _count("dynamic_pressure_max_pa", "Pa", "largest dynamic pressure", "Dynamic pressure, max", "loads",
+           "dynamic_pressure_pa", Statistic.MAX, nonnegative=True),
+    _count("load_factor_max_g", "g", "largest magnitude of the specific force", "Load factor, max", "loads",
+           "load_factor_g", Statistic.MAX, nonnegative=True),
+    _count("surface_saturation_s", "s", "time with a surface at its deflection limit", "Surface saturation", "usage",
+           "surface_saturated", Statistic.TIME_OUTSIDE, finding="saturates"),
     *(
-        Metric(
-            f"{name}_ripple_deg", "deg", f"largest cycle of the {words} in settled stretches, from side to side",
-            f"{label_of(name, '-')} ripple", "high", "tracking", f"{name}_ripple_deg", Statistic.MAX, **_ZERO,
-            finding="cycles",
-        )
+        _count(f"{name}_ripple_deg", "deg", f"largest cycle of the {words} in settled stretches, from side to side",
+               f"{label_of(name, '-')} ripple", "tracking", f"{name}_ripple_deg", Statistic.MAX, nonnegative=True,
+               finding="cycles")
         for name, words in SWINGS.items()
     ),
     *(
-        Metric(
-            f"{name}_cycle_hz", "Hz", f"frequency of the largest cycle of the {words}, zero without one",
-            f"{label_of(name, '-')} cycle frequency", "high", "tracking", f"{name}_cycle_hz", Statistic.FINAL, **_ZERO,
-        )
+        _count(f"{name}_cycle_hz", "Hz", f"frequency of the largest cycle of the {words}, zero without one",
+               f"{label_of(name, '-')} cycle frequency", "tracking", f"{name}_cycle_hz", Statistic.FINAL,
+               nonnegative=True)
         for name, words in SWINGS.items()
     ),
-    _time("engine_failed_s", "time with a failed or unstarted engine", "Engine failed", "loads", "engine_failed"),
-    _time(
-        "outside_tables_s", "time outside the tables (clamped)", "Outside tables", "loads", "outside_tables",
-        "leaves_tables",
-    ),
+    _count("engine_failed_s", "s", "time with a failed or unstarted engine", "Engine failed", "loads",
+           "engine_failed", Statistic.TIME_OUTSIDE),
+    _count("outside_tables_s", "s", "time outside the tables (clamped)", "Outside tables", "loads", "outside_tables",
+           Statistic.TIME_OUTSIDE, finding="leaves_tables"),
 )  # fmt: skip
 
 
 def _margin(name: str, unit: str, doc: str, label: str, plateaus: tuple[float, ...], customary: float = 0.0) -> Metric:
-    return Metric(
-        name, unit, doc, label, "low", "stability", "", Statistic.MIN, never_negative=True, plateaus=plateaus,
-        customary=customary,
-    )  # fmt: skip
+    return Metric(name, unit, doc, label, "low", "stability", "", Statistic.MIN, never_negative=True,
+                  plateaus=plateaus, customary=customary)  # fmt: skip
 
 
 # The least over loops and points; nan for flights that were not asked for.
 MARGINS: tuple[Metric, ...] = (
-    _margin(
-        "gain_margin_min_db", "dB", "least gain margin, the smaller of both sides, over loops and points",
-        "Gain margin, min", (0.0, 60.0), customary=6.0,
-    ),
-    _margin(
-        "phase_margin_min_deg", "deg", "least phase margin over loops and points", "Phase margin, min", (0.0, 180.0),
-        customary=30.0,
-    ),
-    _margin(
-        "delay_margin_min_ms", "ms", "least delay margin over loops and points", "Delay margin, min", (0.0, 1000.0)
-    ),
-    _margin(
-        "disk_margin_min", "-", "least disk margin of all loops at once over the points", "Disk margin, min", (0.0,)
-    ),
+    _margin("gain_margin_min_db", "dB", "least gain margin, the smaller of both sides, over loops and points",
+            "Gain margin, min", (0.0, 60.0), customary=6.0),
+    _margin("phase_margin_min_deg", "deg", "least phase margin over loops and points", "Phase margin, min",
+            (0.0, 180.0), customary=30.0),
+    _margin("delay_margin_min_ms", "ms", "least delay margin over loops and points", "Delay margin, min",
+            (0.0, 1000.0)),
+    _margin("disk_margin_min", "-", "least disk margin of all loops at once over the points", "Disk margin, min",
+            (0.0,)),
 )  # fmt: skip
 GAIN_MARGIN, PHASE_MARGIN = MARGINS[:2]
 # Why there is none, which counts as a margin of zero.
@@ -288,10 +237,8 @@ MARGIN_NAMES = tuple(metric.name for metric in MARGINS)
 def effector_metrics(names: Iterable[str]) -> tuple[Metric, ...]:
     """What is counted of effectors that have actuators, as a campaign declares metrics."""
     return tuple(
-        Metric(
-            f"{name}_{end}", unit, f"{name.replace('_', ' ')}: {words}", f"{label_of(name, '-')}{after}",
-            "high", "usage", f"{name}{of}", statistic, **_ZERO,
-        )
+        _count(f"{name}_{end}", unit, f"{name.replace('_', ' ')}: {words}", f"{label_of(name, '-')}{after}",
+               "usage", f"{name}{of}", statistic)
         for name in effector_words(list(names))
         for end, unit, words, after, of, statistic in (
             ("rms_deg", "deg", "deflection, rms", ", rms", "_deg", Statistic.RMS),
