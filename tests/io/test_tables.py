@@ -21,7 +21,7 @@ def read(folder, text, columns=None):
 def test_columns_come_in_the_order_asked_for_or_all_and_empty_rows_are_left_out(tmp_path):
     table = read(tmp_path, "\ufeffa, b,note\n1,2,x\n\n3,-4e1,y\n", {"b": 50.0, "a": 5.0})
     assert table.values.tolist() == [[2.0, 1.0], [-40.0, 3.0]]
-    assert table.lines == (2, 4)
+    assert table.rows.lines == [2, 4]
     table = read(tmp_path, "a,b\n1,2\n")
     assert (table.names, table.values.tolist()) == (("a", "b"), [[1.0, 2.0]])
 
@@ -29,13 +29,13 @@ def test_columns_come_in_the_order_asked_for_or_all_and_empty_rows_are_left_out(
 @pytest.mark.parametrize(
     ("text", "wanted", "place", "found"),
     [
-        ("a,c\n1,2\n", ("a", "b"), (1, 1), "no column b"),
+        ("a,c\n1,2\n", ("a", "b"), (1, None), "no column b"),
         ("a,a\n1,2\n", ("a",), (1, None), "the column a twice"),
         ("a,b\n1,2\n1,x y\n", ("a", "b"), (3, 3), "'x y'"),
-        ("a,b\n1,-101\n", ("b",), (2, 3), "'-101'"),
+        ("a,b\n1,-101\n", ("b",), (2, 3), "-101"),
         ("a,b\n1,nan\n", ("b",), (2, 3), "'nan'"),
         ("a,b\n1,2,3\n", None, (2, None), "3 cells"),
-        ("", ("a",), (1, 1), "no column a"),
+        ("", ("a",), (1, None), "no rows"),
         (b"a\n\xff\n", ("a",), (None, None), "utf-8"),
     ],
 )

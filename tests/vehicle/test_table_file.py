@@ -61,7 +61,7 @@ def test_axes_in_other_units(tmp_path, text, columns, grid):
         ),
         pytest.param("mach,value\n1200,1\n1800,2\n", 2, 1, "mach 1200", id="speed as mach"),
         pytest.param(GOOD, 1, None, "no column 'delta'", id="a description of no column"),
-        pytest.param(b"mach,value\n4,\xff\n", None, None, "not UTF-8", id="bytes"),
+        pytest.param(b"mach,value\n4,\xff\n", None, None, "utf-8", id="bytes"),
     ],
 )
 def test_refuses_with_the_place(tmp_path, text, line, column, words):

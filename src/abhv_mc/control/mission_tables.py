@@ -25,10 +25,10 @@ def read_trajectory(path: str | Path, duration: float) -> NDArray[np.float64]:
     for row in np.flatnonzero(samples[:, 2] <= 0.0)[:1]:
         raise table.error(int(row), "speed_mps", f"the speed {samples[row, 2]:g} m/s", "a positive one")
     if len(samples) < 4:
-        raise InputError(table.path, f"{len(samples)} samples", "at least 4")
+        raise InputError(path, f"{len(samples)} samples", "at least 4")
     first, last = samples[0, 0], samples[-1, 0]
     if abs(first) > 1e-9 or last < duration - 1e-9:
-        raise InputError(table.path, f"times {first:g}..{last:g} s", f"times from 0 to {duration:g} s")
+        raise InputError(path, f"times {first:g}..{last:g} s", f"times from 0 to {duration:g} s")
     samples[:, 3] = np.rad2deg(np.unwrap(np.deg2rad(samples[:, 3])))
     return samples
 

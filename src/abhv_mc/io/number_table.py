@@ -1,10 +1,9 @@
-"""A CSV file of numbers with a header, and the places of what is wrong in it."""
+"""CSV files of numbers with a header, and the places of what is wrong in them."""
 
 import csv
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -15,22 +14,66 @@ from abhv_mc.io.input_files import read_input
 
 
 @dataclass(frozen=True)
-class NumberTable:
-    """Numbers by row and column, all finite; rows without any cell are left out."""
+class Rows:
+    """The lines of a CSV file that are neither blank nor comments, which start with ``#``."""
 
     path: Path
+    header: list[str]
+    header_line: int
+    texts: list[str]  # [row]
+    lines: list[int]  # [row] from 1
+
+    def error(self, row: int | None, column: int | None, found: str, expected: str) -> InputError:
+        """What to raise about a cell; ``row`` None is the header, ``column`` None the whole line."""
+        line, cells = (self.header_line, self.header) if row is None else (self.lines[row], _split(self.texts[row]))
+        place = None if column is None else 1 + sum(len(cell) + 1 for cell in cells[:column])
+        return InputError(self.path, found, expected, line, place)
+
+    def numbers(self, columns: Sequence[int]) -> NDArray[np.float64]:
+        """Some columns as finite numbers ``[row, column]``. Raises :class:`InputError`."""
+        out = np.empty((len(self.texts), len(columns)))
+        for row, text in enumerate(self.texts):
+            cells = _split(text)
+            if len(cells) != len(self.header):
+                raise self.error(row, None, f"{len(cells)} cells", f"{len(self.header)}, as in the header")
+            for i, column in enumerate(columns):
+                try:
+                    out[row, i] = float(cells[column])
+                except ValueError:
+                    out[row, i] = math.nan
+                if not math.isfinite(out[row, i]):
+                    raise self.error(row, column, f"'{cells[column].strip()}'", "a finite number")
+        return out
+
+
+def read_rows(path: Path) -> Rows:
+    """Read a CSV file. Raises :class:`InputError`."""
+    try:
+        text = read_input(path).decode("utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(path, str(error), "a CSV file in UTF-8") from None
+    lines = {i: line for i, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"}
+    if len(lines) < 2:
+        raise InputError(path, "no rows", "a header and rows of numbers", 1)
+    (header, *texts), (header_line, *numbers) = lines.values(), lines
+    return Rows(path, [name.strip() for name in _split(header)], header_line, texts, numbers)
+
+
+def _split(line: str) -> list[str]:
+    return next(csv.reader([line])) if '"' in line else line.split(",")
+
+
+@dataclass(frozen=True)
+class NumberTable:
+    """Columns of a file as numbers, all finite."""
+
+    rows: Rows
     names: tuple[str, ...]
     values: NDArray[np.float64]  # [row, column]
-    lines: tuple[int, ...]  # of the file, by row
 
     def error(self, row: int, name: str, found: str, expected: str) -> InputError:
         """What is wrong with the number in that row under that name, at its place in the file."""
-        line = self.lines[row]
-        reader = csv.reader(_lines_of(self.path))
-        header = next(reader)
-        cells = next(cells for cells in reader if reader.line_num >= line)
-        place = [cell.strip() for cell in header].index(name)
-        return InputError(self.path, found, expected, line, _column(cells, place))
+        return self.rows.error(row, self.rows.header.index(name), found, expected)
 
     def check_rising(self, name: str, unit: str) -> None:
         """Raise :class:`InputError` at the first number under that name that is not above the one before."""
@@ -42,47 +85,14 @@ class NumberTable:
 
 def read_number_table(path: Path, expected: Mapping[str, float] | None = None) -> NumberTable:
     """These columns, in order, with the largest magnitude of each; all where None. Raises :class:`InputError`."""
-    rows: list[list[float]] = []
-    lines: list[int] = []
-    try:
-        reader = csv.reader(_lines_of(path))
-        header = [name.strip() for name in next(reader, [])]
-        names = tuple(header if expected is None else expected)
-        missing = [name for name in names if name not in header]
-        if missing:
-            raise InputError(path, f"no column {', '.join(missing)}", f"the columns {', '.join(names)}", 1, 1)
-        twice = [name for name in names if header.count(name) > 1]
-        if twice:
-            raise InputError(path, f"the column {twice[0]} twice", "each column once", 1)
-        places = [(header.index(name), math.inf if expected is None else expected[name]) for name in names]
-        for cells in reader:
-            if not cells:
-                continue
-            if expected is None and len(cells) != len(header):
-                raise InputError(path, f"{len(cells)} cells", f"{len(header)} cells", reader.line_num)
-            rows.append([_number(path, reader.line_num, cells, place, most) for place, most in places])
-            lines.append(reader.line_num)
-    except (UnicodeDecodeError, csv.Error, OSError) as error:
-        raise InputError(path, str(error), "a CSV file of numbers in UTF-8") from None
-    return NumberTable(path, names, np.array(rows, dtype=np.float64).reshape(len(rows), len(names)), tuple(lines))
-
-
-def _lines_of(path: Path) -> StringIO:
-    return StringIO(read_input(path).decode("utf-8-sig"), newline="")
-
-
-def _number(path: Path, line: int, cells: list[str], place: int, most: float) -> float:
-    text = cells[place].strip() if place < len(cells) else ""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise InputError(path, f"'{text}'", "a finite number", line, _column(cells, place))
-    if abs(value) > most:
-        raise InputError(path, f"'{text}'", f"a magnitude of at most {most:g}", line, _column(cells, place))
-    return value
-
-
-def _column(cells: list[str], place: int) -> int:
-    return sum(len(cell) + 1 for cell in cells[:place]) + 1
+    rows = read_rows(path)
+    names = tuple(rows.header if expected is None else expected)
+    for name in names:
+        if (count := rows.header.count(name)) != 1:
+            found = f"the column {name} twice" if count else f"no column {name}"
+            raise rows.error(None, None, found, f"the columns {', '.join(names)}, each once")
+    table = NumberTable(rows, names, rows.numbers([rows.header.index(name) for name in names]))
+    for i, (name, most) in enumerate((expected or {}).items()):
+        for row in np.flatnonzero(np.abs(table.values[:, i]) > most)[:1]:
+            raise table.error(int(row), name, f"{table.values[row, i]:g}", f"a magnitude of at most {most:g}")
+    return table

@@ -14,6 +14,7 @@ from abhv_mc.array_types import Ints
 from abhv_mc.io.documents import Document, Refusal, read_document, validate
 from abhv_mc.io.input_error import one_of
 from abhv_mc.io.input_files import made_once
+from abhv_mc.io.number_table import read_rows
 from abhv_mc.io.units import parse_unit
 from abhv_mc.kernel.plant.vehicle import (
     COEFFICIENTS,
@@ -32,7 +33,7 @@ from abhv_mc.vehicle.pack import Axis, Table, make_constant, pack_tables
 from abhv_mc.vehicle.propulsion_keys import PROPULSION_TABLES, Capture, ThrustFunction, engine_rows
 from abhv_mc.vehicle.sensing import choose_sensing
 from abhv_mc.vehicle.surface_keys import AXIS_DEFLECTIONS, Effector, IdealSurfaces, Surfaces
-from abhv_mc.vehicle.table_file import parse_role, read_rows, read_table
+from abhv_mc.vehicle.table_file import parse_role, read_table
 from abhv_mc.vehicle.vehicle_code import VehicleCode, make_code, reference_point
 
 _LARGEST_IMPULSE = 1e4  # s: no air-breathing engine comes near; an exhaust velocity in m/s lies beyond
@@ -100,12 +101,12 @@ def read_mass_points(path: Path) -> list[MassPoint]:
             raise rows.error(None, i, refusal.found, refusal.expected) from None
         if exponents != parse_unit(dimension)[1]:
             raise rows.error(None, i, f"{name} in '{unit}'", f"a unit like '{dimension}'")
-        columns[name] = rows.numbers(i) * factor
+        columns[name] = rows.numbers([i])[:, 0] * factor
     for name, field in MassPoint.model_fields.items():
         if field.is_required() and name not in columns:
             raise rows.error(None, None, f"no column of {name}", "mass and the three moments of inertia")
     points: list[MassPoint] = []
-    for row in range(len(rows.cells)):
+    for row in range(len(rows.texts)):
         values = {name: float(column[row]) for name, column in columns.items()}
         if values["mass"] <= (points[-1].mass if points else 0.0):
             raise rows.error(row, None, f"a mass of {values['mass']:g} kg", "rising masses above 0")

@@ -4,10 +4,8 @@ A header names the variable and its unit (``mach,alpha_deg,value``); a vehicle f
 sorted, first axis slowest, and every combination of the axes is there once. Lines that start with ``#`` are comments.
 """
 
-import csv
 import itertools
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,9 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.io.input_error import InputError, Refusal, one_of
-from abhv_mc.io.input_files import read_input
-from abhv_mc.io.units import ANGLE, LENGTH, MASS, NUMBER, parse_unit
+from abhv_mc.io.input_error import Refusal, one_of
+from abhv_mc.io.number_table import Rows, read_rows
+from abhv_mc.io.units import ANGLE, LENGTH, MASS, parse_unit
 from abhv_mc.kernel.plant.vehicle import MAX_DIMENSIONS, VARIABLES
 from abhv_mc.vehicle.pack import Axis, Table
 
@@ -41,7 +39,6 @@ _PLAUSIBLE = {
     "mass": (1e-3, 1e7),
     "angle": (-math.pi, math.pi),
 }
-_NUMBER = re.compile(NUMBER)
 
 
 @dataclass(frozen=True)
@@ -50,60 +47,6 @@ class Role:
 
     name: str
     unit: str | None = None
-
-
-@dataclass(frozen=True)
-class Rows:
-    """A CSV file as text, with the places of its rows."""
-
-    path: Path
-    header: list[str]
-    header_line: int
-    cells: list[list[str]]  # [row][column]
-    lines: list[int]  # [row] from 1
-
-    def error(self, row: int | None, column: int | None, found: str, expected: str) -> InputError:
-        """What to raise about a cell; ``row`` None is the header, ``column`` None the whole line."""
-        line, texts = (self.header_line, self.header) if row is None else (self.lines[row], self.cells[row])
-        place = None if column is None else 1 + sum(len(text) + 1 for text in texts[:column])
-        return InputError(self.path, found, expected, line, place)
-
-    def numbers(self, column: int) -> Floats:
-        """One column as finite numbers ``[row]``. Raises :class:`InputError`."""
-        out = np.empty(len(self.cells))
-        for row, cells in enumerate(self.cells):
-            text = cells[column].strip()
-            out[row] = float(text) if _NUMBER.fullmatch(text) else math.nan
-            if not math.isfinite(out[row]):
-                raise self.error(row, column, f"'{text}'" if text else "an empty cell", "a finite number")
-        return out
-
-
-def read_rows(path: Path) -> Rows:
-    """Read a CSV file of cells of equal count. Raises :class:`InputError`."""
-    try:
-        text = read_input(path).decode("utf-8-sig")
-    except OSError as error:
-        raise InputError(path, f"a file that cannot be read ({error.strerror})", "a CSV file") from None
-    except UnicodeDecodeError:
-        raise InputError(path, "bytes that are not UTF-8 text", "a CSV file") from None
-    numbered = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
-    if len(numbered) < 2:
-        raise InputError(path, "no rows", "a header and rows of numbers", 1)
-    try:
-        (header, *cells) = [_split(line) for _, line in numbered]
-    except csv.Error as error:
-        raise InputError(path, str(error), "a CSV file of numbers") from None
-    header_line, *lines = [i for i, _ in numbered]
-    rows = Rows(path, [name.strip() for name in header], header_line, cells, lines)
-    for row, found in enumerate(rows.cells):
-        if len(found) != len(header):
-            raise rows.error(row, None, f"{len(found)} cells", f"{len(header)}, as in the header")
-    return rows
-
-
-def _split(line: str) -> list[str]:
-    return next(csv.reader([line])) if '"' in line else line.split(",")
 
 
 def parse_role(text: str, effectors: Sequence[str] = ()) -> Role:
@@ -152,11 +95,10 @@ def _check_plausible(rows: Rows, column: int, role: Role, numbers: Floats, facto
     outside = np.flatnonzero((numbers * factor < low) | (numbers * factor > high * (1.0 + 1e-12)))
     if outside.size:
         row = int(outside[0])
-        text = rows.cells[row][column].strip()
         expected = (
             f"{low / factor:.6g} to {high / factor:.6g}: is it in another unit than '{rows.header[column]}' says?"
         )
-        raise rows.error(row, column, f"{role.name} {text}", expected)
+        raise rows.error(row, column, f"{role.name} {numbers[row]:g}", expected)
 
 
 def _grid(rows: Rows, columns: Sequence[int], points: Floats) -> list[Floats]:
@@ -205,16 +147,15 @@ def read_table(path: Path, columns: Mapping[str, Role], effectors: Sequence[str]
         roles[role.name] = (i, role)
     if VALUE not in roles:
         raise rows.error(None, None, "no column 'value'", "one (or say which it is under columns)")
-    values = rows.numbers(roles.pop(VALUE)[0])
+    value = roles.pop(VALUE)[0]
     if not 1 <= len(roles) <= MAX_DIMENSIONS:
         raise rows.error(None, None, f"{len(roles)} axes", f"1 to {MAX_DIMENSIONS}")
-
-    numbers, factors = [], []
-    for i, role in roles.values():
-        factors.append(_unit_factor(rows, i, role))
-        numbers.append(rows.numbers(i))
-        _check_plausible(rows, i, role, numbers[-1], factors[-1])
-    grids = _grid(rows, [i for i, _ in roles.values()], np.stack(numbers, axis=1))
+    factors = [_unit_factor(rows, i, role) for i, role in roles.values()]
+    places = [i for i, _ in roles.values()]
+    values, *points = rows.numbers([value, *places]).T
+    for (i, role), numbers, factor in zip(roles.values(), points, factors, strict=True):
+        _check_plausible(rows, i, role, numbers, factor)
+    grids = _grid(rows, places, np.stack(points, axis=1))
     axes = tuple(
         Axis(VARIABLES.index(_variable(name, effectors)), grid * factor)
         for name, grid, factor in zip(roles, grids, factors, strict=True)
