@@ -102,20 +102,20 @@ def _check(file: Path, kind: str, flown: tuple[Path, Path] | None, pending: Pend
         controller = read_controller(file)
         yield from controller.warnings()
         if isinstance(controller, UserController):
-            yield from _try_law(file, controller, *(flown or (None, None)))
+            yield from _try_law(file, controller, flown)
 
 
-def _try_law(file: Path, controller: UserController, vehicle: Path | None, mission: Path | None) -> list[str]:
+def _try_law(file: Path, controller: UserController, flown: tuple[Path, Path] | None) -> Iterator[str]:
     """Compile a controller and fly one tick, on the campaign's vehicle and mission or shipped ones; its warnings.
 
     Code of a campaign's folder that this user has not flown is not run. Raises InputError.
     """
     place = law_place(controller)
     if is_in_a_folder(place) and not is_trusted(read_law_source(controller)):
-        return ["its code was not run: it is a folder's, and you have not flown it"]
+        yield "its code was not run: it is a folder's, and you have not flown it"
+        return
     configs = shipped_configs()
-    vehicle = vehicle or configs / "vehicle" / f"{DEFAULT_VEHICLE}.yaml"
-    mission = mission or configs / "mission" / "level.yaml"
+    vehicle, mission = flown or (configs / f"vehicle/{DEFAULT_VEHICLE}.yaml", configs / "mission/level.yaml")
     plan = prepare(vehicle, mission, file, file.stem)
     one_tick = replace(plan, timing=plan.timing._replace(ticks=0))
     try:
@@ -126,4 +126,3 @@ def _try_law(file: Path, controller: UserController, vehicle: Path | None, missi
     broken = _BROKEN.get(Outcome(int(block.outcome[0])))
     if broken is not None:
         raise InputError(place, broken, "finite commands")
-    return []

@@ -85,36 +85,30 @@ def write_schemas(folder: Path, files: list[Path], kinds: Iterable[str] = MODELS
 
 
 def _add_law(folder: Path, campaign: Path, law: str) -> list[Path]:
-    """The shipped example of a user law, by the name ``my_law``."""
+    """The shipped example of a user law, by the name ``my_law``; in C with its design, headers, and a Makefile."""
     source, target = shipped_configs() / "control", folder / "control"
+    python, text = ((source / f"cascade.{ending}").read_text(encoding="utf-8") for ending in ("py", "yaml"))
+    contents = {"my_law.py": python, "my_law.yaml": text.replace("cascade.py", "my_law.py")}
     if law == "c":
-        files = _add_c_law(source, target)
-    else:
-        files = [target / "my_law.py", target / "my_law.yaml"]
-        shutil.copyfile(source / "cascade.py", files[0])
-        text = (source / "cascade.yaml").read_text(encoding="utf-8").replace("cascade.py", files[0].name)
-        files[1].write_text(text, encoding="utf-8")
-    text = campaign.read_text(encoding="utf-8")
-    mine = f"  my_law: control/my_law.yaml # your own: control/{files[0].name}\n"
-    text = re.sub(r"(?m)^(controllers:.*\n)", rf"\1{mine}", text)
-    text = re.sub(r"(?m)^question:.*$", f"question: {_QUESTION}", text)
-    campaign.write_text(text, encoding="utf-8")
-    return files
-
-
-def _add_c_law(source: Path, target: Path) -> list[Path]:
-    """The same law in C, its design, the headers, and a Makefile for whoever builds the library himself."""
-    text = (source / "cascade_c" / "cascade_c.yaml").read_text(encoding="utf-8")
-    text = text.replace("cascade.c", "my_law.c").replace("../cascade.py", "my_design.py")
-    code = (source / "cascade_c" / "cascade.c").read_text(encoding="utf-8").replace("../cascade.py", "my_design.py")
-    contents = {"my_law.c": code, "my_law.yaml": text, "Makefile": _MAKEFILE}
-    contents["my_design.py"] = (source / "cascade.py").read_text(encoding="utf-8")
+        inside = source / "cascade_c"
+        code, text = ((inside / name).read_text(encoding="utf-8") for name in ("cascade.c", "cascade_c.yaml"))
+        contents = {
+            "my_law.c": code.replace("../cascade.py", "my_design.py"),
+            "my_law.yaml": text.replace("cascade.c", "my_law.c").replace("../cascade.py", "my_design.py"),
+            "Makefile": _MAKEFILE,
+            "my_design.py": python,
+        }
     files = [target / name for name in contents]
     for file, content in zip(files, contents.values(), strict=True):
         file.write_text(content, encoding="utf-8")
     controller = read_controller(target / "my_law.yaml")
     if isinstance(controller, CController):
         files += write_headers(target, controller.layout, controller.onboard)
+    text = campaign.read_text(encoding="utf-8")
+    mine = f"  my_law: control/my_law.yaml # your own: control/{files[0].name}\n"
+    text = re.sub(r"(?m)^(controllers:.*\n)", rf"\1{mine}", text)
+    text = re.sub(r"(?m)^question:.*$", f"question: {_QUESTION}", text)
+    campaign.write_text(text, encoding="utf-8")
     return files
 
 

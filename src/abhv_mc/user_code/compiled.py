@@ -36,15 +36,8 @@ from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.table import LookUp
 from abhv_mc.user_code.unpack import laws_folder, unpack
 
-COMMAND_ROWS = (
-    s.CMD_AILERON,
-    s.CMD_RUDDER,
-    s.CMD_ELEVATOR,
-    s.CMD_ETA,
-    s.GAMMA_CMD,
-    s.ALPHA_CMD,
-    s.BANK_CMD,
-)  # of a Command
+_CONTROLS = s.CMD_AILERON, s.CMD_RUDDER, s.CMD_ELEVATOR, s.CMD_ETA
+COMMAND_ROWS = (*_CONTROLS, s.GAMMA_CMD, s.ALPHA_CMD, s.BANK_CMD)  # of a Command
 _GIVEN = "float('inf')"  # in the text of a loop: abhv_mc.user_code.law_interface.NOT_GIVEN
 _MADE = (Command, Coefficients, Thrust)  # of whatever numbers
 ONBOARD_ROWS = (*range(ONBOARD, ONBOARD + N_ONBOARD), *range(s.CMD, s.CMD + 4))  # of Onboard's numbers
@@ -67,21 +60,10 @@ def compile_law(source: UserSource, gains: tuple[str, ...], width: int, effector
     with refuse_in_words(source, "a law", WANTED):
         names = compiled_names(law.module)
         names |= {"_Measured": Measured, "_Reference": Reference, "_Onboard": Onboard}
-        for hint in Onboard.__annotations__.values():
-            if hasattr(hint, "_fields"):
-                names[f"_{hint.__name__}"] = hint
-        designed, commands = split_columns(gains)
-        if designed:
-            names["_Gains"] = make_gains_class(designed)
-        if commands:
-            names["_Commands"] = law.commands
-        if law.settings is not None:
-            names["_Settings"] = law.settings
-        if "memory" in law.arguments:
-            names["_Memory"] = law.memory
-        names["_law"] = names[law.function.__name__]
-        text = _make_loop(law, gains, width, effectors)
-        return build(law.module, text, names, f"{gains}")
+        names |= {f"_{hint.__name__}": hint for hint in Onboard.__annotations__.values() if hasattr(hint, "_fields")}
+        names |= {"_Memory": law.memory, "_Settings": law.settings, "_Commands": law.commands}
+        names |= {"_Gains": make_gains_class(split_columns(gains)[0]), "_law": names[law.function.__name__]}
+        return build(law.module, _make_loop(law, gains, width, effectors), names, f"{gains}")
 
 
 def split_columns(names: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -23,18 +23,9 @@ from abhv_mc.user_code.module import refuse_in_words, run_module
 from abhv_mc.user_code.source import UserSource
 
 # Rows of the true values, in the order of Measured.
-_ACTUAL = (
-    X + s.ALTITUDE,
-    s.SPEED,
-    s.GAMMA,
-    s.CHI,
-    variable_row("angle_of_attack"),
-    variable_row("sideslip"),
-    s.BANK,
-    X + s.ROLL_RATE,
-    X + s.PITCH_RATE,
-    X + s.YAW_RATE,
-)
+_PATH = X + s.ALTITUDE, s.SPEED, s.GAMMA, s.CHI
+_ANGLES = variable_row("angle_of_attack"), variable_row("sideslip"), s.BANK
+_ACTUAL = (*_PATH, *_ANGLES, X + s.ROLL_RATE, X + s.PITCH_RATE, X + s.YAW_RATE)
 # What every flight measures; what laws may ask for besides is not there unless the law asks.
 _Seen: Any = NamedTuple("Measured", [(name, float) for name in Measured._fields[: s.N_MEASURED]])  # type: ignore[misc]
 _GIVEN = {"actual": _Seen, "measured": _Seen, "reference": Reference, "command": MixedCommand}

@@ -66,8 +66,7 @@ def _allowed() -> tuple[str, ...]:
     """Folders that any code may read: the interpreter, installed packages, caches, the system's own."""
     folders = [*sysconfig.get_paths().values(), sys.prefix, sys.base_prefix, str(Path(abhv_mc.__file__).parent)]
     caches = [str(code_folder(compiler())), str(Path.home() / ".cache"), str(user_folder("XDG_CACHE_HOME", ".cache"))]
-    short = {"/", ""}
-    real = {os.path.realpath(folder) for folder in (*folders, *caches, *_SYSTEM)} - short
+    real = {os.path.realpath(folder) for folder in (*folders, *caches, *_SYSTEM)}
     return tuple(f"{folder}{os.sep}" for folder in sorted(real))
 
 
@@ -91,7 +90,8 @@ def _check(watch: _Watch, event: str, arguments: tuple[Any, ...]) -> None:
     path = os.fsdecode(name)
     bare = event == "ctypes.dlopen" and os.sep not in path
     real = path if bare else os.path.realpath(path)
-    if event == "open" and _creates(*arguments[1:3]):
+    mode, flags = arguments[1:3] if event == "open" else (None, 0)
+    if any(letter in mode for letter in "wxa") if mode else (flags or 0) & _CREATED:
         watch.written.add(real)
         return
     own = Path(real).is_dir() or real in watch.written or real == os.path.realpath(watch.source.file)
@@ -118,10 +118,6 @@ def _shorten(watch: _Watch, path: str) -> str:
         if not short.startswith(".."):
             return short
     return shown
-
-
-def _creates(mode: str | None, flags: int) -> bool:
-    return any(letter in mode for letter in "wxa") if mode else bool((flags or 0) & _CREATED)
 
 
 def _find_line(watch: _Watch, frame: FrameType | None) -> tuple[str, int] | None:
