@@ -14,7 +14,7 @@ from daveml.graph import Graph
 
 from abhv_mc.daveml.graph import read_model
 from abhv_mc.daveml.import_vehicle import import_daveml
-from abhv_mc.daveml.shots import make_function, run_shots
+from abhv_mc.daveml.writer import make_function, run_shots
 from abhv_mc.io.documents import read_document
 from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc.plant.trim import FlightPoint, trim

@@ -1,7 +1,7 @@
 """A DAVE-ML file as its graph: variables in the order in which they can be computed, functions, check shots."""
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +10,8 @@ from abhv_mc.daveml.look_ups import LookUp, read_look_ups
 from abhv_mc.daveml.s119_units import parse_s119_unit
 from abhv_mc.daveml.xml_reader import Node, read_xml
 from abhv_mc.io.input_error import InputError, Refusal, one_of
+
+_WITHOUT_TOLERANCE = 1e-6  # of a check value for which the file gives none
 
 
 @dataclass(frozen=True)
@@ -46,22 +48,22 @@ class Variable:
 
 @dataclass(frozen=True)
 class CheckValue:
-    """One signal of a check shot; ``tolerance`` None where the file gives none."""
+    """An output of a check shot, or an internal value with a tolerance."""
 
     identifier: str  # varID
     value: float
-    tolerance: float | None
+    tolerance: float
     line: int
 
 
 @dataclass(frozen=True)
 class CheckShot:
-    """Inputs and the outputs that they must give."""
+    """Inputs and what they must give."""
 
     name: str
-    inputs: tuple[CheckValue, ...]
-    internals: tuple[CheckValue, ...]
+    inputs: dict[str, float]  # by varID
     outputs: tuple[CheckValue, ...]
+    line: int
 
 
 @dataclass(frozen=True)
@@ -182,21 +184,25 @@ def _in_order(path: Path, variables: dict[str, Variable]) -> dict[str, Variable]
 def _read_shot(shot: Node, variables: dict[str, Variable]) -> CheckShot:
     by_name = {variable.name: variable.identifier for variable in variables.values()}
 
-    def read(signal: Node) -> CheckValue:
-        name, identified = signal.words("signalName"), signal.words("varID") or signal.words("signalID")
-        identifier = identified if identified in variables else by_name.get(name, name)
-        if identifier not in variables:
-            given = name or identified
-            raise signal.refuse(f"the signal '{given}'", one_of((*by_name, *variables), given))
-        factor, tolerance = _conversion(signal, variables[identifier]), signal.words("tol")
-        allowed = abs(factor) * signal.number(tolerance) if tolerance else None
-        return CheckValue(identifier, factor * signal.number(signal.words("signalValue")), allowed, signal.line)
+    def read(group: str) -> Iterator[tuple[Node, str, float]]:
+        """Each signal, its variable and the factor to the variable's units."""
+        for signal in (signal for part in shot.all(group) for signal in part.all("signal")):
+            name, identified = signal.words("signalName"), signal.words("varID") or signal.words("signalID")
+            identifier = identified if identified in variables else by_name.get(name, name)
+            if identifier not in variables:
+                given = name or identified
+                raise signal.refuse(f"the signal '{given}'", one_of((*by_name, *variables), given))
+            yield signal, identifier, _conversion(signal, variables[identifier])
 
-    groups = [
-        tuple(read(signal) for part in shot.all(group) for signal in part.all("signal"))
-        for group in ("checkInputs", "internalValues", "checkOutputs")
-    ]
-    return CheckShot(shot.attributes.get("name", "shot"), *groups)
+    inputs = {of: factor * signal.number(signal.words("signalValue")) for signal, of, factor in read("checkInputs")}
+    outputs = []
+    for group in ("internalValues", "checkOutputs"):
+        for signal, identifier, factor in read(group):
+            value, tolerance = factor * signal.number(signal.words("signalValue")), signal.words("tol")
+            allowed = abs(factor) * signal.number(tolerance) if tolerance else _WITHOUT_TOLERANCE * max(1.0, abs(value))
+            if tolerance or group == "checkOutputs":
+                outputs.append(CheckValue(identifier, value, allowed, signal.line))
+    return CheckShot(shot.attributes.get("name", "shot"), inputs, tuple(outputs), shot.line)
 
 
 def _conversion(signal: Node, variable: Variable) -> float:

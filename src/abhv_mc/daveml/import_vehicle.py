@@ -19,9 +19,8 @@ from abhv_mc.daveml.adapters import (
     write_thrust,
 )
 from abhv_mc.daveml.graph import Model, read_model
-from abhv_mc.daveml.shots import make_function, run_shots
 from abhv_mc.daveml.signals import find_signals, kinds_of, quantity_of
-from abhv_mc.daveml.writer import Line, write_module
+from abhv_mc.daveml.writer import Line, make_function, run_shots, write_module
 from abhv_mc.daveml.xml_reader import fold
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.documents import read_document

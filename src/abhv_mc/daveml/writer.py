@@ -1,4 +1,5 @@
-"""A model as readable Python: its tables, its constants and one function from its inputs to its outputs.
+"""A model as readable Python: its tables, its constants and one function from its inputs to its outputs; and the check
+shots that a file brings, run through it.
 
 The text is made of this program's own words, of identifiers and of numbers; a file's words are comments and docstrings,
 which the reader has folded so that they end neither.
@@ -6,7 +7,8 @@ which the reader has folded so that they end neither.
 
 import ast
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +18,9 @@ from abhv_mc.daveml.formulas import FROM_MATH, MODEL, OUTPUTS, free_name, number
 from abhv_mc.daveml.graph import Model, Variable
 from abhv_mc.daveml.look_ups import LookUp
 from abhv_mc.daveml.xml_reader import fold
+from abhv_mc.io.input_error import InputError, InputErrors
+from abhv_mc.user_code.module import run_module
+from abhv_mc.user_code.source import UserSource
 
 WIDTH = 116
 _INDENT = "    "
@@ -200,3 +205,35 @@ def _break(text: str, indent: str) -> list[str]:
         WIDTH, initial_indent=inner, subsequent_indent=inner, break_long_words=False, break_on_hyphens=False
     )
     return [indent + text[:first], *(line for part in parts for line in wrapper.wrap(part)), indent + text[last:]]
+
+
+def make_function(model: Model) -> Callable[..., Any]:
+    """The written model as a function of its inputs by their Python names; it gives a named tuple of outputs."""
+    function: Callable[..., Any] = run_module(UserSource(write_module(model), str(model.path))).names[MODEL]
+    return function
+
+
+def run_shots(model: Model) -> None:
+    """Run every check shot, with what internal values have a tolerance. Raises InputErrors with all that is off."""
+    checked = {signal.identifier for shot in model.shots for signal in shot.outputs}
+    seen = {key: replace(v, is_output=v.is_output or key in checked) for key, v in model.variables.items()}
+    errors = list(_differences(replace(model, variables=seen))) if model.shots else []
+    if errors:
+        raise InputErrors(errors)
+
+
+def _differences(model: Model) -> Iterator[InputError]:
+    function = make_function(model)
+    for shot in model.shots:
+        given = {v.key: shot.inputs[v.identifier] for v in model.inputs if v.identifier in shot.inputs}
+        missing = [v.name for v in model.inputs if v.initial is None and v.key not in given]
+        if missing:
+            found = f"the check shot '{shot.name}' without {', '.join(missing)}"
+            yield InputError(model.path, found, "it", shot.line)
+            continue
+        found_values = function(**given)
+        for signal in shot.outputs:
+            value = float(getattr(found_values, model.variables[signal.identifier].key))
+            if not abs(value - signal.value) <= signal.tolerance:  # of no number, too
+                found = f"{value!r} for '{signal.identifier}' in the check shot '{shot.name}'"
+                yield InputError(model.path, found, f"{signal.value!r} within {signal.tolerance!r}", signal.line)

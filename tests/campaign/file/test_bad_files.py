@@ -98,14 +98,13 @@ def test_a_replaced_value_is_taken_or_refused_with_its_place(campaign, tmp_path,
 
 
 def test_a_file_of_another_kind_is_one_sentence(tmp_path, abhv_mc):
-    """A mission that was not there was 13 mistakes of the campaign, read as a mission."""
     text = (shipped_campaigns() / "s_manoeuvre.yaml").read_text().replace("../configs", str(shipped_configs()))
-    text += "margins: {at: [trim, 30 s], flights: 10}\n"
-    for mission, words in (("level.yaml", "not there"), (f"{shipped_configs()}/control/tlc.yaml", "a controller file")):
-        path = tmp_path / "c.yaml"
-        path.write_text(re.sub("mission: .*", f"mission: {mission}", text), encoding="utf-8")
-        for command in ("validate", "run"):
-            code, _, said = abhv_mc(command, path)
-            assert code == 2 and said.count("\n") == 1 and words in said and ":9:10:" in said, said
-    code, _, said = abhv_mc("run", shipped_configs() / "mission/level.yaml")
-    assert code == 2 and "a mission file; expected a campaign file" in said
+    path = tmp_path / "c.yaml"
+    path.write_text(re.sub("mission: .*", f"mission: {shipped_configs()}/control/tlc.yaml", text), encoding="utf-8")
+    for command, file, words in (
+        ("validate", path, ":9:10: 'tlc.yaml', a controller file; expected a mission file"),
+        ("run", path, ":9:10: 'tlc.yaml', a controller file; expected a mission file"),
+        ("run", shipped_configs() / "mission/level.yaml", "a mission file; expected a campaign file"),
+    ):
+        code, _, said = abhv_mc(command, file)
+        assert code == 2 and said.count("\n") == 1 and words in said, said

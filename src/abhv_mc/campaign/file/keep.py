@@ -1,12 +1,12 @@
 """What a campaign file says under ``keep``: which flights, channels and rates are written besides the metrics."""
 
 import re
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from abhv_mc.flight.channels import CHANNEL_INDEX, STANDARD_CHANNELS
-from abhv_mc.io.documents import Refusal, StrictModel, describe, one_of
+from abhv_mc.io.documents import Refusal, StrictModel, describe
 from abhv_mc.io.units import Frequency
 
 ALL = "all"
@@ -20,18 +20,13 @@ def _as_list(value: Any) -> Any:
     return value if isinstance(value, list) else [value]
 
 
-def _channels(value: Any) -> Any:
-    if value == ["all"]:
-        return list(CHANNEL_INDEX)
-    for i, name in enumerate(value):
-        if not isinstance(name, str) or name not in CHANNEL_INDEX:
-            raise Refusal(f"channel {describe(name)}", one_of(["all", *CHANNEL_INDEX], name), (i,))
-    return sorted(set(value), key=CHANNEL_INDEX.__getitem__)
+def _in_order(names: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(name for name in CHANNEL_INDEX if name in names or ALL in names)
 
 
 Channels = Annotated[
-    tuple[str, ...],
-    BeforeValidator(_channels),
+    tuple[Literal[(ALL, *CHANNEL_INDEX)], ...],  # type: ignore[valid-type]
+    AfterValidator(_in_order),
     BeforeValidator(_as_list, json_schema_input_type=str | list[str]),
 ]
 
