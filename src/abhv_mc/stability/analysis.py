@@ -71,10 +71,7 @@ def analyse(linear: Linear, frequencies: int = FREQUENCIES, apart: bool = False)
 
 
 def _closed_poles(linear: Linear) -> list[Complexes]:
-    """Eigenvalues of the sampled closed loops over the law's period, those of one delay together.
-
-    None where the law has no slopes, or the loop is not finite.
-    """
+    """Eigenvalues of the sampled closed loops over the law's period; none of one that is not finite."""
     poles: list[Complexes] = [np.empty(0, np.complex128)] * len(linear.A)
     for delay in np.unique(linear.delay):
         systems = np.flatnonzero(linear.delay == delay)
@@ -134,11 +131,7 @@ _LOOP = (
 
 
 def margin_values(stability: Stability, system: int = 0) -> dict[str, dict[str, float]]:
-    """The margins of each loop and of ``all`` at once, by name.
-
-    Infinite where nothing makes a loop unstable, not-a-number where the closed loop is unstable as it is, and where
-    there is no loop (:func:`cut_loops`).
-    """
+    """Margins of each loop and of ``all`` by name: inf where nothing destabilizes, nan if unstable or no loop."""
     values = {name: _margins_of_loop(of, system, i) for name, of, i in _loops(stability)}
     m = stability.margins
     with np.errstate(divide="ignore"):

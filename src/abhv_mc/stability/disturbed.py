@@ -21,10 +21,7 @@ def closed_states(plan: FlightPlan, kept: Kept) -> Floats:
 
 
 def disturb(plan: FlightPlan, kept: Kept, change: Floats) -> Kept:
-    """The same flights with ``change`` [n + memory] added to the states of the closed loop.
-
-    A law takes up its memory at the first tick of a mission: there, a change of it is not felt.
-    """
+    """The same flights with ``change`` [n + memory] added to the closed loop's states, but a law's at tick 0."""
     rows, there = kept.rows.copy(), closed_states(plan, kept) + change
     states = rows[:, s.X : s.X + s.N_STATES]
     columns = np.array(actuator_columns(plan.vehicle))
@@ -41,10 +38,7 @@ def disturb(plan: FlightPlan, kept: Kept, change: Floats) -> Kept:
 
 
 def fly_disturbed(plan: FlightPlan, parameters: Floats, tick: int, change: Floats, ticks: int) -> Floats:
-    """States [tick, n + memory] of one flight's closed loop from ``tick`` on, with ``change`` then added to them.
-
-    ``parameters`` [1, parameter]; the mission's last tick is the last one at most.
-    """
+    """States [tick, n + memory] of one flight's closed loop from ``tick`` on, with ``change`` added to the first."""
     kept = disturb(plan, fly_until(plan, parameters, tick), change)
     found = [closed_states(plan, kept)[0]]
     for later in range(tick + 1, min(tick + ticks, plan.timing.ticks) + 1):

@@ -36,10 +36,7 @@ def add_margins(plan: FlightPlan, steady: FlightPlan, times: "tuple[Time, ...]")
 
 
 def fly_with_margins(plan: FlightPlan, parameters: Floats, record_every: Recording | int | None = None) -> FlightBlock:
-    """As :func:`abhv_mc.flight.fly.fly`; flights of a :class:`MarginPlan` are linearized too.
-
-    A flight's margins depend on its own row alone; they are not-a-number where they cannot be computed.
-    """
+    """As :func:`abhv_mc.flight.fly.fly`, a :class:`MarginPlan`'s flights linearized too; nan where that fails."""
     block = fly(plan, parameters, record_every)
     if not isinstance(plan, MarginPlan):
         return block

@@ -115,10 +115,7 @@ def _sensing(slope: Floats) -> Floats:
 
 
 def actuator_matrices(plan: FlightPlan, lane: Floats) -> tuple[Floats, Floats]:
-    """A [point, 2 k, 2 k] and B [point, 2 k, k] of actuators: position and rate of each towards its command.
-
-    ``lane`` [point, row] is the kernel's memory of the points.
-    """
+    """A [point, 2 k, 2 k], B [point, 2 k, k] of actuators: position and rate, from the kernel's memory ``lane``."""
     c, actuator = plan.vehicle.constants, list_actuators(plan.vehicle).actuator[:, BANDWIDTH : IDEAL + 1]
     kinds = [*actuator.tolist(), [c.engine_bandwidth, c.engine_damping, c.ideal_engine]]
     k = len(kinds)
@@ -134,10 +131,7 @@ def actuator_matrices(plan: FlightPlan, lane: Floats) -> tuple[Floats, Floats]:
 
 
 def hold(plan: FlightPlan, lane: Floats, plant_A: Floats, plant_B: Floats, held_B: Floats) -> tuple[Floats, Floats]:
-    """Plant and actuators under held commands: discrete A [point, n, n] and B [point, n, actuator].
-
-    ``held_B`` [point, 10, actuator] is what positions do that are held over the tick as they were at its beginning.
-    """
+    """Plant and actuators under held commands, discrete; ``held_B``: what positions do that are held over the tick."""
     from scipy.linalg import expm
 
     actuator_A, actuator_B = actuator_matrices(plan, lane)
@@ -159,10 +153,7 @@ def hold(plan: FlightPlan, lane: Floats, plant_A: Floats, plant_B: Floats, held_
 
 
 def open_loop(linear: Linear, point: int) -> tuple[Floats, Floats, Floats]:
-    """A, B, C of all loops cut at the plant's inputs: from what goes in there to minus what the law commands.
-
-    States are the plant's, the law's memory and, newest first, the old measurements that a delay keeps.
-    """
+    """A, B, C of all loops cut at the plant's inputs, to minus the commands; states: plant, law, late measurements."""
     m, d = linear.law_A.shape[1], int(linear.delay[point])
     sense = linear.sense[point]
     measured, p = sense.shape

@@ -22,10 +22,7 @@ _APART = 1e-14  # of the identity, by which a matrix is moved that may be singul
 
 
 class Margins(NamedTuple):
-    """Margins of each loop with the others closed, [system, loop], and of all at once, [system].
-
-    Infinite where there is none. Only of systems whose closed loop is stable do they mean anything.
-    """
+    """Margins of each loop, the others closed [system, loop], and of all at once [system], if stable; inf: none."""
 
     gain_low: Floats  # the gain below 1 nearest to it that makes the loop neutral, 0 where none does
     gain_low_frequency: Floats  # rad/s
@@ -113,10 +110,7 @@ def largest(size: Quantity, grid: Floats, values: Floats) -> Floats:
 def _crossings(
     of: Loci, quantity: Callable[[Complexes], Floats], grid: Floats, values: Complexes
 ) -> tuple[Ints, Floats, Complexes]:
-    """Rows, frequencies and loci where a quantity of these crosses zero, by its rank, which is continuous.
-
-    ``values`` [row, frequency, locus] are those at the grid's frequencies.
-    """
+    """Rows, frequencies, loci where a quantity crosses zero, by its rank; ``values`` [row, frequency, locus]."""
     count = values.shape[-1]
     ranked = np.moveaxis(np.sort(quantity(values), axis=-1), -1, 1).reshape(-1, grid.shape[1])
     each, interval = changes_of_sign(ranked)

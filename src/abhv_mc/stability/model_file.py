@@ -91,10 +91,7 @@ def stack_models(models: Sequence[dict[str, Any]], times: Sequence[float]) -> di
 
 
 def write_model(file: Path, model: dict[str, Any]) -> None:
-    """Write a model of :func:`make_model` as the file's ending says. Raises InputError for another ending.
-
-    In ``.npz`` a part's entry is called ``plant_A``, its names ``plant_states`` and so on.
-    """
+    """As the file's ending says, in ``.npz`` with entries such as ``plant_A``. Raises InputError for another ending."""
     check_format(file)
     with atomic_write(file) as temporary, temporary.open("wb") as stream:
         _write_to(stream, file.suffix, model)

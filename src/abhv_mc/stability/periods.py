@@ -45,10 +45,7 @@ _known: dict[str, Period] = {}
 
 
 def find_period(plan: FlightPlan) -> Period:
-    """The period of a plan's law: the plan's own where it declares one, else the smallest that is found.
-
-    Raises InputError for a law that does not repeat, or not as it declares.
-    """
+    """As the plan declares it, else the smallest found. Raises InputError for a law that does not repeat, or not so."""
     if plan.law not in USER_LAWS:
         count = len(law_memory_rows(plan))
         return Period(1, np.zeros(count, bool), np.zeros(count), ())
@@ -133,10 +130,7 @@ def law_phases(plan: FlightPlan, points: Points) -> list[Slopes]:
 
 
 def over_period(plan: FlightPlan, points: Points) -> Slopes:
-    """The memory after a period and the mean command in it, and their slopes over its constant measurement and memory.
-
-    Of a single tick that tick's own.
-    """
+    """The memory after a period and the mean command in it; slopes over measurement and memory before."""
     phases = law_phases(plan, points)
     if len(phases) == 1:
         return phases[0]

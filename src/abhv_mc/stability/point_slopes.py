@@ -82,10 +82,7 @@ def newton_step(J: Floats, left: Floats) -> Floats:
 
 
 def _is_uneven(change: Floats) -> Mask:
-    """Whether slopes left and right differ, [point, value, coordinate], by changes [point, coordinate, offset, value].
-
-    A curve's difference grows fourfold with twice the step, a kink's twofold, a jump's not at all.
-    """
+    """Whether slopes left and right differ: a curve's change grows fourfold in two steps, a kink's twofold."""
     _, left, right, _ = np.abs(np.moveaxis(change, 2, 0)).swapaxes(2, 3)
     near, far = (np.abs(change[:, :, i] + change[:, :, 3 - i]).swapaxes(1, 2) for i in (1, 0))
     return np.asarray((near > _UNEVEN * np.maximum(left, right)) & (near > _ROUNDED) & (far < 3.0 * near))
@@ -121,11 +118,7 @@ class Points(NamedTuple):
 
 
 def plant_slopes(plan: FlightPlan, points: Points, held: bool = False) -> Slopes:
-    """Rates of the path coordinates, sideslip to the air and measurement [point, 10 + 1 + 10], and their slopes.
-
-    Slopes [point, 21, 10 + input] are over the path coordinates and the controls; ``held`` as in
-    :func:`abhv_mc.stability.probe.ask_plant`.
-    """
+    """Rates of the path, sideslip to the air, measurement [point, 10 + 1 + 10]; slopes over path and controls."""
 
     def rates(x: Floats, point: Ints) -> tuple[Floats, Ints]:
         answer, states = ask_at(plan, points, x[:, :10], x[:, 10:], point, held)

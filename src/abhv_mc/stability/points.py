@@ -31,11 +31,7 @@ class Found(NamedTuple):
 
 
 def flown_points(plan: FlightPlan, parameters: Floats, time: float) -> Found:
-    """The flights of ``parameters`` [flight, parameter] at the control tick nearest to ``time`` (s).
-
-    All is as flown: the law's memory, wind, what has failed. A flight that has ended has the state of its start, and a
-    fault that says so, as has one of which a command stands at a limit.
-    """
+    """The flights [flight, parameter] as flown at the tick nearest to ``time`` (s); those that ended at their start."""
     tick = min(round(time / plan.timing.tick), plan.timing.ticks)
     kept = fly_until(plan, parameters, tick)
     finite = np.isfinite(kept.rows[:, s.X : s.X + s.N_STATES]).all(axis=1)

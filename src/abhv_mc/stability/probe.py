@@ -125,11 +125,7 @@ def ask_plant(
 
 
 def law_memory_rows(plan: FlightPlan) -> dict[str, int]:
-    """Rows of the lane memory that the plan's law remembers, by name; the last commands are among them where
-    it uses them.
-
-    Raises InputError for a law of the user's own whose memory is not known.
-    """
+    """Rows of the lane memory that the law remembers, by name. Raises InputError where a user's is not known."""
     if plan.law == "fmu":
         check_states(plan)
     if plan.law in USER_LAWS:
@@ -138,12 +134,7 @@ def law_memory_rows(plan: FlightPlan) -> dict[str, int]:
 
 
 def law_tick(plan: FlightPlan, tick: int, measured: Floats, memory: Floats) -> LawTick:
-    """One tick of the plan's law, its limits off, past the first tick.
-
-    ``measured`` [point, measured] in the order of the measured rows, ``memory`` [point, memory] in that of
-    law_memory_rows.
-    A law of the user's own keeps the limits that are in its code.
-    """
+    """One tick past the first, limits off but those in a user's code, of [point, measured] and [point, memory]."""
     count = measured.shape[1]
     rows = np.array([*range(s.MEASURED, s.MEASURED + count), *law_memory_rows(plan).values(), FAULT], np.int64)
     free, later = _without_limits(plan, tick), max(tick, 1)
@@ -163,10 +154,7 @@ def _commands(plan: FlightPlan, seen: Floats) -> Floats:
 
 
 def law_at(plan: FlightPlan, sensed: Floats, tick: int) -> Floats:
-    """The law's memory [flight, memory] before its tick, from lane memories of :func:`begin`.
-
-    That of tick 0 is of a flight that has always been at its start: its differentiators are at rest.
-    """
+    """The law's memory [flight, memory] before its tick, of :func:`begin`; at tick 0 differentiators are at rest."""
     kept = law_memory_rows(plan)
     memory = sensed[:, list(kept.values())]
     if tick > 0:

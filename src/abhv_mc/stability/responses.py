@@ -50,10 +50,7 @@ def to_hessenberg(A: Floats, B: Floats, C: Floats) -> tuple[Floats, Floats, Floa
 
 
 def loop_gains(loops: Loops, system: Ints, omega: Floats) -> Complexes:
-    """L [point, input, input] of ``system`` [point] at ``omega`` [point] (rad/s), all loops cut at the plant's inputs.
-
-    The law commands ``u = -L v`` when ``v`` goes into the plant.
-    """
+    """L [point, input, input] of ``system`` at ``omega`` (rad/s), cut at the plant's inputs: the law commands -L v."""
     points, inputs = len(omega), loops.law_D.shape[1]
     result = np.empty((points, inputs, inputs), dtype=np.complex128)
     fill_loop_gains(*loops[:8], np.asarray(system, np.int64), np.asarray(omega * loops.period, np.float64), result)

@@ -23,11 +23,7 @@ _MEASURED = 11  # the first measurement of what plant_slopes gives
 
 
 def leave_limits(plan: FlightPlan, points: Points, at_errors_zero: Floats) -> tuple[Points, Mask]:
-    """Trims, but where the law stands behind a limit of its code there the flight comes to rest; which stay so [point].
-
-    A command is behind a limit where speed, or angles and rates, no longer move it as they do at the measurement
-    ``at_errors_zero`` [point, measured] of the nominal vehicle.
-    """
+    """Trims, or where a law behind a limit of its code comes to rest; which stay behind it [point]."""
     free = over_period(plan, points._replace(measured=at_errors_zero))
     limited = apart = _limited(plan, points, free)
     if plan.vehicle.constants.driven and not mixes(plan):  # no mix says where it rests
@@ -66,10 +62,7 @@ def _strengths(slope: Floats) -> Floats:
 
 
 def _come_to_rest(plan: FlightPlan, points: Points, free: Slopes) -> tuple[Points, Mask]:
-    """Points at which nothing but the heading changes with the law in command, and whether they do rest [point].
-
-    By Newton's method with the law's slopes ``free`` of its limits.
-    """
+    """Where nothing but the heading changes under the law, and whether [point], by Newton's method."""
     m, n = points.memory.shape[1], points.measured.shape[1]
     law_measured, law_memory = free.slope[:, :, :n], free.slope[:, :, n:] - np.eye(free.slope.shape[1], m)
     moves, k = _moves(plan, points), 10 + points.controls.shape[1]

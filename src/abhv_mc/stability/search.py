@@ -23,10 +23,7 @@ def changes_of_sign(values: Floats) -> tuple[Ints, Ints]:
 
 
 def refine_crossings(quantity: Quantity, values: Floats, omega: Floats, loop: Ints, interval: Ints) -> Floats:
-    """Frequencies [crossing] of the zeros in the intervals of the grid ``omega`` [loop, frequency].
-
-    Anderson and Bjorck's false position in the logarithm of the frequency, halving where that is slow.
-    """
+    """Frequencies [crossing] of zeros in intervals of ``omega`` [loop, frequency], by Anderson and Bjorck."""
     a, b = np.log(omega[loop, interval]), np.log(omega[loop, interval + 1])
     fa, fb = values[loop, interval].copy(), values[loop, interval + 1].copy()
     end = b.copy()
@@ -51,11 +48,7 @@ def refine_crossings(quantity: Quantity, values: Floats, omega: Floats, loop: In
 
 
 def refine_peaks(quantity: Quantity, omega: Floats, at: Ints, value: Floats) -> tuple[Floats, Floats]:
-    """Largest value [loop] near the grid's ``at`` [loop], where it is ``value``, and its frequency.
-
-    Between the neighbours in the grid ``omega`` [loop, frequency], in its logarithm: the vertex of a parabola through
-    three points, every third time a golden section, which also gets on where the peak is a kink.
-    """
+    """Largest value [loop] near the grid's ``at``, and where: parabolas, every third time a golden section."""
     loops = np.arange(len(omega))
     x = np.log(omega)
     low, here, high = (x[loops, np.clip(at + step, 0, omega.shape[1] - 1)] for step in (-1, 0, 1))
@@ -85,10 +78,7 @@ def _choose(  # the first that is so
 
 
 def frequency_grid(poles: list[Complexes], period: float, count: int) -> Floats:
-    """Frequencies [system, frequency], rad/s: evenly in the logarithm up to half the sampling rate.
-
-    The systems' own oscillating ``poles`` (discrete) are among them, where their responses may have narrow peaks.
-    """
+    """Frequencies [system, frequency], rad/s, even in the logarithm, and those of the (discrete) ``poles``."""
     own = count // 10
     top = np.pi / period
     base = np.geomspace(1e-4, top, count - own)

@@ -54,10 +54,7 @@ def repeats_after(ticks: Ints, law: int) -> int:
 
 
 def add_sensors(plan: FlightPlan, points: Points, phases: "tuple[Linear, ...]") -> "tuple[Linear, ...]":
-    """The models of each tick of the law's period with what sensors do, over the ticks after which both repeat.
-
-    Raises InputError for intervals that repeat too late, or are not the same at all points.
-    """
+    """Models of each tick with what sensors do, until law and samples both repeat. InputError if late."""
     given, lag, ticks, late, held = _sensors(plan, points)
     scale = np.ones_like(lag)
     scaled = [i for i, name in enumerate(SCALED_SENSORS) if ALL_SENSORS.index(name) < scale.shape[1]]

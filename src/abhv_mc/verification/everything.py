@@ -55,10 +55,7 @@ def verify_paper(scale: float = 1.0) -> list[Row]:
 
 
 def verify_everything(folder: Path | None, scale: float = 1.0) -> list[Row]:
-    """Rows of the references in a folder, if any, and of the papers' numbers.
-
-    The folder holds check-cases in ``nesc`` and recordings in ``cadac-ghame6``; ``scale`` multiplies the tolerances.
-    """
+    """Rows of references (``nesc``, ``cadac-ghame6``) in a folder and of papers; ``scale``: of tolerances."""
     rows: list[Row] = []
     if folder is not None:
         recordings = sorted((folder / "cadac-ghame6").glob("*.csv*"))

@@ -33,10 +33,7 @@ _NO_LIMITS = Limits(-_INF, _INF, -_INF, _INF, _INF)
 
 
 def read_columns(path: Path, names: Sequence[str], perhaps: Sequence[str] = ()) -> "pd.DataFrame":
-    """The named columns of a ``.csv`` or ``.csv.gz`` file, those of ``perhaps`` where it has them.
-
-    Raises :class:`InputError` for a missing column, a cell that is no finite number, or fewer than two rows.
-    """
+    """Columns of a ``.csv`` or ``.csv.gz`` file, ``perhaps`` where there. Raises InputError."""
     import pandas as pd
 
     try:
@@ -86,10 +83,7 @@ def make_start(
 
 
 def make_replay_plan(vehicle: Vehicle, earth: Earth, start: Floats, controls: Floats, timing: Timing) -> FlightPlan:
-    """A plan without control law or limits.
-
-    ``controls`` [tick, 4]: aileron, rudder, elevator (rad) and equivalence ratio, linear between the ticks.
-    """
+    """A plan without law or limits; ``controls`` [tick, 4]: surfaces (rad), equivalence ratio, linear between ticks."""
     ticks = timing.ticks + 1
     gains = np.zeros((ticks, len(RECORDED_GAINS)))
     gains[:, :4] = controls

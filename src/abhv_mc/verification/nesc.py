@@ -45,10 +45,7 @@ COLUMNS = ["time", "altitudeMsl_ft", "longitude_deg", "latitude_deg", *VELOCITY,
 
 
 def find_files(folder: Path) -> dict[tuple[str, str], Path]:
-    """Files by (case, simulator), wherever in the folder they lie.
-
-    A second file of the same case and simulator goes by its place. Raises :class:`InputError` where there is none.
-    """
+    """Files by (case, simulator), a second one of both by its place. Raises :class:`InputError` where there is none."""
     if not folder.is_dir():
         raise InputError(folder, "no such folder", "a folder of check-cases")
     found: dict[tuple[str, str], Path] = {}

@@ -62,10 +62,7 @@ CASES: dict[int, CheckCase] = {
 
 
 def tolerances(case: int) -> tuple[float, ...]:
-    """What the published simulators of a case differ by.
-
-    Altitude (ft), velocity (ft/s), longitude, latitude, Euler angles (deg) and body rates (deg/s).
-    """
+    """By which simulators of a case differ: altitude ft, velocity ft/s, longitude, latitude, Euler deg, rates deg/s."""
     cannonball = case >= 9
     altitude = 2.0 if cannonball else 0.02 if case >= 4 else 0.01
     velocity = 0.1 if cannonball else 0.01 if case == 8 else 2e-3

@@ -93,10 +93,7 @@ def heading_of(case: AircraftCase) -> float:
 
 
 def solve_start(vehicle: Vehicle, case: AircraftCase) -> Floats:
-    """The trimmed state: angle of attack, elevator and throttle without acceleration along, across and in pitch.
-
-    The plant itself is asked for its accelerations, the local frame's rotation in them.
-    """
+    """The trimmed state, without acceleration along, across and in pitch, for which the plant itself is asked."""
     from scipy.optimize import root
 
     north, east = case.velocity
