@@ -7,7 +7,7 @@ import numpy as np
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.fly import nominal_parameters
-from abhv_mc.flight.prepare import make_plan
+from abhv_mc.flight.prepare import make_plan, read_law
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.stability.analysis import analyse
@@ -27,6 +27,16 @@ def read(controller, mission="level", vehicle="ghame_x"):
         load_vehicle(configs / "vehicle" / f"{vehicle}.yaml"),
         read_mission(configs / "mission" / f"{mission}.yaml"),
         read_controller(configs / "control" / f"{controller}.yaml"),
+    )
+
+
+def plans_of(file, mission="level", vehicle="ghame_x", seconds=3.0):
+    """The plan of a flight under a user's law, and that of steady flight."""
+    craft, course, _ = read("lqr", mission, vehicle)
+    law, code = read_law(file)
+    short = course.model_copy(update={"duration": seconds})
+    return tuple(
+        make(craft, each, law, "own", user_code=code) for make, each in ((make_plan, short), (make_steady_plan, course))
     )
 
 

@@ -2,15 +2,14 @@
 
 import numpy as np
 import pytest
-from stability.systems import decibels, parameters, read
+from stability.systems import decibels, parameters, plans_of
 
-from abhv_mc.flight.prepare import make_plan, read_law
 from abhv_mc.io.input_error import InputError
 from abhv_mc.stability.analysis import analyse, margins_of_flights
 from abhv_mc.stability.linearize import closed_period, linearize
 from abhv_mc.stability.periods import SWITCHES, find_period
 from abhv_mc.stability.points import flown_points
-from abhv_mc.stability.steady import make_steady_plan, trim_points
+from abhv_mc.stability.steady import trim_points
 
 # Path and throttle at rates of their own over attitude and body rates at every tick.
 LAW = """\
@@ -48,9 +47,7 @@ HYSTERESIS = COUNTER + "; mode = 1.0 if speed > {0} else 0.0 if speed < -{0} els
 def plan_of(folder, rates, declared=0):
     (folder / "law.py").write_text(LAW.format(rates=rates))
     (folder / "law.yaml").write_text(f"law: python\nfile: law.py\nrate: 100 Hz\nperiod: {declared}\n")
-    vehicle, mission, _ = read("lqr")
-    controller, user_code = read_law(folder / "law.yaml")
-    return make_steady_plan(vehicle, mission, controller, "law", user_code=user_code)
+    return plans_of(folder / "law.yaml")[1]
 
 
 def apart(linear, ticks):
@@ -147,10 +144,7 @@ def test_a_law_of_one_rate_has_the_same_margins_over_ten_ticks(tmp_path):
 
 def test_a_period_may_begin_at_any_tick_of_a_flight(tmp_path):
     plan_of(tmp_path, COUNTER)
-    vehicle, mission, _ = read("lqr")
-    controller, user_code = read_law(tmp_path / "law.yaml")
-    short = mission.model_copy(update={"duration": 2.0})
-    plan = make_plan(vehicle, short, controller, "law", user_code=user_code)
+    plan, _ = plans_of(tmp_path / "law.yaml", seconds=2.0)
     poles = []
     for time in (1.0, 1.01):
         linear = linearize(plan, flown_points(plan, parameters(), time).points)

@@ -4,19 +4,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from stability.systems import assert_predicted, decibels, parameters, read
+from stability.systems import assert_predicted, decibels, parameters, plans_of
 
-from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.fly import fly
-from abhv_mc.flight.prepare import make_plan, read_law
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.stability.analysis import NO_SLOPES, analyse, margins_of_flights
 from abhv_mc.stability.linearize import linearize
 from abhv_mc.stability.points import flown_points
 from abhv_mc.stability.probe import law_memory_rows
-from abhv_mc.stability.steady import make_steady_plan, trim_points
-from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc.stability.steady import trim_points
 
 CONFIGS = Path(__file__).parents[2] / "configs" / "control"
 
@@ -50,15 +47,6 @@ def write_law(folder, compiled="", base="(NamedTuple)", pitch="1.5", altitude="1
     return folder / "law.yaml"
 
 
-def plans(file, name="own", seconds=3.0):
-    """The plan of a flight and that of steady flight, of a controller file."""
-    vehicle, mission, _ = read("lqr")
-    controller, user_code = read_law(file)
-    short = mission.model_copy(update={"duration": seconds})
-    steady = make_steady_plan(vehicle, mission, controller, name, user_code=user_code)
-    return make_plan(vehicle, short, controller, name, user_code=user_code), steady
-
-
 def stability(plan, points, dispersions):
     assert points.faults == [""] * len(dispersions)
     return analyse(linearize(plan, points.points), 1000)
@@ -66,13 +54,13 @@ def stability(plan, points, dispersions):
 
 @pytest.mark.parametrize("law", [pytest.param("inversion", marks=pytest.mark.thorough), "filtered"])
 def test_a_small_disturbance_of_an_own_laws_flight_follows_its_linear_model(law, tmp_path):
-    plan, _ = plans(CONFIGS / "inversion.yaml" if law == "inversion" else write_law(tmp_path))
+    plan, _ = plans_of(CONFIGS / "inversion.yaml" if law == "inversion" else write_law(tmp_path))
     # The fuel's mass is no state of the model.
     assert_predicted(plan, parameters(propulsion__specific_impulse=1e9), 100, 100, every=4)
 
 
 def test_the_memory_at_a_trim_rests_there(tmp_path):
-    _, steady = plans(write_law(tmp_path))
+    _, steady = plans_of(write_law(tmp_path))
     found = trim_points(steady, parameters(2, aero__drag=np.array([1.0, 1.1])))
     memory, controls, path = found.points.memory, found.points.controls, found.points.path
     assert list(law_memory_rows(steady)) == ["speed", "pitch_rate"]
@@ -98,7 +86,7 @@ def test_plain_python_has_the_margins_of_the_compiled_law(tmp_path, write):
     """A law without a memory was not called: margins were those of a constant command."""
     dispersions, found = parameters(), []
     for compiled in ("", "(compiled=False)"):
-        plan, steady = plans(write(tmp_path, compiled))
+        plan, steady = plans_of(write(tmp_path, compiled))
         for of, points in ((steady, trim_points(steady, dispersions)), (plan, flown_points(plan, dispersions, 1.0))):
             found.append((points.points.memory, stability(of, points, dispersions).margins))
     for (memory, margins), (other_memory, others) in zip(found[:2], found[2:], strict=True):
@@ -108,45 +96,39 @@ def test_plain_python_has_the_margins_of_the_compiled_law(tmp_path, write):
 
 
 def test_a_memory_that_is_any_object_is_refused(tmp_path):
-    _, steady = plans(write_law(tmp_path, "(compiled=False)", ""))
+    _, steady = plans_of(write_law(tmp_path, "(compiled=False)", ""))
     with pytest.raises(InputError, match=r"law\.py.*memory is no NamedTuple of numbers"):
         trim_points(steady, parameters())
 
 
 def test_the_time_is_that_of_the_point(tmp_path):
-    plan, _ = plans(write_law(tmp_path, pitch="(1.5 if time > 0.995 else 0.0)"))
+    plan, _ = plans_of(write_law(tmp_path, pitch="(1.5 if time > 0.995 else 0.0)"))
     slopes = [linearize(plan, flown_points(plan, parameters(), t).points).law_D[0, 2, 8] for t in (0.9, 1)]
     np.testing.assert_allclose(slopes, [0.0, 1.5 * 0.01 / 0.02], rtol=1e-6, atol=1e-12)
 
 
 def test_a_law_without_slopes_has_no_margins(tmp_path):
     """The square root of what is zero at the reference's altitude is not a number on one side of it."""
-    plan, steady = plans(write_law(tmp_path, altitude="(1.0 + 1e-9 * sqrt(measured.altitude - reference.altitude))"))
+    plan, steady = plans_of(write_law(tmp_path, altitude="(1.0 + 1e-9 * sqrt(measured.altitude - reference.altitude))"))
     found = margins_of_flights(plan, steady, parameters(), ["trim"])
     assert found.faults == [[NO_SLOPES]] and found.table[0, 0] == 0.0
 
 
 def test_a_law_behind_its_own_limit_at_the_trim_is_linearized_where_it_comes_to_rest():
-    root = CONFIGS.parent
-    vehicle, mission = load_vehicle(root / "vehicle" / "f16.yaml"), read_mission(root / "mission" / "f16_level.yaml")
-    controller, user_code = read_law(CONFIGS / "f16_autopilot.yaml")
-    steady = make_steady_plan(vehicle, mission, controller, "f16", user_code=user_code)
+    plan, steady = plans_of(CONFIGS / "f16_autopilot.yaml", "f16_level", "f16", 60.0)
     # Centre of gravity and lift each at an end: at no error of altitude the autopilot asks for all of the elevator.
     side = np.array([-0.09, 0.09])
     dispersions = parameters(2, mass__center_of_gravity_x=side, aero__lift=np.array([1.1, 0.9]))
     points = trim_points(steady, dispersions)
     assert stability(steady, points, dispersions).stable.all()
-    plan = make_plan(vehicle, mission, controller, "f16", user_code=user_code)
     flown = fly(plan, dispersions, record_every=100, keep_states=True).states[:, -1, s.ALTITUDE]
     np.testing.assert_allclose(points.points.path[:, 0], flown, atol=0.01)
-    assert np.all(np.abs(points.points.path[:, 0] - mission.start.altitude) > 2.0)  # an error of its own, in m
+    assert np.all(np.abs(points.points.path[:, 0] - plan.initial_state[s.ALTITUDE]) > 2.0)  # an error of its own, in m
 
 
 @pytest.mark.parametrize("law", ["cascade.yaml", "cascade_c/cascade_c.yaml"])
 def test_the_laws_that_new_writes_have_customary_margins_on_the_default_vehicle(law):
-    vehicle, mission, _ = read("lqr", vehicle="abhv")
-    controller, user_code = read_law(CONFIGS / law)
-    plan = make_steady_plan(vehicle, mission, controller, "law", user_code=user_code)
+    _, plan = plans_of(CONFIGS / law, vehicle="abhv")
     margins = analyse(linearize(plan, trim_points(plan, parameters()).points)).margins
     assert decibels(np.minimum(margins.gain_high, 1.0 / np.maximum(margins.gain_low, 1e-6))).min() > 6.0
     assert np.rad2deg(margins.phase).min() > 45.0

@@ -31,29 +31,25 @@ def exit_code_of(error: BaseException) -> int | str | None:
         return ExitCode.INCOMPLETE  # whoever read the output has ended; typer would exit as a failed requirement does
     if isinstance(error, SystemExit) and error.code != _TYPER_INTERRUPTED:
         return error.code
-    if isinstance(error, (SystemExit, KeyboardInterrupt)):
-        eval("0")  # noqa: S307  # after an interrupt inside of exec Python would die by its signal: this makes it forget
-        _tell("interrupted: what a campaign or search has flown is kept, and the same command goes on")
-        return ExitCode.INCOMPLETE
     if isinstance(error, OSError):
         error = _explain(error)
-    if isinstance(error, MemoryError):
-        _tell("not enough memory: what was flown is kept; fewer workers or smaller blocks need less")
-        return ExitCode.INCOMPLETE
-    if type(error).__module__.partition(".")[0] == "distributed":  # of many kinds, as a scheduler or its host dies
-        reason = str(error).partition("\n")[0] or type(error).__name__
-        _tell(f"the cluster does not answer ({reason}): what was flown is kept")
-        return ExitCode.INCOMPLETE
-    if isinstance(error, (StorageFullError, FolderLostError)):
-        _tell(error)
-        return ExitCode.INCOMPLETE
-    if isinstance(error, (InputError, Refusal)):
-        _tell(error)
-        return ExitCode.BAD_INPUT
-    with contextlib.suppress(OSError):
-        traceback.print_exception(error)
-    _tell("This is a defect of abhv-mc; please report it with the lines above.")
-    return ExitCode.DEFECT
+    code, words = ExitCode.INCOMPLETE, str(error)
+    if isinstance(error, (SystemExit, KeyboardInterrupt)):
+        eval("0")  # noqa: S307  # after an interrupt inside of exec Python would die by its signal: this makes it forget
+        words = "interrupted: what a campaign or search has flown is kept, and the same command goes on"
+    elif isinstance(error, MemoryError):
+        words = "not enough memory: what was flown is kept; fewer workers or smaller blocks need less"
+    elif type(error).__module__.partition(".")[0] == "distributed":  # of many kinds, as a scheduler or its host dies
+        reason = words.partition("\n")[0] or type(error).__name__
+        words = f"the cluster does not answer ({reason}): what was flown is kept"
+    elif isinstance(error, (InputError, Refusal)):
+        code = ExitCode.BAD_INPUT
+    elif not isinstance(error, (StorageFullError, FolderLostError)):
+        with contextlib.suppress(OSError):
+            traceback.print_exception(error)
+        code, words = ExitCode.DEFECT, "This is a defect of abhv-mc; please report it with the lines above."
+    _tell(words)
+    return code
 
 
 def settle_output(code: int | str | None) -> int | str | None:

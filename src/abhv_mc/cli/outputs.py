@@ -22,10 +22,8 @@ def output_file(path: Path | None) -> Path | None:
     """The path of a file to write. Raises InputError, as all of these."""
     if path is None:
         return None
-    if path.is_dir():
-        raise InputError(path, "a folder", "the name of a file")
     if path.exists() and not path.is_file():  # root's --json /dev/null would be renamed over the device
-        raise InputError(path, "a pipe or a device", "the name of a file")
+        raise InputError(path, "a folder or a device", "the name of a file")
     return _check(path, path.absolute().parent)
 
 
