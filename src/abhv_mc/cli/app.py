@@ -41,7 +41,8 @@ class Command(_Short, TyperCommand):
 
     def __init__(self, *args: Any, **options: Any) -> None:
         parts = cleandoc(options.get("help") or "").split("\n\n")
-        super().__init__(*args, **options | {"help": "\n\n".join(" ".join(part.split()) for part in parts)})
+        flowed = "\n\n".join(" ".join(part.split()) for part in parts)
+        super().__init__(*args, **options | {"help": flowed.replace("[", r"\[")})  # no markup: units stand in brackets
 
 
 class Group(_Short, TyperGroup):
