@@ -37,29 +37,21 @@ def ends_of(interval: Interval) -> tuple[float | None, float | None, float | Non
     return value, low, high
 
 
-def half_width(interval: Interval) -> float | None:
-    """Half the width of an interval (value, low, high); from one side where the other is open."""
-    value, low, high = ends_of(interval)
-    if value is None:
-        return None
-    if low is not None and high is not None:
-        return abs(float(high - low)) / 2.0  # by rounding, ends of an exact value cross
-    end = low if low is not None else high
-    return None if end is None else abs(float(value - end))
-
-
 def _places(interval: Interval) -> int | None:
-    """Decimal places for an interval: its width's first digit, within one and four digits of its largest number."""
-    (value, low, high), error = ends_of(interval), half_width(interval)
-    if value is None or not error:
+    """Decimal places for an interval: the first digit of half its width (from one side where the other is open), within
+    one and four digits of its largest number."""
+    value, *bounds_of = ends_of(interval)
+    ends = [end for end in bounds_of if end is not None]
+    if value is None or not ends:
         return None
-    largest = max(abs(end) for end in (value, low, high) if end is not None)
+    error = abs(ends[1] - ends[0]) / 2.0 if len(ends) == 2 else abs(ends[0] - value)  # by rounding, ends may cross
+    if not error:
+        return None
+    largest = max(map(abs, (value, *ends)))
     leading = -math.floor(math.log10(largest)) if largest else 0
     places = min(max(_decimals(error), leading), leading + 3)
-    ends = [end for end in (low, high) if end]
-    if any(round(end, places) == 0.0 for end in ends):  # an end that is not zero should not read as zero
-        places += 1
-    return places
+    # An end that is not zero should not read as zero.
+    return places + any(end and round(end, places) == 0.0 for end in ends)
 
 
 def estimate(interval: Interval) -> str:

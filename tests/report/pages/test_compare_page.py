@@ -53,9 +53,8 @@ def test_two_campaigns_make_a_page_with_every_flight_that_only_one_loses(before,
     assert told.exit_code == 0 and f"report    {tmp_path / 'page' / 'report.html'}" in told.stdout
     page = (tmp_path / "page/report.html").read_text("utf-8")
     lost = newly_failed(before, after)
-    named = re.findall(r"abhv-mc replay (\S+) --flight (\d+) --controller lqr", page)
-    ended = np.argsort(read_flown(after).samples["atmosphere.density"])[-5:-2].tolist()
-    assert {(folder, int(flight)) for folder, flight in named} == {(str(after), flight) for flight in ended}
+    ended = np.sort(np.argsort(read_flown(after).samples["atmosphere.density"])[-5:-2]).tolist()
+    assert f"<td>{', '.join(map(str, ended))}</td>" in page and f"abhv-mc replay {after} --controller NAME" in page
     assert lost <= set(ended)
     assert "after passes: shown to be at most 5 % worse" in page
     assert f"0 flights fail under before alone, {len(lost)} under after alone" in page

@@ -66,12 +66,15 @@ def make_comparison(a: FlownCampaign, b: FlownCampaign, found: Compared) -> Sect
     for title, pair, names in told:
         answers += _sentences(title, pair, names, found)
         if not _is_same(pair):
-            tables += _tables(title, pair, names, found, (a, b))
+            tables += _tables(title, pair, names, found)
     answers.append(
         "Differences are of the same flights, the first minus the second, with 95 % intervals; a flight that ended "
         "early counts as worse than any that did not. Who is better allows for all metrics that are asked for and of "
         "control usage."
     )
+    flying = dict.fromkeys(str(each.folder) for each in (a, b) if not each.campaign.adopted)
+    again = (f"`{shlex.join(['abhv-mc', 'replay', one])} --controller NAME --flight NUMBER`" for one in flying)
+    answers += [f"A flight again, bit for bit: {' or '.join(again)}."] if flying else []
     return Section("Answer", (_lead(told, b), Bullets(tuple(answers)), Picture("differences"), *tables))
 
 
@@ -167,44 +170,12 @@ def _sentences(title: str, pair: CampaignPair, names: Names, of: Compared) -> li
     return found
 
 
-def _tables(
-    title: str, pair: CampaignPair, names: Names, found: Compared, of: Sequence[FlownCampaign]
-) -> Iterator[Table]:
+def _tables(title: str, pair: CampaignPair, names: Names, found: Compared) -> Iterator[Table]:
+    """Each with the name of the controllers that it is of, in its title and above it."""
     differing = [item for item in pair.metrics.items() if item[1].a_better or item[1].b_better]
     metrics = dict(sorted(differing, key=lambda item: not item[1].compared))
-    yield from (_titled(title, table) for table in pair_tables(pair, names, metrics, found.requirements))
-    if lost := _lost_rows(pair, names, found.requirements, of):
-        caption = "Of each requirement and side the first ten"
-        if not all(each.campaign.adopted for each in of):
-            caption += "; each is flown again, bit for bit, by the command"
-        columns = ("flight", "fails under", "and not under", "what", "flown again by")
-        yield make_table(f"{title}: flights that only one fails", caption, columns, lost)
-
-
-def _titled(of: str, table: Table) -> Table:
-    """A table with the name of the controllers that it is of, in its title and above it."""
-    return replace(table, title=f"{of}: {table.title}", caption=f"{of}: {table.caption or table.title}")
-
-
-def _lost_rows(
-    pair: CampaignPair, names: Names, requirements: Sequence[str], of: Sequence[FlownCampaign]
-) -> list[list[str]]:
-    """A row for each listed flight that only one fails."""
-    labels = names.label(pair.a), names.label(pair.b)
-    missed: dict[tuple[int, int], list[str]] = {}  # side and flight: what it fails there and not on the other side
-    for words, entry in zip(["ended early", *requirements], [pair.ended_early, *pair.requirements], strict=True):
-        for side, flights in enumerate((entry.flights_only_a, entry.flights_only_b)):
-            for flight in flights:
-                missed.setdefault((side, flight), []).append(words)
-    return [
-        [
-            str(flight), labels[side], labels[1 - side], "; ".join(words),
-            "" if of[side].campaign.adopted else "`" + shlex.join(
-                ["abhv-mc", "replay", str(of[side].folder), "--flight", str(flight), "--controller",
-                 pair.controllers[side]]) + "`",
-        ]
-        for (side, flight), words in sorted(missed.items())
-    ]  # fmt: skip
+    for table in pair_tables(pair, names, metrics, found.requirements):
+        yield replace(table, title=f"{title}: {table.title}", caption=f"{title}: {table.caption}")
 
 
 def _figures(a: FlownCampaign, b: FlownCampaign, pairs: Mapping[str, CampaignPair]) -> list[Drawn]:

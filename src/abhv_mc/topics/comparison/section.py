@@ -8,7 +8,7 @@ from abhv_mc.topics.comparison.sentences import asked_of, survival_sentences
 from abhv_mc.topics.failed_flights import requirement_words
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Bullets, Cell, Fold, Item, Picture, Row, Section, Table, Text, interval_cell
-from abhv_mc.topics.words import count_of, fixed, p_value, percent, significant
+from abhv_mc.topics.words import count_of, fixed, p_value, significant
 
 _DASH = "\N{EM DASH}"
 _BETTER = (
@@ -23,9 +23,13 @@ def comparison_section(found: Comparison, names: Names) -> Section | None:
     if not found.pairs:
         return None
     first = names.label(next(iter(names.controllers)))
+    words = [requirement_words(item, names.metrics) for item in names.requirements]
     heads = ("Metric", names.campaign.kind.capitalize(), "Median", f"{first} minus this", "Better")
     pairs = [
-        Fold(f"{names.label(pair.a)} against {names.label(pair.b)}", tuple(_pair_items(pair, names)))
+        Fold(
+            f"{names.label(pair.a)} against {names.label(pair.b)}",
+            (_difference_table(pair, names, asked_of(pair, names)), _failure_table(pair, names, words)),
+        )
         for pair in found.pairs.values()
     ]
     asked = tuple(tuple(_metric_rows(found, m, names)) for m in found.medians if m in names.asked)
@@ -75,16 +79,10 @@ def _winner_cell(entry: ComparedMetric, names: Names) -> Cell:
     return Cell("mixed" if entry.mixed else names.label(entry.winner) if entry.winner else "neither")
 
 
-def _pair_items(pair: ControllerPair, names: Names) -> Iterator[Item]:
-    yield from _usage_tables(pair, names)
-    yield _difference_table(pair, names, asked_of(pair, names))
-    yield _failure_table(pair, names, [requirement_words(item, names.metrics) for item in names.requirements])
-
-
 def pair_tables(
     pair: ControllerPair, names: Names, metrics: Mapping[str, ComparedMetric], requirements: Sequence[str]
 ) -> Iterator[Table]:
-    """The tables of a pair by itself: differences in these metrics with who is better, failures, control usage."""
+    """The tables of a pair by itself: differences in these metrics with who is better, and failures."""
     table = _difference_table(pair, names, metrics)
     rows = tuple(
         (label, interval_cell(entry.median_difference), *cells, _winner_cell(entry, names))
@@ -94,7 +92,6 @@ def pair_tables(
     yield replace(table, title="Differences", heads=heads, groups=(rows,), caption=table.caption.replace(
         "Quantiles of", "Medians of the differences, and quantiles of", 1))  # fmt: skip
     yield _failure_table(pair, names, requirements)
-    yield from _usage_tables(pair, names)
 
 
 def _difference_table(pair: ControllerPair, names: Names, metrics: Mapping[str, ComparedMetric]) -> Table:
@@ -121,34 +118,6 @@ def _gain_words(entry: ComparedMetric) -> str:
     """'1.4 times': how many times the flights an unpaired comparison would need; 'none' where about as many."""
     gain = entry.pairing_gain
     return f"{significant(gain, 2)} times" if gain and gain >= 1.05 else "none"
-
-
-def _usage_tables(pair: ControllerPair, names: Names) -> Iterator[Table]:
-    """Tracking errors beside the control usage, where surfaces are used."""
-    a, b = names.label(pair.a), names.label(pair.b)
-    usage = tuple(
-        (
-            Cell(names.metrics[metric].label, head=True),
-            interval_cell(each.error_ratio),
-            interval_cell(each.usage_ratio),
-            *(
-                Cell(percent(count / each.pairs, 2))
-                for count in (each.less_error_less_usage, each.less_error_more_usage,
-                              each.more_error_less_usage, each.more_error_more_usage)
-            ),
-        )
-        for metric, each in pair.usage.items()
-        if each
-    )  # fmt: skip
-    if usage:
-        yield Table(
-            f"Tracking error against control usage, {a} against {b}",
-            ("Error", "Error ratio", "Usage ratio", f"{a}: less error, no more usage", "less error, more usage",
-             "more error, no more usage", "more error, more usage"),
-            (usage,),
-            f"Tracking error against control usage: median ratios {a} to {b} with 95 % intervals, and shares of the "
-            "flights",
-        )  # fmt: skip
 
 
 def _failure_table(pair: ControllerPair, names: Names, requirements: Sequence[str]) -> Table:
