@@ -36,7 +36,6 @@ _THOROUGH = (
     "folder/test_remote.py",
     "report/test_browser.py",
     "report/test_flights_view.py",
-    "report/test_keyboard.py",
     "report/test_reading.py",
     "report/test_shipped_campaigns.py",
     "robustness",
@@ -122,6 +121,15 @@ def failing(failing_folder):
     from abhv_mc.folder.flown_campaign import read_flown
 
     return read_flown(failing_folder)
+
+
+@pytest.fixture(scope="session")
+def failing_numbers(failing):
+    """Every number of its report."""
+    from abhv_mc.report.numbers.report_numbers import make_numbers
+    from abhv_mc.topics.topic import Models
+
+    return make_numbers(Models(failing))
 
 
 @pytest.fixture(scope="session")

@@ -67,7 +67,7 @@ def test_a_map_is_kept_for_its_flights_alone(flown, mapped):
 
 @pytest.mark.thorough
 def test_the_command_keeps_it_and_the_report_shows_it(flown, monkeypatch):
-    from report.few_figures import build_with
+    from report.synthetic import build_with
     from typer.testing import CliRunner
 
     from abhv_mc.cli.app import app

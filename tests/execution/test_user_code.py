@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from execution.test_cluster import Dask
-from report.few_figures import build_with
+from report.synthetic import build_with
 from user_code.test_vehicle_functions import write_ghame_x
 
 from abhv_mc.analysis.explain import explain_flight

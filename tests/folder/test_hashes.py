@@ -5,7 +5,7 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 from fake_flight import ENGINE, write_campaign
-from report.few_figures import build_with
+from report.synthetic import build_with
 
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request

@@ -7,7 +7,6 @@ from report.browser import open_browser
 from report.synthetic import write_campaign
 
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.topics.topic import Models
 
@@ -17,11 +16,6 @@ def page(tmp_path_factory):
     """A page of a browser, where there is one."""
     with open_browser(tmp_path_factory.mktemp("browser") / "profile") as page:
         yield page
-
-
-@pytest.fixture(scope="session")
-def failing_numbers(failing):
-    return make_numbers(Models(failing))
 
 
 @pytest.fixture(scope="session")

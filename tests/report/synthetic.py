@@ -1,5 +1,6 @@
 """A campaign's folder made by formula, in the format of the contract: the report's tests need no flight."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+import pytest
 
 from abhv_mc.flight.channels import CHANNELS, REFERENCE_CHANNELS, STANDARD_CHANNELS
 from abhv_mc.flight.metrics import METRICS
@@ -16,7 +18,10 @@ from abhv_mc.folder.flights import VALUES, FlightRows, flights_schema, write_blo
 from abhv_mc.folder.histories import write_histories, write_nominal
 from abhv_mc.folder.layout import CampaignFolder, hash_file
 from abhv_mc.folder.manifest import Manifest, write_manifest
+from abhv_mc.kernel.flight.counting import Statistic
+from abhv_mc.report.pages.build import build_report
 from abhv_mc.statistics.ranking import worst_first
+from abhv_mc.topics import registry
 
 CONTROLLERS = ("tlc", "lqr", "lqr_retuned")
 # How far each controller strays (1 = a wide error) and how much surface it uses, beside the first.
@@ -119,43 +124,39 @@ def histories_of(name, samples, time, wobble):
     return {signal.name: channels.get(signal.name, zeros) for signal in CHANNELS}
 
 
+COUNTED = {
+    Statistic.RMS: lambda values: np.sqrt((values**2).mean(axis=1)),
+    Statistic.MAX_ABS: lambda values: np.abs(values).max(axis=1),
+    Statistic.MAX: lambda values: values.max(axis=1),
+    Statistic.MIN: lambda values: values.min(axis=1),
+    Statistic.FINAL: lambda values: values[:, -1],
+    Statistic.SUM: lambda values: values.sum(axis=1),
+}
+
+
 def metrics_of(channels, time):
     """Every metric of METRICS from the recorded histories, as the contract defines them (at the recorded rate)."""
     reference = reference_of(time)
     settled = ((time > 5.0) & (time < 50.0)) | (time > 55.0)
-    found = {}
-
-    def put(name, unit, error):
-        found[f"{name}_rms_{unit}"] = np.sqrt((error**2).mean(axis=1))
-        found[f"{name}_max_{unit}"] = np.abs(error).max(axis=1)
-
-    put("altitude_error", "m", channels["altitude_m"] - reference["altitude_reference_m"])
-    put("speed_error", "mps", channels["speed_mps"] - reference["speed_reference_mps"])
-    put("heading_error", "deg", channels["heading_deg"] - reference["heading_reference_deg"])
-    cross = channels["north_m"] - reference["north_reference_m"]
-    put("cross_track_error", "m", cross)
-    found["cross_track_error_final_m"] = cross[:, -1]
-    for name in ("angle_of_attack", "bank"):
-        error = channels[f"{name}_deg"] - channels[f"{name}_command_deg"]
-        put(f"{name}_error", "deg", error)
-        found[f"{name}_error_settled_max_deg"] = np.abs(error[:, settled]).max(axis=1)
-    put("sideslip", "deg", channels["sideslip_deg"])
-    found["angle_of_attack_min_deg"] = channels["angle_of_attack_deg"].min(axis=1)
-    found["angle_of_attack_max_deg"] = channels["angle_of_attack_deg"].max(axis=1)
+    of = {
+        f"{name}_error_{unit}": channels[f"{name}_{unit}"] - reference[f"{name}_reference_{unit}"]
+        for name, unit in (("altitude", "m"), ("speed", "mps"), ("heading", "deg"))
+    }
+    of |= {f"{k}_error_deg": channels[f"{k}_deg"] - channels[f"{k}_command_deg"] for k in ("angle_of_attack", "bank")}
+    of["cross_track_m"] = channels["north_m"] - reference["north_reference_m"]
     for surface in ("aileron", "elevator", "rudder"):
         deflection = channels[f"{surface}_deg"]
-        found[f"{surface}_rms_deg"] = np.sqrt(((deflection - deflection[:, :1]) ** 2).mean(axis=1))
-        found[f"{surface}_max_deg"] = np.abs(deflection).max(axis=1)
-        found[f"{surface}_travel_deg"] = np.abs(np.diff(deflection, axis=1)).sum(axis=1)
-    found["equivalence_ratio_min"] = channels["equivalence_ratio"].min(axis=1)
-    found["equivalence_ratio_max"] = channels["equivalence_ratio"].max(axis=1)
-    found["fuel_used_kg"] = channels["mass_kg"][:, 0] - channels["mass_kg"][:, -1]
-    found["dynamic_pressure_max_pa"] = channels["dynamic_pressure_pa"].max(axis=1)
-    found["load_factor_max_g"] = 1.0 / np.cos(np.radians(channels["bank_deg"])).min(axis=1)
-    found["surface_saturation_s"] = np.zeros(cross.shape[0])
-    found["outside_tables_s"] = np.zeros(cross.shape[0])
-    nothing = np.zeros(cross.shape[0])  # of ripples, cycles and failures
-    return {signal.name: np.asarray(found.get(signal.name, nothing), dtype=np.float64) for signal in METRICS}
+        of[f"{surface}_from_trim_deg"] = deflection - deflection[:, :1]
+        of[f"{surface}_moved_deg"] = np.abs(np.diff(deflection, axis=1))
+    of["fuel_used_kg"] = channels["mass_kg"][:, :1] - channels["mass_kg"]
+    of["load_factor_g"] = 1.0 / np.cos(np.radians(channels["bank_deg"]))
+    of = {**channels, **of}
+    found = {}
+    for record in METRICS:
+        nothing = np.zeros(len(channels["bank_deg"]))  # of ripples, cycles and failures
+        values = of[record.of][:, settled] if record.settled else of.get(record.of)
+        found[record.name] = nothing if values is None else COUNTED[record.statistic](values).astype(np.float64)
+    return found
 
 
 def write_campaign(
@@ -261,3 +262,26 @@ def write_flights(folder, name, samples, outcome, values):
         )
         digest = digest + write_block(folder, block, schema)
     return digest
+
+
+def build_with(folder: Path, *figures: str, baseline: Path | None = None, svg: bool = False) -> Path:
+    """Build a campaign's report with these of its figures only: drawing all sixteen takes most of a report's time."""
+    make_figures = registry.make_figures
+
+    def make_few(models):
+        missing = set(figures)
+
+        def few():
+            for text, figure in itertools.chain.from_iterable(make_figures(models).values()):
+                if text.name in missing:
+                    missing.remove(text.name)
+                    yield text, figure
+                if not missing:
+                    return
+            assert not missing, missing
+
+        return {"few": few()}
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(registry, "make_figures", make_few)
+        return build_report(folder, baseline=baseline, svg=svg)

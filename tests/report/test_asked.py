@@ -5,7 +5,7 @@ import json
 import pyarrow.parquet as pq
 import pytest
 from fake_flight import run
-from report.few_figures import build_with
+from report.synthetic import build_with
 
 from abhv_mc.api import compare
 from abhv_mc.campaign.file.check import read_campaign

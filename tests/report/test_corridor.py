@@ -2,13 +2,12 @@
 
 import csv
 import json
-from xml.etree import ElementTree
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from fake_flight import ENGINE, write_campaign
-from report.few_figures import build_with
+from report.synthetic import build_with
 from typer.testing import CliRunner
 
 from abhv_mc.cli.app import app
@@ -24,34 +23,32 @@ KEEP = "{histories: {flights: worst 40, rate: 10 Hz}, envelopes: {rate: 5 Hz}}"
 def flown(tmp_path_factory):
     folder = tmp_path_factory.mktemp("corridor")
     path = write_campaign(folder / "f", requirements=ASKED, keep=KEEP)
-    out, junit = folder / "out", folder / "verdicts.xml"
+    out = folder / "out"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("abhv_mc.execution.runner.make_engine", lambda: ENGINE)
-        done = CliRunner().invoke(app, ["run", str(path), "-o", str(out), "--no-report", "--junit", str(junit)])
+        done = CliRunner().invoke(app, ["run", str(path), "-o", str(out), "--no-report"])
     assert done.exit_code in (0, 1), done.output
     build_with(out)
     table = pq.read_table(out / "flights").to_pandas()
-    return out, junit, table[table["controller"] == "one"].sort_values("flight"), done.output
+    return out, table[table["controller"] == "one"].sort_values("flight"), done.output
 
 
 def test_whoever_is_on_either_side_of_the_band_fails(flown):
-    out, junit, table, words = flown
+    out, table, words = flown
     values, lost = table[METRIC].to_numpy(), (table["outcome"] != "ok").to_numpy()
     failed = lost | (values <= LOW) | (values >= HIGH)
     assert (values[~lost] <= LOW).any() and (values[~lost] >= HIGH).any() and not failed.all()
     manifest = json.loads((out / "manifest.json").read_text("utf-8"))
     (entry,) = manifest["requirements"]
     assert (entry["above"], entry["below"], entry["failures"]) == (LOW, HIGH, int(failed.sum()))
-    name = f"{METRIC} between 0.4 and 2.3"
-    assert name in " ".join(words.split())
-    assert [case.get("name") for case in ElementTree.parse(junit).iter("testcase")] == [f"{name} in 50 % (one)"]
+    assert f"{METRIC} between 0.4 and 2.3" in " ".join(words.split())
     with (out / "verification_matrix.csv").open(newline="") as file:
         row = next(csv.DictReader(file))
     assert (row["above"], row["below"], row["failures"]) == ("0.4", "2.3", str(failed.sum()))
 
 
 def test_the_report_ranks_and_bounds_by_the_distance_outside(flown):
-    out, _, table, _ = flown
+    out, table, _ = flown
     numbers = json.loads((out / "report.json").read_text("utf-8"))
     values, lost = table[METRIC].to_numpy(), (table["outcome"] != "ok").to_numpy()
     outside = np.where(lost, np.inf, np.maximum(LOW - values, values - HIGH))

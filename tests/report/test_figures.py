@@ -1,7 +1,6 @@
 from dataclasses import replace
 from itertools import combinations
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
@@ -12,7 +11,7 @@ from abhv_mc.report.pages.build import build_report
 from abhv_mc.topics import registry
 from abhv_mc.topics.envelopes import ENVELOPES
 from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, plot_envelopes
-from abhv_mc.topics.figure_style import BLUE, CYCLE, INK, VERMILION, write_png
+from abhv_mc.topics.figure_style import BLUE, CYCLE, INK
 from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.metrics.figures import Spread, plot_distributions
 from abhv_mc.topics.registry import make_figures
@@ -34,19 +33,6 @@ def test_the_report_holds_every_figure_at_print_resolution(report_folder):
             assert image.convert("RGBA").getpixel((0, 0))[3] == 0  # the page's ground
             assert image.info["dpi"] == pytest.approx((200, 200), abs=0.1)
         assert path.stat().st_size < 400_000  # in full colour: a palette took half of the report's time
-
-
-def test_a_users_settings_of_the_plotting_library_do_not_reach_the_figures(tmp_path):
-    """A matplotlibrc in the working folder changed every figure, and one with LaTeX ended in a traceback."""
-
-    def draw(name):
-        figure = plot_envelopes([EnvelopeRow("y (m)", [_panel(), _panel(5.0)])], ["A", "B"], [BLUE, VERMILION])
-        write_png(figure, tmp_path / name)
-        return (tmp_path / name).read_bytes()
-
-    plain = draw("plain.png")
-    with mpl.rc_context({"text.usetex": True, "axes.xmargin": 0.3, "path.sketch": (1, 100, 2), "xtick.top": True}):
-        assert draw("set.png") == plain
 
 
 def test_bands_are_drawn_where_they_say():

@@ -1,10 +1,15 @@
+"""How a report speaks: of numbers, parameters, controllers, and in tables."""
+
 import math
 
 import pytest
 
 from abhv_mc.plant.parameters import PARAMETERS
+from abhv_mc.shipped import shipped_files
 from abhv_mc.statistics.estimates import Interval
+from abhv_mc.topics.names import full_labels
 from abhv_mc.topics.parameter_words import spoken_name
+from abhv_mc.topics.section import Cell, Fold, Section, Table
 from abhv_mc.topics.words import bounds, estimate, percent
 
 
@@ -49,3 +54,44 @@ def test_digits_are_those_that_the_error_allows(found, value, ends):
 )
 def test_shares_keep_their_nines(share, text):
     assert percent(share) == f"{text}\u202f%"
+
+
+def test_only_the_papers_own_lqr_is_called_so(tmp_path):
+    """A plain 'LQR' reads as the best one; and another controller that somebody names lqr is not the paper's."""
+    paper = shipped_files("control")["lqr"].read_bytes()
+    for name, text in (("lqr", paper), ("mine", paper.replace(b"800.0", b"200.0"))):
+        place = tmp_path / "inputs" / "controllers" / name
+        place.mkdir(parents=True)
+        (place / "lqr.yaml").write_bytes(text)
+    labels = full_labels(tmp_path, ["tlc", "lqr", "mine"])
+    assert labels == {"tlc": "TLC", "lqr": "LQR (paper's weights)", "mine": "mine"}
+
+
+def table(*groups):
+    return Table("t", ("Requirement", "Controller", "Ended early", "Room", "Why"), groups)
+
+
+HEAD, DASH = Cell("altitude", rows=2, head=True), "\N{EM DASH}"
+GROUP = (
+    (HEAD, Cell("TLC", head=True), Cell("0"), Cell("1 %"), Cell("")),
+    (Cell("LQR", head=True), Cell("0"), Cell("2 %"), Cell(DASH)),
+)
+
+
+def test_rows_and_columns_that_a_cell_stands_for_are_repeated():
+    rows = table(GROUP, ((Cell("speed", head=True), Cell("none", columns=4)),)).plain_rows()
+    assert rows == [
+        ["altitude", "TLC", "0", "1 %", ""],
+        ["altitude", "LQR", "0", "2 %", DASH],
+        ["speed", *["none"] * 4],
+    ]
+
+
+def test_columns_that_are_empty_or_zero_throughout_are_not_drawn():
+    wide = table(GROUP, ((Cell("speed", head=True), Cell("none", columns=4)),))
+    (fold,) = Section("s", (Fold("f", (wide,)),)).without_idle().items
+    (found,) = fold.items
+    assert found.heads == ("Requirement", "Controller", "Room")
+    lost = (*GROUP[1][:1], Cell("3"), *GROUP[1][2:])
+    assert table((GROUP[0], lost)).without_idle().heads == ("Requirement", "Controller", "Ended early", "Room")
+    assert found.plain_rows() == [["altitude", "TLC", "1 %"], ["altitude", "LQR", "2 %"], ["speed", "none", "none"]]

@@ -1,19 +1,29 @@
-"""Reports are made when something is new, and of campaigns that lost every flight."""
+"""Reports are made when something is new; a bit that is another is told; what pipelines read of verdicts."""
 
+import csv
+import shutil
 from dataclasses import replace
+from xml.etree import ElementTree
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from report.few_figures import build_with
-from report.synthetic import sign, write_campaign
+from fake_flight import ENGINE
+from fake_flight import write_campaign as write_fake
+from report.synthetic import build_with, sign, write_campaign
+from typer.testing import CliRunner
 
+from abhv_mc.cli.app import app
 from abhv_mc.cli.running import finish
 from abhv_mc.execution.runner import RunResult
 from abhv_mc.folder.flights import flights_schema, read_pieces, write_block
+from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import ControllerCount, Manifest, read_manifest
 from abhv_mc.folder.samples import SampleReader
+from abhv_mc.io.documents import InputError
 from abhv_mc.report.pages.build import build_report, is_up_to_date
+from abhv_mc.report.pages.matrix import Case, make_junit
+from abhv_mc.report.pages.verify import differences, verify_campaign
 
 
 @pytest.fixture(scope="module")
@@ -69,3 +79,74 @@ def test_figures_are_svg_where_asked_for(lost):
     assert not list((lost / "figures").glob("*.svg"))
     build_with(lost, "channels", svg=True)
     assert [path.name for path in (lost / "figures").glob("*.svg")] == ["channels.svg"] and is_up_to_date(lost)
+
+
+@pytest.fixture
+def copy(report_folder, tmp_path):
+    return shutil.copytree(report_folder, tmp_path / "copy")
+
+
+def flipped(path, place):
+    data = bytearray(path.read_bytes())
+    data[place] ^= 1
+    path.write_bytes(data)
+
+
+@pytest.mark.parametrize(("name", "place"), [("report.html", "pages"), ("figures/channels.png", "pictures")])
+def test_a_bit_of_a_page_or_figure_is_told_and_one_that_is_gone(copy, name, place):
+    flipped(copy / name, (copy / name).stat().st_size // 2)
+    assert next(verify_campaign(copy)).startswith(f"{place}.{name}: ")
+    (copy / name).unlink()
+    assert next(verify_campaign(copy)).startswith(f"{place}.{name}: ")
+
+
+def test_a_folder_without_a_report_is_bad_input(tmp_path):
+    with pytest.raises(InputError, match=r"report\.json"):
+        list(verify_campaign(write_campaign(tmp_path / "c", runs=4)))
+
+
+def test_differences_name_their_place():
+    written, remade = {"a": [1, {"b": 2}], "c": 1}, {"a": [1, {"b": 3}], "d": 1}
+    assert [line.split(":")[0] for line in differences(written, remade, "x")] == ["x.a[1].b", "x.c", "x.d"]
+
+
+REQUIREMENTS = (
+    "[{id: GNC-1, text: 'stay, near', source: SRD, metric: altitude_error_max_m, below: 50, probability: 0.5},"
+    " {id: GNC-2, metric: altitude_error_max_m, below: 4.9, probability: 0.99, controllers: [one, two]},"
+    " {metric: altitude_error_rms_m, below: 50, probability: 99.99 %}]"
+)
+
+
+def test_junit_counts_what_failed_and_what_was_not_shown():
+    root = ElementTree.fromstring(
+        make_junit("a & b", [Case("x", "PASS", "1 < 2"), Case("y", "FAIL", "no"), Case("z", "NOT SHOWN", "few")])
+    )
+    assert (root.get("tests"), root.get("failures"), root.get("skipped")) == ("3", "1", "1")
+    failed, skipped = root.find(".//failure"), root.find(".//skipped")
+    assert failed.get("message") == "no" and skipped.get("message") == "few"
+    assert [case.get("name") for case in root.iter("testcase")] == ["x", "y", "z"]
+
+
+def test_a_run_writes_junit_and_the_report_its_matrix(tmp_path, monkeypatch):
+    monkeypatch.setattr("abhv_mc.execution.runner.make_engine", lambda: ENGINE)
+    path = write_fake(tmp_path / "f", requirements=REQUIREMENTS)
+    out, junit = tmp_path / "out", tmp_path / "verdicts.xml"
+    done = CliRunner().invoke(app, ["run", str(path), "-o", str(out), "--no-report", "--junit", str(junit)])
+    assert done.exit_code == 1, done.output
+    cases = {case.get("name"): case for case in ElementTree.parse(junit).iter("testcase")}
+    assert len(cases) == 4
+    assert cases["GNC-1 altitude_error_max_m below 50 in 50 % (one)"].find("failure") is None
+    assert cases["GNC-2 altitude_error_max_m below 4.9 in 99 % (two)"].find("failure") is not None
+    page = build_with(out).read_text(encoding="utf-8")
+    assert ">GNC-1 " in page and "stay, near · SRD" in page
+    assert CampaignFolder(out).unknown_files() == []  # a fresh run deletes all of it
+    with (out / "verification_matrix.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 6  # three requirements on two controllers
+    assert (rows[0]["id"], rows[0]["text"], rows[0]["verdict"], rows[0]["binding"]) == (
+        "GNC-1",
+        "stay, near",
+        "PASS",
+        "yes",
+    )
+    assert rows[1]["binding"] == "no" and rows[3]["verdict"] == "FAIL" and rows[0]["unit"] == "m"

@@ -5,8 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from report.few_figures import build_with
-from report.synthetic import write_campaign
+from report.synthetic import build_with, write_campaign
 from typer.testing import CliRunner
 
 from abhv_mc.campaign.file.check import read_campaign

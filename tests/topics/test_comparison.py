@@ -1,14 +1,18 @@
-"""One controller against another in a report: its winners are of the whole first screen."""
+"""One controller against another: winners are of the whole first screen, the strongest rival stands first."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from abhv_mc.campaign.file.unknowns import Unknowns
+from abhv_mc.flight.metrics import METRICS as RECORDS
+from abhv_mc.topics.comparison import COMPARISON
 from abhv_mc.topics.comparison.model import compute_comparison
-from abhv_mc.topics.comparison.sentences import standing
+from abhv_mc.topics.comparison.sentences import closer_in, comparison_sentences, standing
 from abhv_mc.topics.names import names_of
+from abhv_mc.topics.topic import Models
 
 METRIC = "sideslip_max_deg"
 
@@ -89,3 +93,52 @@ def test_duel_counts_every_pair(failing):
     sideslip = pair.metrics["sideslip_max_deg"]
     assert (sideslip.a_better, sideslip.winner) == (100, "tlc")
     assert pair.metrics["angle_of_attack_error_rms_deg"].winner is None  # nobody asked
+
+
+@pytest.fixture
+def models(flown):
+    return Models(flown(80))
+
+
+def said(models, changes):
+    """The sentences where metrics of pairs are other ones: pair -> metric -> fields."""
+    found = models[COMPARISON]
+    pairs = {
+        name: replace(
+            pair, metrics={m: replace(e, **changes.get(name, {}).get(m, {})) for m, e in pair.metrics.items()}
+        )
+        for name, pair in found.pairs.items()
+    }
+    return comparison_sentences(replace(found, pairs=pairs), models.names)
+
+
+def test_tails_and_lost_flights_that_contradict_the_median_make_no_winner(models):
+    contradicted = {"winner": None, "mixed": True, "closer": "tlc", "loses_more": True}
+    first = said(models, {key: {"sideslip_max_deg": contradicted} for key in models[COMPARISON].pairs})[0]
+    assert first.startswith("Mixed: ")
+    assert "undecided in max sideslip (TLC is closer on more flights but has more flights lost)" in first
+    assert "no difference is shown in max altitude error" in first
+
+
+def test_the_strongest_rival_comes_first(models):
+    """The page began with the weakest rival: 'TLC is better', where a tuned LQR beats it in some errors."""
+    won = {key: {"winner": "lqr_retuned", "mixed": False} for key in ("sideslip_max_deg", "speed_error_max_mps")}
+    sentences = said(models, {"tlc - lqr_retuned": won})
+    assert sentences[0].startswith("Mixed: against LQR retuned") and "worse on more flights in" in sentences[0]
+    assert any(text.startswith("Against LQR, on the same") for text in sentences[1:])
+
+
+def test_each_angle_is_told_with_and_without_the_ramps():
+    angles = ("angle_of_attack_error", "bank_error", "sideslip")
+    whole = {record.name: record for record in RECORDS}
+    settled = {f"{name}_own": replace(whole[f"{name}_rms_deg"], settled=True) for name in angles}
+    windowed = {
+        "late": replace(settled["bank_error_own"], start=10.0),
+        "early": replace(whole["bank_error_rms_deg"], end=9.0),
+    }
+    pair = SimpleNamespace(metrics={name: SimpleNamespace(a_better=9, b_better=1) for name in {**whole, **settled}})
+    pair.metrics["bank_error_rms_deg"] = pair.metrics["late"] = SimpleNamespace(a_better=3, b_better=7)
+    pair.metrics["early"] = pair.metrics["bank_error_own"]
+    found = closer_in(pair, SimpleNamespace(metrics={**whole, **settled, **windowed}))
+    assert found == {(True, True): ["angle of attack", "sideslip"], (False, True): ["bank"]}
+    assert closer_in(pair, SimpleNamespace(metrics=whole)) == {}

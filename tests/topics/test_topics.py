@@ -1,0 +1,138 @@
+"""What topics say of a campaign whose failures and drivers are planted; and the user's topic of the how-to page."""
+
+import copy
+import importlib.util
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from jsonschema import Draft202012Validator
+from report.synthetic import build_with, write_campaign
+from typer.testing import CliRunner
+
+import abhv_mc
+from abhv_mc.cli.app import app
+from abhv_mc.folder.flown_campaign import read_flown
+from abhv_mc.io.input_error import InputError
+from abhv_mc.report.numbers.report_numbers import report_schema
+from abhv_mc.report.pages.first_screen import chart_rows
+from abhv_mc.report.pages.verify import skipped_topics, verify_campaign
+from abhv_mc.statistics import judge
+from abhv_mc.topics import Topic, register
+from abhv_mc.topics.failure_cases.figures import still_flying
+from abhv_mc.topics.flights import FLIGHTS
+from abhv_mc.topics.metrics import METRICS
+from abhv_mc.topics.plain import plain
+from abhv_mc.topics.topic import REGISTERED, Models
+from abhv_mc.topics.verdicts import VERDICTS
+from abhv_mc.topics.verdicts.model import GlanceCell
+
+
+def test_quantiles_count_failed_flights_as_worst(failing):
+    table = Models(failing)[METRICS].table
+    found = {name: each.quantiles for name, each in table["altitude_error_max_m"].controllers.items()}
+    values = failing.flights["tlc"].metrics["altitude_error_max_m"]
+    assert found["tlc"]["q95"].value == pytest.approx(np.quantile(values, 0.95))
+    assert np.isinf(found["lqr"]["q95"].value)  # 12 of 100 failed
+    assert np.isfinite(found["lqr"]["q50"].value)
+    values = failing.flights["tlc"].metrics["angle_of_attack_min_deg"]  # of which small ones are bad
+    least = table["angle_of_attack_min_deg"].controllers["tlc"]
+    assert least.worst == values.min() and least.quantiles["q95"].value == pytest.approx(np.quantile(values, 0.05))
+
+
+def test_a_flight_that_ended_early_misses_every_requirement(failing):
+    altitude = Models(failing)[VERDICTS].requirements[0].controllers
+    assert altitude["lqr"].failures == altitude["lqr"].ended_early == 12
+    assert altitude["lqr"].status == judge(12, 100, 0.9973).status == "FAIL"
+    assert altitude["tlc"].status == "NOT SHOWN"
+
+
+def test_the_chart_prints_the_tolerance_limit_and_its_room(failing):
+    """It printed the median, unlabelled, at its right edge."""
+    lost = float("inf")
+    cells = {
+        "tlc": GlanceCell(0.2, 0.4, 0.6, 0.65),
+        "lqr": GlanceCell(0.5, 0.98, 1.4, 1.57),
+        "lqr_retuned": GlanceCell(0.5, lost, lost),
+    }
+    names = dict.fromkeys(cells, "")
+    ((_, bars),) = chart_rows([replace(Models(failing)[VERDICTS].glance[2], cells=cells)], names, names)
+    assert [bar.edge for bar in bars] == ["0.650 deg, 7.1\u202f% to spare", "1.57 deg, 124\u202f% over", "lost"]
+    assert [(bar.median is None, bar.tolerance is None, bar.beyond) for bar in bars] == [
+        (False, False, False), (True, True, True), (True, True, True)]  # fmt: skip
+
+
+def test_still_flying_is_kaplan_and_meiers_estimate():
+    after = np.array([1.0, 2.0, 2.0, 3.0, 5.0])  # the third's and the last's missions were over
+    lost = np.array([True, True, False, True, False])
+    share = still_flying(after, lost, np.array([0.5, 1.0, 2.5, 4.0, 6.0]))
+    assert share[:4] == pytest.approx([1.0, 0.8, 0.8 * 3 / 4, 0.8 * 3 / 4 * 1 / 2])
+    assert np.isnan(share[4])
+    everyone = still_flying(after[:2], lost[:2], np.array([0.0, 10.0]))
+    assert everyone.tolist() == [1.0, 0.0]
+
+
+def test_the_planted_driver_and_rule_are_found(failing_numbers):
+    part = failing_numbers["drivers"]["controllers"]["lqr"]
+    kinds = failing_numbers["failures"]["controllers"]["lqr"]
+    early = next(kind for kind in kinds if kind["kind"] == "ended early")
+    assert early["rules"][0]["conditions"][0]["parameter"] == "atmosphere.density"
+    assert early["rules"][0]["rule"].startswith("density > +")
+    speed = part["metrics"]["angle_of_attack_error_rms_deg"]["parameters"]
+    assert {entry["parameter"] for entry in speed if entry["driver"]} >= {"atmosphere.density", "aero.lift"}
+
+
+def test_dependent_designs_get_estimates(tmp_path):
+    models = Models(read_flown(write_campaign(tmp_path / "c", runs=16, sampling="lhs")))
+    assert {models[VERDICTS].statuses(name)[0] for name in models.names.controllers} == {"ESTIMATE"}
+    assert plain(models[FLIGHTS].counts["tlc"].failure_share) == {"value": 0.0, "low": None, "high": None}
+
+
+def test_convergence_ends_with_the_table(failing_numbers):
+    trace = failing_numbers["convergence"]["controllers"]["tlc"]
+    assert trace["flights"][-1] == 100
+    found = failing_numbers["metrics"]["table"]["speed_error_max_mps"]["controllers"]["tlc"]
+    assert trace["metrics"]["speed_error_max_mps"]["q95"]["value"][-1] == found["quantiles"]["q95"]["value"]
+
+
+def test_a_report_is_valid_and_one_with_a_number_more_is_not(failing_numbers):
+    schema = report_schema()
+    Draft202012Validator.check_schema(schema)
+    validator, numbers = Draft202012Validator(schema), copy.deepcopy(failing_numbers)
+    assert list(validator.iter_errors(numbers)) == []
+    numbers["flights"]["counts"]["lqr"]["more"] = 1
+    assert not validator.is_valid(numbers)
+
+
+EXAMPLE = Path(__file__).parents[2] / "docs/how-to/correlate.py"
+
+
+@pytest.fixture
+def topic():
+    spec = importlib.util.spec_from_file_location("correlate", EXAMPLE)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    register(module.CORRELATE)
+    yield module.CORRELATE
+    REGISTERED.clear()
+
+
+def test_it_stands_everywhere(topic, tmp_path):
+    folder = write_campaign(tmp_path / "c", runs=40)
+    page = build_with(folder).read_text(encoding="utf-8")
+    assert '<section id="correlate"' in page and '<a href="#correlate">Rank correlations</a>' in page
+    held = json.loads((folder / "report.json").read_text(encoding="utf-8"))["topics"]["correlate"]["controllers"]
+    told = abhv_mc.open_results(folder).correlate.controllers
+    assert told["lqr"]["sideslip_max_deg"]["aero.lift"] == held["lqr"]["sideslip_max_deg"]["aero.lift"] > 0.3
+    shown = CliRunner().invoke(app, ["show", "correlate", str(folder)])
+    assert shown.exit_code == 0 and "Speed error, max" in shown.stdout
+    assert list(verify_campaign(folder)) == []
+    REGISTERED.clear()
+    assert list(verify_campaign(folder)) == [] and skipped_topics(folder) == ["correlate"]
+
+
+def test_a_built_in_name_is_refused(topic):
+    with pytest.raises(InputError, match="built in"):
+        register(Topic("margins", topic.model, topic.compute, topic.section))
