@@ -55,16 +55,15 @@ class PlainLaw:
     def _call(self, context: Any, Z: Any, reference: Any, gains: Any, settings: Any, tick: int, dt: float) -> None:
         block = np.ctypeslib.as_array(Z, (ONBOARD + N_ONBOARD, self._width))
         law = self._law
-        given: dict[str, Any] = {"time": tick * dt, "dt": dt}
-        given["reference"] = Reference(*_row(reference, tick, len(REFERENCE)))
-        columns = _row(gains, tick, len(self._gains) + len(self._commands))
-        if self._gains:
-            given["gains"] = make_gains_class(self._gains)(*columns[: len(self._gains)])
-        if self._commands:
-            given["commands"] = law.commands(*columns[len(self._gains) :])
-        if law.settings is not None:
-            given["settings"] = settings[: len(law.settings._fields)]
-        first_of: dict[int, int] = {}
+        columns, designed = _row(gains, tick, len(self._gains) + len(self._commands)), len(self._gains)
+        given = {
+            "time": tick * dt,
+            "dt": dt,
+            "reference": Reference(*_row(reference, tick, len(REFERENCE))),
+            "gains": make_gains_class(self._gains)(*columns[:designed]),
+            "commands": self._commands and law.commands(*columns[designed:]),
+            "settings": law.settings and law.settings(*settings[: len(law.settings._fields)]),
+        }
         for lane in range(self._width):
             if block[FAULT, lane] > 0.0:
                 continue
@@ -78,12 +77,10 @@ class PlainLaw:
             if tick == 0:
                 block[MEMORY, lane] = len(self._memories)
                 self._memories[len(self._memories)] = None
-            number = int(block[MEMORY, lane])
-            if number in first_of:  # a spare lane that repeats a flight
-                block[self._rows, lane] = block[self._rows, first_of[number]]
-                block[FAULT, lane] = block[FAULT, first_of[number]]
+            elif lane > 0 and block[MEMORY, lane] == block[MEMORY, lane - 1]:  # a spare lane that repeats a flight
+                block[[*self._rows, FAULT], lane] = block[[*self._rows, FAULT], lane - 1]
                 continue
-            first_of[number] = lane
+            number = int(block[MEMORY, lane])
             self._memories[number] = self._try_lane(block, lane, self._memories[number], given)
 
     def _try_lane(self, block: Floats, lane: int, memory: Any, given: dict[str, Any]) -> Any:
@@ -104,17 +101,12 @@ class PlainLaw:
     def _fly_lane(self, block: Floats, lane: int, memory: Any, given: dict[str, Any]) -> Any:
         law = self._law
         values = {**given, "memory": memory}
-        if "settings" in law.arguments:
-            values["settings"] = law.settings(*given["settings"])
         if "measured" in law.arguments:
             values["measured"] = Measured(*block[s.MEASURED : s.MEASURED + s.N_SEEN, lane].tolist())
         if "onboard" in law.arguments:
             values["onboard"] = nest(Onboard, iter(block[list(ONBOARD_ROWS), lane].tolist()))
         returned = law.function(*(values[name] for name in law.arguments))
-        if self._remembers:
-            command, memory = returned
-        else:
-            command = returned
+        command, memory = returned if self._remembers else (returned, None)
         if not isinstance(command, Command):
             raise TypeError(f"the law returns {type(command).__name__}; wanted Command(...)")
         block[list(COMMAND_ROWS), lane] = command_rows(command)
