@@ -116,22 +116,6 @@ def test_refused_paths(tmp_path: Path) -> None:
             read_document(path)
 
 
-def test_valid(tmp_path: Path) -> None:
-    (tmp_path / "vehicle.yaml").touch()
-    model = validate(
-        document(
-            tmp_path,
-            GOOD + "altitudes: [20 km, 100 ft]\nstep: 2\nvehicle: vehicle.yaml\n"
-            "dispersions: {a: {distribution: uniform, half_width: 10 %}}\n",
-        ),
-        Campaign,
-    )
-    assert model.altitudes == (20_000.0, 30.48)
-    assert model.step == 2.0
-    assert model.vehicle == tmp_path / "vehicle.yaml"
-    assert model.dispersions == {"a": Uniform(distribution="uniform", half_width=0.1)}
-
-
 @pytest.mark.parametrize(
     ("text", "place", "found", "wanted"),
     [

@@ -21,9 +21,11 @@ _OWN = (OUTPUTS, MODEL, "NamedTuple", "DEGREE", "SPAN", "CHORD", "Commands", "co
 _TAKEN = {*dir(builtins), *extend.__all__, *FROM_MATH, *_OWN}
 _LONGEST = 60  # letters of a name
 
+_LOGIC = ("and", "or", "xor", "not")  # of truths
 _RELATIONS = {"gt": ">", "lt": "<", "geq": ">=", "leq": "<=", "eq": "==", "neq": "!="}
-_LOGIC = {"and": "({} and {})", "or": "({} or {})", "xor": "({} != {})", "not": "(not {})"}
+_BETWEEN = {"plus": "+", "times": "*", "and": "and", "or": "or", **_RELATIONS}  # of any number of operands
 _ONE = {
+    "not": "(not {})",
     **{name: f"{name}({{}})" for name in ("abs", "exp", "floor", "sin", "cos", "tan")},
     "minus": "(-{})",
     "ln": "log({})",
@@ -41,6 +43,7 @@ _ONE = {
     "arctan": "atan2({}, 1.0)",
 }
 _TWO = {
+    "xor": "({} != {})",
     "minus": "({} - {})",
     "divide": "({} / {})",
     "power": "power({}, {})",
@@ -50,8 +53,8 @@ _TWO = {
     "log": "(log({}) / log({}))",
     "root": "power({}, 1.0 / {})",
 }
-_MANY = {"plus": "({} + {})", "times": "({} * {})", "max": "larger({}, {})", "min": "smaller({}, {})"}
-OPERATORS = (*_ONE, *_TWO, *_MANY, *_LOGIC, *_RELATIONS, "piecewise")
+_MANY = {"max": "larger({}, {})", "min": "smaller({}, {})"}
+OPERATORS = (*_ONE, *_TWO, *_MANY, *_BETWEEN, "piecewise")
 _CONSTANTS = {"pi": math.pi, "exponentiale": math.e}
 
 
@@ -116,17 +119,17 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
         given = [child for child in rest if child.name != qualifier]
         given += [child.children[0] for child in rest if child.name == qualifier and child.children]
         operands = [(truth if operator in _LOGIC else value)(child) for child in given]
-        if operator in _RELATIONS and len(operands) > 1:
-            return f"({f' {_RELATIONS[operator]} '.join(operands)})", True
+        is_truth = operator in _LOGIC or operator in _RELATIONS
+        if operator in _BETWEEN and len(operands) > (operator in _RELATIONS):
+            return f"({f' {_BETWEEN[operator]} '.join(operands)})", is_truth
+        if operator in _MANY and operands:
+            return functools.reduce(_MANY[operator].format, operands), False
         if operator == "power" and len(operands) == 2:
             return power(*operands), False
-        if operands and (operator in _MANY or operator in ("and", "or", "xor")):
-            pattern = (_MANY | _LOGIC)[operator]
-            return functools.reduce(pattern.format, operands), operator in _LOGIC
-        patterns = {1: {**_ONE, "not": _LOGIC["not"]}, 2: _TWO}.get(len(operands), {})
+        patterns = {1: _ONE, 2: _TWO}.get(len(operands), {})
         if operator not in patterns:
             raise at.refuse(f"'{operator}' of {len(operands)} operands", "as many as it takes")
-        return patterns[operator].format(*operands), operator == "not"
+        return patterns[operator].format(*operands), is_truth
 
     def read(at: Node) -> tuple[str, bool]:
         """The Python, and whether it is true or false and no number."""
