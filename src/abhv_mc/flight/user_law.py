@@ -34,8 +34,14 @@ NATIVE = tuple(law for law in USER_LAWS if law != PYTHON)
 @contextlib.contextmanager
 def open_vehicle(plan: FlightPlan, width: int) -> Iterator[UserCode]:
     """The functions of a plan's vehicle for ``width`` lanes, without its law; nothing for a vehicle of tables."""
-    functions = _open_vehicle(plan, width)  # held while it flies
-    aerodynamics, propulsion = (0 if one is None else int(one.address) for one in functions)
+    foreign, code = plan.vehicle.foreign, plan.vehicle_code
+    made: tuple[Any, ...] = None, None  # held while it flies
+    if foreign.aerodynamics or foreign.propulsion:
+        if code is None or code.digest != foreign.digest.tobytes():
+            raise ValueError("a plan of a vehicle with functions of its own without their source")
+        functions = compile_functions(code, width)
+        made = functions.aerodynamics, functions.propulsion
+    aerodynamics, propulsion = (0 if one is None else int(one.address) for one in made)
     yield UserCode(0, 0, 0, 0, aerodynamics=aerodynamics, propulsion=propulsion)
 
 
@@ -75,17 +81,6 @@ def open_law(plan: FlightPlan, width: int, memory_in_rows: bool = False, flights
     finally:
         if plan.law in NATIVE:
             made.close()
-
-
-def _open_vehicle(plan: FlightPlan, width: int) -> tuple[Any, ...]:
-    """The compiled functions of the plan's vehicle: coefficients and thrust; None for tables."""
-    foreign, code = plan.vehicle.foreign, plan.vehicle_code
-    if not (foreign.aerodynamics or foreign.propulsion):
-        return None, None
-    if code is None or code.digest != foreign.digest.tobytes():
-        raise ValueError("a plan of a vehicle with functions of its own without their source")
-    functions = compile_functions(code, width)
-    return functions.aerodynamics, functions.propulsion
 
 
 def asks_for_more(plan: FlightPlan) -> bool:
