@@ -29,13 +29,18 @@ class Rows:
         place = None if column is None else 1 + sum(len(cell) + 1 for cell in cells[:column])
         return InputError(self.path, found, expected, line, place)
 
+    def cells(self, row: int) -> list[str]:
+        """The cells of a row, as many as the header has. Raises :class:`InputError`."""
+        cells = _split(self.texts[row])
+        if len(cells) != len(self.header):
+            raise self.error(row, None, f"{len(cells)} cells", f"{len(self.header)}, as in the header")
+        return cells
+
     def numbers(self, columns: Sequence[int]) -> NDArray[np.float64]:
         """Some columns as finite numbers ``[row, column]``. Raises :class:`InputError`."""
         out = np.empty((len(self.texts), len(columns)))
-        for row, text in enumerate(self.texts):
-            cells = _split(text)
-            if len(cells) != len(self.header):
-                raise self.error(row, None, f"{len(cells)} cells", f"{len(self.header)}, as in the header")
+        for row in range(len(self.texts)):
+            cells = self.cells(row)
             for i, column in enumerate(columns):
                 try:
                     out[row, i] = float(cells[column])

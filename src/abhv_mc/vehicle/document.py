@@ -1,6 +1,7 @@
 """The vehicle file: what may stand in it, and the checks that need no other file."""
 
-from typing import Annotated, Any, Literal
+from itertools import pairwise
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
@@ -54,41 +55,43 @@ class MassPoint(StrictModel):
 
     @model_validator(mode="after")
     def _check(self) -> "MassPoint":
-        check_inertia(self)
+        xx, yy, zz, xz = self.inertia_xx, self.inertia_yy, self.inertia_zz, self.inertia_matrix_element_13
+        if xz**2 >= xx * zz or max(xx, yy, zz) > (xx + yy + zz) / 2.0 * (1.0 + 1e-9):
+            raise Refusal(
+                f"inertias {xx:g}, {yy:g}, {zz:g}, {xz:g} kg m2 that no body has",
+                "none above the sum of the two others, and element 13 below the mean of xx and zz",
+            )
         return self
 
 
-def check_inertia(point: MassPoint) -> None:
-    """Refuse inertias that no rigid body has: raises :class:`Refusal`."""
-    xx, yy, zz, xz = point.inertia_xx, point.inertia_yy, point.inertia_zz, point.inertia_matrix_element_13
-    if min(xx, yy, zz) <= 0.0 or xz**2 >= xx * zz or max(xx, yy, zz) > (xx + yy + zz) / 2.0 * (1.0 + 1e-9):
-        raise Refusal(
-            f"inertias {xx:g}, {yy:g}, {zz:g}, {xz:g} kg m2 that no body has",
-            "none above the sum of the two others, and element 13 below the mean of xx and zz",
-        )
+class MassPoints(StrictModel):
+    """Mass properties against mass: linear between the points, held outside."""
+
+    points: tuple[MassPoint, ...] = Field((), description="mass properties by rising mass")
+
+    @model_validator(mode="after")
+    def _check_points(self) -> Self:
+        for i, (light, heavy) in enumerate(pairwise(self.points), 1):
+            if heavy.mass <= light.mass:
+                raise Refusal(f"{heavy.mass:g} kg after {light.mass:g} kg", "rising masses", ("points", i, "mass"))
+        return self
 
 
-class MassModel(StrictModel):
+class MassModel(MassPoints):
     """Mass at the start of a flight and properties against mass: linear between the points, held outside."""
 
     start: Annotated[Mass, Positive] = Field(description="at the start of a flight, within the points")
     empty: Annotated[Mass, Positive] | None = Field(
         default=None, description="without fuel: the engine stops there; left out: no fuel is burnt"
     )
-    points: tuple[MassPoint, ...] | None = Field(
-        default=None, min_length=1, description="mass properties by rising mass"
-    )
     file: File | None = Field(default=None, description="the points as CSV: mass_kg,inertia_xx_kg_m2,...")
 
     @model_validator(mode="after")
     def _check(self) -> "MassModel":
-        if (self.points is None) == (self.file is None):
+        if bool(self.points) == (self.file is not None):
             raise Refusal("both points and a file" if self.points else "neither points nor a file", "one of them")
         if self.empty is not None and self.empty > self.start:
             raise Refusal(f"{self.empty:g} kg empty, more than at the start", f"at most {self.start:g} kg", ("empty",))
-        for i, (light, heavy) in enumerate(zip((self.points or ())[:-1], (self.points or ())[1:], strict=True)):
-            if heavy.mass <= light.mass:
-                raise Refusal(f"{heavy.mass:g} kg after {light.mass:g} kg", "rising masses", ("points", i + 1, "mass"))
         return self
 
 

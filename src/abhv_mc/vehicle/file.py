@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Ints
-from abhv_mc.io.documents import Document, Refusal, read_document, validate
-from abhv_mc.io.input_error import one_of
+from abhv_mc.io.documents import Document, InputErrors, Refusal, read_document, validate
 from abhv_mc.io.input_files import made_once
 from abhv_mc.io.number_table import read_rows
 from abhv_mc.io.units import parse_unit
@@ -28,7 +27,7 @@ from abhv_mc.kernel.plant.vehicle import (
     Vehicle,
     no_functions,
 )
-from abhv_mc.vehicle.document import REDUCED_RATES, AerodynamicsFunction, MassPoint, VehicleDocument, check_inertia
+from abhv_mc.vehicle.document import REDUCED_RATES, AerodynamicsFunction, MassPoint, MassPoints, VehicleDocument
 from abhv_mc.vehicle.pack import Axis, Table, make_constant, pack_tables
 from abhv_mc.vehicle.propulsion_keys import PROPULSION_TABLES, Capture, ThrustFunction, engine_rows
 from abhv_mc.vehicle.sensing import choose_sensing
@@ -80,43 +79,26 @@ def _read_vehicle_file(path: str | Path) -> VehicleFile:
     files += [content.mass.file] if content.mass.file else []
     code = make_code(document, content)
     files += [Path(function.file) for function in code.functions()] if code else []
-    points = tuple(points)
     return VehicleFile(document.path, content, tables, code, points, (document.path, *dict.fromkeys(files)))
 
 
-def read_mass_points(path: Path) -> list[MassPoint]:
+def read_mass_points(path: Path) -> tuple[MassPoint, ...]:
     """Mass properties from CSV with columns such as ``mass_kg`` and ``inertia_xx_kg_m2``. Raises InputError."""
     rows = read_rows(path)
-    columns: dict[str, np.ndarray] = {}
-    for i, header in enumerate(rows.header):
-        name = next((field for field in MassPoint.model_fields if header.startswith(f"{field}_")), None)
-        known = one_of((f"{field}_UNIT" for field in MassPoint.model_fields), header)
-        if name is None or name in columns:
-            raise rows.error(None, i, f"the column '{header}'", f"{known}, each once")
-        dimension = "kg" if name == "mass" else "m" if name.startswith("center") else "kg m2"
-        unit = header.removeprefix(f"{name}_").replace("_", " ")
-        try:
-            factor, exponents = parse_unit(unit)
-        except Refusal as refusal:
-            raise rows.error(None, i, refusal.found, refusal.expected) from None
-        if exponents != parse_unit(dimension)[1]:
-            raise rows.error(None, i, f"{name} in '{unit}'", f"a unit like '{dimension}'")
-        columns[name] = rows.numbers([i])[:, 0] * factor
-    for name, field in MassPoint.model_fields.items():
-        if field.is_required() and name not in columns:
-            raise rows.error(None, None, f"no column of {name}", "mass and the three moments of inertia")
-    points: list[MassPoint] = []
-    for row in range(len(rows.texts)):
-        values = {name: float(column[row]) for name, column in columns.items()}
-        if values["mass"] <= (points[-1].mass if points else 0.0):
-            raise rows.error(row, None, f"a mass of {values['mass']:g} kg", "rising masses above 0")
-        point = MassPoint.model_construct(None, **values)
-        try:
-            check_inertia(point)
-        except Refusal as refusal:
-            raise rows.error(row, None, refusal.found, refusal.expected) from None
-        points.append(point)
-    return points
+    keys = []
+    for header in rows.header:
+        name = next((field for field in MassPoint.model_fields if header.startswith(f"{field}_")), header)
+        keys.append((name, header.removeprefix(f"{name}_").replace("_", " ")))
+    points: list[Any] = []
+    places: dict[tuple[str | int, ...], tuple[int, int]] = {(): (rows.header_line, 1)}
+    for row, line in enumerate(rows.lines):
+        named = zip(keys, rows.cells(row), strict=True)
+        points.append({name: f"{cell.strip()} {unit}" for (name, unit), cell in named})
+        places["points", row] = line, 1
+    try:
+        return validate(Document(path, {"points": points}, places, {}), MassPoints).points
+    except InputErrors as wrong:
+        raise wrong.errors[0] from None  # a header's mistake is one in each row
 
 
 def _check_meaning(document: Document, content: VehicleDocument, name: str, table: Table) -> None:
