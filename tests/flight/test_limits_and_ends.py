@@ -22,7 +22,7 @@ from abhv_mc.shipped import shipped_configs
 from abhv_mc.simulators.engine import make_engine
 from abhv_mc.simulators.make_plans import make_plans
 from abhv_mc.vehicle.document import FlightLimits
-from abhv_mc.vehicle.limits import tighter
+from abhv_mc.vehicle.shared_keys import tighter
 
 
 @pytest.fixture(scope="module")

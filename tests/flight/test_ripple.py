@@ -98,22 +98,6 @@ def test_it_is_the_definition_on_any_signal(seed: int) -> None:
 
 TIME = np.arange(0.0, 60.0, TICK)
 ALWAYS = np.ones(TIME.size, dtype=bool)
-NO_CYCLES = {
-    "nothing": 0.0 * TIME,
-    "offset": 6.0 + 0.0 * TIME,
-    "drift": 0.5 * TIME,
-    "step": np.where(TIME > 20.0, 10.0, 0.0),
-    "pulse": np.where(np.abs(TIME - 20.0) < 2.0, 10.0, 0.0),
-    "decay": 10.0 * np.exp(-0.2 * TIME),
-    "damped": 10.0 * np.exp(-TIME) * np.cos(2.0 * TIME),  # each swing a fifth of the one before
-}
-
-
-@pytest.mark.parametrize("kind", NO_CYCLES)
-@pytest.mark.parametrize("noise", [0.0, 0.1])
-def test_what_does_not_alternate_is_no_cycle(kind: str, noise: float) -> None:
-    alone = noise * np.random.default_rng(1).normal(size=TIME.size)
-    assert follow(NO_CYCLES[kind] + alone, ALWAYS)[0] <= 8.0 * noise  # noise of 6000 ticks alternates by 7.7 rms
 
 
 @pytest.mark.parametrize("mean", [0.0, 5.0, -10.0])

@@ -9,7 +9,7 @@ from pydantic import Discriminator, Field, RootModel, Tag, model_validator
 from abhv_mc.control.law_file import CController, ControllerModel, FmuController, PythonController, UserController
 from abhv_mc.io.documents import Document, Refusal, StrictModel, describe, one_of, read_document, validate
 from abhv_mc.io.units import Angle, AngularRate, Frequency, Pressure, Time
-from abhv_mc.vehicle.limits import Positive
+from abhv_mc.vehicle.shared_keys import Positive
 
 Weight = Annotated[float, Field(ge=0.0)]
 InputWeight = Annotated[float, Positive]

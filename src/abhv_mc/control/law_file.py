@@ -155,11 +155,7 @@ NAMING_KEYS = ("file", "library", "design", "sources")  # of controller files: p
 
 
 def find_files(law: UserController) -> dict[str, Path]:
-    """Every file that a law consists of, by its name from the folder that holds them all; the law itself first.
-
-    ``files`` lie beside the law: beside its Python file, FMU, library or first source. Raises Refusal for an entry
-    that names none, or one that lies elsewhere.
-    """
+    """Every file of a law, itself first, by its name from the folder that holds them all. Raises Refusal."""
     if isinstance(law, CController):
         named = [law.library] if law.library is not None else list(law.sources)
     else:

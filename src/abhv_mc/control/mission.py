@@ -15,8 +15,7 @@ from abhv_mc.io.documents import File, Refusal, StrictModel, read_document, vali
 from abhv_mc.io.input_files import made_once
 from abhv_mc.io.units import Angle, AngularRate, Length, Mass, Pressure, Speed, Time, parse_in_unit
 from abhv_mc.kernel.world.earth import WGS84, Earth
-from abhv_mc.vehicle.limits import LoadLimits, Positive
-from abhv_mc.vehicle.sensing import SensingKeys
+from abhv_mc.vehicle.shared_keys import LoadLimits, Positive, SensingKeys
 
 _NORTHMOST = math.radians(89.99001)
 _KIND = "the kind of manoeuvre"

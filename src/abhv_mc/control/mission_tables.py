@@ -14,11 +14,7 @@ _LARGEST_FLOWN = dict(zip(COLUMNS, (TIME.largest, LENGTH.largest, SPEED.largest,
 
 
 def read_trajectory(path: str | Path, duration: float) -> NDArray[np.float64]:
-    """[sample, column] in COLUMNS' order and units, headings unwrapped; other columns are left unread.
-
-    Raises :class:`InputError` for anything but rising times from 0 to at least ``duration`` (s), finite numbers,
-    positive speeds and four samples.
-    """
+    """[sample, column] in COLUMNS' order and units, headings unwrapped; at least ``duration`` s. Raises InputError."""
     table = read_number_table(Path(path), _LARGEST_FLOWN)
     samples = table.values
     table.check_rising("time_s", "s")
@@ -41,11 +37,7 @@ _LARGEST = {ALTITUDE: LENGTH.largest, **dict.fromkeys(WIND, SPEED.largest), DENS
 
 
 def read_air_table(path: Path, columns: tuple[str, ...]) -> NDArray[np.float64]:
-    """[knot, altitude and ``columns``] by rising altitude; other columns are left unread.
-
-    Raises :class:`InputError` for anything but at least two rising altitudes and finite numbers, a factor on the
-    density above zero.
-    """
+    """[knot, altitude and ``columns``] by rising altitude. Raises :class:`InputError`."""
     table = read_number_table(path, {name: _LARGEST[name] for name in (ALTITUDE, *columns)})
     table.check_rising(ALTITUDE, "m")
     rows = table.values

@@ -11,9 +11,8 @@ _SAME_TIME = 1e-9  # s: a tick that close to an end of the S is on it
 def s_shape(since: Floats, offset: float, length: float, bank_time: float, sharpness: float) -> tuple[Floats, Floats]:
     """Lateral speed (m/s) and acceleration (m/s2), along the offset (m), at times (s) since the S began; 0 outside.
 
-    The acceleration goes as ``sign(c) |c|^sharpness`` with ``c = cos(pi t / length)``, times a smooth step of fifth
-    order over ``bank_time`` (s) at both ends. The second half mirrors the first, so no speed is left at the end.
-    Without bank time and with a sharpness of 1 this is ``y = offset / 2 (1 - cos(pi t / length))``.
+    The acceleration goes as ``sign(c) |c|^sharpness``, ``c = cos(pi t / length)``, times a smooth step of order 5 over
+    ``bank_time`` (s) at both ends; without both ``y = offset / 2 (1 - cos(pi t / length))``.
     """
     inside = (since >= -_SAME_TIME) & (since < length - _SAME_TIME)
     if bank_time == 0.0 and sharpness == 1.0:

@@ -1,8 +1,4 @@
-"""What the compiled flight takes: plan, parameters and room for results.
-
-Compiled code trusts its arrays. Type, shape, order and alignment of a plan's are checked here, once a call; what is
-written to is made here.
-"""
+"""What the compiled flight takes: plan, parameters and room for results, each array of the type and shape it trusts."""
 
 import math
 from collections.abc import Sequence
@@ -66,10 +62,7 @@ def make_results(
 def make_kernel_plan(
     plan: FlightPlan, parameters: Floats, recording: Recording, start: Kept | None = None
 ) -> KernelPlan:
-    """A plan as the kernel takes it, its arrays copied where they are not contiguous, aligned and writable.
-
-    Raises ValueError for an array of the wrong type or shape.
-    """
+    """A plan as the kernel takes it, see :func:`conform`. Raises ValueError for an array of the wrong type or shape."""
     terms = plan.vehicle.build_up.factor.size
     known = known_sources(plan.user_sources, plan.effectors)
     made = conform(
@@ -125,10 +118,9 @@ def make_observed(limits: Limits, recorded: Sequence[Known]) -> Observed:
 
 
 def conform(value: Any, kind: Any, name: str) -> Any:
-    """A named tuple of a type, however deep, with every array C-contiguous, aligned and writable: copied where not.
+    """A named tuple with every array C-contiguous, aligned and writable, for which alone numba has compiled.
 
-    Writable, because numba would compile once more for arrays that are not. Raises ValueError for an array or number
-    that is not of the type that the tuple's fields declare.
+    Raises ValueError for an array or number that is not of the type that the tuple's fields declare, however deep.
     """
     if hasattr(kind, "_fields"):
         members = zip(_hints(kind).items(), value, strict=True)

@@ -1,7 +1,4 @@
-"""Metrics as numbers that the compiled flight follows: which loop counts each, and its expression as a program.
-
-An expression is parsed into instructions and never evaluated as Python.
-"""
+"""Metrics as numbers that the compiled flight follows; an expression is parsed, and never evaluated as Python."""
 
 import ast
 import math
@@ -60,10 +57,7 @@ def _known_sources(effectors: tuple[str, ...]) -> dict[str, Known]:
 
 
 def known_sources(user_channels: NDArray[np.str_], effectors: tuple[str, ...] = ()) -> dict[str, Known]:
-    """The sources of the program, those of ``effectors`` with actuators, and the channels of the user's own file.
-
-    ``user_channels`` [channel, 2]: of each name and unit.
-    """
+    """The sources of the program, of ``effectors`` with actuators, and user channels [channel, 2], names and units."""
     if len(user_channels) > MAX_CHANNELS:
         raise ValueError(f"{len(user_channels)} channels of the user's own")
     return _known_sources(effectors) | {

@@ -23,12 +23,10 @@ def failure_words(name: str) -> str:
 
 
 def failure_cases(names: Sequence[str], samples: Floats, end_time: Floats, engine_failed: Floats) -> list[str]:
-    """The case of each flight: every failure before the mission's end, joined by ' + ', or ``none``.
+    """The case of each flight: every failure before the mission's end (s, [flight]), joined by ' + ', or ``none``.
 
-    A failure that was to come after the flight was lost counts too: so that all controllers have the same flights in
-    each case, and a case none that only the better controllers live to see. names: of the parameters in the columns
-    of ``samples`` [flight, parameter]. end_time: the mission's end, s, [flight]. engine_failed: time with a failed
-    engine, s, [flight]; without a drawn failure of the engine it was an unstart by the vehicle's own condition.
+    A failure that was to come after the flight was lost counts too, so that all controllers have the same flights in
+    each case. An engine that failed, for ``engine_failed`` s, at no drawn time did so by the vehicle's own condition.
     """
     cases: dict[int, list[str]] = {}
     timed = np.zeros(len(end_time), dtype=np.bool_)

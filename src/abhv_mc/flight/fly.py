@@ -59,14 +59,11 @@ def fly(
     keep_states: bool = False,
     start: Kept | None = None,
 ) -> FlightBlock:
-    """Fly every row of ``parameters`` [flight, parameter] (order of PARAMETERS).
+    """Fly every row of ``parameters`` [flight, parameter] (order of PARAMETERS); threads may call it side by side.
 
-    ``record_every``: what is recorded, or control ticks between samples of every channel (None: no history);
-    ``keep_states`` adds the whole state in double precision to them. A flight depends on its row and the plan alone:
-    not on the other rows, nor on how many fly side by side (``lanes``). With ``start``, of ``fly_until``, flights
-    go on from there: the rows of its memories say what their dispersions are, and samples before it are not-a-number.
-    Releases the interpreter's lock, so threads may call it side by side.
-    Raises ValueError for an array of the wrong type or shape.
+    ``record_every``: what is recorded, or control ticks between samples of every channel; ``keep_states`` adds the
+    whole state. A flight depends on its row and the plan alone, not on ``lanes`` or other rows. ``start``: flights of
+    :func:`fly_until` that go on, with NaN before it. Raises ValueError for an array of the wrong type or shape.
     """
     recording = recording_of(record_every, plan)
     if must_fly_elsewhere(plan):
@@ -81,11 +78,10 @@ def fly(
 
 
 def fly_until(plan: FlightPlan, parameters: Floats, tick: int, start: Kept | None = None) -> Kept:
-    """Fly up to a control tick and keep what the kernel then knows of each flight, in double precision.
+    """Fly up to a control tick, from ``start`` where it is given, and keep what the kernel knows of each flight.
 
-    ``start``: flights to go on with instead of new ones (then ``parameters`` are theirs). A flight that ended before
-    has the memory of its end, in which nothing is promised but that its lane is no longer alive. Raises InputError for
-    a law in plain Python whose memory is no named tuple of numbers.
+    Of a flight that ended before, nothing is promised but that its lane is no longer alive. Raises InputError for a law
+    in plain Python whose memory is no named tuple of numbers.
     """
     if must_fly_elsewhere(plan):
         return in_child(fly_until, plan, parameters, tick, start, limit=_LONGEST)
@@ -116,10 +112,7 @@ def fly_in_memory(
 
 
 def fill_quantiles(plan: FlightPlan, results: KernelResults, complete: bool) -> None:
-    """Metrics that are quantiles over the ticks that counted (numpy's ``linear``); none of flights without their start.
-
-    Where no tick counted, or one was not a number, the compiled flight has filled in what stands.
-    """
+    """Fill in metrics that are quantiles over the ticks that counted (numpy's ``linear``), where there are any."""
     quantiles = [(i, metric.limit) for i, metric in enumerate(plan.metrics) if metric.statistic == Statistic.QUANTILE]
     for (place, share), samples in zip(quantiles, results.samples, strict=True):
         values = results.metrics[:, place]
@@ -130,10 +123,9 @@ def fill_quantiles(plan: FlightPlan, results: KernelResults, complete: bool) -> 
 
 
 def join_bins(low: Floats, high: Floats, history: Singles) -> tuple[Singles, Singles]:
-    """Extremes ``[sample, channel]`` from the sample before to the one after each, NaN where nobody flew.
+    """Extremes ``[sample, channel]`` from the sample before to the one after each; NaN where nobody flew, and -0 is 0.
 
-    low, high: of each bin [sample, channel], the first above the second where there was no value; history:
-    the samples [flight, sample, channel]. Bands are drawn from sample to sample: no flight leaves these. -0 is 0.
+    low, high: of each bin, the first above the second where there was no value; history: [flight, sample, channel].
     """
     seen = low <= high
     return _join(np.where(seen, low, np.nan), history, np.fmin), _join(np.where(seen, high, np.nan), history, np.fmax)

@@ -1,7 +1,6 @@
-"""The table of metrics: each a record of what it is called, what is bad, how it is counted. Order is array order.
+"""The table of metrics, in array order: what each is called, what is bad, how it is counted.
 
-Metrics that a campaign declares are records of the same kind, and so are stability margins, which come from the
-linearized loop of a flight and not from its control ticks. A new metric is an entry here.
+Metrics that a campaign declares are records of the same kind, and so are stability margins of the linearized loop.
 """
 
 import math

@@ -1,7 +1,4 @@
-"""A law in native code tried before it flies: a flight must not depend on the flights beside or before it.
-
-And before its slopes are taken: an FMU must not remember more than the states that it names.
-"""
+"""A law in native code tried before it flies, for memory of its own, and before its slopes are taken."""
 
 import hashlib
 from collections.abc import Callable
@@ -25,10 +22,7 @@ _LONGEST = 600.0  # s, compiling included
 
 
 def check_native(plan: FlightPlan) -> None:
-    """Fly two flights of a plan apart, together and in swapped order, once for each content of the law.
-
-    Raises InputError for a law that crashes or hangs at once, or that keeps memory of its own.
-    """
+    """Fly two flights apart, together and in swapped order, once for each content of the law. Raises InputError."""
     try:
         same = _try_once(_is_same, plan, _TICKS)
     except LostError as lost:

@@ -97,10 +97,7 @@ class FlightPlan:
     lean: bool = field(default=False, metadata={"stored": False})  # flown by less code with the same bits, see lean_for
 
     def lean_for(self, names: Collection[str]) -> "Self":
-        """The plan for flights with dispersions of these names: lean where neither they nor it need more.
-
-        Named, never valued: so every process of a campaign compiles the same flight.
-        """
+        """The plan for flights with dispersions of these names, whatever their values: processes compile the same."""
         vehicle, foreign = self.vehicle, self.vehicle.foreign
         plain = self.law in ("tlc", "lqr") and not (self.channels_hash or foreign.aerodynamics or foreign.propulsion)
         whole = not (vehicle.constants.inlet.unstarts or vehicle.constants.driven)

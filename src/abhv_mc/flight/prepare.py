@@ -46,8 +46,7 @@ from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.vehicle_functions import find_code, load_vehicle
 from abhv_mc.vehicle.actuators import name_effectors
 from abhv_mc.vehicle.file import find_vehicle_warnings
-from abhv_mc.vehicle.limits import tighter
-from abhv_mc.vehicle.sensing import choose_sensing
+from abhv_mc.vehicle.shared_keys import choose_sensing, tighter
 
 _LEAST_FUEL = 1e-9  # kg: below it there is none
 _ALPHA_OF_AUTHORITY = np.deg2rad(1.2)  # a small angle inside of most tables' cells
@@ -137,10 +136,9 @@ def make_plan(
     mission_file: str | Path | None = None,
     user_code: UserParts | None = None,
 ) -> FlightPlan:
-    """The plan of one controller's flights.
+    """The plan of one controller's flights; its warnings say where nominal controls do not fly the mission.
 
-    Where nominal controls do not fly the mission, the plan's warnings say so. Raises InputError, which names
-    ``mission_file``, for a mission that they do not fly at any time.
+    Raises InputError, which names ``mission_file``, for a mission that they do not fly at any time.
     """
     sensing = choose_sensing(mission.sensing, vehicle.constants.sensing)
     vehicle = vehicle._replace(constants=vehicle.constants._replace(sensing=sensing))
@@ -205,10 +203,7 @@ def make_plan(
 def make_gains(
     controller: Controller, user_code: UserParts | None, model: DesignModel
 ) -> tuple[tuple[str, ...], Floats]:
-    """Gains [tick, gain] of a controller along the model's reference, and their names if the law is the user's own.
-
-    Raises InputError for what a design of the user's own gets wrong.
-    """
+    """Gains [tick, gain] along the model's reference, and their names if the law is a user's. Raises InputError."""
     if isinstance(controller, UserController):
         if user_code is None:
             raise ValueError("a controller of the user's own without its law")

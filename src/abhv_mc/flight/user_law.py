@@ -47,11 +47,10 @@ def open_vehicle(plan: FlightPlan, width: int) -> Iterator[UserCode]:
 
 @contextlib.contextmanager
 def open_law(plan: FlightPlan, width: int, memory_in_rows: bool = False, flights: int = TOGETHER) -> Iterator[UserCode]:
-    """The law and the channels of a plan for ``width`` lanes; nothing for a plan without its own.
+    """The law and the channels of a plan for ``width`` lanes and so many flights; nothing for a plan without its own.
 
-    ``memory_in_rows`` keeps the memory of a law in plain Python or native code where a compiled law has it, see
-    :func:`law_memory`; ``flights`` says how many are flown. Raises ValueError for a plan whose source is missing: a
-    stored plan has none.
+    ``memory_in_rows``: a law in plain Python or native code has its memory where a compiled one has it, see
+    :func:`law_memory`. Raises ValueError for a plan whose source is missing, as of a stored one.
     """
     address, channels, context, onboard = 0, 0, 0, int(sees_onboard(plan))
     made: Any = None  # held while it flies
@@ -167,8 +166,7 @@ def _python_memory(law: Law) -> dict[str, float]:
 def law_memory(plan: FlightPlan) -> dict[str, tuple[int, float]]:
     """Row of the lane memory and value at the start of each number that the plan's own law remembers, by its name.
 
-    The last commands are among them where the law sees them (``onboard``): they start as the nominal flight's
-    actuators do. Raises InputError for a memory in plain Python that is no named tuple of numbers.
+    The last commands are among them where the law sees them (``onboard``). Raises InputError for a hidden memory.
     """
     starts = native_memory(plan) if plan.law in NATIVE else _python_memory(load_plan_law(plan))
     rows = {name: (MEMORY + i, value) for i, (name, value) in enumerate(starts.items())}

@@ -1,8 +1,6 @@
 """Inputs of one flight: by shipped name, path or mapping, dispersions as numbers or text with a unit.
 
-A mapping is the file's content; with ``base`` it is that file (or shipped name) with entries replaced, nested ones by
-dotted keys: ``{"base": "tlc", "attitude.bank.bandwidth": "0.4 rad/s"}``. A controller may be a
-law's function.
+A mapping is the file's content, or ``base`` and the entries that differ: ``{"base": "tlc", "limits.bank": "60 deg"}``.
 """
 
 import atexit

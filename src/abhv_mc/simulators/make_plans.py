@@ -31,8 +31,7 @@ from abhv_mc.user_code.module import check_closure
 from abhv_mc.user_code.source import read_source
 from abhv_mc.user_code.user_channels import compile_channels
 from abhv_mc.vehicle.actuators import drive, name_effectors
-from abhv_mc.vehicle.limits import STILL_AIR, refuse_oscillation
-from abhv_mc.vehicle.sensing import IN_WIND, describe_sensing
+from abhv_mc.vehicle.shared_keys import IN_WIND, STILL_AIR, describe_sensing, refuse_oscillation
 
 _AXIS_FAILURES = tuple(f"failure.{axis}." for axis in AXES)
 

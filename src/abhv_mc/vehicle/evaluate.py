@@ -12,10 +12,7 @@ _FIRST_EFFECTOR = VARIABLES.index("effector_0")
 
 
 def make_variables(vehicle: Vehicle, **values: ArrayLike) -> Floats:
-    """Fill ``[variable, point]`` from named values (SI, radians) of equal or broadcastable shape.
-
-    What is not named is zero; ``one`` is one and the effectors follow from the three axis deflections.
-    """
+    """``[variable, point]`` from named values (SI, radians); the rest zero, effectors mixed from the axes'."""
     shape = np.broadcast_shapes((1,), *(np.shape(value) for value in values.values()))
     variables = np.zeros((len(VARIABLES), *shape))
     variables[0] = 1.0
@@ -27,10 +24,7 @@ def make_variables(vehicle: Vehicle, **values: ArrayLike) -> Floats:
 
 
 def evaluate_tables(tables: Tables, variables: Floats) -> Floats:
-    """Linear interpolation of every table, held at the edges: ``[row, point]`` from ``[variable, point]``.
-
-    Written as the weighted sum over the corners of a cell, unlike the compiled look-up that it checks.
-    """
+    """Every table interpolated, held at the edges, as a sum over corners: ``[row, point]`` of ``[variable, point]``."""
     rows = np.empty((tables.n_rows, *variables.shape[1:]))
     for g in range(tables.group_start.size):
         corners = [(np.ones(variables.shape[1:]), np.full(variables.shape[1:], tables.group_start[g]))]
@@ -56,11 +50,9 @@ def evaluate_tables(tables: Tables, variables: Floats) -> Floats:
 def evaluate_coefficients(
     vehicle: Vehicle, variables: Floats, factors: Floats | None = None, rows: Floats | None = None
 ) -> Floats:
-    """The six COEFFICIENTS ``[coefficient, point]`` from ``[variable, point]``.
+    """The six COEFFICIENTS ``[coefficient, point]`` from ``[variable, point]`` and, where at hand, the tables' rows.
 
-    ``factors`` ``[parameter]`` or ``[parameter, point]`` multiplies the terms as the build-up says; None is nominal, as
-    functions of the vehicle's own always are.
-    ``rows`` is what :func:`evaluate_tables` gave, where it is at hand.
+    ``factors`` [parameter] or [parameter, point] multiplies the terms of tables; None is nominal.
     """
     if vehicle.foreign.aerodynamics:
         return evaluate_functions(vehicle, variables)[0]

@@ -30,7 +30,7 @@ from abhv_mc.kernel.plant.vehicle import (
 from abhv_mc.vehicle.document import REDUCED_RATES, AerodynamicsFunction, MassPoint, MassPoints, VehicleDocument
 from abhv_mc.vehicle.pack import Axis, Table, make_constant, pack_tables
 from abhv_mc.vehicle.propulsion_keys import PROPULSION_TABLES, Capture, ThrustFunction, engine_rows
-from abhv_mc.vehicle.sensing import choose_sensing
+from abhv_mc.vehicle.shared_keys import choose_sensing
 from abhv_mc.vehicle.surface_keys import AXIS_DEFLECTIONS, Effector, IdealSurfaces, Surfaces
 from abhv_mc.vehicle.table_file import parse_role, read_table
 from abhv_mc.vehicle.vehicle_code import VehicleCode, make_code, reference_point
@@ -231,10 +231,7 @@ def _axis_shares(mix: np.ndarray) -> np.ndarray:
 
 
 def _effectors(content: VehicleDocument, constants: Constants, mix: np.ndarray, named: set[str]) -> Effectors:
-    """The list of actuators: the file's effectors, then each axis that the aerodynamics name.
-
-    What an effector does not say is as the surfaces have it.
-    """
+    """The list of actuators: the file's effectors, what they leave out as the surfaces have it, then named axes."""
     axes = [i for i, axis in enumerate(AXIS_DEFLECTIONS) if axis in named]
     own = [VARIABLES.index("effector_0") + e for e in range(len(mix))]
     variables = np.array([*own, *(VARIABLES.index(AXIS_DEFLECTIONS[i]) for i in axes)], dtype=np.int64)

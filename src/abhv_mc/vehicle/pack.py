@@ -52,11 +52,10 @@ def _spread(table: Table, axes: tuple[Axis, ...]) -> Table:
 
 
 def pack_tables(tables: Sequence[Table], fixed: Mapping[str, int]) -> tuple[Tables, Ints]:
-    """Group tables of equal axes and lay each group's tables side by side in every node.
+    """Group tables of equal axes, each group's side by side in every node; also each entry's row.
 
-    ``fixed`` names the entry of ``tables`` that is each of FIXED_TABLE_ROWS; a missing one becomes a constant
-    (zero; one for the specific impulse). Returns the packed tables and the row of each entry of ``tables``.
-    Constants ride with the first one-dimensional group, so that they cost no look-up of their own.
+    ``fixed`` names the entry that is each of FIXED_TABLE_ROWS; a missing one becomes a constant. Constants ride with
+    the first one-dimensional group, so that they cost no look-up of their own.
     """
     everything = [table.ordered() for table in tables]
     entry_of = dict(fixed)

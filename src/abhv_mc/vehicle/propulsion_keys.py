@@ -8,7 +8,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from abhv_mc.io.documents import File, Refusal, StrictModel
 from abhv_mc.io.units import Acceleration, Angle, AngularRate, Area, Fraction, Frequency, Length, Time
 from abhv_mc.kernel.plant.vehicle import MAX_ENGINES, Inlet
-from abhv_mc.vehicle.limits import Positive
+from abhv_mc.vehicle.shared_keys import Positive
 
 # FIXED_TABLE_ROWS of the propulsion and the keys that name their tables.
 PROPULSION_TABLES = {

@@ -6,7 +6,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from abhv_mc.io.documents import Refusal, StrictModel
 from abhv_mc.io.units import Angle, AngularRate
-from abhv_mc.vehicle.limits import Positive
+from abhv_mc.vehicle.shared_keys import Positive
 
 AXIS_DEFLECTIONS = ("aileron", "rudder", "elevator")
 

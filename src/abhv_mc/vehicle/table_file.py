@@ -1,7 +1,6 @@
-"""Read a table from tidy CSV: one row per grid point, the axis columns and one column of values.
+"""Read a table from tidy CSV: sorted rows, one per point of a complete grid, with its axes and a value.
 
-A header names the variable and its unit (``mach,alpha_deg,value``); a vehicle file may say it instead. Rows are
-sorted, first axis slowest, and every combination of the axes is there once. Lines that start with ``#`` are comments.
+A header names the variable and its unit (``mach,alpha_deg,value``); a vehicle file may say it instead.
 """
 
 import itertools
@@ -125,11 +124,7 @@ def _grid(rows: Rows, columns: Sequence[int], points: Floats) -> list[Floats]:
 
 
 def read_table(path: Path, columns: Mapping[str, Role], effectors: Sequence[str] = ()) -> Table:
-    """Read one table; axes in SI and radians, values as they stand.
-
-    ``columns`` says what a column is where its header does not; ``effectors`` are the vehicle's own surfaces, in
-    the order of ``effector_0`` and so on. Raises :class:`InputError` with line and column.
-    """
+    """Read one table; axes in SI and radians, values as they stand. Raises :class:`InputError` with its place."""
     rows = read_rows(path)
     for name in columns:
         if name not in rows.header:

@@ -1,7 +1,6 @@
 """Functions of a vehicle's own: which code, how it is called, and what it gives on the launching side.
 
-What runs and compiles the code is a layer above (:mod:`abhv_mc.user_code.vehicle_functions`) and is registered here by
-the code's digest, so that trims and designs evaluate a vehicle of functions as they do one of tables.
+What runs it is a layer above (:mod:`abhv_mc.user_code.vehicle_functions`) and is registered here by the code's digest.
 """
 
 import hashlib
@@ -111,22 +110,17 @@ _evaluators: dict[bytes, Evaluator] = {}
 
 
 def register(digest: bytes, evaluate: Evaluator) -> None:
-    """Have a vehicle's functions evaluated by ``evaluate``.
-
-    It takes variables ``[variable, point]``, density and airspeed ``[point]`` and gives coefficients
-    ``[coefficient, point]`` in stability axes and thrust ``[7, point]``.
-    """
+    """Have a vehicle's functions evaluated by ``evaluate``, for :func:`evaluate_functions`."""
     _evaluators[digest] = evaluate
 
 
 def evaluate_functions(
     vehicle: Vehicle, variables: Any, density: Any = None, speed: Any = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients ``[coefficient, point]`` and thrust ``[7, point]`` of a vehicle's own functions.
+    """Coefficients ``[coefficient, point]``, in stability axes, and thrust ``[7, point]`` of a vehicle's own functions.
 
-    Of complex arguments the imaginary part is taken as a direction along which the slope is a central difference, so
-    that complex steps give slopes here as they do with tables. Without density (kg/m3) and speed (m/s) those of the
-    standard atmosphere at the variables' altitude and Mach number.
+    A complex argument's imaginary part is a direction along which the slope is a central difference. Without density
+    (kg/m3) and speed (m/s) those of the standard atmosphere at the variables' altitude and Mach number.
     """
     digest = vehicle.foreign.digest.tobytes()
     if digest not in _evaluators:

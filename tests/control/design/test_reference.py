@@ -9,12 +9,10 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from abhv_mc.control.design.design_model import Environment, guidance_rates
-from abhv_mc.control.design.guidance_trim import trim_faults
-from abhv_mc.control.design.reference import make_mission_trim_tables, make_start_trim, solve_reference
-from abhv_mc.control.mission import Mission, read_mission
+from abhv_mc.control.design.reference import make_start_trim, solve_reference
+from abhv_mc.control.mission import Mission
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
-from abhv_mc.user_code.vehicle_functions import load_vehicle
 
 Floats = NDArray[np.float64]
 CONFIGS = Path(__file__).parents[3] / "configs"
@@ -123,26 +121,3 @@ def test_mass_and_latitude_along_the_s(column: Columns) -> None:
     assert 0.03 < 1.0 - mass[-1] / mass[0] < 0.08  # about 5 % in a minute
     meridian = (column["north"][5000]) / (column["latitude"][5000] - column["latitude"][0])
     assert meridian == pytest.approx(6350.73e3 + 20e3, abs=50.0)  # M of WGS-84 at 29.32 deg, and the altitude
-
-
-@pytest.mark.parametrize(
-    ("vehicle_name", "mission_name"),
-    [
-        *((vehicle, name) for vehicle in ("ghame", "ghame_x", "winged_cone") for name in ("level", "climb", "turn")),
-        ("ghame", "s_manoeuvre"),
-        ("ghame_x", "s_manoeuvre"),
-        ("winged_cone", "level_mach15"),
-        ("winged_cone", "turn_mach15"),
-    ],
-)
-def test_shipped_missions_have_nominal_controls(vehicle_name: str, mission_name: str) -> None:
-    """Within the command limits of the shipped controllers, too: -1..12 deg of angle of attack, 70 deg of bank."""
-    vehicle = load_vehicle(CONFIGS / "vehicle" / f"{vehicle_name}.yaml")
-    mission = read_mission(CONFIGS / "mission" / f"{mission_name}.yaml")
-    tables = make_mission_trim_tables(mission, vehicle)
-    ticks = round(mission.duration / 0.1)
-    reference, trim = solve_reference(mission, vehicle, tables, 0.1, ticks)
-    assert trim_faults(trim, reference[:, 0]) == []
-    assert np.isfinite(reference).all()
-    assert np.rad2deg(trim.angle_of_attack).max() < 12.0
-    assert np.rad2deg(np.abs(trim.bank)).max() < 60.0

@@ -1,8 +1,7 @@
-"""The model that the controllers are designed on: right-hand sides (1), (13) and (3) on a non-rotating sphere.
+"""The model that the controllers are designed on: Zhu and Shen 2014, (1), (3), (13), on a non-rotating sphere.
 
-Plain numpy; every argument may be complex and have points as its last axes, so that Jacobians come from complex steps
-of these functions and not from the gain formulas that they check. FRD axes, SI and radians. Zhu and Shen 2014,
-equations (1), (3), (13), with sideslip and thrust inclination kept.
+With sideslip and thrust inclination kept. Every argument may be complex and have points as its last axes: Jacobians
+come from complex steps. FRD axes, SI and radians.
 """
 
 from typing import Any, NamedTuple

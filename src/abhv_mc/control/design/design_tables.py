@@ -1,7 +1,6 @@
-"""The nominal vehicle in plain numpy where an argument may be complex: a complex step gives a cell's exact slope.
+"""The nominal vehicle in numpy where an argument may be complex: a complex step gives a cell's exact slope.
 
-The compiled code reads the same arrays; :mod:`abhv_mc.vehicle.evaluate` is the real-valued twin of this file.
-Complex step: Squire and Trapp, SIAM Review 40 (1998). SI and radians.
+Real-valued twin: :mod:`abhv_mc.vehicle.evaluate`. Complex step: Squire and Trapp, SIAM Review 40 (1998). SI, radians.
 """
 
 from collections.abc import Callable
@@ -19,10 +18,7 @@ _STEP = 1e-30
 
 
 def slope(function: Callable[[Numbers], Numbers], at: Any) -> Floats:
-    """Jacobian [output, input] at a real vector, by complex step.
-
-    ``function`` takes [input, point] and gives [output, point]; it is called once, with a point for each input.
-    """
+    """Jacobian [output, input] of a function of [input, point] at a real vector, by one call with complex steps."""
     at = np.asarray(at, dtype=np.float64)
     return np.asarray(np.imag(function(at[:, None] + 1j * _STEP * np.eye(at.size))) / _STEP)
 
@@ -99,10 +95,7 @@ def stack_variables(variables: dict[str, Numbers]) -> Numbers:
 
 
 def engine_at(vehicle: Vehicle, variables: dict[str, Numbers], density: Any, speed: Any) -> Numbers:
-    """Force x, y, z (N), moment x, y, z (N m, about where the aerodynamics' is) and fuel flow of an engine function.
-
-    ``[7, ...]``; zeros for a vehicle without one.
-    """
+    """Force (N), moment (N m, about the aerodynamics' point), fuel flow of an engine function, or zeros: [7, ...]."""
     if not vehicle.foreign.propulsion:
         return np.zeros((N_THRUST, *variables["one"].shape))
     _, made = evaluate_functions(vehicle, stack_variables(variables), density, speed)

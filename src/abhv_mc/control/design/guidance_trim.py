@@ -1,10 +1,7 @@
-"""Nominal controls along a trajectory: the guidance equations solved by nested Brent searches.
+"""Nominal controls along a trajectory: Zhu and Shen 2014, (12), solved on the trim tables by nested Brent searches.
 
-Zhu and Shen 2014, section 4.3, equation (12): angle of attack, bank and equivalence ratio for wanted accelerations,
-on the trim tables. The paper solves its three equations in turn; its bank and angle-of-attack pass multiplies the
-error by ``-tan^2 bank`` and so diverges beyond 45 deg. Here the searches are nested: bank, which the third equation
-gives explicitly, inside each residual of the second; angle of attack inside each residual of the first. Each search
-brackets the one root of a monotone function.
+The paper solves its three equations in turn, which diverges beyond 45 deg of bank (error times ``-tan^2 bank``). Here
+bank, explicit in the third, is inside each residual of the second, and angle of attack inside each of the first.
 """
 
 from typing import NamedTuple
@@ -50,9 +47,8 @@ def trim_along(
 ) -> GuidanceTrim:
     """Solve (12) at every point in order, each search starting about the last solution.
 
-    mass: at the first point, kg; with ``tick`` (s between points) the fuel burnt on the way leaves it.
-    held_equivalence_ratio: skip the axial equation. The angle of attack is searched over the trim tables, the bank
-    within BANK_LIMIT. Where an interval holds no root, the end with the smaller residual stands and the status says so.
+    mass: at the first point, kg; with ``tick`` (s between points) the fuel burnt on the way leaves it. Where an
+    interval (trim tables, BANK_LIMIT) holds no root, the end with the smaller residual stands and the status says so.
     """
     constants = vehicle.constants
     if [VARIABLES[v] for v in trim_tables.axis_variable[:3]] != ["mach", "angle_of_attack", "equivalence_ratio"]:

@@ -1,7 +1,6 @@
-"""Gains of the LQR baseline along the reference: guidance (22), longitudinal and lateral attitude (23).
+"""Gains of the LQR baseline along the reference: Zhu and Shen 2014, section 7, (22) and (23).
 
-Zhu and Shen 2014, section 7. Guidance is linearized with the data at trim, attitude with the full tables, damping and
-thrust included, both by complex steps of :mod:`abhv_mc.control.design.design_model`; the Riccati equations are scipy's.
+Guidance is linearized with the data at trim, attitude with the full tables, both by complex steps.
 """
 
 from typing import Any, NamedTuple
@@ -77,9 +76,7 @@ def make_lqr_gains(
 ) -> Floats:
     """``[tick, gain]`` in the order of LQR_GAINS: ``u = nominal - K (x - nominal)``, SI and radians.
 
-    Gains are computed every ``controller.spacing``, every 0.1 s in the ramps of the bank and on both sides of each step
-    of the reference, and interpolated in time between, never across a step. Raises numpy.linalg.LinAlgError where a
-    Riccati equation has no stabilising solution.
+    Interpolated in time between knots, never across a step. Raises numpy.linalg.LinAlgError without a stabilising gain.
     """
     pieces = make_lqr_models(controller.spacing, mission, reference, vehicle, trim_tables)
     return gains_of_models(controller, pieces, reference[:, REFERENCE.index("time")])

@@ -34,11 +34,7 @@ def ramp_times(mission: m.Mission) -> tuple[tuple[float, float], ...]:
 
 
 def make_profile(mission: m.Mission, times: Floats) -> Profile:
-    """The mission's motion at evenly spaced times from 0; at a step the value is the one right of it.
-
-    Manoeuvres add up. Only a flight path angle that is held is integrated: its altitude comes from the trapezoidal
-    rule with the slopes' correction (order 4).
-    """
+    """The mission's motion at evenly spaced times from 0, manoeuvres added up; at a step the value right of it."""
     if isinstance(mission.manoeuvre, m.Recorded):
         return _recorded(mission.manoeuvre, mission.duration, times)
     start = mission.start

@@ -32,11 +32,9 @@ def make_mission_trim_tables(mission: Mission, vehicle: Vehicle) -> Tables:
 def solve_reference(
     mission: Mission, vehicle: Vehicle, trim_tables: Tables, tick: float, ticks: int
 ) -> tuple[Floats, GuidanceTrim]:
-    """The reference, ``[tick, column]`` as REFERENCE, for ticks 0..ticks of ``tick`` seconds, SI and radians.
+    """The reference, ``[tick, column]`` as REFERENCE, for ticks 0..ticks of ``tick`` s, and the trim behind it.
 
-    At a step of the reference a tick takes the value right of it. The nominal controls are those of an Earth that
-    does not turn, as in (1): its attraction at the reference's place, no centrifugal and no Coriolis acceleration.
-    The trim behind them comes with it: its status says where no nominal control flies the mission.
+    At a step a tick takes the value right of it. Nominal controls are those of an Earth that does not turn, as in (1).
     """
     still = mission.make_earth()._replace(rotation_rate=0.0)
     half_ticks = make_profile(mission, np.arange(2 * ticks + 1, dtype=np.float64) * (0.5 * tick))

@@ -1,7 +1,6 @@
 """TLC's gains along the reference: sub-loops 1 and 2 whole, and the PD spectra of sub-loops 3 and 4.
 
-Zhu and Shen 2014: equations (5)-(11) and (20). Sub-loops 1 and 2 depend on the reference and its stored controls only,
-so their gains are known before flight; :mod:`abhv_mc.kernel.laws.tlc_loops` does sub-loops 3 and 4 in flight.
+Zhu and Shen 2014, (5)-(11) and (20); :mod:`abhv_mc.kernel.laws.tlc_loops` does sub-loops 3 and 4 in flight.
 """
 
 from typing import Any
@@ -121,10 +120,7 @@ def velocity_loop(reference: Floats, vehicle: Vehicle, trim_tables: Tables) -> t
 
 
 def velocity_gains(A: Floats, B: Floats, spectra: list[tuple[Floats, Floats]]) -> Floats:
-    """K2 ``[tick, 3, 6]`` on (integral, state) of each of gamma, chi, V, such that ``B K = A - A_c``.
-
-    Raises numpy.linalg.LinAlgError where the inputs do not rule all three, as without any thrust.
-    """
+    """K2 ``[tick, 3, 6]`` with ``B K = A - A_c``. Raises LinAlgError where the inputs do not rule: no thrust."""
     if np.linalg.cond(B).max() > _LARGEST_CONDITION:
         raise np.linalg.LinAlgError("Singular matrix B")
     expected = np.zeros((len(A), 3, 6))

@@ -1,8 +1,4 @@
-"""Trim tables: the data that guidance flies on, computed from a vehicle's full tables.
-
-At every node the elevator makes the pitching moment about the centre of gravity zero, thrust line included, without
-sideslip, rates, aileron or rudder. Lift and drag are those of the trimmed vehicle, elevator part included.
-"""
+"""Trim tables: the data that guidance flies on, of the vehicle with no pitching moment about its centre of gravity."""
 
 from itertools import pairwise
 from typing import Any
@@ -34,13 +30,10 @@ _ANGLES_OF_ATTACK = np.deg2rad([-10.0, 30.0])
 
 
 def make_trim_tables(vehicle: Vehicle, altitude: float, speed_range: tuple[float, float]) -> Tables:
-    """Pack TRIM_ROWS over Mach, angle of attack and equivalence ratio.
+    """Pack TRIM_ROWS over Mach, angle of attack and equivalence ratio, at the altitude (m) where the mission flies.
 
-    altitude (m): where the mission flies. A breathing engine's T / (q_bar S) goes with 1 / V, here with
-    ``V = Mach * speed of sound`` of this altitude: 10 km away the speed of sound, and with it the thrust at the same
-    Mach number, differs by 2 %. speed_range (m/s) is widened by a tenth on each side. The mass is the vehicle's at
-    the start. A node where no deflection balances the moment has the deflection limit that comes nearest and a 1 in
-    the row ``untrimmed``. What a table of the vehicle does not reach is held at its edge, as in flight.
+    speed_range (m/s) is widened by a tenth on each side. T / (q_bar S) of a breathing engine goes with 1 / V, V of a
+    Mach number with the altitude: 2 % in 10 km. Where no deflection balances the moment, the nearest limit stands.
     """
     constants = vehicle.constants
     density, _, _, sound_speed = atmosphere(altitude)
@@ -113,10 +106,7 @@ def _pack(axes: tuple[Axis, ...], values: list[Floats]) -> Tables:
 def trim_elevator(
     vehicle: Vehicle, around: Environment, speed: Floats, alpha: Floats, eta: Floats
 ) -> tuple[Floats, NDArray[np.bool_]]:
-    """Elevator (rad) of zero pitching moment at each point, and whether there is one within the limits.
-
-    Chandrupatla's bracketing method, the vector form of Brent's; nothing about the moment is taken to be linear.
-    """
+    """Elevator (rad) of zero pitching moment at each point, by Chandrupatla's method, and whether there is one."""
     from scipy.optimize import elementwise
 
     mass = vehicle.constants.mass_start

@@ -11,7 +11,7 @@ from abhv_mc.topics.registry import all_topics
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
 from abhv_mc.topics.words import fixed, joined, percent
-from abhv_mc.vehicle.sensing import IN_WIND
+from abhv_mc.vehicle.shared_keys import IN_WIND
 
 
 def summary_sentences(models: Models) -> list[str]:

@@ -1,14 +1,17 @@
-"""Limits on loads, heat, bank and oscillation: what a vehicle file and a mission file may both name."""
+"""What a vehicle file and a mission file may both say: limits, and what instruments measure angles and speed against.
+
+Bank, flight path angle and heading are always relative to the Earth.
+"""
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
 from abhv_mc.io.documents import StrictModel
 from abhv_mc.io.units import Angle, HeatFlux, Pressure
-from abhv_mc.kernel.plant.vehicle import LoadBounds
+from abhv_mc.kernel.plant.vehicle import LoadBounds, Sensing
 
 Positive = Field(gt=0.0)
 STILL_AIR = "still air and no noise: they swing an angle where nothing cycles"
@@ -67,3 +70,31 @@ def refuse_oscillation(loads: LoadBounds, disturbances: Sequence[str]) -> str:
     """Why a flight with these gusts, turbulence or noise has no limit on oscillation; '' where it may."""
     limited = min(loads.bank_ripple, loads.angle_of_attack_ripple, loads.sideslip_ripple) < math.inf
     return f"'{disturbances[0]}' with 'limits: {{oscillation}}'" if limited and disturbances else ""
+
+
+IN_WIND = "in this wind"  # begins the sentence that says what is measured
+Against = Literal["air", "inertial"]
+
+
+class SensingKeys(StrictModel):
+    """What instruments measure: air, or inertial (relative to the Earth)."""
+
+    angle_of_attack: Against | None = Field(None, description="air, or inertial, which is the default")
+    sideslip: Against | None = Field(None, description="air, or inertial, which is the default")
+    airspeed: Against | None = Field(
+        None, description="air: the measured speed is the airspeed; inertial, the default: the speed over the Earth"
+    )
+
+
+def choose_sensing(mission: SensingKeys, vehicle: Sensing) -> Sensing:
+    """What the mission says, and where it says nothing the vehicle."""
+    asked = (mission.angle_of_attack, mission.sideslip, mission.airspeed)
+    return Sensing(*(of if key is None else int(key == "air") for key, of in zip(asked, vehicle, strict=True)))
+
+
+def describe_sensing(sensing: Sensing) -> str:
+    """What is measured against what, for a reader."""
+    air = [name.replace("_", " ") for name, of in sensing._asdict().items() if of]
+    ground = [name.replace("_", " ") for name, of in sensing._asdict().items() if not of]
+    found = [f"{', '.join(of)} relative to {what}" for of, what in ((air, "the air"), (ground, "the Earth")) if of]
+    return "the controllers are given " + " and ".join(found)
