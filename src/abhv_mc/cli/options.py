@@ -27,20 +27,20 @@ def _of_kinds(*kinds: str) -> dict[str, Any]:
     return {"parser": find, "autocompletion": complete, "help": words}
 
 
-def complete_folder(incomplete: str) -> list[str]:
+def _complete_folder(incomplete: str) -> list[str]:
     """Campaigns' folders in `reports`."""
     flown = [path.parent.as_posix() for path in sorted(Path("reports").glob("*/manifest.json"))]
     return [name for name in flown if name.startswith(incomplete)]
 
 
-def complete_metric(incomplete: str) -> list[str]:
+def _complete_metric(incomplete: str) -> list[str]:
     """Names of the built-in metrics."""
     from abhv_mc.flight.metrics import BUILT_IN
 
     return [name for name in BUILT_IN if name.startswith(incomplete)]
 
 
-def complete_controllers(incomplete: str) -> list[str]:
+def _complete_controllers(incomplete: str) -> list[str]:
     """Names of the shipped controllers, after those that stand already before a comma."""
     before, comma, last = incomplete.rpartition(",")
     return [f"{before}{comma}{name}" for name in shipped_files("control") if name.startswith(last)]
@@ -49,7 +49,12 @@ def complete_controllers(incomplete: str) -> list[str]:
 def controllers_option(words: str, **options: Any) -> Any:
     """An option that names several controllers."""
     names = "--controllers", "--controller"
-    return typer.Option(*names, metavar="A,B", help=words, autocompletion=complete_controllers, **options)
+    return typer.Option(*names, metavar="A,B", help=words, autocompletion=_complete_controllers, **options)
+
+
+def metric_option(words: str, **options: Any) -> Any:
+    """An option that names a metric."""
+    return typer.Option(metavar="METRIC", help=words, autocompletion=_complete_metric, **options)
 
 
 def controller_option(words: str, metavar: str = "C", **options: Any) -> Any:
@@ -72,7 +77,7 @@ Controller = Annotated[str | None, controller_option("Controller.", "NAME", show
 
 def folder_argument(words: str = "A campaign's folder.", metavar: str = "DIR") -> Any:
     """An argument that names the folder of a campaign."""
-    return typer.Argument(metavar=metavar, help=words, autocompletion=complete_folder)
+    return typer.Argument(metavar=metavar, help=words, autocompletion=_complete_folder)
 
 
 Folder = Annotated[Path, folder_argument()]
@@ -88,7 +93,7 @@ Baseline = Annotated[
     typer.Option(
         metavar="DIR",
         help="Campaign flown before on the same samples; the report says what changed.",
-        autocompletion=complete_folder,
+        autocompletion=_complete_folder,
     ),
 ]
 NoReport = Annotated[bool, typer.Option("--no-report", help="Make no report.")]

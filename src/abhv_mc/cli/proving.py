@@ -1,6 +1,8 @@
 """``verify``, ``bench``: checks against published data and of a folder, and speed."""
 
 import sys
+from collections.abc import Callable
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -63,8 +65,7 @@ def nesc(
     """
     from abhv_mc.verification.nesc import verify_nesc
 
-    scale = _prepare(tolerance_scale)
-    _show(verify_nesc(folder, scale), json, junit)
+    _verify(lambda scale: verify_nesc(folder, scale), tolerance_scale, json, junit)
 
 
 @verify.command("ghame6")
@@ -80,8 +81,7 @@ def ghame6(
     """
     from abhv_mc.verification.ghame6 import verify_ghame6
 
-    scale = _prepare(tolerance_scale)
-    _show(verify_ghame6(file, scale), json, junit)
+    _verify(lambda scale: verify_ghame6(file, scale), tolerance_scale, json, junit)
 
 
 @verify.command("all")
@@ -101,26 +101,18 @@ def everything(
     """Show all that is held against published data as one table: others' flights, and the numbers of papers."""
     from abhv_mc.verification.everything import verify_everything
 
-    scale = _prepare(tolerance_scale)
-    if references is None and _REFERENCES.is_dir():
-        references = _REFERENCES
-    _show(verify_everything(references, scale), json, junit)
+    folder = references or (_REFERENCES if _REFERENCES.is_dir() else None)
+    _verify(lambda scale: verify_everything(folder, scale), tolerance_scale, json, junit)
 
 
-def _prepare(scale: float) -> float:
-    """Refuse what would fail after the flights; the factor of the tolerances."""
-    import math
-
-    if not (math.isfinite(scale) and scale > 0.0):
-        raise InputError("--tolerance-scale", f"{scale:g}", "a positive number")
-    announce_compiling()
-    return scale
-
-
-def _show(rows: "list[Row]", json: Path | None, junit: Path | None) -> None:
+def _verify(make_rows: "Callable[[float], list[Row]]", scale: float, json: Path | None, junit: Path | None) -> None:
     """Print one table, write JSON and JUnit XML, and exit 1 where a row is not as it should be."""
     from abhv_mc.verification.check_rows import all_ok, rows_record
 
+    if not 0.0 < scale < inf:
+        raise InputError("--tolerance-scale", f"{scale:g}", "a positive number")
+    announce_compiling()
+    rows = make_rows(scale)
     answer(rows_record(rows), json, lambda: _print_rows(rows))
     if junit is not None:
         from abhv_mc.report.pages.matrix import Case, make_junit

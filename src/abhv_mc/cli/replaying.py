@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from abhv_mc.cli.errors import ExitCode
-from abhv_mc.cli.options import Controller, Folder, Json, TrustCode, complete_metric
+from abhv_mc.cli.options import Controller, Folder, Json, TrustCode, metric_option
 from abhv_mc.cli.outputs import output, output_file
 from abhv_mc.cli.printing import announce_compiling, answer, print_section_table, say
 from abhv_mc.folder.layout import CampaignFolder
@@ -72,13 +72,7 @@ def explain(
     every: Annotated[bool, typer.Option("--all", help="Map the failed flights: the 50 worst of a controller.")] = False,
     controller: Controller = None,
     requirement: Annotated[
-        str | None,
-        typer.Option(
-            metavar="METRIC",
-            help="Explain why it missed this requirement.",
-            show_default="what it failed",
-            autocompletion=complete_metric,
-        ),
+        str | None, metric_option("Explain why it missed this requirement.", show_default="what it failed")
     ] = None,
     out: Annotated[Path | None, output(output_file, "FILE.png", "Where the figure goes.", default="in DIR")] = None,
     json: Json = None,
@@ -90,26 +84,18 @@ def explain(
     grouped by these sets; 'abhv-mc report' shows them.
     """
     if every == (flight is not None) or (every and (requirement or out)):
-        found = "no flight" if not every and flight is None else "both a flight (or its requirement, or figure) and all"
-        raise InputError("--flight", found, "--flight NUMBER, or --all alone")
+        asked = "both a flight (or its requirement, or figure) and all" if every else "no flight"
+        raise InputError("--flight", asked, "--flight NUMBER, or --all alone")
     announce_compiling()
     if flight is None:
         _map_all(folder, controller, json, trust_code)
-    else:
-        _explain_one(folder, flight, controller, requirement, out, json, trust_code)
-
-
-def _explain_one(
-    folder: Path, flight: int, controller: str | None, requirement: str | None, out: Path | None, json: Path | None,
-    trust_code: bool,
-) -> None:  # fmt: skip
+        return
     from abhv_mc.analysis.explain import explain_flight
     from abhv_mc.folder.inputs import first_controller
     from abhv_mc.report.pages.explained import explanation_numbers, explanation_words, make_explained_figure
     from abhv_mc.simulators.engine import make_engine
 
-    name = controller or first_controller(folder)
-    fly = make_engine().fly
+    name, fly = controller or first_controller(folder), make_engine().fly
     found = run_in_thread(lambda: explain_flight(folder, name, flight, fly, requirement, trust_code=trust_code))
     path = out or CampaignFolder(folder).explained / f"{name}-{flight}.png"
     words, numbers = explanation_words(found), explanation_numbers(found)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from abhv_mc.cli.errors import ExitCode
-from abhv_mc.cli.options import CampaignFile, Controller, Fresh, Json, Scheduler, Seed, Workers, complete_metric
+from abhv_mc.cli.options import CampaignFile, Controller, Fresh, Json, Scheduler, Seed, Workers, metric_option
 from abhv_mc.cli.outputs import campaign_folder, output, output_file
 from abhv_mc.cli.printing import announce_compiling, answer, beside, print_section, say
 from abhv_mc.io.input_error import InputError
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def worst(
     campaign: CampaignFile,
-    metric: Annotated[str, typer.Option(metavar="METRIC", help="Metric to search.", autocompletion=complete_metric)],
+    metric: Annotated[str, metric_option("Metric to search.")],
     out: Annotated[Path, output(campaign_folder, "DIR", "For flights and page.")],
     controller: Controller = None,
     above: Annotated[bool, typer.Option("--above", help="Large values are bad.")] = False,
@@ -52,9 +52,7 @@ def worst(
 
 def rare(
     campaign: CampaignFile,
-    requirement: Annotated[
-        str, typer.Option(metavar="METRIC", help="Metric of the requirement.", autocompletion=complete_metric)
-    ],
+    requirement: Annotated[str, metric_option("Metric of the requirement.")],
     out: Annotated[Path, output(campaign_folder, "DIR", "For flights and page.")],
     controller: Controller = None,
     target_cov: Annotated[
