@@ -13,18 +13,17 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.io.input_error import InputError
-from abhv_mc.kernel.jit_pointer import address_of, call_c, floats_at
+from abhv_mc.kernel.jit_pointer import address_of
 from abhv_mc.kernel.laws.columns import REFERENCE
-from abhv_mc.kernel.laws.user import FAULT, MAX_MEMORY, MEMORY
+from abhv_mc.kernel.laws.user import MAX_MEMORY, MEMORY
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.state import aligned_zeros
 from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
 from abhv_mc.user_code.c_source import describe_layout, interface
 from abhv_mc.user_code.child import check_may_run
-from abhv_mc.user_code.compiled import COMMAND_ROWS, ONBOARD_ROWS, OpenLaw, build_loop, find_place, indent, lane_of
+from abhv_mc.user_code.compiled import COMMAND_ROWS, ONBOARD_ROWS, lane_of
 from abhv_mc.user_code.effector_commands import effector_rows
-from abhv_mc.user_code.law_interface import NOT_GIVEN
-from abhv_mc.user_code.plain_law import LAW_FAILED
+from abhv_mc.user_code.native_loop import OpenLaw, build_native
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import BUILT, unpack
 
@@ -128,42 +127,6 @@ def open_c_law(
     return OpenLaw(int(loop.address), int(context.ctypes.data), (loop, states, buffer, context, library))
 
 
-_HEAD = """\
-def loop(context, Z, row, column, given, tick, dt):
-    init, step, get, put = context[0], context[1], context[2], context[3]
-    states, stride, places, buffer = context[4], context[5], context[6], context[9]
-    seen, command, numbers = floats_at(buffer), floats_at(buffer + {command}), floats_at(buffer + {numbers})
-    first, reference = address_of(row), address_of(row) + {row} * tick
-    gains, settings, time = address_of(column) + 8 * context[8] * tick, address_of(given), tick * dt
-    for lane in range({width}):
-        if Z[{fault} + lane] > 0.0:
-            continue
-        total, failed, number = 0.0, 0, lane
-"""
-_CALL = """\
-        state = states + number * stride
-        if {begins}:
-            words = floats_at(state)
-            for i in range(stride // 8):
-                words[i] = 0.0
-            failed = call_c(init, (settings, first, state))
-{restore}
-{seen}
-        for i in range(4, {commands}):
-            command[i] = inf
-        if failed == 0 and total - total == 0.0:
-            failed = call_c(step, (buffer, reference, gains, settings, time, dt, state, buffer + {command}))
-        else:
-            command[0] = nan
-        if failed != 0:
-            Z[{fault} + lane] = {law_failed}
-            for i in range({commands}):
-                command[i] = 0.0
-{write}
-{keep}
-"""
-
-
 @functools.cache
 def compile_adapter(width: int, memory: int | None, given: int, onboard: bool, effectors: tuple[int, ...]) -> Any:
     """The compiled loop, the same for every law; ``memory`` and ``given``, which it calls ``seen``, as in
@@ -172,25 +135,37 @@ def compile_adapter(width: int, memory: int | None, given: int, onboard: bool, e
     commanded = (*COMMAND_ROWS, *effectors)
     at = functools.partial(lane_of, width)
     rows = [at(MEMORY + i) for i in range(memory or 0)]
-    restored = [f"numbers[{i}] = {row}" for i, row in enumerate(rows)]
-    restored.append(f"failed = call_c(put, (state, buffer + {_NUMBERS}))")
-    kept = [f"{row} = numbers[{i}]" for i, row in enumerate(rows)]
-    seen = [f"seen[{i}] = {at(s.MEASURED + i)}" for i in range(given)]
-    seen += [f"total += seen[{i}]" for i in range(s.N_MEASURED)]
-    seen += [f"seen[{s.N_SEEN + i}] = {at(row)}" for i, row in enumerate(ONBOARD_ROWS if onboard else ())]
-    text = (_HEAD + (find_place(width, 7, "places", commanded) if memory is None else "") + _CALL).format(
-        width=width,
-        command=_COMMAND,
-        numbers=_NUMBERS,
-        row=8 * len(REFERENCE),
-        fault=FAULT * width,
-        begins="tick == 0" if memory is None else "True",
-        restore="" if not rows else "        if tick > 0 and failed == 0:\n" + indent(12, restored),
-        keep="" if not rows else indent(8, [f"call_c(get, (state, buffer + {_NUMBERS}))", *kept]),
-        seen=indent(8, seen),
-        law_failed=LAW_FAILED,
-        write=indent(8, [f"{at(row)} = command[{i}]" for i, row in enumerate(commanded)]),
-        commands=len(commanded),
-    )
-    names = {"floats_at": floats_at, "address_of": address_of, "call_c": call_c, "inf": NOT_GIVEN, "nan": float("nan")}
-    return build_loop("c", text, names)
+    before = f"""\
+init, step, get, put = context[0], context[1], context[2], context[3]
+states, stride, places, buffer = context[4], context[5], context[6], context[9]
+seen, out, numbers = floats_at(buffer), floats_at(buffer + {_COMMAND}), floats_at(buffer + {_NUMBERS})
+first, reference = address_of(row), address_of(row) + {8 * len(REFERENCE)} * tick
+gains, settings, time = address_of(column) + 8 * context[8] * tick, address_of(given), tick * dt"""
+    lines = f"""\
+state = states + number * stride
+if {"tick == 0" if memory is None else "True"}:
+    words = floats_at(state)
+    for i in range(stride // 8):
+        words[i] = 0.0
+    failed = call_c(init, (settings, first, state))
+""".splitlines()
+    if rows:
+        lines.append("if tick > 0 and failed == 0:")
+        lines += [f"    numbers[{i}] = {row}" for i, row in enumerate(rows)]
+        lines.append(f"    failed = call_c(put, (state, buffer + {_NUMBERS}))")
+    lines += [f"seen[{i}] = {at(s.MEASURED + i)}" for i in range(given)]
+    lines += [f"total += seen[{i}]" for i in range(s.N_MEASURED)]
+    lines += [f"seen[{s.N_SEEN + i}] = {at(row)}" for i, row in enumerate(ONBOARD_ROWS if onboard else ())]
+    lines += f"""\
+for i in range(4, {len(commanded)}):
+    out[i] = inf
+if failed == 0 and total - total == 0.0:
+    failed = call_c(step, (buffer, reference, gains, settings, time, dt, state, buffer + {_COMMAND}))
+""".splitlines()
+    if rows:
+        lines += ["if failed == 0:", f"    call_c(get, (state, buffer + {_NUMBERS}))"]
+        lines += [f"    {row} = numbers[{i}]" for i, row in enumerate(rows)]
+    written = {row: f"out[{i}]" for i, row in enumerate(commanded)}
+    place = (7, "places") if memory is None else None
+    names = {"address_of": address_of}
+    return build_native(width, before, "\n".join(lines), "failed != 0", len(commanded), written, place, names)

@@ -7,8 +7,8 @@ import re
 import sys
 import types
 from collections import namedtuple
-from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple
+from collections.abc import Iterable
+from typing import Any
 
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.input_error import InputError
@@ -16,7 +16,7 @@ from abhv_mc.kernel.cache import one_compiles
 from abhv_mc.kernel.jit import scalar
 from abhv_mc.kernel.jit_pointer import Uncompilable, compile_pointer
 from abhv_mc.kernel.laws.columns import REFERENCE
-from abhv_mc.kernel.laws.user import FAULT, MEMORY, N_ONBOARD, ONBOARD
+from abhv_mc.kernel.laws.user import MEMORY, N_ONBOARD, ONBOARD
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.user_code.effector_commands import effector_rows, tuple_codes
 from abhv_mc.user_code.law_interface import (
@@ -38,6 +38,7 @@ from abhv_mc.user_code.unpack import laws_folder, unpack
 
 _CONTROLS = s.CMD_AILERON, s.CMD_RUDDER, s.CMD_ELEVATOR, s.CMD_ETA
 COMMAND_ROWS = (*_CONTROLS, s.GAMMA_CMD, s.ALPHA_CMD, s.BANK_CMD)  # of a Command
+LAW_FAILED = 50.0  # abhv_mc.flight.outcome.Outcome.LAW_FAILED, which is a layer above
 _GIVEN = "float('inf')"  # in the text of a loop: abhv_mc.user_code.law_interface.NOT_GIVEN
 _MADE = (Command, Coefficients, Thrust)  # of whatever numbers
 ONBOARD_ROWS = (*range(ONBOARD, ONBOARD + N_ONBOARD), *range(s.CMD, s.CMD + 4))  # of Onboard's numbers
@@ -100,36 +101,6 @@ def loop_text(width: int, once: list[str], inside: list[str]) -> str:
     """The text of a loop over the lanes: lines before it, and lines for each lane."""
     lines = [indent(4, once), f"    for lane in range({width}):", indent(8, inside)]
     return "\n".join(["def loop(context, Z, row, column, given, tick, dt):", *lines, ""])
-
-
-def find_place(width: int, following: int, places: str, commanded: Iterable[int]) -> str:
-    """Lines of the loop of a law whose memory lies in a place for each flight, of which the lane holds the number.
-
-    ``following`` and ``places``: where in the context the next number stands, and how many there are in words of it;
-    ``commanded``: the rows of what it commands.
-    """
-    repeat = [f"{lane_of(width, row)} = {lane_of(width, row)[:-1]} - 1]" for row in (*commanded, FAULT)]
-    held = f"Z[{MEMORY * width} + lane"
-    return f"""\
-        if tick == 0:
-            number = context[{following}]
-            context[{following}] = (number + 1) % {places}
-            {held}] = number
-        else:
-            number = int({held}])
-            if lane > 0 and {held}] == {held} - 1]:  # a spare lane that repeats a flight
-{indent(16, repeat)}
-                continue
-"""
-
-
-class OpenLaw(NamedTuple):
-    """A law in C or an FMU for the flights of one call: what the kernel calls, and all that must live meanwhile."""
-
-    address: int
-    context: int
-    held: Any
-    close: Callable[[], Any] = lambda: None
 
 
 def build(module: Module, text: str, names: dict[str, Any], salt: str = "") -> Any:

@@ -19,10 +19,10 @@ from abhv_mc.io.input_error import InputError, Refusal, one_of
 from abhv_mc.io.units import parse_any, parse_unit, unit_of
 from abhv_mc.kernel.laws.user import MAX_MEMORY
 from abhv_mc.user_code.child import check_may_run
-from abhv_mc.user_code.compiled import OpenLaw
 from abhv_mc.user_code.effector_commands import effector_rows, find_commanded
 from abhv_mc.user_code.fmu_loop import FLAGS, Wire, compile_fmu_adapter
 from abhv_mc.user_code.law_interface import find_unit
+from abhv_mc.user_code.native_loop import OpenLaw
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import filled_once, unpack
 

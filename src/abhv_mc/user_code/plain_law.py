@@ -11,13 +11,11 @@ from abhv_mc.array_types import Floats
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.laws.user import FAULT, MEMORY, N_ONBOARD, ONBOARD
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.user_code.compiled import COMMAND_ROWS, ONBOARD_ROWS, make_gains_class, split_columns
+from abhv_mc.user_code.compiled import COMMAND_ROWS, LAW_FAILED, ONBOARD_ROWS, make_gains_class, split_columns
 from abhv_mc.user_code.law_interface import Command, Measured, Onboard, Reference, command_rows, nest
 from abhv_mc.user_code.module import Law
 from abhv_mc.user_code.unpack import in_its_folder
 from abhv_mc.user_code.watch import watching
-
-LAW_FAILED = 50.0  # abhv_mc.flight.outcome.Outcome.LAW_FAILED, which is a layer above
 
 _SOCKET = ctypes.CFUNCTYPE(
     None, ctypes.c_void_p, *4 * [ctypes.POINTER(ctypes.c_double)], ctypes.c_int64, ctypes.c_double

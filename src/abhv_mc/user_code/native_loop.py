@@ -1,0 +1,71 @@
+"""What laws in C and FMUs share: the loop over the lanes in which native code is called."""
+
+from collections.abc import Callable, Iterable, Mapping
+from textwrap import indent
+from typing import Any, NamedTuple
+
+from abhv_mc.kernel.jit_pointer import call_c, floats_at
+from abhv_mc.kernel.laws.user import FAULT, MEMORY
+from abhv_mc.user_code.compiled import LAW_FAILED, build_loop, lane_of
+from abhv_mc.user_code.law_interface import NOT_GIVEN
+
+
+class OpenLaw(NamedTuple):
+    """A law for the flights of one call: what the kernel calls, and all that must live meanwhile."""
+
+    address: int
+    context: int
+    held: Any
+    close: Callable[[], Any] = lambda: None
+
+
+def build_native(
+    width: int,
+    before: str,
+    each: str,
+    bad: str,
+    outputs: int,
+    written: Mapping[int, str],
+    place: tuple[int, str] | None,
+    names: dict[str, Any],
+) -> Any:
+    """Compile a loop: lines ``before`` its lanes, those of ``each``, and what each row is then ``written`` with.
+
+    The lines make ``total``, not-a-number where the law cannot be asked, ``failed``, by which the flight ends where it
+    is ``bad``, and the numbers ``out``, so many ``outputs``. The memory of a flight lies in a ``place`` of which its
+    lane holds the number: where in the context the next one's stands, and how many there are; None where the lanes'
+    rows hold it.
+    """
+    lane = f"""\
+if Z[{FAULT * width} + lane] > 0.0:
+    continue
+number, total, failed = lane, 0.0, 0
+{_find_place(width, *place, (*written, FAULT)) if place else ""}
+{each}
+if {bad}:
+    Z[{FAULT * width} + lane] = {LAW_FAILED}
+    for i in range({outputs}):
+        out[i] = 0.0
+elif total - total != 0.0:
+    out[0] = nan
+"""
+    lane += "".join(f"{lane_of(width, row)} = {value}\n" for row, value in written.items())
+    head = f"def loop(context, Z, row, column, given, tick, dt):\n{indent(before, ' ' * 4)}\n"
+    text = f"{head}    for lane in range({width}):\n{indent(lane, ' ' * 8)}"
+    known = {"floats_at": floats_at, "call_c": call_c, "inf": NOT_GIVEN, "nan": float("nan")}
+    return build_loop("native", text, known | names)
+
+
+def _find_place(width: int, following: int, places: str, rows: Iterable[int]) -> str:
+    held = f"Z[{MEMORY * width} + lane"
+    repeat = "\n".join(f"        {lane_of(width, row)} = {lane_of(width, row)[:-1]} - 1]" for row in rows)
+    return f"""\
+if tick == 0:
+    number = context[{following}]
+    context[{following}] = (number + 1) % {places}
+    {held}] = number
+else:
+    number = int({held}])
+    if lane > 0 and {held}] == {held} - 1]:  # a spare lane that repeats a flight
+{repeat}
+        continue"""
