@@ -80,20 +80,14 @@ def open_flights(root: Path) -> Iterator[FlightTable]:
             f"ranks.* exclude (controller, flight), {listed} from flights join ranks using (controller, flight)"
         )
         connection.unregister("ranks")
-        ends = find_ranges(connection, columns)
+        found = connection.execute(f"select {', '.join(map(_ends, columns))} from shown").fetchone() or ()
+        ends = {name: (float(found[2 * i]), float(found[2 * i + 1])) for i, name in enumerate(columns)}
         labels, colors = full_labels(results.folder, names), controller_colors(names)
         channels = [channel.name for channel in results.campaign.channels]
         view = describe_flights(results, labels, colors, ends, channels)
         (total,) = connection.execute("select count(*) from shown").fetchone() or (0,)
         view |= {"total": total, "left": "", "histories": False}  # every flight has one: it is flown again
         yield FlightTable(connection, {each["name"]: each["ends"] for each in view["columns"]}, view, results)
-
-
-def find_ranges(connection: "DuckDBPyConnection", columns: Sequence[str]) -> dict[str, tuple[float, float]]:
-    """The smallest and largest finite value of each column; twice 0 where it has none."""
-    ends = ", ".join(_ends(name) for name in columns)
-    found = connection.execute(f"select {ends} from shown").fetchone() or ()
-    return {name: (float(found[2 * i]), float(found[2 * i + 1])) for i, name in enumerate(columns)}
 
 
 def _ranks(results: FlownCampaign) -> Any:
@@ -240,6 +234,7 @@ def _finite(name: str) -> str:
 
 
 def _ends(name: str) -> str:
+    """The SQL of a column's smallest and largest finite value; twice 0 where it has none."""
     return f"coalesce(min({_finite(name)}), 0), coalesce(max({_finite(name)}), 0)"
 
 

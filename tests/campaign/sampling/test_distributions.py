@@ -204,9 +204,10 @@ def test_where_it_has_no_meaning_it_is_refused_with_its_place(tmp_path: Path, en
 
 def test_failures_of_the_vehicles_own_effectors_are_named_after_them(tmp_path: Path):
     entry = "{failure.right_elevon.stuck_time: {distribution: uniform, low: 1 s, high: 2 s}}"
-    path = write_campaign(tmp_path / "d", dispersions=entry)
+    unknown = "{control.left_elevon_effectiveness: {low: -10 %, high: 10 %}}"
+    path = write_campaign(tmp_path / "d", dispersions=entry, unknowns=unknown)
     (tmp_path / "d/vehicle.yaml").write_text("effectors: {left_elevon: {}, right_elevon: {}}\n", encoding="utf-8")
-    assert read_campaign(path).names == ("failure.effector_1.stuck_time",)
+    assert read_campaign(path).dimensions == ("failure.effector_1.stuck_time", "control.effector_0_effectiveness")
     (tmp_path / "d/vehicle.yaml").write_text("effectors: {left_elevon: {}}\n", encoding="utf-8")
     with pytest.raises(InputError, match=r"parameter 'failure\.right_elevon\.stuck_time'"):
         read_campaign(path)

@@ -61,36 +61,32 @@ YesNo = Annotated[
 InputName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_.]*$", max_length=60)]
 
 
-class Input(StrictModel):
-    """What a flight is given."""
-
-    unit: Unit = Field("-", description="any text; '-' of a plain number")
-    nominal: float = Field(0.0, description="its nominal value, in this unit")
-    seed: YesNo = Field(False, description="yes: a whole number drawn for each flight, and no quantity")
-    doc: str = Field("", description="what it is, for the report")
-
-
-class OwnMetric(StrictModel):
-    """What a flight returns."""
-
-    unit: Unit = Field("-", description="any text; '-' of a plain number")
-    bad: Bad | None = Field(
-        None, description="which values are bad: high, low, or those of the largest size; left out: high"
-    )
-    label: str | None = Field(None, description="what the report calls it, without its unit; left out: its name")
-    doc: str = Field("", description="what it means, for the report")
-
-    def record(self, name: str) -> Metric:
-        """As the tables of metrics have it."""
-        label = self.label or label_of(name, "-")
-        return Metric(name, self.unit, self.doc, label, self.bad or "high", "user", "", Statistic.MAX)
-
-
 class OwnChannel(StrictModel):
     """A column of the history that a flight returns."""
 
     unit: Unit = Field("-", description="any text; '-' of a plain number")
     doc: str = Field("", description="what it is, for the report")
+
+
+class Input(OwnChannel):
+    """What a flight is given."""
+
+    nominal: float = Field(0.0, description="its nominal value, in this unit")
+    seed: YesNo = Field(False, description="yes: a whole number drawn for each flight, and no quantity")
+
+
+class OwnMetric(OwnChannel):
+    """What a flight returns."""
+
+    bad: Bad | None = Field(
+        None, description="which values are bad: high, low, or those of the largest size; left out: high"
+    )
+    label: str | None = Field(None, description="what the report calls it, without its unit; left out: its name")
+
+    def record(self, name: str) -> Metric:
+        """As the tables of metrics have it."""
+        label = self.label or label_of(name, "-")
+        return Metric(name, self.unit, self.doc, label, self.bad or "high", "user", "", Statistic.MAX)
 
 
 class SimulatorExecution(Execution):

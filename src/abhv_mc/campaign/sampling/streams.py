@@ -19,16 +19,11 @@ def stream_key(seed: int, name: str, purpose: str = "sample") -> int:
     return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=16).digest(), "little")
 
 
-def draw_words(key: int, first: int, count: int) -> NDArray[np.uint64]:
-    """Raw words ``[flight, 4]`` of the flights ``first`` .. ``first + count - 1``."""
+def draw_uniforms(key: int, first: int, count: int) -> NDArray[np.float64]:
+    """One uniform number ``[flight]``, strictly between 0 and 1, of the flights ``first`` .. ``first + count - 1``."""
     generator = np.random.Philox(key=key)
     generator.advance(first)
-    return generator.random_raw(_WORDS * count).reshape(count, _WORDS)
-
-
-def draw_uniforms(key: int, first: int, count: int) -> NDArray[np.float64]:
-    """One uniform number ``[flight]`` of each flight, strictly between 0 and 1."""
-    words = draw_words(key, first, count)[:, 0]
+    words = generator.random_raw(_WORDS * count)[::_WORDS]
     return (words >> np.uint64(12)).astype(np.float64) * 2.0**-52 + 2.0**-53
 
 
