@@ -144,15 +144,6 @@ def test_an_effectors_command_that_is_no_number_ends_the_flight_by_its_name(tmp_
     assert "effector flap_4 at 0.11 s" in describe_end(plan, nominal_parameters(1), Outcome.NOT_FINITE)
 
 
-def test_groups_do_not_matter(flown) -> None:
-    parameters = nominal_parameters(40)
-    parameters[:, PARAMETER_INDEX["actuator.bandwidth"]] = np.linspace(0.7, 1.3, 40)
-    together = fly(flown, parameters, keep_states=True, record_every=10)
-    alone = fly(flown, parameters[[3, 37]], keep_states=True, record_every=10)
-    assert np.array_equal(together.states[[3, 37]], alone.states)
-    assert np.array_equal(together.metrics[[3, 37]], alone.metrics)
-
-
 @pytest.mark.parametrize(
     ("given", "words"),
     [('"flop": step', "flop"), ('**{"flap_0": step}', "other effectors")],

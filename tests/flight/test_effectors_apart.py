@@ -7,12 +7,14 @@ once a tick, moves two elevons and a flap by name and the rudder, which the aero
 import numpy as np
 import pytest
 from ambiance import Atmosphere
+from scipy.spatial.transform import Rotation
 from short_flights import cut, rows_of
-from verification.independent import World
+from verification.independent import World, local_axes
 
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.prepare import prepare
+from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.shipped import shipped_configs
 
@@ -147,14 +149,7 @@ class Flights:
         n = self.world.a / np.sqrt(1.0 - e2 * np.sin(lat) ** 2)
         r = np.array([(n + h) * np.cos(lat) * np.cos(lon), (n + h) * np.cos(lat) * np.sin(lon)])
         r = np.append(r, (n * (1.0 - e2) + h) * np.sin(lat))
-        a, b, c, d = x[s.Q0 : s.Q3 + 1]
-        local = np.array(
-            [
-                [a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c)],
-                [2 * (b * c + a * d), a * a - b * b + c * c - d * d, 2 * (c * d - a * b)],
-                [2 * (b * d - a * c), 2 * (c * d + a * b), a * a - b * b - c * c + d * d],
-            ]
-        )
+        local = Rotation.from_quat(x[s.Q0 : s.Q3 + 1], scalar_first=True).as_matrix()
         body = self.axes(r[:, None])[0][:, :, 0].T @ local
         v = body @ x[s.U : s.W + 1] + np.cross(self.world.omega, r)
         positions = np.clip(MIX[:, 2] * x[s.ELEVATOR], -LIMIT, LIMIT)
@@ -171,16 +166,7 @@ class Flights:
     def axes(self, r):
         """North, east, down as rows [3, 3, flight], and the geodetic altitude."""
         lat, h = self.world.geodetic(r)
-        lon = np.arctan2(r[1], r[0])
-        down = -np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
-        east = np.array([-np.sin(lon), np.cos(lon), 0.0 * lon])
-        return np.array([np.cross(east, down, axis=0), east, down]), h
-
-    def gravity(self, r):
-        w = self.world
-        d = np.sqrt((r * r).sum(axis=0))
-        k, s2 = 1.5 * w.j2 * (w.a / d) ** 2, 5.0 * (r[2] / d) ** 2
-        return -w.gm / d**3 * r * (1.0 + k * (np.array([[1.0], [1.0], [3.0]]) - s2))
+        return local_axes(lat, np.arctan2(r[1], r[0])), h
 
     def relative(self, x):
         """Velocity relative to the Earth, Earth-centred axes."""
@@ -213,7 +199,7 @@ class Flights:
         zero = 0.0 * omega[0]
         turning = np.array([[zero, -omega[2], omega[1]], [omega[2], zero, -omega[0]], [-omega[1], omega[0], zero]])
         found = np.empty_like(x)
-        found[:3], found[3:6] = x[3:6], self.gravity(x[:3]) + np.einsum("ijf,jf->if", body, force) / self.mass
+        found[:3], found[3:6] = x[3:6], self.world.gravity(x[:3]) + np.einsum("ijf,jf->if", body, force) / self.mass
         found[6:15] = np.einsum("ijf,jkf->ikf", body, turning).reshape(9, -1)
         found[15:18] = np.einsum("ijf,jf->if", self.inverse, moment - np.cross(omega, spin, axis=0))
         bandwidth = BANDWIDTH[:, None] * np.where(np.arange(5)[:, None] < 4, value("actuator.bandwidth"), 1.0)
@@ -224,8 +210,6 @@ class Flights:
     def command(self, x, tick):
         """Left, right, flap, rudder and throttle."""
         names = "altitude", "speed", "angle_of_attack", "elevator", "equivalence_ratio"
-        from abhv_mc.kernel.laws.columns import REFERENCE
-
         altitude, speed, alpha_ref, elevator_ref, eta = (self.plan.reference[tick, REFERENCE.index(n)] for n in names)
         axes, h = self.axes(x[:3])
         relative = self.relative(x)

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import abhv_mc
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
@@ -22,7 +21,6 @@ from abhv_mc.shipped import shipped_configs
 from abhv_mc.simulators.engine import make_engine
 from abhv_mc.simulators.make_plans import make_plans
 from abhv_mc.vehicle.document import FlightLimits
-from abhv_mc.vehicle.shared_keys import tighter
 
 
 @pytest.fixture(scope="module")
@@ -90,8 +88,6 @@ def test_an_oscillation_ends_it_where_the_ripple_exceeds_the_limit() -> None:
     [("wind.turbulence", "1 m/s"), ("wind.gust_down", "1 m/s"), ("sensor.bank_noise", "0.1 deg")],
 )
 def test_an_oscillation_in_gusts_turbulence_or_noise_has_no_limit(name: str, value: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=rf"'{name}' with 'limits: {{oscillation}}'.*still air"):
-        abhv_mc.fly({"base": "level", "limits": {"oscillation": "5 deg"}}, "ghame_x", dispersions={name: value})
     configs = shipped_configs()
     level = (configs / "mission/level.yaml").read_text(encoding="utf-8")
     (tmp_path / "mission.yaml").write_text(f"{level}\nlimits: {{oscillation: {{sideslip: 5 deg}}}}\n", encoding="utf-8")
@@ -102,7 +98,7 @@ def test_an_oscillation_in_gusts_turbulence_or_noise_has_no_limit(name: str, val
         encoding="utf-8",
     )
     campaign = read_campaign(tmp_path / "campaign.yaml")
-    with pytest.raises(InputError, match=rf"campaign.yaml:8.*'{name}' with 'limits: {{oscillation}}'"):
+    with pytest.raises(InputError, match=rf"campaign.yaml:8.*'{name}' with 'limits: {{oscillation}}'.*still air"):
         make_plans(campaign, ["tlc"], make_engine())
 
 
@@ -115,7 +111,6 @@ def test_the_files_say_them(tmp_path: Path) -> None:
     )
     bounds = validate(read_document(path), FlightLimits).bounds()
     assert bounds == LoadBounds(95e3, 4.0, 1.5e6, math.radians(80.0), math.radians(5.0))
-    assert tighter(bounds, LoadBounds(bank=1.0)).bank == 1.0
     path.write_text("angle_of_attack: [-3 deg, 21 deg]\nsideslip: 15 deg\noscillation: 2 deg\n", encoding="utf-8")
     assert validate(read_document(path), FlightLimits).bounds()[4:] == (math.radians(2.0),) * 3
     path.write_text("angle_of_attack: [-3 deg, 21 deg]\nsideslip: 15 deg\nload_factor: 0\n", encoding="utf-8")

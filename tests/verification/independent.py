@@ -26,10 +26,11 @@ class World:
         self.omega = np.array([0.0, 0.0, omega])
 
     def gravity(self, r):
-        d = np.linalg.norm(r)
+        """At a place or at many, [3, place]."""
+        d = np.linalg.norm(r, axis=0)
         k = 1.5 * self.j2 * (self.a / d) ** 2
         s2 = 5.0 * (r[2] / d) ** 2
-        return -self.gm / d**3 * r * (1.0 + k * (np.array([1.0, 1.0, 3.0]) - s2))
+        return -self.gm / d**3 * r * (1.0 + k * (np.array([1.0, 1.0, 3.0]).reshape(3, *[1] * np.ndim(d)) - s2))
 
     def geodetic(self, r):
         """Latitude and altitude by fixed-point iteration."""
@@ -46,8 +47,8 @@ class World:
 def local_axes(lat, lon):
     """North, east, down as rows."""
     down = -np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
-    east = np.array([-np.sin(lon), np.cos(lon), 0.0])
-    return np.array([np.cross(east, down), east, down])
+    east = np.array([-np.sin(lon), np.cos(lon), 0.0 * lon])
+    return np.array([np.cross(east, down, axis=0), east, down])
 
 
 def fly_sphere(

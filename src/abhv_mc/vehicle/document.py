@@ -20,9 +20,16 @@ from abhv_mc.io.units import (
     parse_unit,
 )
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, MAX_EFFECTORS
-from abhv_mc.vehicle.propulsion_keys import PROPULSION_TABLES, Propulsion, PythonFunction
+from abhv_mc.vehicle.actuator_keys import (
+    AXIS_DEFLECTIONS,
+    PROPULSION_TABLES,
+    Effector,
+    IdealSurfaces,
+    Propulsion,
+    PythonFunction,
+    SurfaceKeys,
+)
 from abhv_mc.vehicle.shared_keys import LoadLimits, Positive, SensingKeys
-from abhv_mc.vehicle.surface_keys import AXIS_DEFLECTIONS, Effector, IdealSurfaces, SurfaceKeys
 
 REDUCED_RATES = ("roll_rate", "pitch_rate", "yaw_rate")  # p b/(2 V), q c/(2 V), r b/(2 V)
 _PLAIN_FACTORS = ("mach", "equivalence_ratio")

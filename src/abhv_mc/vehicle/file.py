@@ -27,11 +27,19 @@ from abhv_mc.kernel.plant.vehicle import (
     Vehicle,
     no_functions,
 )
+from abhv_mc.vehicle.actuator_keys import (
+    AXIS_DEFLECTIONS,
+    PROPULSION_TABLES,
+    Capture,
+    Effector,
+    IdealSurfaces,
+    Surfaces,
+    ThrustFunction,
+    engine_rows,
+)
 from abhv_mc.vehicle.document import REDUCED_RATES, AerodynamicsFunction, MassPoint, MassPoints, VehicleDocument
 from abhv_mc.vehicle.pack import Axis, Table, make_constant, pack_tables
-from abhv_mc.vehicle.propulsion_keys import PROPULSION_TABLES, Capture, ThrustFunction, engine_rows
 from abhv_mc.vehicle.shared_keys import choose_sensing
-from abhv_mc.vehicle.surface_keys import AXIS_DEFLECTIONS, Effector, IdealSurfaces, Surfaces
 from abhv_mc.vehicle.table_file import parse_role, read_table
 from abhv_mc.vehicle.vehicle_code import VehicleCode, make_code, reference_point
 

@@ -17,8 +17,8 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.io.input_files import read_input
 from abhv_mc.kernel.plant.vehicle import VARIABLES, Foreign, Vehicle
 from abhv_mc.kernel.world.atmosphere import atmosphere
+from abhv_mc.vehicle.actuator_keys import ThrustFunction
 from abhv_mc.vehicle.document import AerodynamicsFunction, VehicleDocument
-from abhv_mc.vehicle.propulsion_keys import ThrustFunction
 
 N_THRUST = 7  # force x y z, moment x y z, fuel flow
 STEP = 1e-5  # rad: slopes by central differences
