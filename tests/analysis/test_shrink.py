@@ -1,4 +1,4 @@
-"""Planted causes among idle inputs are found, all of them and nothing else."""
+"""Planted causes among idle inputs are found, all of them and nothing else; a map of failures has them all."""
 
 from itertools import combinations
 
@@ -7,10 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from abhv_mc.analysis.shrink import shrink
+from abhv_mc.analysis.failure_map import group_failures
+from abhv_mc.analysis.shrink import Shrunk, shrink
 
 COUNT = 25
 ORDER = np.arange(COUNT)
+
+
+def shrink_one(test, order=ORDER, budget=4000):
+    return shrink(len(order), lambda _, keep: test(keep), [order], budget)[0]
 
 
 def failing(*causes, of=COUNT):
@@ -28,26 +33,26 @@ def failing(*causes, of=COUNT):
 
 @pytest.mark.parametrize("cause", [(3,), (2, 19), (0, 11, 24)])
 def test_the_planted_set_is_found_and_proven_smallest(cause):
-    found = shrink(COUNT, failing(cause), ORDER)
+    found = shrink_one(failing(cause))
     assert found.sets == (cause,) and found.smallest
     assert found.tried == sum(1 for size in range(len(cause) + 1) for _ in combinations(range(COUNT), size))
 
 
 def test_all_sets_of_the_smallest_size_are_told_worst_first():
-    found = shrink(COUNT, failing((1, 2), (4, 5), (3, 7, 8)), ORDER)
+    found = shrink_one(failing((1, 2), (4, 5), (3, 7, 8)))
     assert found.sets == ((4, 5), (1, 2)) and found.smallest
 
 
 @given(st.sets(st.integers(0, COUNT - 1), min_size=4, max_size=12), st.permutations(range(COUNT)))
 def test_large_sets_are_shrunk_until_every_member_is_needed(cause, order):
-    found = shrink(COUNT, failing(tuple(cause)), np.array(order), budget=400)
+    found = shrink_one(failing(tuple(cause)), np.array(order), 400)
     assert found.sets == (tuple(sorted(cause)),)
     assert not found.smallest  # up to pairs were tried: a set of three was never ruled out
     assert found.tried < 400 + 60 * COUNT
 
 
 def test_a_set_one_larger_than_all_that_were_tried_is_the_smallest():
-    found = shrink(COUNT, failing((0, 11, 24)), ORDER, budget=400)
+    found = shrink_one(failing((0, 11, 24)), budget=400)
     assert found.sets == ((0, 11, 24),) and found.smallest
 
 
@@ -58,11 +63,55 @@ def test_more_can_be_less():
         cured = keep[:, 5] & ~keep[:, 6]
         return np.where(keep[:, 0] & keep[:, 1] & keep[:, 2] & ~cured, 1.0, -np.inf)
 
-    assert shrink(COUNT, test, ORDER, budget=30).sets == ((0, 1, 2),)
+    assert shrink_one(test, budget=30).sets == ((0, 1, 2),)
 
 
-def test_what_always_fails_needs_nothing_and_what_never_fails_is_refused():
-    assert shrink(COUNT, lambda keep: np.ones(len(keep)), ORDER).sets == ((),)
-    for count, budget in ((3, 4000), (COUNT, 30)):
-        with pytest.raises(ValueError, match="do not fail"):
-            shrink(count, lambda keep: np.full(len(keep), -np.inf), np.arange(count), budget)
+@pytest.mark.parametrize("budget", [30, 400])
+def test_failures_together_shrink_as_alone(budget):
+    def test(owners, keep):
+        enough = [keep[:, [2, 5]].all(axis=1), keep[:, 7], np.zeros(len(keep), bool), np.ones(len(keep), bool)]
+        return np.where(np.choose(owners, enough), 1.0, -np.inf)
+
+    pair, single, never, always = shrink(10, test, [np.arange(10)] * 4, budget)
+    assert pair.sets == ((2, 5),) and single.sets == ((7,),) and never is None and always.sets == ((),)
+
+
+def is_mapped(seed, count=20, flights=2000):
+    """Whether the map has the causes that made a flight fail, no other, and no flight that its cause did not fail.
+
+    Three inputs beyond a limit on one side, and two pairs of which each is, make 3 % of the flights fail.
+    """
+    rng = np.random.default_rng(seed)
+    inputs = rng.choice(count, 7, replace=False).tolist()
+    causes = [tuple(sorted(inputs[i:j])) for i, j in ((0, 1), (1, 2), (2, 3), (3, 5), (5, 7))]
+    values, signs = rng.uniform(-1.0, 1.0, (flights, count)), rng.choice([-1.0, 1.0], count)
+    limits = {1: 0.9876, 2: 1.0 - 2.0 * np.sqrt(0.006)}  # 0.62 % and 0.6 % of the flights
+
+    def fails(rows):
+        """By cause, ``[flight, cause]``."""
+        return np.stack([np.all(rows[:, list(c)] * signs[list(c)] > limits[len(c)], axis=1) for c in causes], axis=1)
+
+    values = values[fails(values).any(axis=1)]
+
+    def test(owners, keep):
+        return np.where(fails(np.where(keep, values[owners], 0.0)).any(axis=1), 1.0, -np.inf)
+
+    groups = group_failures(shrink(count, test, [np.arange(count)] * len(values), 400), values > 0.0)
+    flown = fails(values)
+    held = {cause: set(np.flatnonzero(flown[:, c])) for c, cause in enumerate(causes) if flown[:, c].any()}
+    told = {group.inputs: set(group.failures) for group in groups}
+    whole = set().union(*told.values()) == set(range(len(values)))
+    return whole and set(told) == set(held) and all(told[cause] <= held[cause] for cause in told)
+
+
+def test_planted_causes_are_mapped_in_nearly_all_campaigns():
+    assert sum(map(is_mapped, range(20))) >= 18
+
+
+def test_a_failure_goes_to_the_set_that_explains_most_and_too_much_is_another_cause_than_too_little():
+    sets = [((1, 2), (3, 4)), ((3, 4),), ((0,),), ((1, 2, 3, 4, 5),), ((0,),)]
+    found = [None, *(Shrunk(each, True, 1) for each in sets)]
+    high = np.zeros((6, 6), bool)
+    high[5, 0] = True
+    causes = [(cause.inputs, cause.high, cause.failures) for cause in group_failures(found, high)]
+    assert causes == [((3, 4), (False, False), (1, 2)), ((0,), (False,), (3,)), ((0,), (True,), (5,))]

@@ -4,8 +4,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from abhv_mc.statistics.estimates import (
+    failure_trace,
+    looks,
     pair_differences,
     quantile,
+    quantile_traces,
     severity,
     sorted_quantile,
 )
@@ -38,3 +41,13 @@ def test_pairs_that_both_failed_are_ties():
     inf = np.inf
     found = quantile(pair_differences(np.array([inf, inf, 1.0]), np.array([inf, 2.0, 1.0])), 0.5)
     assert found.value == 0.0
+
+
+def test_the_last_look_is_the_whole_campaign():
+    values, counts = np.random.default_rng(12).normal(size=300), looks(300)
+    assert counts[0] == 20 and counts[-1] == 300 and (np.diff(counts) > 0).all() and looks(7) == [7]
+    trace = quantile_traces(values, counts)[1]
+    assert trace[-1] == quantile(values, 0.95)
+    assert trace[0].high == np.inf  # 20 flights do not bound the 95 % quantile
+    first, last = failure_trace(np.isin(np.arange(100), [3, 50]), [20, 100])
+    assert (first.value, last.value) == (0.05, 0.02) and last.low < 0.02 < last.high

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from abhv_mc.statistics.family import Pair, hold_family, holm, judge_pairs
+from abhv_mc.statistics.family import hold_family, holm, judge_family
 from abhv_mc.statistics.verdicts import judge
 
 AT = 0.9, 0.10
@@ -36,6 +36,6 @@ def test_holm_is_the_published_procedure():
 def test_fail_stays_and_dependent_flights_get_no_verdict():
     failed = judge(100, 200, *AT)
     assert hold_family([failed, failed], 0.01) == [failed, failed]
-    pair = Pair(0, 5000, 0, *AT)
-    assert judge_pairs([pair], family_risk=0.01)[0].status == "PASS"
-    assert judge_pairs([pair], independent=False, family_risk=0.01)[0].status == "ESTIMATE"
+    passed = [[judge(0, 5000, *AT)]]
+    assert judge_family(passed, family_risk=0.01)[0][0].status == "PASS"
+    assert judge_family(passed, independent=False, family_risk=0.01)[0][0].status == "ESTIMATE"

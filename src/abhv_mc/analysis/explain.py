@@ -1,5 +1,6 @@
 """Why a flight failed: the smallest set of its dispersions that still fails with all others nominal."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -7,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.analysis.replay import find_row
-from abhv_mc.analysis.shrink import shrink
-from abhv_mc.array_types import Floats
+from abhv_mc.analysis.shrink import BUDGET, Shrunk, shrink
+from abhv_mc.array_types import Floats, Mask
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.flight.outcome import Outcome
@@ -91,27 +92,13 @@ def explain_flight(
     fly = fly_of(campaign, fly)
     row = find_row(folder, controller, flight)
     failure = find_failure(root, campaign, row, requirement)
-    plan, margins = campaign.systems[controller].plan, failure.of_margin
-    if margins:
-        campaign = make_ready(campaign, {controller: plan}, margins=True)
-    names = campaign.dimensions
-    nominal = campaign.parameters.nominal_of(names)
-    values, seeds = row.samples[0, : len(names)], row.samples[:, len(names) :]  # the noise stays as it was flown
-
-    def fly_rows(rows: Floats, recorded: int | None = None) -> FlightBlock:
-        whole = np.column_stack([rows, np.repeat(seeds, len(rows), axis=0)])
-        return simulate(campaign, controller, whole, recorded, fly, margins)
-
-    def severity(keep: NDArray[np.bool_]) -> Floats:
-        block = fly_rows(np.where(keep, values, nominal))
-        return failure.severity(block.outcome, block.end_time, block.metrics)
-
-    samples = SampleReader(folder.samples)
-    try:
-        found = shrink(len(names), severity, mildest_first(samples, values))
-    except ValueError:
+    campaign, margins = with_margins(campaign, controller, [failure])
+    (found,) = smallest_sets(folder, campaign, controller, row.samples, [failure], fly, margins)
+    if found is None:
         wish = "the version of the program that flew it (see manifest.json)"
-        raise InputError(root, f"a flight {flight} that does not fail when flown again", wish) from None
+        raise InputError(root, f"a flight {flight} that does not fail when flown again", wish)
+    names = campaign.dimensions
+    nominal, values, seeds = campaign.parameters.nominal_of(names), *np.split(row.samples[0], [len(names)])
     sets = [tuple(names[i] for i in members) for members in found.sets]
     alone = np.isin(names, sets[0])
     flown = campaign.outcomes.numbers[row.outcome[0]]
@@ -127,9 +114,43 @@ def explain_flight(
         found.smallest,
         found.tried,
         rows,
-        fly_rows(rows, every),
+        simulate(campaign, controller, np.column_stack([rows, np.tile(seeds, (3, 1))]), every, fly, margins),
         campaign.parameters,
     )
+
+
+def with_margins(campaign: Experiment, controller: str, failures: Sequence[Failure]) -> tuple[Experiment, bool]:
+    """The campaign ready to fly such failures again, and whether with the margins of each flight."""
+    if not any(failure.of_margin for failure in failures):
+        return campaign, False
+    return make_ready(campaign, {controller: campaign.systems[controller].plan}, margins=True), True
+
+
+def smallest_sets(
+    folder: CampaignFolder,
+    campaign: Experiment,
+    controller: str,
+    samples: Floats,
+    failures: Sequence[Failure],
+    fly: Fly,
+    margins: bool,
+    budget: int = BUDGET,
+) -> list[Shrunk | None]:
+    """The smallest sets of dispersions with which each flight ``[failure, parameter]`` still fails as it did."""
+    names = campaign.dimensions
+    nominal, values, seeds = campaign.parameters.nominal_of(names), *np.split(samples, [len(names)], axis=1)
+
+    def severity(owners: NDArray[np.intp], keep: Mask) -> Floats:
+        rows = np.column_stack([np.where(keep, values[owners], nominal), seeds[owners]])  # the noise is as it was flown
+        block = simulate(campaign, controller, rows, None, fly, margins)
+        found = np.full(owners.size, -np.inf)
+        for who in np.unique(owners).tolist():
+            its = owners == who
+            found[its] = failures[who].severity(block.outcome[its], block.end_time[its], block.metrics[its])
+        return np.where(block.outcome == Outcome.FAILED_TO_RUN, -np.inf, found)
+
+    drawn = SampleReader(folder.samples)
+    return shrink(len(names), severity, [mildest_first(drawn, each) for each in values], budget)
 
 
 def find_failure(root: Path, campaign: Experiment, row: FlightRows, asked: str | None) -> Failure:

@@ -5,22 +5,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
-from abhv_mc.analysis.explain import Failure, find_failure, mildest_first
+from abhv_mc.analysis.explain import Failure, find_failure, smallest_sets, with_margins
 from abhv_mc.analysis.replay import find_rows
-from abhv_mc.analysis.shrink import Shrunk, shrink_together
+from abhv_mc.analysis.shrink import Shrunk
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.execution.executor import open_executor
-from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder.layout import CampaignFolder, write_bytes
 from abhv_mc.folder.manifest import read_manifest
-from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError
-from abhv_mc.simulators.engine import Engine, Fly, engine_of, make_ready, simulate
+from abhv_mc.simulators.engine import Engine, Fly, engine_of
 from abhv_mc.simulators.stored_plans import open_flown
 
 MOST_CAUSES = 3  # of a set that explains a flight, none of which can be left out; larger ones say little
@@ -35,8 +31,8 @@ class Cause:
     failures: tuple[int, ...]
 
 
-def group_failures(found: Sequence[Shrunk | None], high: Mask) -> tuple[list[Cause], list[int]]:
-    """Causes, those of most failures first, and the failures that no small set explains.
+def group_failures(found: Sequence[Shrunk | None], high: Mask) -> list[Cause]:
+    """Causes, those of most failures first; of failures that no small set explains there is none.
 
     ``high`` says which inputs lie above nominal, ``[failure, input]``: too much of one is another cause than too
     little. Where several sets are enough for a failure it goes to the one that explains most failures (greedy
@@ -62,8 +58,7 @@ def group_failures(found: Sequence[Shrunk | None], high: Mask) -> tuple[list[Cau
         inputs, sides = zip(*best, strict=True)
         causes.append(Cause(inputs, sides, tuple(explained[best])))
         left -= set(explained[best])
-    told = {failure for cause in causes for failure in cause.failures}
-    return causes, [failure for failure in range(len(found)) if failure not in told]
+    return causes
 
 
 MOST_FLIGHTS = 50  # of a controller
@@ -141,7 +136,7 @@ def _map_controller(
     campaign: Experiment,
     controller: str,
     failed: Sequence[int],
-    executor: Fly,
+    fly: Fly,
 ) -> ControllerFailures:
     flights = [int(flight) for flight in failed[:MOST_FLIGHTS]]
     rows = find_rows(folder, controller, flights)
@@ -149,32 +144,14 @@ def _map_controller(
     names, nominal = campaign.dimensions, campaign.parameters.nominal_of(campaign.dimensions)
     if not rows:
         return ControllerFailures(0, (), (), (), 0)
-    margins = any(failure.of_margin for failure in failures)
-    if margins:
-        campaign = make_ready(campaign, {controller: campaign.systems[controller].plan}, margins=True)
+    campaign, margins = with_margins(campaign, controller, failures)
     samples = np.concatenate([row.samples for row in rows])
-    values, seeds = samples[:, : len(names)], samples[:, len(names) :]  # the noise stays as it was flown
-
-    def severity(owners: NDArray[np.intp], keep: Mask) -> Floats:
-        dispersed = np.where(keep, values[owners], nominal)
-        whole = np.column_stack([dispersed, seeds[owners]])
-        return _severity(failures, owners, simulate(campaign, controller, whole, None, executor, margins))
-
-    reader = SampleReader(folder.samples)
-    found = shrink_together(len(names), severity, [mildest_first(reader, each) for each in values], _BUDGET)
+    found = smallest_sets(folder, campaign, controller, samples, failures, fly, margins, _BUDGET)
+    values = samples[:, : len(names)]
     groups, told = _group(names, flights, failures, values, values > nominal, found)
     bare = tuple(flight for flight, each in zip(flights, found, strict=True) if each is not None and () in each.sets)
     rest = tuple(flight for flight in flights if flight not in told and flight not in bare)
     return ControllerFailures(len(failed), groups, bare, rest, sum(each.tried for each in found if each))
-
-
-def _severity(failures: Sequence[Failure], owners: NDArray[np.intp], flown: FlightBlock) -> Floats:
-    """How badly each candidate [candidate] fails as its owner did; -inf where it does not, or was not computed."""
-    severity = np.full(owners.size, -np.inf)
-    for who in np.unique(owners).tolist():
-        rows = owners == who
-        severity[rows] = failures[who].severity(flown.outcome[rows], flown.end_time[rows], flown.metrics[rows])
-    return np.where(flown.outcome == Outcome.FAILED_TO_RUN, -np.inf, severity)
 
 
 def _group(
@@ -189,7 +166,7 @@ def _group(
     groups = []
     for words in dict.fromkeys(failure.words for failure in failures):
         members = [k for k, failure in enumerate(failures) if failure.words == words]
-        for cause in group_failures([found[k] for k in members], high[members])[0]:
+        for cause in group_failures([found[k] for k in members], high[members]):
             rows = [members[k] for k in cause.failures]
             low, middle, top = np.quantile(values[np.ix_(rows, cause.inputs)], (0.0, 0.5, 1.0), axis=0).tolist()
             ends = zip(low, middle, top, strict=True)

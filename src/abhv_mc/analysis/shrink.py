@@ -31,48 +31,30 @@ class Shrunk:
 Shrinking = Generator[Sets, Floats, "Shrunk | None"]  # asks about sets, hears how badly each fails
 
 
-def shrink(count: int, test: Callable[[Mask], Floats], mildest_first: NDArray[np.intp], budget: int = BUDGET) -> Shrunk:
-    """The smallest sets among ``count`` inputs that fail.
-
-    ``test`` takes kept inputs ``[candidate, input]`` and gives how badly each candidate fails, -inf where it does not.
-    ``mildest_first`` orders the inputs for removal. Raises ValueError where all inputs together do not fail.
-    """
-    found = shrink_together(count, lambda _, keep: test(keep), [mildest_first], budget)[0]
-    if found is None:
-        raise ValueError("all inputs together do not fail")
-    return found
-
-
-def shrink_together(
+def shrink(
     count: int,
     test: Callable[[NDArray[np.intp], Mask], Floats],
     mildest_first: Sequence[NDArray[np.intp]],
     budget: int = BUDGET,
 ) -> list[Shrunk | None]:
-    """The smallest sets of several failures, None where all inputs together do not fail.
+    """The smallest sets among ``count`` inputs of several failures, None where all inputs together do not fail.
 
-    ``test`` takes which failure each candidate belongs to and the inputs that it keeps ``[candidate, input]``: what is
-    asked about all failures at a time comes in one call. ``mildest_first`` has an order of the inputs for each failure.
+    ``test`` takes which failure each candidate belongs to and the inputs that it keeps ``[candidate, input]``; it gives
+    how badly each fails, -inf where it does not. What is asked about all failures at a time comes in one call.
+    ``mildest_first`` orders the inputs for removal, for each failure.
     """
     found: list[Shrunk | None] = [None] * len(mildest_first)
-    searches: dict[int, Shrinking] = {}
-    asked: dict[int, Sets] = {}
-
-    def go_on(who: int, severity: Floats | None) -> None:
-        try:
-            asked[who] = next(searches[who]) if severity is None else searches[who].send(severity)
-        except StopIteration as end:
-            found[who] = end.value
-
-    for who, order in enumerate(mildest_first):
-        searches[who] = _shrink(count, order, budget)
-        go_on(who, None)
+    searches = [_shrink(count, order, budget) for order in mildest_first]
+    asked = {who: next(search) for who, search in enumerate(searches)}
     while asked:
         turn, asked = asked, {}
         owners = np.repeat(np.array(list(turn), dtype=np.intp), [len(sets) for sets in turn.values()])
         severity = test(owners, _masks([members for sets in turn.values() for members in sets], count))
         for who in turn:
-            go_on(who, severity[owners == who])
+            try:
+                asked[who] = searches[who].send(severity[owners == who])
+            except StopIteration as end:
+                found[who] = end.value
     return found
 
 

@@ -16,7 +16,6 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.digest import Digest
 from abhv_mc.folder.flights import END_TIME, FlightRows
 from abhv_mc.folder.manifest import ControllerCount, Manifest, RequirementVerdict
-from abhv_mc.statistics.family import Pair
 from abhv_mc.statistics.verdicts import Verdict, verdict_words
 
 _OK, _FAILED = Outcome.OK.code, Outcome.FAILED_TO_RUN.code
@@ -127,13 +126,12 @@ def judge_counts(
     counted = [(counts, count) for counts in all_counts.values() for count in counts.requirements]
     points, groups = len(campaign.unknowns.points), []
     for counts, count in counted:
-        asked, group = count.requirement, []
+        group = []
         for point in range(points):
             rows = slice(point, flights, points)
             failures, uncomputed = int(count.missed[rows].sum()), int(counts.uncomputed[rows].sum())
             number = int(count.flights[point]) + uncomputed if flights is None else len(range(point, flights, points))
-            risks = asked.consumer_risk, asked.producer_risk
-            group.append(Pair(failures, number, uncomputed, asked.probability, *risks))
+            group.append(count.requirement.judge(failures, number, uncomputed))
         groups.append(group)
     return [(*pair, *found) for pair, found in zip(counted, campaign.judge(groups), strict=True)]
 

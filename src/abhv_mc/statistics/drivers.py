@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import betainc, ndtri
 
 from abhv_mc.array_types import Floats
-from abhv_mc.statistics.ranks import average_ranks, false_discovery
+from abhv_mc.statistics.ranks import discoveries, standard_ranks
 
 FALSE_DISCOVERY_RATE = 0.005
 LEAST_COEFFICIENT = 0.2  # of a driver
@@ -48,22 +48,27 @@ def rank_drivers(inputs: Floats, outputs: Floats, confidence: float = 0.95) -> R
     flights, count = inputs.shape
     if flights < count + _FEWEST_SPARE or not count or not outputs.shape[1]:
         return None
-    ranks = _standard(np.concatenate([inputs, outputs], axis=1))
+    ranks = standard_ranks(np.concatenate([inputs, outputs], axis=1))
     x, y = ranks[:, :count], ranks[:, count:]
     moving = np.asarray(y.any(axis=0), dtype=np.bool_)
     correlation = x.T @ ranks / flights
-    srrc, prcc, explained, inverse = _coefficients(correlation, count, moving)
+    inside, across = correlation[:, :count].copy(), correlation[:, count:]
+    steady = np.flatnonzero(np.diag(inside) <= 1e-9)
+    inside[steady, steady] = 1.0
+    inverse = np.asarray(np.linalg.pinv(inside, hermitian=True), dtype=np.float64)
+    slopes = inverse @ across
+    explained = np.clip(np.sum(across * slopes, axis=0), 0.0, 1.0)
+    srrc, prcc = np.where(moving, slopes, np.nan), _partial(slopes, explained, inverse, moving)
+    explained = np.where(moving, explained, np.nan)
     with np.errstate(invalid="ignore"):
-        residual = y - x @ np.nan_to_num(srrc)
+        residual = y - x @ slopes
         spread = np.sqrt(((x @ inverse) ** 2).T @ residual**2 * flights / (flights - count - 1)) / flights
     half = -float(ndtri((1.0 - confidence) / 2.0)) * np.where(moving, spread, np.nan)
     low, high = srrc - half, srrc + half
     freedom = flights - count - 1
-    p_value = _partial_p(prcc, freedom)
-    found = np.zeros(p_value.shape, dtype=np.bool_)
-    told = np.isfinite(p_value)
-    if told.any():
-        found[told] = false_discovery(p_value[told]) <= FALSE_DISCOVERY_RATE
+    # Student's t of a partial correlation: P(|t| > t0) = I_{v/(v+t0^2)}(v/2, 1/2), and v/(v + t0^2) = 1 - r^2
+    p_value = np.asarray(betainc(freedom / 2.0, 0.5, 1.0 - np.clip(prcc**2, 0.0, 1.0)), dtype=np.float64)
+    found = discoveries(p_value, FALSE_DISCOVERY_RATE)
     with np.errstate(invalid="ignore"):
         tells = np.asarray(1.0 - (1.0 - explained) * (flights - 1.0) / freedom > LEAST_EXPLAINED, dtype=np.bool_)
         found &= (np.abs(srrc) > LEAST_COEFFICIENT) & tells
@@ -105,29 +110,6 @@ def _split_twins(found: NDArray[np.bool_], srrc: Floats, correlation: Floats) ->
     return moves_with
 
 
-def _standard(columns: Floats) -> Floats:
-    """Ranks of each column (ties share theirs) with zero mean and unit variance; constant columns are zero."""
-    ranks = average_ranks(columns)
-    ranks -= ranks.mean(axis=0)
-    spread = ranks.std(axis=0)
-    return ranks / np.where(spread > 0.0, spread, 1.0)
-
-
-def _coefficients(correlation: Floats, count: int, moving: NDArray[np.bool_]) -> tuple[Floats, Floats, Floats, Floats]:
-    """SRRC and PRCC [input, output], R^2 [output] and the inverse correlation of the inputs.
-
-    From correlations [input, inputs then outputs]. Outputs that are not `moving` get NaN.
-    """
-    inside, across = correlation[:, :count].copy(), correlation[:, count:]
-    steady = np.flatnonzero(np.diag(inside) <= 1e-9)
-    inside[steady, steady] = 1.0
-    inverse = np.asarray(np.linalg.pinv(inside, hermitian=True), dtype=np.float64)
-    srrc = inverse @ across
-    explained = np.clip(np.sum(across * srrc, axis=0), 0.0, 1.0)
-    prcc = _partial(srrc, explained, inverse, moving)
-    return np.where(moving, srrc, np.nan), prcc, np.where(moving, explained, np.nan), inverse
-
-
 def _partial(srrc: Floats, explained: Floats, inverse: Floats, moving: NDArray[np.bool_]) -> Floats:
     """Partial correlation from the regression: b_j scaled by what is left of input j and of the output."""
     diagonal = np.diag(inverse)[:, None]
@@ -135,10 +117,3 @@ def _partial(srrc: Floats, explained: Floats, inverse: Floats, moving: NDArray[n
         left = np.sqrt(np.maximum(1.0 - explained, 0.0) + srrc**2 / diagonal)
         prcc = np.where(left > 0.0, srrc / np.sqrt(diagonal) / left, 0.0)
     return np.where(moving, np.clip(prcc, -1.0, 1.0), np.nan)
-
-
-def _partial_p(partial: Floats, freedom: int) -> Floats:
-    """Two-sided p-value of Student's t for a partial correlation with `freedom` degrees of freedom."""
-    square = np.clip(partial**2, 0.0, 1.0)
-    # P(|t| > t0) = I_{v/(v+t0^2)}(v/2, 1/2) and v/(v + t0^2) = 1 - r^2
-    return np.asarray(betainc(freedom / 2.0, 0.5, 1.0 - square), dtype=np.float64)

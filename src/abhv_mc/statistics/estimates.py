@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
-from abhv_mc.statistics.binomial import quantile_upper_rank
+from abhv_mc.array_types import Floats, Mask
+from abhv_mc.statistics.binomial import clopper_pearson, quantile_upper_rank
 
 Sense = Literal["high", "low", "size"]  # what is bad: large values, small values, large absolute values
 
@@ -38,7 +37,7 @@ class Interval:
         return self.scaled(-1.0) if sense == "low" else self
 
 
-def severity(values: Floats, sense: Sense, failed: NDArray[np.bool_] | None = None) -> Floats:
+def severity(values: Floats, sense: Sense, failed: Mask | None = None) -> Floats:
     """Values turned so that larger is worse; those of failed flights (and not-a-number) become +infinity."""
     worse = {"high": 1.0, "low": -1.0, "size": 1.0}[sense] * (np.abs(values) if sense == "size" else values)
     bad = np.isnan(worse) if failed is None else np.isnan(worse) | failed
@@ -80,3 +79,21 @@ def pair_differences(a: Floats, b: Floats) -> Floats:
     both = np.isinf(a) & np.isinf(b)
     with np.errstate(invalid="ignore"):
         return np.where(both, 0.0, a - b)
+
+
+def looks(flights: int, number: int = 24, first: int = 20) -> list[int]:
+    """Numbers of flights after which to see how an estimate settled, evenly spaced by ratio, the last being all."""
+    if flights <= first:
+        return [flights]
+    return np.unique(np.round(np.geomspace(first, flights, number)).astype(np.int64)).tolist()
+
+
+def quantile_traces(values: Floats, counts: Sequence[int]) -> list[tuple[Interval, ...]]:
+    """Quantiles of the first n of `values` [flight] for each n in `counts`, one trace for each of LEVELS."""
+    return list(zip(*(quantiles(values[:n], LEVELS) for n in counts), strict=True))
+
+
+def failure_trace(failed: Mask, counts: Sequence[int]) -> list[Interval]:
+    """Share of failures among the first n flights for each n in `counts`, with its exact interval."""
+    totals = np.cumsum(failed)[np.array(counts) - 1].tolist()
+    return [Interval(k / n, *clopper_pearson(k, n)) for k, n in zip(totals, counts, strict=True)]

@@ -30,20 +30,13 @@ def _log_part(a: float, b: float, x: float, upper: bool = False) -> float:
 
 
 def _log_far(a: float, b: float, x: float) -> float:
-    """The same where x lies far below the mean a/(a + b): continued fraction (NIST DLMF 8.17.22), Lentz's method."""
-    tiny, c, fraction, m = 1e-30, 1.0, 1.0, 0
-    d = 1.0 / (1.0 - (a + b) * x / (a + 1.0))
-    fraction = d
-    while True:
-        m += 1
-        even = m * (b - m) * x / ((a + 2 * m - 1.0) * (a + 2 * m))
-        odd = -(a + m) * (a + b + m) * x / ((a + 2 * m) * (a + 2 * m + 1.0))
-        for term in (even, odd):
-            d = 1.0 / (1.0 + term * d or tiny)
-            c = 1.0 + term / c or tiny
-            fraction *= c * d
-        if abs(c * d - 1.0) < 1e-15:
-            return log(fraction / a)
+    """The same where x lies far below the mean a/(a + b): the series 2F1(1, a + b; a + 1; x) / a (NIST DLMF 8.17.8)."""
+    total, term, k = 1.0, 1.0, 0
+    while term > 1e-17 * total:
+        k += 1
+        term *= (a + b + k - 1.0) * x / (a + k)
+        total += term
+    return log(total / a)
 
 
 def log_pass_evidence(failures: int, flights: int, probability: float) -> float:

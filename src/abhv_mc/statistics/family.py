@@ -5,44 +5,24 @@ need the verdicts to be independent, and those on the same flights are not.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from abhv_mc.statistics.unknowns import judge_points
-from abhv_mc.statistics.verdicts import Verdict, judge
+from abhv_mc.statistics.verdicts import Verdict
 
 
-@dataclass(frozen=True)
-class Pair:
-    """The counts of one requirement on one controller."""
-
-    failures: int  # without the flights that were not computed
-    flights: int
-    uncomputed: int
-    probability: float
-    consumer_risk: float
-    producer_risk: float | None = None
-
-
-def judge_pairs(pairs: Sequence[Pair], independent: bool = True, family_risk: float | None = None) -> list[Verdict]:
-    """The verdict of each pair, in their order; all of them one family where it has a risk.
+def judge_family(
+    groups: Sequence[Sequence[Verdict]], independent: bool = True, family_risk: float | None = None
+) -> list[tuple[Verdict, int]]:
+    """Of verdicts at each value of unknowns the one over these, and which has its counts; all one family with a risk.
 
     Flights that are not `independent` draws (stratified designs, sequences) get an ESTIMATE.
     """
-    verdicts = [
-        judge(p.failures, p.flights, p.probability, p.consumer_risk, p.producer_risk, p.uncomputed) for p in pairs
-    ]
     if not independent:
-        return [replace(verdict, status="ESTIMATE", E_pass=0.0, E_fail=0.0) for verdict in verdicts]
-    return verdicts if family_risk is None else hold_family(verdicts, family_risk)
-
-
-def judge_groups(
-    groups: Sequence[Sequence[Pair]], independent: bool = True, family_risk: float | None = None
-) -> list[tuple[Verdict, int]]:
-    """The same of pairs at several values of unknowns each: the verdict over these, and which has its counts."""
-    found = [judge_points(judge_pairs(group, independent)) for group in groups]
+        groups = [[replace(each, status="ESTIMATE", E_pass=0.0, E_fail=0.0) for each in group] for group in groups]
+    found = [judge_points(group) for group in groups]
     verdicts = [verdict for verdict, _ in found]
     if independent and family_risk is not None:
         verdicts = hold_family(verdicts, family_risk)
@@ -65,8 +45,6 @@ def hold_family(verdicts: Sequence[Verdict], risk: float) -> list[Verdict]:
     FAIL stands: nothing is accepted by it. What is not shown is to be shown at Bonferroni's share of the risk, with
     which Holm keeps a PASS whatever the others are.
     """
-    if not verdicts:
-        return []
     kept = holm([verdict.p_value for verdict in verdicts], risk)
     held = []
     note = f"PASS alone, but not with a chance of at most {100.0 * risk:g} % of any false PASS"

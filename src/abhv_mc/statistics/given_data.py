@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, ndtr
 
 from abhv_mc.array_types import Floats
-from abhv_mc.statistics.ranks import average_ranks, false_discovery
+from abhv_mc.statistics.ranks import discoveries, standard_ranks
 
 FALSE_DISCOVERY_RATE = 0.005
 LEAST_SHARE = 0.1  # of the variance, of an input that is named
@@ -44,11 +44,8 @@ def given_data_indices(inputs: Floats, outputs: Floats) -> GivenDataIndices | No
     flights, count = inputs.shape
     if flights < FEWEST_FLIGHTS or not count or not outputs.shape[1]:
         return None
-    ranks = average_ranks(outputs)
-    ranks -= ranks.mean(axis=0)
-    spread = ranks.std(axis=0)
-    moving = spread > 0.0
-    y = ranks / np.where(moving, spread, 1.0)
+    y = standard_ranks(outputs)
+    moving = y.any(axis=0)
     places = np.argsort(np.argsort(inputs, axis=0, kind="stable"), axis=0)
     varying = np.ptp(inputs, axis=0) > 0.0
     first = np.zeros((count, y.shape[1]))
@@ -63,10 +60,7 @@ def given_data_indices(inputs: Floats, outputs: Floats) -> GivenDataIndices | No
     p_value = np.where(moving & varying[:, None], np.minimum(2.0 * np.minimum(p_alone, p_pair), 1.0), np.nan)
     first = np.where(moving, np.maximum(first, 0.0), np.nan)
     total = np.minimum(first + added, 1.0)
-    found = np.zeros(first.shape, dtype=np.bool_)
-    told = np.isfinite(p_value)
-    if told.any():
-        found[told] = false_discovery(p_value[told]) <= FALSE_DISCOVERY_RATE
+    found = discoveries(p_value, FALSE_DISCOVERY_RATE)
     with np.errstate(invalid="ignore"):
         found &= total > LEAST_SHARE
     moves_with = _strip_partners(found, total, together)

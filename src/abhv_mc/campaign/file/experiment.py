@@ -34,9 +34,9 @@ from abhv_mc.flight.outcome import OUTCOMES, Outcomes, simulator_outcomes
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.documents import Document
 from abhv_mc.plant.parameters import OURS, Parameters
-from abhv_mc.statistics.family import Pair, judge_groups
+from abhv_mc.statistics.family import judge_family
 from abhv_mc.statistics.ranking import Criterion
-from abhv_mc.statistics.verdicts import Verdict
+from abhv_mc.statistics.verdicts import Verdict, judge
 
 _MIDDLE = 0.6  # of its extent, where a dispersion stands in other trials: no nominal value of a symmetric law
 
@@ -54,6 +54,10 @@ class Requirement:
     named: bool  # whether the file says which these are; else it is the campaign's first
     early_is_failure: bool  # what a flight that ended early counts as
     traced: dict[str, str]  # id, text, source and rationale, as far as they are given
+
+    def judge(self, failures: int, flights: int, uncomputed: int = 0) -> Verdict:
+        """The verdict on such counts alone; ``flights`` has those that were not computed, ``failures`` has not."""
+        return judge(failures, flights, self.probability, self.consumer_risk, self.producer_risk, uncomputed)
 
 
 class System(NamedTuple):
@@ -272,9 +276,9 @@ class Experiment:
         names = self.unknowns.names
         return PointSamples(samples, len(self.names), names, points) if names else samples
 
-    def judge(self, groups: Sequence[Sequence[Pair]]) -> list[tuple[Verdict, int]]:
-        """The verdict on the counts of each requirement and controller at each point, and the point that it names."""
-        found = judge_groups(groups, self.judged, self.family_risk)
+    def judge(self, groups: Sequence[Sequence[Verdict]]) -> list[tuple[Verdict, int]]:
+        """The verdict of each requirement and controller from those at each point, and the point that it names."""
+        found = judge_family(groups, self.judged, self.family_risk)
         if not self.unknowns.names:
             return found
         notes = [filter(None, (self.unknowns.note(at, verdict.failures), verdict.note)) for verdict, at in found]

@@ -1,14 +1,11 @@
 """How each number of a report settled as flights came in."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-
-import numpy as np
 
 from abhv_mc.folder.controller_flights import severities
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.statistics.convergence import Trace, failure_trace, looks, quantile_traces
-from abhv_mc.statistics.estimates import LEVELS
+from abhv_mc.statistics.estimates import LEVELS, Interval, Sense, failure_trace, looks, quantile_traces
 from abhv_mc.topics.failed_flights import requirement_failures
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.plain import level_name
@@ -52,16 +49,16 @@ def _of(results: FlownCampaign, controller: str) -> ControllerSettling:
     metrics = {}
     for metric in results.metrics:
         traces = quantile_traces(severities(flights, metric), counts)
-        sign = -1.0 if flights.records[metric].bad == "low" else 1.0
-        metrics[metric] = {level_name(level): _settling(t, sign) for level, t in zip(LEVELS, traces, strict=True)}
+        bad = flights.records[metric].bad
+        metrics[metric] = {level_name(level): _settling(t, bad) for level, t in zip(LEVELS, traces, strict=True)}
     missed = (requirement_failures(flights, item) for item in results.campaign.requirements)
     shares = tuple(_settling(failure_trace(failed, counts)) for failed in missed)
-    return ControllerSettling(tuple(counts.tolist()), metrics, shares)
+    return ControllerSettling(tuple(counts), metrics, shares)
 
 
-def _settling(trace: Trace, sign: float = 1.0) -> Settling:
-    ends = (trace.value, trace.low, trace.high) if sign > 0.0 else (trace.value, trace.high, trace.low)
-    return Settling(*(tuple((sign * np.array(each, float)).tolist()) for each in ends))
+def _settling(trace: Iterable[Interval], bad: Sense = "high") -> Settling:
+    found = [one.in_sense(bad) for one in trace]
+    return Settling(*(tuple(getattr(one, part) for one in found) for part in ("value", "low", "high")))
 
 
 def _section(found: Convergence, _names: Names) -> Section:

@@ -19,7 +19,6 @@ from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.kernel.plant.parameter_names import FAILURE_TIMES
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import Interval
-from abhv_mc.statistics.family import Pair, judge_pairs
 from abhv_mc.topics.failed_flights import requirement_failures, requirement_words
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Cell, Picture, Row, Section, Table, Text, grouped
@@ -116,8 +115,7 @@ def _flown(results: FlownCampaign, name: str, case: str, inside: NDArray[np.bool
     for item in campaign.requirements:
         if name in item.controllers:
             missed = int(np.sum(requirement_failures(flights, item) & inside))
-            pair = Pair(missed, number, 0, item.probability, item.consumer_risk, item.producer_risk)
-            status = judge_pairs([pair], campaign.independent)[0].status
+            status = item.judge(missed, number).status if campaign.independent else "ESTIMATE"
             verdicts[requirement_words(item, campaign.metrics)] = CaseVerdict(missed, status)
     return CaseFlights(
         flights=number,

@@ -11,7 +11,7 @@ from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.statistics.binomial import success_lower_bound
-from abhv_mc.statistics.family import Pair, hold_family
+from abhv_mc.statistics.family import hold_family
 from abhv_mc.statistics.ranking import spread
 from abhv_mc.statistics.verdicts import Verdict, advice_words, tolerance_limit, verdict_words
 from abhv_mc.topics.failed_flights import requirement_failures, requirement_words
@@ -105,7 +105,7 @@ def compute_verdicts(results: FlownCampaign) -> Verdicts:
     """Judge all requirements as the manifest has them: all pairs are one family."""
     names, items, campaign = results.controllers, results.campaign.requirements, results.campaign
     points = len(campaign.unknowns.points)
-    counted = [_pairs(results.flights[name], item, points) for item in items for name in names]
+    counted = [_at_points(results.flights[name], item, points) for item in items for name in names]
     # In the manifest's order: by controller, then requirement.
     order = [k * len(names) + n for n in range(len(names)) for k in range(len(items))]
     found = dict(zip(order, campaign.judge([counted[k] for k in order]), strict=True))
@@ -122,15 +122,12 @@ def compute_verdicts(results: FlownCampaign) -> Verdicts:
     return Verdicts(requirements, together, campaign.family_risk, tuple(glance))
 
 
-def _pairs(flights: ControllerFlights, requirement: Requirement, points: int) -> list[Pair]:
-    """The counts of one requirement on one controller at each point of the unknowns."""
-    failed, risks = requirement_failures(flights, requirement), (requirement.consumer_risk, requirement.producer_risk)
+def _at_points(flights: ControllerFlights, requirement: Requirement, points: int) -> list[Verdict]:
+    """The verdicts of one requirement on one controller at each point of the unknowns."""
+    failed = requirement_failures(flights, requirement)
     numbers = [flights.flight[failed], flights.flight, flights.absent]
     counts = [np.bincount(number % points, minlength=points).tolist() for number in numbers]
-    return [
-        Pair(failures, flown + absent, absent, requirement.probability, *risks)
-        for failures, flown, absent in zip(*counts, strict=True)
-    ]
+    return [requirement.judge(missed, flown + absent, absent) for missed, flown, absent in zip(*counts, strict=True)]
 
 
 def _verdict(results: FlownCampaign, item: Requirement, name: str, verdict: Verdict, point: int) -> ControllerVerdict:
