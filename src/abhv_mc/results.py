@@ -230,7 +230,7 @@ class Results:
     @staticmethod
     def explained_figure(explanation: "Explanation", dpi: float = 100.0) -> "Figure":
         """An explained flight as flown and with its causes alone, beside the nominal one."""
-        from abhv_mc.report.pages.explained import make_explained_figure
+        from abhv_mc.report.pages.single_flights import make_explained_figure
 
         figure = make_explained_figure(explanation)
         figure.set_dpi(dpi)

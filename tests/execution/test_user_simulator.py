@@ -169,14 +169,14 @@ def test_histories_that_a_flight_returns_are_kept_and_opened(tmp_path: Path) -> 
     assert field.metadata[b"unit"] == b"ft"
 
     build_report(out)
-    view = make_flights_view(results, {"v1": "v1", "v2": "v2"}, {"v1": "", "v2": ""})
-    assert [(each["label"], each["unit"]) for each in view.data["channels"]] == [
+    data, arrays = make_flights_view(results, {"v1": "v1", "v2": "v2"}, {"v1": "", "v2": ""})
+    assert [(each["label"], each["unit"]) for each in data["channels"]] == [
         ("Altitude", "ft"),
         ("Sink rate", "ft/s"),
     ]
-    assert view.arrays["history:altitude"].shape == (10, 4)
-    assert max(view.data["rows"]["history"]) == 9
-    assert view.data["criteria"][0]["channel"] == "altitude"
+    assert arrays["history:altitude"].shape == (10, 4)
+    assert max(data["rows"]["history"]) == 9
+    assert data["criteria"][0]["channel"] == "altitude"
 
     again = opened.replay(int(numbers[0]), "v1")
     assert again["altitude"].to_numpy() == pytest.approx(kept.loc[numbers[0]]["altitude"].to_numpy(), rel=0)

@@ -6,8 +6,7 @@ import pytest
 from report.synthetic import write_campaign
 
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.topics.margins import MARGINS
-from abhv_mc.topics.margins.section import margin_words
+from abhv_mc.topics.margins import MARGINS, margin_words
 from abhv_mc.topics.topic import Models
 
 LOOPS = ("aileron", "rudder", "elevator", "equivalence_ratio")

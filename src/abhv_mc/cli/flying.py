@@ -42,7 +42,7 @@ def fly(
     about = {"mission": mission.stem, "vehicle": craft.stem, "controllers": figures}
     answer(about, json, lambda: _print_flights(f"{mission.stem} with {craft.stem}, nominal", flights))
     if out is not None:
-        from abhv_mc.report.pages.nominal import write_nominal_report
+        from abhv_mc.report.pages.single_flights import write_nominal_report
 
         plans = {name: flight.plan for name, flight in flights.items()}
         for path in write_nominal_report(out, plans, {name: one.block.history[0] for name, one in flights.items()}):

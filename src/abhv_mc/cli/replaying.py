@@ -92,7 +92,7 @@ def explain(
         return
     from abhv_mc.analysis.explain import explain_flight
     from abhv_mc.folder.inputs import first_controller
-    from abhv_mc.report.pages.explained import explanation_numbers, explanation_words, make_explained_figure
+    from abhv_mc.report.pages.single_flights import explanation_numbers, explanation_words, make_explained_figure
     from abhv_mc.simulators.engine import make_engine
 
     name, fly = controller or first_controller(folder), make_engine().fly

@@ -18,7 +18,7 @@ from abhv_mc.report.pages.flights_view import BARS, CELLS, LISTED, describe_flig
 from abhv_mc.topics.failed_flights import requirement_failures
 from abhv_mc.topics.figure_style import controller_colors
 from abhv_mc.topics.names import full_labels
-from abhv_mc.topics.parameter_words import axis_unit
+from abhv_mc.topics.words import axis_unit
 
 if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection

@@ -13,10 +13,9 @@ from abhv_mc.statistics.failure_drivers import FALSE_DISCOVERY_RATE, FEWEST_FAIL
 from abhv_mc.statistics.failure_rules import Condition, Rule
 from abhv_mc.topics.failed_flights import failure_kinds, requirement_words
 from abhv_mc.topics.names import Names
-from abhv_mc.topics.parameter_words import shown_value, spoken_name
 from abhv_mc.topics.section import Bullets, Cell, Heading, Item, Row, Section, Table, Text
 from abhv_mc.topics.topic import Topic
-from abhv_mc.topics.words import count_of, fixed, joined, percent
+from abhv_mc.topics.words import count_of, fixed, joined, percent, shown_value, spoken_name
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,7 @@ from typing import Any, Literal, TypeAlias, Union, get_args, get_origin, get_typ
 from abhv_mc.report.numbers.compare import Baseline
 from abhv_mc.report.numbers.judged import Judgement
 from abhv_mc.report.numbers.judgement import judge_campaign
-from abhv_mc.topics.margins import MARGINS
-from abhv_mc.topics.margins.section import missing_margins
+from abhv_mc.topics.margins import MARGINS, missing_margins
 from abhv_mc.topics.plain import DRAWN, plain
 from abhv_mc.topics.registry import BUILT_IN
 from abhv_mc.topics.topic import Models, user_topics

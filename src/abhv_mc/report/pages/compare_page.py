@@ -11,9 +11,9 @@ from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.report.numbers.compare import CampaignPair, Compared, compare_results, gate_words, read_compared, sides
 from abhv_mc.report.numbers.judgement import few
 from abhv_mc.report.pages.page import Answer, make_table, write_section_page
+from abhv_mc.topics.comparison import pair_tables
 from abhv_mc.topics.comparison.figures import DifferencePanel, plot_differences
 from abhv_mc.topics.comparison.model import metric_differences
-from abhv_mc.topics.comparison.section import pair_tables
 from abhv_mc.topics.comparison.sentences import pair_words, standing, verdict_of
 from abhv_mc.topics.figure_style import controller_colors
 from abhv_mc.topics.names import Names, full_labels, names_of

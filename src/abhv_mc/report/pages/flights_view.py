@@ -1,8 +1,7 @@
 """The view of flights, described once: what a report's page and `explore` show of them, and in what words and order."""
 
 import shlex
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from importlib.resources import files
 from typing import Any
 
@@ -19,8 +18,7 @@ from abhv_mc.plant.parameters import Parameters
 from abhv_mc.report.pages.interactive import channel_curves, describe_channel
 from abhv_mc.topics.failed_flights import requirement_failures, requirement_words
 from abhv_mc.topics.flights.model import listed_worst, moments_of
-from abhv_mc.topics.parameter_words import axis_unit, is_factor, shown_value, spoken_name
-from abhv_mc.topics.words import fixed
+from abhv_mc.topics.words import axis_unit, fixed, is_factor, shown_value, spoken_name
 
 MOST_FLIGHTS = 6000  # points of a page's view, of all controllers together
 LISTED = 100  # rows of the table
@@ -41,14 +39,6 @@ SHAPES = {
     "triangle-down": "M0 4.6L4.4-3.6H-4.4z",
 }
 Ends = tuple[float, float]
-
-
-@dataclass(frozen=True)
-class FlightsView:
-    """Plain data for the page's script, and the arrays that travel packed."""
-
-    data: dict[str, Any]
-    arrays: dict[str, Floats]
 
 
 def template_text(name: str) -> str:
@@ -157,20 +147,28 @@ def _criterion(record: Metric, channels: Collection[str]) -> dict[str, Any]:
     }
 
 
-def make_flights_view(results: FlownCampaign, labels: Mapping[str, str], colors: Mapping[str, str]) -> FlightsView:
-    """The view in a page: of all flights of a campaign, or of the worst and the first where there are too many."""
+def make_flights_view(
+    results: FlownCampaign, labels: Mapping[str, str], colors: Mapping[str, str]
+) -> tuple[dict[str, Any], dict[str, Floats]]:
+    """The view in a page, and the arrays that travel packed: of all flights of a campaign, or of the worst and the
+    first where there are too many."""
     names, required = results.controllers, results.campaign.requirements
     most = MOST_FLIGHTS // len(names)
-    flights = {name: results.flights[name] for name in names}
     kept = {name: _kept(results, name, most) for name in names}
-    controller = np.concatenate([np.full(rows.size, k) for k, rows in enumerate(kept.values())])
-    number = np.concatenate([flights[name].flight[rows] for name, rows in kept.items()])
-    outcome = np.concatenate([flights[name].outcome[rows] for name, rows in kept.items()])
+
+    flights = [results.flights[name] for name in names]
+
+    def stacked(columns: Iterable[NDArray[Any]]) -> NDArray[Any]:
+        """What is kept of a column of each controller."""
+        return np.concatenate([column[rows] for column, rows in zip(columns, kept.values(), strict=True)])
+
+    controller = np.repeat(np.arange(len(names)), [rows.size for rows in kept.values()])
+    number, outcome = stacked(each.flight for each in flights), stacked(each.outcome for each in flights)
     arrays: dict[str, Floats] = {}
     for name in results.dispersed:
         arrays[f"column:{name}"] = axis_unit(name, results.campaign.parameters)[1] * results.samples[name][number]
     for metric in results.metrics:
-        arrays[f"column:{metric}"] = np.concatenate([flights[n].metrics[metric][rows] for n, rows in kept.items()])
+        arrays[f"column:{metric}"] = stacked(each.metrics[metric] for each in flights)
     ends = {key.removeprefix("column:"): find_ends(values) for key, values in arrays.items()}
     places = {
         (name, int(n)): i for i, (name, n) in enumerate(zip(np.array(names)[controller].tolist(), number, strict=True))
@@ -178,12 +176,8 @@ def make_flights_view(results: FlownCampaign, labels: Mapping[str, str], colors:
     history = np.full(number.size, -1)
     channels = _add_histories(results, places, history, arrays)
     _add_behind(results, channels, arrays)
-    missed = [
-        np.concatenate([requirement_failures(flights[name], item)[rows] for name, rows in kept.items()])
-        for item in required
-    ]
-    total = sum(flights[name].flight.size for name in names)
-    order = np.concatenate([results.ranking.places_of(name)[rows] for name, rows in kept.items()])
+    missed = [stacked(requirement_failures(each, item) for each in flights) for item in required]
+    total = sum(each.flight.size for each in flights)
     data = {
         **describe_flights(results, labels, colors, ends, channels),
         "rows": {
@@ -192,11 +186,11 @@ def make_flights_view(results: FlownCampaign, labels: Mapping[str, str], colors:
             "outcome": outcome.tolist(),
             "failed": (outcome != Outcome.OK).astype(int).tolist(),
             "history": history.tolist(),
-            "by": np.concatenate([results.ranking.by[name][rows] for name, rows in kept.items()]).tolist(),
+            "by": stacked(results.ranking.by[name] for name in names).tolist(),
             "missed": [flags.astype(int).tolist() for flags in missed],
         },
         "outcomes": {k: results.campaign.outcomes.codes[k].replace("_", " ") for k in np.unique(outcome).tolist()},
-        "order": np.argsort(order).tolist(),
+        "order": np.argsort(stacked(map(results.ranking.places_of, names))).tolist(),
         "histories": bool(channels),
         "drawn_again": bool(results.campaign.channels),
         "total": int(number.size),
@@ -204,7 +198,7 @@ def make_flights_view(results: FlownCampaign, labels: Mapping[str, str], colors:
         if number.size == total
         else f"Shown of {fixed(total, 0)}: the worst, those that failed, and the first",
     }
-    return FlightsView(data, arrays)
+    return data, arrays
 
 
 def find_ends(values: Floats) -> Ends:

@@ -147,8 +147,8 @@ def make_page(
     script = "".join(map(template_text, (*SCRIPTS, "page_flights.js", "page.js")))
     packed_library = (template / "plotly-basic.min.js.gz").read_bytes()
     envelopes, arrays = envelope_data(results, names.controllers, colors)
-    view = make_flights_view(results, names.controllers, colors)
-    places, packed = pack_arrays({**arrays, **view.arrays})
+    flights, columns = make_flights_view(results, names.controllers, colors)
+    places, packed = pack_arrays({**arrays, **columns})
     verdicts, state = models[VERDICTS], results.manifest.state
     seeds = f"seeds {', '.join(map(str, campaign.pooled_seeds))}" if campaign.pooled_seeds else f"seed {campaign.seed}"
     drawn = "adopted from a table" if campaign.adopted else seeds
@@ -169,7 +169,7 @@ def make_page(
             script_hashes=_script_hashes(script, gzip.decompress(packed_library).decode()),
             plotly=Markup(base64.b64encode(packed_library).decode()),  # noqa: S704  letters of base64 only
             packed=Markup(packed),  # noqa: S704  letters of base64 only
-            data=_script_json({"envelopes": envelopes, "flights": view.data, "places": places}),
+            data=_script_json({"envelopes": envelopes, "flights": flights, "places": places}),
             chart=chart_rows(verdicts.glance, names.controllers, colors),
             required=bool(verdicts.requirements),
             cards=[card(models, name, colors[name]) for name in names.controllers],

@@ -15,9 +15,9 @@ from abhv_mc.report.figures.searches import FLIGHT_PANELS, plot_flights
 from abhv_mc.report.pages.page import make_table
 from abhv_mc.search.search_flights import DRAWN_APART, DrawnFlights
 from abhv_mc.search.severity import rank_distinct
-from abhv_mc.topics.parameter_words import shown_value
 from abhv_mc.topics.section import FigureText, Fold
 from abhv_mc.topics.topic import Drawn
+from abhv_mc.topics.words import shown_value
 
 _LISTED = 10
 _ELSEWHERE = (

@@ -11,10 +11,9 @@ from abhv_mc.report.pages.searched_flights import drawn_figures, flights_table
 from abhv_mc.search.severity import ENDED_EARLY
 from abhv_mc.search.worst import WorstFound
 from abhv_mc.topics.names import controller_label
-from abhv_mc.topics.parameter_words import shown_value
 from abhv_mc.topics.section import Bullets, FigureText, Item, Lead, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
-from abhv_mc.topics.words import percent
+from abhv_mc.topics.words import percent, shown_value
 
 
 def make_worst_answer(found: WorstFound, folder: Path) -> Answer:

@@ -1,9 +1,155 @@
-"""The first controller against each other one, flight by flight."""
+"""Which controller, and by how much: medians, differences, and what each pair shows."""
 
-from abhv_mc.topics.comparison.model import Comparison, compute_comparison
-from abhv_mc.topics.comparison.section import comparison_section
-from abhv_mc.topics.comparison.sentences import comparison_sentences
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+from abhv_mc.topics.comparison.model import (
+    ComparedMetric,
+    Comparison,
+    ControllerPair,
+    ListedFailures,
+    compute_comparison,
+)
+from abhv_mc.topics.comparison.sentences import asked_of, comparison_sentences, survival_sentences
+from abhv_mc.topics.failed_flights import requirement_words
+from abhv_mc.topics.names import Names
+from abhv_mc.topics.section import Bullets, Cell, Fold, Item, Picture, Row, Section, Table, Text, interval_cell
 from abhv_mc.topics.topic import Topic, figures_of
+from abhv_mc.topics.words import count_of, fixed, p_value, significant
+
+_DASH = "\N{EM DASH}"
+_BETTER = (
+    "Medians, and the median of the flight-by-flight difference with its 95 % interval. Better: significant after "
+    "correction for multiple comparisons (5 % over all rows and rivals, at any number of flights), and no worse in the "
+    "tails or in lost flights."
+)
+
+
+def comparison_section(found: Comparison, names: Names) -> Section | None:
+    """The metrics that stand first and the control usage, then each pair; None without a rival."""
+    if not found.pairs:
+        return None
+    first = names.label(next(iter(names.controllers)))
+    words = [requirement_words(item, names.metrics) for item in names.requirements]
+    heads = ("Metric", names.campaign.kind.capitalize(), "Median", f"{first} minus this", "Better")
+    pairs = [
+        Fold(
+            f"{names.label(pair.a)} against {names.label(pair.b)}",
+            (_difference_table(pair, names, asked_of(pair, names)), _failure_table(pair, names, words)),
+        )
+        for pair in found.pairs.values()
+    ]
+    asked = tuple(tuple(_metric_rows(found, m, names)) for m in found.medians if m in names.asked)
+    usage = tuple(_usage_row(found, m, names) for m in found.medians if m not in names.asked)
+    labels = names.controllers.values()
+    usage_heads = ("Metric", *labels, *(f"{first} minus {label}" for label in list(labels)[1:]))
+    lost = survival_sentences(found, names)
+    title = "Control usage, by how much"
+    items: tuple[Item, ...] = (
+        *([Bullets(tuple(lost))] if lost else []),
+        Text(_BETTER),
+        Table("Who wins, by how much", heads, asked),
+        *([Fold(title, (Table(title, usage_heads, (usage,)),))] if usage else []),
+        Picture("error_against_usage"),
+    )
+    return Section(f"Which {names.campaign.kind}, and by how much", (*items, *pairs))
+
+
+def _metric_rows(found: Comparison, metric: str, names: Names) -> Iterator[Row]:
+    first = next(iter(names.controllers))
+    head = Cell(names.metrics[metric].label_with_unit, rows=len(names.controllers), head=True)
+    for name, label in names.controllers.items():
+        pair = found.pairs.get(f"{first} - {name}")
+        cells: Row = (Cell(label, head=True), Cell(interval_cell(found.medians[metric][name]).text))
+        if pair is None:
+            cells = (*cells, Cell(""), Cell(""))
+        else:
+            entry = pair.metrics[metric]
+            cells = (*cells, interval_cell(entry.median_difference), _winner_cell(entry, names))
+        yield (head, *cells) if name == first else cells
+
+
+def _usage_row(found: Comparison, metric: str, names: Names) -> Row:
+    """Medians of all controllers, then the first one's differences from each other: one line on paper."""
+    first, *others = names.controllers
+    pairs = [found.pairs.get(f"{first} - {name}") for name in others]
+    return (
+        Cell(names.metrics[metric].label_with_unit, head=True),
+        *(Cell(interval_cell(found.medians[metric][name]).text) for name in names.controllers),
+        *(interval_cell(pair.metrics[metric].median_difference) if pair else Cell("") for pair in pairs),
+    )
+
+
+def _winner_cell(entry: ComparedMetric, names: Names) -> Cell:
+    if not entry.compared:
+        return Cell("")
+    return Cell("mixed" if entry.mixed else names.label(entry.winner) if entry.winner else "neither")
+
+
+def pair_tables(
+    pair: ControllerPair, names: Names, metrics: Mapping[str, ComparedMetric], requirements: Sequence[str]
+) -> Iterator[Table]:
+    """The tables of a pair by itself: differences in these metrics with who is better, and failures."""
+    table = _difference_table(pair, names, metrics)
+    rows = tuple(
+        (label, interval_cell(entry.median_difference), *cells, _winner_cell(entry, names))
+        for (label, _, *cells), entry in zip(table.groups[0], metrics.values(), strict=True)
+    )
+    heads = ("Metric", "Median difference", "of 95 % quantiles", "of 99.73 %", *table.heads[4:], "Better")
+    yield replace(table, title="Differences", heads=heads, groups=(rows,), caption=table.caption.replace(
+        "Quantiles of", "Medians of the differences, and quantiles of", 1))  # fmt: skip
+    yield _failure_table(pair, names, requirements)
+
+
+def _difference_table(pair: ControllerPair, names: Names, metrics: Mapping[str, ComparedMetric]) -> Table:
+    a, b = names.label(pair.a), names.label(pair.b)
+    rows = tuple(
+        (
+            Cell(names.metrics[metric].label_with_unit, head=True),
+            *map(interval_cell, entry.quantile_differences.values()),
+            Cell(count_of(entry.a_better, pair.pairs)),
+            Cell(_gain_words(entry)),
+        )
+        for metric, entry in metrics.items()
+    )
+    return Table(
+        f"Quantile differences, {a} minus {b}",
+        ("Metric", "Median", "95 %", "99.73 %", f"{a} better in", "Pairing gain"),
+        (rows,),
+        f"Quantiles of {a} minus quantiles of {b}, with 95 % intervals, open where so few flights bound nothing. "
+        "Pairing gain: an unpaired comparison of the means would need this many times the flights",
+    )
+
+
+def _gain_words(entry: ComparedMetric) -> str:
+    """'1.4 times': how many times the flights an unpaired comparison would need; 'none' where about as many."""
+    gain = entry.pairing_gain
+    return f"{significant(gain, 2)} times" if gain and gain >= 1.05 else "none"
+
+
+def _failure_table(pair: ControllerPair, names: Names, requirements: Sequence[str]) -> Table:
+    """How often one alone misses each requirement, which are in words, and loses the flight."""
+    a, b = names.label(pair.a), names.label(pair.b)
+    ended = "Reached the end of the mission" if names.campaign.kind == "controller" else "Reached its end"
+    missed = zip([*requirements, ended], [*pair.requirements, pair.ended_early], strict=True)
+    return Table(
+        f"Failures of one {names.campaign.kind} only, {a} against {b}",
+        ("Requirement", "Both failed", f"Only {a}", f"Only {b}", "Neither", "p-value",
+         f"Flights, only {a}", f"Flights, only {b}"),
+        (tuple(_failure_row(words, each) for words, each in missed),),
+        "Failures on the same flights, with the exact test of McNemar",
+    )  # fmt: skip
+
+
+def _failure_row(label: str, found: ListedFailures) -> Row:
+    def flights(listed: tuple[int, ...], count: int) -> str:
+        more = "" if count == len(listed) else ", \N{HORIZONTAL ELLIPSIS}"
+        return ", ".join(map(str, listed)) + more if listed else _DASH
+
+    counts = (fixed(count, 0) for count in (found.both, found.only_a, found.only_b, found.neither))
+    only = flights(found.flights_only_a, found.only_a), flights(found.flights_only_b, found.only_b)
+    return (Cell(label, head=True), *map(Cell, (*counts, p_value(found.p_value), *only)))
+
 
 COMPARISON = Topic(
     "comparison", Comparison, compute_comparison, comparison_section, comparison_sentences, figures_of(__name__)

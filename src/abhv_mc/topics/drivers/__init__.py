@@ -12,10 +12,9 @@ from abhv_mc.statistics.drivers import FALSE_DISCOVERY_RATE, RankDrivers, rank_d
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.statistics.given_data import given_data_indices
 from abhv_mc.topics.names import Names
-from abhv_mc.topics.parameter_words import parameter_doc, spoken_name
 from abhv_mc.topics.section import Cell, Fold, Picture, Row, Section, Table, Text, grouped, interval_cell
 from abhv_mc.topics.topic import Topic, figures_of
-from abhv_mc.topics.words import joined, percent
+from abhv_mc.topics.words import joined, parameter_doc, percent, spoken_name
 
 _KEPT = 12  # parameters of a metric, largest first
 _MOST_FLIGHTS = 5_000  # the first so many tell correlations of 0.05 from chance

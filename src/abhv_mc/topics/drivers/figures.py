@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 from abhv_mc.topics.drivers import Drivers, MetricDrivers
 from abhv_mc.topics.figure_style import INK, WIDTH, controller_colors, new_figure, styled
 from abhv_mc.topics.names import Names
-from abhv_mc.topics.parameter_words import spoken_name
 from abhv_mc.topics.section import FigureText
+from abhv_mc.topics.words import spoken_name
 
 _BARS = 3  # of an error: the largest of any controller
 _ROW = 0.155  # in, of a bar

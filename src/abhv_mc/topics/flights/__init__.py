@@ -1,7 +1,143 @@
-"""What each flight did, and the worst of them."""
+"""What was flown and how it ended, the linked view of the flights, and tables of the worst ones."""
 
-from abhv_mc.topics.flights.model import Flights, compute_flights
-from abhv_mc.topics.flights.section import flight_section, flight_sentences
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.topics.flights.model import FlightCounts, Flights, LargeDispersion, WorstFlight, compute_flights
+from abhv_mc.topics.names import Names
+from abhv_mc.topics.section import Cell, Fold, Item, Picture, Row, Section, Table, Text, Widget
 from abhv_mc.topics.topic import Topic, figures_of
+from abhv_mc.topics.words import count_of, fixed, joined, parameter_doc, shown_value, significant, spoken_name
+
+_COLUMNS = 5  # metrics beside each of the worst flights
+
+
+def flight_sentences(found: Flights, names: Names, off_cards: bool = False) -> Sequence[str]:
+    """One of each controller: flights not computed, cycling or ended early, saturated surfaces, tables left.
+
+    ``off_cards``: what of it the cards of the first screen do not show.
+    """
+    said = [
+        f"{name}: the machine could compute none of {count} flights, so it is not in this report; it met nothing."
+        for name, count in found.left_out.items()
+    ]
+    for name, part in found.findings.items():
+        counts, swings = (
+            found.counts[name],
+            "swings, in gusts, turbulence or noise," if part.disturbed else "limit cycle",
+        )
+        known = [("the vehicle's tables are left in", part.outside_tables, part.flown)]
+        if not off_cards:
+            cycles = [(f"{swings} (> {part.ripple_deg:g} deg) in {channel.replace('_', ' ')} in", count, part.flown)
+                      for channel, count in part.cycling.items()]  # fmt: skip
+            known = [
+                ("the machine could not compute", counts.not_computed, counts.flown + counts.not_computed),
+                ("ended early:", counts.failed, counts.flown),
+                ("surfaces reach a limit of deflection or rate in", part.saturated, part.flown), *cycles, *known,
+            ]  # fmt: skip
+        words = [f"{text} {count_of(count, flown, 'flights')}" for text, count, flown in known if count]
+        said += [f"{names.label(name)}: {'; '.join(words)}."] if words else []
+    return said
+
+
+def flight_section(found: Flights, names: Names) -> Section:
+    """All of it; the linked view stands on a page alone."""
+    return Section("What each flight did", tuple(_items(found, names)))
+
+
+def _items(found: Flights, names: Names) -> Iterator[Item]:
+    campaign = names.campaign
+    yield Text(_flown(found, campaign, names))
+    if found.dispersions:
+        rows = [_dispersion(name, _law(entry), _settings(entry), names) for name, entry in found.dispersions.items()]
+        rows += [_dispersion(name, "derived", text, names) for name, text in found.derived.items()]
+        yield Table("Dispersions", ("Parameter", "Meaning", "Distribution", "Settings"), (tuple(rows),), numbers=False)
+    heads = (campaign.kind.capitalize(), "Flown", "Ended early", "Not computed", "Outcomes")
+    counts = tuple(_counts(names.label(name), entry) for name, entry in found.counts.items())
+    yield Table("How the flights ended", heads, (counts,), numbers=False)
+    yield Widget("flights")
+    kept = "Their histories are kept: a number draws it" if campaign.channels else "A number opens it"
+    words = (
+        "Flights that ended early come first, the earliest before all others, then those furthest past (or nearest to) "
+        "a limit, in units of it as in the chart (without requirements, of the median). "
+        f"{kept} above; on paper the first five are listed."
+    )
+    if not campaign.adopted:
+        words += f" `abhv-mc explain {names.folder} --controller NAME --flight NUMBER` finds the smallest set of "
+        words += "dispersions that still makes a flight fail."
+    yield Text(words)
+    asked = (names.metrics[metric].label_with_unit for metric in names.asked[:_COLUMNS])
+    worst_heads = ("Flight", "Outcome", "Worst in", "Beyond its limit (units of it)", *asked, "Largest dispersions")
+    for name, flights in found.worst.items():
+        title = f"Worst flights of {names.label(name)}"
+        again = f"Again, bit for bit: `abhv-mc replay {names.folder} --controller {name} --flight NUMBER`"
+        table = Table(title, worst_heads, (tuple(_worst(name, each, names) for each in flights),))
+        yield Fold(title, (table,) if campaign.adopted else (Text(again), table))
+    yield Picture("worst_flights")
+
+
+def _flown(found: Flights, campaign: Experiment, names: Names) -> str:
+    flown = fixed(next(iter(found.counts.values())).flown, 0)
+    text = f"{joined(list(names.controllers.values()))} flew {'the same ' if len(names.controllers) > 1 else ''}{flown}"
+    text += " dispersed flights"
+    if campaign.model.stop:
+        text += f" (at most {fixed(campaign.runs, 0)}; it stops when proven)"
+    seeds = f"seeds {', '.join(map(str, campaign.pooled_seeds))} one after the other"
+    if campaign.adopted:
+        independent = "are" if campaign.independent else "are not said to be"
+        return f"{text}, adopted from a table; they {independent} independent draws. "
+    text += f" ({campaign.sampling.replace('_', ' ')} sampling, "
+    text += f"{seeds if campaign.pooled_seeds else f'seed {campaign.seed}'}). "
+    if found.dispersions:
+        count, unknowns = len(found.dispersions) - len(campaign.unknowns.names), campaign.unknowns
+        if unknowns.names:
+            text += f"Each sample flew at each of {len(unknowns.points)} values of the unknowns. "
+        text += f"Each flight drew {count} parameter{'s' if count != 1 else ''} as listed here; nothing else differed "
+        text += "from the nominal flight. "
+    return text + (
+        "A flight that ended early counts as a failure in every statistic and verdict, unless a requirement says "
+        "otherwise; both counts are shown."
+    )
+
+
+def _law(entry: Mapping[str, Any]) -> str:
+    return str(entry.get("distribution", "")).replace("_", " ")
+
+
+def _settings(entry: Mapping[str, Any]) -> str:
+    rest = {key: value for key, value in entry.items() if key not in ("distribution", "parts")}
+    parts = [f"{_law(part)} ({_settings(part)})" for part in entry.get("parts", ())]  # of a mixture
+    return ", ".join([*parts, *(f"{key.replace('_', ' ')} {value}" for key, value in rest.items())])
+
+
+def _dispersion(name: str, law: str, settings: str, names: Names) -> Row:
+    return Cell(f"`{name}`", head=True), Cell(parameter_doc(name, names.campaign.parameters)), Cell(law), Cell(settings)
+
+
+def _counts(label: str, found: FlightCounts) -> Row:
+    outcomes = joined([f"{count} {code.replace('_', ' ')}" for code, count in found.outcomes.items()])
+    numbers = (fixed(count, 0) for count in (found.flown, found.failed, found.not_computed))
+    return (Cell(label, head=True), *map(Cell, numbers), Cell(outcomes))
+
+
+def _worst(controller: str, found: WorstFlight, names: Names) -> Row:
+    values = (significant(found.metrics.get(metric), 6) for metric in names.asked[:_COLUMNS])
+    return (
+        Cell(str(found.flight), head=True, flight=(controller, found.flight)),
+        Cell(found.outcome.replace("_", " ")),
+        Cell(names.metrics[found.by].label if found.by else ""),
+        Cell(significant(found.beyond, 3)),
+        *map(Cell, values),
+        Cell(", ".join(_words(each, names) for each in found.largest)),
+    )
+
+
+def _words(found: LargeDispersion, names: Names) -> str:
+    """'lift +8.1 % (1.6 sigma)'."""
+    sigma = "" if found.sigma is None else f" ({fixed(found.sigma, 1)} sigma)"
+    value = shown_value(found.parameter, found.value, names.campaign.parameters)
+    return f"{spoken_name(found.parameter)} {value}{sigma}"
+
 
 FLIGHTS = Topic("flights", Flights, compute_flights, flight_section, flight_sentences, figures_of(__name__))

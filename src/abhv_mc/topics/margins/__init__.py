@@ -1,7 +1,176 @@
 """How far each controller is from instability, in steady flight and over the flights."""
 
-from abhv_mc.topics.margins.model import Margins, compute_margins
-from abhv_mc.topics.margins.section import margin_section, margin_sentences
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from abhv_mc.flight.metrics import MARGIN_NAMES
+from abhv_mc.folder.steady_margins import ControllerMargins, LoopMargins
+from abhv_mc.topics.margins.model import (
+    LISTED,
+    FlightMargins,
+    LeastMargins,
+    Margins,
+    compute_margins,
+    least_margins,
+    loop_name,
+)
+from abhv_mc.topics.names import Names
+from abhv_mc.topics.section import Cell, Heading, Item, Picture, Row, Section, Table, Text, grouped
 from abhv_mc.topics.topic import Topic, figures_of
+from abhv_mc.topics.words import count_of, fixed, percent
+
+
+def margin_sentences(margins: Margins, names: Names) -> Sequence[str]:
+    """One of each controller whose loops are known."""
+    found = {name: margin_words(margins, name) for name in names.controllers}
+    return [f"{names.label(name)}: {words}." for name, words in found.items() if words]
+
+
+def missing_margins(margins: Margins, names: Names) -> Sequence[str]:
+    """Of the flights whose margins could not be computed."""
+    said = []
+    for name, flights in margins.missing.items():
+        listed = ", ".join([*map(str, flights[:LISTED]), *["..."] * (len(flights) > LISTED)])
+        said.append(f"margins of {names.label(name)} could not be computed in {len(flights)} flights ({listed})")
+    return said
+
+
+def margin_words(margins: Margins, controller: str) -> str:
+    """What is said first of a controller's loops in steady flight; '' where nothing is known."""
+    entry = margins.steady.controllers.get(controller)
+    if entry is None:
+        return ""
+    if entry.fault is not None:
+        return f"no margins in steady flight at the mission's start: {entry.fault}"
+    together = entry.nominal[-1]
+    if not together.stable:
+        poles = ", ".join(_pole(*pole) for pole in together.poles if pole[0] > 0.0)
+        return f"unstable in steady, level flight (poles at {poles} per second)"
+    least = least_margins(margins, controller) or LeastMargins(stable=True)
+    words = f"{fixed(least.gain, 1)} dB ({least.gain_loop})" if np.isfinite(least.gain) else "no limit on the gain"
+    words += f" and {fixed(least.phase, 0)} deg ({least.phase_loop})" if np.isfinite(least.phase) else ""
+    if least.little:
+        words = f"little margin in steady, level flight: {words}, where 6 dB and 30 to 45 deg are customary"
+    else:
+        words = f"least margins in steady, level flight {words}"
+    if entry.corners_unstable:
+        tried = "corners" if margins.steady.all_corners else "corners, drawn at random,"
+        words += f"; unstable at {entry.corners_unstable} of {margins.steady.corners} {tried} of the dispersions"
+    return words
+
+
+def _pole(real: float, imaginary: float) -> str:
+    return f"+{real:.3f}" + (f" \N{PLUS-MINUS SIGN} {imaginary:.2f}j" if imaginary else "")
+
+
+_DIGITS = dict(zip(MARGIN_NAMES, (1, 0, 0, 2), strict=True))
+_HEADS = ("Gain (dB)", "Phase (deg)", "Delay (ms)", "Disk margin")
+_BOTH = "\N{PLUS-MINUS SIGN}"
+
+
+def margin_section(margins: Margins, names: Names) -> Section | None:
+    """Loops in steady flight, then the margins of flights; None where none were found."""
+    steady = margins.steady
+    if not steady.controllers:
+        return None
+    items: list[Item] = [
+        Text(
+            "The closed loop as flown (plant, actuators, engine, the law at its rate), linearized in steady, level "
+            "flight at the mission's start; a loop is broken at its actuator, the others closed. Nominal, then the "
+            f"least over {'all' if steady.all_corners else 'random'} {steady.corners} corners of the dispersions. Gain "
+            'margins are downwards / upwards in dB; "all at once" is the disk margin: so much gain or phase in every '
+            "loop at the same time."
+        ),
+        Table(
+            "Stability margins of each loop, nominal and least over the corners",
+            ("Controller", "Loop", "Gain (dB)", "corners", "Phase (deg)", "corners", "Delay (ms)", "corners"),
+            tuple(
+                _steady_group(names.label(name), entry, steady.corners, margin_words(margins, name))
+                for name, entry in steady.controllers.items()
+            ),
+        ),
+    ]
+    return Section("Stability", (*items, *_flight_items(margins, names)))
+
+
+def _steady_group(label: str, entry: ControllerMargins, corners: int, why: str) -> tuple[Row, ...]:
+    if not entry.nominal or not entry.nominal[-1].stable:
+        return ((Cell(label, head=True), Cell(why, columns=7)),)
+    note = f"unstable at {entry.corners_unstable} of {corners} corners" if entry.corners_unstable else ""
+    least = {row.loop: row for row in entry.corners}
+    rows = [_loop_row(row, least.get(row.loop, LoopMargins(row.loop))) for row in entry.nominal]
+    return grouped(rows, Cell(label, note, head=True))
+
+
+def _loop_row(row: LoopMargins, corner: LoopMargins) -> Row:
+    cells = [Cell(loop_name(row.loop), head=True)]
+    if row.loop == "all":
+        cells += [Cell(_margin(each.disk_gain_db, 1, _BOTH)) for each in (row, corner)]
+        cells += [Cell(_margin(each.disk_phase_deg, 0, _BOTH)) for each in (row, corner)]
+    else:
+        pairs = [(each.gain_margin_low_db, each.gain_margin_high_db) for each in (row, corner)]
+        cells += [Cell(f"{_margin(low, 1)} / {_margin(high, 1)}") for low, high in pairs]
+        cells += [Cell(_margin(each.phase_margin_deg, 0)) for each in (row, corner)]
+    cells += [Cell(_margin(each.delay_margin_ms, 0)) for each in (row, corner)]
+    return tuple(cells)
+
+
+def _margin(value: float | None, digits: int, sign: str = "") -> str:
+    return "none" if value is None else f"{sign}{fixed(value, digits)}"
+
+
+def _flight_items(margins: Margins, names: Names) -> Iterator[Item]:
+    if not margins.flights:
+        return
+    where = " and ".join(
+        "in steady flight at the start" if point == "trim" else f"{point:g} s into the flight (reference frozen)"
+        for point in margins.points
+    )
+    yield Heading("Margins of the flights")
+    yield Text(
+        f"The least over all loops {where}, each flight with its own dispersions; an unstable point counts as zero, as "
+        "does one at which a command stands at a limit. Median / least."
+    )
+    yield Table(
+        "Margins of the flights, median / least",
+        ("Controller", *_HEADS, "Unstable", "At a limit", "Flights that failed, by gain margin"),
+        (tuple(_flights_row(names.label(name), entry) for name, entry in margins.flights.items()),),
+    )
+    yield Table(
+        "Flights of least gain margin",
+        ("Controller", "Flight", *_HEADS, "Failed", "Command"),
+        tuple(_least_group(name, entry, names) for name, entry in margins.flights.items()),
+    )
+    yield Picture("margins")
+
+
+def _flights_row(label: str, entry: FlightMargins) -> Row:
+    ends = [
+        f"{fixed(entry.margins[name].median, digits)} / {fixed(entry.margins[name].least, digits)}"
+        for name, digits in _DIGITS.items()
+    ]
+    counts = [count_of(count, entry.flights) for count in (entry.unstable, entry.at_limit)]
+    return (Cell(label, head=True), *map(Cell, ends), *map(Cell, counts), Cell(_failed_words(entry)))
+
+
+def _failed_words(entry: FlightMargins) -> str:
+    """'3 of 40 (7.5 %) below 6 dB, 0 of 60 (0 %) from there on'; '' without requirements."""
+    words = []
+    for counts, side in ((entry.failed_below, "below 6 dB"), (entry.failed_above, "from 6 dB on")):
+        if counts and counts[1]:
+            words.append(f"{count_of(*counts)} ({percent(counts[0] / counts[1], 2)}) {side}")
+    return ", ".join(words)
+
+
+def _least_group(controller: str, entry: FlightMargins, names: Names) -> tuple[Row, ...]:
+    rows = []
+    for flight in entry.least:
+        values = [Cell(fixed(flight.margins[name], digits)) for name, digits in _DIGITS.items()]
+        command = f"`abhv-mc replay {names.folder} --flight {flight.flight} --controller {controller}`"
+        failed = Cell("yes" if flight.failed else "no")
+        rows.append((Cell(str(flight.flight), head=True), *values, failed, Cell(command)))
+    return grouped(rows, Cell(names.label(controller), head=True))
+
 
 MARGINS = Topic("margins", Margins, compute_margins, margin_section, margin_sentences, figures_of(__name__))
