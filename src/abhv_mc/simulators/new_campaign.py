@@ -127,12 +127,10 @@ def write_new_simulator(folder: Path, kind: str) -> list[Path]:
     text = (source / "campaign.yaml").read_text(encoding="utf-8")
     if kind == "command":
         called = "  command: [./rocket] # it reads flights as lines of JSON and answers each by a line; built of:\n"
-        text = text.replace(next(line for line in text.splitlines(True) if line.startswith("  python:")), called)
-        text = text.replace(called, f"{called}  files: [rocket.c, Makefile]\n")
+        text = re.sub(r"(?m)^  python:.*\n", f"{called}  files: [rocket.c, Makefile]\n", text)
     written[0].write_text(text, encoding="utf-8")
-    for file in sorted((source / kind).iterdir()):
-        if file.is_file():
-            written.append(Path(shutil.copyfile(file, folder / file.name)))
+    files = sorted(filter(Path.is_file, (source / kind).iterdir()))
+    written += [Path(shutil.copyfile(file, folder / file.name)) for file in files]
     written += write_schemas(folder, written[:1], ["campaign"])
     if kind == "command":
         try:

@@ -30,12 +30,6 @@ COMMAND_FIELDS = Command._fields[:-2]  # of laws in C and FMUs, which give the e
 MixedCommand: Any = NamedTuple("MixedCommand", [(name, float) for name in Command._fields[:-1]])  # type: ignore[misc]
 
 
-def command_rows(command: Command) -> tuple[float, ...]:
-    """What of a command goes to the rows of the lane memory: its fields but the last two, the engine's as one."""
-    engine = command.equivalence_ratio if command.throttle == NOT_GIVEN else command.throttle
-    return (*command[:3], engine, *command[4:7])
-
-
 class Measured(NamedTuple):
     """What the sensors say."""
 

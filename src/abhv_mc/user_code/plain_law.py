@@ -12,7 +12,7 @@ from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.laws.user import FAULT, MEMORY, N_ONBOARD, ONBOARD
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.user_code.compiled import COMMAND_ROWS, LAW_FAILED, ONBOARD_ROWS, make_gains_class, split_columns
-from abhv_mc.user_code.law_interface import Command, Measured, Onboard, Reference, command_rows, nest
+from abhv_mc.user_code.law_interface import NOT_GIVEN, Command, Measured, Onboard, Reference, nest
 from abhv_mc.user_code.module import Law
 from abhv_mc.user_code.unpack import in_its_folder
 from abhv_mc.user_code.watch import watching
@@ -107,7 +107,8 @@ class PlainLaw:
         command, memory = returned if self._remembers else (returned, None)
         if not isinstance(command, Command):
             raise TypeError(f"the law returns {type(command).__name__}; wanted Command(...)")
-        block[list(COMMAND_ROWS), lane] = command_rows(command)
+        engine = command.equivalence_ratio if command.throttle == NOT_GIVEN else command.throttle
+        block[list(COMMAND_ROWS), lane] = (*command[:3], engine, *command[4:7])
         for name, value in dict(command.effectors).items():
             block[self._effectors[name], lane] = value
         if self._in_rows and self._remembers:
