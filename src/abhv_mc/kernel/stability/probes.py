@@ -55,8 +55,16 @@ def _store(Z, row, values, start, n):
 
 
 @lanes
+def _fail(plan, memory, width, active, tick):
+    """What has failed in the plant; of an argument that is None, as in lean probes, the branch is not compiled."""
+    if active is not None:
+        tick_length = plan.timing.step * plan.timing.steps_per_tick
+        fail_plant(memory.Z, memory.A, width, active.failures, plan.vehicle, tick * tick_length, tick_length)
+
+
+@lanes
 def _begin_all(plan, memory, before, moving, numbers, find, tick, sensed, acting):
-    Z, width, tick_length = memory.Z, memory.Z.shape[1], plan.timing.step * plan.timing.steps_per_tick
+    Z, width = memory.Z, memory.Z.shape[1]
     for start in range(0, before.shape[0], width):
         n = min(width, before.shape[0] - start)
         _load(Z, 0, width, before, numbers, start, n)
@@ -65,8 +73,7 @@ def _begin_all(plan, memory, before, moving, numbers, find, tick, sensed, acting
         begin_tick(plan, memory, width, active, tick)
         _store(Z, 0, sensed, start, n)
         pass_commands(Z, width)
-        if active is not None:
-            fail_plant(Z, memory.A, width, active.failures, plan.vehicle, tick * tick_length, tick_length)
+        _fail(plan, memory, width, active, tick)
         _store(Z, 0, acting, start, n)
 
 
