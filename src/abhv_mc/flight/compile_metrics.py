@@ -118,34 +118,28 @@ def _is_lean(metric: Metric, known: Mapping[str, Known]) -> bool:
     return (same and not (metric.settled and metric.statistic != Statistic.MAX_ABS)) or (grows and not metric.settled)
 
 
-class Expression(NamedTuple):
-    """Instructions for one expression."""
-
-    code: list[tuple[int, int, int, int]]
-    constant: list[float]
-    nonnegative: bool  # whether it is never below zero
-
-
-def compile_expression(text: str, known: Mapping[str, Known]) -> Expression:
+def compile_expression(text: str, known: Mapping[str, Known]) -> "Expression":
     """The program of an expression. Raises Refusal."""
-    program = _Program(known, text.strip())
+    made = Expression(known, text.strip())
     try:
-        body = ast.parse(program.text, mode="eval").body
-        program.add(body, 0)
+        body = ast.parse(made.text, mode="eval").body
+        made.add(body, 0)
     except (SyntaxError, RecursionError, MemoryError, OverflowError):  # the last three: deep nesting, long numbers
         raise Refusal(describe(text), "a channel or an expression of channels") from None
     single = isinstance(body, ast.Name) and known[body.id].nonnegative
     size = isinstance(body, ast.Call) and isinstance(body.func, ast.Name) and body.func.id in ("abs", "sqrt")
-    return Expression(program.code, program.constant, single or size)
+    made.nonnegative = single or size
+    return made
 
 
-class _Program:
+class Expression:
     """Instructions for one expression."""
 
     def __init__(self, known: Mapping[str, Known], text: str) -> None:
         self.known, self.text = known, text
         self.code: list[tuple[int, int, int, int]] = []
         self.constant: list[float] = []
+        self.nonnegative = False  # whether it is never below zero
 
     def _emit(self, operation: Operation, register: int, a: int = 0, b: int = 0, constant: float = 0.0) -> None:
         self.code.append((int(operation), register, a, b))

@@ -162,7 +162,7 @@ def make_plan(
     start = make_start_trim(mission, vehicle)
     if start.fault:
         warnings.append(f"at the start {start.fault}")
-    names, gains = make_gains(controller, user_code, DesignModel(vehicle, mission, reference, trim_tables))
+    names, gains, settings = make_gains(controller, user_code, DesignModel(vehicle, mission, reference, trim_tables))
     constants = vehicle.constants
     loads = tighter(mission.limits.bounds(), constants.bounds)
     if loads.heat_flux < np.inf and constants.nose_radius == 0.0:
@@ -188,7 +188,7 @@ def make_plan(
         initial_state=make_initial_state(mission, vehicle, start),
         reference=reference,
         gains=gains,
-        settings=make_settings(controller, user_code),
+        settings=settings,
         profile=mission.make_air(),
         warnings=np.array(warnings, dtype=np.str_),
         gain_names=np.array(names, dtype=np.str_),
@@ -202,27 +202,19 @@ def make_plan(
 
 def make_gains(
     controller: Controller, user_code: UserParts | None, model: DesignModel
-) -> tuple[tuple[str, ...], Floats]:
-    """Gains [tick, gain] along the model's reference, and their names if the law is a user's. Raises InputError."""
-    if isinstance(controller, UserController):
-        if user_code is None:
-            raise ValueError("a controller of the user's own without its law")
-        names, gains = watched_design(user_code.source, model, user_code.settings)
-        return (*names, *user_code.commands.column_names()), np.concatenate(
-            [gains, user_code.commands.columns(model.time)], axis=1
-        )
+) -> tuple[tuple[str, ...], Floats, Floats]:
+    """Names, if the law is a user's, gains [tick, gain] along the model's reference, settings. Raises InputError."""
     if isinstance(controller, TlcController):
-        return (), make_tlc_gains(controller, model.table, model.vehicle, model.trim_tables)
-    return (), make_lqr_gains(controller, model.mission, model.table, model.vehicle, model.trim_tables)
-
-
-def make_settings(controller: Controller, user_code: UserParts | None) -> Floats:
-    """The constants [setting] of a controller's law."""
-    if isinstance(controller, TlcController):
-        return make_tlc_settings(controller)
+        gains = make_tlc_gains(controller, model.table, model.vehicle, model.trim_tables)
+        return (), gains, make_tlc_settings(controller)
     if isinstance(controller, LqrController):
-        return make_lqr_settings(controller)
-    return user_code.settings if user_code is not None else np.empty(0)
+        gains = make_lqr_gains(controller, model.mission, model.table, model.vehicle, model.trim_tables)
+        return (), gains, make_lqr_settings(controller)
+    if user_code is None:
+        raise ValueError("a controller of the user's own without its law")
+    names, gains = watched_design(user_code.source, model, user_code.settings)
+    gains = np.concatenate([gains, user_code.commands.columns(model.time)], axis=1)
+    return (*names, *user_code.commands.column_names()), gains, user_code.settings
 
 
 def limit_faults(controller: TlcController | LqrController, reference: Floats) -> list[str]:

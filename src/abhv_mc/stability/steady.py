@@ -65,7 +65,7 @@ def make_steady_plan(
     row[ref.EQUIVALENCE_RATIO], row[ref.ELEVATOR] = nominal.equivalence_ratio[0], nominal.elevator[0]
     reference = np.tile(row, (3, 1))
     reference[:, ref.TIME] = plan.reference[:3, ref.TIME]
-    _, gains = make_gains(controller, user_code, DesignModel(vehicle, level, reference, trim_tables))
+    _, gains, _ = make_gains(controller, user_code, DesignModel(vehicle, level, reference, trim_tables))
     return replace(plan, reference=reference, gains=gains, trim_tables=trim_tables)
 
 

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.array_types import Ints
 from abhv_mc.io.documents import Document, InputErrors, Refusal, read_document, validate
 from abhv_mc.io.input_files import made_once
 from abhv_mc.io.number_table import read_rows
@@ -20,7 +19,6 @@ from abhv_mc.kernel.plant.vehicle import (
     VARIABLES,
     BuildUp,
     Constants,
-    Effectors,
     Inlet,
     LoadBounds,
     Sensing,
@@ -28,15 +26,14 @@ from abhv_mc.kernel.plant.vehicle import (
     no_functions,
 )
 from abhv_mc.vehicle.actuator_keys import (
-    AXIS_DEFLECTIONS,
     PROPULSION_TABLES,
     Capture,
-    Effector,
     IdealSurfaces,
     Surfaces,
     ThrustFunction,
     engine_rows,
 )
+from abhv_mc.vehicle.actuators import pack_effectors
 from abhv_mc.vehicle.document import REDUCED_RATES, AerodynamicsFunction, MassPoint, MassPoints, VehicleDocument
 from abhv_mc.vehicle.pack import Axis, Table, make_constant, pack_tables
 from abhv_mc.vehicle.shared_keys import choose_sensing
@@ -175,11 +172,10 @@ def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
     build_up = BuildUp(columns[0].copy(), rows[columns[1]], columns[2].copy(), columns[3].copy())
     foreign = file.code.pack() if file.code else no_functions()
     constants = _make_constants(content)
-    mix = _effector_mix(content)
     named = {VARIABLES[i] for i in (*build_up.variable, *tables.axis_variable)}
     for function in file.code.functions() if file.code else ():
         named |= set(re.findall(r"\w+", function.text))
-    effectors = mix, _effectors(content, constants, mix, named), _letters(list(content.effectors))
+    effectors = pack_effectors(content.effectors, constants, named)
     engines = np.array(engine_rows(content.propulsion.engines) if content.propulsion else []).reshape(-1, 4)
     return Vehicle(constants, tables, build_up, *effectors, engines, foreign)
 
@@ -210,61 +206,6 @@ def _mass_tables(points: tuple[MassPoint, ...], reference: tuple[float, float]) 
         return {name: make_constant(float(column[0])) for name, column in values.items()}
     axis = Axis(VARIABLES.index("mass"), np.array([point.mass for point in points]))
     return {name: Table((axis,), column) for name, column in values.items()}
-
-
-def _effector_mix(content: VehicleDocument) -> np.ndarray:
-    mix = [[getattr(effector, axis) for axis in AXIS_DEFLECTIONS] for effector in content.effectors.values()]
-    return np.array(mix, dtype=np.float64).reshape(-1, len(AXIS_DEFLECTIONS))
-
-
-def _axis_shares(mix: np.ndarray) -> np.ndarray:
-    """What of the effectors' deflections an axis makes [axis, effector, effector], within sets of equal |mix|.
-
-    In the file's order each joins the first set in which its row of the mix is independent of the others', or begins
-    one: over all of them at once, pairs with unlike limits would count as commands of other axes.
-    """
-    sets: list[list[int]] = []
-    for e, row in enumerate(mix):
-        alike = [s for s in sets if (abs(mix[s[0]]) == abs(row)).all()]
-        joined = next((s for s in alike if np.linalg.matrix_rank(mix[[*s, e]]) == len(s) + 1), None)
-        if joined is None:
-            sets.append([e])
-        else:
-            joined.append(e)
-    shares = np.zeros((3, len(mix), len(mix)))
-    for members in sets:
-        part = mix[members]
-        shares[np.ix_(range(3), members, members)] = part.T[:, :, None] * np.linalg.pinv(part)[:, None, :]
-    return shares
-
-
-def _effectors(content: VehicleDocument, constants: Constants, mix: np.ndarray, named: set[str]) -> Effectors:
-    """The list of actuators: the file's effectors, what they leave out as the surfaces have it, then named axes."""
-    axes = [i for i, axis in enumerate(AXIS_DEFLECTIONS) if axis in named]
-    own = [VARIABLES.index("effector_0") + e for e in range(len(mix))]
-    variables = np.array([*own, *(VARIABLES.index(AXIS_DEFLECTIONS[i]) for i in axes)], dtype=np.int64)
-    mix = np.vstack([mix, np.eye(3)[axes]])
-    rows, c = np.zeros((len(mix), 6)), constants
-    for row, effector in zip(rows, [*content.effectors.values(), *[Effector()] * len(axes)], strict=True):
-        low, high = effector.limits or (-c.surface_limit, c.surface_limit)
-        moves = effector.rate is not None or effector.bandwidth is not None
-        ideal = effector.ideal or (c.ideal_surfaces > 0.0 and not moves)
-        row[:] = (
-            low,
-            high,
-            effector.rate or c.surface_rate_limit or math.inf,
-            effector.bandwidth or c.surface_bandwidth,
-            effector.damping or c.surface_damping,
-            ideal,
-        )
-    return Effectors(variables, mix, rows, _axis_shares(mix), np.linalg.pinv(mix))
-
-
-def _letters(names: Sequence[str]) -> Ints:
-    rows = np.zeros((len(names), max(map(len, names), default=0)), dtype=np.int64)
-    for row, name in zip(rows, names, strict=True):
-        row[: len(name)] = [ord(letter) for letter in name]
-    return rows
 
 
 def _make_constants(content: VehicleDocument) -> Constants:
