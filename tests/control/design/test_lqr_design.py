@@ -21,7 +21,6 @@ from abhv_mc.control.design.lqr_design import (
     make_nominal,
 )
 from abhv_mc.kernel.laws.columns import LQR_ELEVATOR, LQR_GAINS, LQR_GUIDANCE, LQR_LATERAL
-from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 
@@ -89,34 +88,6 @@ def test_ramps_have_knots_each_tenth_of_a_second(mission, vehicle, trim_tables, 
     for first in (0, 4800):
         assert set(range(first, first + 200, 10)) <= set(knots)
     assert len(knots) < 70  # each 5 s elsewhere
-
-
-def test_attitude_slopes_by_hand(nominal_at, vehicle):
-    """Entries that textbooks give: damping and effectiveness over the inertia, from the real-valued tables."""
-    nominal = nominal_at(2500)
-    A, B = longitudinal_model(attitude_slopes(vehicle, nominal))
-    constants = vehicle.constants
-    q_bar = 0.5 * nominal.around.density * nominal.speed**2
-
-    def pitching_moment(**others: float) -> float:
-        values = {
-            "mach": nominal.speed / nominal.around.sound_speed,
-            "angle_of_attack": nominal.angle_of_attack,
-            "equivalence_ratio": nominal.equivalence_ratio,
-            "elevator": nominal.elevator,
-            "mass": nominal.mass,
-        } | others
-        return float(evaluate_coefficients(vehicle, make_variables(vehicle, **values))[4, 0])
-
-    inertia = float(evaluate_fixed(vehicle, make_variables(vehicle, mass=nominal.mass))["inertia_yy"][0])
-    scale = q_bar * constants.area * constants.chord / inertia
-    d = 1e-4
-    effectiveness = (pitching_moment(elevator=nominal.elevator + d) - pitching_moment()) / d
-    damping = (pitching_moment(pitch_rate_hat=d) - pitching_moment()) / d * constants.chord / (2.0 * nominal.speed)
-    assert B[1, 0] == pytest.approx(scale * effectiveness, rel=1e-6)
-    assert A[1, 1] == pytest.approx(scale * damping, rel=1e-6)
-    assert A[0, 1] == pytest.approx(1.0, abs=1e-3)
-    assert B[0, 0] < 0.0  # more lift, less rate of angle of attack
 
 
 Floats = NDArray[np.float64]
