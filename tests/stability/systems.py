@@ -11,10 +11,9 @@ from abhv_mc.flight.prepare import make_plan, read_law
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.stability.analysis import analyse
-from abhv_mc.stability.disturbed import fly_disturbed
 from abhv_mc.stability.linearize import closed_loop, linearize
 from abhv_mc.stability.plant_inputs import plant_states
-from abhv_mc.stability.points import flown_points
+from abhv_mc.stability.points import flown_points, fly_disturbed
 from abhv_mc.stability.probe import law_memory_rows
 from abhv_mc.stability.sensor_states import sensor_states
 from abhv_mc.stability.steady import make_steady_plan, trim_points

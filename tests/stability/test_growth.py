@@ -9,9 +9,9 @@ from abhv_mc.flight.fly import fly, fly_until
 from abhv_mc.flight.prepare import read_law
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.stability.analysis import analyse
-from abhv_mc.stability.disturbed import closed_states, disturb
 from abhv_mc.stability.linearize import closed_period, linearize
 from abhv_mc.stability.periods import find_period, go_on
+from abhv_mc.stability.points import closed_states, disturb
 from abhv_mc.stability.steady import make_steady_plan, trim_points
 
 # The command of each control, of its deviation from the rest so many times as much.

@@ -7,8 +7,7 @@ from stability.systems import decibels, linear_at_trim, stability_at_trim
 
 from abhv_mc.kernel.stability.structured import peak_of_structured_singular_values, structured_singular_values
 from abhv_mc.stability.linearize import open_loop
-from abhv_mc.stability.margins import close, disk_gain_and_phase, find_margins
-from abhv_mc.stability.responses import loop_gains, make_loops
+from abhv_mc.stability.margins import close, disk_gain_and_phase, find_margins, loop_gains, make_loops
 
 PERIOD = 0.01
 

@@ -11,8 +11,8 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.plant.parameter_names import SENSORS
 from abhv_mc.stability.analysis import analyse, margins_of_flights
 from abhv_mc.stability.linearize import closed_period, linearize
+from abhv_mc.stability.margins import loop_gains, make_loops
 from abhv_mc.stability.model_file import make_model
-from abhv_mc.stability.responses import loop_gains, make_loops
 from abhv_mc.stability.steady import trim_points
 
 

@@ -284,8 +284,8 @@ def fly_on(
     import pandas as pd
 
     from abhv_mc.simulators.make_plans import check_rows
-    from abhv_mc.stability.disturbed import fly_disturbed
     from abhv_mc.stability.plant_inputs import plant_states
+    from abhv_mc.stability.points import fly_disturbed
     from abhv_mc.stability.probe import law_memory_rows
 
     plan = make_flight_plan(mission, vehicle, controller)

@@ -9,9 +9,8 @@ from abhv_mc.array_types import Complexes, Floats, Ints, Mask
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.stability.lifted import find_lifted_margins
 from abhv_mc.stability.linearize import REASONS, Linear, closed_period, linearize
-from abhv_mc.stability.margins import Margins, disk_gain_and_phase, find_margins
+from abhv_mc.stability.margins import Margins, disk_gain_and_phase, find_margins, loop_gains, make_loops
 from abhv_mc.stability.points import AT_LIMIT, Found, flown_points
-from abhv_mc.stability.responses import loop_gains, make_loops
 from abhv_mc.stability.search import frequency_grid
 from abhv_mc.stability.steady import trim_points
 

@@ -16,8 +16,17 @@ import numpy as np
 
 from abhv_mc.array_types import Complexes, Floats, Ints
 from abhv_mc.stability.linearize import Linear, open_loop
-from abhv_mc.stability.margins import Margins, eigenvalues, gain_margins, inverse, largest, phase_margins
-from abhv_mc.stability.responses import Loops, loop_gains, to_hessenberg
+from abhv_mc.stability.margins import (
+    Loops,
+    Margins,
+    eigenvalues,
+    gain_margins,
+    inverse,
+    largest,
+    loop_gains,
+    phase_margins,
+    to_hessenberg,
+)
 from abhv_mc.stability.search import refine_peaks
 
 _SLOWEST = 1e-6  # rad/s, in place of zero, where integrators have no response
