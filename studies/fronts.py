@@ -34,7 +34,7 @@ from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.io.documents import read_document
 from abhv_mc.search.methods.tune import Scores, pareto_front, tune
-from abhv_mc.simulators.controller_numbers import ControllerNumbers
+from abhv_mc.simulators.candidates import ControllerNumbers
 from abhv_mc.stability.analysis import margins_of_flights
 
 VEHICLES = ("seed-2", "seed-4", "seed-9")  # of studies/paper_vehicle.json: abhv, and the two that differ most from it

@@ -35,7 +35,7 @@ from abhv_mc.control.controller_file import Controller, read_controller
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.io.documents import read_document
 from abhv_mc.search.methods.tune import Scores, tune
-from abhv_mc.simulators.controller_numbers import ControllerNumbers
+from abhv_mc.simulators.candidates import ControllerNumbers
 from abhv_mc.stability.steady import make_steady_plan
 
 FAR = 0.6  # beyond a limit of the margins, relative: not worth flying

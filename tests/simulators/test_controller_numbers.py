@@ -10,7 +10,7 @@ from abhv_mc.io.documents import read_document
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.laws.columns import LQR_GAINS
 from abhv_mc.one_flight.given import make_flight_plan
-from abhv_mc.simulators.controller_numbers import read_controller_numbers
+from abhv_mc.simulators.candidates import read_controller_numbers
 from abhv_mc.simulators.export_gains import write_gains
 
 

@@ -40,8 +40,7 @@ from abhv_mc.search.tune_trials import (
     severities_of,
     value_of,
 )
-from abhv_mc.simulators.candidates import Candidates
-from abhv_mc.simulators.controller_numbers import ControllerNumbers, read_controller_numbers
+from abhv_mc.simulators.candidates import Candidates, ControllerNumbers, read_controller_numbers
 from abhv_mc.simulators.engine import Engine, make_engine
 from abhv_mc.statistics.estimates import Interval
 
