@@ -126,7 +126,7 @@ def test_linearize_along_a_path_is_each_of_its_times(tmp_path):
         assert np.array_equal(path["plant_states"], one["plant_states"])
 
 
-@pytest.mark.thorough  # tests/search/test_worst_margins.py is quick
+@pytest.mark.thorough  # tests/search/test_searches.py has a quick one
 def test_the_worst_margins_of_a_campaign(tmp_path, repository):
     file = tmp_path / "worst.json"
     campaign = repository / "campaigns/s_manoeuvre.yaml"

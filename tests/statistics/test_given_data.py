@@ -12,23 +12,14 @@ def draw_inputs(seed, count=8, flights=FLIGHTS):
     return np.random.default_rng(seed).uniform(-1.0, 1.0, (flights, count))
 
 
-def test_a_wave_is_found():
-    """sin(6x): no rank correlation, all of the variance."""
+def test_a_wave_is_found_and_a_product_by_its_pair():
+    """sin(6x): no rank correlation, all of the variance; x0 x2: neither has a share of its own."""
     for seed in range(20):
         inputs = draw_inputs(seed, 20)
-        found = given_data_indices(inputs, np.sin(6.0 * inputs[:, [4]]))
-        assert np.flatnonzero(found.found[:, 0]).tolist() == [4]
-        assert found.first[4, 0] > 0.9
-
-
-def test_a_product_is_found_by_its_pair():
-    """x0 x2: neither has a share of its own."""
-    for seed in range(20):
-        inputs = draw_inputs(100 + seed, 20)
-        found = given_data_indices(inputs, inputs[:, [0]] * inputs[:, [2]])
-        assert np.flatnonzero(found.found[:, 0]).tolist() == [0, 2]
-        assert found.partner[0, 0] == 2 and found.partner[2, 0] == 0
-        assert found.first[[0, 2], 0].max() < 0.15 and found.total[[0, 2], 0].min() > 0.5
+        found = given_data_indices(inputs, np.column_stack([np.sin(6.0 * inputs[:, 4]), inputs[:, 0] * inputs[:, 2]]))
+        assert [np.flatnonzero(each).tolist() for each in found.found.T] == [[4], [0, 2]]
+        assert found.first[4, 0] > 0.9 and found.partner[[0, 2], 1].tolist() == [2, 0]
+        assert found.first[[0, 2], 1].max() < 0.15 and found.total[[0, 2], 1].min() > 0.5
 
 
 def test_shares_are_the_analytic_ones():

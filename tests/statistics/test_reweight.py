@@ -99,18 +99,6 @@ def test_discrete_values_that_no_flight_had_are_unseen():
     assert join_unseen([]).single == 0.0
 
 
-def test_what_lies_beyond_all_flights_is_unseen_whatever_the_law():
-    draw = np.random.default_rng(4)
-    for old, new in ((stats.norm(), stats.norm(0.0, 1.5)), (stats.norm(), stats.norm(1.4, 1.0))):
-        x = old.rvs(1000, random_state=draw)
-        ends = np.array([x.min(), x.max()])
-        beyond = float(new.cdf(ends[0])), float(new.sf(ends[1]))
-        weights = new.pdf(ends) / old.pdf(ends)
-        single, excess = unseen_of_range(beyond, (weights[0], weights[1]), 1000)
-        assert single == pytest.approx(sum(beyond)) and single > 0.01
-        assert 0.0 <= excess < single
-
-
 def test_five_normals_a_tenth_wider_are_answered_and_covered():
     """Were refused: each of ten tails lies a little beyond the flights."""
     draw = np.random.default_rng(5)

@@ -92,7 +92,7 @@ def margins(
 def _show_worst(file: Path, controllers: str | None, json: Path | None, trust_code: bool) -> None:
     from abhv_mc.campaign.file.check import read_campaign
     from abhv_mc.flight.metrics import BUILT_IN
-    from abhv_mc.search.worst_margins import EVALUATIONS, find_worst_margins
+    from abhv_mc.search.worst import MARGIN_EVALUATIONS, find_worst_margins
     from abhv_mc.topics.words import shown_value, spoken_name
 
     _, _, files = _find_flown(None, file, controllers, trust_code)
@@ -109,7 +109,8 @@ def _show_worst(file: Path, controllers: str | None, json: Path | None, trust_co
             values = (f"{value:.3g} {metric.unit}".removesuffix(" -") for value in (one.nominal, one.found))
             table.add_row(one.controller, metric.label, *values, f"{one.fault}: {where}" if one.fault else where)
         print_table(table)
-        say(f"Found by the linear analysis at the trim, {EVALUATIONS} points a margin: the true least is no greater.")
+        points = f"{MARGIN_EVALUATIONS} points a margin"
+        say(f"Found by the linear analysis at the trim, {points}: the true least is no greater.")
 
     answer({"rows": found}, json, in_words)
 

@@ -11,9 +11,8 @@ from abhv_mc.flight.metrics import BUILT_IN, Metric
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.plant.parameters import Parameters
-from abhv_mc.search.methods import second_look
-from abhv_mc.search.methods.importance import MOST_DIMENSIONS
 from abhv_mc.search.methods.rare import CONFIDENCE, FEWEST, RareEstimate, choose_chains
+from abhv_mc.search.methods.second_opinion import MOST_LOOKED, MOST_SAMPLED
 from abhv_mc.search.methods.strata import Stratum, Switched, estimate_switched
 from abhv_mc.search.methods.subset import SubsetPlan
 from abhv_mc.search.search_flights import DrawnFlights, SearchRequest, open_search, read_searched
@@ -57,7 +56,7 @@ class RareFound:
     @property
     def unwarned(self) -> str:
         """The second half of the estimate's sentence, beyond the dimension to which the second look finds branches."""
-        if len(self.space.names) <= second_look.MOST_DIMENSIONS or self.estimate.unwarned_high is None:
+        if len(self.space.names) <= MOST_LOOKED or self.estimate.unwarned_high is None:
             return ""
         return (
             ", as far as the severity gives warning; of flights that end without warning only the "
@@ -69,7 +68,7 @@ class RareFound:
         """What importance sampling says."""
         check = self.estimate.check
         if check is None:
-            return f"none (it takes flights to spare and at most {MOST_DIMENSIONS} dispersions)"
+            return f"none (it takes flights to spare and at most {MOST_SAMPLED} dispersions)"
         return f"{check.probability:.1e} by importance sampling, worth {check.effective:.0f} failures"
 
     @property

@@ -95,27 +95,20 @@ class Space:
     def draw_in_box(self, bounds: Floats, seed: int, number: int) -> Floats:
         """Random values ``[flight, dimension]`` as a campaign draws them, those outside of the box drawn anew.
 
-        What does not come, a failure or another thing with a probability, is outside of no box.
+        What does not come, a failure or another thing with a probability, is outside of no box. Raises InputError for a
+        box in which hardly a random flight lies.
         """
-        generator = np.random.Generator(np.random.Philox(np.random.SeedSequence(stream_key(seed, "box", "search"))))
-        kept: list[Floats] = []
-        while sum(map(len, kept)) < number:
-            drawn = self.from_normal(generator.standard_normal((2 * number, len(self.names))))
-            kept.append(drawn[self._inside(drawn, bounds)])
-        return np.concatenate(kept)[:number]
-
-    def refuse_small(self, bounds: Floats, box: float) -> None:
-        """Raise InputError for a box in which hardly a random flight lies: :meth:`draw_in_box` would not end."""
-        generator = np.random.Generator(np.random.Philox(0))
-        drawn = self.from_normal(generator.standard_normal((_TRIED, len(self.names))))
-        found = int(self._inside(drawn, bounds).sum())
-        if found < _FEWEST_INSIDE:
-            words = f"{box:g}: {found} of {_TRIED} random flights lie inside, with {len(self.names)} dispersions"
-            raise InputError("--box", words, "a larger one")
-
-    def _inside(self, drawn: Floats, bounds: Floats) -> NDArray[np.bool_]:
         absent = np.array([m.nominal if isinstance(m, SometimesMarginal) else np.nan for m in self.marginals])
-        return np.all((drawn >= bounds[:, 0]) & (drawn <= bounds[:, 1]) | (drawn == absent), axis=1)
+        generator = np.random.Generator(np.random.Philox(np.random.SeedSequence(stream_key(seed, "box", "search"))))
+        kept, tried = np.empty((0, len(self.names))), 0
+        while len(kept) < number:
+            drawn = self.from_normal(generator.standard_normal((2 * number, len(self.names))))
+            inside = np.all((drawn >= bounds[:, 0]) & (drawn <= bounds[:, 1]) | (drawn == absent), axis=1)
+            kept, tried = np.concatenate([kept, drawn[inside]]), tried + len(drawn)
+            if tried >= _TRIED and len(kept) < _FEWEST_INSIDE:
+                found = f"a box with {len(kept)} of {tried} random flights of its {len(self.names)} dispersions inside"
+                raise InputError("--box", found, "a larger one")
+        return kept[:number]
 
     def rows(self, values: Floats) -> Floats:
         """Full rows ``[flight, parameter]`` of values in the order of :attr:`columns`."""

@@ -4,7 +4,7 @@ import hashlib
 import json
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,26 +23,25 @@ from abhv_mc.flight.metrics import MARGIN_NAMES, Metric
 from abhv_mc.folder.inputs import collect_inputs
 from abhv_mc.folder.layout import write_whole
 from abhv_mc.folder.lock import hold_lock
-from abhv_mc.io.documents import Document, InputError, read_document, validate
+from abhv_mc.io.documents import Document, InputError, StrictModel, read_document, validate
 from abhv_mc.io.input_files import reading_once
-from abhv_mc.search.methods.tune import Scores, Tuning, Validation, tune
-from abhv_mc.search.methods.tune import validate as validate_gain
+from abhv_mc.search.methods.tune import Scores, Tuning, tune
 from abhv_mc.search.search_flights import find_metric, read_searched
 from abhv_mc.search.space import make_space
 from abhv_mc.search.tune_trials import (
-    MOST_CORNERED,
     Trials,
     bound_of,
-    cornered_vehicles,
     excess_of,
     limited_value,
     score,
     severities_of,
     value_of,
+    vehicles_of,
 )
 from abhv_mc.simulators.candidates import Candidates, ControllerNumbers, read_controller_numbers
 from abhv_mc.simulators.engine import Engine, make_engine
 from abhv_mc.statistics.estimates import Interval
+from abhv_mc.statistics.quantile_pairs import quantile_difference
 
 _KEPT, _PAGE = ".tuning", ".html"  # endings of the folder of candidates and of the page
 
@@ -91,7 +90,7 @@ class TuneFound:
     block: Tune
     numbers: ControllerNumbers
     tuning: Tuning
-    validation: Validation
+    validation: Interval  # of the aim's quantile on fresh flights, result minus start: below zero is better
     sides: tuple[Sides, ...]  # the aim first, then the limits, then the usage
     metrics: Mapping[str, Metric]
 
@@ -103,13 +102,12 @@ class TuneFound:
     @property
     def difference(self) -> Interval:
         """The result's quantile minus the start's, in the metric's unit."""
-        found = self.validation.difference
-        return found.scaled(-1.0) if self.aim.bad == "low" else found
+        return self.validation.in_sense(self.aim.bad)
 
     @property
     def shown(self) -> bool:
         """Whether the result is shown to be better, within all limits."""
-        return self.tuning.best != 0 and self.validation.better and all(side.keeps for side in self.sides)
+        return self.tuning.best != 0 and self.validation.high < 0.0 and all(side.keeps for side in self.sides)
 
     def as_json(self) -> dict[str, Any]:
         """The result as JSON holds it."""
@@ -135,6 +133,10 @@ class TuneFound:
         }
 
 
+class _TuneFile(StrictModel):
+    tune: Tune
+
+
 def read_tune_block(campaign: Experiment, path: Path | None) -> tuple[Tune, Document, tuple[str, ...]]:
     """The block, its document and its place there. Raises InputError."""
     where: tuple[str, ...] = ("tune",)
@@ -145,15 +147,8 @@ def read_tune_block(campaign: Experiment, path: Path | None) -> tuple[Tune, Docu
         block = campaign.model.tune
     else:
         document = read_document(path)
-        data = document.data
-        if isinstance(data, dict) and set(data) == {"tune"} and isinstance(data["tune"], dict):
-            nested = replace(
-                document,
-                data=data["tune"],
-                value_places=_inner(document.value_places),
-                key_places=_inner(document.key_places),
-            )
-            block = validate(nested, Tune)
+        if isinstance(document.data, dict) and set(document.data) == {"tune"}:
+            block = validate(document, _TuneFile).tune
         else:
             block, where = validate(document, Tune), ()
     for keys, metric in (
@@ -165,20 +160,12 @@ def read_tune_block(campaign: Experiment, path: Path | None) -> tuple[Tune, Docu
     return block, document, where
 
 
-def _check_margins(block: Tune, document: Document, where: tuple[str, ...], duration: float, dimension: int) -> None:
-    """Raise InputError for points outside the mission, or more corners than can be analysed for every candidate."""
+def _check_margins(block: Tune, document: Document, where: tuple[str, ...], duration: float) -> None:
+    """Raise InputError for points outside the mission."""
     for i, time in enumerate(block.margins_at):
         if time != "trim" and not 0.0 <= time <= duration:
             expected = f"trim, or a time of the mission, 0 to {duration:g} s"
             raise document.error((*where, "margins_at", i), f"{time:g} s", expected)
-    for i, limit in enumerate(block.limits):
-        if limit.vehicles == "corners" and dimension > MOST_CORNERED:
-            found = f"corners of {dimension} dispersions"
-            raise document.error((*where, "limits", i, "vehicles"), found, f"at most {MOST_CORNERED}, or nominal")
-
-
-def _inner(places: Any) -> dict[Any, Any]:
-    return {keys[1:]: place for keys, place in places.items() if keys[:1] == ("tune",)}
 
 
 def tune_controller(
@@ -209,7 +196,7 @@ def _tune(request: TuneRequest, engine: Engine, tell: Callable[[TuneFound], None
     space = make_space(campaign)
     if any(limit.is_margin for limit in block.limits):
         plan = engine.prepare(model.vehicle, model.mission, model.controllers[name], name)
-        _check_margins(block, document, where, plan.timing.duration, len(space.names))
+        _check_margins(block, document, where, plan.timing.duration)
     # Threads: every candidate has a plan of its own, which worker processes would have to be sent and would keep. A
     # crash in compiled code ends the program; the same command then goes on with what is kept.
     execution = model.execution.model_copy(update={"isolation": THREADS})
@@ -219,7 +206,7 @@ def _tune(request: TuneRequest, engine: Engine, tell: Callable[[TuneFound], None
         cluster = stack.enter_context(connect_cluster(request.scheduler, engine)) if request.scheduler else None
         executor = stack.enter_context(open_executor(engine, execution, request.workers, cluster))
         identity = hashlib.sha256(text.encode()).hexdigest()
-        vehicles = cornered_vehicles(space, block)
+        vehicles = vehicles_of(campaign, block)
         candidates = Candidates(campaign, name, numbers, engine)
         asked = {block.minimise.metric, block.usage.metric} & set(MARGIN_NAMES)
         times = model.margins.at if model.margins and asked else ()
@@ -267,7 +254,7 @@ def _validate(trials: Trials, block: Tune, found: Tuning, name: str, metrics: Ma
     limits = tuple(limited(entry) for entry in block.limits)
     known = [(aim.metric, aim.quantile), *((entry.metric, entry.quantile) for entry in limits)]
     more = () if (usage.metric, usage.quantile) in known else (side(usage),)
-    validation = validate_gain(of_start, of_best, aim.quantile)
+    validation = quantile_difference(of_best, of_start, aim.quantile)
     return TuneFound(name, block, trials.candidates.numbers, found, validation, (side(aim), *limits, *more), metrics)
 
 

@@ -5,7 +5,6 @@ import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -14,20 +13,20 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment, System
 from abhv_mc.campaign.file.tuning import Aim, Limit, Tune
 from abhv_mc.campaign.sampling.designs import INDEPENDENT, Design
-from abhv_mc.campaign.sampling.samples import DrawnSamples, full_rows
+from abhv_mc.campaign.sampling.samples import DrawnSamples
 from abhv_mc.execution.executor import Executor
+from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.metrics import MARGIN_NAMES, MARGIN_VALUES, Metric
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.arrays import read_array, write_array
 from abhv_mc.search.methods.tune import Scores
 from abhv_mc.search.space import Space
 from abhv_mc.simulators.candidates import Candidate, Candidates, Time
+from abhv_mc.simulators.corner_margins import make_corners
 from abhv_mc.simulators.engine import simulate
 from abhv_mc.statistics.estimates import severity, sorted_quantile
 
-MOST_CORNERED = 7  # dispersions whose corners' margins are found: 128 vehicles
 _BLOCK = 128  # flights of one call
-_BOX = 3.0  # standard deviations at which unbounded distributions have their corners
 
 
 @dataclass(frozen=True)
@@ -43,15 +42,10 @@ class Trial:
         return self.metrics[:, self.columns.index(metric)]
 
 
-def cornered_vehicles(space: Space, block: Tune) -> Floats:
+def vehicles_of(campaign: Experiment, block: Tune) -> Floats:
     """Parameter rows ``[vehicle, parameter]`` whose margins the limits ask for: nominal, then corners."""
-    asked = [limit.vehicles or "nominal" for limit in block.limits if limit.is_margin]
-    names, bounds = space.names, space.bounds(_BOX)
-    nominal = full_rows((), np.empty((1 if asked else 0, 0)), ())
-    if "corners" not in asked:
-        return nominal
-    corners = np.array(list(product(*bounds.tolist())))
-    return np.concatenate([nominal, full_rows(names, corners, space.derived)])
+    asked = [limit.vehicles for limit in block.limits if limit.is_margin]
+    return make_corners(campaign) if "corners" in asked else nominal_parameters()[: len(asked)]
 
 
 @dataclass(frozen=True)

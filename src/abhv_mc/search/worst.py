@@ -1,28 +1,33 @@
-"""``abhv-mc worst``: the worst value of a metric over the box of a campaign's dispersions."""
+"""``abhv-mc worst``: the worst value of a metric over the box of a campaign's dispersions.
 
+``abhv-mc margins CAMPAIGN --worst``: the least margins over dispersions and unknowns, by linear analysis alone.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from abhv_mc.array_types import Floats
+from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.metrics import MARGIN_NAMES, Metric
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.io.documents import InputError
 from abhv_mc.plant.parameters import Parameters
 from abhv_mc.search.methods.worst import WorstCase, least_evaluations, search_worst
-from abhv_mc.search.search_flights import (
-    DrawnFlights,
-    SearchFlights,
-    SearchRequest,
-    find_metric,
-    open_search,
-    read_searched,
-)
+from abhv_mc.search.search_flights import DrawnFlights, SearchRequest, find_metric, open_search, read_searched
 from abhv_mc.search.severity import Severity, ended_early
 from abhv_mc.search.space import make_space
 from abhv_mc.simulators.engine import Engine, make_engine
+from abhv_mc.simulators.margin_plans import TrimMargins, trim_margins
 from abhv_mc.statistics.ranking import Criterion
+
+_BATCH = 512  # random flights
+MARGIN_EVALUATIONS = 512  # of each margin
+_MARGIN_BOX = 3.0  # sigma of unbounded distributions
+_MOVED = 1e-6  # half widths of the range
 
 
 @dataclass(frozen=True)
@@ -105,10 +110,10 @@ def find_worst(request: SearchRequest, settings: WorstSettings, engine: Engine |
     criterion = Criterion(metric.name, settings.bad or metric.bad, None if settings.bad else metric.band)
     space = make_space(campaign)
     bounds = space.bounds(settings.box)
-    space.refuse_small(bounds, settings.box)
     least = least_evaluations(len(space.names), settings.flights)
     if settings.flights < least:
         raise InputError("--flights", f"{settings.flights}", f"at least {least} for {len(space.names)} dispersions")
+    random = space.draw_in_box(bounds, campaign.model.seed, settings.flights)
     held = {"kind": "worst", **vars(settings)}
     with open_search(
         request, held, 2 * settings.flights, engine or make_engine(), metric.name in MARGIN_NAMES
@@ -120,7 +125,8 @@ def find_worst(request: SearchRequest, settings: WorstSettings, engine: Engine |
 
         case = search_worst(evaluate, len(space.names), settings.flights, search.seed)
         searched = search.flown
-        _fly_random(search, bounds, searched)
+        for start in range(0, searched, _BATCH):
+            search.fly(random[start : min(start + _BATCH, searched)], common_seed=True)
         rows = search.rows()
         severities = severity.ranked(rows)
         found = WorstFound(
@@ -146,8 +152,49 @@ def find_worst(request: SearchRequest, settings: WorstSettings, engine: Engine |
     return found
 
 
-def _fly_random(search: SearchFlights, bounds: Floats, number: int) -> None:
-    values = search.space.draw_in_box(bounds, search.seed, number)
-    batch = 512
-    for start in range(0, number, batch):
-        search.fly(values[start : start + batch], common_seed=True)
+@dataclass(frozen=True)
+class WorstMargin:
+    """The least of one margin that was found; the true least is no greater."""
+
+    controller: str
+    metric: str
+    nominal: float  # in the metric's unit; 0 where it is unstable, or has no trim
+    found: float
+    parameters: dict[str, float]  # where, SI
+    moved: tuple[str, ...]  # of them, those that are off the middle of their range, the farthest first
+    fault: str  # 'unstable', why there is no trim, or ''
+    evaluations: int
+
+
+def find_worst_margins(campaign: Experiment, controllers: Sequence[str]) -> list[WorstMargin]:
+    """The least of each margin of each controller in steady flight at the mission's start.
+
+    Of unbounded distributions up to three sigma. Nothing flies. Raises InputError where there can be no margins.
+    """
+    space = make_space(campaign, with_unknowns=True)
+    bounds, seed = space.bounds(_MARGIN_BOX), campaign.model.seed
+    found = []
+    for name, margins in trim_margins(campaign, controllers).items():
+        nominal = margins(nominal_parameters())[0][0]
+        for k, metric in enumerate(MARGIN_NAMES):
+
+            def evaluate(points: Floats, k: int = k, margins: TrimMargins = margins) -> Floats:
+                values = space.complete(space.from_box(points, bounds), seed, None)
+                return -margins(space.rows(values))[0][:, k]
+
+            case = search_worst(evaluate, len(space.names), MARGIN_EVALUATIONS, seed)
+            values = space.from_box(case.place[None], bounds)
+            least, faults = margins(space.rows(space.complete(values, seed, None)))
+            found.append(
+                WorstMargin(
+                    name,
+                    metric,
+                    float(nominal[k]),
+                    float(least[0, k]),
+                    dict(zip(space.names, values[0].tolist(), strict=True)),
+                    tuple(space.names[i] for i in np.argsort(-np.abs(case.place)) if abs(case.place[i]) > _MOVED),
+                    faults[0],
+                    len(case.values),
+                )
+            )
+    return found

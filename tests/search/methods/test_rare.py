@@ -4,8 +4,9 @@ import pytest
 from scipy.stats import norm
 from search.methods import known_probabilities as known
 
-from abhv_mc.search.methods.importance import choose_mixture, sample_importance
 from abhv_mc.search.methods.rare import estimate_rare
+from abhv_mc.search.methods.second_opinion import choose_mixture, find_failures, sample_importance
+from abhv_mc.search.methods.strata import MOST_COMBINATIONS, estimate_switched, list_combinations
 from abhv_mc.search.methods.subset import SubsetPlan
 
 SEEDS = 3
@@ -45,14 +46,6 @@ def test_hardly_biased_in_100_dimensions():
     assert np.mean([one.probability for one in found]) / case.probability == pytest.approx(1.0, abs=0.35)
 
 
-def test_at_1e_5_ten_times_fewer_flights_than_plain_sampling():
-    case = known.series(50, 50, 5.0)
-    found = [estimate(case, seed) for seed in range(12)]
-    spread = np.std([one.probability for one in found]) / case.probability
-    plain = (1.0 - case.probability) / (case.probability * spread**2)
-    assert plain > 10.0 * np.mean([one.flights for one in found])
-
-
 def test_openturns_says_the_same():
     case = known.parallel(4, 2, 2.7)
     ot.RandomGenerator.SetSeed(3)
@@ -69,13 +62,6 @@ def test_openturns_says_the_same():
     assert ours.refusal is None
     apart = abs(np.log(ours.probability / theirs.getProbabilityEstimate()))
     assert apart < 3.0 * np.hypot(ours.cov, theirs.getCoefficientOfVariation())
-
-
-def test_the_same_seed_gives_the_same_estimate_and_another_another():
-    case = known.linear(30, 4.0)
-    one, two, other = (estimate(case, seed) for seed in (1, 1, 2))
-    assert (one.probability, one.low, one.high) == (two.probability, two.low, two.high)
-    assert one.probability != other.probability
 
 
 def test_severities_may_have_random_numbers_of_their_own():
@@ -119,7 +105,7 @@ def test_refused_where_the_event_is_too_rare_for_the_flights():
 def test_importance_sampling_of_two_places():
     case = known.four_branch(4.0)
     found = estimate(case, 3)
-    assert found.check is not None and found.check.usable
+    assert found.check is not None and found.check.effective >= 100
     assert found.check.probability == pytest.approx(case.probability, rel=0.15)
     again = sample_importance(case.severity, case.threshold, found.failures, 4096, 11)
     assert again.probability == pytest.approx(case.probability, rel=4.0 * again.cov)
@@ -129,7 +115,7 @@ def test_importance_sampling_of_two_places():
 def test_importance_sampling_of_what_does_not_fit_says_so():
     case = known.onion(10, 6.6)
     found = estimate(case, 3)
-    assert found.check is None or not found.check.usable
+    assert found.check is None or found.check.effective < 100
 
 
 def test_a_mixture_has_the_places_that_the_points_have():
@@ -140,3 +126,66 @@ def test_a_mixture_has_the_places_that_the_points_have():
     np.testing.assert_allclose(np.sort(mixture.means[:, 0]), [-4.0, 4.0], atol=0.1)
     drawn = mixture.draw(1000, np.random.default_rng(2))
     assert np.abs(np.abs(drawn) - 4.0).max() < 3.0
+
+
+@pytest.mark.parametrize("dimension", [2, 5, 10])
+def test_both_branches_are_found(dimension):
+    case = known.masked(dimension)
+    failures = find_failures(case.severity, dimension, case.threshold, 3.4e-6, 3)
+    steep = failures[:, 1] > 4.0
+    assert 0.2 < np.mean(steep) < 0.98 and np.all(case.severity(failures) > 0.0)
+
+
+@pytest.mark.parametrize("case, first", [(known.masked(5), 1000), (known.corner(4), 5000)])
+def test_an_estimate_of_the_gradual_branch_alone_is_hardly_given(case, first):
+    """Wholly below the truth lay 95 % for the one without a second look, 4 of these 10 for the other without the
+    larger of both ends; more seeds are in benchmarks/rare_coverage.py --missed."""
+    found = [estimate_rare(case.severity, SubsetPlan(case.dimension, 0.0, first + seed)) for seed in range(10)]
+    given = [one for one in found if one.refusal is None]
+    assert given and sum(one.high < case.probability for one in given) <= 1
+
+
+def test_beyond_dimension_10_plain_flights_bound_what_fails_without_warning():
+    case = known.corner(12)
+    for seed in range(3):
+        found = estimate_rare(case.severity, SubsetPlan(12, 0.0, seed))
+        failures, flights = found.plain
+        assert flights == 640 * len(found.repetitions) and found.unwarned_high > case.probability
+        if not failures:
+            assert found.unwarned_high == pytest.approx(1.0 - 0.05 ** (1.0 / flights))
+
+
+def test_where_nothing_fails_far_out_nothing_is_found():
+    assert len(find_failures(lambda points: np.zeros(len(points)), 3, 1.0, 1e-5, 1)) == 0
+
+
+@pytest.mark.parametrize("case", known.switched_cases(), ids=lambda case: case.name)
+def test_rare_switches_are_counted(case):
+    """All were refused for two switches, 10 of 24 for eight; more seeds are in benchmarks/rare_coverage.py --missed."""
+    given = below = 0
+    for seed in range(4):
+        found, strata = estimate_switched(case.severity, case.rates, SubsetPlan(4, 0.0, seed))
+        given, below = (
+            given + (found.refusal is None),
+            below + (found.refusal is None and found.high < case.probability),
+        )
+        assert found.flights <= 20_000 and sum(part.flights for part in strata) == found.flights
+        assert sum(part.weight for part in strata) == pytest.approx(1.0, abs=1e-9)
+        assert (strata[-1].on is None) == (2 ** len(case.rates) > MOST_COMBINATIONS)
+    assert given >= 3 and below == 0
+
+
+def test_what_plain_flights_see_takes_no_levels():
+    """One switch of 5 % always fails; few flights are left for a pilot of 32 combinations and of all others."""
+    case = known.switched(1, 0.05, 8.0, fatal=1)
+    found, _ = estimate_switched(case.severity, case.rates, SubsetPlan(3, 0.0, 1))
+    assert not found.repetitions and found.unwarned_high is None and found.low < 0.05 < found.high
+    assert found.flights < 2000
+    many = known.switched(8, 2e-3, 4.0, fatal=1)
+    assert estimate_switched(many.severity, many.rates, SubsetPlan(3, 0.0, 1, 32), flights=1280)[0].flights <= 1280
+
+
+def test_combinations_come_by_weight():
+    listed = list_combinations(np.array([0.1, 0.4]))
+    assert [on for on, _ in listed] == [(), (1,), (0,), (0, 1)]
+    assert [weight for _, weight in listed] == pytest.approx([0.54, 0.36, 0.06, 0.04])

@@ -28,18 +28,6 @@ def test_batches_fill_lanes_and_flights_are_counted():
     assert sum(sizes) == sum(one.flights for one in repetitions)
 
 
-def test_levels_are_shares_of_their_points():
-    (one,) = run_subset(first, SubsetPlan(2, 3.5, 2), range(1), 100_000)
-    assert one.reached
-    assert one.probability == pytest.approx(np.prod([level.probability for level in one.levels]))
-    tied = 9 / 640  # a chain of ten may stay in the point that is the threshold
-    assert all(0.1 <= level.probability <= 0.1 + tied for level in one.levels[:-1])
-    assert one.levels[0].probability == 0.1
-    thresholds = [level.threshold for level in one.levels]
-    assert thresholds == sorted(thresholds) and thresholds[-1] == 3.5
-    assert (one.failures[:, 0] > 3.5).all()
-
-
 def test_chains_keep_the_conditional_law():
     """Beyond a level, the coordinates that the severity leaves out stay standard normal."""
     repetitions = run_subset(first, SubsetPlan(3, 3.5, 3, chains=512), range(4), 10**6)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from abhv_mc.search.methods.tune import Scores, pareto_front, tune, validate
+from abhv_mc.search.methods.tune import Scores, pareto_front, tune
 
 SHIFTS = np.random.default_rng(5).normal(0.0, 0.3, (200, 1, 4))
 
@@ -23,7 +23,7 @@ def test_finds_the_best_place_that_the_limit_allows():
     centre = np.array([0.5, -0.3, 0.2, 0.0]) - SHIFTS.mean(axis=(0, 1))
     assert found.place[0] == pytest.approx(0.2, abs=0.01)
     np.testing.assert_allclose(found.place[1:], centre[1:], atol=0.05)
-    assert found.scores.allowed[found.best]
+    assert found.scores.allowed[found.best] and found.scores.allowed[found.front].all()
     assert len(found.points) <= 800
 
 
@@ -31,11 +31,6 @@ def test_never_ends_worse_than_the_start():
     best = np.array([0.2, *(np.array([-0.3, 0.2, 0.0]) - SHIFTS.mean(axis=(0, 1))[1:])])
     found = tune(measure, best, 33, seed=1)
     assert found.scores.objective[found.best] <= found.scores.objective[0]
-
-
-def test_the_same_seed_gives_the_same_candidates():
-    one, two = (tune(measure, np.zeros(4), 100, seed=8) for _ in range(2))
-    np.testing.assert_array_equal(one.points, two.points)
 
 
 def test_one_free_parameter():
@@ -59,33 +54,3 @@ def test_front_holds_what_nothing_beats():
     costs = np.array([[1.0, 5.0], [2.0, 3.0], [2.0, 4.0], [3.0, 3.0], [4.0, 1.0], [0.5, 9.0]])
     assert pareto_front(costs).tolist() == [5, 0, 1, 4]
     assert len(pareto_front(np.empty((0, 2)))) == 0
-
-
-def test_front_leaves_out_candidates_that_break_a_limit():
-    found = tune(measure, np.full(4, -0.5), 200, seed=3)
-    assert found.scores.allowed[found.front].all()
-    assert found.best in found.front or np.any(
-        found.scores.objective[found.front] <= found.scores.objective[found.best]
-    )
-
-
-def test_a_gain_on_fresh_flights_is_shown_and_none_is_not():
-    fresh = np.random.default_rng(9).normal(0.0, 0.3, (400, 1, 4))
-    start = noisy_quadratic(fresh, np.zeros((1, 4)))[:, 0]
-    good = noisy_quadratic(fresh, np.array([[0.4, -0.3, 0.2, 0.0]]))[:, 0]
-    shown = validate(start, good, 0.95)
-    assert shown.better
-    assert 0.0 < shown.gain < 1.0
-    assert shown.difference.low <= shown.difference.value <= shown.difference.high < 0.0
-    assert not validate(start, start, 0.95).better
-    assert not validate(good, start, 0.95).better
-
-
-def test_false_gains_are_rare():
-    draw = np.random.default_rng(11)
-    wrong = 0
-    for _ in range(60):
-        common = draw.gamma(2.0, 1.0, 100)
-        one, two = common + draw.normal(0.0, 0.2, 100), common + draw.normal(0.0, 0.2, 100)
-        wrong += validate(one, two, 0.95).better
-    assert wrong <= 5

@@ -8,7 +8,7 @@ import numpy as np
 from abhv_mc.report.figures.searches import plot_failures, plot_levels
 from abhv_mc.report.pages.page import Answer, make_table, write_section_page
 from abhv_mc.report.pages.searched_flights import drawn_figures, flights_table
-from abhv_mc.search.methods import second_look
+from abhv_mc.search.methods.second_opinion import MOST_LOOKED
 from abhv_mc.search.rare import RareFound
 from abhv_mc.search.severity import ENDED_EARLY
 from abhv_mc.topics.names import controller_label
@@ -63,7 +63,7 @@ def _answers(found: RareFound, asked: str) -> tuple[Lead, Bullets]:
     else:
         answers = [f"There is no trustworthy estimate: {estimate.refusal}."]
     answers.append(f"Second opinion: {found.second_opinion}.")
-    looked = estimate.check is not None and len(found.space.names) <= second_look.MOST_DIMENSIONS
+    looked = estimate.check is not None and len(found.space.names) <= MOST_LOOKED
     more = " Failures apart from where flights grow worse were searched for in random directions; some may stay unseen."
     answers.append(f"An estimate is no verdict: verdicts come from random campaigns alone.{more if looked else ''}")
     if found.failed_to_run:

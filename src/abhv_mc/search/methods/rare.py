@@ -12,9 +12,15 @@ import numpy as np
 from scipy import stats
 
 from abhv_mc.array_types import Floats
-from abhv_mc.search.methods import second_look
 from abhv_mc.search.methods.evaluation import LANES, Evaluate, round_up
-from abhv_mc.search.methods.importance import MOST_DIMENSIONS, ImportanceEstimate, sample_importance
+from abhv_mc.search.methods.second_opinion import (
+    LOOK_FLIGHTS,
+    MOST_LOOKED,
+    MOST_SAMPLED,
+    ImportanceEstimate,
+    find_failures,
+    sample_importance,
+)
 from abhv_mc.search.methods.subset import Repetition, SubsetPlan, run_subset
 from abhv_mc.statistics.binomial import clopper_pearson
 
@@ -29,6 +35,8 @@ _MOST_BEYOND = 2.0
 _CHECK_SHARE = 0.1  # of the flights, for importance sampling
 _SEEN = 8.0  # effective failures from which on importance sampling can show a branch left behind, and its end counts
 _ENOUGH = 30.0  # effective failures with which it takes the estimate's place
+_EXPECTED = 100.0  # effective failures with which it may say that the estimate is too high
+_HEAVY = 1.5  # times its spread: for heavy weights that are missing from most samples
 _FEWEST_CHECKED = 256  # flights of importance sampling
 _SHARE_OF_LANES = 10_000  # flights for each full batch of lanes that a level's chains fill
 
@@ -77,9 +85,9 @@ def estimate_rare(evaluate: Evaluate, plan: SubsetPlan, target_cov: float = 0.2,
     """
     if flights < FEWEST * plan.size:
         raise ValueError(f"{flights} flights, fewer than the {FEWEST * plan.size} of the first level")
-    check_flights = round_up(int(_CHECK_SHARE * flights)) if plan.dimension <= MOST_DIMENSIONS else 0
-    if plan.dimension <= second_look.MOST_DIMENSIONS:
-        check_flights += second_look.FLIGHTS
+    check_flights = round_up(int(_CHECK_SHARE * flights)) if plan.dimension <= MOST_SAMPLED else 0
+    if plan.dimension <= MOST_LOOKED:
+        check_flights += LOOK_FLIGHTS
     used = 0
 
     def counted(points: Floats) -> Floats:
@@ -98,17 +106,17 @@ def estimate_rare(evaluate: Evaluate, plan: SubsetPlan, target_cov: float = 0.2,
     check_flights = min(check_flights, (flights - used) // LANES * LANES)
     if refusal is None and check_flights >= _FEWEST_CHECKED:
         failures = np.concatenate([one.failures for one in repetitions])
-        if plan.dimension <= second_look.MOST_DIMENSIONS and check_flights >= _FEWEST_CHECKED + second_look.FLIGHTS:
-            again = second_look.find_failures(counted, plan.dimension, plan.threshold, probability, plan.seed)
-            failures, check_flights = np.concatenate([failures, again]), check_flights - second_look.FLIGHTS
+        if plan.dimension <= MOST_LOOKED and check_flights >= _FEWEST_CHECKED + LOOK_FLIGHTS:
+            again = find_failures(counted, plan.dimension, plan.threshold, probability, plan.seed)
+            failures, check_flights = np.concatenate([failures, again]), check_flights - LOOK_FLIGHTS
         check = sample_importance(counted, plan.threshold, failures, check_flights, plan.seed)
-    if check is not None and refusal is None and check.effective >= _SEEN:
-        apart = np.log(check.probability / probability)
-        factor = np.exp(stats.norm.ppf(0.5 + CONFIDENCE / 2.0) * check.log_deviation)
+    if check is not None and check.effective >= _SEEN:
+        apart, deviation = np.log(check.probability / probability), _HEAVY * check.cov
+        factor = np.exp(stats.norm.ppf(0.5 + CONFIDENCE / 2.0) * deviation)
         contradicts = abs(apart) > 3.0 * np.hypot(check.cov, np.log(high / low) / 3.92)
         if contradicts and apart > 0.0 and check.effective >= _ENOUGH:  # it has found what the levels left behind
-            probability, low, cov = check.probability, check.probability / factor, check.log_deviation
-        elif contradicts and (apart > 0.0 or check.usable):  # smaller says nothing unless it is worth much
+            probability, low, cov = check.probability, check.probability / factor, deviation
+        elif contradicts and (apart > 0.0 or check.effective >= _EXPECTED):  # smaller says nothing unless worth much
             refusal = f"importance sampling gives {check.probability:.2g}, subset simulation {probability:.2g}"
         high = max(high, min(1.0, check.probability * factor))
     return RareEstimate(probability, low, high, cov, used, tuple(repetitions), check, refusal)

@@ -1,4 +1,4 @@
-"""Better values of free parameters under constraints, and whether they are shown to be better.
+"""Better values of free parameters under constraints.
 
 Each candidate is scored on the same random numbers, so that candidates differ by what they are and not by luck. CMA-ES
 needs the order of candidates only: those that keep every limit come first, by their objective; the others follow, by
@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.search.methods.evaluation import make_generator
-from abhv_mc.statistics.estimates import Interval
-from abhv_mc.statistics.quantile_pairs import quantile_difference
 
 _STALE = 15  # generations without a better candidate, after which the search starts again at the best with small steps
 _SMALL = 0.3  # of the first step
@@ -117,23 +115,3 @@ def tune(
         best, before = int(np.argmin(join_scores(parts).rank())), best
         stale = stale + 1 if best == before else 0
     return Tuning(best, np.concatenate(points), join_scores(parts))
-
-
-@dataclass(frozen=True)
-class Validation:
-    """The best candidate against the start, on flights that the search has not seen."""
-
-    difference: Interval  # of the quantile: best minus start; below zero is better
-    gain: float  # share of the start's quantile that is saved
-
-    @property
-    def better(self) -> bool:
-        """Whether the interval leaves out zero on the good side."""
-        return self.difference.high < 0.0
-
-
-def validate(start: Floats, best: Floats, quantile: float) -> Validation:
-    """Compare severities ``[flight]`` of the same fresh flights, +infinity for a lost one, with a 95 % interval."""
-    difference = quantile_difference(best, start, quantile)
-    at_start = float(np.quantile(start, quantile))
-    return Validation(difference, -difference.value / at_start if np.isfinite(at_start) and at_start else np.nan)

@@ -1,26 +1,59 @@
-"""A second opinion on a rare event: importance sampling from a mixture of normals fitted by cross-entropy.
+"""A second opinion on a rare event: a second look for failures that the levels left behind, and importance sampling.
 
-The density of a family that is nearest in cross-entropy to the failures' own is the one that fits a sample of failures
-with the greatest likelihood: R.Y. Rubinstein, D.P. Kroese, "The Cross-Entropy Method" (2004); mixtures of normals for
-failures in several places: N. Kurtz, J. Song, "Cross-entropy-based adaptive importance sampling using Gaussian
-mixture", Structural Safety 42 (2013). The failures come from subset simulation; the points drawn here are new.
+Levels of subset simulation follow the branch along which severity rises earliest. One that rises late and steeply is
+lost among them, though it may fail more often. So points are drawn far out in random directions; from those that fail,
+chains of failures walk to where failures are likely (conditional sampling, as in subset simulation). Random directions
+enter such a branch in 16 % of tries in 5 dimensions and in 1 % in 20.
+
+Importance sampling is from a mixture of normals fitted to all these failures by cross-entropy: the density of a family
+that is nearest to the failures' own is the one that fits a sample of failures with the greatest likelihood:
+R.Y. Rubinstein, D.P. Kroese, "The Cross-Entropy Method" (2004); mixtures of normals for failures in several places:
+N. Kurtz, J. Song, "Cross-entropy-based adaptive importance sampling using Gaussian mixture", Structural Safety 42
+(2013). The points drawn here are new.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtri
 
 from abhv_mc.array_types import Floats
-from abhv_mc.search.methods.evaluation import Evaluate, make_generator
+from abhv_mc.search.methods.evaluation import LANES, Evaluate, make_generator
 
-MOST_DIMENSIONS = 20  # beyond, the weights of a fitted covariance degenerate
+MOST_LOOKED = 10  # dimensions up to which the second look is shown to find such branches
+_PLACE = 1 << 20  # of its random numbers, beyond those of repetitions
+_DIRECTIONS, _CHAINS, _LOOK_STEPS = 8 * LANES, 2 * LANES, 24
+_BEYOND = 2.5  # standard deviations beyond the radius at which the estimate's failures lie
+_KEPT = 8  # of a chain's last points
+LOOK_FLIGHTS = _DIRECTIONS + _CHAINS * _LOOK_STEPS
+
+MOST_SAMPLED = 20  # dimensions; beyond, the weights of a fitted covariance degenerate
 _INFLATION = 1.3  # of the fitted covariances: a proposal with thinner tails than the failures has no finite variance
 _MOST_POINTS = 1000  # that a mixture is fitted to
 _MOST_COMPONENTS = 6
 _STEPS = 30  # of a fit
 _SETTLED = 1e-3  # gain of the mean logarithm of the likelihood that ends a fit
-_EXPECTED = 100.0  # effective failures for an estimate worth comparing with
-_BEYOND_SAMPLE = 1.5
+
+
+def find_failures(evaluate: Evaluate, dimension: int, threshold: float, probability: float, seed: int) -> Floats:
+    """Failures ``[point, dimension]`` about as likely as failures are, of every branch that was found; perhaps none."""
+    draw = make_generator(seed, _PLACE)
+    directions = draw.standard_normal((_DIRECTIONS, dimension))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    far = directions * (float(-ndtri(probability)) + _BEYOND)
+    failed = far[evaluate(far) > threshold]
+    if not len(failed):
+        return failed
+    points = np.resize(failed, (_CHAINS, dimension))
+    scale, kept = 0.5, []
+    for step in range(_LOOK_STEPS):
+        tried = np.sqrt(1.0 - scale**2) * points + scale * draw.standard_normal(points.shape)
+        inside = evaluate(tried) > threshold
+        points = np.where(inside[:, None], tried, points)
+        scale = float(np.clip(scale * np.exp(inside.mean() - 0.44), 0.05, 0.95))
+        if step >= _LOOK_STEPS - _KEPT:
+            kept.append(points)
+    return np.concatenate(kept)
 
 
 @dataclass(frozen=True)
@@ -54,16 +87,6 @@ class ImportanceEstimate:
     cov: float
     effective: float  # failures it is worth
     flights: int
-
-    @property
-    def usable(self) -> bool:
-        """Whether the estimate may contradict another one."""
-        return self.effective >= _EXPECTED
-
-    @property
-    def log_deviation(self) -> float:
-        """Standard deviation of its logarithm, with a factor for heavy weights that are missing from most samples."""
-        return _BEYOND_SAMPLE * self.cov
 
 
 def fit_mixture(points: Floats, components: int, generator: np.random.Generator) -> Mixture:
@@ -108,7 +131,6 @@ def choose_mixture(points: Floats, seed: int) -> Mixture:
     if len(distinct) > _MOST_POINTS:
         distinct = distinct[make_generator(seed, 0, 1).permutation(len(distinct))[:_MOST_POINTS]]
     number, dimension = distinct.shape
-    best = fit_mixture(distinct, 1, make_generator(seed, 1))
     least = np.inf
     for components in range(1, _MOST_COMPONENTS + 1):
         free = components * (1 + dimension + dimension * (dimension + 1) / 2)
