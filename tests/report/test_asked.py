@@ -1,10 +1,12 @@
-"""A campaign that asks for a metric of its own, whose small values are bad: it heads the answer, and rules the rest."""
+"""What a campaign asks for heads the answer and rules the rest: a metric that is bad below, a band of two limits."""
 
+import csv
 import json
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from fake_flight import run
+from fake_flight import run, write_campaign
 from report.synthetic import build_with
 
 from abhv_mc.api import compare
@@ -14,6 +16,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.search.rare import RareSettings, find_rare
 from abhv_mc.search.search_flights import SearchRequest
+from abhv_mc.statistics.evidence import most_failures
 
 LOW = "altitude_low_m"
 CAMPAIGN = """\
@@ -95,3 +98,47 @@ def test_margins_are_no_rare_event(repository, tmp_path, flights_only):
     request = SearchRequest(write(tmp_path, repository, margin), tmp_path / "out")
     with pytest.raises(InputError, match="many flights share the value 0 or 60"):
         find_rare(request, RareSettings("gain_margin_min_db"), flights_only)
+
+
+METRIC, LEAST, MOST = "altitude_error_max_m", 0.4, 2.3
+BAND = f"[{{metric: {METRIC}, above: {LEAST}, below: {MOST}, probability: 0.5}}]"
+KEEP = "{histories: {flights: worst 40, rate: 10 Hz}, envelopes: {rate: 5 Hz}}"
+
+
+@pytest.fixture(scope="module")
+def banded(tmp_path_factory):
+    """The folder, the flights of its first controller, and the distance of each outside the band."""
+    folder = tmp_path_factory.mktemp("corridor")
+    out = run(write_campaign(folder / "f", requirements=BAND, keep=KEEP), folder / "out").folder
+    build_with(out)
+    table = pq.read_table(out / "flights").to_pandas()
+    table = table[table["controller"] == "one"].sort_values("flight")
+    values = table[METRIC].to_numpy()
+    outside = np.where(table["outcome"] == "ok", np.maximum(LEAST - values, values - MOST), np.inf)
+    assert (values <= LEAST).any() and (values >= MOST).any() and (outside < 0.0).any()
+    return out, outside
+
+
+def test_whoever_is_on_either_side_of_the_band_fails(banded):
+    out, outside = banded
+    (entry,) = json.loads((out / "manifest.json").read_text("utf-8"))["requirements"]
+    assert (entry["above"], entry["below"], entry["failures"]) == (LEAST, MOST, int((outside >= 0.0).sum()))
+    with (out / "verification_matrix.csv").open(newline="") as file:
+        row = next(csv.DictReader(file))
+    assert (row["above"], row["below"], row["failures"]) == ("0.4", "2.3", str(entry["failures"]))
+
+
+def test_the_report_ranks_and_bounds_by_the_distance_outside(banded):
+    out, outside = banded
+    numbers = json.loads((out / "report.json").read_text("utf-8"))
+    (entry,) = numbers["verdicts"]["requirements"]
+    found = entry["controllers"]["one"]
+    assert "between 0.4 and 2.3" in entry["words"]
+    k = most_failures(len(outside), 0.5, 0.1)
+    assert found["tolerance_limit"] == pytest.approx(np.sort(outside)[::-1][k])
+    assert found["room"] == pytest.approx(-found["tolerance_limit"] / 0.95)
+    cell = numbers["verdicts"]["glance"][0]["cells"]["one"]
+    assert cell["median"] == pytest.approx(np.percentile(outside, 50.0, method="nearest"))
+    listed = [item["flight"] for item in numbers["flights"]["worst"]["one"]]
+    assert [outside[flight] for flight in listed] == np.sort(outside)[::-1][:40].tolist()
+    assert not list(verify_campaign(out))

@@ -121,17 +121,6 @@ def test_a_clicked_flight_opens_at_the_channel_of_its_worst_metric(shown, models
         assert ("missed" in cell) == bool(requirement_failures(results.flights[name], item)[row])
 
 
-def test_a_lost_flight_opens_at_the_limit_that_it_left(page, failing_folder):
-    page.call("Page.navigate", url="about:blank")
-    page.show(build_report(failing_folder))
-    choose(page, "flights-outcome", "failed")
-    page.ask("document.querySelector('#flight-rows button').click()")
-    assert page.ask("document.getElementById('flight-title').textContent").endswith(": sideslip limit")
-    assert page.ask("document.getElementById('flight-channel').value") == "sideslip_deg"
-    cells = page.ask("[...document.querySelectorAll('#flight-required tbody td')].map((cell) => cell.textContent)")
-    assert all("missed" in cell for cell in cells)
-
-
 def test_the_band_behind_an_error_holds_the_flight(shown):
     """The band of the speed error is that of the speed less the reference, which the folder does not keep."""
     shown.ask("document.querySelector('#flight-rows button').click()")

@@ -4,14 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fake_flight import ENGINE
-from fake_flight import write_campaign as write_fake
 
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.flights.model import worst_flights
 from abhv_mc.topics.topic import Models
@@ -31,23 +26,6 @@ def test_worst_flights_have_their_three_largest_dispersions_in_sigma(flown):
             assert abs(each.value - 1.0) <= widths[each.parameter]
     table = next(table for table in models.section(FLIGHTS).tables() if table.title.startswith("Worst"))
     assert table.plain_rows()[0][-1].count(" sigma)") == 3
-
-
-def test_worst_flights_begin_with_those_that_ended_early(failing):
-    worst = worst_flights(failing)
-    assert [entry.outcome for entry in worst["lqr"]] == ["sideslip_limit"] * 12 + ["ok"] * 8
-    beyond = [entry.beyond for entry in worst["tlc"]]
-    assert beyond == sorted(beyond, reverse=True)
-
-
-def test_the_flights_that_are_listed_are_those_with_histories(tmp_path):
-    keep = "{histories: {flights: [every 40], rate: 10 Hz}, envelopes: {rate: 5 Hz}}"
-    run_campaign(Request(write_fake(tmp_path / "f", keep=keep), tmp_path / "out"), ENGINE)
-    listed = worst_flights(read_flown(tmp_path / "out"))
-    for entries in listed.values():
-        assert sorted(entry.flight for entry in entries) == list(range(0, 300, 40))
-        beyond = [entry.beyond for entry in entries if entry.outcome == "ok"]
-        assert beyond == sorted(beyond, reverse=True)
 
 
 def test_a_settled_error_of_a_flight_lost_before_anything_settled_is_none(flown, monkeypatch):

@@ -84,27 +84,13 @@ def test_weights_are_the_ratio_of_the_joint_densities(tmp_path):
     assert weights.mean() == pytest.approx(1.0, abs=4.0 * weights.std() / np.sqrt(4000))
 
 
-def test_the_same_laws_change_nothing(flown):
-    part = make_whatif(flown, parse_settings(["aero.lift.sigma=5 %"])).controllers["two"]
-    assert part.effective_flights == pytest.approx(1500)
-    for level in ("q50", "q95"):
-        pair = part.metrics["fuel_used_kg"][level]
-        assert pair.after.value == pytest.approx(pair.before.value, rel=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
-        (
-            ["atmosphere.density.half_width=12%"],
-            "from 0.88 to 1.12, beyond what was flown; expected a distribution within 0.9",
-        ),
-        (["atmosphere.density.half_width=0.4%"], "an effective number of at least 100"),
-        (["aero.lift.sigma=9%"], "beyond all 1500 flights; expected at most 1 %"),
-        (["aero.drag.sigma=5%"], "'aero.drag', which the campaign did not disperse"),
-        (["aero.lift.distribution=discrete", "aero.lift.values=[0.9, 1.1]"], "a distribution of the same kind"),
-    ],
-)
+@pytest.mark.parametrize(("settings", "words"), [
+    (["atmosphere.density.half_width=12%"], "beyond what was flown; expected a distribution within 0.9"),
+    (["atmosphere.density.half_width=0.4%"], "an effective number of at least 100"),
+    (["aero.lift.sigma=9%"], "beyond all 1500 flights; expected at most 1 %"),
+    (["aero.drag.sigma=5%"], "'aero.drag', which the campaign did not disperse"),
+    (["aero.lift.distribution=discrete", "aero.lift.values=[0.9, 1.1]"], "a distribution of the same kind"),
+])  # fmt: skip
 def test_what_the_flights_do_not_say_is_refused(flown, settings, words):
     with pytest.raises(InputError) as caught:
         make_whatif(flown, parse_settings(settings))
