@@ -26,11 +26,6 @@ def hash_files(folder: Path) -> dict[str, str]:
     return {name: manifest.files[name] for name in names}
 
 
-def write_json(numbers: dict[str, Any]) -> str:
-    """The text of `report.json`."""
-    return json.dumps(numbers, indent=1, allow_nan=False) + "\n"
-
-
 def hash_pages(folder: Path, names: Iterable[str]) -> dict[str, str | None]:
     """SHA-256 of written pages; None for one that is gone."""
     return {name: hash_file(folder / name) if (folder / name).is_file() else None for name in names}
@@ -61,13 +56,9 @@ def is_up_to_date(folder: Path, baseline: Path | None = None) -> bool:
     """Whether the page and its figures are there as this program would make them again from the same data."""
     try:
         written = json.loads((folder / "report.json").read_text(encoding="utf-8"))
-        pages, pictures = written["pages"], written["pictures"]
-        return bool(
-            written["key"] == make_key(folder, baseline)
-            and "report.html" in pages
-            and hash_pages(folder, pages) == pages
-            and hash_pages(folder, pictures) == pictures
-        )
+        made = {**written["pages"], **written["pictures"]}
+        known = written["key"] == make_key(folder, baseline) and "report.html" in made
+        return bool(known and hash_pages(folder, made) == made)
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return False
 
@@ -148,22 +139,15 @@ def build_report(folder: Path, baseline: Path | None = None, svg: bool = False, 
             except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
                 failed.append(f"figures of {shown} could not be made ({type(error).__name__}: {error})")
     results.refuse_changes()
-    kept = {figure.path.with_suffix(kind) for figure in figures for kind in ((".png", ".svg") if svg else (".png",))}
-    for stale in [*figures_folder.glob("*.png"), *figures_folder.glob("*.svg")]:
-        if stale not in kept:
-            stale.unlink(missing_ok=True)  # another report of this folder may do the same
+    kept = {figure.path.with_suffix(kind) for figure in figures for kind in (".png", *[".svg"] * svg)}
+    for stale in {*figures_folder.glob("*.png"), *figures_folder.glob("*.svg")} - kept:
+        stale.unlink(missing_ok=True)  # another report of this folder may do the same
     page = folder / "report.html"
     write_text(CampaignFolder(folder).metrics, make_metrics(models[METRICS]))
     write_text(page, make_page(models, figures, failed, held))
     if results.campaign.requirements:
         write_text(CampaignFolder(folder).matrix, make_matrix(models[VERDICTS], results.campaign.metrics))
-    report = folder / "report.json"
-    pictures = [path.relative_to(folder).as_posix() for path in sorted(kept)]
-    numbers = {
-        **numbers,
-        "pages": hash_pages(folder, [page.name]),
-        "pictures": hash_pages(folder, pictures),
-        "key": key,
-    }
-    write_text(report, write_json(numbers))
+    pictures = hash_pages(folder, [path.relative_to(folder).as_posix() for path in sorted(kept)])
+    numbers |= {"pages": hash_pages(folder, [page.name]), "pictures": pictures, "key": key}
+    write_text(folder / "report.json", json.dumps(numbers, indent=1, allow_nan=False) + "\n")
     return page
