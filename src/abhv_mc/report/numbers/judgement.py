@@ -30,8 +30,11 @@ _FAIR = 0.25  # chance of a PASS with which one is
 def judge_campaign(models: Models) -> Judgement:
     """The one judgement on a campaign, of the models of its topics."""
     verdicts, names = models[VERDICTS], models.names
-    met, better = _met(verdicts), _better(models)
     bound = _bound(verdicts)
+    statuses, better = set().union(*bound.values()), _better(models)
+    met: Met = "nothing required"
+    if statuses:
+        met = "no" if "FAIL" in statuses else "yes" if statuses == {"PASS"} else "not shown"
     failed = [name for name, found in bound.items() if "FAIL" in found]
     passed = [name for name, found in bound.items() if found == {"PASS"}]
     open_ones = [name for name in bound if name not in (*failed, *passed)]
@@ -39,7 +42,8 @@ def judge_campaign(models: Models) -> Judgement:
     def who(them: list[str]) -> str:
         return joined(list(map(names.label, them))) if len(them) <= 2 else f"{len(them)} {names.campaign.kind}s"
 
-    others = [name for name in names.controllers if name not in bound and _passes(verdicts, name)]
+    free = [name for name in names.controllers if name not in bound]
+    others = [name for name in free if set(verdicts.statuses(name)) == {"PASS"}]
     too = f"; {joined(list(map(names.label, others)))} meet{'s' * (len(others) == 1)} them, too" if others else ""
     also = f"; not shown for {who(open_ones)}" if open_ones else ""
     told = {
@@ -62,22 +66,9 @@ def _bound(verdicts: Verdicts) -> dict[str, set[str]]:
     found: dict[str, set[str]] = {}
     for item in verdicts.requirements:
         for name in item.asked.controllers:
-            found.setdefault(name, set()).add(
-                item.controllers[name].status if name in item.controllers else "NOT SHOWN"
-            )
+            held = item.controllers.get(name)
+            found.setdefault(name, set()).add(held.status if held else "NOT SHOWN")
     return found
-
-
-def _passes(verdicts: Verdicts, name: str) -> bool:
-    """Whether a controller meets every requirement, bound by them or not."""
-    return all(name in item.controllers and item.controllers[name].status == "PASS" for item in verdicts.requirements)
-
-
-def _met(verdicts: Verdicts) -> Met:
-    found = set().union(*_bound(verdicts).values())
-    if not found:
-        return "nothing required"
-    return "no" if "FAIL" in found else "yes" if found == {"PASS"} else "not shown"
 
 
 def _better(models: Models) -> str:
@@ -101,7 +92,7 @@ def _reasons(models: Models) -> Iterator[str]:
         yield f"Lost flights: {few(lost)}."
     margins = {name: least_margins(models[MARGINS], name) for name in names.controllers}
     loops = [
-        f"{names.label(name)} {f'{fixed(found.gain, 1)} dB ({found.gain_loop})' if found.stable else 'unstable'}"
+        f"{names.label(name)} {found.words[0] if found.stable else 'unstable'}"
         for name, found in margins.items()
         if found and (not found.stable or found.gain < GAIN_MARGIN.customary)
     ]

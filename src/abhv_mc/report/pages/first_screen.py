@@ -151,9 +151,8 @@ def _margin(models: Models, name: str) -> tuple[str, bool]:
         return "" if models.results.campaign.user_model else "margins: not asked", False
     if not found.stable:
         return "unstable", True
-    parts = [f"{fixed(found.gain, 1)} dB ({found.gain_loop})"] if math.isfinite(found.gain) else ["any gain"]
-    parts += [f"{fixed(found.phase, 0)} deg ({found.phase_loop})"] if math.isfinite(found.phase) else []
-    return ", ".join(parts), found.little
+    gain, phase = found.words
+    return ", ".join(filter(None, (gain or "any gain", phase))), found.little
 
 
 def more_words(entries: Sequence[object]) -> str:

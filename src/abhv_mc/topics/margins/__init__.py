@@ -2,8 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 
-import numpy as np
-
 from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.folder.steady_margins import ControllerMargins, LoopMargins
 from abhv_mc.topics.margins.model import (
@@ -48,8 +46,8 @@ def margin_words(margins: Margins, controller: str) -> str:
         poles = ", ".join(_pole(*pole) for pole in together.poles if pole[0] > 0.0)
         return f"unstable in steady, level flight (poles at {poles} per second)"
     least = least_margins(margins, controller) or LeastMargins(stable=True)
-    words = f"{fixed(least.gain, 1)} dB ({least.gain_loop})" if np.isfinite(least.gain) else "no limit on the gain"
-    words += f" and {fixed(least.phase, 0)} deg ({least.phase_loop})" if np.isfinite(least.phase) else ""
+    gain, phase = least.words
+    words = " and ".join(filter(None, (gain or "no limit on the gain", phase)))
     if least.little:
         words = f"little margin in steady, level flight: {words}, where 6 dB and 30 to 45 deg are customary"
     else:

@@ -11,6 +11,7 @@ from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.folder.steady_margins import SteadyMargins
 from abhv_mc.topics.failed_flights import failed_anyhow
+from abhv_mc.topics.words import fixed
 
 LISTED = 5  # flights of least margin
 
@@ -65,6 +66,12 @@ class LeastMargins:
     gain_loop: str = ""
     phase: float = np.inf  # deg
     phase_loop: str = ""
+
+    @property
+    def words(self) -> tuple[str, str]:
+        """'14.3 dB (rudder)' and '63 deg (elevator)'; '' where nothing bounds it."""
+        gain = f"{fixed(self.gain, 1)} dB ({self.gain_loop})" if np.isfinite(self.gain) else ""
+        return gain, f"{fixed(self.phase, 0)} deg ({self.phase_loop})" if np.isfinite(self.phase) else ""
 
     @property
     def little(self) -> bool:
