@@ -1,8 +1,12 @@
-"""What the pages name is there: files, anchors, functions, tests, commands. (The site's build runs their examples.)"""
+"""What the pages name is there: files, anchors, functions, tests, commands. (The site's build runs their examples.)
+
+What several files say of the project is the same.
+"""
 
 import ast
 import importlib
 import importlib.util
+import json
 import re
 import sys
 import tomllib
@@ -10,6 +14,7 @@ from pathlib import Path
 
 import pytest
 import typer
+from ruamel.yaml import YAML
 
 from abhv_mc.cli.app import app
 from abhv_mc.folder.layout import CampaignFolder
@@ -155,3 +160,12 @@ def test_commands_and_their_options_exist(page: Path) -> None:
         assert place.with_suffix(".py").exists() or (place / "__main__.py").exists(), module
     for script in re.findall(r"python ((?:benchmarks|studies|tests)/[\w/]+\.py)", text):
         assert (ROOT / script).exists(), script
+
+
+def test_title_licence_and_keywords_agree() -> None:
+    cited = YAML(typ="safe").load(ROOT / "CITATION.cff")
+    deposited = json.loads((ROOT / ".zenodo.json").read_text(encoding="utf-8"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert deposited["title"] == cited["title"] == f"{project['name']}: {project['description']}"
+    assert deposited["license"] == cited["license"] == project["license"]
+    assert deposited["keywords"] == cited["keywords"]

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from verification.ellipsoid import ecef_from_geodetic
+from verification.test_invariants import ecef_from_geodetic
 
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.plant import state as s

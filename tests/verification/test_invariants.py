@@ -1,8 +1,8 @@
 """What a flight without forces keeps: energy, angular momentum, a unit quaternion."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
-from verification.ellipsoid import ecef_from_geodetic
 from verification.shown import check
 
 from abhv_mc.array_types import Floats
@@ -11,7 +11,7 @@ from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.kernel.plant.vehicle import Vehicle
-from abhv_mc.kernel.world.earth import WGS84
+from abhv_mc.kernel.world.earth import WGS84, Earth
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.evaluate import evaluate_fixed, make_variables
@@ -55,6 +55,17 @@ def fly_in_vacuum(vehicle: Vehicle, step: float, ticks: int) -> Floats:
     parameters[PARAMETER_INDEX["atmosphere.density"]] = 0.0
     plan = make_replay_plan(vehicle, WGS84, start, np.zeros((ticks + 1, 4)), Timing(step, 1, ticks))
     return replay(plan, parameters)
+
+
+def ecef_from_geodetic(earth: Earth, latitude: ArrayLike, longitude: ArrayLike, altitude: ArrayLike) -> Floats:
+    """Position ``[..., 3]``, m, in E of a geodetic latitude, longitude and altitude."""
+    latitude, longitude, altitude = np.broadcast_arrays(latitude, longitude, altitude)
+    sin_lat, cos_lat = np.sin(latitude), np.cos(latitude)
+    e2 = earth.flattening * (2.0 - earth.flattening)
+    prime_vertical = earth.equatorial_radius / np.sqrt(1.0 - e2 * sin_lat**2)
+    rho = (prime_vertical + altitude) * cos_lat
+    z = (prime_vertical * (1.0 - e2) + altitude) * sin_lat
+    return np.stack([rho * np.cos(longitude), rho * np.sin(longitude), z], axis=-1)
 
 
 def to_inertial(states: Floats, times: Floats) -> tuple[Floats, Floats, Floats]:

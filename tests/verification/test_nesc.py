@@ -6,7 +6,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.interpolate import CubicSpline
 from verification.independent import FT, World, fly_sphere, write_case
 
 from abhv_mc.verification.check_rows import all_ok
@@ -86,13 +85,6 @@ def test_the_wrong_case_is_outside(tmp_path, given):
     outside = {row.quantity for row in verify_nesc(tmp_path) if not row.ok}
     assert {"velocity", "longitude"} <= outside
     assert not all_ok(verify_nesc(tmp_path))
-
-
-def test_times_need_not_be_ticks(tmp_path):
-    rows = flown("07")
-    times = np.linspace(0.0, 29.987, 97)
-    write_case(tmp_path, "07", "SteadyWind", "odd", CubicSpline(rows[:, 0], rows)(times).tolist())
-    assert all_ok(verify_nesc(tmp_path))
 
 
 def test_other_files_are_left_alone(tmp_path, given):

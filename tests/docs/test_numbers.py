@@ -1,4 +1,4 @@
-"""The example in reports/example is what the default campaign gives today, and names no machine."""
+"""Numbers on pages are what the program says today: the example in reports/example, the table of margins."""
 
 import json
 import re
@@ -7,8 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+import abhv_mc
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.folder.flown_campaign import read_flown
@@ -58,3 +60,24 @@ def test_it_is_the_same_on_every_machine(example):
     assert not re.search(r"\d{4}-\d\d-\d\dT|/(?:tmp|home|Users|root)/|[A-Za-z]:\\", text)
     kept = json.loads((example / "report.json").read_text(encoding="utf-8"))
     assert not HASHES & {*kept, *kept["provenance"]}
+
+
+def _shown(number, digits):
+    return f"{number:.{digits}f}" if np.isfinite(number) else "none"
+
+
+def _cell(row):
+    gains = f"{_shown(row.gain_margin_low_db, 1)}/{_shown(row.gain_margin_high_db, 1)}"
+    return f"{gains}, {_shown(row.phase_margin_deg, 0)}, {_shown(row.delay_margin_ms, 0)}"
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "controller", "mission"),
+    [("abhv", "lqr", "level"), ("ghame_x", "inversion", "level"), ("winged_cone", "tlc", "level_mach15")],
+)
+def test_rows_of_the_table_are_those_of_the_program(repository, vehicle, controller, mission):
+    page = (repository / "docs" / "explanation" / "margins.md").read_text("utf-8")
+    found = abhv_mc.margins(mission, vehicle, controller)
+    cells = " | ".join(_cell(found.loc[loop]) for loop in found.index[:4])
+    together = f"{found.disk_margin['all']:.3f}, {found.delay_margin_ms['all']:.1f}"
+    assert f"| {vehicle} | {controller} | {cells} | {together} |" in page
