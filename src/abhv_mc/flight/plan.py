@@ -56,14 +56,11 @@ def find_late(parameters: Floats, tick: float) -> tuple[str, str] | None:
     """A delay, lag or interval among ``parameters`` [flight, parameter] that no sensor has at a control period (s), and
     what there is, in words; None where there is none."""
     for name in SENSOR_TIMES:
-        most, known = np.inf, "0 or more"
-        if name == "sensor.delay":
-            most, known = (MAX_DELAY_TICKS + 0.5) * tick, f"0 to {1e3 * MAX_DELAY_TICKS * tick:g} ms"
-            known += f", {MAX_DELAY_TICKS} control periods"
+        most = (MAX_DELAY_TICKS + 0.5) * tick if name == "sensor.delay" else np.inf
         values = parameters[:, PARAMETER_INDEX[name]]
-        wrong = values[(values < 0.0) | (values > most)]
-        if wrong.size:
-            return f"{name} of {1e3 * wrong[0]:g} ms", known
+        for wrong in values[(values < 0.0) | (values > most)]:
+            known = f"0 to {1e3 * MAX_DELAY_TICKS * tick:g} ms, {MAX_DELAY_TICKS} control periods"
+            return f"{name} of {1e3 * wrong:g} ms", known if most < np.inf else "0 or more"
     return None
 
 

@@ -1,8 +1,7 @@
 """One flight of one call, with what is said of it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.one_flight.given import Input, Quantity, check_count, make_flight_plan, make_parameters
@@ -14,28 +13,15 @@ if TYPE_CHECKING:
     from abhv_mc.flight.plan import FlightBlock, FlightPlan
 
 
-@dataclass(frozen=True)
-class OneFlight:
+class OneFlight(NamedTuple):
     """A flight and its plan."""
 
     plan: "FlightPlan"
     block: "FlightBlock"  # of one flight
+    outcome: str  # the code of its end
+    end_time: float  # s
+    metrics: dict[str, float]
     sentence: str  # how it ended
-
-    @property
-    def outcome(self) -> str:
-        """The code of its end."""
-        return Outcome(int(self.block.outcome[0])).code
-
-    @property
-    def end_time(self) -> float:
-        """When it ended, s."""
-        return float(self.block.end_time[0])
-
-    @property
-    def metrics(self) -> dict[str, float]:
-        """Its metrics by name."""
-        return {metric.name: float(self.block.metrics[0, i]) for i, metric in enumerate(self.plan.metrics)}
 
 
 def fly_once(
@@ -54,7 +40,10 @@ def fly_once(
     parameters = make_parameters(dispersions)
     check_rows(plan, parameters)
     block = fly(plan, parameters, min(every, plan.timing.ticks + 1))
-    return OneFlight(plan, block, describe_end(plan, parameters, Outcome(int(block.outcome[0]))))
+    outcome = Outcome(int(block.outcome[0]))
+    metrics = {metric.name: value for metric, value in zip(plan.metrics, block.metrics[0].tolist(), strict=True)}
+    sentence = describe_end(plan, parameters, outcome)
+    return OneFlight(plan, block, outcome.code, float(block.end_time[0]), metrics, sentence)
 
 
 def fly(

@@ -13,29 +13,18 @@ from abhv_mc.control.design.design_tables import Numbers, table_rows, variables_
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 
-GUIDANCE_STATES = ("flight_path_angle", "heading", "speed")
-ATTITUDE_CHANNELS = ("angle_of_attack", "sideslip", "bank")
-RATE_CHANNELS = ("roll_rate", "pitch_rate", "yaw_rate")
 _LARGEST_CONDITION = 1e12  # of B: what is left of an input without effect is rounding
-_COLUMN = {name: i for i, name in enumerate(REFERENCE)}
 
 
 def make_tlc_settings(controller: TlcController) -> Floats:
     """The law's constants in the order of TLC_SETTINGS."""
-    limits = controller.limits
-    return np.array(
-        [
-            controller.differentiators.attitude,
-            controller.differentiators.rates,
-            *limits.angle_of_attack,
-            limits.bank,
-        ]
-    )
+    limits, differentiators = controller.limits, controller.differentiators
+    return np.array([differentiators.attitude, differentiators.rates, *limits.angle_of_attack, limits.bank])
 
 
 def make_tlc_gains(controller: TlcController, reference: Floats, vehicle: Vehicle, trim_tables: Tables) -> Floats:
     """``[tick, gain]`` in the order of TLC_GAINS from a reference ``[tick, column]``."""
-    column = {name: reference[:, i] for name, i in _COLUMN.items()}
+    column = dict(zip(REFERENCE, reference.T, strict=True))
     pressure = 0.5 * column["density"] * column["speed"] ** 2
 
     def spectrum(channel: Channel) -> tuple[Floats, Floats]:
@@ -43,11 +32,9 @@ def make_tlc_gains(controller: TlcController, reference: Floats, vehicle: Vehicl
 
     a1, a2 = spectrum(controller.altitude)
     forward = column["speed"] * np.cos(column["flight_path_angle"])
-    velocity, attitude, rates = controller.velocity, controller.attitude, controller.rates
     A, B = velocity_loop(reference, vehicle, trim_tables)
-    K2 = velocity_gains(A, B, [spectrum(getattr(velocity, name)) for name in GUIDANCE_STATES])
-    online = [spectrum(getattr(attitude, name)) for name in ATTITUDE_CHANNELS]
-    online += [spectrum(getattr(rates, name)) for name in RATE_CHANNELS]
+    K2 = velocity_gains(A, B, [spectrum(channel) for _, channel in controller.velocity])
+    online = [spectrum(channel) for loop in (controller.attitude, controller.rates) for _, channel in loop]
     columns = [a1 / forward, a2 / forward, *K2.reshape(len(reference), -1).T]
     columns += [part for pair in online for part in pair]
     return np.ascontiguousarray(np.stack(columns, axis=1))
@@ -72,7 +59,7 @@ def pd_spectrum(channel: Channel, times: Floats, dynamic_pressure: Floats) -> tu
 
 def velocity_loop(reference: Floats, vehicle: Vehicle, trim_tables: Tables) -> tuple[Floats, Floats]:
     """Sub-loop 2's A and B (8)-(9), each ``[tick, 3, 3]``: states gamma, chi, V; inputs alpha, bank, eta."""
-    c = {name: reference[:, i] for name, i in _COLUMN.items()}
+    c = dict(zip(REFERENCE, reference.T, strict=True))
     speed, mass, gravity, radius = c["speed"], c["mass"], c["gravity"], c["radius"]
     gamma, chi, alpha, bank = c["flight_path_angle"], c["heading"], c["angle_of_attack"], c["bank"]
     constants = vehicle.constants

@@ -67,13 +67,13 @@ def make_trim_tables(vehicle: Vehicle, altitude: float, speed_range: tuple[float
     fixed = fixed_values(vehicle.tables, rows)
     c = coefficients_at(vehicle, rows, variables)
     speed = mach * sound_speed
-    thrust = thrust_at(vehicle, fixed, eta, density, speed) / (0.5 * density * speed**2 * constants.area)
+    q_area = 0.5 * density * speed**2 * constants.area
+    thrust = thrust_at(vehicle, fixed, eta, density, speed) / q_area
     if vehicle.foreign.propulsion:  # along body x; what it has across goes with lift and drag
-        engine = engine_at(vehicle, variables, density, speed) / (0.5 * density * speed**2 * constants.area)
+        engine = engine_at(vehicle, variables, density, speed) / q_area
         thrust = engine[0]
         c["lift"], c["drag"] = c["lift"] - engine[2] * np.cos(alpha), c["drag"] - engine[2] * np.sin(alpha)
-        flow = engine[6] * (0.5 * density * speed**2 * constants.area)
-        force = engine[0] * (0.5 * density * speed**2 * constants.area)
+        flow, force = engine[6] * q_area, engine[0] * q_area
         burns = flow > 0.0
         impulse_of = np.where(burns, force / (constants.standard_gravity * np.where(burns, flow, 1.0)), 0.0)
         fixed = {**fixed, "specific_impulse": impulse_of}
