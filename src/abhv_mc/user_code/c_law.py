@@ -57,20 +57,18 @@ def load_library(source: UserSource) -> CLibrary:
         expected = missing if "cannot open shared object" in words else "a shared library"
         raise InputError(source.file, f"a library that does not load ({words})", expected) from None
 
-    def find(name: str, needed: bool) -> int:
-        try:
-            return int(ctypes.cast(getattr(handle, name), ctypes.c_void_p).value or 0)
-        except AttributeError:
-            if needed:
-                raise InputError(source.file, f"a library without {name}", "that of abhv_law.h") from None
-            return 0
+    def find(name: str) -> int:
+        found = getattr(handle, f"abhv_law_{name}", None)
+        return 0 if found is None else int(ctypes.cast(found, ctypes.c_void_p).value or 0)
 
-    size, init, step = (find(f"abhv_law_{name}", True) for name in ("state_size", "init", "step"))
-    get, put = (find(f"abhv_law_{name}", False) for name in ("state_get", "state_set"))
+    size, init, step, get, put = map(find, ("state_size", "init", "step", "state_get", "state_set"))
+    for name in ("state_size", "init", "step"):
+        if not find(name):
+            raise InputError(source.file, f"a library without abhv_law_{name}", "that of abhv_law.h")
     if (get == 0) != (put == 0):
         found = f"a library with abhv_law_state_{'get' if get else 'set'} alone"
         raise InputError(source.file, found, "both of abhv_law_state_get and _set, or none")
-    if address := find("abhv_law_interface", False):
+    if address := find("interface"):
         told = ctypes.string_at(address).decode(errors="replace")
         expected = f"{interface(recipe['onboard'])} {describe_layout(recipe['settings'])}"
         if told != expected:

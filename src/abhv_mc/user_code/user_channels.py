@@ -28,8 +28,7 @@ _ANGLES = variable_row("angle_of_attack"), variable_row("sideslip"), s.BANK
 _ACTUAL = (*_PATH, *_ANGLES, X + s.ROLL_RATE, X + s.PITCH_RATE, X + s.YAW_RATE)
 # What every flight measures; what laws may ask for besides is not there unless the law asks.
 _Seen: Any = NamedTuple("Measured", [(name, float) for name in Measured._fields[: s.N_MEASURED]])  # type: ignore[misc]
-_GIVEN = {"actual": _Seen, "measured": _Seen, "reference": Reference, "command": MixedCommand}
-_ARGUMENTS = (*_GIVEN, "time", "dt")
+_ARGUMENTS = ("actual", "measured", "reference", "command", "time", "dt")
 
 
 @functools.lru_cache(maxsize=16)

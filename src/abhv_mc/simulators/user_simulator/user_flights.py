@@ -1,22 +1,26 @@
-"""Flights of a user's simulator: a crash or a hang costs the flight that was under way, and none is flown twice."""
+"""Flights of a user's simulator: a crash or a hang costs the flight that was under way, and none is flown twice.
+
+What it answers is read, and its histories are sampled at common times.
+"""
 
 import atexit
+import math
 import os
 import sys
 import threading
 import time
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Singles
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, Recording
-from abhv_mc.simulators.user_simulator.answers import find_extremes, read_answer, sample_histories
 from abhv_mc.simulators.user_simulator.process import LostFlightError, Process
 from abhv_mc.simulators.user_simulator.user_plan import UserPlan
 
+_NEAR = 1e-6  # of the time between samples of a history: those that end so near to one have it
 _seconds: dict[object, float] = {}  # mean time of a flight of the last block, by process and system
 _told: set[str] = set()  # reasons that were said already
 
@@ -130,3 +134,91 @@ def _tell(plan: UserPlan, reason: str) -> None:
     if (words := f"{plan.controller}: {which} could not be computed: {reason}") not in _told:
         _told.add(words)
         print(words, file=sys.stderr, flush=True)
+
+
+class Answer(NamedTuple):
+    """A flight that was computed."""
+
+    outcome: int
+    end_time: float
+    metrics: list[float]
+    history: Floats | None  # [column, sample]: its time, then the channels; None where none is declared
+
+
+def read_answer(found: dict[str, Any], plan: UserPlan) -> Answer:
+    """Raises ValueError where it is not what the campaign declares."""
+    if "error" in found:
+        raise ValueError(str(found["error"]))
+    code = found.get("outcome", "ok")
+    if not isinstance(code, str) or code not in plan.outcomes:
+        raise ValueError(f"it returned the outcome '{code}', which the campaign does not declare")
+    held = found.keys() - {"outcome", "end_time"}
+    if held != plan.expected:
+        for name in sorted(held - plan.expected):
+            raise ValueError(f"it returned '{name}', which the campaign does not declare")
+        raise ValueError(f"it did not return {', '.join(sorted(plan.expected - held))}")
+    try:
+        values = [math.nan if found[metric.name] is None else float(found[metric.name]) for metric in plan.metrics]
+        end = float(found.get("end_time", math.nan))
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError("it returned a metric or an end_time that is no number") from None
+    ok = code == "ok"
+    if ok and not all(map(math.isfinite, values)):
+        name = next(each.name for each, value in zip(plan.metrics, values, strict=True) if not math.isfinite(value))
+        raise ValueError(f"{name} is not a finite number, and the outcome is ok")
+    history = _read_history(found["history"], plan, ok) if plan.channels else None
+    return Answer(plan.outcomes[code], end if ok or math.isfinite(end) else 0.0, values, history)
+
+
+def _read_history(given: Any, plan: UserPlan, ok: bool) -> Floats:
+    """Time and channels [column, sample] of a flight. Raises ValueError where they are none."""
+    columns = ["time", *(channel.name for channel in plan.channels)]
+    if not isinstance(given, dict) or given.keys() != set(columns):
+        held = ", ".join(given) if isinstance(given, dict) else f"{given!r:.80}"
+        raise ValueError(f"its history holds {held or 'nothing'}; declared are {', '.join(columns)}")
+    try:
+        history = np.array([given[name] for name in columns], np.float64)
+    except (TypeError, ValueError, OverflowError):
+        history = np.empty(0)
+    if history.ndim != 2 or not history.size:
+        raise ValueError("the columns of its history are no lists of numbers of one length")
+    if not np.isfinite(history[0]).all() or (np.diff(history[0]) < 0.0).any():
+        raise ValueError("the time of its history does not ascend")
+    if ok and not np.isfinite(history).all():
+        name = columns[int(np.argmin(np.isfinite(history).all(axis=1)))]
+        raise ValueError(f"{name} of its history is not a finite number, and the outcome is ok")
+    return history
+
+
+def sample_histories(
+    histories: Mapping[int, Floats], flights: int, channels: int, rate: float, beyond: int = 0
+) -> tuple[Floats, Singles]:
+    """Times [time] s, ``rate`` of them a second, and the histories there [flight, time, channel]: linear between what
+    was returned, NaN before and after it. The times reach so many ``beyond`` the flights on either side."""
+    spans = {
+        flight: (math.ceil(clock[0] * rate - _NEAR), math.floor(clock[-1] * rate + _NEAR) + 1)
+        for flight, (clock, *_) in histories.items()
+    }
+    first = min((start for start, _ in spans.values()), default=0) - beyond
+    times = np.arange(first, max((stop for _, stop in spans.values()), default=first - beyond) + beyond) / rate
+    sampled = np.full((flights, times.size, channels), np.nan, np.float32)
+    for flight, (clock, *columns) in histories.items():
+        own = slice(*(place - first for place in spans[flight]))
+        for i, column in enumerate(columns):
+            sampled[flight, own, i] = np.interp(times[own], clock, column)
+    return times, sampled
+
+
+def find_extremes(histories: Mapping[int, Floats], times: Floats, sampled: Singles) -> tuple[Singles, Singles]:
+    """Least and greatest values [time, channel] of all flights from the time before to the time after: of what was
+    returned, and of the line between. ``times`` reach beyond all flights."""
+    placed = [(np.unique(np.searchsorted(times, each[0]), return_index=True), each[1:]) for each in histories.values()]
+    ends = []
+    for extreme in (np.fmin, np.fmax):
+        at = np.full((times.size + 2, sampled.shape[2]), np.nan, np.float32)
+        at[1:-1] = extreme.reduce(sampled, axis=0)
+        between = np.full((times.size + 1, sampled.shape[2]), np.nan, np.float32)  # of samples up to each time
+        for (place, first), columns in placed:
+            between[place] = extreme(between[place], extreme.reduceat(columns, first, axis=1).T)
+        ends.append(extreme.reduce([at[:-2], at[1:-1], at[2:], between[:-1], between[1:]]))
+    return ends[0], ends[1]
