@@ -15,10 +15,7 @@ EARLY = "ended early"
 
 
 def requirement_failures(flights: ControllerFlights, requirement: Requirement) -> NDArray[np.bool_]:
-    """Which flights [flight] of a controller miss a requirement.
-
-    A flight that ended early misses it, unless the requirement takes such flights as measured.
-    """
+    """Which flights [flight] miss a requirement: those that ended early, too, unless it takes these as measured."""
     values, early = flights.metrics[requirement.metric], flights.failed
     return requirement.limits.failures(values, early & requirement.early_is_failure)
 

@@ -180,10 +180,7 @@ def distribution_steps(values: Floats) -> tuple[Floats, Floats]:
 
 
 def write_png(figure: Figure, path: Path) -> tuple[int, int]:
-    """Write a figure at print resolution, laid out and drawn once; returns its width and height in pixels.
-
-    Raises StorageFullError or InputError where the folder takes nothing.
-    """
+    """Write a figure at print resolution, drawn once; its width and height, px. Raises StorageFullError, InputError."""
     from PIL import Image
 
     canvas = FigureCanvasAgg(figure)

@@ -116,10 +116,7 @@ def is_factor(name: str, known: Parameters = OURS) -> bool:
 
 
 def shown_value(name: str, value: float | None, known: Parameters = OURS) -> str:
-    """'+8.1 %' for a factor of 1.081, '0.3 deg' for an error in radians, 'never' for a failure that does not come.
-
-    None is how JSON holds an infinite value.
-    """
+    """'+8.1 %' of a factor of 1.081, '0.3 deg' of radians, 'never' of a failure that does not come (inf or None)."""
     if value is None or not math.isfinite(value):
         return "never" if name.endswith("time") else "where it is" if name.endswith("stuck_at") else "for good"
     if is_factor(name, known):

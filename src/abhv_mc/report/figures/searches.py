@@ -41,10 +41,7 @@ FLIGHT_PANELS = (
 
 @styled
 def plot_convergence(label: str, searched: Floats, random: Floats, stages: Sequence[tuple[int, str]]) -> Figure:
-    """What was worst so far over the flights of the search, and over random ones; nan is left out.
-
-    ``stages`` holds the flight at which each stage begins, and its name.
-    """
+    """What was worst so far over the flights of the search and over random ones; where each stage begins."""
     figure = new_figure(2.8)
     axes = figure.subplots()
     axes.plot(np.arange(1, random.size + 1), random, color=INK, linestyle=(0, (4, 2)), label="random, same box")
@@ -62,10 +59,7 @@ def plot_convergence(label: str, searched: Floats, random: Floats, stages: Seque
 
 @styled
 def plot_place(names: Sequence[str], place: Floats, change: Floats, label: str) -> Figure:
-    """Where in its range each parameter is at the worst (-1 .. 1), and how the value changes about it.
-
-    ``change`` [parameter, 2] is for a twentieth of the range below and above; nan where there is no room.
-    """
+    """Place of each parameter in its range (-1 .. 1) at the worst, ``change`` [parameter, 2] below and above."""
     figure = new_figure(0.9 + _ROW * len(names) * 1.3)
     left, right = figure.subplots(1, 2, sharey=True)
     rows = np.arange(len(names))
@@ -144,10 +138,7 @@ def plot_front(
 
 @styled
 def plot_flights(times: Floats, panels: Mapping[str, Floats], labels: Sequence[str], title: str = "") -> Figure:
-    """Channels ``[flight, time]`` over time, NaN after a flight's end: the nominal flight first, dashed.
-
-    Two columns; a cross marks where a flight ended early.
-    """
+    """Channels ``[flight, time]``, NaN after a flight's end (a cross): the nominal flight first, dashed."""
     figure, grid = new_panels(
         len(panels), 2, 1.2, between=(0.68, 0.2), top=0.24 + 0.18 * bool(title) * (1 + title.count("\n")), sharex=True
     )

@@ -47,10 +47,7 @@ class Baseline(Compared):
 
 
 def require_same_samples(mine: Mapping[str, Floats], theirs: Mapping[str, Floats], folder: Path, path: Path) -> None:
-    """Raises InputError about `path` that names the first parameter and flight where samples differ from `folder`'s.
-
-    Samples are parameter -> [flight]; where one has more flights, those that both have are looked at.
-    """
+    """Raise InputError about ``path``: the parameter and flight where its samples differ from ``folder``."""
     expected = f"the samples of {folder}"
     for name in mine:
         if name not in theirs:

@@ -19,10 +19,7 @@ def summary_sentences(models: Models) -> list[str]:
 
 
 def section_leads(models: Models, warnings: Sequence[str] = ()) -> Mapping[str, Sequence[str]]:
-    """Sentences that stand first in a topic's section on the page, by its name: what takes other topics to say.
-
-    ``warnings``: what else is missing.
-    """
+    """What stands first in a topic's section and takes other topics to say; ``warnings``: what else is missing."""
     siblings, command = name_siblings(models.results.folder, models.results.manifest)
     held = models[VERDICTS].held_together
     jointly = models.sentences(VERDICTS) if held is not None and held.dropped else ()  # tells which do not stand

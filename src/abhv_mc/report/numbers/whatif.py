@@ -67,11 +67,7 @@ class Whatif:
 
 
 def make_whatif(root: Path, settings: Mapping[str, Mapping[str, Any]]) -> Whatif:
-    """Quantiles of every metric and failures of every requirement, as flown and with other settings of dispersions.
-
-    ``settings`` maps parameters to keys of their entries in the campaign file. Raises InputError where the flights do
-    not cover what is asked, or too few of them count.
-    """
+    """Quantiles and failures as flown and with other ``settings``. Raises InputError where too few flights count."""
     results = read_flown(root)
     campaign = read_campaign(CampaignFolder(root).campaign)
     change = make_change(campaign, settings)

@@ -97,14 +97,7 @@ def _seldom_collecting() -> Iterator[None]:
 
 @_seldom_collecting()
 def build_report(folder: Path, baseline: Path | None = None, svg: bool = False, stage: Stage = nullcontext) -> Path:
-    """Write `report.json`, `figures/*.png` and `report.html` into a campaign's folder.
-
-    ``svg``: each figure as `figures/*.svg`, too; ``stage``: says what is done while it is done.
-
-    Needs nothing but what the campaign wrote there, and the folder of a ``baseline`` to compare it with. Returns the
-    path of the page.
-    Raises InputError where a file is missing or unreadable.
-    """
+    """Write a folder's report and return its page; ``svg``: each figure as SVG, too. Raises InputError."""
     from abhv_mc.folder.flown_campaign import read_flown
     from abhv_mc.folder.layout import write_text
     from abhv_mc.report.numbers.compare import compare_baseline

@@ -58,11 +58,7 @@ def describe_flights(
     ends: Mapping[str, Ends],
     channels: Collection[str],
 ) -> dict[str, Any]:
-    """What the view is told of a campaign once, whoever counts its flights.
-
-    ``ends``: the smallest and largest finite value of each dispersion, as it is shown, and of each metric;
-    ``channels``: what a flight's history may hold.
-    """
+    """What the view is told of a campaign once: ``ends`` of each column as shown, ``channels`` of histories."""
     names, records, required = results.controllers, results.campaign.metrics, results.campaign.requirements
     headed = (results.asked or results.metrics)[:_HEADED]
     moments = moments_of(results)
@@ -130,10 +126,7 @@ def _head(name: str, unit: str) -> str:
 
 
 def _criterion(record: Metric, channels: Collection[str]) -> dict[str, Any]:
-    """A metric by which flights are ranked: the channel that shows it, and where its limits are lines of that channel.
-
-    A channel that it is counted of; else the one whose quantity its source, or its name, begins with.
-    """
+    """A metric that ranks flights: the channel that shows it (counted of, or alike by name), and its limits' sides."""
     stems = {name: (name.rpartition("_")[0] if name in CHANNEL_INDEX else name) for name in channels}
     begun = [name for word in (record.of, record.name) for name in stems if word.startswith(stems[name])]
     sides = {Statistic.MAX_ABS: (-1.0, 1.0), Statistic.MAX: (1.0,), Statistic.MIN: (1.0,), Statistic.FINAL: (1.0,)}
@@ -150,8 +143,7 @@ def _criterion(record: Metric, channels: Collection[str]) -> dict[str, Any]:
 def make_flights_view(
     results: FlownCampaign, labels: Mapping[str, str], colors: Mapping[str, str]
 ) -> tuple[dict[str, Any], dict[str, Floats]]:
-    """The view in a page, and the arrays that travel packed: of all flights of a campaign, or of the worst and the
-    first where there are too many."""
+    """The view in a page (of too many flights the worst and the first), and the arrays that travel packed."""
     names, required = results.controllers, results.campaign.requirements
     most = MOST_FLIGHTS // len(names)
     kept = {name: _kept(results, name, most) for name in names}
@@ -208,10 +200,7 @@ def find_ends(values: Floats) -> Ends:
 
 
 def _kept(results: FlownCampaign, name: str, most: int) -> NDArray[np.intp]:
-    """Rows [flight], ascending: all where there are few enough, else the worst half and the first of the others.
-
-    The worst are those that the report lists, then the worst of the others.
-    """
+    """Rows [flight], ascending: all, or of too many the worst half (the listed first) and the first others."""
     flights = results.flights[name].flight.size
     if flights <= most:
         return np.arange(flights)
@@ -226,10 +215,7 @@ def _add_histories(
     history: NDArray[np.int64],
     arrays: dict[str, Floats],
 ) -> list[str]:
-    """Put the kept histories into ``arrays`` (``history:CHANNEL`` [flight, time]) and their numbers into ``history``.
-
-    Returns the channels that all of them have.
-    """
+    """Put histories into ``arrays`` [flight, time], their numbers into ``history``; the channels that all have."""
     found = [
         (places[name, flight], columns)
         for name in results.controllers

@@ -20,8 +20,7 @@ _OFF_REFERENCE = {
 
 
 def describe_channel(name: str, held: Collection[str], known: Sequence[Signal] = CHANNELS) -> dict[str, str | None]:
-    """The label, unit and meaning of a channel of ``known``, and which of those ``held`` is its command; None without
-    one."""
+    """Label, unit and meaning of a channel of ``known``, and which of those ``held`` is its command."""
     signal = next((each for each in known if each.name == name), Signal(name, "-", ""))
     command = _beside(signal, "command")
     return {

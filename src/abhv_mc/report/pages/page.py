@@ -137,10 +137,7 @@ def make_page(
     warnings: Sequence[str] = (),
     baseline: Baseline | None = None,
 ) -> str:
-    """The whole report as one HTML file: no request leaves it, and no script runs in it but its own.
-
-    ``warnings``: what the report could not make; ``baseline``: the numbers of an earlier campaign beside this one.
-    """
+    """The report as one HTML file that runs its own scripts alone; ``warnings``: what could not be made."""
     results, names, campaign = models.results, models.names, models.results.campaign
     colors = controller_colors(results.controllers)
     template = files("abhv_mc.report.pages") / "template"

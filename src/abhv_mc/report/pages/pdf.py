@@ -20,10 +20,7 @@ def find_browser() -> str:
 
 
 def print_pdf(page: Path, browser: str, letter: bool = False) -> Path:
-    """Print a page beside itself, on A4 or letter; returns the PDF's path.
-
-    Raises InputError where the browser printed nothing.
-    """
+    """Print a page beside itself, on A4 or letter; the PDF's path. Raises InputError where nothing was printed."""
     target = page.with_suffix(".pdf")
     target.unlink(missing_ok=True)
     with tempfile.TemporaryDirectory() as profile:

@@ -27,10 +27,7 @@ from abhv_mc.topics.words import shown_value
 def write_nominal_report(
     folder: Path, plans: Mapping[str, FlightPlan], histories: Mapping[str, NDArray[np.float32]]
 ) -> Iterator[Path]:
-    """Write ``nominal.parquet``, ``reference.parquet`` and ``figures/channels.png``; name what was written.
-
-    ``histories`` holds each controller's flight ``[tick, channel]``, recorded at every tick.
-    """
+    """Write nominal.parquet, reference.parquet and figures/channels.png of histories [tick, channel]; name each."""
     plan = next(iter(plans.values()))
     times = np.arange(plan.timing.ticks + 1).astype(np.float64) * plan.timing.tick
     write_nominal(folder / "nominal.parquet", times, dict(histories))

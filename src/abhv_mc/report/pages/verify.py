@@ -18,11 +18,7 @@ from abhv_mc.topics.topic import Models, user_topics
 
 
 def verify_campaign(root: Path) -> Iterator[str]:
-    """What in a campaign's folder does not fit the rest of it, one sentence each; nothing where all fits.
-
-    A search's folder has no report: its files alone are checked. Raises InputError where the report or the data cannot
-    be read at all, or somebody flies there.
-    """
+    """What does not fit the rest of a folder, a sentence each; of a search its files alone. Raises InputError."""
     folder = CampaignFolder(root)
     manifest = read_manifest(folder.manifest)
     if holder := lock_holder(folder.lock):

@@ -17,10 +17,7 @@ def comparison_sentences(found: Comparison, names: Names) -> Sequence[str]:
 
 
 def standing(pair: ControllerPair, names: Names, full: bool = False) -> Mapping[str, list[str]]:
-    """What of what is asked the first controller of a pair is better in, worse in, mixed, and what is open.
-
-    In ``full``, the shares of flights that were tested stand beside what one is better in.
-    """
+    """What the first of a pair is better and worse in, mixed and open; in ``full`` with the shares of flights."""
     found: dict[str, list[str]] = {"better": [], "worse": [], "mixed": [], "open": []}
     for metric, entry in asked_of(pair, names).items():
         won = "open" if entry.winner is None else "better" if entry.winner == pair.a else "worse"

@@ -14,10 +14,7 @@ _COLUMNS = 5  # metrics beside each of the worst flights
 
 
 def flight_sentences(found: Flights, names: Names, off_cards: bool = False) -> Sequence[str]:
-    """One of each controller: flights not computed, cycling or ended early, saturated surfaces, tables left.
-
-    ``off_cards``: what of it the cards of the first screen do not show.
-    """
+    """Flights not computed, lost, cycling, saturated, off the tables; ``off_cards``: as no card shows them."""
     said = [
         f"{name}: the machine could compute none of {count} flights, so it is not in this report; it met nothing."
         for name, count in found.left_out.items()

@@ -41,10 +41,7 @@ class WorstFlight:
 
 
 def listed_worst(results: FlownCampaign, name: str) -> list[int]:
-    """The rows [flight] of the flights that a report lists: those whose histories are kept, the worst without any.
-
-    At most as many as the campaign asks for with 'worst N', or 10 where it keeps others.
-    """
+    """The rows [flight] that a report lists, the worst first: those whose histories are kept, where any are."""
     rows = results.ranking.rows_of(name)
     kept = np.isin(results.flights[name].flight[rows], list(kept_flights(results.folder, name)))
     return (rows[kept] if kept.any() else rows)[: results.campaign.worst or _LISTED].tolist()
