@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 from fake_flight import ENGINE, fly, run, write_campaign
 
-from abhv_mc.analysis.replay import find_row
+from abhv_mc.analysis.replay import find_rows
 from abhv_mc.execution import runner
 from abhv_mc.folder import compact
 from abhv_mc.folder.flown_campaign import read_flown
@@ -43,7 +43,7 @@ def test_rows_digest_resume_and_growth_are_as_before(campaign, tmp_path, capfd):
     assert joined.digest == whole.digest and len(names(tmp_path / "whole")) == 5
     one, other = (pq.read_table(place / "flights").sort_by("flight") for place in (out, tmp_path / "whole"))
     assert one.equals(other)
-    assert find_row(CampaignFolder(out), "one", 150).flights.tolist() == [150]
+    assert [row.first for row in find_rows(CampaignFolder(out), "one", [150])] == [150]
     flown = [read_flown(place).flights["one"] for place in (out, tmp_path / "whole")]
     assert flown[0].flight.tolist() == flown[1].flight.tolist() == list(range(300))
 

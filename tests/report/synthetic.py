@@ -20,7 +20,7 @@ from abhv_mc.folder.layout import CampaignFolder, hash_file
 from abhv_mc.folder.manifest import Manifest, write_manifest
 from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.report.pages.build import build_report
-from abhv_mc.statistics.ranking import worst_first
+from abhv_mc.statistics.estimates import worst_first
 from abhv_mc.topics import registry
 
 CONTROLLERS = ("tlc", "lqr", "lqr_retuned")

@@ -1,3 +1,4 @@
+import json
 import re
 
 import numpy as np
@@ -12,8 +13,14 @@ from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.search.methods.rare import choose_chains
+from abhv_mc.search.methods.strata import estimate_switched
+from abhv_mc.search.methods.subset import SubsetPlan
+from abhv_mc.search.methods.worst import search_worst
 from abhv_mc.search.rare import RareSettings, find_rare
 from abhv_mc.search.search_flights import SearchRequest
+from abhv_mc.search.severity import FAILS_ABOVE
+from abhv_mc.search.space import make_space
 from abhv_mc.search.worst import WorstSettings, find_worst, find_worst_margins
 from abhv_mc.simulators.corner_margins import make_corners
 from abhv_mc.simulators.engine import Engine
@@ -23,12 +30,6 @@ from abhv_mc.simulators.margin_plans import trim_margins
 @pytest.fixture
 def line(tmp_path):
     return write_line(tmp_path / "files")
-
-
-def test_rare_is_right(tmp_path, line):
-    estimate = find_rare(SearchRequest(line, tmp_path / "out"), RareSettings(METRIC, flights=8000), LINE).estimate
-    assert estimate.refusal is None
-    assert estimate.low <= stats.norm.sf(4.0) <= estimate.high
 
 
 @pytest.mark.parametrize(
@@ -197,3 +198,37 @@ def test_what_is_found_is_no_greater_than_at_any_corner(repository):
     for k, one in enumerate(found):
         assert one.found <= corners[:, k].min() + 1e-6
         assert one.nominal == pytest.approx(corners[0, k], rel=1e-6)
+
+
+def test_searches_of_a_users_simulator_find_what_the_algorithms_find_on_its_function(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    source = "def fly(inputs, settings):\n    return {'miss': inputs['a'] + 0.5 * inputs['b'] * inputs['b']}\n"
+    (tmp_path / "paraboloid.py").write_text(source)
+    content = {
+        "name": "paraboloid",
+        "simulator": {"python": "paraboloid.py"},
+        "inputs": {"a": {}, "b": {}},
+        "dispersions": {name: {"distribution": "normal", "sigma": 1.0} for name in ("a", "b")},
+        "metrics": {"miss": {}},
+        "requirements": [{"metric": "miss", "below": 7.0, "probability": 0.999}],
+        "runs": 100,
+        "seed": 3,
+    }
+    path = tmp_path / "paraboloid.yaml"
+    path.write_text(json.dumps(content))
+    space, flights = make_space(read_campaign(path)), 8000
+    bounds = space.bounds(3.0)
+
+    def miss(values):
+        return values[:, 0] + 0.5 * values[:, 1] * values[:, 1]
+
+    expected = search_worst(lambda points: miss(space.from_box(points, bounds)), 2, 400, 3)
+    found = find_worst(SearchRequest(path, tmp_path / "worst"), WorstSettings("miss", flights=400)).case
+    assert np.array_equal(found.points, expected.points) and np.array_equal(found.place, expected.place)
+
+    plan = SubsetPlan(2, FAILS_ABOVE, 3, choose_chains(flights))
+    severity = lambda points, on: miss(space.from_normal(points, on)) - 7.0  # noqa: E731
+    expected, _ = estimate_switched(severity, np.array([]), plan, 0.2, flights)
+    found = find_rare(SearchRequest(path, tmp_path / "rare"), RareSettings("miss", 0.2, flights)).estimate
+    assert found.refusal is None and found.flights == expected.flights
+    assert (found.probability, found.low, found.high) == (expected.probability, expected.low, expected.high)

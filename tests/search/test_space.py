@@ -50,23 +50,20 @@ def test_a_box_in_which_no_random_flight_lies_is_refused(tmp_path):
         space.draw_in_box(space.bounds(0.1), 1, 1000)
 
 
-def test_flights_with_the_same_samples_count_once_and_uncomputed_ones_never():
-    samples = np.array([[0.0], [1.0], [1.0], [3.0], [4.0]])
-    assert rank_distinct(np.array([0.0, 5.0, 5.0, -np.inf, 2.0]), samples, 5) == [1, 4, 0]
-    assert rank_distinct(np.array([0.0, 5.0, 5.0, -np.inf, 2.0]), samples, 2) == [1, 4]
+SELDOM = [[np.inf, 1], [np.inf, 1.001], [np.inf, 2], [10, 1], [40, 1], [np.inf, 1]]  # times of a failure, and another
 
 
-def test_each_lies_apart_from_all_worse_ones_in_parts_of_the_range():
-    samples = np.array([[0.0, 1e-3], [10.0, 0.0], [9.8, 0.0], [5.0, 0.0]])  # second column: 10 % of the rms and more
-    assert rank_distinct(np.array([1.0, 4.0, 3.0, 2.0]), samples, 4, apart=0.1) == [1, 3, 0]
-
-
-def test_a_failure_that_never_comes_is_far_from_those_that_do_and_no_reason_to_drop_a_flight():
-    """Of a worst flight without a failure it was the only one in the list, of one with a failure none was without."""
-    never = np.inf
-    samples = np.array([[never, 1.0], [never, 1.001], [never, 2.0], [10.0, 1.0], [40.0, 1.0], [never, 1.0]])
-    severities = np.array([6.0, 5.0, 4.0, 3.0, 2.0, 1.0])
+@pytest.mark.parametrize(
+    ("severities", "samples", "number", "apart", "ranked"),
+    [
+        ([0, 5, 5, -np.inf, 2], [[0], [1], [1], [3], [4]], 5, 0.0, [1, 4, 0]),  # the same but once, uncomputed: never
+        ([0, 5, 5, -np.inf, 2], [[0], [1], [1], [3], [4]], 2, 0.0, [1, 4]),
+        ([1, 4, 3, 2], [[0, 1e-3], [10, 0], [9.8, 0], [5, 0]], 4, 0.1, [1, 3, 0]),  # in parts of the range
+        # With a worst flight without a failure it was the only one listed, with one that had it none was without.
+        ([6, 5, 4, 3, 2, 1], SELDOM, 6, 0.05, [0, 2, 3, 4]),
+        ([1, 2, 3, 4, 5, 6], SELDOM, 6, 0.05, [5, 4, 3, 2]),
+    ],
+)
+def test_the_worst_flights_that_lie_apart(severities, samples, number, apart, ranked):
     with np.errstate(all="raise"):
-        assert rank_distinct(severities, samples, 6, apart=0.05) == [0, 2, 3, 4]
-        assert rank_distinct(severities[::-1].copy(), samples, 6, apart=0.05) == [5, 4, 3, 2]
-        assert rank_distinct(severities[:2], samples[:2], 2) == [0, 1]
+        assert rank_distinct(np.array(severities, float), np.array(samples, float), number, apart) == ranked

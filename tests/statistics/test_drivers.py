@@ -113,7 +113,7 @@ def test_a_corner_of_two_inputs_is_found_in_95_of_100_seeds():
     found = 0
     for seed in range(100):
         inputs = _inputs(seed)
-        rules = find_rules(bin_inputs(inputs.T), _corner(inputs, 0.9, 3000 + seed))
+        rules = find_rules(bin_inputs(inputs.T), _corner(inputs, 0.9, 3000 + seed), list(inputs.T).__getitem__)
         best = {(c.input, c.above) for c in rules[0].conditions} if rules else set()
         pairs = {frozenset(c.input for c in rule.conditions) for rule in rules}
         idle = any(not set(pair) <= {4, 9} for pair in pairs)

@@ -65,14 +65,6 @@ def test_against_a_constant_it_is_the_interval_of_one_quantile():
         assert other.value == pytest.approx(one.value)
 
 
-def test_pairing_narrows_the_interval():
-    draw = np.random.default_rng(6)
-    common = draw.normal(0.0, 10.0, 400)
-    a, b = common + draw.normal(size=400), common + draw.normal(size=400)
-    paired, apart = quantile_difference(a, b, 0.5), quantile_difference(a, draw.permutation(b), 0.5)
-    assert paired.high - paired.low < 0.5 * (apart.high - apart.low)
-
-
 def test_lost_flights_are_the_worst():
     values = np.where(np.arange(100) < 20, np.inf, np.arange(100.0))
     median, high = quantile_differences(values, values[::-1], (0.5, 0.95))

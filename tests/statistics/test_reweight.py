@@ -8,7 +8,6 @@ from hypothesis.extra.numpy import arrays
 from scipy import stats
 
 from abhv_mc.statistics.binomial import clopper_pearson
-from abhv_mc.statistics.estimates import quantile
 from abhv_mc.statistics.reweight import (
     effective_size,
     join_unseen,
@@ -27,14 +26,6 @@ def test_equal_weights_give_numpys_quantile(values, level, weight):
     assert found.value == pytest.approx(np.quantile(values, level), rel=1e-9, abs=1e-9)
 
 
-@pytest.mark.parametrize("level", LEVELS)
-def test_equal_weights_give_nearly_the_exact_interval(level):
-    values = np.random.default_rng(1).normal(size=2000)
-    exact, found = quantile(values, level), weighted_quantile(values, np.ones(2000), level)
-    ranks = [[int(np.sum(values <= end)) for end in (one.low, one.high)] for one in (exact, found)]
-    assert np.abs(np.diff(ranks, axis=0)).max() <= 1
-
-
 @pytest.mark.parametrize("count", [0, 7, 300])
 def test_equal_weights_give_clopper_pearson(count):
     flags = np.arange(300) < count
@@ -49,12 +40,6 @@ def test_integer_weights_are_repetitions():
     assert found == pytest.approx(np.quantile(np.repeat(values, weights.astype(int)), 0.9), abs=0.05)
     assert weighted_share(values > 1.0, weights).value == pytest.approx(weights[values > 1.0].sum() / weights.sum())
     assert effective_size(np.array([1.0, 1.0, 0.0, 0.0])) == 2.0
-
-
-def test_failed_flights_stay_worst():
-    values = np.append(np.linspace(0.0, 1.0, 99), np.inf)
-    assert weighted_quantile(values, np.ones(100), 0.999).value == np.inf
-    assert np.isfinite(weighted_quantile(values, np.append(np.ones(99), 1e-6), 0.5).value)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.analysis.replay import find_row
+from abhv_mc.analysis.replay import find_rows
 from abhv_mc.analysis.shrink import BUDGET, Shrunk, shrink
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
@@ -90,7 +90,7 @@ def explain_flight(
     folder = CampaignFolder(root)
     campaign = open_flown(folder, [controller], trust_code)
     fly = fly_of(campaign, fly)
-    row = find_row(folder, controller, flight)
+    (row,) = find_rows(folder, controller, [flight])
     failure = find_failure(root, campaign, row, requirement)
     campaign, margins = with_margins(campaign, controller, [failure])
     (found,) = smallest_sets(folder, campaign, controller, row.samples, [failure], fly, margins)

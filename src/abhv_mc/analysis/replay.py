@@ -48,7 +48,7 @@ def replay_flight(
     """
     folder = CampaignFolder(root)
     experiment = open_flown(folder, [controller], trust_code)
-    row = find_row(folder, controller, flight)
+    (row,) = find_rows(folder, controller, [flight])
     block = simulate(experiment, controller, row.samples, every, fly_of(experiment, fly))
     values = np.append(block.metrics[0], block.end_time[0])
     differences = [
@@ -63,11 +63,6 @@ def replay_flight(
     metrics = dict(zip(row.columns, values.tolist(), strict=False))
     end = end_of(experiment, controller, row.samples, outcome)
     return Replay(controller, flight, block, samples, metrics, tuple(differences), end, ends, experiment.channels)
-
-
-def find_row(folder: CampaignFolder, controller: str, flight: int) -> FlightRows:
-    """The stored row of one flight. Raises InputError where there is none."""
-    return find_rows(folder, controller, [flight])[0]
 
 
 def find_rows(folder: CampaignFolder, controller: str, flights: Sequence[int]) -> list[FlightRows]:
@@ -91,6 +86,5 @@ def find_rows(folder: CampaignFolder, controller: str, flights: Sequence[int]) -
             raise InputError(path, str(error), "a whole file: run the campaign again") from None
     for flight in flights:
         if flight not in found:
-            wanted_words = "the number of a flown flight"
-            raise InputError(folder.root, f"no flight {flight} of '{controller}'", wanted_words)
+            raise InputError(folder.root, f"no flight {flight} of '{controller}'", "the number of a flown flight")
     return [found[flight] for flight in flights]

@@ -1,6 +1,5 @@
 """Other distributions for the dispersions of flown flights: the ratio of densities by which each flight counts then."""
 
-import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -74,7 +73,8 @@ def make_change(campaign: Experiment, settings: Mapping[str, Mapping[str, Any]])
         raise InputError(_SET, error.found, error.expected) from None
     mixed = [campaign.names[column] for column in campaign.copula.columns]
     for name, marginal in marginals.items():
-        _check_support(name, campaign.marginals[name], marginal)
+        if fault := _unsupported(name, campaign.marginals[name], marginal):
+            raise InputError(_SET, *fault)
         if name in mixed and any(map(_has_choice, (campaign.marginals[other] for other in mixed))):
             found = f"'{name}', correlated with a discrete choice"
             raise InputError(_SET, found, "a parameter without such a correlation")
@@ -89,42 +89,34 @@ def _has_choice(marginal: Marginal) -> bool:
     return any(isinstance(part, DiscreteMarginal) for part in _parts(marginal))
 
 
-def _check_support(name: str, old: Marginal, new: Marginal) -> None:
-    """Flights exist wherever the new distribution has weight. Raises InputError."""
+def _unsupported(name: str, old: Marginal, new: Marginal) -> tuple[str, str] | None:
+    """What is wrong, and what is wanted, where the new distribution has weight and no flights exist."""
     if isinstance(old, SometimesMarginal) and isinstance(new, SometimesMarginal):
-        _check_support(name, old.drawn, new.drawn)
-        return
+        return _unsupported(name, old.drawn, new.drawn)
     if isinstance(old, SometimesMarginal) != isinstance(new, SometimesMarginal):
         found = f"{name} with a probability in one case and always in the other"
-        raise InputError(_SET, found, "a probability below 1 in both, or in none")
+        return found, "a probability below 1 in both, or in none"
     if isinstance(old, MixtureMarginal) or isinstance(new, MixtureMarginal):
         if _has_choice(old) or _has_choice(new):
-            raise InputError(
-                _SET, f"{name} as a mixture with a discrete choice", "continuous parts, or a fresh campaign"
-            )
+            return f"{name} as a mixture with a discrete choice", "continuous parts, or a fresh campaign"
         for part in _parts(new):  # each within what one part has flown
-            *others, last = _parts(old)
-            for flown in others:
-                with contextlib.suppress(InputError):
-                    _check_support(name, flown, part)
-                    break
-            else:
-                _check_support(name, last, part)
-        return
+            faults = [_unsupported(name, flown, part) for flown in _parts(old)]
+            if all(faults):
+                return faults[-1]
+        return None
     if isinstance(old, DiscreteMarginal) and isinstance(new, DiscreteMarginal):
         missing = np.setdiff1d(new.values, old.values)
-        if missing.size:
-            expected = f"some of {', '.join(f'{value:g}' for value in old.values)}"
-            raise InputError(_SET, f"{name} at {missing[0]:g}, where nothing was flown", expected)
-        return
+        expected = f"some of {', '.join(f'{value:g}' for value in old.values)}"
+        return (f"{name} at {missing[0]:g}, where nothing was flown", expected) if missing.size else None
     if not (isinstance(old, ContinuousMarginal) and isinstance(new, ContinuousMarginal)):
         found = f"a change of {name} between a discrete choice and a continuous distribution"
-        raise InputError(_SET, found, "a distribution of the same kind")
+        return found, "a distribution of the same kind"
     (low, high), (first, last) = old.frozen.support(), new.frozen.support()
     slack = _SLACK * (high - low) if np.isfinite(high - low) else 0.0
-    if first < low - slack or last > high + slack:
-        found = f"{name} from {first:g} to {last:g}, beyond what was flown"
-        raise InputError(_SET, found, f"a distribution within {low:g} .. {high:g}, or a fresh campaign")
+    if low - slack <= first and last <= high + slack:
+        return None
+    found = f"{name} from {first:g} to {last:g}, beyond what was flown"
+    return found, f"a distribution within {low:g} .. {high:g}, or a fresh campaign"
 
 
 def weigh_flights(campaign: Experiment, change: Change, samples: Floats) -> Floats:

@@ -11,7 +11,7 @@ from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.folder.controller_flights import ControllerFlights, read_flights
 from abhv_mc.folder.flights import END_TIME
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.statistics.ranking import Criterion, worst_first
+from abhv_mc.statistics.estimates import Criterion, worst_first
 
 
 @dataclass(frozen=True)

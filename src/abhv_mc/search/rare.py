@@ -19,7 +19,7 @@ from abhv_mc.search.search_flights import DrawnFlights, SearchRequest, open_sear
 from abhv_mc.search.severity import FAILS_ABOVE, Severity, ended_early, rank_distinct
 from abhv_mc.search.space import Space, make_space
 from abhv_mc.simulators.engine import Engine, make_engine
-from abhv_mc.statistics.ranking import Criterion
+from abhv_mc.statistics.estimates import Criterion
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flights import FlightRows
-from abhv_mc.statistics.ranking import Criterion
+from abhv_mc.statistics.estimates import Criterion
 
 # A flight that ends early is worse than every other; the earlier the worse, in seconds on top of this.
 ENDED_EARLY = 1e9

@@ -22,7 +22,7 @@ from abhv_mc.search.severity import Severity, ended_early
 from abhv_mc.search.space import make_space
 from abhv_mc.simulators.engine import Engine, make_engine
 from abhv_mc.simulators.margin_plans import TrimMargins, trim_margins
-from abhv_mc.statistics.ranking import Criterion
+from abhv_mc.statistics.estimates import Criterion
 
 _BATCH = 512  # random flights
 MARGIN_EVALUATIONS = 512  # of each margin
@@ -172,7 +172,8 @@ def find_worst_margins(campaign: Experiment, controllers: Sequence[str]) -> list
     Of unbounded distributions up to three sigma. Nothing flies. Raises InputError where there can be no margins.
     """
     space = make_space(campaign, with_unknowns=True)
-    bounds, seed = space.bounds(_MARGIN_BOX), campaign.model.seed
+    bounds, seed, dimension = space.bounds(_MARGIN_BOX), campaign.model.seed, len(space.names)
+    evaluations = max(MARGIN_EVALUATIONS, least_evaluations(dimension, MARGIN_EVALUATIONS))
     found = []
     for name, margins in trim_margins(campaign, controllers).items():
         nominal = margins(nominal_parameters())[0][0]
@@ -182,7 +183,7 @@ def find_worst_margins(campaign: Experiment, controllers: Sequence[str]) -> list
                 values = space.complete(space.from_box(points, bounds), seed, None)
                 return -margins(space.rows(values))[0][:, k]
 
-            case = search_worst(evaluate, len(space.names), MARGIN_EVALUATIONS, seed)
+            case = search_worst(evaluate, dimension, evaluations, seed)
             values = space.from_box(case.place[None], bounds)
             least, faults = margins(space.rows(space.complete(values, seed, None)))
             found.append(

@@ -1,4 +1,4 @@
-"""Quantiles with exact intervals, and the sense in which a metric is bad.
+"""Quantiles with exact intervals, the sense in which a metric is bad, and by what flights are ranked.
 
 A flight that failed counts as worse than every flight that did not: its value is replaced by +infinity in the
 sense of the metric, so a quantile is finite only as long as fewer flights failed than lie beyond it.
@@ -6,16 +6,19 @@ sense of the metric, so a quantile is finite only as long as fewer flights faile
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats, Mask
+from abhv_mc.bounds import Bounds
 from abhv_mc.statistics.binomial import clopper_pearson, quantile_upper_rank
 
 Sense = Literal["high", "low", "size"]  # what is bad: large values, small values, large absolute values
 
 SEED = 20140  # of all resampling: the same flights give the same interval
+_SPREAD = (5.0, 95.0)  # percentiles of all flights
 LEVELS = (0.5, 0.95, 0.9973)  # the quantiles that tables show
 
 
@@ -27,14 +30,9 @@ class Interval:
     low: float
     high: float
 
-    def scaled(self, factor: float) -> "Interval":
-        """The interval of `factor` times the quantity."""
-        ends = sorted((self.low * factor, self.high * factor))
-        return Interval(self.value * factor, ends[0], ends[1])
-
     def in_sense(self, sense: Sense) -> "Interval":
         """The interval of a severity as one of the metric itself: small values are bad in the sense "low"."""
-        return self.scaled(-1.0) if sense == "low" else self
+        return Interval(-self.value, -self.high, -self.low) if sense == "low" else self
 
 
 def severity(values: Floats, sense: Sense, failed: Mask | None = None) -> Floats:
@@ -42,6 +40,42 @@ def severity(values: Floats, sense: Sense, failed: Mask | None = None) -> Floats
     worse = {"high": 1.0, "low": -1.0, "size": 1.0}[sense] * (np.abs(values) if sense == "size" else values)
     bad = np.isnan(worse) if failed is None else np.isnan(worse) | failed
     return np.where(bad, np.inf, worse)
+
+
+class Criterion(NamedTuple):
+    """By what flights are ranked: a metric's distance beyond a limit, on the side that is bad."""
+
+    metric: str
+    bad: Sense
+    limits: Bounds | None = None  # of its requirement
+
+    def excess(self, values: Floats) -> Floats:
+        """Signed distance [flight] beyond the limits (without any: the value itself, turned so that larger is worse),
+        in the metric's unit; not-a-number is beyond every one."""
+        if self.limits is None:
+            return severity(values, self.bad)
+        return severity(self.limits.worse(values) - self.limits.limit, "high")
+
+    def scale(self, values: Floats) -> tuple[float, float]:
+        """From where an excess is measured, and in what: from the limits in their size, which is the 5 to 95 % span of
+        these ``values`` [flight] where the limit is 0; without limits from their median in its size."""
+        excess = self.excess(values)
+        finite = excess[np.isfinite(excess)]
+        start = 0.0 if self.limits or not finite.size else float(np.median(finite))
+        return start, (self.limits.size if self.limits else abs(start)) or spread(values)
+
+
+def spread(values: Floats) -> float:
+    """95 minus 5 % quantile of the finite values; 1 where there is none."""
+    finite = values[np.isfinite(values)]
+    low, high = np.percentile(finite, _SPREAD) if finite.size else (0.0, 0.0)
+    return float(high - low) or 1.0
+
+
+def worst_first(lost_at: Floats, beyond: Floats) -> NDArray[np.intp]:
+    """The flights, the worst first: those that were lost by the time of their end (``lost_at`` [flight], infinite for
+    the others), then by their distance ``beyond`` a limit, the largest first; of equals the first."""
+    return np.lexsort((-beyond, lost_at))
 
 
 def sorted_quantile(ascending: Floats, probability: float) -> float:

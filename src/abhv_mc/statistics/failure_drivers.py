@@ -51,13 +51,8 @@ def bin_inputs(inputs: Iterable[Floats]) -> BinnedInputs:
     return BinnedInputs(np.stack(edges, axis=1), np.stack(bins, axis=1))
 
 
-def find_rules(
-    inputs: BinnedInputs, failed: NDArray[np.bool_], column: Callable[[int], Floats] | None = None
-) -> list[Rule]:
-    """Rules for the `failed` flights [flight], best first; empty where chance explains all.
-
-    `column` gives the values [flight] of an input, where differences of inputs are to be tried.
-    """
+def find_rules(inputs: BinnedInputs, failed: NDArray[np.bool_], column: Callable[[int], Floats]) -> list[Rule]:
+    """Rules for the `failed` flights [flight], best first; `column` gives the values [flight] of an input."""
     edges, bins = inputs.edges, inputs.bins
     flights, count = bins.shape
     failures = int(failed.sum())
@@ -67,10 +62,7 @@ def find_rules(
     for j in range(count):
         candidates += _drop_ends(_along((j,), bins[:, j], failed, edges[:, j]))
     candidates += _best_corners(_COARSE[bins], failed, edges[_DECILES])
-    if column is not None and count > 1:
-        candidates += _differences(candidates, failed, column, count * (count - 1) // 2)
-    if not candidates:
-        return []
+    candidates += _differences(candidates, failed, column, count * (count - 1) // 2)
     p_values = _p_values(candidates)
     q_values = false_discovery(p_values)
     rules = [
@@ -80,8 +72,7 @@ def find_rules(
     ]
     # A pair is worth its second condition: ties in p go to the simpler rule.
     rules.sort(key=lambda rule: (rule.p_value, len(rule.conditions)))
-    rules = rules[:_MOST_RULES]
-    return rules if column is None else [sharpen(rule, failed, column) for rule in rules]
+    return [sharpen(rule, failed, column) for rule in rules[:_MOST_RULES]]
 
 
 def _rule(candidate: "_Candidate", flights: int, failures: int, p_value: float, q_value: float) -> Rule:

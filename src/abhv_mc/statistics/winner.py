@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
-from abhv_mc.statistics.estimates import Interval, pair_differences
+from abhv_mc.statistics.estimates import pair_differences
 from abhv_mc.statistics.evidence import log_coin_evidence
 from abhv_mc.statistics.paired import compare_failures
 from abhv_mc.statistics.quantile_pairs import quantile_difference
@@ -75,10 +75,6 @@ def agree(found: Sequence[Decision]) -> Decision:
     return Decision(sides.pop(), worse, uncompared, any(each.loses_more for each in found))
 
 
-def _worse(difference: Interval) -> bool:
-    return difference.low > 0.0
-
-
 def worse_tails(a: Floats, b: Floats, confidence: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Quantiles in which `a` is worse, and those that the flights do not compare.
 
@@ -90,10 +86,10 @@ def worse_tails(a: Floats, b: Floats, confidence: float) -> tuple[tuple[float, .
     outermost = float(((1.0 - confidence) / 4.0) ** (1.0 / a.size))
     for level in TAILS:
         found = quantile_difference(a, b, level, confidence)
-        if _worse(found):
+        if found.low > 0.0:
             worse.append(level)
         elif np.isneginf(found.low) and not found.high < 0.0:
             uncompared.append(level)
-            if outermost > 0.5 and _worse(quantile_difference(a, b, outermost, confidence)):
+            if outermost > 0.5 and quantile_difference(a, b, outermost, confidence).low > 0.0:
                 worse.append(outermost)
     return tuple(dict.fromkeys(worse)), tuple(uncompared)

@@ -27,12 +27,6 @@ def test_finds_the_best_place_that_the_limit_allows():
     assert len(found.points) <= 800
 
 
-def test_never_ends_worse_than_the_start():
-    best = np.array([0.2, *(np.array([-0.3, 0.2, 0.0]) - SHIFTS.mean(axis=(0, 1))[1:])])
-    found = tune(measure, best, 33, seed=1)
-    assert found.scores.objective[found.best] <= found.scores.objective[0]
-
-
 def test_one_free_parameter():
     def line(points):
         return Scores((points[:, 0] - 0.7) ** 2, np.zeros((len(points), 0)), points[:, 0])

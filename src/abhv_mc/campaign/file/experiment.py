@@ -34,8 +34,8 @@ from abhv_mc.flight.outcome import OUTCOMES, Outcomes, simulator_outcomes
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.documents import Document
 from abhv_mc.plant.parameters import OURS, Parameters
+from abhv_mc.statistics.estimates import Criterion
 from abhv_mc.statistics.family import judge_family
-from abhv_mc.statistics.ranking import Criterion
 from abhv_mc.statistics.verdicts import Verdict, judge
 
 _MIDDLE = 0.6  # of its extent, where a dispersion stands in other trials: no nominal value of a symmetric law

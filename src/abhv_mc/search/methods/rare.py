@@ -80,11 +80,8 @@ def estimate_rare(evaluate: Evaluate, plan: SubsetPlan, target_cov: float = 0.2,
 
     The first repetitions run side by side; more are added until the interval is as narrow as that of a normal
     estimate with ``target_cov``, or the next one would not fit into ``flights``. Severities may depend on random
-    numbers of their own, drawn afresh with each point. Raises ValueError where ``flights`` are fewer than the first
-    level needs.
+    numbers of their own, drawn afresh with each point. The first levels of ``FEWEST`` repetitions have to fit in.
     """
-    if flights < FEWEST * plan.size:
-        raise ValueError(f"{flights} flights, fewer than the {FEWEST * plan.size} of the first level")
     check_flights = round_up(int(_CHECK_SHARE * flights)) if plan.dimension <= MOST_SAMPLED else 0
     if plan.dimension <= MOST_LOOKED:
         check_flights += LOOK_FLIGHTS

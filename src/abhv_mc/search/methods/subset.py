@@ -15,6 +15,8 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.search.methods.evaluation import Evaluate, make_generator
 
+_LENGTH = 10  # points of a chain, its first among them: a tenth of a level's points start the next level
+_MOST_LEVELS = 12
 ACCEPTANCE = 0.44  # optimal for these chains: Papaioannou et al., section 4
 
 
@@ -67,13 +69,11 @@ class SubsetPlan:
     threshold: float  # a severity above it is a failure
     seed: int
     chains: int = 64  # of each level and repetition: whole lanes
-    length: int = 10  # points of a chain, its first among them: 1 / length of a level's points start the next level
-    most_levels: int = 12
 
     @property
     def size(self) -> int:
         """Points of a level."""
-        return self.chains * self.length
+        return self.chains * _LENGTH
 
 
 def run_subset(evaluate: Evaluate, plan: SubsetPlan, numbers: range, flights: int, fewest: int = 0) -> list[Repetition]:
@@ -92,7 +92,7 @@ def run_subset(evaluate: Evaluate, plan: SubsetPlan, numbers: range, flights: in
     kept = [Repetition(n, drawn[i], values[i], size, int(failed[i])) for i, n in enumerate(numbers)]
     left, cost = flights - size * len(kept), size - plan.chains
     active = kept
-    for level in range(1, plan.most_levels + 1):
+    for level in range(1, _MOST_LEVELS + 1):
         active = [one for one in active if not _close_level(one, plan)]
         while cost * len(active) > left:
             if len(kept) <= fewest:
@@ -101,7 +101,7 @@ def run_subset(evaluate: Evaluate, plan: SubsetPlan, numbers: range, flights: in
                 return kept
             dropped = kept.pop()
             active = [one for one in active if one is not dropped]
-        if not active or level == plan.most_levels:
+        if not active or level == _MOST_LEVELS:
             break
         _move_chains(evaluate, active, plan, level)
         left -= cost * len(active)
@@ -137,7 +137,7 @@ def _chain_inflation(inside: np.ndarray, chains: int) -> float:
 
 def _move_chains(evaluate: Evaluate, active: list[Repetition], plan: SubsetPlan, level: int) -> None:
     """Replace the points of each repetition by chains that start in its points beyond the last threshold."""
-    seed, chains, length = plan.seed, plan.chains, plan.length
+    seed, chains = plan.seed, plan.chains
     limits, histories, accepted = [], [], []
     for one in active:
         limit = one.levels[-1].threshold
@@ -146,7 +146,7 @@ def _move_chains(evaluate: Evaluate, active: list[Repetition], plan: SubsetPlan,
         histories.append([(one.points[seeds], one.values[seeds])])
         limits.append(limit)
         accepted.append(0.0)
-    for step in range(1, length):
+    for step in range(1, _LENGTH):
         proposals = []
         for one, history in zip(active, histories, strict=True):
             # One for all dimensions: those of the seeds, 64 points, made it 1.9 times too high at dimension 100.
@@ -159,10 +159,10 @@ def _move_chains(evaluate: Evaluate, active: list[Repetition], plan: SubsetPlan,
             points, values = histories[i][-1]
             histories[i].append((np.where(better[:, None], proposals[i], points), np.where(better, found[i], values)))
             rate = float(better.mean())
-            accepted[i] += rate / (length - 1)
+            accepted[i] += rate / (_LENGTH - 1)
             one.scale = float(np.clip(one.scale * np.exp((rate - ACCEPTANCE) / np.sqrt(step)), 1e-3, 10.0))
     for i, one in enumerate(active):
         one.points = np.concatenate([points for points, _ in histories[i]])
         one.values = np.concatenate([values for _, values in histories[i]])
-        one.flights += chains * (length - 1)
+        one.flights += chains * (_LENGTH - 1)
         one.acceptance = accepted[i]

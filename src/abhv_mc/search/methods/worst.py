@@ -54,11 +54,9 @@ def least_evaluations(dimension: int, evaluations: int) -> int:
 def search_worst(evaluate: Evaluate, dimension: int, evaluations: int = 2000, seed: int = 0) -> WorstCase:
     """Search the box -1 .. 1 for the largest value with about so many evaluations, never more.
 
-    Raises ValueError where they do not suffice for the first batches.
+    They are to be :func:`least_evaluations` or more.
     """
     batch = _choose_batch(evaluations)
-    if evaluations < (least := least_evaluations(dimension, evaluations)):
-        raise ValueError(f"{evaluations} flights; a search of {dimension} parameters needs at least {least}")
     reserve = round_up(2 * dimension)
     record = Record(evaluate, evaluations)
     explore(record, dimension, seed, batch)

@@ -11,8 +11,8 @@ from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.statistics.binomial import success_lower_bound
+from abhv_mc.statistics.estimates import spread
 from abhv_mc.statistics.family import hold_family
-from abhv_mc.statistics.ranking import spread
 from abhv_mc.statistics.verdicts import Verdict, advice_words, tolerance_limit, verdict_words
 from abhv_mc.topics.failed_flights import requirement_failures, requirement_words
 from abhv_mc.topics.words import significant
