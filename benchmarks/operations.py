@@ -65,7 +65,7 @@ def _count_flight(plan: FlightPlan) -> dict[str, float]:
 
 def _use_counted_floats() -> None:
     """Have the flight allocate counted arrays, and its square roots and assembled floats counted."""
-    from abhv_mc.flight import arguments, fly
+    from abhv_mc.flight import arguments, lost
     from abhv_mc.kernel.flight import memory
     from abhv_mc.kernel.numerics import float_bits, lane_math
     from benchmarks.counted import Counted, counted_sqrt, make_counted
@@ -76,7 +76,7 @@ def _use_counted_floats() -> None:
         return make_counted(value) if value.dtype == np.float64 else value
 
     arguments.conform = lambda value, *_: value  # counted arrays hold objects, which the check of types refuses
-    fly.make_memory = lambda *sizes: count_in(memory.make_memory(*sizes))  # type: ignore[attr-defined]
+    lost.make_memory = lambda *sizes: count_in(memory.make_memory(*sizes))  # type: ignore[attr-defined]
     lane_math.bits_float = lambda bits: Counted(float_bits.bits_float(bits))  # type: ignore[attr-defined]
     math.sqrt = counted_sqrt  # type: ignore[assignment]
 

@@ -191,7 +191,8 @@ def test_a_crash_and_a_hang_in_c_cost_a_flight_each_of_a_campaign_that_ends_and_
     assert np.array_equal(read_errors(request.out, "mine")[rest], read_errors(request.out, "lqr")[rest])
     assert build_with(request.out).exists()
     told = capfd.readouterr().err
-    assert "SIGSEGV" in told and "not done in 1 s" in told
+    for words, flight in (("SIGSEGV", 137), ("not done in 1 s", 61)):  # the second time alone
+        assert f"{words}, at 0 s (tick 0), measured: altitude {int(heights[flight])}." in told
 
 
 @needs_cc

@@ -33,6 +33,21 @@ def test_dispersions_and_overrides_change_the_flight_as_their_files_would():
     assert len(short) == 501 and short.attrs["metrics"]["engine_failed_s"] == pytest.approx(4.01)  # both ends count
 
 
+def test_a_dispersion_that_the_vehicle_does_not_feel_is_refused():
+    """As a campaign refuses it; the flight was the nominal one, and nothing said so."""
+    short = {"base": "level", "duration": "2 s"}
+    for given, unfelt in (
+        ({"aero.drag.elevator": 1.5}, "'aero.drag.elevator', without"),
+        ({"wind.gust_start": 1.0, "failure.effector_3.stuck_time": 1.0}, "'wind.gust_start', 'failure.effector_3.st"),
+    ):
+        with pytest.raises(InputError, match=unfelt):
+            abhv_mc.fly(short, dispersions=given)
+    felt = {"wind.gust_start": 1.0, "wind.gust_north": 3.0, "aero.drag.elevator": 1.0}
+    slack = {"actuator.rate_limit": 1.5, "failure.engine.time": "1 h"}  # felt farther out
+    for given in (felt, slack):
+        assert len(abhv_mc.fly(short, dispersions=given, every=100)) == 3
+
+
 def test_trims_are_a_table_by_bank():
     table = abhv_mc.trim("ghame", bank=["0 deg", "50 deg"])
     assert table.angle_of_attack_deg.to_list() == pytest.approx([3.59, 4.47], abs=0.01)

@@ -1,5 +1,9 @@
 """Numbers of controllers: gains for other programs read back to the bit; tuned ones written anywhere."""
 
+import ctypes
+import shutil
+import subprocess
+
 import numpy as np
 import pytest
 from scipy.io import loadmat
@@ -30,6 +34,18 @@ def test_mat_and_csv_hold_the_plans_gains(plan, tmp_path):
     assert np.array_equal(table["elevator_by_pitch_rate"], plan.gains[:, LQR_GAINS.index("elevator_by_pitch_rate")])
     with pytest.raises(InputError, match=r"\.txt"):
         write_gains(tmp_path / "gains.txt", plan)
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_c_arrays_hold_the_plans_gains(plan, tmp_path):
+    write_gains(tmp_path / "gains.h", plan)
+    text = '#include "gains.h"\ndouble at(int tick) { return gain[tick][GAIN_RUDDER_BY_BANK]; }\n'
+    (tmp_path / "at.c").write_text(text + "double last(void) { return gain_time_s[GAIN_TICKS - 1]; }\n")
+    subprocess.run(["cc", "-shared", "-fPIC", "-o", "at.so", "at.c"], cwd=tmp_path, check=True)
+    library = ctypes.CDLL(str(tmp_path / "at.so"))
+    library.at.restype = library.last.restype = ctypes.c_double
+    assert library.at(17) == plan.gains[17, LQR_GAINS.index("rudder_by_bank")]
+    assert library.last() == plan.timing.duration
 
 
 LAW = "law: python\nfile: ../laws/mine.py\nrate: 100 Hz\nsettings: {path: 0.5 1/s}\n"

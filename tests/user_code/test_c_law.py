@@ -152,7 +152,9 @@ def test_a_law_that_returns_an_error_or_no_number_ends_its_flight(make):
 
 REFUSED = {
     "memory of its own": PLAIN.replace("double alpha =", "static double x; x += m->bank;\n    double alpha = x +"),
-    "SIGSEGV": PLAIN.replace("own->ticks += 1;", "own->ticks += 1; if (own->ticks == 32) *(volatile int *)0 = 1;"),
+    "SIGSEGV, at 0.31 s (tick 31), measured: altitude 20": PLAIN.replace(
+        "own->ticks += 1;", "own->ticks += 1; if (own->ticks == 32) *(volatile int *)0 = 1;"
+    ),
     "'expected": PLAIN.replace("return 2;", "return 2"),
     "helper.h: No such file": '#include "helper.h"\n' + PLAIN,
     "abhv_law_state_get alone": PLAIN.replace("abhv_law_state_set", "another_name"),

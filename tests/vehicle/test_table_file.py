@@ -37,8 +37,9 @@ def test_columns_by_the_vehicle_file_comments_and_blank_lines(tmp_path):
     [
         ("\ufeffaltitude_km,value\n20,1\n30,2\n", {}, [2e4, 3e4]),
         ("alpha_deg,value\n0,1\n0.5,2\n", {"alpha_deg": "angle_of_attack rad"}, [0.0, 0.5]),
+        ("altitude_m,value\n0,1\n50,2\n", {"altitude_m": "altitude m"}, [0.0, 50.0]),
     ],
-    ids=["a byte order mark", "the vehicle file says otherwise"],
+    ids=["a byte order mark", "the vehicle file says otherwise", "few metres, insisted on"],
 )
 def test_axes_in_other_units(tmp_path, text, columns, grid):
     assert read(tmp_path, text, columns).axes[0].grid == pytest.approx(grid)
@@ -59,7 +60,9 @@ def test_axes_in_other_units(tmp_path, text, columns, grid):
         pytest.param(
             "mach,alpha_rad,value\n4,0,1\n4,12,2\n6,0,1\n6,12,2\n", 3, 3, "angle_of_attack 12", id="deg as rad"
         ),
+        pytest.param("mach,alpha_deg,value\n4,0,1\n4,.2,2\n6,0,1\n6,.2,2\n", 2, 3, "over 0.2 deg", id="rad as deg"),
         pytest.param("mach,value\n1200,1\n1800,2\n", 2, 1, "mach 1200", id="speed as mach"),
+        pytest.param("altitude_m,value\n20,1\n30,2\n", 2, 1, "over 10 m only", id="km as metres"),
         pytest.param(GOOD, 1, None, "no column 'delta'", id="a description of no column"),
         pytest.param(b"mach,value\n4,\xff\n", None, None, "utf-8", id="bytes"),
     ],

@@ -201,7 +201,7 @@ def export(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="PATH", help="Where to: a folder; of gains, a .mat or .csv file."),
+        typer.Option("--output", "-o", metavar="PATH", help="Where to: a folder; of gains, a .mat, .csv or .h file."),
     ] = None,
     controller: Annotated[str, controller_option("Of gains: file or shipped name.")] = "tlc",
     vehicle: Annotated[str, typer.Option(metavar="V", help="Of gains: file or shipped name.")] = DEFAULT_VEHICLE,
@@ -215,7 +215,7 @@ def export(
         from abhv_mc.simulators.export_gains import check_gain_format, write_gains
 
         if out is None:
-            raise InputError("--output", "no file", "a file that ends in .mat or .csv")
+            raise InputError("--output", "no file", "a file that ends in .mat, .csv or .h")
         check_gain_format(out)
         files = find_input(mission, "mission"), find_input(vehicle, "vehicle"), find_input(controller, "control")
         write_gains(output_file(out) or out, make_flight_plan(*files))

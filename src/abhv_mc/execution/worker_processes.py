@@ -23,6 +23,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.execution.attest import Check
 from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries
 from abhv_mc.execution.worker import serve
+from abhv_mc.flight.lost import describe_last_tick
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.simulators.engine import Fly, Recorded
 from abhv_mc.user_code.child import describe_exit
@@ -93,7 +94,8 @@ class _Worker:
         connection: Connection = self._connection
         if not wait([connection], limit):
             self.kill()
-            raise FlightLostError(f"not done in {limit:g} s", process=True, hung=True)
+            words = f"not done in {limit:g} s{describe_last_tick(self.process.pid)}"
+            raise FlightLostError(words, process=True, hung=True)
         try:
             return connection.recv()
         except (EOFError, OSError):
@@ -101,7 +103,7 @@ class _Worker:
             end = self.process.exitcode
             hung = end == -signal.SIGPROF
             words = f"not done in {processor:g} s" if hung else f"its process ended: {describe_exit(end)}"
-            raise FlightLostError(words, process=True, hung=hung) from None
+            raise FlightLostError(words + describe_last_tick(self.process.pid), process=True, hung=hung) from None
 
     def kill(self) -> None:
         """End the process, whatever it does."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Singles
 from abhv_mc.flight.arguments import Kept, make_kernel_plan, make_results
-from abhv_mc.flight.lost import fly_in_child
+from abhv_mc.flight.lost import fly_in_child, open_memory
 from abhv_mc.flight.plan import NOT_LEAN, FlightBlock, FlightPlan, Recording, join_blocks, recording_of
 from abhv_mc.flight.user_law import must_fly_elsewhere, open_law
 from abhv_mc.kernel.flight.counting import Statistic
@@ -73,7 +73,8 @@ def fly(
         starts = range(0, len(parameters), _SAMPLED)
         return join_blocks([fly(plan, parameters[i : i + _SAMPLED], recording, lanes) for i in starts])
     results = make_results(plan, len(parameters), recording, keep_states)
-    fly_in_memory(plan, parameters, results, recording, make_memory(lanes), start)
+    with open_memory(lanes, len(parameters), plan.timing.tick) as memory:
+        fly_in_memory(plan, parameters, results, recording, memory, start)
     return make_block(plan, results, recording)
 
 

@@ -1,7 +1,14 @@
-"""Flights of native code in a process that may be lost with them, and the row of a flight that was."""
+"""Flights of native code in a process that may be lost with them: the row of one that was, and where it was.
 
+A flight that is flown alone there has its lanes' memory in a file, which outlives the process.
+"""
+
+import contextlib
+import mmap
+import os
 import sys
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -9,11 +16,17 @@ from abhv_mc.array_types import Floats
 from abhv_mc.flight.arguments import Kept
 from abhv_mc.flight.outcome import Outcome, find_lost_outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, Recording, join_blocks
-from abhv_mc.kernel.plant.state import N_STATES
-from abhv_mc.user_code.child import LostError, in_child
+from abhv_mc.kernel.flight import observe
+from abhv_mc.kernel.flight.interface import LANES
+from abhv_mc.kernel.flight.memory import O_ROWS, Z_ROWS, Memory, make_memory
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.user_code.child import LostError, in_child, may_run_here
+from abhv_mc.user_code.law_interface import Measured, find_unit
+from abhv_mc.user_code.unpack import laws_folder
 
 _LIMIT = 60.0  # s for up to 16 flights
 _FEW = 16
+_ROWS = Z_ROWS + O_ROWS + 1  # of the file; the last holds the control period
 _compiled: set[int] = set()  # numbers of lanes whose flights the child has, or finds on disk
 
 
@@ -47,7 +60,8 @@ def fly_in_child(
     try:
         return attempt(parameters)
     except LostError as lost:
-        print(f"{plan.controller}: the law was lost with a flight: {lost.words}", file=sys.stderr, flush=True)
+        words = f"{lost.words}{describe_last_tick(lost.process)}"
+        print(f"{plan.controller}: the law was lost with a flight: {words}", file=sys.stderr, flush=True)
         outcome = find_lost_outcome(plan.law, lost.hung)
         return make_lost(plan, outcome, recording, len(plan.metrics), keep_states)
 
@@ -63,5 +77,39 @@ def make_lost(
         metrics=np.full((1, metrics), np.nan),
         history=np.full((1, len(times), len(recording.channels)), np.nan, np.float32),
         times=times.astype(np.float64),
-        states=np.full((1, len(times) if keep_states else 0, N_STATES), np.nan),
+        states=np.full((1, len(times) if keep_states else 0, s.N_STATES), np.nan),
     )
+
+
+@contextlib.contextmanager
+def open_memory(width: int, flights: int, tick_length: float) -> Iterator[Memory]:
+    """Memory of ``width`` lanes for any vehicle; for one flight, in a process that may be lost, shared by a file."""
+    if flights != 1 or width != LANES or not may_run_here():
+        yield make_memory(width)
+        return
+    path = laws_folder() / f"flying_{os.getpid()}_{threading.get_native_id()}"
+    with path.open("w+b") as file:
+        file.truncate(8 * _ROWS * width)
+        block = np.frombuffer(mmap.mmap(file.fileno(), 0)).reshape(_ROWS, width)
+    block[-1] = tick_length
+    try:
+        yield make_memory(width)._replace(Z=block[:Z_ROWS], O=block[Z_ROWS:-1])
+    finally:
+        path.unlink(missing_ok=True)
+
+
+def describe_last_tick(process: int | None) -> str:
+    """Where the lone flight of a process that was lost was, as the end of a sentence; empty where there was none."""
+    words = ""
+    for path in laws_folder().glob(f"flying_{process}_*"):
+        content = path.read_bytes()
+        path.unlink()
+        if len(content) != 8 * _ROWS * LANES:  # of a process that was lost before it flew
+            continue
+        lane = np.frombuffer(content).reshape(_ROWS, LANES)[:, 0]
+        tick = int(lane[Z_ROWS + observe.SAMPLES])
+        names = Measured._fields[: s.N_MEASURED]
+        values = lane[s.MEASURED : s.MEASURED + s.N_MEASURED].tolist()
+        measured = [f"{name} {v:.9g} {find_unit(f'measured.{name}')}" for name, v in zip(names, values, strict=True)]
+        words = f", at {tick * lane[-1]:g} s (tick {tick}), measured: {', '.join(measured)}"
+    return words

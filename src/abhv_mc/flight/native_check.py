@@ -8,6 +8,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.fly import fly, fly_until, nominal_parameters
+from abhv_mc.flight.lost import describe_last_tick
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.user_law import hidden_memory
 from abhv_mc.io.input_error import InputError
@@ -26,7 +27,8 @@ def check_native(plan: FlightPlan) -> None:
     try:
         same = _try_once(_is_same, plan, _TICKS)
     except LostError as lost:
-        found = f"a law that does not fly the first {_TICKS} ticks of a nominal flight: {lost.words}"
+        words = f"{lost.words}{describe_last_tick(lost.process)}"
+        found = f"a law that does not fly the first {_TICKS} ticks of a nominal flight: {words}"
         raise InputError(str(plan.source and plan.source.file), found, "a law that returns") from None
     if not same:
         found = "a law that keeps memory of its own: a flight depends on those beside it or before it"

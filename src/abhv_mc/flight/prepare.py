@@ -45,8 +45,8 @@ from abhv_mc.user_code.settings import NO_COMMANDS, CommandSteps, make_commands,
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.vehicle_functions import find_code, load_vehicle
 from abhv_mc.vehicle.actuators import name_effectors
-from abhv_mc.vehicle.file import find_vehicle_warnings
 from abhv_mc.vehicle.shared_keys import choose_sensing, tighter
+from abhv_mc.vehicle.warnings import find_vehicle_warnings
 
 _LEAST_FUEL = 1e-9  # kg: below it there is none
 _ALPHA_OF_AUTHORITY = np.deg2rad(1.2)  # a small angle inside of most tables' cells

@@ -1,15 +1,17 @@
 """One flight of one call, with what is said of it."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 from abhv_mc.flight.outcome import Outcome
+from abhv_mc.io.input_error import InputError
 from abhv_mc.one_flight.given import Input, Quantity, check_count, make_flight_plan, make_parameters
 from abhv_mc.shipped import DEFAULT_VEHICLE
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from abhv_mc.array_types import Floats
     from abhv_mc.flight.plan import FlightBlock, FlightPlan
 
 
@@ -39,6 +41,7 @@ def fly_once(
     plan = make_flight_plan(mission, vehicle, controller).lean_for(dispersions or ())
     parameters = make_parameters(dispersions)
     check_rows(plan, parameters)
+    _check_felt(plan, parameters, dispersions or ())
     block = fly(plan, parameters, min(every, plan.timing.ticks + 1))
     outcome = Outcome(int(block.outcome[0]))
     metrics = {metric.name: value for metric, value in zip(plan.metrics, block.metrics[0].tolist(), strict=True)}
@@ -62,7 +65,7 @@ def fly(
         dotted keys, as ``{"base": "tlc", "limits.bank": "60 deg"}``. A controller may be a law's function.
     dispersions
         Parameters of this flight (``abhv-mc list parameters`` lists them), the others nominal; a number is a factor or
-        SI, text has its unit, as in ``{"aero.drag": "110 %", "wind.north": 12.0}``.
+        SI, text has its unit, as in ``{"aero.drag": "110 %", "wind.north": 12.0}``. One without effect is refused.
     every
         Control ticks from row to row.
 
@@ -96,3 +99,28 @@ def fly(
         "warnings": flight.plan.warnings.tolist(),
     }
     return table
+
+
+def _check_felt(plan: "FlightPlan", parameters: "Floats", names: Iterable[str]) -> None:
+    """Raise InputError for a dispersion without which the flight is the same to the bit, here and farther out."""
+    import numpy as np
+
+    from abhv_mc.execution.probe_dispersions import differs
+    from abhv_mc.flight.fly import fly
+    from abhv_mc.kernel.plant.parameter_names import NEVER, PARAMETER_INDEX
+    from abhv_mc.plant.parameters import PARAMETERS
+
+    at = [i for i in map(PARAMETER_INDEX.get, names) if i is not None and parameters[0, i] != PARAMETERS[i].nominal]
+    for farther in (False, True):
+        if not at:
+            return
+        rows = np.tile(parameters, (1 + len(at), 1))
+        for row, i in zip(rows[1:], at, strict=True):
+            nominal = PARAMETERS[i].nominal
+            far = {0.0: 25.0 * row[i], NEVER: 0.5 * plan.timing.duration}.get(nominal, 1e-3 * nominal)
+            row[i] = far if farther else nominal
+        block = fly(plan, rows)
+        at = [i for k, i in enumerate(at, 1) if not differs(block, 0, k)]
+    if at:
+        named = ", ".join(f"'{PARAMETERS[i].name}'" for i in at)
+        raise InputError("dispersions", f"{named}, without effect on this flight", "what this vehicle feels in it")

@@ -22,7 +22,7 @@ from abhv_mc.user_code.child import run_in_thread
 from abhv_mc.user_code.law_source import law_place, read_law_source
 from abhv_mc.user_code.trust import is_in_a_folder, is_trusted
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.vehicle.file import find_vehicle_warnings
+from abhv_mc.vehicle.warnings import find_vehicle_warnings
 
 _NAMED = 3  # dispersions of a warning
 _LONGEST = 600.0  # s, compiling included

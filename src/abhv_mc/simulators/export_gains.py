@@ -1,4 +1,4 @@
-"""A controller's gains along a mission in a file of another program: MATLAB, CSV."""
+"""A controller's gains along a mission in a file of another program: MATLAB, CSV, C arrays."""
 
 from pathlib import Path
 
@@ -14,8 +14,8 @@ _BUILT_IN = {"tlc": TLC_GAINS, "lqr": LQR_GAINS}
 
 def check_gain_format(file: Path) -> None:
     """Raise InputError for a file name with another ending."""
-    if file.suffix not in (".mat", ".csv"):
-        raise InputError(file, f"the ending '{file.suffix}'", "a file name that ends in .mat or .csv")
+    if file.suffix not in (".mat", ".csv", ".h"):
+        raise InputError(file, f"the ending '{file.suffix}'", "a file name that ends in .mat, .csv or .h")
 
 
 def write_gains(file: Path, plan: FlightPlan) -> None:
@@ -35,8 +35,23 @@ def write_gains(file: Path, plan: FlightPlan) -> None:
 
             content = {"time_s": times, "gains": gains, "names": np.array(names, dtype=object)}
             savemat(stream, content, oned_as="column")
+        elif file.suffix == ".h":
+            stream.write(_make_header(plan.controller, names, times, gains).encode())
         else:
             import pandas as pd
 
             table = pd.DataFrame(np.column_stack([times, gains]), columns=["time_s", *names])
             table.to_csv(stream, index=False)
+
+
+def _make_header(controller: str, names: tuple[str, ...], times: np.ndarray, gains: np.ndarray) -> str:
+    """C99: an enumerator for each column, the times, the gains."""
+    columns = "".join(f"    GAIN_{name.upper()},\n" for name in names)
+    rows = "".join(f"    {{{', '.join(map(repr, row))}}},\n" for row in gains.tolist())
+    return (
+        f"/* Gains of {controller} along its mission, SI and radians: gain[tick][GAIN_...] at gain_time_s[tick]. */\n"
+        f"enum gain {{\n{columns}    GAINS\n}};\n"
+        f"#define GAIN_TICKS {len(times)}\n"
+        f"static const double gain_time_s[GAIN_TICKS] = {{{', '.join(map(repr, times.tolist()))}}};\n"
+        f"static const double gain[GAIN_TICKS][GAINS] = {{\n{rows}}};\n"
+    )

@@ -28,9 +28,9 @@ _child: "_Child | None" = None
 class LostError(Exception):
     """The process ended, or did not answer in time (``hung``)."""
 
-    def __init__(self, words: str, hung: bool) -> None:
-        super().__init__(words, hung)
-        self.words, self.hung = words, hung
+    def __init__(self, words: str, hung: bool, process: int) -> None:
+        super().__init__(words, hung, process)
+        self.words, self.hung, self.process = words, hung, process
 
 
 def allow_here() -> None:
@@ -115,11 +115,11 @@ class _Child:
         try:
             self._connection.send((function, arguments))
             if not self._connection.poll(limit):
-                raise LostError(f"it was not done in {limit:g} s", True)
+                raise LostError(f"it was not done in {limit:g} s", True, self._process.pid)
             return self._connection.recv()
         except (EOFError, ConnectionError):
             words = f"its process ended: {describe_exit(self._process.wait())}"
-            raise LostError(words, False) from None
+            raise LostError(words, False, self._process.pid) from None
 
     def kill(self) -> None:
         with contextlib.suppress(OSError):

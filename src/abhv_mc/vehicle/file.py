@@ -129,13 +129,6 @@ def _check_mass(document: Document, content: VehicleDocument, points: Sequence[M
         raise document.error(("mass", "start"), found, expected)
 
 
-def find_vehicle_warnings(vehicle: Vehicle) -> list[str]:
-    """A sentence (without its full stop) for each thing that a user should know before flying the vehicle."""
-    if vehicle.constants.equivalence_ratio_max > 0.0 and vehicle.constants.burns_fuel == 0.0:
-        return ["the vehicle file has no mass.empty, so the engine burns no fuel and the mass stays as it is"]
-    return []
-
-
 def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
     """The packed vehicle of a file; ``factor_index`` gives the parameter of a name such as ``aero.lift.elevator``."""
     content = file.content

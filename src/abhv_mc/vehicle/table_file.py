@@ -38,6 +38,7 @@ _PLAUSIBLE = {
     "mass": (1e-3, 1e7),
     "angle": (-math.pi, math.pi),
 }
+_NARROWEST = {"deg": 1.0, "m": 200.0}  # an axis over less holds radians, kilometres, unless the vehicle file says so
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,7 @@ def _unit_factor(rows: Rows, column: int, role: Role) -> float:
     return factor
 
 
-def _check_plausible(rows: Rows, column: int, role: Role, numbers: Floats, factor: float) -> None:
+def _check_plausible(rows: Rows, column: int, role: Role, numbers: Floats, factor: float, said: bool) -> None:
     low, high = _PLAUSIBLE[role.name if role.name in _PLAUSIBLE else "angle"]
     outside = np.flatnonzero((numbers * factor < low) | (numbers * factor > high * (1.0 + 1e-12)))
     if outside.size:
@@ -98,6 +99,10 @@ def _check_plausible(rows: Rows, column: int, role: Role, numbers: Floats, facto
             f"{low / factor:.6g} to {high / factor:.6g}: is it in another unit than '{rows.header[column]}' says?"
         )
         raise rows.error(row, column, f"{role.name} {numbers[row]:g}", expected)
+    if not said and np.ptp(numbers) < _NARROWEST.get(role.unit or "", 0.0):
+        found = f"{role.name} over {np.ptp(numbers):g} {role.unit} only"
+        expected = f"{role.unit} (if it is, say '{rows.header[column]}: {role.name} {role.unit}' under columns)"
+        raise rows.error(0, column, found, expected)
 
 
 def _grid(rows: Rows, columns: Sequence[int], points: Floats) -> list[Floats]:
@@ -149,7 +154,7 @@ def read_table(path: Path, columns: Mapping[str, Role], effectors: Sequence[str]
     places = [i for i, _ in roles.values()]
     values, *points = rows.numbers([value, *places]).T
     for (i, role), numbers, factor in zip(roles.values(), points, factors, strict=True):
-        _check_plausible(rows, i, role, numbers, factor)
+        _check_plausible(rows, i, role, numbers, factor, rows.header[i] in columns)
     grids = _grid(rows, places, np.stack(points, axis=1))
     axes = tuple(
         Axis(VARIABLES.index(_variable(name, effectors)), grid * factor)

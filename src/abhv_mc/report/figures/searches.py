@@ -95,6 +95,25 @@ def plot_levels(label: str, limit: float, repetitions: Sequence[tuple[Floats, Fl
 
 
 @styled
+def plot_mixing(acceptance: Sequence[Floats], spread: Sequence[Floats], aim: float) -> Figure:
+    """Share of accepted moves and size of the moves at each level after the first, by repetition; ``aim`` is dashed."""
+    figure = new_figure(2.4)
+    left, right = figure.subplots(1, 2)
+    for i, (rates, sizes) in enumerate(zip(acceptance, spread, strict=True)):
+        look = {"color": CYCLE[i % len(CYCLE)], "marker": MARKERS[i % len(MARKERS)], "markersize": 4, "linewidth": 0.9}
+        levels = np.arange(2, rates.size + 2)
+        left.plot(levels, rates, **look)
+        right.plot(levels, sizes, **look)
+    left.axhline(aim, color=INK, linestyle=(0, (4, 2)), linewidth=0.8)
+    for axes, words in ((left, "accepted moves"), (right, "size of a move (1: drawn afresh)")):
+        axes.set_xlabel("level")
+        axes.xaxis.get_major_locator().set_params(integer=True)
+        axes.set_ylabel(words)
+        axes.set_ylim(0.0, 1.05)
+    return figure
+
+
+@styled
 def plot_failures(names: Sequence[str], points: Floats) -> Figure:
     """Where failures live: quantiles of each parameter's standard normal number among failures, beside all flights'."""
     figure = new_figure(0.8 + _ROW * len(names) * 1.2)

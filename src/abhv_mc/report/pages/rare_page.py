@@ -5,10 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from abhv_mc.report.figures.searches import plot_failures, plot_levels
+from abhv_mc.report.figures.searches import plot_failures, plot_levels, plot_mixing
 from abhv_mc.report.pages.page import Answer, make_table, write_section_page
 from abhv_mc.report.pages.searched_flights import drawn_figures, flights_table
 from abhv_mc.search.methods.second_opinion import MOST_LOOKED
+from abhv_mc.search.methods.subset import ACCEPTANCE
 from abhv_mc.search.rare import RareFound
 from abhv_mc.search.severity import ENDED_EARLY
 from abhv_mc.topics.names import controller_label
@@ -23,7 +24,7 @@ def make_rare_answer(found: RareFound, folder: Path) -> Answer:
     flights = flights_table(found.flights, found.severities, dimensions, metric, found.controller, folder, found.known)
     items = (
         *_answers(found, asked),
-        *map(Picture, ("levels", "failures", "flights")),
+        *map(Picture, ("levels", "mixing", "failures", "flights")),
         *((_combinations(found),) if found.strata else ()),
         flights,
     )
@@ -39,6 +40,7 @@ def write_rare_page(found: RareFound, path: Path) -> Path:
 def _draw(found: RareFound) -> Iterator[Drawn]:
     if found.estimate.repetitions:
         yield _levels(found)
+        yield _mixing(found)
     failures = found.estimate.failures
     if len(failures):
         caption = (
@@ -104,6 +106,18 @@ def _levels(found: RareFound) -> Drawn:
         caption += " A line ends where the next threshold is an early end, which has no value of the metric."
     label = f"{'distance outside the limits of ' if asked.both else ''}{found.metric.label_with_unit}"
     return FigureText("levels", "Levels", caption), plot_levels(label, asked.sign * asked.limit, ways)
+
+
+def _mixing(found: RareFound) -> Drawn:
+    caption = (
+        f"Share of accepted moves ({ACCEPTANCE:g} is aimed at, dashed) and size of the moves at each level, a line for "
+        "each repetition as above. Chains that accept next to nothing, or move by little, explore little."
+    )
+    rates, sizes = (
+        [np.array([getattr(level, key) for level in one.levels[1:]]) for one in found.estimate.repetitions]
+        for key in ("acceptance", "spread")
+    )
+    return FigureText("mixing", "How the chains mix", caption), plot_mixing(rates, sizes, ACCEPTANCE)
 
 
 def _plain_flights(found: RareFound) -> int:

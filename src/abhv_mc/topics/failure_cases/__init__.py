@@ -166,6 +166,7 @@ def failure_case_section(found: FailureCases, names: Names) -> Section | None:
             ),
             Table("Survival by failure case", heads, tuple(_group(entry, names) for entry in found.cases)),
             Picture("failure_survival"),
+            Picture("failure_bands"),
         ),
     )
 

@@ -1,6 +1,6 @@
-"""Flights after a failure: who still flies."""
+"""Flights after a failure: who still flies, and how."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -8,12 +8,24 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.failure_case import NO_FAILURE
+from abhv_mc.folder.flown_campaign import read_histories
 from abhv_mc.topics.failure_cases import FailureCases, cases_by_frequency, drawn_cases
-from abhv_mc.topics.figure_style import DASHES, controller_colors, label_lowest, legend_below, new_panels, styled
+from abhv_mc.topics.figure_bands import off_reference
+from abhv_mc.topics.figure_style import DASHES, INK, controller_colors, label_lowest, legend_below, new_panels, styled
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
 _MOST_CASES = 8  # the most frequent
+_MOST_BANDS = 4  # cases, of one failure each
+_FEWEST_KEPT = 5  # histories of a case that make a band
+_CHANNELS = (  # of bands, with the axis' words and what is taken off
+    ("altitude_m", "altitude error (m)", "altitude_reference_m"),
+    ("angle_of_attack_deg", "angle of attack (deg)", ""),
+    ("bank_deg", "bank (deg)", ""),
+    ("sideslip_deg", "sideslip (deg)", ""),
+)
+
+Bands = Mapping[tuple[int, str, str], Floats]  # row of _CHANNELS, case, controller -> [least, median, most; time]
 
 
 @styled
@@ -35,6 +47,26 @@ def plot_survival(times: Floats, panels: Mapping[str, Mapping[str, Floats]], lab
     return figure
 
 
+@styled
+def plot_case_bands(times: Floats, bands: Bands, cases: Sequence[str], labels: Mapping[str, str]) -> Figure:
+    """Channels after a failure: a row a channel, a column a case."""
+    colors, count = controller_colors(tuple(labels)), len(_CHANNELS) * len(cases)
+    figure, grid = new_panels(count, len(cases), 1.2, between=(0.2, 0.2), sharex=True, sharey="row")
+    for (row, case, name), (least, median, most) in bands.items():
+        axes = grid[row, cases.index(case)]
+        axes.fill_between(times, least, most, color=colors[name], alpha=0.15, linewidth=0)
+        axes.plot(times, median, color=colors[name], label=labels[name])
+    for axes in grid.flat:
+        axes.axvline(0.0, color=INK, linewidth=0.5)
+    for axes, case in zip(grid[0], cases, strict=True):
+        axes.set_title(case, fontsize=8)
+    for axes, (_, words, _) in zip(grid[:, 0], _CHANNELS, strict=True):
+        axes.set_ylabel(words)
+    label_lowest(grid, count, "time since the failure (s)")
+    legend_below(figure, *grid.flat)
+    return figure
+
+
 def still_flying(after: Floats, lost: NDArray[np.bool_], times: Floats) -> Floats:
     """Share of flights still flying at ``times`` after their failure (Kaplan and Meier, JASA 53, 1958).
 
@@ -47,7 +79,7 @@ def still_flying(after: Floats, lost: NDArray[np.bool_], times: Floats) -> Float
 
 
 def draw(_found: FailureCases, names: Names) -> Iterator[tuple[FigureText, Figure]]:
-    """Survival in each case over the time since its first failure."""
+    """Survival and bands of each case over the time since its first failure."""
     results = names.results
     cases, first = drawn_cases(results)
     shown = [case for case in cases_by_frequency(cases) if case != NO_FAILURE][:_MOST_CASES]
@@ -71,3 +103,36 @@ def draw(_found: FailureCases, names: Names) -> Iterator[tuple[FigureText, Figur
         "comes later.",
     )
     yield text, plot_survival(times, panels, names.controllers)
+    yield from _draw_bands(names, [case for case in shown if " + " not in case][:_MOST_BANDS], cases, first)
+
+
+def _draw_bands(
+    names: Names, shown: list[str], cases: NDArray[np.str_], first: Floats
+) -> Iterator[tuple[FigureText, Figure]]:
+    """Kept histories about their first failure; none where the worst or the lost were kept, which stand for no case."""
+    results, times, bands = names.results, np.arange(-2.0, 20.0, 0.25), {}
+    if any(str(item).startswith(("worst", "failed")) for item in results.campaign.model.keep.histories.flights):
+        return
+    clock = results.reference["time"]
+    for name in results.controllers:
+        kept = read_histories(results.folder, name)
+        for case in shown:
+            flown = [(first[k], history) for k, history in kept.items() if cases[k] == case]
+            for row, (channel, _, given) in enumerate(_CHANNELS):
+                off = results.reference[given] if given else None
+                values = [
+                    np.interp(times, h["time"] - at, off_reference(h["time"], h[channel], clock, off), np.nan, np.nan)
+                    for at, h in flown
+                    if channel in h
+                ]
+                if len(values) >= _FEWEST_KEPT:
+                    there = np.isfinite(values).any(axis=0)
+                    bands[row, case, name] = band = np.full((3, times.size), np.nan)
+                    band[:, there] = np.nanquantile(np.array(values)[:, there], (0.0, 0.5, 1.0), axis=0)
+    if bands:
+        caption = (
+            "Median (line) and smallest to largest value (band) of the flights whose histories were kept, against the "
+            "time since the failure; a flight that was lost leaves the band at its end."
+        )
+        text = FigureText("failure_bands", "The flight after a failure", caption)
+        yield text, plot_case_bands(times, bands, shown, names.controllers)
