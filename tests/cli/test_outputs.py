@@ -13,7 +13,7 @@ from abhv_mc.cli.app import app
 from abhv_mc.folder.layout import find_user_place
 
 # Read, or there for a while.
-NOT_OUTPUTS = {"baseline", "block", "campaign", "plans", "references", "vehicle", "file"}
+NOT_OUTPUTS = {"baseline", "block", "campaign", "plans", "references", "vehicle", "file", "staging"}
 
 
 def outputs(group, words=()):

@@ -30,16 +30,17 @@ def test_a_stranger_is_refused_by_name():
         attestation.check(make_plan("one"), ROWS, fly(make_plan("one"), ROWS))
 
 
-def test_bits_are_compared_once_for_a_host_of_another_kind(capfd):
+@pytest.mark.parametrize(("every", "changes"), [(True, {}), (False, {"features": "other", "host": "node7"})])
+def test_bits_are_compared_once_for_a_worker(every, changes, capfd):
     Attestation(CHECKED).check(make_plan("one"), ROWS, flown(host="node7"))  # of one kind: not flown again
     assert not capfd.readouterr().err
-    attestation, block = Attestation(CHECKED), flown(features="other", host="node7")
+    attestation, block = Attestation(CHECKED, every), flown(**changes)
     for _ in range(2):
         attestation.check(make_plan("one"), ROWS, block)
     assert capfd.readouterr().err.count("is the same here, bit for bit") == 1
     wrong = replace(block, metrics=block.metrics * (1.0 + 4e-16), flown_by=(block.flown_by[0]._replace(process=1),))
     with pytest.raises(UnusableError, match=r"flies other bits than this machine .metrics of one flight of one"):
-        Attestation(CHECKED).check(make_plan("one"), ROWS, wrong)
+        Attestation(CHECKED, every).check(make_plan("one"), ROWS, wrong)
 
 
 def test_the_manifest_names_who_flew_what(tmp_path):

@@ -1,7 +1,6 @@
 """A campaign on a local S3 server: flown, interrupted, resumed, reported and queried as in a folder."""
 
 import json
-import tempfile
 import threading
 from pathlib import Path
 
@@ -83,21 +82,13 @@ def test_run_resume_report_and_query(bucket, abhv_mc, tmp_path, monkeypatch):
     assert code == 0 and (tmp_path / "here/report.html").is_file() and list((tmp_path / "here/figures").iterdir())
 
 
-@pytest.fixture
-def temporary(tmp_path, monkeypatch):
-    """The folder for temporary files."""
-    (tmp_path / "temporary").mkdir()
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
-    return tmp_path / "temporary"
-
-
-def test_shards_at_addresses_merge(bucket, abhv_mc, tmp_path, temporary):
+def test_shards_at_addresses_merge(bucket, abhv_mc, tmp_path):
     _, address, _ = bucket
     campaign, (before, _, after) = write_campaign(tmp_path / "f"), address.partition("first")
     parts = [f"{before}part{i}{after}" for i in (1, 2)]
     for i, part in enumerate(parts, 1):
-        code, *_ = abhv_mc("run", campaign, "-o", part, "--shard", f"{i}/2")
-        assert code == 0 and not list(temporary.glob("abhv-mc-*"))
+        code, *_ = abhv_mc("run", campaign, "-o", part, "--shard", f"{i}/2", "--staging", tmp_path / "staging")
+        assert code == 0 and not list((tmp_path / "staging").iterdir())
     assert abhv_mc("merge", *parts, "-o", tmp_path / "whole", "--no-report")[0] == 0
     assert json.loads((tmp_path / "whole/manifest.json").read_text())["runs_done"] == 300
 
@@ -169,12 +160,12 @@ def test_the_lease_is_renewed_while_a_copy_takes_long(bucket, monkeypatch):
         pass
 
 
-def test_a_writer_that_lost_its_lease_stops_and_writes_nothing_more(bucket, temporary, monkeypatch, capfd):
+def test_a_writer_that_lost_its_lease_stops_and_writes_nothing_more(bucket, tmp_path, monkeypatch, capfd):
     store, address, base = bucket
     monkeypatch.setattr(lease, "RENEWAL", 0.1)
 
     def fly_on():
-        with mirrored(Path(address)) as folder:
+        with mirrored(Path(address), tmp_path / "staging") as folder:
             (folder / "manifest.json").write_text("{}")
             monkeypatch.setattr(lease, "read_holder", lambda _: ("process 7 on other", "another"))
             try:
@@ -186,7 +177,7 @@ def test_a_writer_that_lost_its_lease_stops_and_writes_nothing_more(bucket, temp
     with pytest.raises(StorageFullError, match="kept in"):
         fly_on()
     assert "process 7 on other is flying" in capfd.readouterr().err
-    (kept,) = temporary.glob("abhv-mc-*")
+    (kept,) = (tmp_path / "staging").iterdir()
     assert (kept / "copy/late.json").exists()
     assert "late.json" not in names(store, base)
 

@@ -221,6 +221,10 @@ def test_a_library_flies_and_what_it_links_to_is_declared(make, tmp_path):
     (tmp_path / "own.yaml").write_text(head.replace("limit", "bank_limit") + "files: [libhelp.so]\n")
     with pytest.raises(InputError, match="built with other headers"):
         short_plan(100, tmp_path / "own.yaml", "level")
+    build(tmp_path, text, layout, "libmine", "-L.", "-lhelp", f"-Wl,-rpath,{tmp_path / 'lib'}")
+    (tmp_path / "own.yaml").write_text(head)
+    with pytest.raises(InputError, match=r"links to .*libhelp.so.*files: \[libhelp.so\]"):
+        short_plan(100, tmp_path / "own.yaml", "level")
 
 
 def test_the_headers_functions_have_the_kernels_bits(tmp_path):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from abhv_mc.cli.options import Folder, Json
+from abhv_mc.cli.options import Folder, Json, Junit
 from abhv_mc.cli.printing import announce_compiling, answer, new_table, print_table, say
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.input_error import InputError
@@ -57,6 +57,7 @@ def nesc(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Holds Atmos_NN_Name/Atmos_NN_sim_MM.csv[.gz].")],
     json: Json = None,
     tolerance_scale: _Scale = 1.0,
+    junit: Junit = None,
 ) -> None:
     """Fly NASA's atmospheric check-cases 1 to 16, those that DIR has, and compare with each simulator given.
 
@@ -64,7 +65,7 @@ def nesc(
     """
     from abhv_mc.verification.nesc import verify_nesc
 
-    _verify(lambda scale: verify_nesc(folder, scale), tolerance_scale, json)
+    _verify(lambda scale: verify_nesc(folder, scale), tolerance_scale, json, junit)
 
 
 @verify.command("ghame6")
@@ -72,6 +73,7 @@ def ghame6(
     file: Annotated[Path, typer.Argument(metavar="FILE.csv[.gz]", help="A flight of CADAC++ GHAME6.")],
     json: Json = None,
     tolerance_scale: _Scale = 1.0,
+    junit: Junit = None,
 ) -> None:
     """Replay the recorded surfaces and throttle of a CADAC++ flight and compare the states.
 
@@ -79,7 +81,7 @@ def ghame6(
     """
     from abhv_mc.verification.ghame6 import verify_ghame6
 
-    _verify(lambda scale: verify_ghame6(file, scale), tolerance_scale, json)
+    _verify(lambda scale: verify_ghame6(file, scale), tolerance_scale, json, junit)
 
 
 @verify.command("all")
@@ -94,16 +96,17 @@ def everything(
     ] = None,
     json: Json = None,
     tolerance_scale: _Scale = 1.0,
+    junit: Junit = None,
 ) -> None:
     """Show all that is held against published data as one table: others' flights, and the numbers of papers."""
     from abhv_mc.verification.everything import verify_everything
 
     folder = references or (_REFERENCES if _REFERENCES.is_dir() else None)
-    _verify(lambda scale: verify_everything(folder, scale), tolerance_scale, json)
+    _verify(lambda scale: verify_everything(folder, scale), tolerance_scale, json, junit)
 
 
-def _verify(make_rows: "Callable[[float], list[Row]]", scale: float, json: Path | None) -> None:
-    """Print one table, write JSON, and exit 1 where a row is not as it should be."""
+def _verify(make_rows: "Callable[[float], list[Row]]", scale: float, json: Path | None, junit: Path | None) -> None:
+    """Print one table, write JSON and JUnit XML, and exit 1 where a row is not as it should be."""
     from abhv_mc.verification.check_rows import all_ok, rows_record
 
     if not 0.0 < scale < inf:
@@ -111,6 +114,18 @@ def _verify(make_rows: "Callable[[float], list[Row]]", scale: float, json: Path 
     announce_compiling()
     rows = make_rows(scale)
     answer(rows_record(rows), json, lambda: _print_rows(rows))
+    if junit is not None:
+        from abhv_mc.report.pages.matrix import Case, make_junit
+
+        cases = [
+            Case(
+                f"{row.case} {row.quantity}, against {row.simulator}",
+                "FAIL" if not row.ok else "PASS" if row.judged else "NOT JUDGED",
+                f"differs by {row.difference:.2e} {row.unit}, tolerance {_tolerance(row)}",
+            )
+            for row in rows
+        ]
+        junit.write_text(make_junit("verification", cases), "utf-8")
     if not all_ok(rows):
         raise typer.Exit(1)
 

@@ -25,7 +25,7 @@ from abhv_mc.cli.options import (
     Workers,
     parse_names,
 )
-from abhv_mc.cli.outputs import campaign_folder, campaign_folder_or_address, output
+from abhv_mc.cli.outputs import campaign_folder, campaign_folder_or_address, output, output_folder
 from abhv_mc.cli.printing import announce_compiling, announce_warnings, answer, beside, new_table, print_table, say
 from abhv_mc.execution.progress import Waiting
 from abhv_mc.folder.layout import CampaignFolder
@@ -41,7 +41,13 @@ if TYPE_CHECKING:
 def run(
     campaign: CampaignFile,
     out: Annotated[
-        Path | None, output(campaign_folder_or_address, "DIR", "Folder, or address as s3://bucket/x.", "reports/NAME")
+        Path | None,
+        output(
+            campaign_folder_or_address,
+            "DIR",
+            "Folder, or an address such as s3://bucket/folder.",
+            default="reports/NAME",
+        ),
     ] = None,
     runs: Runs = None,
     seed: Seed = None,
@@ -58,6 +64,15 @@ def run(
     json: Json = None,
     junit: Junit = None,
     trust_code: TrustCode = False,
+    staging: Annotated[
+        Path | None,
+        typer.Option(
+            callback=output_folder, metavar="DIR", help="Where the copy of an address lies.", show_default="temporary"
+        ),
+    ] = None,
+    check_workers: Annotated[
+        bool, typer.Option("--check-workers", help="Fly one flight of each worker again here; compare its bits.")
+    ] = False,
 ) -> None:
     """Fly a campaign, resuming what its folder already holds, and make the report.
 
@@ -80,8 +95,10 @@ def run(
             raise Refusal("--baseline without a report", "--baseline, or --no-report or --shard")
         check_baseline(read_campaign(campaign, runs, seed, names), baseline)
     try:
-        with mirrored(out) if out else nullcontext() as folder:
-            request = Request(campaign, folder, runs, seed, names, workers, fresh, scheduler, part, plans, trust_code)
+        with mirrored(out, staging) if out else nullcontext() as folder:
+            request = Request(
+                campaign, folder, runs, seed, names, workers, fresh, scheduler, part, plans, trust_code, check_workers
+            )
             finish(run_campaign(request), no_report or part is not None, json, out, junit, baseline)
     except UnusableError as error:
         say(error, file=sys.stderr)

@@ -4,7 +4,7 @@ import sys
 import threading
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,9 +27,10 @@ def sign(block: FlightBlock) -> FlightBlock:
 class Attestation:
     """Compares who flew with who asked; threads may call it side by side."""
 
-    def __init__(self, engine: "Engine") -> None:
-        self._engine = engine
-        self._seen: set[Flyer] = set()  # one process of each host, whose flight is flown again if its processor differs
+    def __init__(self, engine: "Engine", every_worker: bool = False) -> None:
+        """``every_worker``: fly one flight of each again; otherwise of each host with another kind of processor."""
+        self._engine, self._every = engine, every_worker
+        self._seen: set[Any] = set()
         self._lock = threading.Lock()
 
     def check(self, plan: FlightPlan, parameters: Floats, block: FlightBlock) -> FlightBlock:
@@ -41,8 +42,8 @@ class Attestation:
                 found = f"another version of the program (source {flyer.code}, the campaign's is {self._engine.source})"
                 raise UnusableError(f"the worker at {flyer.name} has {found}: start it anew from the same code")
             with self._lock:
-                mark = flyer._replace(process=0)
-                new = mark not in self._seen and flyer.features != this_flyer().features
+                mark = flyer if self._every else flyer._replace(process=0)
+                new = mark not in self._seen and (self._every or flyer.features != this_flyer().features)
                 self._seen.add(mark)
             if new and len(parameters):
                 self._fly_again(plan, parameters[:1], block, flyer)

@@ -55,9 +55,13 @@ def open_executor(
     execution: Execution,
     workers: int | None,
     cluster: Cluster | None,
+    check_workers: bool = False,
 ) -> Iterator[Executor]:
-    """The executor that the campaign asks for; its worker processes end with the context."""
-    check = Attestation(engine).check
+    """The executor that the campaign asks for; its worker processes end with the context.
+
+    ``check_workers``: one flight of each worker is flown again here, and its bits compared.
+    """
+    check = Attestation(engine, check_workers).check
     limit = execution.flight_time_limit
     number = workers or execution.workers or count_cores()
     isolation = engine.isolation if execution.isolation == "auto" else execution.isolation

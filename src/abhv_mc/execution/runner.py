@@ -69,7 +69,9 @@ def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
         opened = open_campaign(request, engine, stack)
         engine = engine_of(opened.campaign, engine)
         execution = opened.campaign.model.execution
-        executor = stack.enter_context(open_executor(engine, execution, request.workers, cluster))
+        executor = stack.enter_context(
+            open_executor(engine, execution, request.workers, cluster, request.check_workers)
+        )
         return fly_opened(opened, engine, executor)
 
 

@@ -53,6 +53,7 @@ class Request:
     shard: tuple[int, int] | None = None  # (i, n): fly only part i of n, from 1
     plans_from: Path | None = None  # a campaign's folder whose plans to fly instead of new ones
     trust_code: bool = False  # run Python code of a folder that its user has not flown
+    check_workers: bool = False  # fly one flight of each worker again here
 
 
 @dataclass(frozen=True)

@@ -140,11 +140,11 @@ def fetched_manifests(
 
 
 @contextlib.contextmanager
-def mirrored(path: Path) -> Iterator[Path]:
+def mirrored(path: Path, staging: Path | None = None) -> Iterator[Path]:
     """A campaign's folder to fly in: ``path``, or a local one whose content goes to the address as it comes.
 
-    The local one is made in the system's folder for temporary files. A run whose lease another process has taken over
-    is interrupted, writes nothing more to the address, and says so.
+    ``staging``: where the local one is made, by default in the system's folder for temporary files. A run whose lease
+    another process has taken over is interrupted, writes nothing more to the address, and says so.
     Raises InputError where another process flies there, and StorageFullError, which names the local folder that is
     kept, where the address takes nothing in the end.
     """
@@ -152,7 +152,9 @@ def mirrored(path: Path) -> Iterator[Path]:
     if isinstance(store, Path):
         yield store
         return
-    folder = Path(tempfile.mkdtemp(prefix="abhv-mc-")) / "copy"
+    if staging is not None:
+        staging.mkdir(parents=True, exist_ok=True)
+    folder = Path(tempfile.mkdtemp(prefix="abhv-mc-", dir=staging)) / "copy"
     folder.mkdir()
     lease = Lease(store)
     remote = Remote(store, folder, lease)

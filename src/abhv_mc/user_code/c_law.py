@@ -7,6 +7,8 @@ along. Native code runs in processes that may be lost: workers and the child, ne
 import ctypes
 import functools
 import os
+import sys
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,6 +29,7 @@ from abhv_mc.user_code.native_loop import OpenLaw, build_native
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import BUILT, unpack
 
+_SYSTEM = ("/lib", "/lib64", "/usr/lib", "/usr/lib64", "/System", "/usr/local/lib", sys.prefix, sys.base_prefix)
 _LINE = 64  # bytes that states begin at multiples of
 _COMMAND = 8 * (s.N_SEEN + len(ONBOARD_ROWS))  # where in the buffer the command lies
 _NUMBERS = _COMMAND + 8 * (len(COMMAND_ROWS) + MAX_ACTUATORS)  # and the numbers of a memory
@@ -49,6 +52,7 @@ def load_library(source: UserSource) -> CLibrary:
     check_may_run()
     recipe: Any = source.recipe
     path = unpack(source) / (recipe["library"] or BUILT)
+    before = _mapped()
     try:
         handle = ctypes.CDLL(str(path), mode=os.RTLD_NOW | os.RTLD_LOCAL)
     except OSError as error:
@@ -56,6 +60,11 @@ def load_library(source: UserSource) -> CLibrary:
         missing = f"files: [{words.partition(':')[0]}] in its controller file"
         expected = missing if "cannot open shared object" in words else "a shared library"
         raise InputError(source.file, f"a library that does not load ({words})", expected) from None
+    allowed = tuple(f"{os.path.realpath(place)}{os.sep}" for place in (path.parent, *_SYSTEM))
+    for loaded in sorted(_mapped() - before):
+        if not loaded.startswith(allowed):
+            found = f"a library that links to {loaded}, which it does not declare"
+            raise InputError(source.file, found, f"files: [{Path(loaded).name}] in its controller file")
 
     def find(name: str) -> int:
         found = getattr(handle, f"abhv_law_{name}", None)
@@ -75,6 +84,15 @@ def load_library(source: UserSource) -> CLibrary:
             found = f"a library built with other headers ({told})"
             raise InputError(source.file, found, f"one built with those of this controller ({expected})")
     return CLibrary(init, step, get, put, int(ctypes.CFUNCTYPE(ctypes.c_size_t)(size)()), handle)
+
+
+def _mapped() -> set[str]:
+    """Files that this process has loaded code from, as far as the system tells."""
+    try:
+        lines = Path("/proc/self/maps").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return set()
+    return {os.path.realpath(line.split(maxsplit=5)[5]) for line in lines if line.count("/")}
 
 
 def find_c_memory(source: UserSource, settings: Floats, first: Floats) -> dict[str, float] | None:
