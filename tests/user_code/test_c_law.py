@@ -221,9 +221,11 @@ def test_a_library_flies_and_what_it_links_to_is_declared(make, tmp_path):
     (tmp_path / "own.yaml").write_text(head.replace("limit", "bank_limit") + "files: [libhelp.so]\n")
     with pytest.raises(InputError, match="built with other headers"):
         short_plan(100, tmp_path / "own.yaml", "level")
-    build(tmp_path, text, layout, "libmine", "-L.", "-lhelp", f"-Wl,-rpath,{tmp_path / 'lib'}")
+    far = tmp_path / "lib"
+    build(far, "double helped(void) { return 0.26; }\n", layout, "libfar")
+    build(tmp_path, text, layout, "libmine", f"-L{far}", "-lfar", f"-Wl,-rpath,{far}")
     (tmp_path / "own.yaml").write_text(head)
-    with pytest.raises(InputError, match=r"links to .*libhelp.so.*files: \[libhelp.so\]"):
+    with pytest.raises(InputError, match=r"links to .*libfar.so.*files: \[libfar.so\]"):
         short_plan(100, tmp_path / "own.yaml", "level")
 
 
