@@ -76,7 +76,7 @@ def find_rules(inputs: BinnedInputs, failed: NDArray[np.bool_], column: Callable
 
 
 def _rule(candidate: "_Candidate", flights: int, failures: int, p_value: float, q_value: float) -> Rule:
-    inside, bad = (int(number) for number in candidate.tables[0][:2])  # the same in each of its tables
+    inside, bad = map(int, candidate.tables[0][:2])  # the same in each of its tables
     others = flights - failures
     return Rule(candidate.conditions, bad, failures, inside - bad, others, p_value, q_value, candidate.either)
 
@@ -93,7 +93,7 @@ def _differences(
     candidates: list["_Candidate"], failed: NDArray[np.bool_], column: Callable[[int], Floats], pairs: int
 ) -> list["_Candidate"]:
     """Half-lines of differences between the inputs that failures prefer most, where these say more than the two."""
-    flights, failures = float(failed.size), float(failed.sum())
+    flights, failures = failed.size, int(failed.sum())
     best: dict[frozenset[int], float] = {}
     # What a corner says as a whole is what its difference has to better, not what each of its conditions adds.
     whole = [_Candidate(c.conditions, ((*c.tables[0][:2], flights, failures),), c.tried) for c in candidates]
@@ -125,7 +125,7 @@ def _sides(histogram: NDArray[np.int64], axis: int) -> NDArray[np.int64]:
     return np.concatenate([below, total - below], axis=axis)
 
 
-def _score(inside: Floats, failed_inside: Floats, flights: Floats, failures: Floats) -> Floats:
+def _score(inside: Any, failed_inside: Any, flights: Any, failures: Any) -> Floats:
     """Standard deviations by which the failures inside exceed what the hypergeometric law expects."""
     with np.errstate(divide="ignore", invalid="ignore"):
         share = inside / flights
@@ -160,7 +160,7 @@ class _Candidate:
     """The best region of an input or a pair: flights and failures inside it and in all that it is held against."""
 
     conditions: tuple[Condition, ...]
-    tables: tuple[tuple[float, float, float, float], ...]  # inside, failures inside, flights, failures
+    tables: tuple[tuple[int, int, int, int], ...]  # inside, failures inside, flights, failures
     tried: int
     either: bool = False
 
@@ -179,27 +179,27 @@ def _along(
     """
     inside = _sides(np.bincount(bins, minlength=_BINS), 0)
     bad = _sides(np.bincount(bins[failed], minlength=_BINS), 0)
-    flights, failures = float(failed.size), float(failed.sum())
-    score = _score(inside.astype(float), bad.astype(float), np.array(flights), np.array(failures))
+    flights, failures = failed.size, int(failed.sum())
+    score = _score(inside, bad, flights, failures)
     lines = _BINS - 1
     candidates = []
     for first in (0, lines):
         side = first + int(np.argmax(score[first : first + lines]))
-        table = (float(inside[side]), float(bad[side]), flights, failures)
+        table = (int(inside[side]), int(bad[side]), flights, failures)
         candidates.append(_Candidate((_condition(inputs, side, edges),), (table,), lines * others))
     low, high = np.triu_indices(lines, 1)
     both, bad_both = inside[low] + inside[lines + high], bad[low] + bad[lines + high]
-    best = int(np.argmax(_score(both.astype(float), bad_both.astype(float), np.array(flights), np.array(failures))))
+    best = int(np.argmax(_score(both, bad_both, flights, failures)))
     ends = int(low[best]), lines + int(high[best])
     needed = tuple(
-        (float(inside[side]), float(bad[side]), flights - float(inside[other]), failures - float(bad[other]))
+        (int(inside[side]), int(bad[side]), flights - int(inside[other]), failures - int(bad[other]))
         for side, other in (ends, ends[::-1])
     )
     conditions = tuple(_condition(inputs, side, edges) for side in ends)
     if float(np.min(_score(*np.array(needed).T))) < _CLEAR:
         return candidates
     if float(_p_values([_Candidate(conditions, needed, low.size * others)])[0]) <= FALSE_DISCOVERY_RATE:
-        table = (float(both[best]), float(bad_both[best]), flights, failures)
+        table = (int(both[best]), int(bad_both[best]), flights, failures)
         candidates.append(_Candidate(conditions, (table,), low.size * others, either=True))
     return candidates
 
@@ -223,11 +223,11 @@ def _best_corners(bins: NDArray[np.uint8], failed: NDArray[np.bool_], edges: Flo
     if not first.size:
         return []
 
-    def sides(counts: NDArray[np.int64]) -> tuple[Floats, Floats, Floats]:
+    def sides(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
         """Inside both conditions [pair, side, side], and inside one [pair, side, 1] and the other [pair, 1, side]."""
         pairs = counts[first, :, second, :]
         alone = _sides(pairs.sum(axis=2), 1)[:, :, None], _sides(pairs.sum(axis=1), 1)[:, None, :]
-        return _sides(_sides(pairs, 1), 2).astype(float), alone[0].astype(float), alone[1].astype(float)
+        return _sides(_sides(pairs, 1), 2), *alone
 
     inside, in_first, in_second = sides(_joint_counts(bins))
     bad, bad_first, bad_second = sides(_joint_counts(bins[failed]))

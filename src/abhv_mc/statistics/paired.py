@@ -76,15 +76,11 @@ class PairedUsage:
     more_error_more_usage: int
 
 
-def _ratio(a: Floats, b: Floats) -> Floats:
-    with np.errstate(over="ignore"):  # infinite beside next to nothing
-        return a / b
-
-
 def median_ratio(a: Floats, b: Floats) -> Interval | None:
     """Median of `a / b` over the pairs with its exact interval; None where too few can be divided."""
     kept = np.isfinite(a) & np.isfinite(b) & (a > 0.0) & (b > 0.0)
-    return quantile(_ratio(a[kept], b[kept]), 0.5) if kept.sum() >= 3 else None
+    with np.errstate(over="ignore"):  # infinite beside next to nothing
+        return quantile(a[kept] / b[kept], 0.5) if kept.sum() >= 3 else None
 
 
 def compare_usage(error_a: Floats, error_b: Floats, usage_a: Floats, usage_b: Floats) -> PairedUsage | None:
@@ -95,10 +91,12 @@ def compare_usage(error_a: Floats, error_b: Floats, usage_a: Floats, usage_b: Fl
         return None
     error_a, error_b, usage_a, usage_b = values[:, kept]
     less_error, less_usage = error_a < error_b, usage_a <= usage_b
+    with np.errstate(over="ignore"):
+        error_ratio, usage_ratio = quantile(error_a / error_b, 0.5), quantile(usage_a / usage_b, 0.5)
     return PairedUsage(
         pairs=int(kept.sum()),
-        error_ratio=quantile(_ratio(error_a, error_b), 0.5),
-        usage_ratio=quantile(_ratio(usage_a, usage_b), 0.5),
+        error_ratio=error_ratio,
+        usage_ratio=usage_ratio,
         less_error_less_usage=int(np.sum(less_error & less_usage)),
         less_error_more_usage=int(np.sum(less_error & ~less_usage)),
         more_error_less_usage=int(np.sum(~less_error & less_usage)),

@@ -9,6 +9,7 @@ compared with the start on a fresh set.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +21,7 @@ _STALE = 15  # generations without a better candidate, after which the search st
 _SMALL = 0.3  # of the first step
 
 
-@dataclass(frozen=True)
-class Scores:
+class Scores(NamedTuple):
     """How candidates do on the common flights; an objective that cannot be computed is infinite."""
 
     objective: Floats  # [candidate]: to be made small
@@ -41,15 +41,6 @@ class Scores:
         pairs = np.column_stack([broken, within])
         _, place = np.unique(pairs, axis=0, return_inverse=True)
         return place.reshape(-1)
-
-
-def join_scores(parts: list[Scores]) -> Scores:
-    """The candidates of all parts, in their order."""
-    return Scores(
-        np.concatenate([part.objective for part in parts]),
-        np.concatenate([part.excess for part in parts]),
-        np.concatenate([part.usage for part in parts]),
-    )
 
 
 @dataclass(frozen=True)
@@ -94,24 +85,25 @@ def tune(
     from cmaes import CMA
 
     dimension = len(start)
-    points, parts = [start[None, :]], [measure(start[None, :])]
+    points = start[None, :]
+    scores = measure(points)
     # CMA-ES wants two dimensions; a single one gets an idle companion.
     bounds = np.tile([-1.0, 1.0], (max(dimension, 2), 1))
     cma: CMA | None = None
     begun, stale, best = 0, 0, 0
-    while sum(map(len, points)) + population <= candidates:
+    while len(points) + population <= candidates:
         if cma is None or cma.should_stop() or stale >= _STALE:
             mean = np.zeros(max(dimension, 2))
-            mean[:dimension] = np.concatenate(points)[best]
+            mean[:dimension] = points[best]
             number = int(make_generator(seed, begun).integers(2**32))
             sigma = step if begun == 0 else step * _SMALL
             cma = CMA(mean, sigma, bounds, n_max_resampling=1, seed=number, population_size=population)
             begun, stale = begun + 1, 0
         asked = np.array([cma.ask() for _ in range(population)])
-        scores = measure(asked[:, :dimension])
-        cma.tell(list(zip(asked, scores.rank().astype(float).tolist(), strict=True)))
-        points.append(asked[:, :dimension])
-        parts.append(scores)
-        best, before = int(np.argmin(join_scores(parts).rank())), best
+        found = measure(asked[:, :dimension])
+        cma.tell(list(zip(asked, found.rank().astype(float).tolist(), strict=True)))
+        points = np.concatenate([points, asked[:, :dimension]])
+        scores = Scores(*map(np.concatenate, zip(scores, found, strict=True)))
+        best, before = int(np.argmin(scores.rank())), best
         stale = stale + 1 if best == before else 0
-    return Tuning(best, np.concatenate(points), join_scores(parts))
+    return Tuning(best, points, scores)
