@@ -16,8 +16,7 @@ from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.kernel.flight.interface import LQR, PYTHON, RECORDED, TLC, KernelPlan, KernelResults, Observed
 from abhv_mc.kernel.flight.memory import SAVED_ROWS
 from abhv_mc.kernel.flight.observe import find_row
-from abhv_mc.kernel.laws.columns import LQR_GAINS, LQR_SETTINGS, REFERENCE, TLC_GAINS, TLC_SETTINGS
-from abhv_mc.kernel.laws.recorded import RECORDED_GAINS
+from abhv_mc.kernel.laws.columns import LQR_GAINS, LQR_SETTINGS, RECORDED_GAINS, REFERENCE, TLC_GAINS, TLC_SETTINGS
 from abhv_mc.kernel.plant.air_data import PROFILE
 from abhv_mc.kernel.plant.state import N_PARAMETERS, N_STATES
 

@@ -59,17 +59,8 @@ def make_effectiveness(vehicle: Vehicle) -> Effectiveness:
                     weight = weights[tables.axis_variable[axis], i]
                     if weight:
                         found.append((int(c), i, first_row + offset, int(variable), float(weight)))
-    terms_table = np.array(found, dtype=np.float64).reshape(-1, 5)
     slopes = [(group, axis, row) for (group, axis), row in slope_rows.items()]
-    slopes_table = np.array(slopes, dtype=np.int64).reshape(-1, 3)
-    coefficient, inputs, row, variable = (terms_table[:, i].astype(np.int64) for i in range(4))
-    return Effectiveness(
-        coefficient=coefficient,
-        input=inputs,
-        row=row,
-        variable=variable,
-        weight=np.ascontiguousarray(terms_table[:, 4]),
-        slope_group=np.ascontiguousarray(slopes_table[:, 0]),
-        slope_axis=np.ascontiguousarray(slopes_table[:, 1]),
-        slope_row=np.ascontiguousarray(slopes_table[:, 2]),
-    )
+    slope_group, slope_axis, slope_row = np.array(slopes, np.int64).reshape(-1, 3).T.copy()
+    *columns, weight = np.array(found, np.float64).reshape(-1, 5).T.copy()
+    coefficient, inputs, row, variable = (column.astype(np.int64) for column in columns)
+    return Effectiveness(coefficient, inputs, row, variable, weight, slope_group, slope_axis, slope_row)

@@ -14,6 +14,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.io.input_error import Refusal
 from abhv_mc.io.units import parse_in_any_unit, parse_in_unit
 from abhv_mc.kernel.plant.parameter_names import (
+    ALL_SENSORS,
     AXES,
     DENSITY_KNOTS_KM,
     EFFECTORS,
@@ -22,7 +23,9 @@ from abhv_mc.kernel.plant.parameter_names import (
     PARAMETER_NAMES,
     SCALED_SENSORS,
     SENSOR_NOISES,
+    SENSORS,
 )
+from abhv_mc.kernel.plant.vehicle import COEFFICIENTS
 
 
 @dataclass(frozen=True)
@@ -60,45 +63,22 @@ def _error(name: str, unit: str, doc: str) -> Parameter:
     return Parameter(name, unit, 0.0, doc)
 
 
-_COEFFICIENTS = {
-    "lift": "lift coefficient",
-    "drag": "drag coefficient",
-    "side_force": "side-force coefficient",
-    "rolling_moment": "rolling-moment coefficient",
-    "pitching_moment": "pitching-moment coefficient",
-    "yawing_moment": "yawing-moment coefficient",
-}
+_COEFFICIENTS = {name: f"{name.replace('_', '-')} coefficient" for name in COEFFICIENTS}
 _DERIVATIVES = {
     "sideslip": "sideslip",
     "roll_rate": "roll rate (damping or cross derivative)",
     "pitch_rate": "pitch rate",
     "yaw_rate": "yaw rate (damping or cross derivative)",
-    "aileron": "aileron",
-    "rudder": "rudder",
-    "elevator": "elevator",
+    **{name: name for name in AXES},
 }
-_NAVIGATION = {
-    "altitude": "m",
-    "speed": "m/s",
-    "flight_path_angle": "rad",
-    "heading": "rad",
-    "angle_of_attack": "rad",
-    "sideslip": "rad",
-    "bank": "rad",
-    "roll_rate": "rad/s",
-    "pitch_rate": "rad/s",
-    "yaw_rate": "rad/s",
+_UNITS = {
+    **dict.fromkeys(("altitude", "north", "east", "cross_track"), "m"),
+    **dict.fromkeys(("speed", "airspeed", "equivalent_airspeed"), "m/s"),
+    **dict.fromkeys(("mach", "load_factor"), "-"),  # load factor: g
+    **dict.fromkeys(("roll_rate", "pitch_rate", "yaw_rate"), "rad/s"),
 }
-_SENSED = _NAVIGATION | {
-    "airspeed": "m/s",
-    "mach": "-",
-    "load_factor": "-",  # g
-    **dict.fromkeys(("pitch", "roll", "yaw", "latitude", "longitude"), "rad"),
-    "north": "m",
-    "east": "m",
-    "equivalent_airspeed": "m/s",
-    "cross_track": "m",
-}
+_SENSED = {name: _UNITS.get(name, "rad") for name in ALL_SENSORS}
+_NAVIGATION = {name: _SENSED[name] for name in SENSORS}
 
 _GUST_AXES = {"forward": "along the body", "right": "across it", "down": "down in body axes"}
 
@@ -139,17 +119,16 @@ _TABLE: tuple[Parameter, ...] = (
     _error("wind.shear_north", "1/s", "change of the northward wind per metre of altitude"),
     _error("wind.shear_east", "1/s", "change of the eastward wind per metre of altitude"),
     *(_factor(f"aero.{name}", f"whole {text}") for name, text in _COEFFICIENTS.items()),
-    _error("aero.lift.increment", "-", "added to the lift coefficient"),
-    _error("aero.drag.increment", "-", "added to the drag coefficient"),
-    _error("aero.pitching_moment.increment", "-", "added to the pitching-moment coefficient"),
+    *(
+        _error(f"aero.{x}.increment", "-", f"added to the {_COEFFICIENTS[x]}")
+        for x in ("lift", "drag", "pitching_moment")
+    ),
     *(
         _factor(f"aero.{name}.{variable}", f"part of the {text} that is proportional to {words}")
         for name, text in _COEFFICIENTS.items()
         for variable, words in _DERIVATIVES.items()
     ),
-    _factor("control.aileron_effectiveness", "aileron deflection felt by the aerodynamics"),
-    _factor("control.rudder_effectiveness", "rudder deflection felt by the aerodynamics"),
-    _factor("control.elevator_effectiveness", "elevator deflection felt by the aerodynamics"),
+    *(_factor(f"control.{name}_effectiveness", f"{name} deflection felt by the aerodynamics") for name in AXES),
     *(
         _factor(f"control.{name}_effectiveness", f"deflection of the vehicle's effector {i} felt by the aerodynamics")
         for i, name in enumerate(EFFECTORS)
@@ -157,9 +136,7 @@ _TABLE: tuple[Parameter, ...] = (
     _factor("propulsion.thrust", "thrust at the same fuel flow"),
     _factor("propulsion.specific_impulse", "specific impulse at the same thrust (changes the fuel flow)"),
     _factor("mass.total", "mass at the start"),
-    _factor("mass.inertia_xx", "moment of inertia about body x"),
-    _factor("mass.inertia_yy", "moment of inertia about body y"),
-    _factor("mass.inertia_zz", "moment of inertia about body z"),
+    *(_factor(f"mass.inertia_{axis}{axis}", f"moment of inertia about body {axis}") for axis in "xyz"),
     _factor("mass.inertia_13", "product of inertia (matrix element 13)"),
     _error("mass.center_of_gravity_x", "m", "centre of gravity moved forward"),
     _error("mass.center_of_gravity_y", "m", "centre of gravity moved right"),
@@ -210,11 +187,11 @@ _TABLE: tuple[Parameter, ...] = (
     Parameter("failure.engine.time", "s", NEVER, "time at which the engine fails"),
     Parameter("failure.engine.duration", "s", NEVER, "how long the engine has failed; inf: for good"),
     _error("failure.engine.thrust", "-", "factor on thrust and fuel flow of the failed engine; 0: flame-out"),
-    _error("failure.engine.drag_increment", "-", "added to the drag coefficient while the engine has failed"),
-    _error(
-        "failure.engine.pitching_moment_increment",
-        "-",
-        "added to the pitching-moment coefficient while the engine has failed",
+    *(
+        _error(
+            f"failure.engine.{name}_increment", "-", f"added to the {_COEFFICIENTS[name]} while the engine has failed"
+        )
+        for name in ("drag", "pitching_moment")
     ),
     *(
         _factor(f"wind.turbulence_{axis}", f"Dryden turbulence: rms {words}, of that of wind.turbulence")

@@ -14,8 +14,7 @@ from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.plan import FlightPlan, Limits
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.flight.interface import Timing
-from abhv_mc.kernel.laws.columns import REFERENCE
-from abhv_mc.kernel.laws.recorded import RECORDED_GAINS
+from abhv_mc.kernel.laws.columns import RECORDED_GAINS, REFERENCE
 from abhv_mc.kernel.numerics.quaternion import from_euler, rotate_to_body
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.vehicle import Vehicle

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.kernel.flight.interface import Timing
-from abhv_mc.kernel.numerics.quaternion import from_matrix
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.kernel.plant.vehicle import Vehicle
@@ -73,7 +73,6 @@ class Recording:
 
 def read_recording(path: Path) -> Recording:
     """Read a CADAC++ GHAME6 time history, evenly spaced. Raises :class:`InputError`."""
-    from scipy.spatial.transform import Rotation
 
     needed = ["time", *POSITION, *VELOCITY, *ATTITUDE, *RATES, *CONTROLS, *COMPARED]
     given = read_columns(path, needed, ["vmass", "fmasse"])
@@ -92,7 +91,7 @@ def read_recording(path: Path) -> Recording:
     states = np.zeros((times.size, s.N_STATES))
     states[:, s.ALTITUDE], states[:, s.LONGITUDE], states[:, s.LATITUDE] = altitude, longitude, latitude
     states[:, s.U : s.W + 1] = np.einsum("tji,tj->ti", ned_from_body, velocity_ned)
-    states[:, s.Q0 : s.Q3 + 1] = from_matrix(ned_from_body)
+    states[:, s.Q0 : s.Q3 + 1] = Rotation.from_matrix(ned_from_body).as_quat(canonical=True, scalar_first=True)
     states[:, s.ROLL_RATE : s.YAW_RATE + 1] = given[RATES]
     states[:, s.MASS] = given["vmass"] if "vmass" in given else FULL_MASS - given["fmasse"]
     controls = np.array(given[CONTROLS])
@@ -179,7 +178,6 @@ def fly_recording(vehicle: Vehicle, recording: Recording) -> Floats:
 
 def _quantities(states: Floats) -> dict[str, Floats]:
     """What is compared, in degrees, from states ``[time, state]``; no wind."""
-    from scipy.spatial.transform import Rotation
 
     motion = make_motion(states)
     north, east, down = motion.velocity_ned.T

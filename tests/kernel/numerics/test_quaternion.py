@@ -59,12 +59,3 @@ def test_rate_is_the_derivative_of_turning_about_body_axes(
     derivative = quaternion.quaternion_rate(*q, *rate)
     assert derivative == pytest.approx((ahead - behind) / (2 * step), abs=1e-7)
     assert np.dot(derivative, q) == pytest.approx(0.0, abs=1e-15)
-
-
-def test_from_matrix() -> None:
-    rotations = Rotation.random(50, random_state=4)
-    q = quaternion.from_matrix(rotations.as_matrix().reshape(5, 10, 3, 3))
-    assert q.shape == (5, 10, 4)
-    assert (q[..., 0] >= 0).all()
-    for value, rotation in zip(q.reshape(-1, 4), rotations, strict=True):
-        assert quaternion.rotate_to_ned(*value, 1.0, 2.0, 3.0) == pytest.approx(rotation.apply([1.0, 2.0, 3.0]))

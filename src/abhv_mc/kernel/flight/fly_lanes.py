@@ -30,11 +30,17 @@ from abhv_mc.kernel.jit import kernel, lanes
 from abhv_mc.kernel.jit_pointer import call_address
 from abhv_mc.kernel.laws import columns as ref
 from abhv_mc.kernel.laws.lqr import lqr_tick
-from abhv_mc.kernel.laws.recorded import recorded_tick
 from abhv_mc.kernel.laws.tlc import tlc_tick
 from abhv_mc.kernel.laws.user import own_tick
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.actuators import command_ideal, pass_commands, prepare_actuators, run_actuators, set_actuators
+from abhv_mc.kernel.plant.actuators import (
+    command_ideal,
+    pass_commands,
+    place_actuator,
+    prepare_actuators,
+    run_actuators,
+    set_actuators,
+)
 from abhv_mc.kernel.plant.aerodynamics import build_up, look_up
 from abhv_mc.kernel.plant.air_data import air_data, deflections, move_air, nominal_density
 from abhv_mc.kernel.plant.disturbance import Disturbances, active_disturbances, any_lane, calm, disturb
@@ -149,6 +155,18 @@ def evaluate(plan, memory, width, stage, active):
     equations_of_motion(Z, width, vehicle, plan.earth, stage, active)
     if active is not None and plan.user_code.propulsion != 0:
         add_thrust(Z, width, stage)
+
+
+@lanes
+def recorded_tick(plan, memory, width, tick):
+    """No law: surfaces and engine follow a recording; the command rows hold their rates over the tick."""
+    Z, gains = memory.Z, plan.gains
+    for lane in range(width):
+        for i in range(3):
+            place_actuator(Z, lane, s.AILERON + i, gains[tick, i])
+            Z[s.CMD + i, lane] = gains[tick, 4 + i]
+        place_actuator(Z, lane, s.ETA, gains[tick, 3])
+        Z[s.CMD_ETA, lane] = gains[tick, 7]
 
 
 @lanes

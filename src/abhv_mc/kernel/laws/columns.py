@@ -67,3 +67,9 @@ LQR_GAINS = (
 )
 LQR_GUIDANCE, LQR_ELEVATOR, LQR_LATERAL = 0, 12, 14
 LQR_SETTINGS = ("angle_of_attack_min", "angle_of_attack_max", "bank_max")
+
+# No law, to replay published flights: deflections and equivalence ratio at the tick, then their slopes to the next.
+RECORDED_GAINS = (
+    *("aileron", "rudder", "elevator", "equivalence_ratio"),
+    *("aileron_rate", "rudder_rate", "elevator_rate", "equivalence_ratio_rate"),
+)

@@ -5,9 +5,6 @@ v_N = q v_B q*. Yaw, pitch, roll are the 3-2-1 angles from NED to body. Formulas
 the compiler shares them between calls with the same quaternion.
 """
 
-import numpy as np
-from numpy.typing import NDArray
-
 from abhv_mc.kernel.jit import scalar
 from abhv_mc.kernel.numerics.lane_math import sincos
 
@@ -70,12 +67,3 @@ def from_euler(yaw: float, pitch: float, roll: float) -> tuple[float, float, flo
         c_yaw * s_pitch * c_roll + s_yaw * c_pitch * s_roll,
         s_yaw * c_pitch * c_roll - c_yaw * s_pitch * s_roll,
     )
-
-
-def from_matrix(C_NB: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Quaternion(s) ``[..., 4]``, scalar part not negative, of the matrix ``[..., 3, 3]`` from body to NED."""
-    from scipy.spatial.transform import Rotation
-
-    matrix = np.asarray(C_NB, dtype=np.float64)
-    quaternion = Rotation.from_matrix(matrix.reshape(-1, 3, 3)).as_quat(canonical=True, scalar_first=True)
-    return np.asarray(quaternion, dtype=np.float64).reshape((*matrix.shape[:-2], 4))

@@ -116,31 +116,19 @@ def interpolate_groups(T, W, tables, cells):
             for k in range(used):
                 nodes = data[c + k], data[c + k + s0], data[c + k + last]
                 choose_nodes(T[row + k], fraction[a0], cells.cell[a0], upper, nodes, W)
-        elif line:
-            for lane in range(W):
-                corner = natural(start + cells.cell[a0, lane] * s0)
-                interpolate_1d(data, corner, s0, fraction[a0, lane], used, cells.row)
-                for k in range(used):
-                    T[row + k, lane] = cells.row[k]
-        elif flat and spread == 0:
+        elif flat and not line and spread == 0:
             set_weights(weight, fraction, a0, a1, W)
             for k in range(0, used, 2):  # in pairs: the padding makes their number even
                 corners, corners_2 = corners_of(data, c + k, s0, s1), corners_of(data, c + k + 1, s0, s1)
                 share_corners_2d(T[row + k], T[row + k + 1], weight, corners, corners_2, W)
-        elif flat and spread == 1:
+        elif flat and not line and spread == 1:
             set_weights(weight, fraction, a0, a1, W)
             split, further = (a0, s0) if cells.spread[a0] == 1 else (a1, s1)
             upper = cells.lowest[split] + 1
             for k in range(used):
                 corners, corners_up = corners_of(data, c + k, s0, s1), corners_of(data, c + k + further, s0, s1)
                 choose_corners_2d(T[row + k], weight, cells.cell[split], upper, corners, corners_up, W)
-        elif flat:
-            for lane in range(W):
-                corner = start + cells.cell[a0, lane] * s0 + cells.cell[a1, lane] * s1
-                interpolate_2d(data, corner, s0, s1, fraction[a0, lane], fraction[a1, lane], used, cells.row)
-                for k in range(used):
-                    T[row + k, lane] = cells.row[k]
-        elif spread == 0:
+        elif not flat and spread == 0:
             c = natural(c + cells.lowest[a2] * s2)
             set_weights(weight, fraction, a0, a1, W)
             for k in range(used):
@@ -150,7 +138,12 @@ def interpolate_groups(T, W, tables, cells):
             for lane in range(W):
                 corner = start + cells.cell[a0, lane] * s0 + cells.cell[a1, lane] * s1 + cells.cell[a2, lane] * s2
                 t0, t1, t2 = fraction[a0, lane], fraction[a1, lane], fraction[a2, lane]
-                interpolate_3d(data, corner, s0, s1, s2, t0, t1, t2, used, cells.row)
+                if line:
+                    interpolate_1d(data, corner, s0, t0, used, cells.row)
+                elif flat:
+                    interpolate_2d(data, corner, s0, s1, t0, t1, used, cells.row)
+                else:
+                    interpolate_3d(data, corner, s0, s1, s2, t0, t1, t2, used, cells.row)
                 for k in range(used):
                     T[row + k, lane] = cells.row[k]
 

@@ -39,8 +39,7 @@ def gravity_ned(earth: Earth, altitude: float, sin_lat: float, cos_lat: float) -
     On the WGS-84 ellipsoid normal gravity, which has the other even zonals too, differs by at most 1.2e-4 m/s2.
     """
     e2 = earth.flattening * (2.0 - earth.flattening)
-    w2 = 1.0 - e2 * sin_lat * sin_lat
-    prime_vertical = earth.equatorial_radius * (1.0 / math.sqrt(w2))
+    _, prime_vertical = radii(earth, sin_lat)
     rho = (prime_vertical + altitude) * cos_lat  # distance from the axis
     z = (prime_vertical * (1.0 - e2) + altitude) * sin_lat  # from the equatorial plane
     inverse_square = 1.0 / (rho * rho + z * z)
