@@ -154,10 +154,7 @@ def smallest_sets(
 
 
 def find_failure(root: Path, campaign: Experiment, row: FlightRows, asked: str | None) -> Failure:
-    """What to explain of a flight: its early end, or else the first requirement that it missed, or the one ``asked``.
-
-    Raises InputError where it did not fail so.
-    """
+    """What to explain of a flight: its early end, else the first requirement that it missed, or the one ``asked``."""
     outcome = campaign.outcomes.numbers[row.outcome[0]]
     if outcome == Outcome.FAILED_TO_RUN:
         found = f"flight {row.first}, which could not be computed"

@@ -118,10 +118,7 @@ def map_failures(
     engine: Engine,
     trust_code: bool = False,
 ) -> FailureMap:
-    """Shrink the dispersions of failed flights, by controller and the most severe first, and group what is left.
-
-    The first ``MOST_FLIGHTS`` of each controller are looked at. Raises InputError for a flight that did not fail.
-    """
+    """Shrink the dispersions of each controller's first ``MOST_FLIGHTS`` failed flights, and group what is left."""
     folder = CampaignFolder(root)
     campaign = open_flown(folder, failed, trust_code)
     found = {}
@@ -185,10 +182,7 @@ def write_map(root: Path, found: FailureMap) -> Path:
 
 
 def read_map(root: Path, digest: str | None) -> FailureMap | None:
-    """The map that a folder keeps; None where there is none of the flights with this digest.
-
-    Raises InputError for a file that is none.
-    """
+    """The map that a folder keeps; None where there is none of the flights with this digest."""
     path = CampaignFolder(root).failure_map
     if not path.is_file():
         return None

@@ -42,10 +42,7 @@ class Replay:
 def replay_flight(
     root: Path, controller: str, flight: int, fly: Fly, every: int = 1, trust_code: bool = False
 ) -> Replay:
-    """Fly flight ``flight`` of the campaign in ``root`` with its stored plan, recording every ``every``-th tick.
-
-    Raises InputError for a flight that the folder does not hold.
-    """
+    """Fly flight ``flight`` of the campaign in ``root`` with its stored plan, recording every ``every``-th tick."""
     folder = CampaignFolder(root)
     experiment = open_flown(folder, [controller], trust_code)
     (row,) = find_rows(folder, controller, [flight])

@@ -240,10 +240,8 @@ def open_search(
 ) -> Iterator[SearchFlights]:
     """The folder of a search, locked, and its executor; ``settings`` are what the search's result depends on.
 
-    ``with_margins``: every flight has the stability margins that the campaign asks for.
-
-    Raises InputError before anything is written where something is wrong, or the folder holds anything else than the
-    beginning of the same search.
+    Every flight has its stability margins ``with_margins``. Raises InputError, before anything is written, where the
+    folder holds anything else than the beginning of the same search.
     """
     with ExitStack() as stack:
         stack.enter_context(reading_once())

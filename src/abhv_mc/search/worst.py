@@ -167,10 +167,7 @@ class WorstMargin:
 
 
 def find_worst_margins(campaign: Experiment, controllers: Sequence[str]) -> list[WorstMargin]:
-    """The least of each margin of each controller in steady flight at the mission's start.
-
-    Of unbounded distributions up to three sigma. Nothing flies. Raises InputError where there can be no margins.
-    """
+    """The least of each margin of each controller in steady flight at the mission's start. Nothing flies."""
     space = make_space(campaign, with_unknowns=True)
     bounds, seed, dimension = space.bounds(_MARGIN_BOX), campaign.model.seed, len(space.names)
     evaluations = max(MARGIN_EVALUATIONS, least_evaluations(dimension, MARGIN_EVALUATIONS))

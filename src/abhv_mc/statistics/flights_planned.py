@@ -90,9 +90,6 @@ def _reach(failures: NDArray[np.int64], flights: NDArray[np.int64], rate: float,
 
 
 def together(chances: Sequence[Floats]) -> tuple[Floats, Floats]:
-    """Bounds on the chance that all requirements PASS, from those of each [rate] (Frechet 1935).
-
-    Nothing is assumed of how the failures of one requirement go with those of another.
-    """
+    """Bounds on the chance that all PASS from those of each [rate], however they go together (Frechet 1935)."""
     stacked = np.stack(list(chances))
     return np.maximum(stacked.sum(axis=0) - (len(stacked) - 1), 0.0), stacked.min(axis=0)

@@ -52,10 +52,7 @@ def least_evaluations(dimension: int, evaluations: int) -> int:
 
 
 def search_worst(evaluate: Evaluate, dimension: int, evaluations: int = 2000, seed: int = 0) -> WorstCase:
-    """Search the box -1 .. 1 for the largest value with about so many evaluations, never more.
-
-    They are to be :func:`least_evaluations` or more.
-    """
+    """Search the box -1 .. 1 for the largest value with at most so many evaluations, `least_evaluations` or more."""
     batch = _choose_batch(evaluations)
     reserve = round_up(2 * dimension)
     record = Record(evaluate, evaluations)
