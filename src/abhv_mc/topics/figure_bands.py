@@ -185,11 +185,12 @@ def off_reference(x: Floats, y: Floats, time: Floats, reference: Floats | None) 
     return y if reference is None else y - np.interp(x, time, reference)
 
 
-def shown_bands(bands: Mapping[str, Floats], reference: Floats | None) -> dict[str, Floats]:
-    """The bands of a channel that mean something less its reference.
+def bands_off(x: Floats, bands: Mapping[str, Floats], time: Floats, reference: Floats | None) -> dict[str, Floats]:
+    """The bands of a channel less its reference [time], as far as they mean something then.
 
     Minimum and maximum are those of all control ticks between two samples: less a reference that moves meanwhile, they
     would show its way and not the flights' error.
     """
     moves = reference is not None and float(np.ptp(reference)) > 0.0
-    return {name: band for name, band in bands.items() if not (moves and name in ("min", "max"))}
+    shown = {name: band for name, band in bands.items() if not (moves and name in ("min", "max"))}
+    return {name: off_reference(x, band, time, reference) for name, band in shown.items()}

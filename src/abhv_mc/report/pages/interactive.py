@@ -7,7 +7,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.channels import CHANNELS, REFERENCE_CHANNELS, Signal
 from abhv_mc.folder.flown_campaign import BANDS, FlownCampaign
-from abhv_mc.topics.figure_bands import off_reference, shown_bands
+from abhv_mc.topics.figure_bands import bands_off
 
 _MOST_TIMES = 301
 _SIGNALS: dict[str, Signal] = {signal.name: signal for signal in CHANNELS}
@@ -73,9 +73,9 @@ def channel_curves(results: FlownCampaign, controller: str, channel: str) -> tup
     curves = dict.fromkeys(band_names(results), np.full(time.shape, np.nan))
     if envelope:
         reference = results.reference.get(less) if less and not own else None
-        for band, curve in shown_bands(envelope.bands, reference).items():
-            off = curve if reference is None else off_reference(clock, curve, results.reference["time"], reference)
-            curves[band] = _thinned(off, band, every)
+        ticks = results.reference.get("time", clock)
+        for band, curve in bands_off(clock, envelope.bands, ticks, reference).items():
+            curves[band] = _thinned(curve, band, every)
     nominal = np.full(time.shape, np.nan)
     if channel in flown:
         nominal = np.interp(time, flown["time"], flown[channel], right=np.nan)

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from abhv_mc.array_types import Floats
 from abhv_mc.topics.envelopes import CURVES, Curve, Envelopes, curves_of
-from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, off_reference, plot_sheet, shown_bands
+from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, bands_off, off_reference, plot_sheet
 from abhv_mc.topics.figure_style import controller_colors
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
@@ -54,17 +54,24 @@ def _rows(
     track = [_track(find(name, "east_m"), find(name, "north_m"), reference) for name in names if reference]
     rows = [EnvelopeRow("north over east (km)", [each for each in track if each])]
     for curve in curves:
-        panels = [_panel(held, curve, reference) for name in names if (held := find(name, curve.channel))]
+        panels = [panel_of(held, curve, reference) for name in names if (held := find(name, curve.channel))]
         rows.append(EnvelopeRow(curve.label, panels, inset=curve.needles))
     return [row for row in rows if len(row.panels) == len(names)]
 
 
-def _panel(held: Bands, curve: Curve, reference: Mapping[str, Floats]) -> EnvelopePanel:
+def panel_of(held: Bands, curve: Curve, reference: Mapping[str, Floats]) -> EnvelopePanel:
+    """A channel's bands and its reference, both off the reference where the curve is."""
     time, given = held[0], reference[curve.reference] if curve.reference else None
     clock, less = reference.get("time", time), given if curve.off_reference else None
-    bands = {name: off_reference(time, band, clock, less) for name, band in shown_bands(held[1], less).items()}
     shown = None if given is None else (clock, off_reference(clock, given, clock, less))
-    return EnvelopePanel(time, bands, reference=shown)
+    return EnvelopePanel(time, bands_off(time, held[1], clock, less), reference=shown)
+
+
+def flight_curve(history: Mapping[str, Floats], curve: Curve, reference: Mapping[str, Floats]) -> tuple[Floats, Floats]:
+    """A flight's channel over time as its curve is drawn."""
+    time, values = history["time"], history[curve.channel]
+    less = reference[curve.reference] if curve.off_reference else None
+    return time, off_reference(time, values, reference.get("time", time), less)
 
 
 def _track(east: Bands | None, north: Bands | None, reference: Mapping[str, Floats]) -> EnvelopePanel | None:

@@ -1,24 +1,20 @@
 """The worst flights over the bands of all flights."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
-import numpy as np
 from matplotlib.figure import Figure
 
-from abhv_mc.array_types import Floats
 from abhv_mc.folder.flown_campaign import read_histories
-from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, off_reference, plot_envelopes, shown_bands
+from abhv_mc.topics.envelopes import curves_of
+from abhv_mc.topics.envelopes.figures import flight_curve, panel_of
+from abhv_mc.topics.figure_bands import EnvelopeRow, plot_envelopes
 from abhv_mc.topics.figure_style import controller_colors
 from abhv_mc.topics.flights.model import Flights
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
-_CHANNELS = (
-    ("altitude_m", "altitude error (m)", "altitude_reference_m"),
-    ("angle_of_attack_deg", "angle of attack (deg)", ""),
-    ("sideslip_deg", "sideslip (deg)", ""),
-    ("bank_deg", "bank (deg)", ""),
-)
+_CHANNELS = ("altitude_m", "angle_of_attack_deg", "sideslip_deg", "bank_deg")
 
 
 def draw(found: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
@@ -30,26 +26,19 @@ def draw(found: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
     listed = {name: [each.flight for each in found.worst[name] if each.flight in kept[name]] for name in controllers}
     if not any(listed.values()):
         return
-    rows = []
-    clock, campaign = results.reference.get("time", np.empty(0)), results.campaign
-    users = [(each.name, each.axis, "") for each in campaign.channels[: len(_CHANNELS)]]
-    for channel, label, given in users if campaign.user_model else _CHANNELS:
-        panels, less = [], results.reference[given] if given else None
+    rows, reference, campaign = [], results.reference, results.campaign
+    curves = [curve for curve in curves_of(campaign) if campaign.user_model or curve.channel in _CHANNELS]
+    for curve in curves[: len(_CHANNELS)]:
+        panels = []
         for name in controllers:
-            envelope = results.envelopes.get((name, channel))
-            if envelope is None or (listed[name] and channel not in kept[name][listed[name][0]]):
+            envelope, histories = results.envelopes.get((name, curve.channel)), [kept[name][k] for k in listed[name]]
+            if envelope is None or (histories and curve.channel not in histories[0]):
                 break
-            curves: list[tuple[Floats, Floats]] = [
-                (kept[name][k]["time"], off_reference(kept[name][k]["time"], kept[name][k][channel], clock, less))
-                for k in listed[name]
-            ]
-            bands = {
-                key: off_reference(envelope.time, band, clock, less)
-                for key, band in shown_bands(envelope.bands, less).items()
-            }
-            panels.append(EnvelopePanel(envelope.time, bands, flights=curves))
+            panel = panel_of((envelope.time, envelope.bands), curve, reference)
+            flown = [flight_curve(each, curve, reference) for each in histories]
+            panels.append(replace(panel, reference=None, flights=flown))
         if len(panels) == len(controllers):
-            rows.append(EnvelopeRow(label, panels))
+            rows.append(EnvelopeRow(curve.label, panels))
     if rows:
         text = FigureText(
             "worst_flights",
