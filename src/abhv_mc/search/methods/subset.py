@@ -28,6 +28,7 @@ class Level:
     probability: float  # share of this level's points at or above it
     cov: float  # coefficient of variation of that share, the chains' correlation included
     acceptance: float  # share of accepted moves; 1 at the first level, which is drawn freely
+    spread: float  # standard deviation of a proposal about its own mean (1: drawn afresh)
 
 
 @dataclass
@@ -42,6 +43,7 @@ class Repetition:
     levels: list[Level] = field(default_factory=list)
     scale: float = 0.6  # lambda of the adaptation; 0.6 is where Papaioannou et al. start
     acceptance: float = 1.0
+    spread: float = 1.0
     reached: bool = False  # whether failures were found in sufficient number
     cut_short: bool = False  # whether the flights did not suffice for its next level
 
@@ -117,7 +119,7 @@ def _close_level(one: Repetition, plan: SubsetPlan) -> bool:
     correlated = _chain_inflation(inside, chains) if one.levels else 1.0
     share = float(inside.mean())
     cov = float(np.sqrt((1.0 - share) / (share * size) * correlated))
-    one.levels.append(Level(threshold if last else limit, share, cov, one.acceptance))
+    one.levels.append(Level(threshold if last else limit, share, cov, one.acceptance, one.spread))
     one.reached = last
     return last or bool(inside.all())
 
@@ -150,9 +152,9 @@ def _move_chains(evaluate: Evaluate, active: list[Repetition], plan: SubsetPlan,
         proposals = []
         for one, history in zip(active, histories, strict=True):
             # One for all dimensions: those of the seeds, 64 points, made it 1.9 times too high at dimension 100.
-            spread = min(1.0, one.scale)
+            one.spread = min(1.0, one.scale)
             noise = make_generator(seed, one.number, level, step).standard_normal(history[-1][0].shape)
-            proposals.append(np.sqrt(1.0 - spread**2) * history[-1][0] + spread * noise)
+            proposals.append(np.sqrt(1.0 - one.spread**2) * history[-1][0] + one.spread * noise)
         found = evaluate(np.concatenate(proposals)).reshape(len(active), chains)
         for i, one in enumerate(active):
             better = found[i] >= limits[i]
