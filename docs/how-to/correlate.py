@@ -23,7 +23,9 @@ def compute(results: FlownCampaign) -> Correlations:
 def _row(results: FlownCampaign, controller: str, metric: str) -> dict[str, float]:
     flights = results.flights[controller]
     sampled = {name: results.samples[name][flights.flight] for name in results.dispersed}
-    return {name: float(spearmanr(x, flights.metrics[metric]).statistic) for name, x in sampled.items()}
+    return {
+        name: float(spearmanr(x, flights.metrics[metric], nan_policy="omit").statistic) for name, x in sampled.items()
+    }
 
 
 def section(found: Correlations, names: Names) -> Section:

@@ -64,6 +64,7 @@ def test_starting_imports_nothing_heavy() -> None:
         (InputError(Path("x.yaml"), "0", "more than 0", 3, 7), 2, "x.yaml:3:7: 0; expected more than 0"),
         (KeyboardInterrupt(), 3, "interrupted"),
         (SystemExit(130), 3, "interrupted"),  # how typer reports an interrupt
+        (RuntimeError("Query interrupted"), 3, "interrupted"),  # how DuckDB does
         (StorageFullError("x: no space left"), 3, "x: no space left"),
         (OSError(errno.ENOSPC, "No space left on device", "y.png"), 3, "y.png: no space left"),
         (PermissionError(errno.EACCES, "Permission denied", "y.png"), 2, "y.png: a place that cannot be written"),

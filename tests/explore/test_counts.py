@@ -16,7 +16,7 @@ from abhv_mc.explore.counts import (
     parse_asked,
 )
 from abhv_mc.io.documents import InputError
-from abhv_mc.topics.failed_flights import requirement_failures
+from abhv_mc.topics.missed_requirements import requirement_failures
 
 X, Y, BRUSHED = "aero.lift", "speed_error_max_mps", "atmosphere.density"
 

@@ -14,7 +14,7 @@ from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.report.pages.build import build_report
-from abhv_mc.topics.failed_flights import requirement_failures
+from abhv_mc.topics.missed_requirements import requirement_failures
 from abhv_mc.topics.words import shown_value, spoken_name
 
 LABELS = {"tlc": "TLC", "lqr": "LQR", "lqr_retuned": "LQR retuned"}

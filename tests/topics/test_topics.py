@@ -133,6 +133,16 @@ def test_it_stands_everywhere(topic, tmp_path):
     assert list(verify_campaign(folder)) == [] and skipped_topics(folder) == ["correlate"]
 
 
-def test_a_built_in_name_is_refused(topic):
-    with pytest.raises(InputError, match="built in"):
-        register(Topic("margins", topic.model, topic.compute, topic.section))
+def test_one_that_raises_is_left_out_and_named(topic, tmp_path, capsys):
+    register(Topic("broken", topic.model, lambda results: 1 / 0, topic.section))
+    folder = write_campaign(tmp_path / "c", runs=40)
+    build_with(folder)
+    assert list(json.loads((folder / "report.json").read_text(encoding="utf-8"))["topics"]) == ["correlate"]
+    said = capsys.readouterr().err
+    assert said.count("the topic broken is left out") == 1 and "ZeroDivisionError" in said
+
+
+@pytest.mark.parametrize(("name", "words"), [("margins", "built in"), ("x-y", "a name as Python's are")])
+def test_a_name_that_it_cannot_have_is_refused(topic, name, words):
+    with pytest.raises(InputError, match=words):
+        register(Topic(name, topic.model, topic.compute, topic.section))

@@ -14,7 +14,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from abhv_mc import __version__
-from abhv_mc.cli import flying, linearizing, listing, proving, replaying, reporting, running, searching, starting
+from abhv_mc.cli import flying, linearizing, proving, querying, replaying, reporting, running, searching, starting
 from abhv_mc.cli.errors import exit_code_of, settle_output
 from abhv_mc.cli.printing import say
 from abhv_mc.execution.interrupts import sigterm_as_interrupt
@@ -50,12 +50,12 @@ class Group(_Short, TyperGroup):
 
 
 _PANELS: dict[str, tuple[Any, ...]] = {
-    "Start": (starting.new, starting.imports, starting.validate, starting.plan, listing.lists),
+    "Start": (starting.new, starting.imports, starting.validate, starting.plan, querying.lists),
     "Fly": (running.run, running.adopt, running.merge, flying.fly, replaying.replay),
     "Search": (searching.worst, searching.rare, searching.tune),
     "Look": (
         *(reporting.report, reporting.show, replaying.explore, reporting.compare, replaying.explain),
-        *(reporting.whatif, reporting.status, listing.query, listing.export, flying.trim),
+        *(reporting.whatif, reporting.status, querying.query, querying.export, flying.trim),
     ),
     "Analyse": (linearizing.margins, linearizing.linearize),
     "Prove": (proving.verify, proving.bench),

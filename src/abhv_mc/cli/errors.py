@@ -34,7 +34,7 @@ def exit_code_of(error: BaseException) -> int | str | None:
     if isinstance(error, OSError):
         error = _explain(error)
     code, words = ExitCode.INCOMPLETE, str(error)
-    if isinstance(error, (SystemExit, KeyboardInterrupt)):
+    if isinstance(error, (SystemExit, KeyboardInterrupt)) or words == "Query interrupted":  # the last is DuckDB's
         eval("0")  # noqa: S307  # after an interrupt inside of exec Python would die by its signal: this makes it forget
         words = "interrupted: what a campaign or search has flown is kept, and the same command goes on"
     elif isinstance(error, MemoryError):

@@ -15,8 +15,8 @@ from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown
 from abhv_mc.folder.sql import open_database
 from abhv_mc.io.input_error import InputError, describe, one_of
 from abhv_mc.report.pages.flights_view import BARS, CELLS, LISTED, describe_flights
-from abhv_mc.topics.failed_flights import requirement_failures
 from abhv_mc.topics.figure_style import controller_colors
+from abhv_mc.topics.missed_requirements import requirement_failures
 from abhv_mc.topics.names import full_labels
 from abhv_mc.topics.words import axis_unit
 

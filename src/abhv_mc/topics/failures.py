@@ -11,7 +11,7 @@ from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.plant.parameters import Parameters
 from abhv_mc.statistics.failure_drivers import FALSE_DISCOVERY_RATE, FEWEST_FAILURES, bin_inputs, find_rules
 from abhv_mc.statistics.failure_rules import Condition, Rule
-from abhv_mc.topics.failed_flights import failure_kinds, requirement_words
+from abhv_mc.topics.missed_requirements import failure_kinds, requirement_words
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Bullets, Cell, Heading, Item, Row, Section, Table, Text
 from abhv_mc.topics.topic import Topic

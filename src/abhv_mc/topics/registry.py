@@ -1,6 +1,6 @@
 """The topics of a report in its order: those of the program, of installed packages, and of a notebook."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from abhv_mc.io.input_error import InputError, describe, one_of
@@ -24,21 +24,26 @@ BUILT_IN: tuple[Topic[Any], ...] = (
 
 
 def register(topic: Topic[Any]) -> None:
-    """Add a user's topic to the reports of this process. Raises InputError for the name of a built-in one."""
+    """Add a user's topic to the reports of this process. Raises InputError for a name that it cannot have."""
+    if not topic.name.isidentifier():
+        raise InputError("topic", describe(topic.name), "a name as Python's are")
     if topic.name in {each.name for each in BUILT_IN}:
         raise InputError("topic", f"'{topic.name}', which is built in", "another name")
     REGISTERED[topic.name] = topic
 
 
-def all_topics() -> tuple[Topic[Any], ...]:
-    """Every topic in the order of a page: how sure the numbers are and where they come from stand last."""
+def all_topics(users: Sequence[Topic[Any]] | None = None) -> tuple[Topic[Any], ...]:
+    """Every topic in the order of a page: how sure the numbers are and where they come from stand last.
+
+    ``users``: those of users, by default all that there are.
+    """
     *first, sure, origin = BUILT_IN
-    return (*first, *user_topics(), sure, origin)
+    return (*first, *(user_topics() if users is None else users), sure, origin)
 
 
 def make_figures(models: Models) -> dict[str, Iterator[Drawn]]:
     """Every figure that the campaign's folder has the data for, by its topic."""
-    return {topic.name: models.figures(topic) for topic in all_topics()}
+    return {topic.name: models.figures(topic) for topic in all_topics(models.users)}
 
 
 def find_topic(name: str) -> Topic[Any]:

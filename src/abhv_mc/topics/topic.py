@@ -1,5 +1,7 @@
 """What a topic is: a question about a campaign, answered once for the page, JSON, the terminal and Python."""
 
+import sys
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -62,6 +64,20 @@ class Models:
         found: M = self._held[topic.name]
         return found
 
+    @cached_property
+    def users(self) -> tuple["Topic[Any]", ...]:
+        """The users' topics, less those that cannot be made of this campaign: standard error says which and why."""
+        return tuple(topic for topic in user_topics() if self._can_be_made(topic))
+
+    def _can_be_made(self, topic: Topic[Any]) -> bool:
+        try:
+            self.section(topic)
+            self.sentences(topic)
+        except Exception:
+            _tell_failure(topic.name)
+            return False
+        return True
+
     def section(self, topic: Topic[Any]) -> Section | None:
         """A topic's section."""
         section = topic.section(self[topic], self.names)
@@ -81,11 +97,23 @@ REGISTERED: dict[str, Topic[Any]] = {}  # in this process
 
 
 def user_topics() -> tuple[Topic[Any], ...]:
-    """Those that installed packages and notebooks have added. Raises InputError for an entry point that is none."""
+    """Those that installed packages and notebooks have added, less those whose import fails.
+
+    Raises InputError for an entry point that is none.
+    """
     found: dict[str, Topic[Any]] = {}
     for entry in entry_points(group=GROUP):
-        topic = entry.load()
+        try:
+            topic = entry.load()
+        except Exception:
+            _tell_failure(entry.name)
+            continue
         if not isinstance(topic, Topic):
             raise InputError(f"entry point {entry.name} of {GROUP}", describe(topic), "an abhv_mc.topics.Topic")
         found[topic.name] = topic
     return tuple({**found, **REGISTERED}.values())
+
+
+def _tell_failure(name: str) -> None:
+    """Of a user's topic, which what is made goes on without."""
+    print(f"the topic {name} is left out:\n{traceback.format_exc()}", end="", file=sys.stderr, flush=True)

@@ -42,6 +42,11 @@ def test_finds_a_corner(dimension, seed):
     assert found.at_bounds.all()
 
 
+def test_what_changes_nothing_sits_on_no_end():
+    found = search_worst(lambda points: np.minimum(points[:, 0], 0.9) + points[:, 1], 3, seed=0)
+    assert found.at_bounds.tolist() == [False, True, False]
+
+
 @pytest.mark.parametrize("dimension", [12, pytest.param(24, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("seed", [1, 3, 6])
 def test_finds_a_corner_behind_a_broad_hill(dimension, seed):

@@ -134,7 +134,8 @@ class SimulatorCampaign(Campaign):
         for key, names in taken.items():
             for name in getattr(self, key):
                 if name in names:
-                    raise Refusal(f"'{name}', a name that is taken", "another name", (key, name))
+                    expected = f"another name; taken are {', '.join(sorted(names))}"
+                    raise Refusal(f"'{name}', a name that is taken", expected, (key, name))
         if self.independent and self.simulator:
             raise Refusal("'independent' beside a simulator", "'sampling', which says it", ("independent",))
         return self

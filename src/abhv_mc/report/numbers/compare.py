@@ -16,7 +16,7 @@ from abhv_mc.io.units import parse_in_unit
 from abhv_mc.statistics.gate import Gate, judge_change
 from abhv_mc.statistics.paired import PairedFailures
 from abhv_mc.topics.comparison.model import ControllerPair, compare_any_failures, compare_pair
-from abhv_mc.topics.failed_flights import requirement_failures, requirement_words
+from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
 from abhv_mc.topics.words import percent, significant
 
 

@@ -12,7 +12,7 @@ from abhv_mc.simulators.feasibility import asked_in_vain
 from abhv_mc.statistics.evidence import flights_to_pass, most_failures
 from abhv_mc.statistics.flights_planned import PLANNED_FAILURES, ever_chance, pass_chance, together
 from abhv_mc.statistics.unknowns import most_points, search_flights
-from abhv_mc.topics.failed_flights import limit_words
+from abhv_mc.topics.missed_requirements import limit_words
 
 TIMES = (1, 2, 4)  # the planned number of flights
 # True failure rates over the allowed one, a fifth and the whole of it among them.

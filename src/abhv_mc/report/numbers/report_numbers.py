@@ -23,7 +23,7 @@ FORMAT = 2
 
 def make_numbers(models: Models, baseline: Baseline | None = None) -> dict[str, Any]:
     """All numbers of the report of a campaign, as JSON holds them; those against a ``baseline`` where given."""
-    manifest, users = models.results.manifest, user_topics()
+    manifest, users = models.results.manifest, models.users
     return {
         "format": FORMAT,
         "state": manifest.state,

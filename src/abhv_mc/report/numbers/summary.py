@@ -15,7 +15,7 @@ from abhv_mc.vehicle.shared_keys import IN_WIND
 
 def summary_sentences(models: Models) -> list[str]:
     """What a reader with two minutes should know: the answer of each topic in words."""
-    return [sentence for topic in all_topics() for sentence in models.sentences(topic)]
+    return [sentence for topic in all_topics(models.users) for sentence in models.sentences(topic)]
 
 
 def section_leads(models: Models, warnings: Sequence[str] = ()) -> Mapping[str, Sequence[str]]:

@@ -18,7 +18,7 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantile
 from abhv_mc.statistics.reweight import Unseen, effective_size, weighted_quantile, weighted_share
-from abhv_mc.topics.failed_flights import requirement_failures, requirement_words
+from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
 from abhv_mc.topics.plain import level_name
 
 FEWEST_EFFECTIVE = 100.0  # flights

@@ -16,8 +16,8 @@ from abhv_mc.folder.flown_campaign import FlownCampaign, read_histories
 from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.plant.parameters import Parameters
 from abhv_mc.report.pages.interactive import channel_curves, describe_channel
-from abhv_mc.topics.failed_flights import requirement_failures, requirement_words
 from abhv_mc.topics.flights.model import listed_worst, moments_of
+from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
 from abhv_mc.topics.words import axis_unit, fixed, is_factor, shown_value, spoken_name
 
 MOST_FLIGHTS = 6000  # points of a page's view, of all controllers together

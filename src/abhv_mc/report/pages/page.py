@@ -123,7 +123,7 @@ def page_sections(models: Models, warnings: Sequence[str] = ()) -> dict[str, Sec
     """The section of each topic that has something to say, by its name, led by what takes other topics to say."""
     leads = section_leads(models, warnings)
     found = {}
-    for topic in all_topics():
+    for topic in all_topics(models.users):
         section = models.section(topic)
         if section is not None:
             lead = [Bullets(tuple(leads[topic.name]))] if leads.get(topic.name) else []

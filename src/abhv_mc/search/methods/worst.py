@@ -37,8 +37,9 @@ class WorstCase:
 
     @property
     def at_bounds(self) -> np.ndarray:
-        """Which dimensions ``[dimension]`` sit on a bound."""
-        return np.abs(self.place) >= AT_BOUND
+        """Which dimensions ``[dimension]`` sit on a bound, less those that change nothing there."""
+        idle = np.isfinite(self.sensitivity).any(axis=1) & (np.nan_to_num(self.sensitivity) == 0.0).all(axis=1)
+        return (np.abs(self.place) >= AT_BOUND) & ~idle
 
 
 def _choose_batch(evaluations: int) -> int:

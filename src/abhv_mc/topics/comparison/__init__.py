@@ -11,7 +11,7 @@ from abhv_mc.topics.comparison.model import (
     compute_comparison,
 )
 from abhv_mc.topics.comparison.sentences import asked_of, comparison_sentences, survival_sentences
-from abhv_mc.topics.failed_flights import requirement_words
+from abhv_mc.topics.missed_requirements import requirement_words
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Bullets, Cell, Fold, Item, Picture, Row, Section, Table, Text, interval_cell
 from abhv_mc.topics.topic import Topic, figures_of

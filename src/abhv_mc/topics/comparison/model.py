@@ -21,7 +21,7 @@ from abhv_mc.statistics.paired import (
     median_ratio,
 )
 from abhv_mc.statistics.winner import Decision, agree, decide
-from abhv_mc.topics.failed_flights import failed_anyhow, requirement_failures
+from abhv_mc.topics.missed_requirements import failed_anyhow, requirement_failures
 from abhv_mc.topics.plain import DRAWN, level_name
 
 _LOST_RISK = 0.05  # of saying that one controller loses more flights where both are as good

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from abhv_mc.folder.controller_flights import severities
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.statistics.estimates import LEVELS, Interval, Sense, failure_trace, looks, quantile_traces
-from abhv_mc.topics.failed_flights import requirement_failures
+from abhv_mc.topics.missed_requirements import requirement_failures
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.plain import level_name
 from abhv_mc.topics.section import Fold, Picture, Section, Text

@@ -12,7 +12,7 @@ from abhv_mc.folder.flown_campaign import FlownCampaign, kept_flights
 from abhv_mc.plant.parameters import DISTURBANCES
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import Interval
-from abhv_mc.topics.failed_flights import failed_anyhow
+from abhv_mc.topics.missed_requirements import failed_anyhow
 
 _LISTED = 10  # at most, where no number of worst flights keeps its histories
 _LARGEST = 3  # dispersions of a flight that are told

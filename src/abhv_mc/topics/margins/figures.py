@@ -6,9 +6,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from abhv_mc.flight.metrics import MARGIN_NAMES
-from abhv_mc.topics.failed_flights import failed_anyhow
 from abhv_mc.topics.figure_style import INK, MARKERS, controller_colors, legend_below, new_panels, styled
 from abhv_mc.topics.margins.model import Margins
+from abhv_mc.topics.missed_requirements import failed_anyhow
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 

@@ -14,7 +14,7 @@ from abhv_mc.statistics.binomial import success_lower_bound
 from abhv_mc.statistics.estimates import spread
 from abhv_mc.statistics.family import hold_family
 from abhv_mc.statistics.verdicts import Verdict, advice_words, tolerance_limit, verdict_words
-from abhv_mc.topics.failed_flights import requirement_failures, requirement_words
+from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
 from abhv_mc.topics.words import significant
 
 FAMILY_RISK = 0.10  # at which the report asks which PASSes would stand together
