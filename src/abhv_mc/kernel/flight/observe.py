@@ -1,6 +1,6 @@
 """Once a tick, at the state of the tick: the end of a flight, and what is recorded: channels, states, extremes.
 
-Which limits and channels there are comes as numbers, see :mod:`abhv_mc.flight.observed`.
+Which limits and channels there are comes as numbers, see :mod:`abhv_mc.flight.arguments`.
 """
 
 import math
