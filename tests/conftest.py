@@ -27,7 +27,6 @@ _THOROUGH = (
     "campaign/test_flipped_bits.py",
     "control/design/test_shipped_designs.py",
     "docs",
-    "execution/test_adopt_ours.py",
     "execution/test_cluster.py",
     "execution/test_command_simulator.py",
     "execution/test_faults.py",

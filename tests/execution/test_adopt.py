@@ -12,20 +12,28 @@ import pytest
 from own_simulators import DIVE, dive_campaign, shown_text
 
 from abhv_mc.analysis.replay import replay_flight
+from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.adopt import adopt_table
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.explore.counts import open_flights
 from abhv_mc.explore.server import ExploreServer
+from abhv_mc.flight.outcome import OUTCOMES
 from abhv_mc.folder.export import export_csv
 from abhv_mc.folder.flown_campaign import read_flown
+from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.compare_page import compare_folders
-from abhv_mc.report.pages.verify import verify_campaign
+from abhv_mc.report.pages.verify import differences, verify_campaign
+from abhv_mc.shipped import shipped_folder
 from abhv_mc.simulators.engine import make_engine
+from abhv_mc.topics.comparison import COMPARISON
+from abhv_mc.topics.failures import FAILURES
+from abhv_mc.topics.plain import plain
 from abhv_mc.topics.topic import Models
+from abhv_mc.topics.verdicts import VERDICTS
 
 
 @pytest.fixture(scope="module")
@@ -173,3 +181,46 @@ def test_two_adopted_folders_are_compared_and_stopped_at_a_gate(flown: Path, tmp
     page = shown_text(tmp_path / "compared" / "report.html")
     assert re.search(r"/a\s+adopted\s+300", page)
     assert "abhv-mc compare" in page and "abhv-mc replay" not in page and "abhv-mc explain" not in page
+
+
+def _no_advice(difference: str) -> bool:
+    """How a verdict would stand with more flights is said otherwise of a table, which nothing here can fly."""
+    return difference.partition(":")[0].rpartition(".")[2] not in ("words", "advice")
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", ["s_manoeuvre", "wide"])
+def test_our_own_flights_adopted_by_a_campaign_that_knows_no_vehicle_say_the_same(name: str, tmp_path: Path) -> None:
+    path = shipped_folder() / "campaigns" / f"{name}.yaml"
+    ours = run_campaign(Request(path, tmp_path / "ours", runs=48, workers=2)).manifest
+    campaign, table = read_campaign(path, runs=48), tmp_path / "flights.csv"
+    assert table in set(export_csv(tmp_path / "ours", tmp_path))
+    flown = SampleReader(tmp_path / "ours" / "samples.parquet").names
+    records = [campaign.parameters[each] for each in flown]
+    required = dict.fromkeys(item.metric for item in campaign.requirements)
+    entries = campaign.document.data["requirements"]  # type: ignore[call-overload,index]
+    content = {
+        "name": name,
+        "independent": True,
+        "systems": {each: {} for each in campaign.controllers},
+        "inputs": {r.name: {"unit": r.unit, "nominal": r.nominal, "seed": r.seed} for r in records},
+        "dispersions": {key: law for key, law in campaign.dispersions.items() if not campaign.parameters[key].seed},
+        "metrics": {
+            each: {key: getattr(campaign.metrics[each], key) for key in ("unit", "label", "doc")} for each in required
+        },
+        "outcomes": {code: words for code, words in OUTCOMES.sentences.items() if code not in ("ok", "failed_to_run")},
+        "requirements": entries,
+    }
+    (tmp_path / "adopted.yaml").write_text(json.dumps(content))
+    adopted = adopt_table(table, tmp_path / "adopted.yaml", tmp_path / "adopted").manifest
+    for key in ("requirements", "requirements_shown"):
+        found, flown_here = (plain(getattr(manifest, key)) for manifest in (adopted, ours))
+        assert not list(filter(_no_advice, differences(found, flown_here)))
+    one, two = (Models(read_flown(tmp_path / folder)) for folder in ("ours", "adopted"))
+    for topic in (VERDICTS, FAILURES):
+        assert not list(filter(_no_advice, differences(plain(one[topic]), plain(two[topic])))), topic.name
+    first, second = plain(one[COMPARISON])["pairs"], plain(two[COMPARISON])["pairs"]
+    for pair in (*first.values(), *second.values()):  # what both have
+        pair["metrics"] = {metric: pair["metrics"][metric] for metric in required}
+        del pair["usage"], pair["surfaces"]
+    assert not list(differences(first, second))
