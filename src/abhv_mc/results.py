@@ -194,7 +194,7 @@ class Results:
         """
         import pandas as pd
 
-        from abhv_mc.folder.sql import ask
+        from abhv_mc.folder.tables import ask
 
         table = ask(self.folder, sql, lambda answer: answer.df())
         refuse_changes(self._paths, self.manifest)
@@ -294,7 +294,7 @@ class Results:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        from abhv_mc.folder.sql import table_files
+        from abhv_mc.folder.tables import table_files
 
         tables = [pq.read_table(file, partitioning=None) for file in table_files(self._paths, self.manifest)[name]]
         refuse_changes(self._paths, self.manifest)

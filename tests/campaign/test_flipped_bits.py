@@ -11,10 +11,9 @@ from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.api import compare
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
-from abhv_mc.folder.export import export_csv
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.lock import hold_lock
-from abhv_mc.folder.sql import open_database
+from abhv_mc.folder.tables import export_csv, open_database
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.whatif import make_whatif
 from abhv_mc.report.pages.build import build_report

@@ -139,11 +139,10 @@ INTERRUPTED = """
 import os, signal, sys, threading
 from contextlib import contextmanager
 from abhv_mc.cli.app import main
-from abhv_mc.folder.manifest import ControllerCount, Manifest, RequirementVerdict, read_manifest, write_manifest
-from abhv_mc.folder import sql
+from abhv_mc.folder import tables
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in a background job
-original = sql.open_database
+original = tables.open_database
 
 @contextmanager
 def opened(folder):
@@ -151,7 +150,7 @@ def opened(folder):
         threading.Timer({delay}, os.kill, (os.getpid(), signal.SIGINT)).start()
         yield database
 
-sql.open_database = opened
+tables.open_database = opened
 main()
 """
 

@@ -19,9 +19,9 @@ from abhv_mc.execution.setup import Request
 from abhv_mc.explore.counts import open_flights
 from abhv_mc.explore.server import ExploreServer
 from abhv_mc.flight.outcome import OUTCOMES
-from abhv_mc.folder.export import export_csv
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.samples import SampleReader
+from abhv_mc.folder.tables import export_csv
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.report.pages.build import build_report

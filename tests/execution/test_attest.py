@@ -8,7 +8,7 @@ from fake_flight import ENGINE, fly, make_plan, run, write_campaign
 from abhv_mc.execution.attest import Attestation, sign
 from abhv_mc.execution.retry import UnusableError
 from abhv_mc.flight.fly import nominal_parameters
-from abhv_mc.folder.flown_by import join_flyers, note_flyers
+from abhv_mc.folder.manifest import join_flyers, note_flyers
 from abhv_mc.identity import code_hash, this_flyer
 
 CHECKED = replace(ENGINE, source=code_hash(), checked=True)

@@ -14,10 +14,10 @@ from own_simulators import dive_campaign
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
-from abhv_mc.folder.export import export_csv
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.samples import SampleReader
+from abhv_mc.folder.tables import export_csv
 
 CRASHES, HANGS = 123, 777  # numbers of the flights
 

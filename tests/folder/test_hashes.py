@@ -9,7 +9,7 @@ from report.synthetic import build_with
 
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
-from abhv_mc.folder.sql import open_database
+from abhv_mc.folder.tables import open_database
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.pages.build import is_up_to_date
 from abhv_mc.results import open_results

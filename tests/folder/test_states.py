@@ -9,18 +9,18 @@ from abhv_mc.folder.envelope_states import Cells, Collector
 CELLS = Cells(("altitude_m", "speed_mps"), (0, 1), 1, np.arange(3.0))
 
 
-def collect(folder, flights):
-    return Collector(folder, "one", np.ones(flights, bool), CELLS)
-
-
 @pytest.mark.parametrize(
-    "values", [np.zeros((68, 6)), np.zeros((68, 6), "<U3"), np.zeros((68, 5), np.float32), np.zeros(68, np.float32)]
+    ("values", "flights", "taken"),
+    [
+        (np.zeros((68, 6), np.float32), 64, True),
+        (np.zeros((68, 6), np.float32), 63, False),  # beyond the campaign
+        (np.zeros((68, 6)), 64, False),
+        (np.zeros((68, 6), "<U3"), 64, False),
+        (np.zeros((68, 5), np.float32), 64, False),
+        (np.zeros(68, np.float32), 64, False),
+    ],
 )
-def test_a_block_of_another_type_or_shape_is_left_out(tmp_path, values):
+def test_only_a_block_of_the_campaigns_type_and_shape_is_taken(tmp_path, values, flights, taken):
     write_array(tmp_path / "blocks/one-000000000-000000064.npy", values)
-    assert not collect(tmp_path, 64).covered.any()
-
-
-def test_a_block_beyond_the_campaign_is_left_out(tmp_path):
-    write_array(tmp_path / "blocks/one-000000000-000000064.npy", np.zeros((68, 6), np.float32))
-    assert not collect(tmp_path, 63).covered.any() and collect(tmp_path, 64).covered.all()
+    covered = Collector(tmp_path, "one", np.ones(flights, bool), CELLS).covered
+    assert covered.all() if taken else not covered.any()

@@ -149,7 +149,7 @@ def query(
     Parameters have a dot in their names: write them in double quotes, as in select "aero.lift" from samples.
     """
     from abhv_mc.folder.remote import fetched
-    from abhv_mc.folder.sql import ask
+    from abhv_mc.folder.tables import ask
 
     with fetched(folder) as source:
         if json is None and csv is None:
@@ -221,8 +221,8 @@ def export(
         write_gains(output_file(out) or out, make_flight_plan(*files))
         say(out)
         return
-    from abhv_mc.folder.export import export_csv
     from abhv_mc.folder.remote import fetched, local_path
+    from abhv_mc.folder.tables import export_csv
 
     if mission is not None:
         raise InputError(mission, "a second argument", "nothing after the folder, or 'gains' before it")

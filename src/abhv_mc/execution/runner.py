@@ -31,9 +31,8 @@ from abhv_mc.folder.envelope_states import Cells, Collector
 from abhv_mc.folder.envelopes import write_envelopes
 from abhv_mc.folder.flights import FlightRows, flights_schema, write_block
 from abhv_mc.folder.flown_blocks import read_flown_blocks
-from abhv_mc.folder.flown_by import note_flyers
 from abhv_mc.folder.layout import write_text
-from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, RUNNING, Manifest, write_manifest
+from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, RUNNING, Manifest, note_flyers, write_manifest
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.simulators.engine import Engine, check_source, engine_of, make_engine, simulate
 from abhv_mc.simulators.make_plans import record_every

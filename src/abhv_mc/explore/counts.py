@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import TypeAdapter
 
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown
-from abhv_mc.folder.sql import open_database
+from abhv_mc.folder.tables import open_database
 from abhv_mc.io.input_error import InputError, describe, one_of
 from abhv_mc.report.pages.flights_view import BARS, CELLS, LISTED, describe_flights
 from abhv_mc.topics.figure_style import controller_colors

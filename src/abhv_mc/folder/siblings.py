@@ -12,11 +12,18 @@ import pyarrow.parquet as pq
 
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.folder.flights import read_pieces, write_block
-from abhv_mc.folder.flown_by import join_flyers, shift_flyers
 from abhv_mc.folder.hashes import damage_error, find_damage
 from abhv_mc.folder.inputs import FolderInputs, read_folder_inputs
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.manifest import INTERRUPTED, Manifest, Pooled, read_manifest, write_manifest
+from abhv_mc.folder.manifest import (
+    INTERRUPTED,
+    Manifest,
+    Pooled,
+    join_flyers,
+    read_manifest,
+    shift_flyers,
+    write_manifest,
+)
 from abhv_mc.folder.merge import begin_joined, is_joined, refuse_other, refuse_other_plans
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError

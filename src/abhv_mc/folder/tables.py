@@ -1,4 +1,4 @@
-"""SQL over a campaign's tables, in a database that reaches nothing else; what is wrong with it is bad input."""
+"""A campaign's tables as CSV, and as SQL sees them: in a database that reaches nothing else."""
 
 import contextlib
 import threading
@@ -6,8 +6,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+import pyarrow as pa
+import pyarrow.csv as pc
+import pyarrow.parquet as pq
+
 from abhv_mc.folder.hashes import data_files, read_checked, refuse_changes
-from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.folder.layout import CampaignFolder, write_whole
 from abhv_mc.folder.manifest import Manifest
 from abhv_mc.io.input_error import InputError
 from abhv_mc.user_code.child import run_in_thread
@@ -34,6 +38,39 @@ def table_files(folder: CampaignFolder, manifest: Manifest) -> dict[str, list[Pa
             continue
         tables[path.parent.name if path.parent != folder.root else path.stem].append(path)
     return {name: files for name, files in tables.items() if files}
+
+
+def export_csv(root: Path, out: Path) -> Iterator[Path]:
+    """Write ``<table>.csv`` of every table into ``out`` and yield its path; memory does not grow with the campaign.
+
+    Raises InputError without a campaign, and where a run has changed it meanwhile: what is there then belongs together
+    no more.
+    """
+    folder = CampaignFolder(root)
+    manifest = read_checked(folder)
+    for name, files in table_files(folder, manifest).items():
+
+        def write(temporary: Path, files: list[Path] = files) -> None:
+            schema = pq.read_schema(files[0]).remove_metadata()
+            with pc.CSVWriter(temporary, schema) as writer:
+                for batch in _read_batches(files, schema):
+                    writer.write_batch(batch)
+
+        path = out / f"{name}.csv"
+        try:
+            write_whole(path, write)
+        except (InputError, OSError):
+            refuse_changes(folder, manifest)  # which tells more
+            raise
+        yield path
+    refuse_changes(folder, manifest)
+
+
+def _read_batches(files: list[Path], schema: pa.Schema) -> Iterator[pa.RecordBatch]:
+    for file in files:
+        with pq.ParquetFile(file) as part:
+            for batch in part.iter_batches():
+                yield batch.cast(schema)
 
 
 @contextlib.contextmanager

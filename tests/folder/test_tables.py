@@ -4,7 +4,7 @@ import duckdb
 import pytest
 from fake_flight import run, write_campaign
 
-from abhv_mc.folder.sql import open_database
+from abhv_mc.folder.tables import open_database
 
 
 @pytest.fixture(scope="module")
