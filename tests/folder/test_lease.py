@@ -1,11 +1,14 @@
-"""Who flies at an address: a lease by the store's clock, and what its loser may no more do."""
+"""Who flies in a folder: the holder of its lock; at an address, of a lease by the store's clock."""
 
+import fcntl
+import threading
 from datetime import UTC, datetime, timedelta
 
 import pytest
 
 from abhv_mc.folder import lease as module
 from abhv_mc.folder.lease import LEASE, NAME, Lease, read_holder
+from abhv_mc.folder.lock import hold_lock, lock_holder
 from abhv_mc.folder.remote import Remote
 from abhv_mc.io.input_error import InputError
 
@@ -87,3 +90,21 @@ def test_an_object_that_is_no_lease_is_somebodys(store, content):
     store.write(NAME, content)
     with pytest.raises(InputError, match="another process is flying"):
         take(store)
+
+
+def test_the_holder_is_named(tmp_path):
+    with hold_lock(tmp_path / ".lock"):
+        assert "process" in lock_holder(tmp_path / ".lock")
+        with pytest.raises(InputError, match=r"process .* is flying"), hold_lock(tmp_path / ".lock"):
+            pass
+    assert lock_holder(tmp_path / ".lock") is None
+
+
+def test_a_look_at_the_lock_keeps_nobody_from_taking_it(tmp_path):
+    """`status` or `list` at the moment of a start made `run` refuse a folder in which nobody flew."""
+    (tmp_path / ".lock").touch()
+    look = (tmp_path / ".lock").open()
+    fcntl.flock(look, fcntl.LOCK_SH)
+    threading.Timer(0.1, look.close).start()
+    with hold_lock(tmp_path / ".lock"):
+        assert look.closed
