@@ -48,6 +48,8 @@ def test_what_cannot_come_out_is_found(tmp_path, entries, words):
         dict(runs="2700", requirements="[{metric: altitude_error_max_m, below: 50, probability: 0.999}]"),
         ask("cross_track_error_final_m", "below", "-50"),
         disperse("lognormal, sigma: 50 %"),
+        disperse("beta, a: 5, b: 5, low: 0, high: 2"),
+        disperse("triangular, low: 0, high: 2"),
         disperse("truncated_normal, sigma: 40 %, half_width: 90 %"),
         disperse("uniform, half_width: 120 %", "aero.rolling_moment.yaw_rate"),
         dict(sampling="sobol", requirements=RARE),  # estimates only

@@ -10,6 +10,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.campaign.sampling.marginals import ContinuousMarginal
 from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, FIXED_TABLE_ROWS, Vehicle
@@ -96,6 +97,9 @@ def _meaningless(campaign: Experiment) -> Iterator[InputError]:
         if np.isnan(least):
             yield refuse_input(campaign, name, f"'{name}' that is no number", "an expression that is one")
         elif least <= 0.0 and _ABOVE_ZERO.search(name):
+            marginal = campaign.marginals.get(name)
+            if least == 0.0 and isinstance(marginal, ContinuousMarginal) and marginal.density(np.array(1e-12)) < 1e-6:
+                continue  # a law that comes near zero and never reaches it
             wish = "values above zero, as of a truncated_normal or lognormal law: at or below it has no meaning"
             yield refuse_input(campaign, name, f"'{name}' down to {least:g}", wish)
 

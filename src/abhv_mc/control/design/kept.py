@@ -20,8 +20,8 @@ def kept(function: Callable[P, T]) -> Callable[P, T]:
         digest = hashlib.sha256(pickle.dumps((arguments, named), protocol=5)).digest()
         if digest not in results:
             made = function(*arguments, **named)
-            for oldest in list(results)[: len(results) + 1 - _KEPT]:
-                del results[oldest]
+            if len(results) == _KEPT:
+                del results[next(iter(results))]
             results[digest] = made
         return results[digest]
 
