@@ -17,6 +17,7 @@ from abhv_mc.user_code.compiled import compile_law
 from abhv_mc.user_code.law_source import read_law_source
 from abhv_mc.user_code.module import check_closure
 from abhv_mc.user_code.source import UserSource, find_package_versions
+from abhv_mc.user_code.unpack import unpack
 
 HEAD = "from pathlib import Path\nimport numpy as np\nfrom abhv_mc.extend import Command, controller\n"
 LAW = """
@@ -61,6 +62,8 @@ def test_declared_files_are_read_as_they_were_hashed(write, tmp_path):
     source = write(READS, "[gains.csv, tables/*.csv]")
     check_closure(source)
     (tmp_path / "gains.csv").write_text("99.0\n")  # edited meanwhile
+    (unpack(source) / "gains.csv").write_text("98.0\n")  # in the cache, too
+    unpack.cache_clear()
     assert aileron(source) == 5.0 * 0.25
 
 

@@ -67,7 +67,8 @@ def make(tmp_path):
 
 
 MATHS = (
-    HEAD
+    "{{}}\n"  # as a recipe begins
+    + HEAD
     + """
 lift = table([-1.0, 0.0, 0.5, 2.0], [3.0, -1.0, 0.25, 7.0])
 surface = table([0.0, 1.0, 2.0], [-1.0, 1.0], [[1.0, 2.0], [0.3, -4.0], [5.0, 0.1]])
@@ -76,7 +77,7 @@ def helper(x, y=2.0):
     return clamp(x * y, -1.0, 1.0)
 
 @controller(units={{}}{compiled})
-def law(measured, reference, time):
+def law(measured, /, reference, time):
     s, c = sincos(measured.heading)
     x = atan2(measured.sideslip, measured.angle_of_attack) + exp(-abs(measured.bank)) * log(measured.speed)
     y = wrap(measured.bank * 3.0) + lift(measured.bank) - surface(measured.sideslip, c)
@@ -236,11 +237,14 @@ def test_design_gives_gains_and_the_linear_plant(make):
 
 
 LINE = "    return Command(0.0, 0.0, 0.0, 1.0)\n"
+MUTE = "class Mute(Exception):\n    def __str__(self):\n        raise RuntimeError\nraise Mute\n"
 WRONG = [
     ("def law(measured):\n    x = [measured.bank]\n" + LINE, 5, "lists", "lists are not allowed"),
     ("def law(measured):\n    x = measured.alttitude\n" + LINE, 5, "measured.alttitude", "did you mean 'altitude'"),
     ("def law(measured):\n    global n\n    n = 1\n" + LINE, 5, "a global that changes", "Memory"),
     ("def law(measured):\n    if measured.bank > 0.0:\n    " + LINE, 5, "without 'return'", "return Command"),
+    ("def law(measured):\n    return 1.0\n", 5, "'return 1.0'", "return Command"),
+    ("def law(measured):\n" + LINE + MUTE, 9, "a file that raises Mute", "runs on its own"),
     ("def law(measurd):\n" + LINE, 4, "the argument 'measurd'", "did you mean 'measured'"),
     ("def law(memory):\n" + LINE, 4, "'memory' in a file without it", "class Memory"),
     ("def law(measured):\n    x = measured.bank @ 1.0\n" + LINE, 5, "does not compile", "floats"),

@@ -151,6 +151,10 @@ def test_a_function_that_does_not_fit_is_said_with_its_line(tmp_path: Path) -> N
     own.write_text(text.replace("def coefficients", "def others"), encoding="utf-8")
     with pytest.raises(InputError, match="no function 'coefficients'"):
         load_vehicle(path)
+    settings = "from typing import NamedTuple\nclass Settings(NamedTuple):\n    a: float = float('nan')\n"
+    own.write_text(text + settings, encoding="utf-8")
+    with pytest.raises(InputError, match="no number for the setting 'a'"):
+        load_vehicle(path)
 
 
 @pytest.mark.thorough

@@ -24,6 +24,7 @@ from abhv_mc.user_code.unpack import laws_folder, unpack
 
 _HEADER = Path(__file__).with_name("abhv_law.h")
 _ORIGIN = ["-Wl,-rpath,@loader_path" if sys.platform == "darwin" else "-Wl,-rpath,$ORIGIN"]
+_LONGEST = 600.0  # s that cc may take
 _ERROR = re.compile(r"(?m)^(?P<file>[^:\n]+):(?P<line>\d+):(?:(?P<column>\d+):)? (?:fatal )?error: (?P<words>.*)$")
 
 
@@ -99,9 +100,13 @@ def with_library(source: UserSource) -> UserSource:
             shutil.copytree(unpack(source), folder, dirs_exist_ok=True)
             write_headers(Path(folder), recipe["settings"], recipe["onboard"])
             command = ["cc", "-shared", "-fPIC", *recipe["flags"], "-ffp-contract=off", "-I.", *_ORIGIN, "-o", built]
-            told = subprocess.run(  # noqa: S603  the user's own flags
-                [*command, *recipe["sources"], "-lm"], cwd=folder, capture_output=True, text=True, check=False
-            )
+            command += [*recipe["sources"], "-lm"]
+            try:
+                told = subprocess.run(  # noqa: S603  the user's own flags
+                    command, cwd=folder, capture_output=True, text=True, timeout=_LONGEST, check=False
+                )
+            except subprocess.TimeoutExpired:
+                raise InputError(source.file, f"a build of more than {_LONGEST:g} s", "C code") from None
             if told.returncode:
                 raise _explain(source, told.stderr)
     return replace(source, library=kept.read_bytes())

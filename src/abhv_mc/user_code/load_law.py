@@ -14,7 +14,16 @@ from abhv_mc.io.units import parse_unit
 from abhv_mc.kernel.laws.user import MAX_MEMORY
 from abhv_mc.user_code.effector_commands import parse_law
 from abhv_mc.user_code.law_interface import ARGUMENTS, CLASSES, GIVEN
-from abhv_mc.user_code.module import CONTROLLER, ControllerMark, Law, Module, refuse_in_words, run_module, texts_of
+from abhv_mc.user_code.module import (
+    CONTROLLER,
+    ControllerMark,
+    Law,
+    Module,
+    arguments_of,
+    refuse_in_words,
+    run_module,
+    texts_of,
+)
 from abhv_mc.user_code.source import UserSource
 
 _REFUSED: dict[str, tuple[type[ast.AST], ...]] = {
@@ -85,6 +94,8 @@ def _check_units(law: Law, line: int) -> None:
         try:
             if name not in known:
                 raise Refusal(f"a unit of '{name}'", one_of(known, name) if known else "a field of Settings")
+            if not isinstance(unit, str):
+                raise Refusal(f"the unit {unit!r:.40} of '{name}'", "text such as 'deg'")
             parse_unit(unit)
         except Refusal as refusal:
             raise InputError(law.source.file, refusal.found, refusal.expected, line) from None
@@ -98,7 +109,7 @@ def check_functions(module: Module, name: str, texts: dict[str, Any] | None = No
     texts, seen, pending = texts or module.texts, {name}, [name]
     while pending:
         function = texts[pending.pop()]
-        local = {argument.arg for argument in function.args.args + function.args.kwonlyargs}
+        local = {argument.arg for argument in arguments_of(function)}
         local |= {each.id for each in _walk(function) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)}
         for node in _walk(function):
             refused = _find_refused(node, module.names, local)
@@ -147,17 +158,21 @@ def _check_fields(law: Law, name: str) -> None:
 
 
 def _check_returns(law: Law, name: str) -> None:
-    """Every way through the law returns something: what is missing in one would be compiled as anything."""
-    function = law.module.texts[name]
-    nothing = [node for node in _walk(function) if isinstance(node, ast.Return) and _is_nothing(node.value)]
-    if nothing or not _always_returns(function.body):
-        last = [*nothing, function.body[-1]][0]
-        expected = f"return Command(...){', Memory(...)' if 'memory' in law.arguments else ''}"
-        found = "a way through the law without 'return'"
+    """Every way through the law returns a Command, and the memory where there is one."""
+    function, remembers = law.module.texts[name], "memory" in law.arguments
+    wrong = [node for node in _walk(function) if isinstance(node, ast.Return) and _is_wrong(node.value, remembers)]
+    if wrong or not _always_returns(function.body):
+        last = [*wrong, function.body[-1]][0]
+        expected = f"return Command(...){', Memory(...)' if remembers else ''}"
+        found = f"'{ast.unparse(last):.60}'" if wrong else "a way through the law without 'return'"
         raise InputError(law.source.file, found, expected, last.lineno, last.col_offset + 1)
 
 
-def _is_nothing(value: ast.expr | None) -> bool:
+def _is_wrong(value: ast.expr | None, remembers: bool) -> bool:
+    if isinstance(value, ast.Tuple):
+        return not remembers or len(value.elts) != 2
+    if isinstance(value, ast.Call) and isinstance(value.func, ast.Name) and value.func.id == "Command":
+        return remembers
     return value is None or isinstance(value, ast.Constant)
 
 

@@ -47,6 +47,11 @@ def texts_of(tree: ast.Module) -> dict[str, Any]:
     return {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef | ast.ClassDef)}
 
 
+def arguments_of(function: ast.FunctionDef) -> list[ast.arg]:
+    """All that a function can be given by name or place."""
+    return [*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs]
+
+
 @dataclass(frozen=True)
 class Module:
     """A user's file that was run."""
@@ -66,13 +71,16 @@ class Module:
 
     def check_arguments(self, function: str, known: Iterable[str]) -> tuple[str, ...]:
         """The arguments of a function. Raises InputError, at its place, for one that it cannot be given."""
-        given = self.texts[function].args
-        for argument in (*given.args, *given.kwonlyargs):
+        if not isinstance(self.texts.get(function), ast.FunctionDef):
+            found = f"a decorator on '{function}', which is no function of the file"
+            raise InputError(self.source.file, found, "one above 'def' at the left margin")
+        given = arguments_of(self.texts[function])
+        for argument in given:
             if argument.arg not in known:
                 place = argument.lineno, argument.col_offset + 1
                 found = f"the argument '{argument.arg}'"
                 raise InputError(self.source.file, found, one_of(known, argument.arg), *place)
-        return tuple(argument.arg for argument in (*given.args, *given.kwonlyargs))
+        return tuple(argument.arg for argument in given)
 
 
 @dataclass(frozen=True)
@@ -150,8 +158,7 @@ def refuse_in_words(source: UserSource, what: str, expected: str) -> Iterator[No
             raise InputError(source.file, found, f"files: [{missed[1]}] in its controller file", line) from None
         if line is None and isinstance(error, OSError | MemoryError):
             raise
-        found = f"{what} that raises {type(error).__name__}: {error!s:.300}"
-        raise InputError(source.file, found, expected, line) from None
+        raise InputError(source.file, f"{what} that raises {_describe(error)}", expected, line) from None
 
 
 def _undeclared(source: UserSource, error: Exception) -> tuple[str, str] | None:
@@ -162,11 +169,20 @@ def _undeclared(source: UserSource, error: Exception) -> tuple[str, str] | None:
         entry = next((name for name in (f"{top}.py", f"{top}/") if (beside / name).exists()), None)
         return (f"imports '{error.name}'", entry) if entry else None
     if isinstance(error, FileNotFoundError):  # numpy's says the name in words alone
-        words = [str(error.filename), *re.findall(r"[\w./-]+\w", str(error))]
+        words = [str(error.filename), *re.findall(r"[\w./-]+\w", _describe(error))]
         named = (os.path.relpath(beside / word, beside) for word in words)
         entry = next((name for name in named if (beside / name).is_file() and not name.startswith("..")), None)
         return (f"opens '{entry}'", entry) if entry else None
     return None
+
+
+def _describe(error: Exception) -> str:
+    """What it is and says, as far as it can say it: its words are the user's code, too."""
+    name = type(error).__name__
+    try:
+        return f"{name}: {error!s:.300}"
+    except Exception:
+        return name
 
 
 def _line_in(error: Exception, file: str) -> int | None:

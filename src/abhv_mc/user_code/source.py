@@ -35,7 +35,7 @@ class UserSource:
     @functools.cached_property
     def recipe(self) -> dict[str, Any] | None:
         """What the text of a law in C or an FMU says of it; None for one in Python."""
-        return json.loads(self.text) if self.text.startswith("{") else None
+        return json.loads(self.text) if self.text.startswith('{"law": ') else None
 
 
 def read_source(path: Path, files: Mapping[str, Path] | None = None) -> UserSource:

@@ -8,7 +8,7 @@ import shutil
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -49,8 +49,21 @@ def unpack(source: UserSource) -> Path:
         for name, content in files:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_bytes(content)
+            (folder / name).chmod(0o700)  # a library must be executable on some systems
 
-    return filled_once(f"{'built' if source.library else 'files'}_{source.hash[:24]}", fill)
+    name = f"{'built' if source.library else 'files'}_{source.hash[:24]}"
+    folder = laws_folder() / name
+    if folder.exists() and not _holds(folder, files):
+        with contextlib.suppress(FileNotFoundError), tempfile.TemporaryDirectory(dir=folder.parent) as aside:
+            folder.rename(aside)
+    return filled_once(name, fill)
+
+
+def _holds(folder: Path, files: Iterable[tuple[str, bytes]]) -> bool:
+    try:
+        return all((folder / name).read_bytes() == content for name, content in files)
+    except OSError:
+        return False
 
 
 @contextlib.contextmanager

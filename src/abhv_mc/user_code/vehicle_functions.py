@@ -20,7 +20,7 @@ from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, VARIABLES, Foreign, Vehic
 from abhv_mc.plant.effectiveness import count_rows
 from abhv_mc.user_code.compiled import build, compiled_names, lane_of, loop_text
 from abhv_mc.user_code.law_interface import Air, Rates
-from abhv_mc.user_code.load_law import check_functions
+from abhv_mc.user_code.load_law import check_functions, is_number
 from abhv_mc.user_code.module import Module, refuse_in_words, run_module
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.trust import check_trusted, is_in_a_folder
@@ -140,11 +140,13 @@ def _settings(module: Module, of: FunctionCode) -> tuple[float, ...]:
             raise InputError(of.file, f"the setting '{name}'", expected)
     for name in known:
         try:
-            number = parse_in_unit(given[name], units.get(name, "-")) if name in given else kind._field_defaults[name]
+            number = (
+                parse_in_unit(given[name], units.get(name, "-")) if name in given else kind._field_defaults.get(name)
+            )
         except Refusal as refusal:
             raise InputError(of.file, f"{name}: {refusal.found}", refusal.expected) from None
-        except KeyError:
-            raise InputError(of.file, f"no number for the setting '{name}'", "one, or a default") from None
+        if not is_number(number):
+            raise InputError(of.file, f"no number for the setting '{name}'", "one, or a default")
         values.append(float(number))
     return tuple(values)
 
