@@ -34,7 +34,7 @@ from search.methods.known_probabilities import (  # noqa: E402
     switched_cases,
 )
 
-from abhv_mc.search.methods.rare import choose_chains, estimate_rare  # noqa: E402
+from abhv_mc.search.methods.rare import EXPECTED, choose_chains, estimate_rare  # noqa: E402
 from abhv_mc.search.methods.strata import estimate_switched  # noqa: E402
 from abhv_mc.search.methods.subset import SubsetPlan  # noqa: E402
 
@@ -56,7 +56,7 @@ def estimate(case: Case, seed: int) -> Answer:
     """What `abhv-mc rare` says with the default settings."""
     plan = SubsetPlan(case.dimension, case.threshold, seed, choose_chains(FLIGHTS))
     found = estimate_rare(case.severity, plan, flights=FLIGHTS)
-    checked = found.check is not None and found.check.usable
+    checked = found.check is not None and found.check.effective >= EXPECTED
     return Answer(found.probability, found.low, found.high, found.flights, found.refusal is not None, checked)
 
 

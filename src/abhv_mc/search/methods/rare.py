@@ -35,7 +35,7 @@ _MOST_BEYOND = 2.0
 _CHECK_SHARE = 0.1  # of the flights, for importance sampling
 _SEEN = 8.0  # effective failures from which on importance sampling can show a branch left behind, and its end counts
 _ENOUGH = 30.0  # effective failures with which it takes the estimate's place
-_EXPECTED = 100.0  # effective failures with which it may say that the estimate is too high
+EXPECTED = 100.0  # effective failures with which it may say that the estimate is too high
 _HEAVY = 1.5  # times its spread: for heavy weights that are missing from most samples
 _FEWEST_CHECKED = 256  # flights of importance sampling
 _SHARE_OF_LANES = 10_000  # flights for each full batch of lanes that a level's chains fill
@@ -113,7 +113,7 @@ def estimate_rare(evaluate: Evaluate, plan: SubsetPlan, target_cov: float = 0.2,
         contradicts = abs(apart) > 3.0 * np.hypot(check.cov, np.log(high / low) / 3.92)
         if contradicts and apart > 0.0 and check.effective >= _ENOUGH:  # it has found what the levels left behind
             probability, low, cov = check.probability, check.probability / factor, deviation
-        elif contradicts and (apart > 0.0 or check.effective >= _EXPECTED):  # smaller says nothing unless worth much
+        elif contradicts and (apart > 0.0 or check.effective >= EXPECTED):  # smaller says nothing unless worth much
             refusal = f"importance sampling gives {check.probability:.2g}, subset simulation {probability:.2g}"
         high = max(high, min(1.0, check.probability * factor))
     return RareEstimate(probability, low, high, cov, used, tuple(repetitions), check, refusal)
