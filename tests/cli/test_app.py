@@ -15,7 +15,7 @@ import abhv_mc
 from abhv_mc.cli.app import app
 from abhv_mc.cli.errors import ExitCode, exit_code_of
 from abhv_mc.execution.progress import Progress, Waiting
-from abhv_mc.folder.layout import FolderLostError, StorageFullError
+from abhv_mc.folder.layout import StorageFullError
 from abhv_mc.io.documents import InputError
 
 HEAVY = {"duckdb", "matplotlib", "numba", "numpy", "pandas", "pyarrow", "pydantic", "scipy"}
@@ -68,7 +68,6 @@ def test_starting_imports_nothing_heavy() -> None:
         (StorageFullError("x: no space left"), 3, "x: no space left"),
         (OSError(errno.ENOSPC, "No space left on device", "y.png"), 3, "y.png: no space left"),
         (PermissionError(errno.EACCES, "Permission denied", "y.png"), 2, "y.png: a place that cannot be written"),
-        (FolderLostError("out: gone"), 3, "out: gone"),
         (MemoryError(), 3, "not enough memory"),
         (FileNotFoundError(errno.ENOENT, "No such file", "y.png"), 70, "a defect"),
         (SystemExit(1), 1, ""),

@@ -8,7 +8,7 @@ from enum import IntEnum
 from pathlib import Path
 
 from abhv_mc.cli.printing import say
-from abhv_mc.folder.layout import FolderLostError, StorageFullError, explain_os_error
+from abhv_mc.folder.layout import StorageFullError, explain_os_error
 from abhv_mc.io.input_error import InputError, Refusal
 
 
@@ -44,7 +44,7 @@ def exit_code_of(error: BaseException) -> int | str | None:
         words = f"the cluster does not answer ({reason}): what was flown is kept"
     elif isinstance(error, (InputError, Refusal)):
         code = ExitCode.BAD_INPUT
-    elif not isinstance(error, (StorageFullError, FolderLostError)):
+    elif not isinstance(error, StorageFullError):
         with contextlib.suppress(OSError):
             traceback.print_exception(error)
         code, words = ExitCode.DEFECT, "This is a defect of abhv-mc; please report it with the lines above."

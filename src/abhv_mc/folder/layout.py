@@ -23,10 +23,6 @@ class StorageFullError(Exception):
     """The disk is full; what was flown is kept and the same command resumes."""
 
 
-class FolderLostError(Exception):
-    """A file that was needed has gone meanwhile; the same command makes it anew."""
-
-
 class CampaignFolder:
     """Paths of a campaign's folder."""
 
