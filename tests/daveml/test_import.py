@@ -209,6 +209,8 @@ def test_units_in_capitals_numbers_with_exponents_and_internal_values(tmp_path: 
     path = tmp_path / "odd.dml"
     path.write_text(ODD, encoding="utf-8")
     run_shots(read_model(path))
+    path.write_text(ODD.replace('"e-notation">4<m:sep/>-1<', '"rational">2<m:sep/>5<'), encoding="utf-8")
+    run_shots(read_model(path))
     path.write_text(ODD.replace("<signalValue>1.0<", "<signalValue>1.1<"), encoding="utf-8")
     with pytest.raises(InputErrors, match="'between' in the check shot 'one'"):
         run_shots(read_model(path))

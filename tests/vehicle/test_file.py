@@ -148,6 +148,9 @@ def test_mass_points_from_csv(tmp_path):
     assert points[0].inertia_xx == pytest.approx(13.5581795)  # 10 slug ft2
     assert points[0].center_of_gravity_x == pytest.approx(-0.3048)
     assert points[1].inertia_matrix_element_13 == 0.0
+    path.write_text(path.read_text().replace("center_of_gravity_x_ft", "mass_kg"))
+    with pytest.raises(InputError, match=r"mass.csv:1:62: a second column of mass"):
+        read_mass_points(path)
 
 
 def test_a_vehicle_without_engine_and_surfaces(repository):

@@ -78,6 +78,9 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
 
     def leaf(at: Node) -> str:
         text, kind = at.text, at.attributes.get("type") if at.children else None
+        if kind == "rational":
+            over, under = map(at.number, (*text.split(), "", "")[:2])
+            return f"({number(over / under)})"
         if at.children:
             text = ("e" if kind == "e-notation" else "").join(text.split())
         return f"({number(at.number(text))})"

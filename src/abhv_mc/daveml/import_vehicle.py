@@ -63,7 +63,11 @@ def _read_answers(path: Path) -> Answers:
         return {}
     document = read_document(path)
     answers: Any = document.data
+    if not isinstance(answers, dict):
+        raise document.error((), describe(answers), "names of files with what they lack")
     for name, content in answers.items():
+        if not isinstance(content, dict):
+            raise document.error((name,), describe(content), "names of signals with their values")
         for key, value in content.items():
             if isinstance(value, bool) or not isinstance(value, float | int | str | None):
                 expected = "a number in the units of the file, or a signal's name"

@@ -1,6 +1,6 @@
 """An XML file as nodes that know their line. Nothing outside the file is looked at.
 
-A document type is skipped; entity declarations and references to entities are refused.
+A document type is skipped; entity declarations, references to entities and inclusions of other files are refused.
 Words are folded as they are read, so that none can end the comment, docstring or line of YAML that it is written in.
 """
 
@@ -12,6 +12,8 @@ from xml.parsers import expat
 
 from abhv_mc.io.input_error import InputError
 
+_INCLUDE = "http://www.w3.org/2001/XInclude"
+_DEEPEST = 200  # elements within elements
 _SEPARATOR = "\n"  # between a name space and a name: no name holds it
 _QUOTES = str.maketrans('"\\', "'/")
 
@@ -96,7 +98,11 @@ class _Reader:
         return self._root
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:
-        plain = name.rpartition(_SEPARATOR)[2]
+        space, _, plain = name.rpartition(_SEPARATOR)
+        if space == _INCLUDE:
+            self._refuse("an inclusion of another file")
+        if len(self._open) >= _DEEPEST:
+            self._refuse(f"more than {_DEEPEST} elements within each other")
         bare = {key.rpartition(_SEPARATOR)[2]: fold(value) for key, value in attributes.items()}
         place = self._parser.CurrentLineNumber, self._parser.CurrentColumnNumber + 1
         node = Node(self._path, plain, bare, *place)

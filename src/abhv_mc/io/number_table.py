@@ -2,6 +2,7 @@
 
 import csv
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,9 @@ from numpy.typing import NDArray
 
 from abhv_mc.io.input_error import InputError
 from abhv_mc.io.input_files import read_input
+from abhv_mc.io.units import NUMBER
+
+_DECIMAL = re.compile(NUMBER)
 
 
 @dataclass(frozen=True)
@@ -42,12 +46,10 @@ class Rows:
         for row in range(len(self.texts)):
             cells = self.cells(row)
             for i, column in enumerate(columns):
-                try:
-                    out[row, i] = float(cells[column])
-                except ValueError:
-                    out[row, i] = math.nan
+                cell = cells[column].strip()
+                out[row, i] = float(cell) if _DECIMAL.fullmatch(cell) else math.nan
                 if not math.isfinite(out[row, i]):
-                    raise self.error(row, column, f"'{cells[column].strip()}'", "a finite number")
+                    raise self.error(row, column, f"'{cell}'", "a finite number")
         return out
 
 

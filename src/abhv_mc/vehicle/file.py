@@ -90,9 +90,11 @@ def _read_vehicle_file(path: str | Path) -> VehicleFile:
 def read_mass_points(path: Path) -> tuple[MassPoint, ...]:
     """Mass properties from CSV with columns such as ``mass_kg`` and ``inertia_xx_kg_m2``. Raises InputError."""
     rows = read_rows(path)
-    keys = []
+    keys: list[tuple[str, str]] = []
     for header in rows.header:
         name = next((field for field in MassPoint.model_fields if header.startswith(f"{field}_")), header)
+        if name in (known for known, _ in keys):
+            raise rows.error(None, len(keys), f"a second column of {name}", "each once")
         keys.append((name, header.removeprefix(f"{name}_").replace("_", " ")))
     points: list[Any] = []
     places: dict[tuple[str | int, ...], tuple[int, int]] = {(): (rows.header_line, 1)}

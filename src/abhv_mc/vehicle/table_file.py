@@ -136,7 +136,11 @@ def read_table(path: Path, columns: Mapping[str, Role], effectors: Sequence[str]
             raise rows.error(None, None, f"no column '{name}', which the vehicle file describes", one_of(rows.header))
     roles: dict[str, tuple[int, Role]] = {}
     for i, name in enumerate(rows.header):
-        role = columns.get(name) or _role_of_header(name, effectors)
+        own = _role_of_header(name, effectors)
+        role = columns.get(name) or own
+        if role is not None and role.unit is None and role.name not in (VALUE, IGNORE, *_PLAIN):
+            suffix = name.rpartition("_")[2]  # the unit is what the column's name says
+            role = Role(role.name, own.unit if own else suffix if suffix in ("deg", "rad") else None)
         if role is None:
             expected = "mach, alpha_deg, value, ... (or say what it is under columns in the vehicle file)"
             raise rows.error(None, i, f"the column '{name}'", expected)

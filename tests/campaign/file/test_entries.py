@@ -22,6 +22,18 @@ def campaign(folder, table, **entries):
     return path
 
 
+@pytest.mark.parametrize(
+    ("entries", "words"),
+    [
+        ({"keep": "{histories: {flights: '5'}}"}, "'5'.*or a flight's number"),
+        ({"execution": "{workers: }"}, "nothing; expected 'auto' or a whole number"),
+    ],
+)
+def test_what_looks_right_and_would_be_left_out_is_refused(tmp_path, entries, words):
+    with pytest.raises(InputError, match=words):
+        read_campaign(write_campaign(tmp_path, **entries))
+
+
 def test_a_table_reads_as_a_list(tmp_path):
     checked = read_campaign(campaign(tmp_path, TABLE))
     first, second = checked.model.requirements
@@ -45,6 +57,7 @@ def test_a_table_reads_as_a_list(tmp_path):
         (",below,", ",belov,", "requirements.csv:1:5: "),
         ("equivalence_ratio_min,,0.1", "equivalence_ratio_min,,", "requirements.csv:3:1: "),
         ("one; two", "one, two", "requirements.csv:3:10: "),
+        (",metric,", ",rationale,", "requirements.csv:1:1: no column 'metric'"),
     ],
 )
 def test_mistakes_are_told_with_line_and_column_of_the_table(tmp_path, old, new, place):

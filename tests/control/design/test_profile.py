@@ -192,6 +192,7 @@ WINDS, DENSITIES = "altitude_m,wind_north_mps,wind_east_mps\n", "altitude_m,dens
     [
         ("wind", f"{WINDS}0,1e300,1\n9,1,1\n", ":2:3: 1e+300; expected a magnitude of at most 12000"),
         ("wind", f"{WINDS}0,1,1\n9,nan,1\n", ":3:3: 'nan'; expected a finite number"),
+        ("wind", f"{WINDS}0,1,1\n9,1_0,1\n", ":3:3: '1_0'; expected a finite number"),
         ("wind", f"{WINDS}5,1,1\n5,1,1\n", ":3:1: the altitude 5 m"),
         ("wind", f"{WINDS}5,1,1\n", "1 rows"),
         ("density", f"{DENSITIES}0,0\n9,1\n", ":2:3: a factor 0"),

@@ -167,7 +167,10 @@ def name_effectors(document: Document) -> Document:
     data: Any = document.data
     try:
         content: Any = read_document(document.resolve(data["vehicle"])).data
-        parts = (content.get("effectors", {}), EFFECTORS), (content.get("propulsion", {}).get("engines", {}), ENGINES)
+        parts = (
+            (content.get("effectors", {}), EFFECTORS),
+            ((content.get("propulsion") or {}).get("engines", {}), ENGINES),
+        )
         places = {name: place for names, there in parts for name, place in zip(names, there, strict=False)}
     except (InputError, KeyError, TypeError, AttributeError):
         return document  # the models refuse it

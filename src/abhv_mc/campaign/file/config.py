@@ -23,7 +23,13 @@ _LARGEST_BATCH = 2**20
 def _none_for(word: str, most: int | None = None) -> Any:
     """In the file a word in place of the number, in the model None."""
     written = Literal[word] | Annotated[int, Field(ge=1, le=most)]  # type: ignore[valid-type]
-    return BeforeValidator(lambda value: None if value == word else value, json_schema_input_type=written)
+
+    def read(value: Any) -> Any:
+        if value is None:
+            raise Refusal("nothing", f"'{word}' or a whole number")
+        return None if value == word else value
+
+    return BeforeValidator(read, json_schema_input_type=written)
 
 
 Workers = Annotated[Annotated[int, Field(ge=1, le=MOST_WORKERS)] | None, _none_for("auto", MOST_WORKERS)]

@@ -33,7 +33,8 @@ Channels = Annotated[
 
 def _flights(value: tuple[int | str, ...]) -> tuple[int | str, ...]:
     for i, item in enumerate(value):
-        if not re.fullmatch(r"failed|all|none|(worst|every) +0*[1-9][0-9]*|[0-9]+", str(item)):
+        number = isinstance(item, int) and item >= 0
+        if not number and not re.fullmatch(r"failed|all|none|(worst|every) +0*[1-9][0-9]*", str(item)):
             where = (i,) if len(value) > 1 else ()
             raise Refusal(describe(item), "all, none, failed, 'worst 20', 'every 100' or a flight's number", where)
     return value

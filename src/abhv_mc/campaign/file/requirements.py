@@ -50,6 +50,8 @@ def _read_table(path: Path) -> Document:
     for column, head in enumerate(heads, 1):
         if head not in _COLUMNS:
             raise InputError(path, f"the column '{head}'", one_of(_COLUMNS, head), 1, column)
+    if "metric" not in heads:
+        raise InputError(path, "no column 'metric'", one_of(_COLUMNS), 1, 1)
     entries: list[Any] = []
     places: dict[tuple[str | int, ...], tuple[int, int]] = {(): (1, 1)}
     for cells in reader:

@@ -255,7 +255,7 @@ def _read(parameter: Parameter, value: Value, *keys: str | int, of_nominal: bool
 
 def _shares(weights: tuple[float, ...] | None, number: int) -> Floats:
     """Weights whose sum is 1, all alike where none are given."""
-    found = np.array(weights or [1.0] * number)
+    found = np.array([1.0] * number if weights is None else weights)
     if len(found) != number:
         raise Refusal(f"{len(found)} weights", f"{number}, one for each", ("weights",))
     return found / found.sum()
