@@ -79,8 +79,10 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
     def leaf(at: Node) -> str:
         text, kind = at.text, at.attributes.get("type") if at.children else None
         if kind == "rational":
-            over, under = map(at.number, (*text.split(), "", "")[:2])
-            return f"({number(over / under)})"
+            parts = [at.number(part) for part in text.split()]
+            if len(parts) != 2 or parts[1] == 0.0:
+                raise at.refuse(f"'{' / '.join(text.split())}'", "a numerator and a denominator that is not 0")
+            return f"({number(parts[0] / parts[1])})"
         if at.children:
             text = ("e" if kind == "e-notation" else "").join(text.split())
         return f"({number(at.number(text))})"

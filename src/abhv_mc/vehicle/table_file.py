@@ -158,7 +158,8 @@ def read_table(path: Path, columns: Mapping[str, Role], effectors: Sequence[str]
     places = [i for i, _ in roles.values()]
     values, *points = rows.numbers([value, *places]).T
     for (i, role), numbers, factor in zip(roles.values(), points, factors, strict=True):
-        _check_plausible(rows, i, role, numbers, factor, rows.header[i] in columns)
+        said = rows.header[i] in columns and columns[rows.header[i]].unit is not None
+        _check_plausible(rows, i, role, numbers, factor, said)
     grids = _grid(rows, places, np.stack(points, axis=1))
     axes = tuple(
         Axis(VARIABLES.index(_variable(name, effectors)), grid * factor)
