@@ -63,7 +63,7 @@ def fly(
 
     ``record_every``: what is recorded, or control ticks between samples of every channel; ``keep_states`` adds the
     whole state. A flight depends on its row and the plan alone, not on ``lanes`` or other rows. ``start``: flights of
-    :func:`fly_until` that go on, with NaN before it. Raises ValueError for an array of the wrong type or shape.
+    ``fly_until`` that go on, with NaN before it. Raises ValueError for an array of the wrong type or shape.
     """
     recording = recording_of(record_every, plan)
     if must_fly_elsewhere(plan):
