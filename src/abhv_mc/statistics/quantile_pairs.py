@@ -6,6 +6,8 @@ controllers go together as far as the same flights are beyond both quantiles: th
 scores with the correlation of 'beyond or not', and the interval holds the middle of the differences.
 """
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtr, bdtrik, ndtri
@@ -18,11 +20,29 @@ _PER_TAIL = 50  # draws beyond an end of an interval, at least
 _CAUTION = 1.0  # flights by which the overlap of two tails is taken to be smaller than it was seen
 
 
+@lru_cache(maxsize=16)
+def _scores(draws: int) -> tuple[Floats, Floats]:
+    """Two independent sets of standard normal scores; the same ones every time."""
+    draw = np.random.default_rng(SEED)
+    return draw.standard_normal(draws), draw.standard_normal(draws)
+
+
+@lru_cache(maxsize=64)
+def _places(flights: int, probability: float) -> tuple[int, Floats]:
+    """First count of flights below the quantile that matters, and normal scores up to which there are no more."""
+    low, high = (int(np.ceil(bdtrik(tail, flights, probability))) for tail in (1e-9, 1.0 - 1e-9))
+    return low, np.asarray(ndtri(bdtr(np.arange(low, high + 1), flights, probability)), dtype=np.float64)
+
+
 def _counts(scores: Floats, flights: int, probability: float) -> NDArray[np.intp]:
     """Counts of flights below the quantile that belong to normal scores."""
-    low, high = (int(np.ceil(bdtrik(tail, flights, probability))) for tail in (1e-9, 1.0 - 1e-9))
-    up_to = ndtri(bdtr(np.arange(low, high + 1), flights, probability))  # scores with no more than so many
-    return np.minimum(low + np.searchsorted(up_to, scores), flights)
+    first, places = _places(flights, probability)
+    return np.minimum(first + np.searchsorted(places, scores), flights)
+
+
+@lru_cache(maxsize=16)
+def _first_counts(flights: int, probability: float, draws: int) -> NDArray[np.intp]:
+    return _counts(_scores(draws)[0], flights, probability)
 
 
 def _together(a: Floats, b: Floats, high_a: float, high_b: float, probability: float) -> float:
@@ -54,7 +74,7 @@ def quantile_differences(
     padded_a, padded_b = (np.concatenate([[-np.inf], one, [np.inf]]) for one in (sorted_a, sorted_b))
     tail = (1.0 - confidence) / 2.0
     draws = int(np.clip(_PER_TAIL / tail, _FEWEST_DRAWS, _MOST_DRAWS))
-    one, other = np.random.default_rng(SEED).standard_normal((2, draws))
+    one, other = _scores(draws)
     intervals = []
     for probability in probabilities:
         high_a, high_b = sorted_quantile(sorted_a, probability), sorted_quantile(sorted_b, probability)
@@ -62,7 +82,7 @@ def quantile_differences(
             intervals.append(Interval(np.nan, np.nan, np.nan))
             continue
         shared = _together(a, b, high_a, high_b, probability)
-        below_a = _counts(one, a.size, probability)
+        below_a = _first_counts(a.size, probability, draws)
         below_b = _counts(shared * one + np.sqrt(1.0 - shared**2) * other, a.size, probability)
         low = _minus(padded_a[below_a], padded_b[below_b + 1])
         high = _minus(padded_a[below_a + 1], padded_b[below_b])
