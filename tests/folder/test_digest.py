@@ -7,49 +7,34 @@ from abhv_mc.folder.digest import Digest, digest_rows
 PINNED = "9ded2633bb5c1b63ebc72da123c64739e0929e640e665c1945754b5a797da0b3"
 FLIGHTS = np.arange(50)
 OUTCOME = tuple("ok" if i % 7 else "sideslip_limit" for i in range(50))
+COLUMNS = dict(zip("bac", np.random.default_rng(0).normal(size=(3, 50)), strict=True))
 
 
-def columns():
-    random = np.random.default_rng(0)
-    return {name: random.normal(size=50) for name in ("b", "a", "c")}
+def digest(rows=slice(None), controller="tlc", flights=FLIGHTS, outcome=OUTCOME, columns=COLUMNS):
+    ends = tuple(np.array(outcome)[rows].tolist())
+    return digest_rows(controller, flights[rows], ends, {name: value[rows] for name, value in columns.items()})
 
 
-def digest(rows=slice(None), **changes):
-    values = {**columns(), **changes}
-    outcome = tuple(np.array(OUTCOME)[rows].tolist())
-    return digest_rows("tlc", FLIGHTS[rows], outcome, {name: value[rows] for name, value in values.items()})
-
-
-def test_parts_add_up_in_any_order():
+def test_neither_the_order_of_rows_nor_that_of_columns_counts_and_not_a_number_has_one_pattern():
     parts = [digest(slice(a, b)) for a, b in ((30, 50), (0, 1), (1, 30))]
-    assert sum(parts, Digest()) == digest()
-
-
-def test_column_order_does_not_matter():
-    reordered = dict(sorted(columns().items()))
-    assert digest_rows("tlc", FLIGHTS, OUTCOME, reordered) == digest()
+    assert sum(parts, Digest()) == digest() == digest(columns=dict(sorted(COLUMNS.items())))
+    assert digest(outcome=("failed_to_run", *OUTCOME[1:])) == digest(slice(1, None))
+    signs = [COLUMNS | {"a": np.where(FLIGHTS == 3, sign * np.nan, COLUMNS["a"])} for sign in (1, -1)]
+    assert digest(columns=signs[0]) == digest(columns=signs[1])
 
 
 def test_every_bit_counts():
-    values = columns()["a"].copy()
+    values = COLUMNS["a"].copy()
     values[17] = np.nextafter(values[17], 9.0)
-    assert digest(a=values) != digest()
-    assert digest_rows("lqr", FLIGHTS, OUTCOME, columns()) != digest()
-    assert digest_rows("tlc", FLIGHTS + 1, OUTCOME, columns()) != digest()
-    assert digest_rows("tlc", FLIGHTS, ("ok",) * 50, columns()) != digest()
-    renamed = {"z" if name == "c" else name: value for name, value in columns().items()}
-    assert digest_rows("tlc", FLIGHTS, OUTCOME, renamed) != digest()
-    swapped = {**columns(), "a": columns()["b"], "b": columns()["a"]}
-    assert digest_rows("tlc", FLIGHTS, OUTCOME, swapped) != digest()
-
-
-def test_failed_to_run_is_left_out_and_nan_has_one_pattern():
-    outcome = ("failed_to_run", *OUTCOME[1:])
-    assert digest_rows("tlc", FLIGHTS, outcome, columns()) == digest(slice(1, None))
-    one, two = columns()["a"], columns()["a"]
-    one[3] = np.nan
-    two[3] = -np.nan
-    assert digest(a=one) == digest(a=two)
+    changes = (
+        {"columns": COLUMNS | {"a": values}},
+        {"controller": "lqr"},
+        {"flights": FLIGHTS + 1},
+        {"outcome": ("ok",) * 50},
+        {"columns": {"z" if name == "c" else name: value for name, value in COLUMNS.items()}},
+        {"columns": COLUMNS | {"a": COLUMNS["b"], "b": COLUMNS["a"]}},
+    )
+    assert len({digest(), *(digest(**change) for change in changes)}) == 7
 
 
 def test_pinned():

@@ -1,5 +1,7 @@
-"""What is read of a flown folder: the flights of each controller, samples, histories."""
+"""What is read of a flown folder, to the last bit: the flights of each controller, samples, histories."""
 
+import sys
+import threading
 from dataclasses import replace
 
 import numpy as np
@@ -10,13 +12,16 @@ from report.synthetic import CONTROLLERS, write_campaign
 
 from abhv_mc.bounds import Bounds
 from abhv_mc.flight.metrics import METRICS
+from abhv_mc.folder import file_columns, samples
 from abhv_mc.folder.controller_flights import read_flights
+from abhv_mc.folder.file_columns import SpooledColumns
 from abhv_mc.folder.flown_campaign import read_flown, read_histories
 from abhv_mc.folder.manifest import read_manifest, write_manifest
+from abhv_mc.folder.samples import SampleReader, write_samples
 from abhv_mc.io.documents import InputError
 
 
-def test_a_folder_reads_as_arrays(failing):
+def test_a_folder_reads_as_arrays(failing, failing_folder):
     assert failing.controllers == CONTROLLERS
     assert len(failing.metrics) == len(METRICS)
     assert failing.flights["lqr"].flight.tolist() == list(range(100))
@@ -27,12 +32,8 @@ def test_a_folder_reads_as_arrays(failing):
     requirement = failing.campaign.requirements[0]
     assert (requirement.limits, requirement.controllers) == (Bounds(high=50.0), ("tlc",))
     assert requirement.early_is_failure
-
-
-def test_histories_are_those_kept(failing_folder):
     kept = read_histories(failing_folder, "lqr")
-    assert len(kept) == 20
-    assert all(len(history["time"]) == 601 for history in kept.values())
+    assert len(kept) == 20 and all(len(history["time"]) == 601 for history in kept.values())
 
 
 def test_a_shard_is_no_campaign_yet(tmp_path):
@@ -43,18 +44,24 @@ def test_a_shard_is_no_campaign_yet(tmp_path):
         read_flown(folder)
 
 
-def write_flights(path, flight, controller, outcome=None, **columns):
+def write_flights(path, flight, controller, outcome=None):
     table = {"flight": flight, "controller": controller, "outcome": outcome or ["ok"] * len(flight)}
     values = {"aero.lift": np.ones(len(flight)), "a_m": np.asarray(flight, float), "end_time_s": np.ones(len(flight))}
-    pq.write_table(pa.table(table | values | columns), path)
+    pq.write_table(pa.table(table | values), path)
 
 
-def test_flights_ascend_whatever_the_order_of_their_blocks(tmp_path):
+def test_computed_flights_ascend_whatever_the_order_of_their_blocks(tmp_path):
+    with pytest.raises(InputError):
+        read_flights(tmp_path)
+    write_flights(tmp_path / "0.parquet", [0], ["z"], ["failed_to_run"])
+    with pytest.raises(InputError):
+        read_flights(tmp_path)
     write_flights(tmp_path / "1.parquet", [4, 2, 3], ["x", "x", "y"])
-    write_flights(tmp_path / "2.parquet", [1, 3, 5], ["x", "x", "y"], ["ok", "altitude_limit", "ok"])
+    ends = ["ok", "failed_to_run", "altitude_limit", "ok"]
+    write_flights(tmp_path / "2.parquet", [1, 0, 3, 5], ["x", "x", "x", "y"], ends)
     found = read_flights(tmp_path)
     assert list(found) == ["x", "y"]
-    assert found["x"].flight.tolist() == [1, 2, 3, 4]
+    assert found["x"].flight.tolist() == [1, 2, 3, 4] and found["x"].not_computed == 1
     assert found["x"].metrics["a_m"].tolist() == [1.0, 2.0, 3.0, 4.0]
     assert found["x"].failed.tolist() == [False, False, True, False]
     assert found["x"].count_outcomes() == {"altitude_limit": 1, "ok": 3}
@@ -62,17 +69,49 @@ def test_flights_ascend_whatever_the_order_of_their_blocks(tmp_path):
     assert list(found["x"].metrics) == ["a_m", "end_time_s"]  # no samples
 
 
-def test_only_computed_flights_have_metrics(tmp_path):
-    write_flights(tmp_path / "1.parquet", [0, 1, 2], ["x"] * 3, ["ok", "failed_to_run", "sideslip_limit"])
-    write_flights(tmp_path / "2.parquet", [0], ["y"], ["failed_to_run"])
-    (flights,) = read_flights(tmp_path).values()
-    assert flights.flight.tolist() == [0, 2] and flights.not_computed == 1
-    assert flights.metrics["a_m"].tolist() == [0.0, 2.0]
+@pytest.mark.parametrize("held", [1 << 20, 1000])  # in memory, and in a temporary file
+def test_a_spooled_column_comes_back_to_the_last_bit_and_in_the_order_asked_for(monkeypatch, held):
+    monkeypatch.setattr(file_columns, "_HELD", held)
+    monkeypatch.setattr(file_columns, "_CHUNK", 100)
+    table = np.random.default_rng(1).normal(size=(3, 457))
+    table[1, 5], table[2, 6] = np.nan, -np.inf
+    spooled = SpooledColumns(["a", "b", "c"])
+    start = 0
+    for rows in (1, 99, 0, 150, 7, 200):
+        spooled.append(table[:, start : start + rows])
+        start += rows
+        np.testing.assert_array_equal(spooled["b"], table[1, :start])
+    assert spooled._file._rolled == (held == 1000)
+    order = np.random.default_rng(2).permutation(457)
+    spooled.put_in_order(order)
+    for name, column in zip("abc", table, strict=True):
+        np.testing.assert_array_equal(spooled[name], column[order])
+    assert list(spooled) == ["a", "b", "c"] and "d" not in spooled
 
 
-@pytest.mark.parametrize("outcome", [["failed_to_run"], None])
-def test_a_folder_without_a_computed_flight_is_bad_input(tmp_path, outcome):
-    if outcome:
-        write_flights(tmp_path / "1.parquet", [0], ["x"], outcome)
-    with pytest.raises(InputError):
-        read_flights(tmp_path)
+def test_threads_in_different_groups_of_samples_get_their_own_rows(tmp_path, monkeypatch):
+    """Blocks take off in one thread and land in another, at a group's edge in two groups."""
+    monkeypatch.setattr(samples, "ROW_GROUP", 64)
+
+    def draw(first, stop):
+        return np.arange(first, stop)[:, None] + np.array([0.0, 0.25])
+
+    write_samples(tmp_path / "samples.parquet", ("aero.lift", "aero.drag"), 1000, draw, {})
+    reader, wrong = SampleReader(tmp_path / "samples.parquet"), []
+    for first, stop in [(0, 1000), (999, 1000), (5, 5)]:
+        np.testing.assert_array_equal(reader.rows(first, stop), draw(first, stop))
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+
+    def read(first):
+        for _ in range(3000):
+            if not np.array_equal(reader.rows(first, first + 16), draw(first, first + 16)):
+                wrong.append(first)
+
+    threads = [threading.Thread(target=read, args=(first,)) for first in (48, 64, 512, 0)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    sys.setswitchinterval(interval)
+    assert not wrong

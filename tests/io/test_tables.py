@@ -56,33 +56,21 @@ def test_numbers_that_do_not_rise_are_found_in_the_file(tmp_path):
 NUMBERS = [np.array([1.5, np.nan, -0.0]), np.arange(4), np.array([1.5, 2.5], np.float32), np.empty(0), np.eye(3)[:, 1]]
 
 
-@pytest.mark.parametrize(
-    "column",
-    [
-        pa.chunked_array([[1.5, float("nan")], [float("inf"), -0.0]]),
-        pa.chunked_array([pa.array([3, 4, 5], pa.int64())]),
-        pa.chunked_array([pa.array([1.5, None], pa.float64()), [2.0]]),
-        pa.chunked_array([], pa.float64()),
-        pa.chunked_array([pa.array([0.0, 1.0, 2.0, 3.0]).slice(1, 2)]),
-    ],
-    ids=["chunks", "integers", "nulls", "empty", "part"],
-)
-def test_the_numbers(column):
-    found = column_values(column)
-    assert found.dtype == column.to_numpy().dtype
-    assert np.array_equal(found, column.to_numpy(), equal_nan=found.dtype == np.float64)
-
-
 @pytest.mark.parametrize("values", NUMBERS, ids=["floats", "integers", "singles", "empty", "strided"])
-def test_a_column_of_numbers(values):
+def test_numbers_become_a_column_and_come_back(values):
     column = number_column(values)
     column.validate(full=True)
     assert column.type == pa.array(values).type
-    assert np.array_equal(column.to_numpy(), values, equal_nan=True)
+    for chunks in ([], [column], [column, column.slice(1, 1)]):
+        chunked = pa.chunked_array(chunks, column.type)
+        found = column_values(chunked)
+        assert found.dtype == values.dtype
+        assert np.array_equal(found, chunked.to_numpy(), equal_nan=values.dtype.kind == "f")
+    assert np.array_equal(column_values(pa.chunked_array([pa.array([1.5, None]), [2.0]])), [1.5, np.nan, 2.0], True)
 
 
 @pytest.mark.parametrize("texts", [["ok", "", "ground", "ok"], ["größer", "α"], []])
-def test_a_column_of_texts(texts):
+def test_texts_become_a_column_and_come_back(texts):
     column = text_column(texts)
     column.validate(full=True)
     assert column.equals(pa.array(texts, pa.string()))
@@ -90,15 +78,15 @@ def test_a_column_of_texts(texts):
     assert [names[i] for i in which] == texts and names == sorted(set(texts))
 
 
-def test_none_of_them_imports_pandas():
+def test_no_column_imports_pandas():
     code = """
 import sys, numpy as np, pyarrow as pa
 from abhv_mc.io.parquet_columns import *
 table = pa.table([number_column(np.arange(3.0)), text_column(["a", "b", "a"])], names=["x", "name"])
 column_values(table["x"]), distinct_texts(table["name"])
-print("pandas" in sys.modules)
+assert "pandas" not in sys.modules
 """
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_whole_or_not_at_all(tmp_path):

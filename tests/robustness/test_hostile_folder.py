@@ -1,7 +1,7 @@
 """A campaign's folder made to harm its reader: it runs no code, and what it says steers no terminal.
 
 Whoever writes such a folder writes its hashes too: all of them are right here. See also tests/execution/test_user_code
-(laws of others), tests/folder/test_plans (arrays for compiled code) and tests/folder/test_remote (names that lead out).
+(laws of others), tests/folder/test_remote (names that lead out).
 """
 
 import os
