@@ -3,7 +3,7 @@
 import pytest
 from fake_flight import write_campaign
 from report.synthetic import write_campaign as write_flown
-from search.line_flight import METRIC
+from search.known_flights import METRIC
 
 import abhv_mc
 from abhv_mc.io.documents import InputError

@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 from fake_flight import ENGINE, write_campaign
-from search.line_flight import LINE, write_line
+from search.known_flights import LINE, write_line
 
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.api import compare

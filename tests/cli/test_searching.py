@@ -6,8 +6,7 @@ import shlex
 from pathlib import Path
 
 import pytest
-from search.line_flight import LINE, METRIC, fly_line, write_line
-from search.tuned_flight import ENGINE, write_tuned
+from search.known_flights import LINE, METRIC, TUNED, fly_line, write_line, write_tuned
 
 
 @pytest.fixture(autouse=True)
@@ -66,7 +65,7 @@ def test_rare_gives_an_estimate_or_refuses_with_exit_code_1(abhv_mc, campaign):
 
 def test_tune_writes_the_file_and_a_page_or_says_why_not(abhv_mc, tmp_path, monkeypatch):
     """Interrupted before its page was whole, the new file was there, with which the same command was refused."""
-    monkeypatch.setattr("abhv_mc.search.tune.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc.search.tune.make_engine", lambda: TUNED)
     words = ("tune", write_tuned(tmp_path).campaign, "--tune", "block.yaml")
 
     def stop(*_):

@@ -15,8 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 from fake_flight import DENSITY, ENGINE, fly, fly_slowly, make_plan, run, write_campaign
 from own_simulators import DIVE_CHANNELS, DIVE_HISTORY, dive_campaign
-from search import tuned_flight
-from search.line_flight import LINE, METRIC, write_line
+from search.known_flights import LINE, METRIC, TUNED, write_line, write_tuned
 
 from abhv_mc.cli.errors import ExitCode, exit_code_of
 from abhv_mc.execution.cluster import connect_cluster
@@ -222,10 +221,10 @@ def test_searches_find_the_same_on_a_cluster(tmp_path, two_workers):
             for i, where in enumerate((None, address))
         )
         assert here == there
-    request = tuned_flight.write_tuned(tmp_path)
-    here = tune_controller(request, tuned_flight.ENGINE).as_json()
+    request = write_tuned(tmp_path)
+    here = tune_controller(request, TUNED).as_json()
     elsewhere = replace(request, out=tmp_path / "there.yaml", scheduler=address)
-    assert tune_controller(elsewhere, tuned_flight.ENGINE).as_json() == here
+    assert tune_controller(elsewhere, TUNED).as_json() == here
 
 
 def test_a_users_simulator_flies_on_a_cluster(two_workers, tmp_path, monkeypatch):

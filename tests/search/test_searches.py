@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from fake_flight import ENGINE, LIFT, LOST_BELOW, interrupted_after, prepare, write_campaign
 from scipy import stats
-from search.line_flight import LIMIT, LINE, METRIC, fly_line, write_line
+from search.known_flights import LIMIT, LINE, METRIC, fly_line, write_line
+from search.methods.known_probabilities import paraboloid
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.flight.outcome import Outcome
@@ -13,18 +14,10 @@ from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc.search.methods.rare import choose_chains
-from abhv_mc.search.methods.strata import estimate_switched
-from abhv_mc.search.methods.subset import SubsetPlan
-from abhv_mc.search.methods.worst import search_worst
 from abhv_mc.search.rare import RareSettings, find_rare
 from abhv_mc.search.search_flights import SearchRequest
-from abhv_mc.search.severity import FAILS_ABOVE
-from abhv_mc.search.space import make_space
 from abhv_mc.search.worst import WorstSettings, find_worst, find_worst_margins
-from abhv_mc.simulators.corner_margins import make_corners
 from abhv_mc.simulators.engine import Engine
-from abhv_mc.simulators.margin_plans import trim_margins
 
 
 @pytest.fixture
@@ -48,21 +41,15 @@ def test_an_interrupted_search_goes_on_to_the_same_for_any_number_of_workers(tmp
     assert again.numbers() == whole.numbers()
     assert read_manifest(cut / "manifest.json").digest == read_manifest(tmp_path / "whole/manifest.json").digest
     assert read_manifest(cut / "manifest.json").state == "complete"
-
-
-def test_a_complete_search_flies_nothing_again(tmp_path, line):
-    settings = RareSettings(METRIC, flights=8000)
-    request = SearchRequest(line, tmp_path / "out", workers=1)
-    first = find_rare(request, settings, LINE)
     flown = []
 
     def fly_counted(plan, parameters, record_every=None):
         flown.append(len(parameters))
         return fly_line(plan, parameters, record_every)
 
-    again = find_rare(request, settings, Engine(prepare, fly_counted, "line"))
-    assert again.numbers() == first.numbers()
-    assert sum(flown) <= 4  # the nominal flight and the worst, for their histories
+    once_more = find(SearchRequest(line, cut, workers=1), settings, Engine(prepare, fly_counted, "line"))
+    assert once_more.numbers() == whole.numbers()
+    assert sum(flown) <= 4  # of what is complete the nominal flight and the worst, for their histories
 
 
 def test_early_ends_count_as_failures_where_the_requirement_says_so(tmp_path):
@@ -188,19 +175,7 @@ def test_a_hidden_corner_is_found_and_what_is_off_the_middle_is_named(repository
     assert gain.moved[0] == "atmosphere.density" and "aero.lift" in gain.moved
 
 
-@pytest.mark.thorough
-def test_what_is_found_is_no_greater_than_at_any_corner(repository):
-    campaign = read_campaign(repository / "campaigns/s_manoeuvre.yaml")
-    (margins,) = trim_margins(campaign, ["tlc"]).values()
-    corners, faults = margins(make_corners(campaign))
-    assert not any(faults)
-    found = find_worst_margins(campaign, ["tlc"])
-    for k, one in enumerate(found):
-        assert one.found <= corners[:, k].min() + 1e-6
-        assert one.nominal == pytest.approx(corners[0, k], rel=1e-6)
-
-
-def test_searches_of_a_users_simulator_find_what_the_algorithms_find_on_its_function(tmp_path, monkeypatch):
+def test_searches_of_a_users_simulator_find_what_is_known_of_its_function(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     source = "def fly(inputs, settings):\n    return {'miss': inputs['a'] + 0.5 * inputs['b'] * inputs['b']}\n"
     (tmp_path / "paraboloid.py").write_text(source)
@@ -216,19 +191,8 @@ def test_searches_of_a_users_simulator_find_what_the_algorithms_find_on_its_func
     }
     path = tmp_path / "paraboloid.yaml"
     path.write_text(json.dumps(content))
-    space, flights = make_space(read_campaign(path)), 8000
-    bounds = space.bounds(3.0)
-
-    def miss(values):
-        return values[:, 0] + 0.5 * values[:, 1] * values[:, 1]
-
-    expected = search_worst(lambda points: miss(space.from_box(points, bounds)), 2, 400, 3)
-    found = find_worst(SearchRequest(path, tmp_path / "worst"), WorstSettings("miss", flights=400)).case
-    assert np.array_equal(found.points, expected.points) and np.array_equal(found.place, expected.place)
-
-    plan = SubsetPlan(2, FAILS_ABOVE, 3, choose_chains(flights))
-    severity = lambda points, on: miss(space.from_normal(points, on)) - 7.0  # noqa: E731
-    expected, _ = estimate_switched(severity, np.array([]), plan, 0.2, flights)
-    found = find_rare(SearchRequest(path, tmp_path / "rare"), RareSettings("miss", 0.2, flights)).estimate
-    assert found.refusal is None and found.flights == expected.flights
-    assert (found.probability, found.low, found.high) == (expected.probability, expected.low, expected.high)
+    worst = find_worst(SearchRequest(path, tmp_path / "worst"), WorstSettings("miss", flights=400)).numbers()
+    assert worst["value"] == pytest.approx(3.0 + 0.5 * 9.0)
+    assert worst["parameters"]["a"] == pytest.approx(3.0) and abs(worst["parameters"]["b"]) == pytest.approx(3.0)
+    found = find_rare(SearchRequest(path, tmp_path / "rare"), RareSettings("miss", 0.2, 8000)).estimate
+    assert found.refusal is None and found.low <= paraboloid(2, 7.0, 0.5).probability <= found.high

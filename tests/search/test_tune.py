@@ -3,8 +3,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fake_flight import LIFT, write_campaign
-from search.tuned_flight import BLOCK, CONTROLLER, ENGINE, fly, prepare, write_tuned
+from fake_flight import LIFT, interrupted_after, write_campaign
+from search.known_flights import BLOCK, CONTROLLER, TUNED, fly_tuned, prepare_tuned, write_tuned
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.control.controller_file import read_controller
@@ -25,7 +25,7 @@ def request_(tmp_path):
 def tuned(tmp_path_factory):
     """A tuning that nothing disturbed: its request and what it found."""
     request = write_tuned(tmp_path_factory.mktemp("tuned"))
-    return request, tune_controller(request, ENGINE)
+    return request, tune_controller(request, TUNED)
 
 
 def test_finds_the_best_numbers_within_the_limit_and_writes_them(tuned):
@@ -42,23 +42,12 @@ def test_finds_the_best_numbers_within_the_limit_and_writes_them(tuned):
 
 
 def test_goes_on_where_it_was_interrupted_with_the_same_result(request_, tmp_path, tuned):
-    calls = 0
-
-    def fly_until(plan, parameters, record_every=None):
-        nonlocal calls
-        calls += 1
-        if calls > 60:
-            raise KeyboardInterrupt
-        return fly(plan, parameters, record_every)
-
     with pytest.raises(KeyboardInterrupt):
-        tune_controller(request_, Engine(prepare, fly_until, "tuned"))
+        tune_controller(request_, interrupted_after(60, TUNED))
     assert not request_.out.exists()
     stored = len(list((tmp_path / "new.tuning").glob("*.npy")))
     assert stored >= 50
-    calls = -10_000
-    found = tune_controller(replace(request_, workers=2), Engine(prepare, fly_until, "tuned"))
-    assert 10_000 + calls <= 113 - stored + 10
+    found = tune_controller(replace(request_, workers=2), interrupted_after(113 - stored + 10, TUNED))
     assert found.as_json() == tuned[1].as_json()
 
 
@@ -72,9 +61,12 @@ def test_a_file_that_is_edited_meanwhile_changes_nothing(request_, tmp_path, tun
         calls += 1
         if calls == 40:
             file.write_text(f"{file.read_text()}# edited\n")
-        return fly(plan, parameters, record_every)
+        return fly_tuned(plan, parameters, record_every)
 
-    assert tune_controller(replace(request_, workers=1), Engine(prepare, edit, "tuned")).as_json() == tuned[1].as_json()
+    assert (
+        tune_controller(replace(request_, workers=1), Engine(prepare_tuned, edit, "tuned")).as_json()
+        == tuned[1].as_json()
+    )
     assert calls > 40
 
 
@@ -92,7 +84,7 @@ def test_what_is_kept_and_damaged_is_flown_again(tuned, tmp_path):
     for i, other in enumerate([np.zeros((2, 2)), np.zeros(0), np.array([["a"]]), np.zeros((64, 3), np.int64)]):
         write_array(kept[-3 - i], other)  # whole, but nothing that tuning writes
     request.out.unlink()
-    assert tune_controller(request, ENGINE).as_json() == found.as_json()
+    assert tune_controller(request, TUNED).as_json() == found.as_json()
 
 
 def test_what_is_no_better_is_not_written(request_, tmp_path):
@@ -100,7 +92,7 @@ def test_what_is_no_better_is_not_written(request_, tmp_path):
     (tmp_path / "files/one.yaml").write_text(
         CONTROLLER.replace("damping: 2.4, bandwidth: 0.03", "damping: 3.0, bandwidth: 0.06"), encoding="utf-8"
     )
-    found = tune_controller(request_, ENGINE)
+    found = tune_controller(request_, TUNED)
     assert not found.shown
     assert not request_.out.exists()
 
@@ -121,7 +113,7 @@ def test_a_stability_margin_is_a_limit_of_the_nominal_vehicle_or_of_all_corners(
     for vehicles, vehicle_count, wanted in (("", 1, 0.05), (", vehicles: corners", 3, 0.02)):
         request_.block.write_text(start + text % vehicles, encoding="utf-8")
         out = request_.out.with_name(f"new{vehicle_count}.yaml")
-        found = tune_controller(TuneRequest(request_.campaign, out, block=request_.block, workers=2), ENGINE)
+        found = tune_controller(TuneRequest(request_.campaign, out, block=request_.block, workers=2), TUNED)
         assert set(seen) == {(vehicle_count, ("trim", 1.0))}
         seen.clear()
         assert read_controller(found.numbers.document.path).altitude.bandwidth == 0.03
@@ -136,9 +128,9 @@ def test_numbers_that_make_no_controller_are_passed_over(request_):
     def prepare_some(vehicle, mission, controller, name):
         if read_controller(controller).altitude.damping > 3.5:
             raise InputError(controller, "too much", "less")
-        return prepare(vehicle, mission, controller, name)
+        return prepare_tuned(vehicle, mission, controller, name)
 
-    assert tune_controller(request_, Engine(prepare_some, fly, "some")).shown
+    assert tune_controller(request_, Engine(prepare_some, fly_tuned, "some")).shown
 
 
 def test_the_block_may_stand_in_the_campaign_or_below_its_key(request_, tmp_path):
@@ -171,7 +163,7 @@ def test_the_block_may_stand_in_the_campaign_or_below_its_key(request_, tmp_path
 def test_a_block_that_is_wrong_is_refused_with_its_place(request_, old, new, match):
     request_.block.write_text(BLOCK.replace(old, new), encoding="utf-8")
     with pytest.raises(InputError, match=match):
-        tune_controller(request_, ENGINE)
+        tune_controller(request_, TUNED)
     assert not request_.out.exists()
     assert not request_.out.with_suffix(".tuning").exists()
 
@@ -182,7 +174,7 @@ def test_a_block_that_is_wrong_is_refused_with_its_place(request_, old, new, mat
 def test_a_name_that_is_taken_is_refused(request_, tmp_path, name, found):
     """The candidates' folder was in the result's way when all was flown, and the page was written over the result."""
     with pytest.raises(InputError, match=found):
-        tune_controller(replace(request_, out=tmp_path / name), ENGINE)
+        tune_controller(replace(request_, out=tmp_path / name), TUNED)
     assert not list(tmp_path.glob("new.*")) and request_.block.read_text(encoding="utf-8") == BLOCK
 
 

@@ -8,7 +8,6 @@ from scipy.stats import rankdata
 from abhv_mc.campaign.sampling.marginals import ContinuousMarginal
 from abhv_mc.statistics.drivers import rank_drivers
 from abhv_mc.statistics.failure_drivers import bin_inputs, find_rules, hypergeometric_tail
-from abhv_mc.statistics.failure_rules import Condition, Rule, sharpen
 from abhv_mc.statistics.ranks import average_ranks, false_discovery
 
 IDLE, FLIGHTS = 30, 400
@@ -174,39 +173,26 @@ def test_thresholds_of_discrete_inputs_keep_equal_values_together():
     assert (best.failures_inside, best.others_inside) == (best.failures, 0)
 
 
-def test_an_input_that_is_infinite_in_some_flights_has_rules_but_no_differences():
+@pytest.mark.parametrize("above", [False, True])
+def test_an_input_that_is_infinite_in_some_flights_has_rules_but_no_differences(above):
     inputs = _inputs(3)
     inputs[::2, 0] = np.inf  # a failure that never comes
-    failed = (inputs[:, 0] < 0.5) & (np.arange(len(inputs)) % 3 > 0)
+    failed = (np.isinf(inputs[:, 0]) if above else inputs[:, 0] < 0.5) & (np.arange(len(inputs)) % 3 > 0)
     rules = find_rules(bin_inputs(inputs.T), failed, lambda k: inputs[:, k])
-    assert rules[0].conditions[0].input == 0 and not rules[0].conditions[0].above
+    best = rules[0].conditions[0]
+    assert best.input == 0 and best.above == above and np.isfinite(best.threshold)
     assert all(condition.minus is None for rule in rules for condition in rule.conditions)
 
 
-@pytest.mark.parametrize(("above", "threshold"), [(False, 5.0), (True, 30.0)])
-def test_a_threshold_beside_infinite_values_is_finite(above, threshold):
-    early = np.linspace(1.0, 5.0, 40) + (25.0 if above else 0.0)  # of the failure, which most flights never have
-    values = np.concatenate([early, np.full(60, np.inf)])
-    failed = np.isinf(values) if above else np.isfinite(values)
-    rule = Rule((Condition(0, above, early[-3]),), 20, int(failed.sum()), 0, int((~failed).sum()), 0.0, 0.0)
-    (condition,) = sharpen(rule, failed, lambda _: values).conditions
-    assert condition.threshold == threshold
-
-
-def test_ranks_and_discoveries_are_those_of_scipy():
+def test_ranks_discoveries_and_tails_are_those_of_scipy():
     draw = np.random.default_rng(1)
     values = draw.integers(0, 40, (300, 4)).astype(float)  # with ties
     assert np.array_equal(average_ranks(values), stats.rankdata(values, axis=0))
     assert np.array_equal(average_ranks(values[:, 0]), stats.rankdata(values[:, 0]))
     p_values = draw.uniform(size=200) ** 4
     np.testing.assert_allclose(false_discovery(p_values), stats.false_discovery_control(p_values), rtol=1e-14)
-
-
-@pytest.mark.parametrize("table", [(3, 1000, 40, 100), (0, 50, 5, 5), (40, 100_000, 60, 9000), (5, 20, 5, 5)])
-def test_hypergeometric_tail(table):
-    bad, flights, failures, inside = table
-    wanted = stats.hypergeom.sf(bad - 1, flights, failures, inside)
-    assert hypergeometric_tail(*table) == pytest.approx(wanted, rel=1e-8)
+    for bad, *table in ((3, 1000, 40, 100), (0, 50, 5, 5), (40, 100_000, 60, 9000), (5, 20, 5, 5)):
+        assert hypergeometric_tail(bad, *table) == pytest.approx(stats.hypergeom.sf(bad - 1, *table), rel=1e-8)
 
 
 @pytest.mark.parametrize(("law", "arguments"), [("uniform", (-0.3, 1.7)), ("norm", (0.2, 3.1))])

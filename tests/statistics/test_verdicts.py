@@ -1,4 +1,4 @@
-"""The rule for verdicts: its published thresholds, its limits of error, its words; and the e-values that it takes."""
+"""The rule for verdicts: its published thresholds and limits of error, families of them, and what a plan can show."""
 
 import numpy as np
 import pytest
@@ -12,6 +12,8 @@ from abhv_mc.statistics.evidence import (
     log_pass_evidence,
     most_failures,
 )
+from abhv_mc.statistics.family import hold_family, holm, judge_family
+from abhv_mc.statistics.flights_planned import ever_chance, pass_chance, together
 from abhv_mc.statistics.verdicts import advise, tolerance_limit
 from benchmarks import verdict_errors
 
@@ -29,20 +31,22 @@ def test_worked_thresholds():
         assert [judge(failures, flights + more, *AT).status for more in (0, 1)] == ["FAIL", "NOT SHOWN"]
 
 
-def test_one_failure_shows_nothing_and_no_flight_neither():
-    assert judge(1, 1, *AT).status == "NOT SHOWN" and judge(0, 0, *AT).status == "NOT SHOWN"
-    assert judge(0, 0, *AT).E_pass == pytest.approx(1.0)
-
-
-def test_the_producers_risk_is_its_own():
-    assert judge(10, 1318, 0.9973, 0.10, producer_risk=0.05).status == "NOT SHOWN"
-    assert judge(10, 1400, 0.9973, 0.10, producer_risk=0.20).status == "FAIL"
-
-
-def test_flights_that_were_not_computed_pass_as_failures_and_fail_as_successes():
-    assert judge(0, 1000, *AT, uncomputed=148).status == "NOT SHOWN"
-    assert judge(0, 2300, *AT, uncomputed=1).status == "PASS"
-    assert judge(10, 1000, *AT, uncomputed=1).status == "FAIL" and judge(9, 1318, *AT, uncomputed=1).status != "FAIL"
+@pytest.mark.parametrize(
+    ("failures", "flights", "options", "status"),
+    [
+        (0, 0, {}, "NOT SHOWN"),
+        (1, 1, {}, "NOT SHOWN"),  # fewer than two failures are no FAIL
+        (10, 1318, {"producer_risk": 0.05}, "NOT SHOWN"),
+        (10, 1400, {"producer_risk": 0.20}, "FAIL"),
+        # Flights that were not computed are failures for a PASS, successes for a FAIL.
+        (0, 1000, {"uncomputed": 148}, "NOT SHOWN"),
+        (0, 2300, {"uncomputed": 1}, "PASS"),
+        (10, 1000, {"uncomputed": 1}, "FAIL"),
+        (9, 1318, {"uncomputed": 1}, "NOT SHOWN"),
+    ],
+)
+def test_what_the_counts_show(failures, flights, options, status):
+    assert judge(failures, flights, *AT, **options).status == status
 
 
 def test_the_advice_passes_and_says_how_likely():
@@ -125,3 +129,64 @@ def test_evidence_is_the_integral(failures, flights, probability):
         missed -= mp.log(4 * (allowed**-quarter - 1))
         assert log_pass_evidence(failures, flights, probability) == pytest.approx(float(met), abs=1e-7)
         assert log_fail_evidence(failures, flights, probability) == pytest.approx(float(missed), abs=1e-7)
+
+
+def test_holm_passes_more_than_bonferroni():
+    good, last = judge(0, 200, 0.9, 0.10), judge(10, 230, 0.9, 0.10)
+    assert 0.1 / 9 < last.p_value <= 0.1
+    assert [verdict.status for verdict in hold_family([good] * 8 + [last], 0.10)] == ["PASS"] * 9
+    dropped = hold_family([judge(20, 200, 0.9, 0.10)] * 8 + [last], 0.10)[-1]
+    assert dropped.status == "NOT SHOWN" and "PASS alone" in dropped.note
+
+
+def test_holm_is_the_published_procedure():
+    # Holm 1979: sorted p-values against risk/m, risk/(m-1), ...; the first that fails stops all after it.
+    assert holm([0.01, 0.04, 0.03, 0.005], 0.05) == [True, False, False, True]
+    assert holm([0.04, 0.04], 0.05) == [False, False]
+    assert holm([], 0.05) == []
+
+
+def test_fail_stays_and_dependent_flights_get_no_verdict():
+    failed = judge(100, 200, 0.9, 0.10)
+    assert hold_family([failed, failed], 0.01) == [failed, failed]
+    passed = [[judge(0, 5000, 0.9, 0.10)]]
+    assert judge_family(passed, family_risk=0.01)[0][0].status == "PASS"
+    assert judge_family(passed, independent=False, family_risk=0.01)[0][0].status == "ESTIMATE"
+
+
+@pytest.mark.parametrize(
+    ("rate", "status", "runs", "ever", "at"),
+    [
+        (0.2, "PASS", 1000, 0.589, None),
+        (0.2, "PASS", 4000, 0.90, 0.82),
+        (1 / 3, "PASS", 4000, 0.69, 0.51),
+        (0.5, "PASS", 4000, 0.42, 0.21),
+        (2.0, "FAIL", 4000, 0.64, None),
+        (1.0, "PASS", 100_000, 0.096, None),
+        (1.0, "FAIL", 100_000, 0.043, None),
+    ],
+)
+def test_powers_of_the_specification(rate, status, runs, ever, at):
+    rates = np.array([rate * 0.0027])
+    assert ever_chance(runs, *AT, rates, status)[0] == pytest.approx(ever, abs=0.01)
+    if at is not None:
+        assert pass_chance(runs, *AT, rates)[0] == pytest.approx(at, abs=0.01)
+
+
+def test_chances_are_those_of_flown_campaigns():
+    draw = np.random.default_rng(81)
+    failures = np.cumsum(draw.random((4000, 1500)) < 0.002, axis=1)
+    needed = np.array([flights_to_pass(k, 0.99, 0.10) for k in range(30)])
+    reached = [any(row[n - 1] <= k for k, n in enumerate(needed) if n <= 1500) for row in failures]
+    rates = np.array([0.002])
+    assert ever_chance(1500, 0.99, 0.10, rates)[0] == pytest.approx(np.mean(reached), abs=0.02)
+    at = failures[:, -1] <= np.sum(needed <= 1500) - 1
+    assert pass_chance(1500, 0.99, 0.10, rates)[0] == pytest.approx(np.mean(at), abs=0.02)
+    assert pass_chance(400, 0.9999, 0.10, rates).tolist() == ever_chance(400, 0.9999, 0.10, rates).tolist() == [0.0]
+
+
+def test_all_together_lies_between_the_bounds():
+    one, other = np.array([0.9, 0.3]), np.array([0.8, 0.2])
+    low, high = together([one, other])
+    assert low == pytest.approx([0.7, 0.0]) and high == pytest.approx([0.8, 0.2])
+    assert np.all(low <= one * other) and np.all(one * other <= high)

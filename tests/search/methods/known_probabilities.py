@@ -5,20 +5,22 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import integrate, optimize, special, stats
+from scipy import integrate, special, stats
 
 
 @dataclass(frozen=True)
-class SwitchedCase:
-    """A severity of points and switches [switch] that come with ``rates``, and P(severity > 0)."""
+class Case:
+    """A severity, its dimension, and P(severity > threshold)."""
 
     name: str
-    rates: np.ndarray
-    severity: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    dimension: int
+    severity: Callable[..., np.ndarray]  # of points, and of switches where there are any
+    threshold: float
     probability: float
+    rates: np.ndarray | None = None  # of switches
 
 
-def switched(number: int, rate: float, limit: float, step: float = 0.0, fatal: int = 99) -> SwitchedCase:
+def switched(number: int, rate: float, limit: float, step: float = 0.0, fatal: int = 99) -> Case:
     """u1 above a limit that each switch lowers by ``step``; ``fatal`` switches together always fail."""
 
     def severity(u: np.ndarray, on: np.ndarray) -> np.ndarray:
@@ -28,10 +30,10 @@ def switched(number: int, rate: float, limit: float, step: float = 0.0, fatal: i
     shares = stats.binom.pmf(np.arange(number + 1), number, rate)  # of so many switches that are on
     fails = [1.0 if k >= fatal else stats.norm.sf(limit - step * k) for k in range(number + 1)]
     name = f"switches {number} of {rate:g}, fatal {fatal}"
-    return SwitchedCase(name, np.full(number, rate), severity, float(shares @ fails))
+    return Case(name, 1, severity, 0.0, float(shares @ fails), np.full(number, rate))
 
 
-def switched_cases() -> list[SwitchedCase]:
+def switched_cases() -> list[Case]:
     """One that is fatal beside 8.5e-5, rare and rarer; two; eight; two that only fail together; a stratum of many."""
     return [
         switched(1, 2e-4, 3.76, fatal=1),
@@ -43,33 +45,23 @@ def switched_cases() -> list[SwitchedCase]:
     ]
 
 
-@dataclass(frozen=True)
-class Case:
-    """A severity, its dimension, and P(severity > threshold)."""
-
-    name: str
-    dimension: int
-    severity: Callable[[np.ndarray], np.ndarray]
-    threshold: float
-    probability: float
+def _any_of(number: int, each: float) -> float:
+    """Chance that one at least of so many independent events happens."""
+    return float(-np.expm1(number * np.log1p(-each)))
 
 
 def linear(dimension: int, beta: float) -> Case:
-    return Case(
-        f"linear {dimension}", dimension, lambda u: u.sum(axis=1) / np.sqrt(dimension), beta, stats.norm.sf(beta)
-    )
+    probability = stats.norm.sf(beta)
+    return Case(f"linear {dimension}", dimension, lambda u: u.sum(axis=1) / np.sqrt(dimension), beta, probability)
 
 
 def paraboloid(dimension: int, beta: float, curvature: float = 0.15) -> Case:
     """u1 plus ``curvature`` times the other coordinates' squares: towards the origin, below zero away from it."""
-
-    def severity(u: np.ndarray) -> np.ndarray:
-        return u[:, 0] + curvature * (u[:, 1:] ** 2).sum(axis=1)
-
     law = stats.chi2(dimension - 1)
     value, _ = integrate.quad(
         lambda s: law.pdf(s) * stats.norm.sf(beta - curvature * s), 0.0, law.isf(1e-16), limit=500, epsabs=1e-14
     )
+    severity = lambda u: u[:, 0] + curvature * (u[:, 1:] ** 2).sum(axis=1)  # noqa: E731
     return Case(f"quadratic {dimension}", dimension, severity, beta, value)
 
 
@@ -79,55 +71,33 @@ def ball(dimension: int, probability: float) -> Case:
     return Case(f"ball {dimension}", dimension, lambda u: (u**2).sum(axis=1), threshold, probability)
 
 
-def _branches(u: np.ndarray) -> np.ndarray:
-    a, b = u[..., 0], u[..., 1]
-    bowl = 0.1 * (a - b) ** 2
-    apart = np.abs(a - b) - 7.0 / np.sqrt(2.0)
-    return np.maximum(-(bowl - np.abs(a + b) / np.sqrt(2.0)), apart)
-
-
 def four_branch(threshold: float) -> Case:
-    """Schueremans & Van Gemert's series system of four branches, in its two dimensions."""
+    """Schueremans & Van Gemert's series system of four branches: two bent ones across x, two straight ones across y."""
 
-    def inner(angle: float) -> float:
-        """P(fail) along a ray, from the radii at which it begins and ends to fail."""
-        direction = np.array([np.cos(angle), np.sin(angle)])
-        radii = np.linspace(0.0, 12.0, 2401)
-        excess = _branches(radii[:, None] * direction) - threshold
-        crossings = np.flatnonzero(np.diff(np.sign(excess)))
-        total, sign = 0.0, 1.0
-        for i in crossings:
-            root = optimize.brentq(lambda r: _branches(r * direction) - threshold, radii[i], radii[i + 1])
-            total += sign * np.exp(-0.5 * root**2)
-            sign = -sign
-        return total
+    def severity(u: np.ndarray) -> np.ndarray:
+        x, y = (u[:, 0] + u[:, 1]) / np.sqrt(2.0), (u[:, 0] - u[:, 1]) / np.sqrt(2.0)  # standard normal, too
+        return np.maximum(np.abs(x) - 0.2 * y**2, np.sqrt(2.0) * np.abs(y) - 7.0 / np.sqrt(2.0))
 
-    angles = np.linspace(0.0, 2.0 * np.pi, 2000, endpoint=False)
-    return Case("four-branch 2", 2, _branches, threshold, float(np.mean([inner(angle) for angle in angles])))
+    end = threshold / np.sqrt(2.0) + 3.5
+    between, _ = integrate.quad(
+        lambda y: stats.norm.pdf(y) * stats.norm.sf(threshold + 0.2 * y**2), -end, end, epsabs=1e-14
+    )
+    return Case("four-branch 2", 2, severity, threshold, float(2.0 * (between + stats.norm.sf(end))))
 
 
 def onion(dimension: int, threshold: float, ripple: float = 0.3, width: float = 0.7) -> Case:
     """Rings: the severity rises with the radius in waves, so that the failures are shells with gaps between."""
-
-    def of_radius(r: np.ndarray) -> np.ndarray:
-        return r + ripple * np.sin(2.0 * np.pi * r / width)
-
-    law = stats.chi(dimension)
-    radii = np.linspace(0.0, law.isf(1e-20) + 5.0, 20001)
-    excess = of_radius(radii) - threshold
-    roots = [
-        optimize.brentq(lambda r: of_radius(r) - threshold, radii[i], radii[i + 1])
-        for i in np.flatnonzero(np.diff(np.sign(excess)))
-    ]
-    probability = sum(sign * law.sf(root) for root, sign in zip(roots, np.resize([1.0, -1.0], len(roots)), strict=True))
-    return Case(
-        f"onion {dimension}", dimension, lambda u: of_radius(np.sqrt((u**2).sum(axis=1))), threshold, float(probability)
-    )
+    of_radius = lambda r: r + ripple * np.sin(2.0 * np.pi * r / width)  # noqa: E731
+    radii = np.linspace(0.0, 40.0, 2_000_001)
+    inside = of_radius(0.5 * (radii[1:] + radii[:-1])) > threshold
+    probability = -np.diff(stats.chi(dimension).sf(radii))[inside].sum()
+    severity = lambda u: of_radius(np.sqrt((u**2).sum(axis=1)))  # noqa: E731
+    return Case(f"onion {dimension}", dimension, severity, threshold, float(probability))
 
 
 def series(dimension: int, parts: int, beta: float) -> Case:
     """One of ``parts`` independent components fails."""
-    probability = float(-np.expm1(parts * np.log1p(-stats.norm.sf(beta))))
+    probability = _any_of(parts, stats.norm.sf(beta))
     return Case(f"series {dimension}", dimension, lambda u: u[:, :parts].max(axis=1), beta, probability)
 
 
@@ -141,71 +111,34 @@ def parallel(dimension: int, parts: int, beta: float) -> Case:
     return Case(f"parallel {dimension}", dimension, severity, beta, float(stats.norm.sf(beta) ** parts))
 
 
-def uniform_sum(dimension: int, probability: float) -> Case:
-    """The sum of uniform laws, as a campaign disperses factors: a corner of the box fails (Irwin-Hall)."""
-    short = (probability * math.factorial(dimension)) ** (1.0 / dimension)
-    assert short <= 1.0
-    name = f"uniform sum {dimension}"
-    return Case(name, dimension, lambda u: stats.norm.cdf(u).sum(axis=1), dimension - short, probability)
-
-
-def exponential_sum(dimension: int, probability: float) -> Case:
-    """The sum of exponential laws."""
-    name, threshold = f"exponential sum {dimension}", stats.gamma(dimension).isf(probability)
-    return Case(name, dimension, lambda u: -stats.norm.logsf(u).sum(axis=1), threshold, probability)
-
-
-def product(dimension: int, threshold: float) -> Case:
-    """|u1 u2|: four places far apart; the other coordinates do nothing."""
-    value, _ = integrate.quad(lambda z: special.k0(z) / np.pi, threshold, threshold + 60.0, epsabs=1e-16)
-    return Case(f"product {dimension}", dimension, lambda u: np.abs(u[:, 0] * u[:, 1]), threshold, float(2.0 * value))
-
-
-def two_balls(dimension: int, probability: float) -> Case:
-    """Outside of a ball in one half of the coordinates and in the other, too."""
-    half = dimension // 2
-
-    def severity(u: np.ndarray) -> np.ndarray:
-        return np.minimum((u[:, :half] ** 2).sum(axis=1), (u[:, half:] ** 2).sum(axis=1))
-
-    return Case(f"two balls {dimension}", dimension, severity, stats.chi2.isf(np.sqrt(probability), half), probability)
-
-
-def two_sided(dimension: int, beta: float) -> Case:
-    """One of the coordinates is far from zero on either side."""
-    probability = float(-np.expm1(dimension * np.log1p(-2.0 * stats.norm.sf(beta))))
-    return Case(f"two-sided {dimension}", dimension, lambda u: np.abs(u).max(axis=1), beta, probability)
-
-
 def masked(dimension: int) -> Case:
     """A branch that fails at 4.5 sigma, along which severity rises early, and a steep one that fails at 4.0."""
-
-    def severity(u: np.ndarray) -> np.ndarray:
-        return np.maximum(u[:, 0] - 4.5, 6.0 * (u[:, 1] - 4.0))
-
+    severity = lambda u: np.maximum(u[:, 0] - 4.5, 6.0 * (u[:, 1] - 4.0))  # noqa: E731
     probability = -np.expm1(np.log1p(-stats.norm.sf(4.5)) + np.log1p(-stats.norm.sf(4.0)))
     return Case(f"masked {dimension}", dimension, severity, 0.0, float(probability))
 
 
 def corner(dimension: int) -> Case:
     """Three coordinates above 1.6 together, of which severity gives no warning, beside a gradual branch of 1.3e-5."""
-
-    def severity(u: np.ndarray) -> np.ndarray:
-        return np.where((u[:, 1:4] > 1.6).all(axis=1), 1.0, u[:, 0] - 4.2)
-
+    severity = lambda u: np.where((u[:, 1:4] > 1.6).all(axis=1), 1.0, u[:, 0] - 4.2)  # noqa: E731
     steep, gradual = stats.norm.sf(1.6) ** 3, stats.norm.sf(4.2)
     return Case(f"corner {dimension}", dimension, severity, 0.0, float(steep + gradual - steep * gradual))
 
 
 def held_out_cases() -> list[Case]:
     """Cases on which nothing of the method was chosen: other shapes, other dimensions."""
+    # A corner of the box of uniform factors fails (Irwin-Hall).
+    uniform = lambda u: stats.norm.cdf(u).sum(axis=1)  # noqa: E731
+    corners = [(n, p, n - (p * math.factorial(n)) ** (1.0 / n)) for n, p in ((3, 1e-4), (6, 1e-5))]
+    # |u1 u2|: four places far apart; the other coordinates do nothing.
+    product, _ = integrate.quad(lambda z: special.k0(z) / np.pi, 8.0, 68.0, epsabs=1e-16)
+    two_balls = lambda u: np.minimum((u[:, :4] ** 2).sum(axis=1), (u[:, 4:] ** 2).sum(axis=1))  # noqa: E731
     return [
-        uniform_sum(3, 1e-4),
-        uniform_sum(6, 1e-5),
-        exponential_sum(8, 1e-6),
-        product(7, 8.0),
-        two_balls(8, 1e-5),
-        two_sided(20, 4.0),
+        *(Case(f"uniform sum {n}", n, uniform, limit, p) for n, p, limit in corners),
+        Case("exponential sum 8", 8, lambda u: -stats.norm.logsf(u).sum(axis=1), stats.gamma(8).isf(1e-6), 1e-6),
+        Case("product 7", 7, lambda u: np.abs(u[:, 0] * u[:, 1]), 8.0, float(2.0 * product)),
+        Case("two balls 8", 8, two_balls, stats.chi2.isf(np.sqrt(1e-5), 4), 1e-5),
+        Case("two-sided 20", 20, lambda u: np.abs(u).max(axis=1), 4.0, _any_of(20, 2.0 * stats.norm.sf(4.0))),
     ]
 
 

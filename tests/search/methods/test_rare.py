@@ -1,3 +1,5 @@
+"""Subset simulation, and the estimates made of it, on probabilities that are known."""
+
 import numpy as np
 import openturns as ot
 import pytest
@@ -5,9 +7,9 @@ from scipy.stats import norm
 from search.methods import known_probabilities as known
 
 from abhv_mc.search.methods.rare import estimate_rare
-from abhv_mc.search.methods.second_opinion import choose_mixture, find_failures, sample_importance
+from abhv_mc.search.methods.second_opinion import find_failures, sample_importance
 from abhv_mc.search.methods.strata import MOST_COMBINATIONS, estimate_switched, list_combinations
-from abhv_mc.search.methods.subset import SubsetPlan
+from abhv_mc.search.methods.subset import SubsetPlan, run_subset
 
 SEEDS = 3
 
@@ -103,16 +105,6 @@ def test_importance_sampling_of_two_places():
     assert again.cov < 0.1
 
 
-def test_a_mixture_has_the_places_that_the_points_have():
-    draw = np.random.default_rng(1)
-    points = draw.standard_normal((600, 2)) * 0.3 + np.where(draw.random(600) < 0.5, 4.0, -4.0)[:, None]
-    mixture = choose_mixture(points, 0)
-    assert len(mixture.weights) == 2
-    np.testing.assert_allclose(np.sort(mixture.means[:, 0]), [-4.0, 4.0], atol=0.1)
-    drawn = mixture.draw(1000, np.random.default_rng(2))
-    assert np.abs(np.abs(drawn) - 4.0).max() < 3.0
-
-
 @pytest.mark.parametrize("dimension", [2, 5, 10])
 def test_both_branches_are_found(dimension):
     case = known.masked(dimension)
@@ -138,10 +130,6 @@ def test_beyond_dimension_10_plain_flights_bound_what_fails_without_warning():
         assert flights == 640 * len(found.repetitions) and found.unwarned_high > case.probability
         if not failures:
             assert found.unwarned_high == pytest.approx(1.0 - 0.05 ** (1.0 / flights))
-
-
-def test_where_nothing_fails_far_out_nothing_is_found():
-    assert len(find_failures(lambda points: np.zeros(len(points)), 3, 1.0, 1e-5, 1)) == 0
 
 
 @pytest.mark.parametrize("case", known.switched_cases(), ids=lambda case: case.name)
@@ -174,3 +162,42 @@ def test_combinations_come_by_weight():
     listed = list_combinations(np.array([0.1, 0.4]))
     assert [on for on, _ in listed] == [(), (1,), (0,), (0, 1)]
     assert [weight for _, weight in listed] == pytest.approx([0.54, 0.36, 0.06, 0.04])
+
+
+def first(points):
+    return points[:, 0]
+
+
+def test_the_same_whatever_runs_beside_it():
+    plan = SubsetPlan(3, 3.0, 7)
+    together = run_subset(first, plan, range(4), 100_000)
+    alone = run_subset(first, plan, range(2, 3), 100_000)[0]
+    np.testing.assert_array_equal(together[2].points, alone.points)
+    assert together[2].levels == alone.levels
+
+
+def test_batches_fill_lanes_and_flights_are_counted():
+    sizes = []
+
+    def counted(points):
+        sizes.append(len(points))
+        return points[:, 0]
+
+    repetitions = run_subset(counted, SubsetPlan(3, 4.0, 1), range(4), 100_000)
+    assert all(size % 32 == 0 for size in sizes)
+    assert sum(sizes) == sum(one.flights for one in repetitions)
+
+
+def test_flights_that_do_not_suffice_drop_the_last_repetitions():
+    plan = SubsetPlan(2, 4.5, 0)
+    kept = run_subset(first, plan, range(6), 6 * 640 + 6 * 4 * 576 + 3 * 576)
+    assert [one.number for one in kept] == list(range(len(kept)))
+    assert 0 < len(kept) < 6
+    full = run_subset(first, plan, range(6), 10**6)
+    assert [one.probability for one in kept] == [one.probability for one in full[: len(kept)]]
+
+
+def test_where_too_few_would_be_left_all_end_as_cut_short():
+    kept = run_subset(first, SubsetPlan(2, 4.5, 0), range(6), 6 * 640 + 6 * 2 * 576 + 3 * 576, fewest=4)
+    assert len(kept) == 4
+    assert all(one.cut_short and not one.reached for one in kept)

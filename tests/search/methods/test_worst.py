@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from abhv_mc.search.methods.polish import find_top
 from abhv_mc.search.methods.worst import search_worst
 
 
@@ -107,12 +106,3 @@ def test_sensitivity_about_the_worst():
     assert found.sensitivity[0, 0] == pytest.approx(-0.3)
     assert np.isnan(found.sensitivity[0, 1])
     np.testing.assert_allclose(found.sensitivity[1], -0.01, atol=1e-3)
-
-
-@pytest.mark.parametrize("dimension", [1, 2, 6])
-def test_finds_the_top_of_a_quadratic_from_afar(dimension):
-    value, top = bowl(dimension)
-    points = np.random.default_rng(0).uniform(-1.0, 1.0, (200, dimension))
-    np.testing.assert_allclose(find_top(points, value(points), np.full(dimension, 0.8), 2.0), top, atol=0.01)
-    found = find_top(points, points @ np.full(dimension, -2.0), np.full(dimension, -0.9), 0.3)
-    np.testing.assert_allclose(found, np.full(dimension, -1.0))  # within the box

@@ -1,16 +1,44 @@
-"""Flights of a controller whose best numbers are known, and a campaign that tunes it."""
+"""Flights whose metrics are known functions, and campaigns of them: every probability and optimum is known."""
 
 from pathlib import Path
 
 import numpy as np
-from fake_flight import LIFT, make_plan, write_campaign
+from fake_flight import DENSITY, LIFT, make_plan, prepare, record, write_campaign
 
 from abhv_mc.control.controller_file import read_controller
+from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.metrics import METRIC_INDEX, METRICS
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.flight.plan import FlightBlock, recording_of
 from abhv_mc.search.tune import TuneRequest
 from abhv_mc.simulators.engine import Engine
+
+METRIC = "altitude_error_max_m"
+
+
+def fly_line(plan, parameters, record_every=None):
+    """A metric that is the lift's normal number: the probability of each limit is known."""
+    lift = (parameters[:, LIFT] - 1.0) / 0.05
+    metrics = np.tile(lift[:, None], (1, len(plan.metrics)))
+    metrics[:, len(METRICS) - 1] = parameters[:, DENSITY]  # so that the trials see it matter
+    ticks = plan.timing.ticks + 1
+    history = (
+        np.zeros((len(lift), ticks, len(CHANNELS)), np.float32) + parameters[:, [DENSITY]].astype(np.float32)[:, None]
+    )
+    ended = np.full(len(lift), int(Outcome.OK)), np.full(len(lift), 2.0)
+    return record(FlightBlock(*ended, metrics, history, np.arange(ticks) * 0.1), recording_of(record_every, plan))
+
+
+LINE = Engine(prepare, fly_line, "line")
+LIMIT = "[{metric: altitude_error_max_m, below: 4.0, probability: 0.9}]"
+
+
+def write_line(folder, **entries):
+    dispersions = (
+        "{aero.lift: {distribution: normal, sigma: 5 %}, atmosphere.density: {distribution: uniform, half_width: 2 %}}"
+    )
+    return write_campaign(folder, **{"requirements": LIMIT, "dispersions": dispersions, **entries})
+
 
 ERROR, TRAVEL = METRIC_INDEX["altitude_error_rms_m"], METRIC_INDEX["elevator_travel_deg"]
 CONTROLLER = (Path(__file__).parents[2] / "configs/control/tlc.yaml").read_text(encoding="utf-8")
@@ -24,14 +52,14 @@ validation: 200
 """
 
 
-def prepare(vehicle, mission, controller, name):
+def prepare_tuned(vehicle, mission, controller, name):
     law = read_controller(controller)
     plan = make_plan(name)
     plan.gains[0, :2] = law.altitude.damping, law.altitude.bandwidth
     return plan
 
 
-def fly(plan, parameters, record_every=None):
+def fly_tuned(plan, parameters, record_every=None):
     """Least error at a damping of 3 and a bandwidth of 0.06; the travel grows with the bandwidth."""
     damping, bandwidth = plan.gains[0, :2]
     lift = (parameters[:, LIFT] - 1.0) / 0.05
@@ -42,7 +70,7 @@ def fly(plan, parameters, record_every=None):
     return FlightBlock(outcome, np.full(len(lift), 2.0), metrics, np.empty((len(lift), 0, 0), np.float32), np.empty(0))
 
 
-ENGINE = Engine(prepare, fly, "tuned")
+TUNED = Engine(prepare_tuned, fly_tuned, "tuned")
 
 
 def write_tuned(folder):
