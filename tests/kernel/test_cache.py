@@ -47,60 +47,41 @@ def test_what_changes_the_code_changes_its_folder(monkeypatch, tmp_path):
     assert cache.source_hash() != before
 
 
-def enter_beside(enter, waits):
-    """What a second thread and then this one, which came first, have said; ``waits``: the second is to."""
-    said = []
+def enter_beside(folder):
+    """What a second thread and then this one, which came first, say: it goes on when the second is inside or waits."""
+    said, seen = [], threading.Event()
+
+    @contextlib.contextmanager
+    def waiting():
+        said.append("waits")
+        seen.set()
+        yield
 
     def second():
-        with enter():
+        with cache.one_compiles(folder, "fly", waiting):
             said.append("second")
+            seen.set()
 
-    with enter():
+    with cache.one_compiles(folder, "fly", waiting):
         thread = threading.Thread(target=second)
         thread.start()
-        thread.join(0.05 if waits else 60.0)
+        assert seen.wait(60.0)
         said.append("first")
     thread.join()
     return said
 
 
-def test_only_who_has_to_compile_waits(tmp_path):
-    def enter():
-        return cache.one_compiles(str(tmp_path), "fly")
-
+def test_only_who_has_to_compile_waits_and_says_so(tmp_path):
     (tmp_path / "lanes.fly_on-7.py311.nbi").touch()  # other kernels
     (tmp_path / "lanes._fly-7.py311.nbi").touch()
-    assert enter_beside(enter, waits=True) == ["first", "second"]
+    assert enter_beside(tmp_path) == ["waits", "first", "second"]
     kept = tmp_path / "lanes.fly-7.py311.nbi"
-    with enter():
+    with cache.one_compiles(str(tmp_path), "fly"):
         kept.write_text("machine code")
-    assert enter_beside(enter, waits=False) == ["second", "first"] and kept.exists()
+    assert enter_beside(tmp_path) == ["second", "first"] and kept.exists()
     kept.write_text("nachine code")
-    assert enter_beside(enter, waits=True) == ["first", "second"] and not kept.exists()
+    assert enter_beside(tmp_path) == ["waits", "first", "second"] and not kept.exists()
     assert (tmp_path / "lanes._fly-7.py311.nbi").exists()
-
-
-def test_waiting_for_another_process_is_said(tmp_path):
-    said, inside = [], threading.Event()
-
-    @contextlib.contextmanager
-    def waiting():
-        said.append("waits")
-        inside.set()
-        yield
-        said.append("goes on")
-
-    def second():
-        with cache.one_compiles(tmp_path, "fly", waiting):
-            said.append("compiles")
-
-    with cache.one_compiles(tmp_path, "fly", waiting):
-        thread = threading.Thread(target=second)
-        thread.start()
-        assert inside.wait(60.0)
-        said.append("done")
-    thread.join()
-    assert said == ["waits", "done", "goes on", "compiles"]
 
 
 class Features(dict):

@@ -101,12 +101,6 @@ def test_exp_and_log_of_special_values(x: float) -> None:
         assert repr(compiled(x)) == repr(getattr(compiled, "py_func", compiled)(x))
 
 
-def test_sine_of_zero_and_out_of_range() -> None:
-    assert lane_math.sincos(0.0) == lane_math.sincos(-0.0) == (0.0, 1.0)
-    for x in (math.inf, -math.inf, math.nan, 1.1e6, 1e300):
-        assert all(math.isnan(value) for value in lane_math.sincos(x))
-
-
 @pytest.mark.parametrize("y", [0.0, -0.0, 1.0, -1.0, 1e-300, math.inf, -math.inf])
 @pytest.mark.parametrize("x", [0.0, -0.0, 1.0, -1.0, -1e-300, math.inf, -math.inf])
 def test_atan2_quadrants_and_signed_zeros(y: float, x: float) -> None:
@@ -118,12 +112,13 @@ def test_atan2_quadrants_and_signed_zeros(y: float, x: float) -> None:
         assert math.copysign(1.0, angle) == math.copysign(1.0, math.atan2(y, x))
 
 
-def test_arc_functions_at_and_beyond_one() -> None:
+def test_sine_and_arcs_at_and_beyond_the_ends_of_their_domains() -> None:
+    assert lane_math.sincos(0.0) == lane_math.sincos(-0.0) == (0.0, 1.0)
+    for x in (math.inf, -math.inf, math.nan, 1.1e6, 1e300):
+        assert all(math.isnan(value) for value in lane_math.sincos(x))
     above = math.nextafter(1.0, 2.0)
-    assert lane_math.asin(above) == lane_math.asin(1.0) == math.pi / 2
-    assert lane_math.asin(-above) == -math.pi / 2
-    assert lane_math.acos(above) == lane_math.acos(1.0) == 0.0
-    assert lane_math.acos(-above) == math.pi
+    assert [lane_math.asin(x) for x in (-above, 1.0, above)] == [-math.pi / 2, math.pi / 2, math.pi / 2]
+    assert [lane_math.acos(x) for x in (-above, 1.0, above)] == [math.pi, 0.0, 0.0]
     assert math.isnan(lane_math.asin(math.nan))
 
 
@@ -138,27 +133,9 @@ def test_shallow_angles_are_two_angles_bit_for_bit(points: tuple[float, float, f
 
 
 def test_coefficients_are_the_fits() -> None:
-    fit = runpy.run_path(str(Path(__file__).parents[2] / "reference" / "fit_lane_math.py"))["fit"]()
+    fit = runpy.run_path(str(Path(__file__).parents[1] / "reference" / "fit_lane_math.py"))["fit"]()
     for name, values in fit.items():
         assert vars(lane_math).get(name, vars(lane_math).get(f"_{name}")) == values
-
-
-def _lane_loop(function: Callable[..., float]) -> Callable[[np.ndarray, np.ndarray], None]:
-    @numba.njit(error_model="numpy")
-    def kernel(x: np.ndarray, y: np.ndarray) -> None:
-        width = x.shape[1]
-        inputs = np.empty((2, width))
-        outputs = np.empty(width)
-        first, second = inputs[0], inputs[1]
-        for lane in range(width):
-            first[lane] = x[0, lane]
-            second[lane] = x[1, lane]
-        for lane in range(width):
-            outputs[lane] = function(first[lane], second[lane])
-        for lane in range(width):
-            y[lane] = outputs[lane]
-
-    return kernel
 
 
 @numba.njit(forceinline=True, error_model="numpy")
@@ -167,13 +144,23 @@ def _everything(x: float, y: float) -> float:
     return lane_math.atan2(sine, cosine) + lane_math.power(y, x) + lane_math.asin(sine) + lane_math.tan(y)
 
 
+@numba.njit(error_model="numpy")
+def _lane_loop(x: np.ndarray, y: np.ndarray) -> None:
+    inputs = np.empty((2, 64))  # blocks of the kernel's own: they overlap with nothing
+    outputs = np.empty(64)
+    inputs[:] = x
+    first, second = inputs[0], inputs[1]
+    for lane in range(64):
+        outputs[lane] = _everything(first[lane], second[lane])
+    y[:] = outputs
+
+
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 def test_a_loop_over_lanes_becomes_simd_and_keeps_the_bits() -> None:
     x = np.random.default_rng(7).uniform(0.1, 1.5, (2, 64))
     y = np.empty(64)
-    kernel = _lane_loop(_everything)
-    kernel(x, y)
-    (code,) = kernel.inspect_llvm().values()  # type: ignore[attr-defined]
+    _lane_loop(x, y)
+    (code,) = _lane_loop.inspect_llvm().values()
     assert len(re.findall(r"fmul <\d+ x double>", code)) > 50
     assert len(re.findall(r"fdiv <\d+ x double>", code)) >= 4
     assert y.tolist() == [_everything(*map(float, column)) for column in x.T]
