@@ -1,4 +1,4 @@
-"""The standard atmosphere, the Earth's gravity and turbulence: published numbers, and the equations they are made of."""
+"""The standard atmosphere, gravity and turbulence: published numbers, and the equations that they are made of."""
 
 import math
 
