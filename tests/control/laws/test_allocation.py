@@ -119,7 +119,7 @@ def look_at(vehicle: Vehicle, point: dict[str, Floats]) -> tuple[Floats, Floats,
 
 @pytest.mark.parametrize("off_axis", [False, True])
 @pytest.mark.parametrize("name", ["ghame_x_coupled", "winged_cone"])
-def test_moment_and_effectiveness_are_the_design_models(name: str, off_axis: bool) -> None:
+def test_moment_effectiveness_and_side_force_slope_are_the_design_models(name: str, off_axis: bool) -> None:
     vehicle = load(name, off_axis=off_axis)
     point = draw_points(vehicle, (4.1, 14.5))
     moments, slopes, _ = look_at(vehicle, point)
@@ -136,13 +136,8 @@ def test_moment_and_effectiveness_are_the_design_models(name: str, off_axis: boo
         )
         assert slopes[:, :, lane] == pytest.approx(jacobian, rel=1e-9, abs=1e-9 * np.abs(jacobian).max())
 
-
-@pytest.mark.parametrize("off_axis", [False, True])
-@pytest.mark.parametrize("name", ["ghame_x_coupled", "winged_cone"])
-def test_side_force_slope_is_the_design_models(name: str, off_axis: bool) -> None:
-    vehicle = load(name, off_axis=off_axis)
-    point = draw_points(vehicle, (4.1, 14.5)) | {"sideslip": np.zeros(N), "equivalence_ratio": np.zeros(N)}
-    point |= {"aileron": np.zeros(N), "rudder": np.zeros(N)}
+    # The slope of the side force without sideslip, thrust, aileron and rudder.
+    point |= dict.fromkeys(("sideslip", "equivalence_ratio", "aileron", "rudder"), np.zeros(N))
     _, _, side = look_at(vehicle, point)
 
     for lane in range(N):
