@@ -101,14 +101,8 @@ def test_deflections_turn_every_vehicle_the_same_way(name, mach):
 
     def turn(**deflection):
         at = {"mach": mach, "angle_of_attack": np.radians(3.0)}
-        change = evaluate_coefficients(vehicle, make_variables(vehicle, **at, **deflection))
-        return dict(
-            zip(
-                COEFFICIENTS,
-                (change - evaluate_coefficients(vehicle, make_variables(vehicle, **at)))[:, 0],
-                strict=True,
-            )
-        )
+        moved, rest = (evaluate_coefficients(vehicle, make_variables(vehicle, **at, **d)) for d in (deflection, {}))
+        return dict(zip(COEFFICIENTS, (moved - rest)[:, 0], strict=True))
 
     assert turn(aileron=0.1)["rolling_moment"] > 0.0  # rolls right
     assert turn(elevator=0.1)["pitching_moment"] < 0.0  # nose down

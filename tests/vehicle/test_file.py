@@ -1,11 +1,18 @@
+"""Vehicle files: packed in SI and radians, refused where wrong, doubted where a number is probably of another unit."""
+
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from abhv_mc.io.documents import InputError
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.kernel.plant.state import MAX_AXES, MAX_TABLE_ROWS
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
-from abhv_mc.vehicle.file import read_mass_points
+from abhv_mc.vehicle.file import pack_vehicle, read_mass_points, read_vehicle_file
+from abhv_mc.vehicle.warnings import find_vehicle_warnings
 
 SMALL = """\
 name: small
@@ -153,21 +160,6 @@ def test_mass_points_from_csv(tmp_path):
         read_mass_points(path)
 
 
-def test_a_vehicle_without_engine_and_surfaces(repository):
-    sphere = load_vehicle(repository / "configs/vehicle/nesc/sphere.yaml")
-    assert sphere.constants.mass_start == pytest.approx(14.5939029)
-    assert sphere.constants.area == pytest.approx(0.1963495 * 0.3048**2)
-    variables = make_variables(sphere, mach=[0.0, 3.0], angle_of_attack=[3.0, -3.0], mass=14.59)
-    assert evaluate_coefficients(sphere, variables)[1] == pytest.approx(0.1)
-    fixed = evaluate_fixed(sphere, variables)
-    assert fixed["inertia_zz"] == pytest.approx(3.6 * 1.3558179483)
-    assert fixed["specific_impulse"].all()  # fuel flow is divided by it
-    brick = load_vehicle(repository / "configs/vehicle/nesc/brick.yaml")
-    damping = evaluate_coefficients(brick, make_variables(brick, roll_rate_hat=0.1, yaw_rate_hat=-0.2))
-    assert damping[3:, 0] == pytest.approx([-0.1, 0.0, 0.2])
-    assert brick.constants.span == pytest.approx(0.1016)
-
-
 @pytest.mark.parametrize("name", ["ghame_x", "ghame_x_coupled"])
 def test_the_demonstrator_is_ghame_at_scale(repository, name):
     k = 0.12
@@ -184,3 +176,27 @@ def test_the_demonstrator_is_ghame_at_scale(repository, name):
     # GHAME's rule: from full to empty in proportion to the fuel spent.
     spent = (136077.0 - mass) / 81646.0
     assert theirs["inertia_yy"] == pytest.approx(31.6e6 + (19.25e6 - 31.6e6) * spent)
+
+
+@pytest.mark.parametrize("name", ["ghame", "ghame_x", "ghame_x_coupled", "winged_cone"])
+def test_no_shipped_vehicle_is_doubted(repository, name):
+    assert find_vehicle_warnings(load_vehicle(repository / f"configs/vehicle/{name}.yaml")) == []
+
+
+@pytest.mark.parametrize(
+    ("coefficient", "times", "factor", "words"),
+    [
+        ("yawing_moment", "sideslip", 180 / np.pi, "radians for degrees, would make it 0.30"),
+        ("side_force", "sideslip", np.pi / 180, "would make it -0.9"),
+        ("pitching_moment", "pitch_rate", -1.0, "2.81 per unit of pitch rate.*pitching drives itself"),
+        ("yawing_moment", "sideslip", -1.0, "-0.30.* statically unstable in yaw"),
+        ("rolling_moment", "roll_rate", 180 / np.pi, "would make it -0.1"),
+    ],
+)
+def test_a_derivative_of_another_unit_or_sign_is_said_with_its_number(repository, coefficient, times, factor, words):
+    file = read_vehicle_file(repository / "configs/vehicle/ghame_x.yaml")
+    terms = [term for term in getattr(file.content.aerodynamics, coefficient) if term.times == times]
+    scaled = {term.table: file.tables[term.table].scaled(factor) for term in terms}
+    vehicle = pack_vehicle(replace(file, tables={**file.tables, **scaled}), PARAMETER_INDEX)
+    (warning,) = find_vehicle_warnings(vehicle)
+    assert re.search(words, warning), warning
