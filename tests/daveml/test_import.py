@@ -74,14 +74,6 @@ def test_check_shots_pass_and_written_python_is_the_graph_at_random_inputs(path:
             assert getattr(ours, names[name]) == pytest.approx(value, rel=1e-12, abs=1e-12), (name, inputs)
 
 
-def test_a_wrong_table_fails_its_check_shots_by_line(tmp_path: Path) -> None:
-    path = changed(tmp_path, "F16_prop.dml", "12680.0,  9150.0, 6200.0", "12690.0,  9150.0, 6200.0")
-    out = tmp_path / "out"
-    with pytest.raises(InputError, match=r"F16_prop\.dml:\d+: 12690\.0 for 'FEX'"):
-        import_daveml([path], out)
-    assert not out.exists()
-
-
 def test_aileron_of_the_other_sign_and_units_are_turned(tmp_path: Path) -> None:
     import_daveml([of("F16_aero.dml"), of("F16_prop.dml"), of("F16_inertia.dml")], tmp_path)
     aero = runpy.run_path(str(tmp_path / "f16_aero.py"))
@@ -121,27 +113,23 @@ def test_what_no_signal_gives_is_asked_for(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "found"),
+    ("name", "old", "new", "found"),
     [
-        ('DAVEfunc.dtd">', 'DAVEfunc.dtd" [<!ENTITY a "b">]>', "the entity declaration 'a'"),
-        ("<cn>180.</cn>", "<cn>&amp;&other;</cn>", "entity"),
-        ("<ci>el</ci>", "<ci>__import__('os')</ci>", "computed of '__import__"),
-        ('<bpRef bpID="DE1"/>', '<bpRef bpID="DE9"/>', "the breakpoints 'DE9'"),
-        ("-.099,-.081", "-.099", "a table of 59 values"),
-        ("<cn>25.0</cn>", "<ci>cz</ci>", "a circle"),
+        ("F16_aero", 'DAVEfunc.dtd">', 'DAVEfunc.dtd" [<!ENTITY a "b">]>', "the entity declaration 'a'"),
+        ("F16_aero", "<cn>180.</cn>", "<cn>&amp;&other;</cn>", "entity"),
+        ("F16_aero", "<ci>el</ci>", "<ci>__import__('os')</ci>", "computed of '__import__"),
+        ("F16_aero", '<bpRef bpID="DE1"/>', '<bpRef bpID="DE9"/>', "the breakpoints 'DE9'"),
+        ("F16_aero", "-.099,-.081", "-.099", "a table of 59 values"),
+        ("F16_aero", "<cn>25.0</cn>", "<ci>cz</ci>", "a circle"),
+        ("F16_prop", "12680.0,  9150.0, 6200.0", "12690.0,  9150.0, 6200.0", "12690.0 for 'FEX'"),
+        ("brick_aero", 'units="ft_s"', 'units="furlong_s"', "unknown unit 'furlong_s'"),
     ],
 )
-def test_what_is_wrong_is_refused_with_its_line(tmp_path: Path, old: str, new: str, found: str) -> None:
-    path = changed(tmp_path, "F16_aero.dml", old, new)
-    with pytest.raises(InputError, match=found) as error:
+def test_what_is_wrong_is_refused_with_its_line(tmp_path: Path, name: str, old: str, new: str, found: str) -> None:
+    path = changed(tmp_path, f"{name}.dml", old, new)
+    with pytest.raises(InputError, match=rf"{name}\.dml:\d+:.*{found}"):
         import_daveml([path], tmp_path / "out")
-    assert error.value.line is not None
     assert not (tmp_path / "out").exists()
-
-
-def test_an_unknown_unit_of_a_mapped_signal_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="unknown unit 'furlong_s'"):
-        import_daveml([changed(tmp_path, "brick_aero.dml", 'units="ft_s"', 'units="furlong_s"')], tmp_path / "out")
 
 
 def test_ungridded_extrapolated_and_own_points(tmp_path: Path) -> None:
