@@ -66,11 +66,3 @@ def test_a_worker_that_imports_edited_source_later_is_nobody_else(source, worker
     assert worker("abhv_mc.kernel.numerics") == begun
     mixed = worker("abhv_mc.kernel.world")
     assert mixed not in (begun, hash_now(source))
-
-
-def test_another_numba_is_another_identity(source, monkeypatch):
-    before = hash_now(source)
-    identity._join_hashes.cache_clear()
-    monkeypatch.setattr(identity, "version", lambda name: "0")
-    assert hash_now(source) != before
-    identity._join_hashes.cache_clear()

@@ -1,20 +1,22 @@
-"""The package as a notebook uses it: a light import, then campaigns and results as pandas."""
+"""The package as a notebook uses it: campaigns and results as pandas; worst, rare, tune and compare."""
 
 import pydoc
 import re
 import shutil
-import subprocess
-import sys
 from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 from fake_flight import ENGINE, write_campaign
+from report.synthetic import write_campaign as write_flown
+from search.known_flights import METRIC
 
 import abhv_mc
 from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS
 from abhv_mc.io.documents import InputError
+from abhv_mc.report.numbers.compare import compare_results, read_compared
+from abhv_mc.topics.plain import plain
 
 
 @pytest.fixture(scope="module")
@@ -31,19 +33,12 @@ def fake(monkeypatch):
     monkeypatch.setattr("abhv_mc.simulators.engine.make_engine", lambda: ENGINE)
 
 
-def test_the_import_takes_nothing_heavy():
-    heavy = ["numpy", "pandas", "scipy", "numba", "matplotlib", "pydantic", "pyarrow", "duckdb"]
-    code = f"import sys, abhv_mc; print([name for name in {heavy} if name in sys.modules], 'Campaign' in dir(abhv_mc))"
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout.strip() == "[] True"
-    with pytest.raises(AttributeError, match="no attribute 'Campaigns'"):
-        _ = abhv_mc.Campaigns
-
-
 def test_help_lists_what_is_public_and_no_more(repository):
     """Each name is there, has words, and stands on the page of the reference; an old one warns."""
     public = set(abhv_mc.__all__) - {"__version__"}
     assert set(dir(abhv_mc)) == set(abhv_mc.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'Campaigns'"):
+        _ = abhv_mc.Campaigns
     assert all(pydoc.getdoc(getattr(abhv_mc, name)) for name in public)
     listed = {
         name
@@ -166,3 +161,33 @@ def test_another_working_folder_changes_no_meaning_of_a_path(tmp_path, monkeypat
     assert len(results.flights) == 400
     monkeypatch.setattr("abhv_mc.execution.runner.make_engine", lambda: ENGINE)
     assert campaign.run("again", runs=20).folder == tmp_path / "there" / "again"
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda file, out: abhv_mc.worst(file, out, METRIC, bad="big"), "bad: 'big'; expected 'high', 'low'"),
+        (lambda file, out: abhv_mc.worst(file, out, METRIC, box=9), "box: 9; expected a number from 0.1 to 8"),
+        (lambda file, out: abhv_mc.worst(file, out, METRIC, flights=0), "flights: 0; expected a whole number"),
+        (lambda file, out: abhv_mc.worst(file, out, "speed"), "unknown metric 'speed'"),
+        (lambda file, out: abhv_mc.rare(file, out, METRIC, target_cov="300 %"), "target_cov: 3; expected"),
+        (lambda file, out: abhv_mc.rare(file, out, METRIC, flights=1.5), "flights: 1.5; expected a whole number"),
+        (lambda file, out: abhv_mc.tune(file, out / "new.yaml"), "tune"),
+        (lambda file, out: abhv_mc.worst("no_such", out, METRIC), "no_such"),
+    ],
+)
+def test_what_is_wrong_is_refused_and_nothing_written(tmp_path, call, words):
+    file = write_campaign(tmp_path / "files")
+    with pytest.raises(InputError) as refused:
+        call(file, tmp_path / "out")
+    assert words in str(refused.value) and not (tmp_path / "out").exists()
+
+
+def test_a_comparison_has_the_numbers_and_the_page_of_the_command(tmp_path):
+    a, b = (write_flown(tmp_path / name, runs=20, failing=lost) for name, lost in (("a", 1), ("b", 3)))
+    gates = {"altitude_error_max_m": "5 %"}
+    found = abhv_mc.compare(abhv_mc.open_results(a), b, ("lqr", "lqr"), gates, tmp_path / "page")
+    assert found == plain(compare_results(*read_compared(a, b), ("lqr", "lqr"), {"altitude_error_max_m": 0.05}))
+    assert found["paired"][0]["ended_early"]["only_b"] == 2 and (tmp_path / "page/report.html").is_file()
+    with pytest.raises(InputError, match="fail_if_worse"):
+        abhv_mc.compare(a, b, fail_if_worse="altitude_error_max_m=5%")

@@ -22,16 +22,13 @@ def campaign(folder, table, **entries):
     return path
 
 
-@pytest.mark.parametrize(
-    ("entries", "words"),
-    [
+def test_what_looks_right_and_would_be_left_out_is_refused(tmp_path):
+    for entries, words in (
         ({"keep": "{histories: {flights: '5'}}"}, "'5'.*or a flight's number"),
         ({"execution": "{workers: }"}, "nothing; expected 'auto' or a whole number"),
-    ],
-)
-def test_what_looks_right_and_would_be_left_out_is_refused(tmp_path, entries, words):
-    with pytest.raises(InputError, match=words):
-        read_campaign(write_campaign(tmp_path, **entries))
+    ):
+        with pytest.raises(InputError, match=words):
+            read_campaign(write_campaign(tmp_path, **entries))
 
 
 def test_a_table_reads_as_a_list(tmp_path):

@@ -1,21 +1,16 @@
-"""The schemas describe every key and take the shipped files."""
+"""The schemas describe every key, and an editor underlines what is wrong."""
 
 from collections.abc import Iterator
 
 import pytest
 from jsonschema import Draft202012Validator
 
-from abhv_mc.campaign.file.kinds import MODELS, find_kind
+from abhv_mc.campaign.file.kinds import MODELS
 from abhv_mc.campaign.file.schema import make_schema
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.io.documents import read_document
 from abhv_mc.io.units import DIMENSIONS
 from abhv_mc.shipped import shipped_folder
-
-_PUBLISHED = "check_cases.yaml"  # initial states and commands of published flights: no input of a command
-FILES = sorted(shipped_folder().glob("campaigns/*.yaml")) + [
-    path for path in sorted(shipped_folder().glob("configs/**/*.yaml")) if path.name != _PUBLISHED
-]
 
 
 def properties(kind: str) -> Iterator[tuple[str, dict]]:
@@ -34,12 +29,6 @@ def test_every_key_is_described_in_words_of_its_own(kind: str) -> None:
     generic = {dimension.expected for dimension in DIMENSIONS}
     assert described
     assert [name for name, value in described.items() if value.get("description", "") in {"", *generic}] == []
-
-
-@pytest.mark.parametrize("path", FILES, ids=[path.stem for path in FILES])
-def test_shipped_files_fit(path) -> None:
-    errors = Draft202012Validator(make_schema(find_kind(path))).iter_errors(read_document(path).data)
-    assert [error.message for error in errors] == []
 
 
 @pytest.mark.parametrize("kind", MODELS)

@@ -79,24 +79,16 @@ CORRELATED = (*NAMES, "mass.total")
 PAIRS = {("aero.drag", "aero.lift"): normal_correlation(0.7), ("aero.lift", "mass.total"): -0.4}
 
 
-@pytest.fixture(scope="module")
-def numbers():
-    return Design("random", 5, CORRELATED, 20000).draw(0, 20000)
-
-
-def test_correlations_are_those_asked_for_laws_stay_uniform_and_other_columns_untouched(numbers):
-    mixed = make_copula(CORRELATED, PAIRS).apply(numbers)
+def test_correlations_are_those_asked_for_and_laws_and_other_columns_and_bits_of_a_slice_stay():
+    numbers, copula = draw("random", 20_000, 5, CORRELATED), make_copula(CORRELATED, PAIRS)
+    mixed = copula.apply(numbers)
+    np.testing.assert_array_equal(copula.apply(numbers[7:12]), mixed[7:12])
     np.testing.assert_array_equal(mixed[:, 0], numbers[:, 0])
     assert all(stats.kstest(column, "uniform").pvalue > 1e-3 for column in mixed.T)
     ranks = stats.spearmanr(mixed).statistic
     assert ranks[1, 2] == pytest.approx(0.7, abs=0.02)
     assert ranks[1, 3] == pytest.approx(6 / np.pi * np.arcsin(-0.4 / 2), abs=0.02)
     assert abs(ranks[2, 3]) < 0.03
-
-
-def test_a_slice_of_correlated_numbers_is_the_whole_cut_to_the_bit(numbers):
-    copula = make_copula(CORRELATED, PAIRS)
-    np.testing.assert_array_equal(copula.apply(numbers)[7:12], copula.apply(numbers[7:12]))
 
 
 def test_a_matrix_that_is_not_positive_definite_is_refused():

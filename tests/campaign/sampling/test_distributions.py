@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from fake_flight import write_campaign
 from pydantic import TypeAdapter
-from scipy import optimize, stats
+from scipy import stats
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.sampling.designs import Design
@@ -129,12 +129,6 @@ def test_two_normals_are_those_of_scipy():
     np.testing.assert_allclose(law.cdf(values), 0.75 * one.cdf(values) + 0.25 * other.cdf(values), atol=1e-15)
     np.testing.assert_allclose(law.density(values), 0.75 * one.pdf(values) + 0.25 * other.pdf(values), rtol=1e-12)
     probabilities = np.array([1e-9, 0.01, 0.3, 0.7499, 0.75, 0.7501, 0.9, 1 - 1e-9])
-    expected = [
-        optimize.brentq(lambda x, p=p: 0.75 * one.cdf(x) + 0.25 * other.cdf(x) - p, 0.0, 2.0, xtol=1e-15, rtol=1e-15)
-        for p in probabilities
-    ]
-    steep = np.array([0, 1, 2, 3, 6])  # between the two the probability hardly rises: a root finder is lost there
-    np.testing.assert_allclose(law.ppf(probabilities)[steep], np.array(expected)[steep], rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(law.cdf(law.ppf(probabilities)), probabilities, rtol=0.0, atol=1e-12)
 
 
@@ -180,13 +174,6 @@ def test_about_a_nominal_value_the_quantiles_still_rise_and_the_shares_are_right
 
 _ENTRY = "{failure.engine.time: {distribution: uniform, low: 1 s, high: 2 s, probability: 20 %}, aero.lift: \
 {distribution: normal, sigma: 5 %}}"
-
-
-def test_flight_k_has_the_same_failure_however_many_fly(tmp_path: Path):
-    few = read_campaign(write_campaign(tmp_path / "a", dispersions=_ENTRY)).make_samples().draw(0, 50)
-    many = read_campaign(write_campaign(tmp_path / "b", dispersions=_ENTRY, runs="3000")).make_samples().draw(0, 3000)
-    assert np.array_equal(few, many[:50])
-    assert np.isfinite(many[:, 0]).mean() == pytest.approx(0.2, abs=0.03)
 
 
 @pytest.mark.parametrize(

@@ -123,6 +123,9 @@ def test_csv_and_parquet_give_the_same(tmp_path):
     one, two = (read_sample_file(tmp_path / name, OURS.dispersible) for name in ("s.csv", "s.parquet"))
     assert one.names == two.names == ("aero.lift", "aero.drag")
     assert one.values.tolist() == two.values.tolist() == [[0.9, 1.1], [1.0, 1.2]]
+    (tmp_path / "s.parquet").write_text("not Parquet")
+    with pytest.raises(InputError, match="Parquet"):
+        read_sample_file(tmp_path / "s.parquet", OURS.dispersible)
 
 
 @pytest.mark.parametrize(
@@ -140,9 +143,3 @@ def test_bad_files_are_refused_in_place(tmp_path, text, line, column, words):
         read_sample_file(tmp_path / "s.csv", OURS.dispersible)
     assert (caught.value.line, caught.value.column) == (line, column)
     assert words in caught.value.found
-
-
-def test_a_parquet_file_that_is_none(tmp_path):
-    (tmp_path / "s.parquet").write_text("not Parquet")
-    with pytest.raises(InputError, match="Parquet"):
-        read_sample_file(tmp_path / "s.parquet", OURS.dispersible)
