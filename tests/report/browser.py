@@ -1,7 +1,6 @@
 """A headless Chromium under its debugging protocol: clicks, keys and prints go through its own input."""
 
 import asyncio
-import base64
 import contextlib
 import json
 import shutil
@@ -69,29 +68,6 @@ class Page:
         for kind in ("mousePressed", "mouseReleased"):
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
-    def find_flights(self, across=40, up=20):
-        """Places in the scatter of the view of flights at which it names one below the mouse, with what it says."""
-        box = """(() => { const box = document.getElementById("scatter").getBoundingClientRect();
-          return [box.left, box.top, box.width, box.height]; })()"""
-        for k in range(across * up):
-            left, top, width, height = self.ask(box)
-            x, y = left + width * (k % across + 0.5) / across, top + height * (k // across + 0.5) / up
-            self.move(x, y)
-            named = self.ask("document.getElementById('scatter-at').textContent").strip()
-            if named:
-                yield x, y, named.rpartition(":")[0]
-
-    def drag(self, x0, y0, x1, y1):
-        common = {"button": "left", "buttons": 1, "clickCount": 1}
-        self.call("Input.dispatchMouseEvent", type="mousePressed", x=x0, y=y0, **common)
-        self.call("Input.dispatchMouseEvent", type="mouseMoved", x=x1, y=y1, **common)
-        self.call("Input.dispatchMouseEvent", type="mouseReleased", x=x1, y=y1, **common)
-
-    def print(self, width, height):
-        """The page on paper of this size in inches: a PDF's bytes."""
-        found = self.call("Page.printToPDF", paperWidth=width, paperHeight=height, preferCSSPageSize=False)
-        return base64.b64decode(found["data"])
-
 
 @contextlib.contextmanager
 def open_browser(profile):
@@ -108,13 +84,13 @@ def open_browser(profile):
     browser = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
     async def connect():
-        port = int(note.read_text(encoding="utf-8").split()[0])
         while True:
             try:
+                port = (profile / "DevToolsActivePort").read_text(encoding="utf-8").split()[0]
                 listed = await http.AsyncHTTPClient().fetch(f"http://127.0.0.1:{port}/json/list")
                 (target,) = [entry for entry in json.loads(listed.body) if entry["type"] == "page"]
                 return await client.websocket_connect(target["webSocketDebuggerUrl"], max_message_size=100_000_000)
-            except (OSError, ValueError):
+            except (OSError, ValueError, IndexError):
                 await asyncio.sleep(0.1)
 
     async def closed(socket):
@@ -123,10 +99,6 @@ def open_browser(profile):
 
     loop = asyncio.new_event_loop()
     try:
-        note = profile / "DevToolsActivePort"
-        end = time.monotonic() + 60.0
-        while not (note.is_file() and note.read_text(encoding="utf-8").strip()) and time.monotonic() < end:
-            time.sleep(0.1)
         page = Page(loop, loop.run_until_complete(asyncio.wait_for(connect(), 60)))
         page.call("Page.enable")
         yield page

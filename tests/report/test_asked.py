@@ -2,11 +2,12 @@
 
 import csv
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from fake_flight import run, write_campaign
+from fake_flight import ENGINE, run, write_campaign
 from report.synthetic import build_with
 
 from abhv_mc.api import compare
@@ -18,127 +19,110 @@ from abhv_mc.search.rare import RareSettings, find_rare
 from abhv_mc.search.search_flights import SearchRequest
 from abhv_mc.statistics.evidence import most_failures
 
-LOW = "altitude_low_m"
-CAMPAIGN = """\
-name: low
-question: Does the vehicle stay above 19990 m?
-vehicle: {configs}/vehicle/ghame_x.yaml
-mission: {configs}/mission/s_manoeuvre.yaml
-controllers: {{tlc: {configs}/control/tlc.yaml, lqr: {configs}/control/lqr.yaml}}
-runs: 96
-seed: 1
-dispersions:
-  atmosphere.density: {{distribution: uniform, half_width: 10 %}}
-  aero.lift: {{distribution: uniform, half_width: 10 %}}
-metrics:
-  altitude_low_m: {{of: altitude_m, statistic: min}}
-requirements:
-"""
-ABOVE = "  - {metric: altitude_low_m, above: 19990 m, probability: 0.9}\n"
-BELOW = "  - {metric: altitude_low_m, below: 20100 m, probability: 0.9}\n"
-
-
-def write(folder, repository, requirements=ABOVE):
-    path = folder / "campaign.yaml"
-    path.write_text(CAMPAIGN.format(configs=repository / "configs") + requirements, encoding="utf-8")
-    return path
+LOW, BAND = "angle_of_attack_min_deg", "altitude_error_max_m"
+LIMIT, LEAST, MOST = -0.9, 0.4, 2.3
 
 
 @pytest.fixture(scope="module")
-def flown(repository, tmp_path_factory, flights_only):
-    folder = tmp_path_factory.mktemp("asked")
-    out = run(write(folder, repository), folder / "out", flights_only).folder
-    return out, build_with(out).read_text(encoding="utf-8"), json.loads((out / "report.json").read_text("utf-8"))
+def flown(tmp_path_factory):
+    """Fly and report a campaign with one requirement: its folder, page, numbers, and the first controller's flights."""
+
+    def fly(requirement, half_width):
+        folder = tmp_path_factory.mktemp("asked")
+        dispersed = f"{{atmosphere.density: {{distribution: uniform, half_width: {half_width}}}, \
+aero.lift: {{distribution: normal, sigma: 5 %}}}}"
+        keep = "{histories: {flights: worst 20, rate: 10 Hz}, envelopes: {rate: 5 Hz}}"
+        out = run(
+            write_campaign(folder / "f", requirements=f"[{requirement}]", dispersions=dispersed, keep=keep),
+            folder / "out",
+        ).folder
+        page = build_with(out).read_text(encoding="utf-8")
+        numbers = json.loads((out / "report.json").read_text("utf-8"))
+        table = pq.read_table(out / "flights").to_pandas()
+        return SimpleNamespace(
+            out=out, page=page, numbers=numbers, one=table[table["controller"] == "one"].sort_values("flight")
+        )
+
+    return fly
 
 
-def test_it_heads_the_answer_and_its_smallest_value_is_the_worst(flown):
-    _, page, numbers = flown
-    assert numbers["metrics"]["asked"] == [LOW] and next(iter(numbers["metrics"]["table"])) == LOW
-    assert numbers["verdicts"]["requirements"][0]["controllers"]["tlc"]["failures"] == 17
-    cell = numbers["metrics"]["table"][LOW]["controllers"]["tlc"]
-    assert cell["worst_flight"] == 10 and cell["worst"] == pytest.approx(19980.69, abs=0.01)
-    assert numbers["comparison"]["pairs"]["tlc - lqr"]["metrics"][LOW]["winner"] == "lqr"
-    assert page.index("Altitude low (m)") < page.index("Aileron, rms (deg)") and "small is bad" in page
+@pytest.fixture(scope="module")
+def low(flown):
+    """None of its flights is lost."""
+    return flown(f"{{metric: {LOW}, above: {LIMIT}, probability: 0.9}}", "5 %")
 
 
-def test_the_worst_flights_are_those_that_are_kept(flown):
-    out, _, numbers = flown
-    for name, listed in numbers["flights"]["worst"].items():
-        kept = pq.read_table(out / "histories", filters=[("controller", "=", name)], partitioning=None)["flight"]
+@pytest.fixture(scope="module")
+def band(flown):
+    found = flown(f"{{metric: {BAND}, above: {LEAST}, below: {MOST}, probability: 0.5}}", "10 %")
+    values = found.one[BAND].to_numpy()
+    found.outside = np.where(found.one["outcome"] == "ok", np.maximum(LEAST - values, values - MOST), np.inf)
+    assert (values <= LEAST).any() and (values >= MOST).any() and (found.outside < 0.0).any()
+    return found
+
+
+def test_what_is_bad_below_heads_the_answer_and_its_smallest_value_is_the_worst(low):
+    table, values = low.numbers["metrics"]["table"], low.one[LOW].to_numpy()
+    assert low.numbers["metrics"]["asked"] == [LOW] and next(iter(table)) == LOW
+    found = low.numbers["verdicts"]["requirements"][0]["controllers"]["one"]
+    assert found["failures"] == (values <= LIMIT).sum() > 0
+    cell = table[LOW]["controllers"]["one"]
+    assert (cell["worst_flight"], cell["worst"]) == (values.argmin(), values.min())
+    assert low.numbers["comparison"]["pairs"]["one - two"]["metrics"][LOW]["winner"] == "one"
+    assert low.page.index("Angle of attack, min (deg)") < low.page.index("Aileron, rms (deg)")
+    assert "small is bad" in low.page
+
+
+def test_the_worst_flights_are_those_that_are_kept(low):
+    for name, listed in low.numbers["flights"]["worst"].items():
+        kept = pq.read_table(low.out / "histories", filters=[("controller", "=", name)], partitioning=None)["flight"]
         assert {entry["flight"] for entry in listed} == set(kept.to_pylist()) and len(listed) == 20
         values = [entry["metrics"][LOW] for entry in listed]
         assert values == sorted(values)
-    assert numbers["flights"]["worst"]["tlc"][0]["flight"] == 10
+    assert low.numbers["flights"]["worst"]["one"][0]["flight"] == low.one[LOW].argmin()
 
 
-def test_the_folder_says_what_is_bad_and_follows_from_itself(flown):
-    out, _, _ = flown
-    schema = pq.read_schema(next(iter((out / "flights").glob("*.parquet"))))
+def test_the_folder_says_what_is_bad_and_a_gate_takes_it_on_its_bad_side(low):
+    schema = pq.read_schema(next(iter((low.out / "flights").glob("*.parquet"))))
     words = schema.field(LOW).metadata
-    assert words[b"bad"] == b"low" and words[b"unit"] == b"m" and words[b"label"] == b"Altitude low"
+    assert words[b"bad"] == b"low" and words[b"unit"] == b"deg" and words[b"label"] == b"Angle of attack, min"
     assert b"bad" not in schema.field(END_TIME.name).metadata
-    assert not list(verify_campaign(out))
+    for crossed, shown in ((("two", "one"), True), (("one", "two"), False)):
+        (pair,) = compare(low.out, low.out, crossed, {LOW: 1e-6})["paired"]
+        assert pair["not_worse"][LOW]["shown"] is shown
 
 
-def test_a_gate_takes_it_on_its_bad_side(flown):
-    (pair,) = compare(flown[0], flown[0], ("lqr", "tlc"), {LOW: 1e-6})["paired"]
-    assert not pair["not_worse"][LOW]["shown"]
-    (pair,) = compare(flown[0], flown[0], ("tlc", "lqr"), {LOW: 1e-6})["paired"]
-    assert pair["not_worse"][LOW]["shown"]
+def test_a_requirement_rules_the_side_of_a_declared_metric(tmp_path):
+    declared = {"metrics": "{altitude_low_m: {of: altitude_m, statistic: min}}"}
+    asked = "[{metric: altitude_low_m, below: 20100 m, probability: 0.9}]"
+    campaign = read_campaign(write_campaign(tmp_path, requirements=asked, **declared))
+    assert campaign.metrics["altitude_low_m"].bad == "high" and campaign.criteria[0].bad == "high"
 
 
-def test_a_requirement_rules_the_side(repository, tmp_path):
-    campaign = read_campaign(write(tmp_path, repository, BELOW))
-    assert campaign.metrics[LOW].bad == "high" and campaign.criteria[0].bad == "high"
-
-
-def test_margins_are_no_rare_event(repository, tmp_path, flights_only):
+def test_margins_are_no_rare_event(tmp_path):
     """Many flights share their values at both ends, where no level can grow."""
-    margin = "  - {metric: gain_margin_min_db, above: 6, probability: 0.9}\nmargins: {at: [trim], flights: all}\n"
-    request = SearchRequest(write(tmp_path, repository, margin), tmp_path / "out")
+    asked = "[{metric: gain_margin_min_db, above: 6, probability: 0.9}]"
+    path = write_campaign(tmp_path, requirements=asked, margins="{at: [trim], flights: all}")
     with pytest.raises(InputError, match="many flights share the value 0 or 60"):
-        find_rare(request, RareSettings("gain_margin_min_db"), flights_only)
+        find_rare(SearchRequest(path, tmp_path / "out"), RareSettings("gain_margin_min_db"), ENGINE)
 
 
-METRIC, LEAST, MOST = "altitude_error_max_m", 0.4, 2.3
-BAND = f"[{{metric: {METRIC}, above: {LEAST}, below: {MOST}, probability: 0.5}}]"
-KEEP = "{histories: {flights: worst 40, rate: 10 Hz}, envelopes: {rate: 5 Hz}}"
-
-
-@pytest.fixture(scope="module")
-def banded(tmp_path_factory):
-    """The folder, the flights of its first controller, and the distance of each outside the band."""
-    folder = tmp_path_factory.mktemp("corridor")
-    out = run(write_campaign(folder / "f", requirements=BAND, keep=KEEP), folder / "out").folder
-    build_with(out)
-    table = pq.read_table(out / "flights").to_pandas()
-    table = table[table["controller"] == "one"].sort_values("flight")
-    values = table[METRIC].to_numpy()
-    outside = np.where(table["outcome"] == "ok", np.maximum(LEAST - values, values - MOST), np.inf)
-    assert (values <= LEAST).any() and (values >= MOST).any() and (outside < 0.0).any()
-    return out, outside
-
-
-def test_whoever_is_on_either_side_of_the_band_fails(banded):
-    out, outside = banded
-    (entry,) = json.loads((out / "manifest.json").read_text("utf-8"))["requirements"]
-    assert (entry["above"], entry["below"], entry["failures"]) == (LEAST, MOST, int((outside >= 0.0).sum()))
-    with (out / "verification_matrix.csv").open(newline="") as file:
+def test_whoever_is_on_either_side_of_the_band_fails(band):
+    (entry,) = json.loads((band.out / "manifest.json").read_text("utf-8"))["requirements"]
+    assert (entry["above"], entry["below"], entry["failures"]) == (LEAST, MOST, int((band.outside >= 0.0).sum()))
+    with (band.out / "verification_matrix.csv").open(newline="") as file:
         row = next(csv.DictReader(file))
     assert (row["above"], row["below"], row["failures"]) == ("0.4", "2.3", str(entry["failures"]))
 
 
-def test_the_report_ranks_and_bounds_by_the_distance_outside(banded):
-    out, outside = banded
-    numbers = json.loads((out / "report.json").read_text("utf-8"))
-    (entry,) = numbers["verdicts"]["requirements"]
-    found = entry["controllers"]["one"]
+def test_the_report_ranks_and_bounds_by_the_distance_outside(band):
+    (entry,) = band.numbers["verdicts"]["requirements"]
+    found, worst_first = entry["controllers"]["one"], np.sort(band.outside)[::-1]
     assert "between 0.4 and 2.3" in entry["words"]
-    k = most_failures(len(outside), 0.5, 0.1)
-    assert found["tolerance_limit"] == pytest.approx(np.sort(outside)[::-1][k])
+    assert found["tolerance_limit"] == pytest.approx(worst_first[most_failures(len(worst_first), 0.5, 0.1)])
     assert found["room"] == pytest.approx(-found["tolerance_limit"] / 0.95)
-    cell = numbers["verdicts"]["glance"][0]["cells"]["one"]
-    assert cell["median"] == pytest.approx(np.percentile(outside, 50.0, method="nearest"))
-    listed = [item["flight"] for item in numbers["flights"]["worst"]["one"]]
-    assert [outside[flight] for flight in listed] == np.sort(outside)[::-1][:40].tolist()
-    assert not list(verify_campaign(out))
+    cell = band.numbers["verdicts"]["glance"][0]["cells"]["one"]
+    assert cell["median"] == pytest.approx(np.percentile(band.outside, 50.0, method="nearest"))
+    listed = [item["flight"] for item in band.numbers["flights"]["worst"]["one"]]
+    assert band.outside[listed].tolist() == worst_first[:20].tolist()
+    assert not list(verify_campaign(band.out))

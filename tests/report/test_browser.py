@@ -1,8 +1,5 @@
 """The page in a real browser, by mouse and by keyboard alone: no message, nothing leaves, switches work."""
 
-import pytest
-from report.browser import open_browser
-
 SAID = ("Log.entryAdded", "Runtime.consoleAPICalled", "Runtime.exceptionThrown")
 NAMES = "document.getElementById('plot').data.map((trace) => trace.name)"
 CHANNEL = """(() => { const channel = document.getElementById("channel"); channel.value = "sideslip_deg";
@@ -12,20 +9,14 @@ CHANNEL = """(() => { const channel = document.getElementById("channel"); channe
     tools: [...plot.querySelectorAll(".modebar-btn")].map((button) => button.dataset.title) }; })()"""
 
 
-@pytest.fixture
-def page(tmp_path):
-    with open_browser(tmp_path / "profile") as page:
-        for part in ("Log", "Network", "Runtime"):
-            page.call(f"{part}.enable")
-        yield page
-
-
 def press_box(page, name):
     page.ask(f"document.querySelector('input[name=\"{name}\"]').click()")
 
 
 def test_switches_work_and_nothing_is_said_or_asked_for(page, report_folder):
     path = report_folder / "report.html"
+    for part in ("Log", "Network", "Runtime"):
+        page.call(f"{part}.enable")
     page.show(path)
     assert {"TLC median", "LQR 5 %", "reference"} <= set(page.ask(NAMES))
     press_box(page, "lqr")
@@ -73,34 +64,33 @@ def tab_to(page, wanted):
     raise AssertionError(f"{wanted} was never reached: {passed}")
 
 
-def test_it_is_read_with_the_keyboard(report_folder, tmp_path):
-    with open_browser(tmp_path / "profile") as page:
-        page.show(report_folder / "report.html")
-        (skip,) = tab_to(page, "Skip to the report")
-        assert skip[0] == "A"
-        page.press("Enter")
-        assert page.ask(FOCUS)[:2] == ["MAIN", "main"]
-        passed = tab_to(page, "Flights, the worst first")
-        page.press("Tab")
-        assert page.ask(FOCUS)[1] == "Flight"  # the heads are one stop: they sort
-        page.press("Tab")
-        first = page.ask(FOCUS)[1]
-        assert first.startswith("Show ")
-        page.press("ArrowDown")
-        second = page.ask(FOCUS)[1]
-        assert second.startswith("Show ") and second != first
-        page.press("Enter")
-        assert page.ask("document.getElementById('flight-title').textContent").startswith(second.removeprefix("Show "))
-        assert page.ask(FOCUS)[1] == second  # the list was drawn anew
-        passed += tab_to(page, "channel")
-        assert all(visible for _, _, visible in passed), "a focus that is not seen"
-        assert "Requirements in full" in [name for _, name, _ in passed]  # a table that scrolls takes the focus
-        before = page.ask("document.getElementById('plot-words').textContent")
-        page.press("ArrowDown")
-        assert page.ask("document.getElementById('plot-words').textContent") != before
-        names = "document.getElementById('plot').data.map((trace) => trace.name).join()"
-        assert "LQR median" in page.ask(names)
-        tab_to(page, "lqr")
-        page.press(" ")
-        assert "LQR median" not in page.ask(names)
-        tab_to(page, "Provenance")
+def test_it_is_read_with_the_keyboard(page, report_folder):
+    page.show(report_folder / "report.html")
+    (skip,) = tab_to(page, "Skip to the report")
+    assert skip[0] == "A"
+    page.press("Enter")
+    assert page.ask(FOCUS)[:2] == ["MAIN", "main"]
+    passed = tab_to(page, "Flights, the worst first")
+    page.press("Tab")
+    assert page.ask(FOCUS)[1] == "Flight"  # the heads are one stop: they sort
+    page.press("Tab")
+    first = page.ask(FOCUS)[1]
+    assert first.startswith("Show ")
+    page.press("ArrowDown")
+    second = page.ask(FOCUS)[1]
+    assert second.startswith("Show ") and second != first
+    page.press("Enter")
+    assert page.ask("document.getElementById('flight-title').textContent").startswith(second.removeprefix("Show "))
+    assert page.ask(FOCUS)[1] == second  # the list was drawn anew
+    passed += tab_to(page, "channel")
+    assert all(visible for _, _, visible in passed), "a focus that is not seen"
+    assert "Requirements in full" in [name for _, name, _ in passed]  # a table that scrolls takes the focus
+    before = page.ask("document.getElementById('plot-words').textContent")
+    page.press("ArrowDown")
+    assert page.ask("document.getElementById('plot-words').textContent") != before
+    names = "document.getElementById('plot').data.map((trace) => trace.name).join()"
+    assert "LQR median" in page.ask(names)
+    tab_to(page, "lqr")
+    page.press(" ")
+    assert "LQR median" not in page.ask(names)
+    tab_to(page, "Provenance")

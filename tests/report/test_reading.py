@@ -1,5 +1,6 @@
 """What a reader sees in a real browser: the first screen, the flights behind points and names, paper, accessibility."""
 
+import base64
 import json
 import re
 import shlex
@@ -140,15 +141,22 @@ def test_a_click_on_a_worst_flight_draws_it(page, report_folder, report_json):
         assert shlex.split(found["command"])[2:] == [str(report_folder), "--flight", flight, "--controller", name]
 
 
+SCATTER = """(() => { const scatter = document.getElementById("scatter"); scatter.scrollIntoView({ block: "center" });
+  const box = scatter.getBoundingClientRect(); return [box.left, box.top, box.width, box.height]; })()"""
+
+
 def test_a_click_on_a_point_draws_its_flight(page, report_folder):
     page.show(report_folder / "report.html")
-    page.ask("document.getElementById('scatter').scrollIntoView({ block: 'center' })")
     named = set()
-    for x, y, name in page.find_flights(24, 12):
-        page.click(x, y)
-        assert page.ask(SHOWN)["title"].startswith(f"{name}: ")
-        named.add(name)
-        page.ask("document.getElementById('scatter').scrollIntoView({ block: 'center' })")
+    for k in range(24 * 12):
+        left, top, width, height = page.ask(SCATTER)
+        x, y = left + width * (k % 24 + 0.5) / 24, top + height * (k // 24 + 0.5) / 12
+        page.move(x, y)
+        name = page.ask("document.getElementById('scatter-at').textContent").strip().rpartition(":")[0]
+        if name:
+            page.click(x, y)
+            assert page.ask(SHOWN)["title"].startswith(f"{name}: ")
+            named.add(name)
     assert len(named) > 6
 
 
@@ -156,7 +164,9 @@ def test_a_click_on_a_point_draws_its_flight(page, report_folder):
 def test_paper_is_evidence(page, report_folder, report_json, size, tmp_path):
     page.show(report_folder / "report.html")
     target = tmp_path / "report.pdf"
-    target.write_bytes(page.print(*PAPER[size]))
+    width, height = PAPER[size]
+    printed = page.call("Page.printToPDF", paperWidth=width, paperHeight=height, preferCSSPageSize=False)
+    target.write_bytes(base64.b64decode(printed["data"]))
     if shutil.which("pdftotext") is None:
         pytest.skip("no pdftotext is installed")
     text = subprocess.run(["pdftotext", "-layout", target, "-"], capture_output=True, text=True, check=True).stdout

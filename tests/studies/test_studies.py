@@ -1,7 +1,8 @@
-"""What the studies count and decide, on made-up curves."""
+"""The search for the paper's vehicle, and what the other studies count and decide, on made-up curves."""
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,23 +10,87 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[2] / "studies"))
 
 import fronts
+import paper_vehicle_box as box
+import paper_vehicle_flights as flights
 import tuning_flights
 from experiment import CORNERS, corner_parameters, random_parameters
 
+from abhv_mc.control.design.lqr_design import attitude_slopes, make_lqr_gains, make_nominal
+from abhv_mc.control.design.reference import make_mission_trim_tables, solve_reference
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
+
+VALUES = box.first_mean(np.random.default_rng(5))
+GHAMES = dict.fromkeys(box.FREE, 1.0) | {
+    **dict.fromkeys(("lift_offset", "pitch_offset", "pitch_slope", "drag_offset", "drag_rise"), 0.0),
+    "roll_rudder": 0.4843949,
+    "yaw_rudder": 0.0354146,
+}
+
+
+def coefficients(values: dict[str, float], **at: float) -> Any:
+    vehicle = box.make_vehicle(values)
+    variables = make_variables(vehicle, mach=4.744, mass=1300.0, **at)
+    return evaluate_coefficients(vehicle, variables)[:, 0], evaluate_fixed(vehicle, variables)
+
+
+def test_factors_of_one_are_ghame() -> None:
+    np.testing.assert_allclose(box.make_vehicle(GHAMES).tables.data, box.BASE.tables.data, rtol=1e-6, atol=1e-12)
+
+
+def test_each_factor_changes_its_own_coefficient() -> None:
+    at = {"angle_of_attack": np.deg2rad(5.0), "sideslip": 0.01}
+    plain, _ = coefficients(GHAMES, **at)
+    changed, fixed = coefficients(GHAMES | {"yaw_sideslip": 0.5, "drag_rise": 0.002, "inertia_xx": 1.5}, **at)
+    assert changed[5] == pytest.approx(0.5 * plain[5])
+    # Between the nodes at 3 and 6 deg: two thirds of 0.002 (6 - 3)^2.
+    assert changed[1] == pytest.approx(plain[1] + 0.012)
+    np.testing.assert_allclose(changed[[0, 2, 3, 4]], plain[[0, 2, 3, 4]])
+    assert fixed["inertia_xx"][0] == pytest.approx(1.5 * coefficients(GHAMES)[1]["inertia_xx"][0])
+
+
+def test_ends_of_an_axis() -> None:
+    rudder = next(axis for axis in flights.AXES if axis.figure == 9)
+    assert flights.look(rudder, {"rudder_deg": np.array([-0.35, 0.25])}).misses == (0.0, 0.0)
+    mirrored = flights.look(rudder, {"rudder_deg": np.array([-0.25, 0.47])})
+    assert mirrored.mirrored
+    assert mirrored.misses == pytest.approx((0.1, 0.0))
+    # Of the interval -0.4 .. -0.3 an eighth at each end is left for the rounding.
+    assert mirrored.aside == pytest.approx(((-0.47 + 0.388) / 0.7, 0.0))
+    heading = next(axis for axis in flights.AXES if axis.figure == 4)
+    seen = flights.look(heading, {"heading_deg": np.array([89.9, 95.3])})
+    assert (seen.low, seen.high) == pytest.approx((84.7, 90.1))
+    assert sum(2 for axis in flights.AXES if axis.counts) == 20
+
+
+def test_quick_gains_are_the_product_s() -> None:
+    vehicle, mission = box.make_vehicle(VALUES), box.make_mission(VALUES)
+    trim_tables = make_mission_trim_tables(mission, vehicle)
+    exact, _ = solve_reference(mission, vehicle, trim_tables, flights.TICK, flights.TICKS)
+    quick, trimmed = flights.make_quick_reference(vehicle, mission, trim_tables)
+    assert trimmed
+    kept = [i for i, name in enumerate(flights.REFERENCE) if name != "settled"]
+    np.testing.assert_allclose(quick[:, kept], exact[:, kept], rtol=1e-4, atol=2e-4)
+    gains = flights.make_quick_lqr_gains(mission, quick, vehicle, trim_tables)
+    controller = flights.CONTROLLERS["lqr"]
+    theirs = make_lqr_gains(controller, mission, exact, vehicle, trim_tables)  # type: ignore[arg-type]
+    for tick in (0, 1000, 6000):
+        np.testing.assert_allclose(gains[tick], theirs[tick], rtol=1e-3, atol=1e-4 * np.abs(theirs).max())
+    slopes = attitude_slopes(vehicle, make_nominal(mission, exact[0]))
+    traits = dict(zip(flights.TRAITS, flights.find_traits(vehicle, trim_tables, quick), strict=True))
+    wanted = slopes[3, 6], slopes[5, 7], slopes[4, 8], slopes[5, 1], slopes[4, 0], slopes[4, 4]
+    assert list(traits.values())[:6] == pytest.approx(wanted, rel=1e-3)
 
 
 @pytest.mark.parametrize(("amplitude", "cycles", "swings"), [(1.0, 4, 8), (0.2, 9, 0), (0.26, 3, 6)])
 def test_swings_are_counted_where_they_are_large(amplitude: float, cycles: int, swings: int) -> None:
+    """Neither chatter nor a drift is a swing."""
     times = np.linspace(0.0, 1.0, 2001)
     wave = amplitude * np.sin(2.0 * np.pi * cycles * times)
     assert abs(tuning_flights.count_swings(wave.astype(np.float32)) - swings) <= 1
     chatter = 0.01 * np.sin(2.0 * np.pi * 300.0 * times)
     assert tuning_flights.count_swings((wave + chatter).astype(np.float32)) <= swings + 1
-
-
-def test_a_drift_is_no_swing() -> None:
-    assert tuning_flights.count_swings(np.linspace(0.0, 0.4, 100, dtype=np.float32)) == 0
+    assert tuning_flights.count_swings(0.4 * times.astype(np.float32)) == 0
 
 
 def test_the_corners_and_the_draws_are_the_papers() -> None:
@@ -37,23 +102,10 @@ def test_the_corners_and_the_draws_are_the_papers() -> None:
     np.testing.assert_allclose(np.abs(drawn - 1.0).max(axis=0), (0.10, 0.10, 0.15), rtol=0.01)
 
 
-def made_up(errors: list[float], usages: list[list[float]], broken: tuple[int, ...] = ()) -> fronts.Tried:
-    count = len(errors)
-    limits = np.full((count, fronts.LIMITS), -0.1)
-    limits[list(broken), 1] = 0.1
-    return fronts.Tried(np.zeros((count, 14)), np.tile(np.array(errors)[:, None], 6), np.array(usages), limits)
-
-
 def test_a_front_is_of_designs_within_limits_that_none_beats() -> None:
-    usage = [[u] * 6 for u in (0.5, 0.6, 0.7, 0.8, 0.4)]
-    tried = made_up([1.0, 1.1, 0.9, 0.8, 0.5], usage, broken=(4,))
+    usage = np.tile(np.array([[0.5], [0.6], [0.7], [0.8], [0.4]]), 6)
+    limits = np.full((5, fronts.LIMITS), -0.1)
+    limits[4, 1] = 0.1  # broken
+    tried = fronts.Tried(np.zeros((5, 14)), np.tile(np.array([[1.0], [1.1], [0.9], [0.8], [0.5]]), 6), usage, limits)
     np.testing.assert_allclose(tried.front.mean_usage, [0.5, 0.7, 0.8])
-    again = fronts.tried_of(tried.table)
-    np.testing.assert_array_equal(again.limits, tried.limits)
-    np.testing.assert_array_equal(again.usage, tried.usage)
-
-
-def test_the_best_within_a_budget_keeps_it() -> None:
-    tried = made_up([1.0, 0.9, 0.8], [[u] * 6 for u in (0.5, 0.7, 0.9)])
-    assert int(np.argmin(tried.within(0.75).rank())) == 1
-    assert int(np.argmin(tried.within(0.3).rank())) == 0  # none keeps it: the nearest
+    assert [int(np.argmin(tried.kept.within(budget).rank())) for budget in (0.75, 0.3)] == [2, 0]  # none: the nearest
