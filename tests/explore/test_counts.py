@@ -36,7 +36,7 @@ def bins_of(values, ends, number):
 def test_counts_cells_and_strips_are_those_of_the_flights(table, failing, outcome, monkeypatch):
     monkeypatch.setattr(counts, "MOST_POINTS", 0)
     low, high = table.ranges[BRUSHED]
-    asked = Asked(X, Y, ("tlc", "lqr"), outcome, {BRUSHED: (low, low + 0.9 * (high - low))})
+    asked = Asked(X, Y, ("tlc", "lqr"), outcome, {BRUSHED: (low, low + 0.95 * (high - low))})
     found = count_flights(table, asked)
     cells, count, bars = {}, 0, np.zeros(counts.BARS, int)
     for k, name in enumerate(("tlc", "lqr")):

@@ -1,4 +1,4 @@
-"""A campaign's folder made by formula, in the format of the contract: the report's tests need no flight."""
+"""An S manoeuvre flown by formula, in the place of the compiled flight: the report's tests need no vehicle."""
 
 import itertools
 from collections.abc import Sequence
@@ -6,48 +6,28 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
+from fake_flight import DENSITY, DRAG, LIFT, make_plan, record, run
+from fake_flight import write_campaign as write_fake
 
-from abhv_mc.flight.channels import CHANNELS, REFERENCE_CHANNELS, STANDARD_CHANNELS
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.flight.channels import CHANNELS, STANDARD_CHANNELS
 from abhv_mc.flight.metrics import METRICS
-from abhv_mc.folder.digest import Digest
-from abhv_mc.folder.envelopes import QUANTILES, EnvelopeTable, write_envelopes
-from abhv_mc.folder.flights import VALUES, FlightRows, flights_schema, write_block
-from abhv_mc.folder.histories import write_histories, write_nominal
-from abhv_mc.folder.layout import CampaignFolder, hash_file
-from abhv_mc.folder.manifest import Manifest, write_manifest
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import FlightBlock, recording_of
 from abhv_mc.kernel.flight.counting import Statistic
+from abhv_mc.kernel.flight.interface import Timing
+from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.report.pages.build import build_report
-from abhv_mc.statistics.estimates import worst_first
+from abhv_mc.simulators.engine import Engine
+from abhv_mc.simulators.make_plans import reference_of
 from abhv_mc.topics import registry
 
 CONTROLLERS = ("tlc", "lqr", "lqr_retuned")
 # How far each controller strays (1 = a wide error) and how much surface it uses, beside the first.
 ERROR = {"tlc": 0.06, "lqr": 1.0, "lqr_retuned": 0.3}
 USAGE = {"tlc": 1.1, "lqr": 1.0, "lqr_retuned": 1.08}
-TICK = 0.1  # s between the recorded samples
-
-CAMPAIGN = """\
-name: synthetic_s
-question: Does TLC hold the S manoeuvre better than LQR under the paper's uncertainties?
-vehicle: vehicle.yaml
-mission: mission.yaml
-controllers: {{{controllers}}}
-runs: {runs}
-seed: 2014
-sampling: {sampling}
-dispersions:
-  atmosphere.density: {{distribution: uniform, half_width: 10 %}}
-  aero.lift: {{distribution: uniform, half_width: 10 %}}
-  aero.drag: {{distribution: uniform, half_width: 15 %}}
-correlations: []
-requirements: [{requirements}]
-keep: {{histories: {{flights: worst 20, channels: all, rate: 10 Hz}}}}
-execution: {{workers: auto, batch: auto}}
-"""
-
+TICK, TICKS = 0.1, 600  # s
 
 REQUIREMENTS = (
     "{metric: altitude_error_max_m, below: 50, probability: 0.9973, consumer_risk: 0.10}",
@@ -56,33 +36,32 @@ REQUIREMENTS = (
 )
 
 
-def reference_of(time):
-    """The S manoeuvre's reference channels, [time] each, in degrees and metres."""
-    phase = np.pi * time / 50.0
-    flying = time < 50.0
+def prepare(vehicle, mission, controller, name):
+    """A plan with the S manoeuvre's reference."""
+    time = np.arange(TICKS + 1) * TICK
+    phase, flying = np.pi * time / 50.0, time < 50.0
     rate = np.where(flying, 2500.0 * np.pi / 50.0 * np.sin(phase), 0.0)
-    acceleration = np.where(flying, 2500.0 * (np.pi / 50.0) ** 2 * np.cos(phase), 0.0)
-    bank = -np.degrees(np.arctan(acceleration / 9.6))
+    bank = -np.arctan(np.where(flying, 2500.0 * (np.pi / 50.0) ** 2 * np.cos(phase), 0.0) / 9.6)
     columns = {
-        "altitude_reference_m": np.full_like(time, 20000.0),
-        "speed_reference_mps": np.full_like(time, 1400.0),
-        "flight_path_angle_reference_deg": np.zeros_like(time),
-        "heading_reference_deg": 90.0 - np.degrees(np.arcsin(rate / 1400.0)),
-        "angle_of_attack_reference_deg": 2.3 / np.cos(np.radians(bank)),
-        "bank_reference_deg": bank,
-        "equivalence_ratio_reference": 0.85 + 0.25 * (1.0 / np.cos(np.radians(bank)) - 1.0),
-        "north_reference_m": np.where(flying, 2500.0 * (1.0 - np.cos(phase)), 5000.0),
-        "east_reference_m": 1400.0 * time,
+        "altitude": 20000.0,
+        "speed": 1400.0,
+        "heading": np.pi / 2.0 - np.arcsin(rate / 1400.0),
+        "angle_of_attack": np.radians(2.3) / np.cos(bank),
+        "bank": bank,
+        "equivalence_ratio": 0.85 + 0.25 * (1.0 / np.cos(bank) - 1.0),
+        "north": np.where(flying, 2500.0 * (1.0 - np.cos(phase)), 5000.0),
+        "east": 1400.0 * time,
     }
-    assert set(columns) == {signal.name for signal in REFERENCE_CHANNELS}
-    return columns
+    reference = np.stack([np.broadcast_to(columns.get(key, 0.0), time.shape) for key in REFERENCE], axis=1)
+    return replace(make_plan(name), timing=Timing(TICK / 2.0, 2, TICKS), reference=reference)
 
 
-def histories_of(name, samples, time, wobble):
+def histories_of(name, parameters, reference):
     """Channels [channel][flight, time] of one controller, by formula: lags and pulses that grow with the samples."""
-    reference = reference_of(time)
+    time = reference["time"]
     stray, usage = ERROR.get(name, 0.6), USAGE.get(name, 1.0)
-    density, lift, drag = ((samples[key] - 1.0)[:, None] for key in ("atmosphere.density", "aero.lift", "aero.drag"))
+    density, lift, drag = (parameters[:, [column]] - 1.0 for column in (DENSITY, LIFT, DRAG))
+    wobble = np.sin(1e4 * lift)
     kick = np.exp(-time / 2.0) + 0.8 * np.where(time > 50.0, np.exp(-(time - 50.0) / 2.0), 0.0)
     swing = np.sin(time / 4.0) * np.exp(-time / 30.0)
     load = 1.0 + density + lift
@@ -117,7 +96,7 @@ def histories_of(name, samples, time, wobble):
     for surface in ("aileron", "rudder", "elevator"):
         channels[f"{surface}_command_deg"] = channels[f"{surface}_deg"] * 1.02
     channels["equivalence_ratio_command"] = channels["equivalence_ratio"] * 1.001
-    shape = (density.size, time.size)
+    shape = (len(parameters), time.size)
     channels = {key: np.broadcast_to(value, shape).astype(np.float32) for key, value in channels.items()}
     assert set(channels) == set(STANDARD_CHANNELS)
     zeros = np.zeros(shape, np.float32)  # of what else a history holds
@@ -134,9 +113,9 @@ COUNTED = {
 }
 
 
-def metrics_of(channels, time):
-    """Every metric of METRICS from the recorded histories, as the contract defines them (at the recorded rate)."""
-    reference = reference_of(time)
+def metrics_of(channels, reference):
+    """METRICS [flight, metric] from the histories, as the contract defines them."""
+    time = reference["time"]
     settled = ((time > 5.0) & (time < 50.0)) | (time > 55.0)
     of = {
         f"{name}_error_{unit}": channels[f"{name}_{unit}"] - reference[f"{name}_reference_{unit}"]
@@ -151,11 +130,11 @@ def metrics_of(channels, time):
     of["fuel_used_kg"] = channels["mass_kg"][:, :1] - channels["mass_kg"]
     of["load_factor_g"] = 1.0 / np.cos(np.radians(channels["bank_deg"]))
     of = {**channels, **of}
-    found = {}
-    for record in METRICS:
-        nothing = np.zeros(len(channels["bank_deg"]))  # of ripples, cycles and failures
-        values = of[record.of][:, settled] if record.settled else of.get(record.of)
-        found[record.name] = nothing if values is None else COUNTED[record.statistic](values).astype(np.float64)
+    found = np.zeros((len(channels["bank_deg"]), len(METRICS)))  # zero: ripples, cycles and failures
+    for k, metric in enumerate(METRICS):
+        if metric.of in of:
+            values = of[metric.of]
+            found[:, k] = COUNTED[metric.statistic](values[:, settled] if metric.settled else values)
     return found
 
 
@@ -164,104 +143,41 @@ def write_campaign(
     runs: int = 60,
     sampling: str = "random",
     failing: int = 0,
-    seed: int = 7,
+    seed: int = 2014,
     controllers: Sequence[str] = CONTROLLERS,
     requirements: Sequence[str] = REQUIREMENTS,
+    end: float = TICKS * TICK,
 ) -> Path:
-    """Write a synthetic campaign; of the controllers after the first, the `failing` flights with most density fail."""
-    draw = np.random.default_rng(seed)
-    paths = CampaignFolder(folder)
-    paths.flights.mkdir(parents=True, exist_ok=True)
-    time = np.arange(601) * TICK
-    samples = {
-        "atmosphere.density": draw.uniform(0.90, 1.10, runs),
-        "aero.lift": draw.uniform(0.90, 1.10, runs),
-        "aero.drag": draw.uniform(0.85, 1.15, runs),
-    }
-    wobble = draw.normal(size=runs)[:, None]
-    pq.write_table(pa.table({"flight": np.arange(runs, dtype=np.int64), **samples}), paths.samples)
-    nominal, envelopes, digests = {}, {}, {}
-    for name in controllers:
-        channels = histories_of(name, samples, time, wobble)
-        metrics = metrics_of(channels, time)
-        outcome = np.full(runs, "ok", dtype=object)
-        if name != controllers[0] and failing:
-            outcome[np.argsort(samples["atmosphere.density"])[-failing:]] = "sideslip_limit"
-        digests[name] = write_flights(
-            paths.flights, name, samples, outcome, {**metrics, "end_time_s": np.full(runs, 60.0)}
-        )
-        worst = worst_of(metrics, np.flatnonzero(outcome != "ok"))
-        history = np.stack([channels[signal.name] for signal in CHANNELS], axis=2)
-        names = [signal.name for signal in CHANNELS]
-        write_histories(paths.histories / f"{name}.parquet", name, worst, time, history[worst], names)
-        envelopes[name] = EnvelopeTable(
-            count=np.full(history.shape[1:], runs, dtype=np.int64),
-            low=history.min(axis=0).astype(np.float64),
-            high=history.max(axis=0).astype(np.float64),
-            least=(quantiles := np.quantile(history.astype(np.float64), QUANTILES, axis=0)),
-            most=quantiles,
-        )
-        flown = histories_of(name, {key: np.ones(1) for key in samples}, time, np.zeros((1, 1)))
-        nominal[name] = np.stack([flown[signal.name][0] for signal in CHANNELS], axis=1)
-    write_envelopes(paths.envelopes, time, names, envelopes, runs)
-    write_nominal(paths.nominal, time, nominal)
-    pq.write_table(pa.table({"time": time, **reference_of(time)}), paths.reference)
-    for reference in ("vehicle", "mission", *controllers):
-        (folder / f"{reference}.yaml").write_text("name: synthetic\n", encoding="utf-8")
-    listed = {
-        "controllers": ", ".join(f"{name}: {name}.yaml" for name in controllers),
-        "requirements": ", ".join(requirements),
-    }
-    paths.campaign.write_text(CAMPAIGN.format(runs=runs, sampling=sampling, **listed), encoding="utf-8")
-    manifest = Manifest(
-        name="synthetic",
-        state="complete",
-        seed=2014,
-        campaign_hash="0" * 64,
-        source_hash="none",
-        runs_planned=runs * len(controllers),
-        runs_done=runs * len(controllers),
-        runs_failed=2 * failing,
-        versions={"abhv_mc": "0.1.0", "python": "3.12.0", "numpy": "2.4.6", "numba": "0.68.1"},
-        machine={"system": "synthetic", "processor": "none", "cores": 2},
-        digest=str(sum(digests.values(), Digest())),
-        digests={name: str(digest) for name, digest in digests.items()},
+    """Fly a campaign; of the controllers but TLC, the `failing` flights with most density are lost, at ``end`` s."""
+    path = write_fake(
+        folder.with_name(folder.name + " files"),
+        name="synthetic_s",
+        question="Does TLC hold the S manoeuvre better than LQR under the paper's uncertainties?",
+        controllers=f"{{{', '.join(f'{name}: one.yaml' for name in controllers)}}}",
+        runs=str(runs),
+        seed=str(seed),
+        sampling=sampling,
+        dispersions="{atmosphere.density: {distribution: uniform, half_width: 10 %},"
+        " aero.lift: {distribution: uniform, half_width: 10 %}, aero.drag: {distribution: uniform, half_width: 15 %}}",
+        requirements=f"[{', '.join(requirements)}]",
+        keep="{histories: {flights: worst 20, channels: all, rate: 10 Hz}, envelopes: {rate: 10 Hz}}",
     )
-    sign(folder, manifest)
-    return folder
+    densest = np.sort(read_campaign(path).make_samples().draw(0, runs)[:, 0])[::-1]
 
+    def fly(plan, parameters, record_every=None):
+        reference = reference_of(plan, 1)
+        channels = histories_of(plan.controller, parameters, reference)
+        lost = np.zeros(len(parameters), bool)
+        if failing and plan.controller != "tlc":
+            lost = parameters[:, DENSITY] >= densest[failing - 1]
+        outcome = np.where(lost, Outcome.SIDESLIP_LIMIT, Outcome.OK).astype(np.int64)
+        history = np.stack([channels[signal.name] for signal in CHANNELS], axis=2)
+        history[lost[:, None] & (reference["time"] > end)] = np.nan
+        ends = np.where(lost, end, TICKS * TICK)
+        block = FlightBlock(outcome, ends, metrics_of(channels, reference), history, reference["time"])
+        return record(block, recording_of(record_every, plan))
 
-def sign(folder: Path, manifest: Manifest) -> None:
-    """Write the manifest with the hashes of the files that are there."""
-    files = [path for path in folder.rglob("*") if path.is_file() and path.name != "manifest.json"]
-    hashes = {path.relative_to(folder).as_posix(): hash_file(path) for path in files}
-    write_manifest(folder / "manifest.json", replace(manifest, files=hashes))
-
-
-def worst_of(metrics, early):
-    """The 20 worst flights by the three requirements, ascending."""
-    limits = {"altitude_error_max_m": 50.0, "speed_error_max_mps": 5.0, "sideslip_max_deg": 0.7}
-    beyond = np.max([metrics[name] / limit for name, limit in limits.items()], axis=0)
-    lost_at = np.where(np.isin(np.arange(beyond.size), early), 60.0, np.inf)
-    return np.sort(worst_first(lost_at, beyond)[:20])
-
-
-def write_flights(folder, name, samples, outcome, values):
-    """The flights of one controller as two blocks; returns their digest."""
-    schema = flights_schema(list(samples), {"campaign": "synthetic"})
-    runs = len(outcome)
-    digest = Digest()
-    for first, stop in ((0, runs // 2), (runs // 2, runs)):
-        block = FlightRows(
-            controller=name,
-            first=first,
-            names=tuple(samples),
-            samples=np.stack([column[first:stop] for column in samples.values()], axis=1),
-            outcome=tuple(outcome[first:stop]),
-            values=np.stack([values[signal.name][first:stop] for signal in VALUES], axis=1),
-        )
-        digest = digest + write_block(folder, block, schema)
-    return digest
+    return run(path, folder, Engine(prepare, fly, "synthetic"), workers=1).folder
 
 
 def build_with(folder: Path, *figures: str, baseline: Path | None = None, svg: bool = False) -> Path:

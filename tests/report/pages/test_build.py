@@ -2,24 +2,19 @@
 
 import csv
 import shutil
-from dataclasses import replace
 from xml.etree import ElementTree
 
-import numpy as np
-import pyarrow.parquet as pq
 import pytest
 from fake_flight import ENGINE
 from fake_flight import write_campaign as write_fake
-from report.synthetic import build_with, sign, write_campaign
+from report.synthetic import build_with, write_campaign
 from typer.testing import CliRunner
 
 from abhv_mc.cli.app import app
 from abhv_mc.cli.running import finish
 from abhv_mc.execution.runner import RunResult
-from abhv_mc.folder.flights import flights_schema, read_pieces, write_block
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.manifest import ControllerCount, Manifest, read_manifest
-from abhv_mc.folder.samples import SampleReader
+from abhv_mc.folder.manifest import ControllerCount, Manifest
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.pages.build import build_report, is_up_to_date
 from abhv_mc.report.pages.matrix import Case, make_junit
@@ -29,21 +24,10 @@ from abhv_mc.report.pages.verify import differences, verify_campaign
 @pytest.fixture(scope="module")
 def lost(tmp_path_factory):
     """A campaign whose flights all ended early; no flight was there after 5 s."""
-    folder = write_campaign(tmp_path_factory.mktemp("lost"), runs=30)
-    names = SampleReader(folder / "samples.parquet").names
-    for path in sorted((folder / "flights").glob("*.parquet")):
-        ((rows, _),) = read_pieces(path, names)
-        ended = replace(rows, outcome=("sideslip_limit",) * len(rows.outcome))
-        write_block(folder / "flights", ended, flights_schema(names, {}))
-    table = pq.read_table(folder / "envelopes.parquet")
-    late = table["time"].to_numpy() > 5.0
-    for i, name in enumerate(table.column_names[3:], 3):
-        values = table[name].to_numpy()
-        table = table.set_column(
-            i, name, [np.where(late, 0 if name == "count" else np.nan, values).astype(values.dtype)]
-        )
-    pq.write_table(table, folder / "envelopes.parquet")
-    sign(folder, read_manifest(folder / "manifest.json"))
+    controllers = ("lqr", "lqr_retuned")
+    folder = write_campaign(
+        tmp_path_factory.mktemp("lost") / "c", runs=30, failing=30, end=5.0, controllers=controllers
+    )
     build_report(folder)
     return folder
 
@@ -59,7 +43,7 @@ def test_a_second_run_with_nothing_new_does_not_make_the_report_again(lost, monk
         raise AssertionError("made again")
 
     monkeypatch.setattr("abhv_mc.report.pages.build.build_report", never)
-    counts = {"tlc": ControllerCount({"sideslip_limit": 30})}
+    counts = {"lqr": ControllerCount({"sideslip_limit": 30})}
     manifest = Manifest("lost", "complete", 1, "", "", 30, 30, controllers=counts)
     finish(RunResult(lost, manifest), no_report=False)
     assert "report.html, up to date" in capsys.readouterr().out
