@@ -41,7 +41,6 @@ _THOROUGH = (
     "studies",
     "test_public_numba.py",
     "test_wheel.py",
-    "verification/test_step_study.py",
 )
 _CAMPAIGNS_FLY = (
     "analysis",

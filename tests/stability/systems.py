@@ -11,7 +11,7 @@ from abhv_mc.flight.prepare import make_plan, read_law
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.stability.analysis import analyse
-from abhv_mc.stability.linearize import closed_loop, linearize
+from abhv_mc.stability.linearize import closed_loop, closed_period, linearize
 from abhv_mc.stability.plant_inputs import plant_states
 from abhv_mc.stability.points import flown_points, fly_disturbed
 from abhv_mc.stability.probe import law_memory_rows
@@ -73,6 +73,19 @@ def stability_at_trim(controller):
 def decibels(gain):
     with np.errstate(divide="ignore"):
         return 20.0 * np.log10(gain)
+
+
+def assert_neutral(linear, margins):
+    """With a loop's gain at either margin the closed loop has a pole on the unit circle."""
+    span = linear.period * max(len(linear.phases), 1)
+    assert np.isfinite(margins.gain_high[0]).any()
+    for side in ("gain_low", "gain_high"):
+        gains, frequencies = getattr(margins, side)[0], getattr(margins, f"{side}_frequency")[0]
+        for i in np.flatnonzero(np.isfinite(frequencies)):
+            scale = np.where(np.arange(len(gains)) == i, gains[i], 1.0)
+            ticks = tuple(each._replace(B=each.B * scale) for each in linear.phases or (linear,))
+            poles = np.linalg.eigvals(closed_period(ticks[0]._replace(phases=ticks), 0))
+            assert np.abs(poles - np.exp(1j * frequencies[i] * span)).min() < 1e-6
 
 
 CHANGE = {

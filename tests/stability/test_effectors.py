@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from flight.test_effectors_apart import FUNCTIONS, LAW, VEHICLE
 from short_flights import cut, rows_of
-from stability.systems import assert_predicted
+from stability.systems import assert_neutral, assert_predicted
 
 from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.prepare import prepare, read_law
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.stability.analysis import analyse, cut_loops, make_rows, margin_values
-from abhv_mc.stability.linearize import closed_loop, linearize
+from abhv_mc.stability.linearize import linearize
 from abhv_mc.stability.points import flown_points
 from abhv_mc.stability.steady import make_steady_plan, trim_points
 from abhv_mc.user_code.vehicle_functions import load_vehicle
@@ -47,17 +47,6 @@ def trimmed(files, **case):
     found = trim_points(plan, rows_of({name.replace("__", "."): x for name, x in case.items()}))
     assert found.faults == [""]
     return linearize(plan, found.points), found.points
-
-
-def assert_neutral(linear, margins) -> None:
-    """With each loop's gain at its margin the closed loop has a pole on the unit circle."""
-    assert np.isfinite(margins.gain_high).any()
-    for i in np.flatnonzero(np.isfinite(margins.gain_high[0])):
-        B = linear.B.copy()
-        B[:, :, i] *= margins.gain_high[0, i]
-        poles = np.linalg.eigvals(closed_loop(linear._replace(B=B), 0))
-        w = margins.gain_high_frequency[0, i] * linear.period
-        assert np.abs(poles - np.exp(1j * w)).min() < 1e-6
 
 
 def test_a_law_of_axes_counts_their_loops_and_shows_those_of_effectors(write) -> None:

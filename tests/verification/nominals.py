@@ -21,7 +21,7 @@ from abhv_mc.control.design.design_model import (
 from abhv_mc.control.design.design_tables import Numbers, slope
 from abhv_mc.control.design.reference import make_mission_trim_tables, solve_reference
 from abhv_mc.control.design.trim_tables import trim_elevator
-from abhv_mc.control.mission import Mission, read_mission
+from abhv_mc.control.mission import read_mission
 from abhv_mc.kernel.laws.tlc_loops import AttitudePoint, attitude_inverse
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc.kernel.world.earth import WGS84
@@ -56,18 +56,11 @@ class Nominal(NamedTuple):
     rates: tuple[float, float, float]  # p, q, r
     attitude: AttitudePoint
 
-    @property
-    def velocity(self) -> Floats:
-        """gamma, chi, V, alpha, bank, eta."""
-        names = ("flight_path_angle", "heading", "speed", "angle_of_attack", "bank", "equivalence_ratio")
-        return np.array([self.values[name] for name in names])
-
 
 class Design(NamedTuple):
     """What the nominals are drawn for."""
 
     vehicle: Vehicle
-    mission: Mission
     reference: Floats  # [tick, column]
     trim_tables: Tables
     tlc: TlcController
@@ -80,9 +73,7 @@ def make_design() -> Design:
     mission = read_mission(configs / "mission" / "s_manoeuvre.yaml")
     trim_tables = make_mission_trim_tables(mission, vehicle)
     reference, _ = solve_reference(mission, vehicle, trim_tables, 0.1, 600)
-    controller = read_controller(configs / "control" / "tlc.yaml")
-    assert isinstance(controller, TlcController)
-    return Design(vehicle, mission, reference, trim_tables, controller)
+    return Design(vehicle, reference, trim_tables, read_controller(configs / "control" / "tlc.yaml"))
 
 
 def draw_nominals(design: Design, count: int, seed: int = 2014) -> list[Nominal]:
@@ -138,13 +129,13 @@ def _make_nominal(vehicle: Vehicle, values: dict[str, float]) -> Nominal:
 
 def velocity_jacobian(design: Design, nominal: Nominal) -> Floats:
     """[4, 7]: rates of altitude, gamma, chi, V over these and alpha, bank, eta, from (1)."""
-    at = [nominal.values["altitude"], *nominal.velocity]
+    names = ("altitude", "flight_path_angle", "heading", "speed", "angle_of_attack", "bank", "equivalence_ratio")
 
     def rates_of(x: Numbers) -> Numbers:
         mass = nominal.values["mass"]
         return guidance_rates(design.vehicle, design.trim_tables, nominal.around, mass, x[:4], x[4:])
 
-    return slope(rates_of, at)
+    return slope(rates_of, [nominal.values[name] for name in names])
 
 
 def attitude_jacobian(design: Design, nominal: Nominal) -> Floats:

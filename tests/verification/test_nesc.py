@@ -1,15 +1,21 @@
-"""The check-cases: those with NASA's data, and the others from a second, independent integration."""
+"""The check-cases: those with NASA's data, the others from a second, independent integration; the papers' numbers."""
 
 import gzip
 import shutil
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from verification.independent import FT, World, fly_sphere, write_case
+from verification.shown import check
 
-from abhv_mc.verification.check_rows import all_ok
-from abhv_mc.verification.nesc import find_files, verify_nesc
+from abhv_mc.topics.plain import plain
+from abhv_mc.verification.check_rows import Row, all_ok, rows_record
+from abhv_mc.verification.everything import verify_paper
+from abhv_mc.verification.fly_recording import at_times, make_motion
+from abhv_mc.verification.nesc import _flown, find_files, verify_nesc
+from abhv_mc.verification.nesc_f16 import RATE, fly_aircraft
 
 ROUND = {"a": 20_902_255.199 * FT, "f": 0.0, "gm": 1.407644311e16 * FT**3, "j2": 0.0}
 TUMBLING = (10.0, 20.0, 30.0)
@@ -91,3 +97,75 @@ def test_other_files_are_left_alone(tmp_path, given):
     shutil.copytree(given / "Atmos_01_DroppedSphere", tmp_path / "deep" / "Atmos_01_DroppedSphere")
     (tmp_path / "Atmos_17_sim_02.csv").write_text("not a case of ours\n")
     assert list(find_files(tmp_path)) == [("01", "04"), ("01", "06")]
+
+
+# Of altitude (ft), velocity (ft/s), longitude, latitude, Euler angles (deg) and body rates (deg/s). The program's law
+# acts 500 times a second, the other one without delay: stops of its stiff roll loop come up to 2 ms later.
+@pytest.mark.parametrize(
+    ("case", "gain", "at"),
+    [("13p3", (15.0, 0.0), 60.0), ("13p4", (0.0, 2000.0), 120.0)],
+    ids=["15 deg to the right", "2000 ft to the right"],
+)
+def test_course_and_track_reach_their_steps(case, gain, at) -> None:
+    motion = make_motion(fly_aircraft(case, at))
+    velocity = motion.velocity_ned
+    course = np.degrees(np.arctan2(velocity[:, 1], velocity[:, 0]))
+    across = (velocity[:, 1] - velocity[:, 0]) / np.sqrt(2.0)  # to the right of 45 deg
+    assert course[-1] - course[0] == pytest.approx(gain[0], abs=0.1)
+    if gain[1]:
+        assert float(np.sum(across)) / RATE / 0.3048 == pytest.approx(gain[1], abs=5.0)
+    assert np.abs(np.degrees(motion.euler[:, 2])).max() < 37.0  # commanded 30
+    assert np.ptp(motion.altitude) < 3.0
+
+
+def write_published(folder, case: str, name: str, simulator: str, times, turn) -> None:
+    """The program's own flight in a published file's columns, angles turned to where they begin."""
+    altitude, velocity, longitude, latitude, euler, rates = _flown(
+        at_times(1.0 / RATE, fly_aircraft(case, float(times[-1])), times)
+    )
+    columns = [times, altitude, turn(longitude), latitude, *velocity.T, *turn(euler).T, *rates.T, 0.0 * times]
+    write_case(folder, case, name, simulator, np.column_stack(columns).tolist())
+
+
+@pytest.mark.parametrize(
+    ("case", "name", "end"),
+    [
+        ("13p3", "SubsonicHeadingChangeF16", 17.0),
+        ("15", "CircleNorthPole", 20.0),
+        pytest.param("16", "CircleEquatorDateLine", 56.0, marks=pytest.mark.thorough),
+    ],
+)
+def test_files_named_as_the_publishers_are_found_and_compared(tmp_path, case, name, end) -> None:
+    """At times of their own, and with angles that go round otherwise: a difference of 360 deg is none."""
+    write_published(tmp_path, case, name, "04", np.arange(0.0, end, 0.1), lambda a: (a + 180.0) % 360.0 - 180.0)
+    write_published(tmp_path, case, name, "05", np.arange(0.0, end, 1.0 / 30.0), lambda a: a % 360.0)
+    rows = verify_nesc(tmp_path)
+    title = f"nesc {case.replace('p', '.')}"
+    assert {(row.case, row.simulator) for row in rows} == {(title, "sim 04"), (title, "sim 05")}
+    assert len(rows) == 12
+    assert max(row.difference for row in rows) < 1e-9
+
+
+def test_one_simulator_alone_is_compared_and_not_judged(tmp_path, given) -> None:
+    folder = given / "Atmos_11_TrimCheckSubsonicF16"
+    (tmp_path / "case").mkdir()
+    with gzip.open(next(folder.glob("*sim_04*")), "rt") as file:
+        first = [line for line, _ in zip(file, range(50), strict=False)]
+    (tmp_path / "case" / "Atmos_11_sim_04.csv").write_text("".join(first))
+    rows = verify_nesc(tmp_path)
+    assert len(rows) == 6 and not any(row.judged for row in rows)
+    assert all(row.difference < 0.1 for row in rows)
+    assert {row["tolerance"] for row in rows_record(rows)["rows"]} == {None}
+
+
+def test_the_papers_numbers() -> None:
+    scaled = verify_paper(1e-4)
+    assert not any(row.ok for row in scaled)
+    check([replace(row, tolerance=1e4 * row.tolerance) for row in scaled])
+
+
+def test_a_row_that_is_no_number_is_not_ok() -> None:
+    good, bad = Row("a", "b", "c", "m", 1.0, 1.0), Row("a", "b", "d", "m", float("nan"), 1.0)
+    assert good.ok and not bad.ok and not all_ok([])
+    record = plain(rows_record([good, bad]))
+    assert record["ok"] is False and record["rows"][1]["difference"] is None
