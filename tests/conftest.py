@@ -24,7 +24,6 @@ os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(Path(__file__).pare
 # servers or browsers, kill at random, or look at pages and benchmarks.
 _THOROUGH = (
     "benchmarks",
-    "campaign/test_flipped_bits.py",
     "control/design/test_shipped_designs.py",
     "docs",
     "execution/test_cluster.py",
@@ -37,24 +36,10 @@ _THOROUGH = (
     "report/test_flights_view.py",
     "report/test_reading.py",
     "report/test_shipped_campaigns.py",
-    "robustness",
     "studies",
     "test_public_numba.py",
     "test_wheel.py",
 )
-_CAMPAIGNS_FLY = (
-    "analysis",
-    "campaign",
-    "cli",
-    "execution",
-    "folder",
-    "report",
-    "robustness",
-    "search",
-    "simulators",
-    "test_results.py",
-)
-
 # The same examples in each run: a suite that fails now and then teaches people to run it again.
 settings.register_profile("repeatable", deadline=None, derandomize=True, print_blob=True)
 settings.load_profile("repeatable")
@@ -130,24 +115,13 @@ def failing_numbers(failing):
     return make_numbers(Models(failing))
 
 
-@pytest.fixture(scope="session")
-def fork_server():
+@pytest.fixture(scope="session", autouse=True)
+def _fork_server():
     """One server for all engines: the first would know its own alone, and each worker of another import for seconds."""
-    modules = [
-        "fake_flight",
-        "abhv_mc.execution.worker",
-        "abhv_mc.execution.runner",
-        "abhv_mc.flight.fly",
-    ]
+    ours = [f"abhv_mc.{name}" for name in ("execution.worker", "execution.runner", "flight.fly")]
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([*modules, "scipy.stats", "joblib"])
+    context.set_forkserver_preload(["fake_flight", *ours, "scipy.stats", "joblib"])
     forkserver.ensure_running()
-
-
-@pytest.fixture(autouse=True)
-def _fork_server_where_campaigns_fly(request):
-    if request.path.relative_to(Path(__file__).parent).parts[0] in _CAMPAIGNS_FLY:
-        request.getfixturevalue("fork_server")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

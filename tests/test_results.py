@@ -3,7 +3,6 @@
 import pydoc
 import re
 import shutil
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -13,7 +12,6 @@ from report.synthetic import write_campaign as write_flown
 from search.known_flights import METRIC
 
 import abhv_mc
-from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.compare import compare_results, read_compared
 from abhv_mc.topics.plain import plain
@@ -126,18 +124,6 @@ def test_flights_again(flown, fake):
     found = results.explain(lost)
     assert found.causes == ("atmosphere.density",)
     assert results.explained_figure(found, dpi=50).get_dpi() == 50
-
-
-def test_a_channel_that_a_flight_does_not_have_costs_no_rows(flown, monkeypatch):
-    """Heat flux is not a number for a vehicle without a nose radius; rows end where the flight ends."""
-    _, results = flown
-    history = np.ones((1, 5, len(CHANNELS)), np.float32)
-    history[0, :, CHANNEL_INDEX["stagnation_heat_flux_w_m2"]] = np.nan
-    history[0, 3:] = np.nan
-    block = SimpleNamespace(history=history, times=np.arange(5.0))
-    again = SimpleNamespace(differences=(), block=block, channels=CHANNELS)
-    monkeypatch.setattr("abhv_mc.analysis.replay.replay_flight", lambda *_: again)
-    assert results.replay(17, "two").time.tolist() == [0.0, 1.0, 2.0]
 
 
 def test_other_dispersions(flown):

@@ -1,17 +1,23 @@
-"""Bad campaign files: exit code 2, the place, what was found, what is wanted; nothing written, nothing flown."""
+"""Bad files: exit code 2, the place, what was found, what is wanted; nothing written, nothing flown. With random
+mistakes each is taken or refused in words, and no reader fails in another way."""
 
 import copy
 import json
 import random
 import re
+import shutil
 from pathlib import Path
 
 import pytest
 
+from abhv_mc.control.controller_file import read_controller
+from abhv_mc.control.mission import read_mission
 from abhv_mc.io.documents import read_document
+from abhv_mc.io.input_error import InputError
 from abhv_mc.io.input_files import reading_once
 from abhv_mc.shipped import shipped_campaigns, shipped_configs
 from abhv_mc.simulators import check_inputs
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 
 BAD = Path(__file__).parent / "bad"
 
@@ -106,3 +112,49 @@ def test_a_file_of_another_kind_is_one_sentence(tmp_path, abhv_mc):
     ):
         code, _, said = abhv_mc(command, file)
         assert code == 2 and said.count("\n") == 1 and words in said, said
+
+
+READERS = {
+    "configs/mission/s_manoeuvre.yaml": read_mission,
+    "configs/control/tlc.yaml": read_controller,
+    "configs/vehicle/ghame_x.yaml": load_vehicle,
+}
+SNIPPETS = [*b"-1 1e400 .nan ~ { ] *a !!x '".split(), b"\t", b"\x00", b"\xff", b"\r", b"\n---\n", b""]
+
+
+@pytest.fixture(scope="module")
+def copies(tmp_path_factory):
+    root = tmp_path_factory.mktemp("copies")
+    shutil.copytree(shipped_configs(), root / "configs")
+    return root
+
+
+def is_refused(read, file, content):
+    """Whether a reader refuses in words; any other failure is one of the test's."""
+    whole = file.read_bytes()
+    file.write_bytes(content)
+    try:
+        read()
+    except InputError:
+        return True
+    finally:
+        file.write_bytes(whole)
+    return False
+
+
+def broken(file, number):
+    """Its content cut anywhere, with an odd snippet in the place."""
+    chance, content = random.Random(f"{file.name} {number}"), file.read_bytes()
+    place = chance.randrange(len(content))
+    return content[:place] + chance.choice(SNIPPETS) + content[place + chance.choice([0, 1, 9, 10**6]) :]
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", READERS)
+def test_a_mutated_file_is_taken_or_refused_in_words(copies, name):
+    file = copies / name
+    contents = [text.encode() for _, text in mutants(file)] + [broken(file, k) for k in range(60)]
+    assert sum(is_refused(lambda: READERS[name](file), file, content) for content in contents) > 60
+    tables = sorted(file.parent.glob("ghame/*.csv"))  # of the vehicle
+    for k, table in enumerate(3 * tables):
+        is_refused(lambda: load_vehicle(file), table, broken(table, k))
