@@ -8,7 +8,7 @@ from fake_flight import around
 from short_flights import short_plan
 
 from abhv_mc.flight.channels import CHANNELS
-from abhv_mc.flight.fly import fly, join_bins, nominal_parameters
+from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import Recording
 from abhv_mc.kernel.flight.fly_lanes import COMPACTION
@@ -64,20 +64,5 @@ def test_extremes_are_those_of_whole_histories(plans, dispersed, whole, law, eve
             expected = around(history, every, extreme)
             assert side.dtype == np.float32
             assert side.tobytes() == expected.tobytes()  # -0 and 0 are one
-
-
-def test_nothing_else_changes_where_extremes_are_kept(plans, dispersed):
-    plain, found = fly(plans["tlc"], dispersed), fly(plans["tlc"], dispersed, Recording(20, (5,), extremes=True))
-    for name in ("outcome", "end_time", "metrics"):
-        assert getattr(plain, name).tobytes() == getattr(found, name).tobytes()
-    assert plain.low is None
-    assert fly(plans["tlc"], dispersed, Recording(20, (5,))).low is None
-
-
-def test_no_value_and_infinite_ones_are_told_apart():
-    low, high = np.array([[np.inf, np.inf, -0.0]] * 3), np.array([[-np.inf, np.inf, -0.0]] * 3)
-    history = np.array([[[np.nan, np.inf, -0.0]] * 3], np.float32)
-    found = join_bins(low, high, history)
-    for side in found:
-        np.testing.assert_array_equal(side, [[np.nan, np.inf, 0.0]] * 3)
-        assert not np.signbit(side[:, 2]).any()
+        for name in ("outcome", "end_time", "metrics"):
+            assert getattr(found, name).tobytes() == getattr(whole, name)[rows].tobytes()

@@ -1,19 +1,25 @@
-"""A flight does not depend on how it is flown: alone, abreast, in which order, beside what, lean or full, in Python."""
+"""A flight does not depend on how it is flown: alone, abreast, in which order, beside what, lean or full, in Python.
+
+What compiled code relies on is checked where Python enters: types, shapes, order and alignment.
+"""
 
 import os
 import pickle
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from short_flights import cut, short_plan
+from short_flights import assert_same, cut, rows_of, short_plan
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.flight import fly as flying
+from abhv_mc.flight.arguments import make_kernel_plan
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import Recording
 from abhv_mc.kernel.flight.fly_lanes import COMPACTION, make_fly_lanes
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.flight.memory import TOGETHER
@@ -24,14 +30,8 @@ from abhv_mc.simulators.engine import make_engine
 from abhv_mc.simulators.make_plans import make_plans
 
 FLIGHTS = LANES
-
-
 FACTOR = 0.05
-
-
 HALF_WIDTH = {"-": 2e-4, "m": 0.02, "m/s": 3.0, "1/s": 1e-4, "rad": 0.005, "rad/s": 0.001, "s": 0.02}  # what adds
-
-
 NEVER_NEGATIVE = ("_noise", "turbulence", "delay", "gust_start")
 
 
@@ -154,44 +154,74 @@ def test_flights_that_take_the_lanes_of_ended_ones_stay_the_same():
     assert_equal(result(abreast), result(fly(plan, parameters, record_every=50, lanes=1, keep_states=True)))
 
 
-CAMPAIGNS = {  # which of them it flies
-    "f16_gust": False,
-    "failures": False,
-    "harder_vehicle": True,
-    "paper": True,
-    "s_manoeuvre": True,
-    "wide": True,
-    "wind_and_air_data": False,
-    "wind_and_sensors": False,
-    "winged_cone": True,
-}
-
-
-QUICK = ("s_manoeuvre", "winged_cone", *(name for name, lean in CAMPAIGNS.items() if not lean))
-
-
-SLOW = [pytest.param(name, marks=pytest.mark.thorough) for name in CAMPAIGNS if name not in QUICK]
-
-
-@pytest.mark.parametrize("name", [*QUICK, *SLOW])
-def test_lean_flights_have_the_same_bits(name, repository, monkeypatch):
+def campaign_plans(name, repository):
     campaign = read_campaign(repository / "campaigns" / f"{name}.yaml", 64, None, None)
-    plans = make_plans(campaign, campaign.model.controllers, make_engine())
-    assert {plan.lean for plan in plans.values()} == {CAMPAIGNS[name]}
+    return campaign, make_plans(campaign, campaign.model.controllers, make_engine()).values()
+
+
+SLOW = [pytest.param(name, marks=pytest.mark.thorough) for name in ("harder_vehicle", "paper", "wide")]
+
+
+@pytest.mark.parametrize("name", ["s_manoeuvre", "winged_cone", *SLOW])
+def test_lean_flights_have_the_same_bits(name, repository, monkeypatch):
+    campaign, plans = campaign_plans(name, repository)
     source = campaign.make_samples()
     rows = full_rows(source.names, source.draw(0, 64), ())
-    for plan in plans.values() if CAMPAIGNS[name] else ():
+    for plan in plans:
+        assert plan.lean
         blocks = []
         for lean in (True, False):
             monkeypatch.setattr(flying, "choose_flight", lambda lanes, _, lean=lean: make_fly_lanes(lanes, lean))
             blocks.append(flying.fly(plan, rows, 100))
-        for part in ("outcome", "end_time", "metrics", "history"):
-            assert np.array_equal(*(getattr(block, part) for block in blocks), equal_nan=True), (plan.controller, part)
+        assert_same(*blocks)
 
 
-def test_a_lean_flight_refuses_what_it_does_not_know(repository):
-    campaign = read_campaign(repository / "campaigns" / "s_manoeuvre.yaml", 1, None, None)
-    (plan, *_) = make_plans(campaign, ["tlc"], make_engine()).values()
-    rows = full_rows(("wind.north",), np.array([[10.0]]), ())
+@pytest.mark.parametrize("name", ["f16_gust", "failures", "wind_and_air_data", "wind_and_sensors"])
+def test_what_a_lean_flight_does_not_know_is_flown_whole(name, repository):
+    for plan in campaign_plans(name, repository)[1]:
+        assert not plan.lean
+
+
+def test_a_lean_flight_refuses_what_it_does_not_know(plans):
+    lean = plans["tlc"].lean_for(["aero.lift"])
     with pytest.raises(ValueError, match="lean"):
-        flying.fly(plan, rows)
+        flying.fly(lean, rows_of({"wind.north": 10.0}))
+
+
+def misaligned(array):
+    """The same numbers from the second byte of a buffer on."""
+    buffer = bytearray(array.nbytes + 1)
+    buffer[1:] = np.ascontiguousarray(array).tobytes()
+    return np.frombuffer(buffer, array.dtype, array.size, 1).reshape(array.shape)
+
+
+def spread_out(array):
+    """Every other number of an array of twice the length: not contiguous."""
+    return np.repeat(array, 2, axis=-1)[..., ::2]
+
+
+@pytest.mark.parametrize("change", [misaligned, spread_out])
+def test_the_kernel_gets_only_arrays_it_can_rely_on(plans, change):
+    plan = plans["tlc"]
+    tables = plan.vehicle.tables._replace(data=change(plan.vehicle.tables.data))
+    changed = replace(plan, vehicle=plan.vehicle._replace(tables=tables), gains=change(plan.gains))
+    made = make_kernel_plan(changed, nominal_parameters(), Recording(0))
+    for array, whole in ((made.vehicle.tables.data, plan.vehicle.tables.data), (made.gains, plan.gains)):
+        assert array.flags.aligned and array.flags.c_contiguous and array.flags.writeable
+        assert np.array_equal(array, whole)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"gains": np.zeros((301, 32), np.float32)}, "plan.gains is an array of float32, not an array of float64"),
+        ({"gains": np.zeros((301, 31))}, r"plan.gains has the shape \(301, 31\), not \(any, 32\)"),
+        ({"gains": np.zeros((300, 32))}, "has 300 rows for control ticks 0 to 300"),
+        ({"initial_state": np.zeros((22, 1))}, r"initial_state has the shape \(22, 1\), not \(22\)"),
+        ({}, "parameters has the shape"),
+    ],
+)
+def test_wrong_types_and_shapes_are_refused(plans, change, sentence):
+    parameters = nominal_parameters() if change else nominal_parameters()[:, 1:]
+    with pytest.raises(ValueError, match=sentence):
+        fly(replace(plans["tlc"], **change), parameters)

@@ -14,7 +14,6 @@ from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import EndBounds, Outcome
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.documents import InputError, read_document, validate
-from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.kernel.plant.vehicle import LoadBounds
 from abhv_mc.one_flight.given import make_flight_plan
 from abhv_mc.shipped import shipped_configs
@@ -159,24 +158,3 @@ def test_it_starts_in_a_climb_and_keeps_it() -> None:
     assert block.history[0, 0, CHANNEL_INDEX["flight_path_angle_deg"]] == pytest.approx(2.0, abs=1e-5)
     assert height[-1] - height[0] == pytest.approx(20.0 * 1400.0 * math.sin(math.radians(2.0)), rel=0.02)
     assert block.metrics[0, METRIC_INDEX["altitude_error_max_m"]] < 10.0
-
-
-def test_a_wind_table_is_the_wind_that_a_parameter_would_make(tmp_path: Path) -> None:
-    (tmp_path / "wind.csv").write_text("altitude_m,wind_north_mps,wind_east_mps\n0,0,5\n40000,40,5\n")
-    (tmp_path / "air.csv").write_text("altitude_m,density_factor\n10000,1.03\n30000,1.03\n")
-    turn = {"base": "turn", "duration": "15 s"}
-    air = {"wind": {"file": str(tmp_path / "wind.csv")}, "density": {"file": str(tmp_path / "air.csv")}}
-    plan = make_flight_plan({**turn, **air}, "ghame_x")
-    parameters = nominal_parameters(1)
-    block = fly(plan, parameters, record_every=1)
-    for name, value in (("shear_north", 1e-3), ("east", 5.0)):
-        parameters[0, PARAMETER_INDEX[f"wind.{name}"]] = value
-    parameters[0, PARAMETER_INDEX["atmosphere.density"]] = 1.03
-    still = fly(replace(plan, profile=plan.profile[:0]), parameters, record_every=1)
-    for name in ("altitude_m", "angle_of_attack_deg", "bank_deg", "sideslip_deg"):
-        mine, theirs = (b.history[0, :, CHANNEL_INDEX[name]] for b in (block, still))
-        assert mine == pytest.approx(theirs, rel=1e-6, abs=1e-6)
-    assert abs(block.history[0, 0, CHANNEL_INDEX["sideslip_deg"]]) > 0.5  # 20 m/s across
-    # The controllers know the density: the reference has it.
-    known = make_flight_plan(turn, "ghame_x")
-    assert plan.reference[:, 19] == pytest.approx(1.03 * known.reference[:, 19])

@@ -1,5 +1,7 @@
 """What a flight senses and meets: air data, delays, fuel, engines that relight, gusts, turbulence, another density."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from short_flights import cut, rows_of, short_plan
@@ -7,19 +9,19 @@ from short_flights import cut, rows_of, short_plan
 import abhv_mc
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, fly_until, nominal_parameters
-from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc.one_flight.given import make_document, make_flight_plan
+from abhv_mc.one_flight.given import make_flight_plan
 
 LEVEL = {"base": "level", "duration": "21 s"}
-
-
 AIR = {"angle_of_attack": "air", "sideslip": "air"}
-
-
 WATCHED = [*(f"{name}_deg" for name in ("aileron", "rudder", "elevator")), "angle_of_attack_deg", "sideslip_deg"]
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return short_plan(600, mission="level")
 
 
 def test_with_air_data_a_uniform_crosswind_is_felt_as_still_air():
@@ -43,10 +45,20 @@ def test_the_speed_that_is_held_is_that_to_the_air_where_it_is_measured():
 
 def test_fuel_that_is_burnt_ends_a_flight_and_a_mission_may_let_it_fly_on():
     dry = {"base": "ghame_x", "mass.start": "1050 kg", "mass.empty": "1049.5 kg"}
-    found = [abhv_mc.fly({**LEVEL, "limits": {"fuel_out": on}}, dry, every=100) for on in (True, False)]
+    found = [abhv_mc.fly(LEVEL | {"limits": {"fuel_out": on}}, dry, every=100) for on in (True, False)]
     assert found[0].attrs["outcome"] == "fuel_out" and 0.1 < found[0].attrs["end_time_s"] < 5.0
     assert found[1].attrs["end_time_s"] > 10.0 and (found[1]["thrust_n"].iloc[6:] == 0.0).all()
     assert any("fuel lasts" in words for words in found[0].attrs["warnings"])
+
+
+def test_without_an_empty_mass_the_engine_runs_and_the_mass_stays():
+    """It flew with its engine off, and nothing said so."""
+    flown = abhv_mc.fly(LEVEL, {"base": "ghame_x", "mass.empty": None}, every=100)
+    assert flown.attrs["outcome"] == "ok" and flown["mass_kg"].nunique() == 1
+    found = flown.attrs["metrics"]
+    assert found["fuel_used_kg"] == 0.0 and found["equivalence_ratio_min"] > 0.9
+    assert found["speed_error_max_mps"] < 1.0  # with its engine off it loses 20 m/s a second
+    assert any("burns no fuel" in words for words in flown.attrs["warnings"])
 
 
 def test_late_measurements_are_refused_beyond_what_is_remembered():
@@ -57,11 +69,7 @@ def test_late_measurements_are_refused_beyond_what_is_remembered():
 
 def test_a_flame_out_follows_the_engines_lag_and_it_relights_in_its_time():
     failure = {"failure.engine.time": "2 s", "failure.engine.duration": "1 s"}
-    vehicle = make_document("vehicle", "ghame_x")
-    relights = {
-        "base": "ghame_x",
-        "propulsion": {**vehicle.data["propulsion"], "relight": {"delay": "0.5 s", "time_constant": "0.2 s"}},
-    }
+    relights = {"base": "ghame_x", "propulsion.relight": {"delay": "0.5 s", "time_constant": "0.2 s"}}
     nominal, plain, late = (
         abhv_mc.fly(LEVEL, craft, dispersions=case)["thrust_n"].to_numpy()
         for craft, case in (("ghame_x", {}), ("ghame_x", failure), (relights, failure))
@@ -73,6 +81,15 @@ def test_a_flame_out_follows_the_engines_lag_and_it_relights_in_its_time():
     assert np.abs(np.diff(late[:600])).max() < 0.15 * nominal[0]
     assert share[345] < 1e-3 and share[360] > 0.35  # half a second after the second is over
     assert plain[305] / nominal[305] > 0.3
+
+
+@pytest.mark.parametrize(("parameter", "ratio"), [("propulsion.thrust", 1.0), ("propulsion.specific_impulse", 1.05)])
+def test_thrust_is_dispersed_at_the_same_fuel_flow(plan, parameter, ratio):
+    """In the first control period the engine has not yet answered: both flights burn at the same equivalence ratio."""
+    states = fly(cut(plan, 1), rows_of({}, {parameter: 1.05}), 1, keep_states=True).states
+    nominal, dispersed = states[:, 0, s.MASS] - states[:, 1, s.MASS]
+    assert nominal > 0.01  # kg in 10 ms
+    assert nominal / dispersed == pytest.approx(ratio, rel=1e-5)
 
 
 def test_rotary_gusts_have_the_rms_of_their_spectra():
@@ -100,29 +117,19 @@ def test_rotary_gusts_have_the_rms_of_their_spectra():
     assert (gusts[..., 1:].std(axis=(0, 1)) < 1.05 * expected[1:]).all()
 
 
-@pytest.fixture(scope="module")
-def plan() -> FlightPlan:
-    return short_plan(600, mission="level")
-
-
-def _fly(plan: FlightPlan, *cases: dict[str, float], every: int | None = None):
-    return fly(plan, rows_of(*cases), every)
-
-
-def test_neighbours_do_not_matter(plan: FlightPlan) -> None:
+def test_neighbours_do_not_matter(plan):
     """Beside turbulence and errors of sensors, each flight is the one that it is alone, bit for bit."""
     rough = {"wind.turbulence": 3.0, "sensor.bank_noise": 0.01, "sensor.altitude_bias": 3.0, "sensor.delay": 0.03}
     more = {"sensor.speed_lag": 0.1, "sensor.mach_noise": 0.1, "sensor.yaw_interval": 0.5, "sensor.altitude_scale": 1.1}
-    together = _fly(plan, {}, rough, more)
+    together = fly(plan, rows_of({}, rough, more))
     for i, case in enumerate(({}, rough, more)):
-        assert np.array_equal(_fly(plan, case).metrics[0], together.metrics[i])
+        assert np.array_equal(fly(plan, rows_of(case)).metrics[0], together.metrics[i])
 
 
-def test_turbulence_has_its_rms_from_the_start(plan: FlightPlan) -> None:
+def test_turbulence_has_its_rms_from_the_start(plan):
     """At the first tick sideslip and angle of attack to the air are the gust over the speed."""
     cases = [{"wind.turbulence": 2.0, "wind.turbulence_seed": (k + 0.5) / 800} for k in range(800)]
-    instant = cut(plan, 1)
-    block = _fly(instant, {}, *cases, every=1)
+    block = fly(cut(plan, 1), rows_of({}, *cases), 1)
     lateral = np.deg2rad(block.history[1:, 0, CHANNEL_INDEX["sideslip_deg"]]) * 1400.0
     alpha = block.history[:, 0, CHANNEL_INDEX["angle_of_attack_deg"]]
     vertical = np.deg2rad(alpha[1:] - alpha[0]) * 1400.0
@@ -131,18 +138,35 @@ def test_turbulence_has_its_rms_from_the_start(plan: FlightPlan) -> None:
     assert abs(np.corrcoef(lateral, vertical)[0, 1]) < 0.12
 
 
-def test_gust_pushes_the_way_it_blows(plan: FlightPlan) -> None:
+def test_gust_pushes_the_way_it_blows(plan):
     """Flying east with body y to the south: air that moves north makes the sideslip positive."""
     gust = {"wind.gust_north": 20.0, "wind.gust_start": 0.02, "wind.gust_length": 1.0}
-    instant = cut(plan, 4)
-    block = _fly(instant, {}, gust, every=1)
+    block = fly(cut(plan, 4), rows_of({}, gust), 1)
     beta = block.history[1, :, CHANNEL_INDEX["sideslip_deg"]] - block.history[0, :, CHANNEL_INDEX["sideslip_deg"]]
     assert (beta[:3] == 0.0).all()
     assert np.deg2rad(beta[3]) * 1400.0 == pytest.approx(20.0, rel=0.01)
 
 
-def test_profile_is_the_density_factor_at_its_knots(plan: FlightPlan) -> None:
+def test_profile_is_the_density_factor_at_its_knots(plan):
     """At 20 km the knot's factor is the factor on the whole density."""
-    block = _fly(plan, {"atmosphere.density_at_20km": 1.1}, {"atmosphere.density": 1.1}, every=100)
+    block = fly(plan, rows_of({"atmosphere.density_at_20km": 1.1}, {"atmosphere.density": 1.1}), 100)
     q_bar = block.history[:, 0, CHANNEL_INDEX["dynamic_pressure_pa"]]
     assert q_bar[0] == pytest.approx(q_bar[1], rel=1e-6)
+
+
+def test_a_wind_table_is_the_wind_that_a_parameter_would_make(tmp_path):
+    (tmp_path / "wind.csv").write_text("altitude_m,wind_north_mps,wind_east_mps\n0,0,5\n40000,40,5\n")
+    (tmp_path / "air.csv").write_text("altitude_m,density_factor\n10000,1.03\n30000,1.03\n")
+    turn = {"base": "turn", "duration": "15 s"}
+    air = {"wind": {"file": str(tmp_path / "wind.csv")}, "density": {"file": str(tmp_path / "air.csv")}}
+    plan = make_flight_plan({**turn, **air}, "ghame_x")
+    block = fly(plan, rows_of({}), 1)
+    same = rows_of({"wind.shear_north": 1e-3, "wind.east": 5.0, "atmosphere.density": 1.03})
+    still = fly(replace(plan, profile=plan.profile[:0]), same, 1)
+    for name in ("altitude_m", "angle_of_attack_deg", "bank_deg", "sideslip_deg"):
+        mine, theirs = (b.history[0, :, CHANNEL_INDEX[name]] for b in (block, still))
+        assert mine == pytest.approx(theirs, rel=1e-6, abs=1e-6)
+    assert abs(block.history[0, 0, CHANNEL_INDEX["sideslip_deg"]]) > 0.5  # 20 m/s across
+    # The controllers know the density: the reference has it.
+    known = make_flight_plan(turn, "ghame_x")
+    assert plan.reference[:, 19] == pytest.approx(1.03 * known.reference[:, 19])

@@ -4,79 +4,46 @@ Each is the interpolant at Chebyshev nodes of a smooth function, within a small 
 chosen so that the truncation error is far below half a unit in the last place. Run it to reproduce the constants.
 """
 
-from collections.abc import Callable
+from mpmath import atan, atanh, chebyfit, cos, expm1, floor, ldexp, log, mp, pi, sin, sqrt, tan
 
-import mpmath
-
-mpmath.mp.dps = 60
-mpf = mpmath.mpf
+mp.dps = 60
 
 
-def interpolate(function: Callable[[mpf], mpf], low: mpf, high: mpf, degree: int) -> tuple[float, ...]:
-    """Coefficients, constant first, rounded to doubles, of the Chebyshev interpolant on [low, high]."""
-    n = degree + 1
-    nodes = [(low + high) / 2 + (high - low) / 2 * mpmath.cos(mpmath.pi * (2 * i + 1) / (2 * n)) for i in range(n)]
-    vandermonde = mpmath.matrix(n, n)
-    for i, x in enumerate(nodes):
-        for j in range(n):
-            vandermonde[i, j] = x**j
-    solution = mpmath.lu_solve(vandermonde, mpmath.matrix([function(x) for x in nodes]))
-    return tuple(float(c) for c in solution)
-
-
-def split(value: mpf, bits: tuple[int, ...]) -> tuple[float, ...]:
+def split(value, bits):
     """A constant as a sum of doubles: the first parts truncated to the given number of bits, then the rest."""
     parts = []
     for count in bits:
-        step = mpmath.ldexp(1, int(mpmath.floor(mpmath.log(value, 2))) + 1 - count)
-        part = mpmath.floor(value / step) * step
-        parts.append(float(part))
-        value -= part
+        step = ldexp(1, int(floor(log(value, 2))) + 1 - count)
+        parts.append(float(floor(value / step) * step))
+        value -= parts[-1]
     return (*parts, float(value))
 
 
-def _exp(r: mpf) -> mpf:  # (e^r - 1 - r) / r^2
-    return (mpmath.expm1(r) - r) / r**2
+def of_root(series):
+    """A function of z, its series written for the square root of z."""
+    return lambda z: series(sqrt(z))
 
 
-def _log(z: mpf) -> mpf:  # log((1+s)/(1-s)) = 2 s + s z R(z), z = s^2
-    s = mpmath.sqrt(z)
-    return (2 * mpmath.atanh(s) - 2 * s) / (s * z)
+S_MAX = (sqrt(2) - 1) / (sqrt(2) + 1)
+FITTED = {  # function, interval, degree
+    "EXP": (lambda r: (expm1(r) - r) / r**2, (-log(2) / 2, log(2) / 2), 9),  # e^r = 1 + r + r^2 P(r)
+    "LOG": (of_root(lambda s: 2 * (atanh(s) - s) / s**3), (0, S_MAX**2), 6),  # log((1+s)/(1-s)) = 2 s + s z R(z)
+    "SIN": (of_root(lambda r: (sin(r) - r) / r**3), (0, (pi / 4) ** 2), 5),  # sin r = r + r z S(z), z = r^2
+    "COS": (of_root(lambda r: (cos(r) - 1 + r**2 / 2) / r**4), (0, (pi / 4) ** 2), 5),  # cos r = 1 - z/2 + z^2 C(z)
+    "ATAN": (of_root(lambda u: (atan(u) - u) / u**3), (0, tan(pi / 8) ** 2), 10),  # atan u = u + u z A(z)
+}
 
 
-def _sin(z: mpf) -> mpf:  # sin r = r + r z S(z), z = r^2
-    r = mpmath.sqrt(z)
-    return (mpmath.sin(r) - r) / (r * z)
-
-
-def _cos(z: mpf) -> mpf:  # cos r = 1 - z/2 + z^2 C(z)
-    return (mpmath.cos(mpmath.sqrt(z)) - 1 + z / 2) / z**2
-
-
-def _atan(z: mpf) -> mpf:  # atan u = u + u z A(z), z = u^2
-    u = mpmath.sqrt(z)
-    return (mpmath.atan(u) - u) / (u * z)
-
-
-def fit() -> dict[str, tuple[float, ...]]:
-    """All fitted constants of the module by name."""
-    half_ln2 = mpmath.log(2) / 2
-    s_max = mpmath.sqrt(2) - 1
-    s_max = s_max / (s_max + 2)
+def fit():
+    """All fitted constants of the module by name; coefficients constant first, rounded to doubles."""
+    fitted = {name: chebyfit(f, ends, degree + 1)[::-1] for name, (f, ends, degree) in FITTED.items()}
     return {
-        "EXP": interpolate(_exp, -half_ln2, half_ln2, 9),
-        "LOG": interpolate(_log, mpf(0), s_max**2, 6),
-        "SIN": interpolate(_sin, mpf(0), (mpmath.pi / 4) ** 2, 5),
-        "COS": interpolate(_cos, mpf(0), (mpmath.pi / 4) ** 2, 5),
-        "ATAN": interpolate(_atan, mpf(0), mpmath.tan(mpmath.pi / 8) ** 2, 10),
-        "LN2": split(mpmath.log(2), (32,)),
-        "HALF_PI": split(mpmath.pi / 2, (33, 33)),
+        **{name: tuple(map(float, coefficients)) for name, coefficients in fitted.items()},
+        "LN2": split(log(2), (32,)),
+        "HALF_PI": split(pi / 2, (33, 33)),
     }
 
 
 if __name__ == "__main__":
     for name, values in fit().items():
-        print(f"{name} = (")
-        for value in values:
-            print(f"    {value!r},")
-        print(")")
+        print(f"{name} = {values}")

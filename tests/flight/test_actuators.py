@@ -1,0 +1,158 @@
+"""Surfaces and effectors in flight against a brute-force integration of the same hybrid model in steps of 5 us."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from short_flights import rows_of, short_plan, write_law
+
+from abhv_mc.flight.channels import CHANNEL_INDEX
+from abhv_mc.flight.fly import fly, fly_until, nominal_parameters
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.kernel.laws.columns import REFERENCE
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.simulators.end_sentence import describe_end
+
+DT, FINE = 5e-6, 2000  # s, and steps of a tick
+SURFACES, RATES = slice(s.AILERON, s.ELEVATOR + 1), slice(s.AILERON_RATE, s.ELEVATOR_RATE + 1)
+
+
+def move(position, rate, command, bandwidth, damping, fastest, low, high):
+    """Position and rate a tick later, limits step by step."""
+    for _ in range(FINE):
+        pull = bandwidth**2 * (command - position) - 2.0 * damping * bandwidth * rate
+        rate = np.clip(rate + DT * pull, -fastest, fastest)
+        moved = position + DT * rate
+        position = np.clip(moved, low, high)
+        rate = np.where(moved == position, rate, 0.0)
+    return position, rate
+
+
+@pytest.fixture(scope="module")
+def plan():
+    """The first 0.4 s of the S manoeuvre, whose step of bank drives aileron and rudder to rate limit and stop."""
+    return short_plan(40)
+
+
+def test_rate_limits_and_stops_are_followed(plan):
+    generator, rows = np.random.default_rng(4), nominal_parameters(16)
+    constants, felt = plan.vehicle.constants, {}
+    for name in ("bandwidth", "damping", "deflection_limit", "rate_limit"):
+        rows[:, PARAMETER_INDEX[f"actuator.{name}"]] *= generator.uniform(0.7, 1.3, 16)
+        nominal = getattr(constants, f"surface_{name.removeprefix('deflection_')}")
+        felt[name] = nominal * rows[:, PARAMETER_INDEX[f"actuator.{name}"], None, None]
+    block = fly(plan, rows, record_every=1, keep_states=True)
+    at, rate = block.states[:, :, SURFACES], block.states[:, :, RATES]
+    columns = [CHANNEL_INDEX[f"{name}_command_deg"] for name in ("aileron", "rudder", "elevator")]
+    command = np.radians(block.history[:, :-1, columns].astype(np.float64))
+    limit, fastest = felt["deflection_limit"], felt["rate_limit"]
+    lags = felt["bandwidth"], felt["damping"]
+    expected = move(at[:, :-1], rate[:, :-1], command, *lags, fastest, -limit, limit)
+    assert (np.abs(rate[:, 1:]) == fastest).sum() > 30  # at the rate limit,
+    assert (np.abs(at[:, 1:]) == limit).sum() > 10  # and at a stop
+    assert (np.abs(at[:, 1:]) <= limit).all() and (np.abs(rate[:, 1:]) <= fastest).all()
+    # commands are recorded in single precision, and Euler's steps of 5 us err by 2e-5 rad
+    assert at[:, 1:] == pytest.approx(expected[0], abs=1e-4)
+    assert rate[:, 1:] == pytest.approx(expected[1], abs=0.02)
+
+
+def test_without_limits_a_flight_with_moving_surfaces_is_of_order_four(plan):
+    # A tick of 0.1 s and a slow actuator, so that errors stand out of the rounding; within one cell of the tables.
+    constants = plan.vehicle.constants._replace(surface_limit=10.0, surface_rate_limit=1e6, surface_bandwidth=20.0)
+    soft = dataclasses.replace(plan, vehicle=plan.vehicle._replace(constants=constants))
+
+    def flown(steps):
+        timing = plan.timing._replace(step=0.01 / steps, steps_per_tick=steps, ticks=15)
+        block = fly(dataclasses.replace(soft, timing=timing), nominal_parameters(), record_every=1, keep_states=True)
+        return block.states[0]
+
+    exact = flown(16)
+    errors = np.array([np.abs(flown(steps) - exact)[:, s.ROLL_RATE].max() for steps in (1, 2, 4)])
+    assert (errors[:-1] / errors[1:] > 12.0).all()
+
+
+COUNT, IDEAL = 16, 3
+NUMBER = np.arange(COUNT)
+MIX = np.column_stack([0.1 * NUMBER, np.full(COUNT, 0.5), np.ones(COUNT)])
+LOW, HIGH, FASTEST = -5.0 - NUMBER, 6.0 + NUMBER, 40.0 + 20.0 * NUMBER  # deg, deg/s
+BANDWIDTH, DAMPING = 20.0 + 4.0 * NUMBER, 0.5 + 0.03 * NUMBER
+LAW = """
+from typing import NamedTuple
+from abhv_mc.extend import Command, controller
+
+@controller{how}
+def law(time, reference):
+    step = 0.0 if time < 0.05 else 0.2 if time < 0.3 else -0.3
+    return Command(
+        0.01, 0.02, reference.elevator, equivalence_ratio=reference.equivalence_ratio,
+        effectors={{{given}}},
+    )
+"""
+HALF = ", ".join(f'"flap_{i}": step' for i in range(0, COUNT, 2))
+
+
+def make_plan(folder, given=HALF, how=""):
+    """Of a law that commands half of sixteen effectors itself."""
+    effectors = {}
+    for i, (low, high, fastest, bandwidth) in enumerate(np.column_stack([LOW, HIGH, FASTEST, BANDWIDTH]).tolist()):
+        lags = {"rate": f"{fastest} deg/s", "bandwidth": f"{bandwidth} rad/s", "damping": float(DAMPING[i])}
+        moves = dict(zip(("aileron", "rudder", "elevator"), MIX[i].tolist(), strict=True))
+        moves |= {"limits": [f"{low} deg", f"{high} deg"]} | ({"ideal": True} if i == IDEAL else lags)
+        effectors[f"flap_{i}"] = moves
+    law = write_law(folder, LAW.format(given=given, how=how))
+    return short_plan(60, law, "level", {"base": "ghame_x", "effectors": effectors})
+
+
+@pytest.fixture(scope="module")
+def sixteen(tmp_path_factory):
+    return make_plan(tmp_path_factory.mktemp("effectors"))
+
+
+def positions(plan, ticks, parameters):
+    """Deflections [tick, flight, effector] at ticks."""
+    first = s.variable_row("effector_0")
+    kept, rows = None, []
+    for tick in ticks:
+        kept = fly_until(plan, parameters, tick, kept)
+        rows.append(kept.rows[:, first : first + COUNT].copy())
+    return np.array(rows)
+
+
+def test_sixteen_effectors_move_by_their_own_limits_rates_and_lags(sixteen) -> None:
+    low, high, fastest = np.radians([LOW, HIGH, 0.8 * FASTEST])
+    at, rate = np.clip(MIX[:, 2] * sixteen.initial_state[s.ELEVATOR], low, high), np.zeros(COUNT)
+    expected = []
+    for tick in range(60):
+        command = MIX @ [0.01, 0.02, sixteen.reference[tick, REFERENCE.index("elevator")]]
+        command[::2] = 0.0 if tick < 5 else 0.2 if tick < 30 else -0.3
+        command = np.clip(command, low, high)
+        at, rate = move(at, rate, command, 1.2 * BANDWIDTH, DAMPING, fastest, low, high)
+        at[IDEAL], rate[IDEAL] = command[IDEAL], 0.0
+        expected.append(at)
+    ticks = np.array([6, 12, 30, 36, 60])
+    found = positions(sixteen, ticks.tolist(), rows_of({"actuator.bandwidth": 1.2, "actuator.rate_limit": 0.8}))[:, 0]
+    # rad; a stop met within a step of the brute force costs most
+    assert np.abs(found - np.array(expected)[ticks - 1]).max() < 2e-4
+
+
+def test_an_effector_sticks_is_slow_and_loses_effectiveness(sixteen) -> None:
+    cases = ({}, {"stuck_time": 0.1}, {"slow_time": 0.0, "rate_limit": 0.1}, {"loss_time": 0.0, "effectiveness": 0.4})
+    parameters = rows_of(*({f"failure.effector_14.{name}": x for name, x in case.items()} for case in cases))
+    at = positions(sixteen, [10, 11, 20, 60], parameters)[:, :, 14]
+    assert np.ptp(at[:, 1]) < 1e-12 < np.ptp(at[:, 0])
+    assert at[2, 2] - at[0, 2] == pytest.approx(0.1 * np.radians(FASTEST[14]) * 0.1, rel=1e-3)
+    assert at[:, 3] == pytest.approx(0.4 * at[:, 0], rel=1e-12)
+
+
+def test_a_law_in_plain_python_commands_the_same(tmp_path, sixteen) -> None:
+    plain = make_plan(tmp_path, how="(compiled=False)")
+    assert np.array_equal(*(positions(plan, [20], nominal_parameters()) for plan in (plain, sixteen)))
+
+
+def test_an_effectors_command_that_is_no_number_ends_the_flight_by_its_name(tmp_path) -> None:
+    given = '"flap_2": 0.1, "flap_4": 1e300 * 1e300 - 1e300 * 1e300 if time > 0.1 else step'
+    plan = make_plan(tmp_path, given, "(compiled=False)")
+    block = fly(plan, nominal_parameters(1))
+    assert block.outcome[0] == Outcome.NOT_FINITE
+    assert "effector flap_4 at 0.11 s" in describe_end(plan, nominal_parameters(1), Outcome.NOT_FINITE)
