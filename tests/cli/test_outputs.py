@@ -110,8 +110,6 @@ def test_json_on_standard_output_stands_there_alone(abhv_mc, tmp_path, monkeypat
     assert code == 0 and json.loads(out)["runs_done"] == 8 and "flights: 16 of 16" in said
     code, out, _ = abhv_mc("plan", campaign, "--json", "-")
     assert code == 0 and json.loads(out)["runs"] == 8
-    code, out, _ = abhv_mc("validate", campaign, "--json", "-")
-    assert json.loads(out or "{}") == {}
 
 
 def test_other_places_are_free(flown, tmp_path):

@@ -1,8 +1,10 @@
-"""``new``: a folder complete in itself. ``validate``: files of every kind, with what they name."""
+"""``new``: a folder complete in itself. ``validate``: files of every kind, with what they name; their schemas, which
+describe every key."""
 
 import json
 import shutil
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -11,13 +13,15 @@ from typer.testing import CliRunner
 
 import abhv_mc
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.file.kinds import find_kind
+from abhv_mc.campaign.file.kinds import MODELS, find_kind
 from abhv_mc.campaign.file.schema import make_schema
 from abhv_mc.cli.app import app
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
+from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import InputError, InputErrors, read_document
+from abhv_mc.io.units import DIMENSIONS
 from abhv_mc.shipped import shipped_campaigns, shipped_configs, shipped_files, shipped_folder
 from abhv_mc.simulators.check_inputs import check_inputs
 from abhv_mc.simulators.new_campaign import write_new_campaign, write_new_simulator
@@ -95,7 +99,7 @@ def test_without_a_compiler_the_program_is_left_to_be_built(tmp_path: Path, monk
     assert told.exit_code == 0 and "make" in told.output and not (tmp_path / "study" / "rocket").exists()
 
 
-def test_nothing_is_overwritten_and_nothing_made_of_an_unknown_name(tmp_path: Path) -> None:
+def test_nothing_is_overwritten_and_nothing_made_of_an_unknown_name_or_kind(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"(?s)'failure'.*failures"):
         write_new_campaign(tmp_path / "x", "failure")
     (tmp_path / "mine").write_text("precious")
@@ -103,6 +107,9 @@ def test_nothing_is_overwritten_and_nothing_made_of_an_unknown_name(tmp_path: Pa
         with pytest.raises(InputError, match="empty"):
             write_new_campaign(folder)
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
+    (tmp_path / "mine").write_text("colour: red\n")
+    with pytest.raises(InputError, match="campaign, vehicle, mission, controller"):
+        find_kind(tmp_path / "mine")
 
 
 FOLDERS = {
@@ -144,7 +151,36 @@ def test_what_may_be_one_value_for_the_whole_programme_is_asked() -> None:
     assert "more: is this one value" in warned["wide"][0] and not warned["s_manoeuvre_unknown"]
 
 
-def test_a_file_of_no_kind(tmp_path: Path) -> None:
-    (tmp_path / "x.yaml").write_text("colour: red\n")
-    with pytest.raises(InputError, match="campaign, vehicle, mission, controller"):
-        find_kind(tmp_path / "x.yaml")
+def properties(kind: str) -> Iterator[tuple[str, dict]]:
+    """Every key of every mapping of a schema, and its schema."""
+    schema = make_schema(kind)
+    for name, part in {**schema.get("$defs", {}), kind: schema}.items():
+        for key, value in part.get("properties", {}).items():
+            yield f"{name}.{key}", value
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_every_key_is_described_in_words_of_its_own(kind: str) -> None:
+    schema, described = make_schema(kind), dict(properties(kind))
+    Draft202012Validator.check_schema(schema)
+    assert schema["$id"].startswith("urn:abhv-mc:") and schema["$id"].endswith(f":{kind}")
+    generic = {dimension.expected for dimension in DIMENSIONS}
+    assert described
+    assert [name for name, value in described.items() if value.get("description", "") in {"", *generic}] == []
+
+
+def test_what_an_editor_should_underline() -> None:
+    validator = Draft202012Validator(make_schema("campaign"))
+    right = read_document(shipped_folder() / "campaigns/s_manoeuvre.yaml").data
+    del right["metrics"]  # with metrics of its own a requirement may name any
+    requirement = right["requirements"][0]
+    for wrong in (
+        {**right, "requirements": [{**requirement, "metric": "altitude_eror_max_m"}]},
+        {**right, "dispersions": {"aero.lfit": {"distribution": "normal", "sigma": "1 %"}}},
+        {**right, "sampling": "montecarlo"},
+        {**right, "execution": {"flight_time_limit": 10.0}},
+        {**right, "execution": {"flight_time_limit": "10"}},
+    ):
+        assert not validator.is_valid(wrong), wrong
+    named, own = make_schema("campaign")["$defs"]["RequirementEntry"]["properties"]["metric"]["anyOf"]
+    assert set(METRIC_INDEX) < set(named["enum"]) and "pattern" in own

@@ -135,26 +135,6 @@ def test_what_was_flown_is_there_while_it_flies(bucket, monkeypatch):
     assert names(store, base) == {"manifest.json"} and not folder.exists()
 
 
-def test_the_lease_is_renewed_while_a_copy_takes_long(bucket, monkeypatch):
-    _, address, _ = bucket
-    renewed = threading.Event()
-    pull, renew = remote.Remote.pull, lease.Lease.renew
-
-    def pull_slowly(self, pattern="*"):
-        assert renewed.wait(60.0)
-        pull(self, pattern)
-
-    def note(self):
-        renew(self)
-        renewed.set()
-
-    monkeypatch.setattr(lease, "RENEWAL", 0.01)
-    monkeypatch.setattr(remote.Remote, "pull", pull_slowly)
-    monkeypatch.setattr(lease.Lease, "renew", note)
-    with mirrored(Path(address)):
-        pass
-
-
 def test_a_writer_that_lost_its_lease_stops_and_writes_nothing_more(bucket, tmp_path, monkeypatch, capfd):
     store, address, base = bucket
     monkeypatch.setattr(lease, "RENEWAL", 0.1)

@@ -35,10 +35,16 @@ def test_seeds_are_columns_behind_the_dispersions(tmp_path):
     np.testing.assert_array_equal(source.draw(100, 200), values[100:200])
 
 
-def test_a_seed_that_is_dispersed_stays_as_it_is_declared(tmp_path):
+def test_a_seed_that_is_dispersed_stays_as_it_is_declared_and_samples_from_a_file_and_derived_noise_get_one(tmp_path):
     own = WIND[:-1] + ", wind.turbulence_seed: {distribution: uniform, low: 0, high: 0.5}}"
     source = samples(tmp_path, dispersions=own)
     assert sorted(source.names) == sorted(COLUMNS) and source.draw(0, 300)[:, 2].max() < 0.5
+    (tmp_path / "s.csv").write_text("wind.turbulence\n1.0\n2.0\n", encoding="utf-8")
+    source = samples(tmp_path, dispersions="{}", sampling="{design: file, path: s.csv}", runs="null")
+    assert source.names == ("wind.turbulence", "wind.turbulence_seed") and source.draw(0, 2).shape == (2, 2)
+    campaign = read_campaign(write_campaign(tmp_path, derived="{wind.turbulence: 3 * abs(aero.lift - 1)}"))
+    assert campaign.make_samples().names[-1] == "wind.turbulence_seed"
+    assert make_space(campaign).seeds == ("wind.turbulence_seed",)
 
 
 @pytest.mark.parametrize("design", ["corners", "{design: grid, levels: 3}", "{design: one_at_a_time, levels: 2}"])
@@ -46,13 +52,6 @@ def test_factorial_designs_have_one_common_seed(tmp_path, design):
     source = samples(tmp_path, sampling=design, runs="null")
     assert len(np.unique(source.draw(0, source.flights)[:, 2:], axis=0)) == 1
     assert source.flights in (4, 9, 5)  # the seeds are no dimension of the design
-
-
-def test_samples_from_a_file_get_seeds(tmp_path):
-    path = write_campaign(tmp_path, dispersions="{}", keep="{}", sampling="{design: file, path: s.csv}", runs="null")
-    (tmp_path / "s.csv").write_text("wind.turbulence\n1.0\n2.0\n", encoding="utf-8")
-    source = read_campaign(path).make_samples()
-    assert source.names == ("wind.turbulence", "wind.turbulence_seed") and source.draw(0, 2).shape == (2, 2)
 
 
 LIFT, DRAG, BANK = (PARAMETER_INDEX[name] for name in ("aero.lift", "aero.drag", "initial.bank"))
@@ -92,12 +91,6 @@ def test_functions_and_infinite_values(tmp_path: Path):
     )
     times = rows[:, [PARAMETER_INDEX[f"failure.{name}.stuck_time"] for name in ("aileron", "rudder")]]
     assert np.array_equal(times[:, 1], times[:, 0] + 2.0) and 0 < np.isfinite(times).all(axis=1).sum() < 30
-
-
-def test_noise_that_is_derived_has_its_seeds(tmp_path: Path):
-    campaign = read_campaign(write_campaign(tmp_path, derived="{wind.turbulence: 3 * abs(aero.lift - 1)}"))
-    assert campaign.make_samples().names[-1] == "wind.turbulence_seed"
-    assert make_space(campaign).seeds == ("wind.turbulence_seed",)
 
 
 @pytest.mark.parametrize(
