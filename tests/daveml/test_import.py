@@ -140,8 +140,6 @@ def test_ungridded_extrapolated_and_own_points(tmp_path: Path) -> None:
         <variableDef name="f" varID="f" units="nd"><isOutput/></variableDef>
         <variableDef name="g" varID="g" units="nd"><isOutput/></variableDef>
         <variableDef name="h" varID="h" units="nd"><isOutput/></variableDef>
-        <variableDef name="k" varID="k" units="nd"><calculation><math><apply><root/><degree><cn>3</cn></degree>
-          <apply><max/><ci>x</ci><ci>y</ci><cn>0.5</cn></apply></apply></math></calculation><isOutput/></variableDef>
         <breakpointDef bpID="X"><bpVals>0 1 3</bpVals></breakpointDef>
         <function name="f"><independentVarRef varID="x"/><independentVarRef varID="y"/><dependentVarRef varID="f"/>
           <functionDefn><ungriddedTableDef name="u" utID="u"><dataPoint>0 0 1</dataPoint><dataPoint>2 0 3</dataPoint>
@@ -155,9 +153,52 @@ def test_ungridded_extrapolated_and_own_points(tmp_path: Path) -> None:
         encoding="utf-8",
     )
     function = make_function(read_model(path))
-    assert function(0.5, 0.5) == pytest.approx((1 + 0.5 + 1.0, 1.0, 2.0, 0.5 ** (1 / 3)))  # f = 1 + x + 2 y
-    assert function(5.0, 0.0)[1:] == pytest.approx((6.0, 3.0, 5.0 ** (1 / 3)))
-    assert function(-5.0, 0.0)[1:] == pytest.approx((1.0, 1.0, 0.5 ** (1 / 3)))
+    assert function(0.5, 0.5) == pytest.approx((1 + 0.5 + 1.0, 1.0, 2.0))  # f = 1 + x + 2 y
+    assert function(5.0, 0.0)[1:] == pytest.approx((6.0, 3.0))
+    assert function(-5.0, 0.0)[1:] == pytest.approx((1.0, 1.0))
+
+
+def formula(tmp_path: Path, text: str):
+    """A formula of x and y as a function."""
+    path = tmp_path / "formula.dml"
+    path.write_text(
+        f"""<DAVEfunc><fileHeader name="formula"/><variableDef name="x" varID="x" units="nd"/>
+        <variableDef name="y" varID="y" units="nd"/><variableDef name="f" varID="f" units="nd"><calculation><math>{text}
+        </math></calculation><isOutput/></variableDef></DAVEfunc>""",
+        encoding="utf-8",
+    )
+    return make_function(read_model(path))
+
+
+ROOT = "<apply><root/><degree>{}</degree><apply><max/><ci>x</ci><ci>y</ci><cn>0.5</cn></apply></apply>"
+POSITIVE = "<apply><gt/><ci>x</ci><cn>0</cn></apply>"
+
+
+def pieces(number: int) -> str:
+    below = (f"<piece><cn>{i}</cn><apply><lt/><ci>x</ci><cn>{i}</cn></apply></piece>" for i in range(number))
+    return f"<piecewise>{''.join(below)}<otherwise><cn>-1</cn></otherwise></piecewise>"
+
+
+@pytest.mark.parametrize(
+    ("text", "x", "expected"),
+    [
+        (ROOT.format("<cn>3</cn>"), 5.0, 5.0 ** (1 / 3)),
+        (f"<apply><xor/>{3 * POSITIVE}</apply>", 1.0, 1.0),  # of an odd number
+        (f"<apply><xor/>{2 * POSITIVE}</apply>", 1.0, 0.0),
+        (pieces(199), 5.5, 6.0),
+        (pieces(199), 1e9, -1.0),
+    ],
+)
+def test_formulas_are_what_mathml_says(tmp_path: Path, text: str, x: float, expected: float) -> None:
+    assert formula(tmp_path, text)(x, 0.0).f == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("text", "found"), [(ROOT.format("<cn>3</cn><cn>2</cn>"), "'root' of 3 operands"), (pieces(2000), "too deep")]
+)
+def test_a_formula_that_is_none_is_refused(tmp_path: Path, text: str, found: str) -> None:
+    with pytest.raises(InputError, match=found):
+        formula(tmp_path, text)
 
 
 def test_tables_of_one_name_and_a_variable_of_theirs_keep_their_own_numbers(tmp_path: Path) -> None:

@@ -97,6 +97,7 @@ def test_terms_scales_and_effectors(write):
     ("old", "new", "place", "words"),
     [
         pytest.param("area: 2 m2", "area: 2 m", (2, 19), "an area", id="unit of another dimension"),
+        pytest.param("area: 2 m2", "area: 1e-300 m2", (2, 19), "0.000001", id="no size"),
         pytest.param("start: 100 kg", "start: 200 kg", (4, 10), "50 to 150 kg", id="start outside the points"),
         pytest.param("mass: 150 kg", "mass: 40 kg", (8, 14), "rising masses", id="falling masses"),
         pytest.param("inertia_zz: 25", "inertia_zz: 31", (7, 7), "no body", id="impossible inertia"),

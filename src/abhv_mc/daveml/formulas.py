@@ -43,7 +43,6 @@ _ONE = {
     "arctan": "atan2({}, 1.0)",
 }
 _TWO = {
-    "xor": "({} != {})",
     "minus": "({} - {})",
     "divide": "({} / {})",
     "power": "power({}, {})",
@@ -53,7 +52,7 @@ _TWO = {
     "log": "(log({}) / log({}))",
     "root": "power({}, 1.0 / {})",
 }
-_MANY = {"max": "larger({}, {})", "min": "smaller({}, {})"}
+_MANY = {"max": "larger({}, {})", "min": "smaller({}, {})", "xor": "({} != {})"}
 OPERATORS = (*_ONE, *_TWO, *_MANY, *_BETWEEN, "piecewise")
 _CONSTANTS = {"pi": math.pi, "exponentiale": math.e}
 
@@ -93,8 +92,8 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
             raise at.refuse("a piecewise", "pieces of a value and its condition, and 'otherwise' with a value")
         found = value(rest.children[0])
         for piece in reversed(pieces):
-            found = f"({value(piece.children[0])} if {truth(piece.children[1])} else {found})"
-        return found
+            found = f"{value(piece.children[0])} if {truth(piece.children[1])} else {found}"
+        return f"({found})"
 
     def power(base: str, exponent: str) -> str:
         try:
@@ -122,13 +121,13 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
             raise head.refuse(f"the operator '{operator}'", one_of(OPERATORS, operator))
         qualifier = {"root": "degree", "log": "logbase"}.get(operator)
         given = [child for child in rest if child.name != qualifier]
-        given += [child.children[0] for child in rest if child.name == qualifier and child.children]
+        given += [part for child in rest if child.name == qualifier for part in child.children]
         operands = [(truth if operator in _LOGIC else value)(child) for child in given]
         is_truth = operator in _LOGIC or operator in _RELATIONS
         if operator in _BETWEEN and len(operands) > (operator in _RELATIONS):
             return f"({f' {_BETWEEN[operator]} '.join(operands)})", is_truth
         if operator in _MANY and operands:
-            return functools.reduce(_MANY[operator].format, operands), False
+            return functools.reduce(_MANY[operator].format, operands), is_truth
         if operator == "power" and len(operands) == 2:
             return power(*operands), False
         patterns = {1: _ONE, 2: _TWO}.get(len(operands), {})
@@ -163,4 +162,7 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
         text, is_truth = read(at)
         return text if is_truth else f"({text} != 0.0)"
 
-    return ast.unparse(ast.parse(value(node), mode="eval")), needs
+    try:
+        return ast.unparse(ast.parse(value(node), mode="eval")), needs
+    except (SyntaxError, RecursionError, MemoryError):  # as Python's parser says it
+        raise node.refuse("a calculation too deep for Python", "parts of it as variables of their own") from None

@@ -35,14 +35,15 @@ REDUCED_RATES = ("roll_rate", "pitch_rate", "yaw_rate")  # p b/(2 V), q c/(2 V),
 _PLAIN_FACTORS = ("mach", "equivalence_ratio")
 _ANGLE_FACTORS = ("angle_of_attack", "sideslip", *AXIS_DEFLECTIONS)
 FACTORS = (*_ANGLE_FACTORS, *REDUCED_RATES, *_PLAIN_FACTORS)
+_Size = Field(ge=1e-6)  # SI
 
 
 class Reference(StrictModel):
     """Reference area and lengths of the coefficients."""
 
-    area: Annotated[Area, Positive] = Field(description="reference area of all coefficients")
-    span: Annotated[Length, Positive] = Field(description="length of the rolling and yawing moment")
-    chord: Annotated[Length, Positive] = Field(description="length of the pitching moment")
+    area: Annotated[Area, _Size] = Field(description="reference area of all coefficients")
+    span: Annotated[Length, _Size] = Field(description="length of the rolling and yawing moment")
+    chord: Annotated[Length, _Size] = Field(description="length of the pitching moment")
     nose_radius: Annotated[Length, Positive] | None = Field(default=None, description="of the stagnation heat flux")
 
 
