@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 from experiment import ROOT, Floats
 
-from abhv_mc.control.design.design_tables import table_rows, variables_at
+from abhv_mc.control.design.design_tables import table_rows
 from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, FIXED_TABLE_ROWS, VARIABLES, Vehicle
 from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc.vehicle.evaluate import make_variables
 
 MACH, ALPHA = 4.744, 3.5  # of the S, deg: where ratios of coefficients are taken
 TABLES = {  # the vehicle file's table: its coefficient and what it multiplies
@@ -181,12 +182,12 @@ def grids_of(name: str) -> list[Floats]:
 
 
 _CELLS = {name: _cells_of(name) for name in (*TABLES, *_INERTIAS)}
-_ROWS = table_rows(BASE.tables, variables_at(BASE, mach=MACH, angle_of_attack=np.deg2rad(ALPHA)))
+_ROWS = table_rows(BASE.tables, make_variables(BASE, mach=MACH, angle_of_attack=np.deg2rad(ALPHA)))
 
 
 def _at_s(name: str) -> float:
     """GHAME's coefficient in the S, per rad."""
-    return float(_ROWS[_row_of(name)])
+    return float(_ROWS[_row_of(name), 0])
 
 
 _RUDDER_ROLL = _at_s("roll_rudder") / _at_s("roll_aileron")

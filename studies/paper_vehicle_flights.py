@@ -14,7 +14,7 @@ from paper_vehicle_box import BASE, BASE_MISSION, make_mission, make_vehicle
 
 from abhv_mc.control.controller_file import LqrController, TlcController, read_controller
 from abhv_mc.control.design.design_model import guidance_rates, make_environment, make_places
-from abhv_mc.control.design.design_tables import table_rows, variables_at
+from abhv_mc.control.design.design_tables import table_rows
 from abhv_mc.control.design.guidance_trim import trim_along
 from abhv_mc.control.design.lqr_design import Nominal, attitude_model_rates
 from abhv_mc.control.design.profile import make_profile, ramp_times
@@ -31,6 +31,7 @@ from abhv_mc.kernel.laws.trim_search import GuidancePoints
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.plant.trim import TrimPoint
+from abhv_mc.vehicle.evaluate import make_variables
 
 LAWS = ("tlc", "lqr")
 READING = 0.02  # of an axis: what counts as in
@@ -375,7 +376,7 @@ def find_traits(vehicle: Vehicle, trim_tables: Tables, reference: Floats) -> tup
     mach = reference[0, REFERENCE.index("speed")] / _AROUND.sound_speed
     rows = table_rows(
         trim_tables,
-        variables_at(vehicle, mach=np.full(2, mach), angle_of_attack=alpha[ends], equivalence_ratio=eta),
+        make_variables(vehicle, mach=np.full(2, mach), angle_of_attack=alpha[ends], equivalence_ratio=eta),
     )
     rise = np.diff(rows[1:3], axis=1)[:, 0] / (alpha[ends[1]] - alpha[0])
     moments = slopes[3, 6], slopes[5, 7], slopes[4, 8], slopes[5, 1], slopes[4, 0], slopes[4, 4]

@@ -1,10 +1,13 @@
 """Types of arrays, once for every layer."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Singles = NDArray[np.float32]
+Numbers = NDArray[Any]  # float64, or complex128 where a complex step asks for slopes
 Complexes = NDArray[np.complex128]
 Mask = NDArray[np.bool_]

@@ -184,16 +184,13 @@ def test_onboard_is_the_nominal_vehicle(make):
     speed, mass = float(np.hypot(state[3], state[5])), nominal.mass
 
     def wrench(alpha=alpha, aileron=0.0, rudder=0.0, elevator=elevator, eta=eta):
-        deflections = tuple(np.array(x) for x in (aileron, rudder, elevator))
-        rates = (np.array(0.0),) * 3
-        return wrench_at(
-            plan.vehicle, nominal.around, mass, speed, np.array(alpha), np.array(0.0), rates, deflections, np.array(eta)
-        )
+        alpha, beta, eta, *deflections = (np.array([x]) for x in (alpha, 0.0, eta, aileron, rudder, elevator))
+        return wrench_at(plan.vehicle, nominal.around, mass, speed, alpha, beta, 3 * [beta], deflections, eta)
 
     h, here = 1e-6, wrench()
 
     def slope(of, **moved):
-        return (of(wrench(**moved)) - of(here)) / h
+        return (of(wrench(**moved)) - of(here))[..., 0] / h
 
     lift = slope(lambda at: at.force, alpha=alpha + h) @ [np.sin(alpha), 0.0, -np.cos(alpha)]
     expected = {

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Numbers
 from abhv_mc.control.controller_file import TlcController, read_controller
 from abhv_mc.control.design.design_model import (
     Environment,
@@ -18,7 +18,7 @@ from abhv_mc.control.design.design_model import (
     make_environment,
     wrench_at,
 )
-from abhv_mc.control.design.design_tables import Numbers, slope
+from abhv_mc.control.design.design_tables import slope
 from abhv_mc.control.design.reference import make_mission_trim_tables, solve_reference
 from abhv_mc.control.design.trim_tables import trim_elevator
 from abhv_mc.control.mission import read_mission

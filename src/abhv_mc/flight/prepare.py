@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Numbers
 from abhv_mc.control.controller_file import (
     Controller,
     LqrController,
@@ -13,7 +13,7 @@ from abhv_mc.control.controller_file import (
     read_controller_document,
 )
 from abhv_mc.control.design.design_model import make_environment, wrench_at
-from abhv_mc.control.design.design_tables import Numbers, slope
+from abhv_mc.control.design.design_tables import slope
 from abhv_mc.control.design.guidance_trim import trim_faults
 from abhv_mc.control.design.lqr_design import make_lqr_gains, make_lqr_settings
 from abhv_mc.control.design.reference import make_mission_trim_tables, make_start_trim, on_glide_path, solve_reference

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Numbers
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, FIXED_TABLE_ROWS, VARIABLES, Tables, Vehicle
 from abhv_mc.vehicle.vehicle_code import evaluate_functions
 
@@ -11,13 +11,14 @@ _AXIS_DEFLECTIONS = [VARIABLES.index(name) for name in ("aileron", "rudder", "el
 _FIRST_EFFECTOR = VARIABLES.index("effector_0")
 
 
-def make_variables(vehicle: Vehicle, **values: ArrayLike) -> Floats:
+def make_variables(vehicle: Vehicle, **values: ArrayLike) -> Numbers:
     """``[variable, point]`` from named values (SI, radians); the rest zero, effectors mixed from the axes'."""
-    shape = np.broadcast_shapes((1,), *(np.shape(value) for value in values.values()))
-    variables = np.zeros((len(VARIABLES), *shape))
+    arrays = [np.asarray(value) for value in values.values()]
+    shape = np.broadcast_shapes((1,), *(array.shape for array in arrays))
+    variables = np.zeros((len(VARIABLES), *shape), dtype=np.result_type(np.float64, *arrays))
     variables[0] = 1.0
-    for name, value in values.items():
-        variables[VARIABLES.index(name)] = value
+    for name, array in zip(values, arrays, strict=True):
+        variables[VARIABLES.index(name)] = array
     mixed = np.tensordot(vehicle.effector_mix, variables[_AXIS_DEFLECTIONS], axes=1)
     variables[_FIRST_EFFECTOR : _FIRST_EFFECTOR + len(mixed)] = mixed
     return variables
@@ -48,8 +49,8 @@ def evaluate_tables(tables: Tables, variables: Floats) -> Floats:
 
 
 def evaluate_coefficients(
-    vehicle: Vehicle, variables: Floats, factors: Floats | None = None, rows: Floats | None = None
-) -> Floats:
+    vehicle: Vehicle, variables: Numbers, factors: Floats | None = None, rows: Numbers | None = None
+) -> Numbers:
     """The six COEFFICIENTS ``[coefficient, point]`` from ``[variable, point]`` and, where at hand, the tables' rows.
 
     ``factors`` [parameter] or [parameter, point] multiplies the terms of tables; None is nominal.
@@ -57,14 +58,14 @@ def evaluate_coefficients(
     if vehicle.foreign.aerodynamics:
         return evaluate_functions(vehicle, variables)[0]
     rows = evaluate_tables(vehicle.tables, variables) if rows is None else rows
-    coefficients = np.zeros((len(COEFFICIENTS), *variables.shape[1:]))
+    coefficients = np.zeros((len(COEFFICIENTS), *variables.shape[1:]), dtype=np.result_type(rows, variables))
     for coefficient, row, variable, factor in zip(*vehicle.build_up, strict=True):
         term = rows[row] * variables[variable]
         coefficients[coefficient] += term if factors is None else factors[factor] * term
     return coefficients
 
 
-def evaluate_fixed(vehicle: Vehicle, variables: Floats, rows: Floats | None = None) -> dict[str, Floats]:
+def evaluate_fixed(vehicle: Vehicle, variables: Numbers, rows: Numbers | None = None) -> dict[str, Numbers]:
     """Propulsion, inertia and centre-of-gravity tables by their names in FIXED_TABLE_ROWS, each ``[point]``."""
     rows = evaluate_tables(vehicle.tables, variables) if rows is None else rows
     return {name: rows[row] for name, row in zip(FIXED_TABLE_ROWS, vehicle.tables.fixed_row, strict=True)}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from abhv_mc.control.design.design_model import Environment
-from abhv_mc.control.design.design_tables import table_rows, variables_at
+from abhv_mc.control.design.design_tables import table_rows
 from abhv_mc.control.design.kept import kept
 from abhv_mc.control.design.trim_tables import make_trim_tables, trim_elevator
 from abhv_mc.kernel.laws.trim_lookup import TRIM_ROWS
@@ -34,7 +34,7 @@ def test_interpolation_errs_by_little(name: str) -> None:
     exact, trimmed = trim_elevator(vehicle, around, speed, alpha, eta)
     # The vehicle's own tables at the interpolated and at the exact elevator differ by the moment of the difference.
     point = {"mach": speed / sound_speed, "angle_of_attack": alpha, "equivalence_ratio": eta}
-    inside = variables_at(vehicle, **point)
+    inside = make_variables(vehicle, **point)
     row = dict(zip(TRIM_ROWS, table_rows(tables, inside), strict=False))
     good = trimmed & (row["untrimmed"] == 0.0)
     assert good.sum() > 150
@@ -42,8 +42,8 @@ def test_interpolation_errs_by_little(name: str) -> None:
 
     # Against the vehicle's own tables at the exact elevator; errors as angle of attack and equivalence ratio.
     step = np.deg2rad(0.01)
-    up = table_rows(tables, {**inside, "angle_of_attack": alpha + step})[TRIM_ROWS.index("lift")]
-    lift_slope = np.median((up - row["lift"]) / step)
+    up = table_rows(tables, make_variables(vehicle, **point | {"angle_of_attack": alpha + step}))
+    lift_slope = np.median((up[TRIM_ROWS.index("lift")] - row["lift"]) / step)
     variables = make_variables(vehicle, **point, elevator=exact, altitude=ALTITUDE, mass=constants.mass_start)[:, good]
     coefficients, fixed = evaluate_coefficients(vehicle, variables), evaluate_fixed(vehicle, variables)
     thrust = constants.capture_thrust * eta[good] * fixed["capture_area_ratio"] * fixed["specific_impulse"]

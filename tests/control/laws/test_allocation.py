@@ -92,7 +92,7 @@ def wrench_of(vehicle: Vehicle, point: dict[str, Floats], sideslip, deflections)
         point["pitch_rate_hat"] / half_chord,
         point["yaw_rate_hat"] / half_span,
     )
-    nothing = 0.0 * sideslip + 0.0 * deflections[0]  # of the points' shape
+    nothing = np.atleast_1d(0.0 * sideslip + 0.0 * deflections[0])  # of the points' shape
     alpha, eta = point["angle_of_attack"] + nothing, point["equivalence_ratio"] + nothing
     return wrench_at(vehicle, AIR, point["mass"], speed, alpha, sideslip + nothing, rates, deflections, eta)
 
@@ -151,7 +151,7 @@ def test_moment_effectiveness_and_side_force_slope_are_the_design_models(name: s
             return np.stack([force[1] * np.cos(x[0]) - forward * np.sin(x[0])])
 
         expected = slope(wind_side_force, [0.0])[0, 0]
-        force = wrench_of(vehicle, here, 0.0, deflections).force
+        force = wrench_of(vehicle, here, 0.0, deflections).force[:, 0]
         q_s = 0.5 * AIR.density * (here["mach"] * AIR.sound_speed) ** 2 * vehicle.constants.area
         drag = -(force[0] * np.cos(alpha) + force[2] * np.sin(alpha)) / q_s
         assert side_force_slope(vehicle.constants, q_s, side[lane], drag) == pytest.approx(expected, rel=1e-9)

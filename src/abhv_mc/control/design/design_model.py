@@ -8,19 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from abhv_mc.array_types import Floats
-from abhv_mc.control.design.design_tables import (
-    Numbers,
-    coefficients_at,
-    engine_at,
-    fixed_values,
-    table_rows,
-    thrust_at,
-    variables_at,
-)
+from abhv_mc.array_types import Floats, Numbers
+from abhv_mc.control.design.design_tables import engine_at, table_rows, thrust_at
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc.kernel.world.atmosphere import atmosphere
 from abhv_mc.kernel.world.earth import Earth, gravity_ned, radii
+from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
 
 _RISE = 1.0  # m, half step of the slopes over altitude
 
@@ -67,24 +60,11 @@ def make_places(earth: Earth, altitude: Floats, latitude: Floats, air: Floats | 
 
 def make_environment(earth: Earth, altitude: float, latitude: float, air: Floats | None = None) -> Environment:
     """Air and Earth at one place with their slopes over altitude."""
-    low, here, high = (
-        make_places(earth, np.array([altitude + rise]), np.array([latitude]), air) for rise in (-_RISE, 0.0, _RISE)
-    )
-
-    def slope(name: str) -> float:
-        return float((getattr(high, name)[0] - getattr(low, name)[0]) / (2.0 * _RISE))
-
-    return Environment(
-        altitude,
-        float(here.density[0]),
-        float(here.sound_speed[0]),
-        float(here.gravity[0]),
-        float(here.radius[0]),
-        latitude,
-        slope("density"),
-        slope("sound_speed"),
-        slope("gravity"),
-    )
+    low, here, high = np.stack(
+        make_places(earth, altitude + np.array([-_RISE, 0.0, _RISE]), np.full(3, latitude), air), axis=1
+    ).tolist()
+    slopes = [(above - below) / (2.0 * _RISE) for above, below in zip(high, low, strict=True)]
+    return Environment._make([altitude, *here, latitude, *slopes[:3]])
 
 
 class Wrench(NamedTuple):
@@ -106,7 +86,7 @@ def guidance_rates(
     sound_speed = around.sound_speed + around.sound_speed_slope * rise
     gravity = around.gravity + around.gravity_slope * rise
     radius = around.radius + rise
-    variables = variables_at(vehicle, mach=speed / sound_speed, angle_of_attack=alpha, equivalence_ratio=eta)
+    variables = make_variables(vehicle, mach=speed / sound_speed, angle_of_attack=alpha, equivalence_ratio=eta)
     _, lift, drag, thrust = (0.5 * density * speed**2 * vehicle.constants.area) * table_rows(trim_tables, variables)[:4]
     cos_line, sin_line = vehicle.constants.thrust_cos, vehicle.constants.thrust_sin
     normal = lift + thrust * (np.sin(alpha) * cos_line + np.cos(alpha) * sin_line)
@@ -132,7 +112,7 @@ def wrench_at(
     """Forces and moments of the full tables; ``rates`` (p, q, r), ``deflections`` (aileron, rudder, elevator)."""
     constants = vehicle.constants
     half_span, half_chord = constants.span / (2.0 * speed), constants.chord / (2.0 * speed)
-    variables = variables_at(
+    variables = make_variables(
         vehicle,
         mach=speed / around.sound_speed,
         angle_of_attack=alpha,
@@ -148,24 +128,18 @@ def wrench_at(
         mass=mass,
     )
     rows = table_rows(vehicle.tables, variables)
-    fixed = fixed_values(vehicle.tables, rows)
-    c = coefficients_at(vehicle, rows, variables)
+    fixed = evaluate_fixed(vehicle, variables, rows)
+    lift, drag, side, rolling, pitching, yawing = evaluate_coefficients(vehicle, variables, rows=rows)
     sa, ca, sb, cb = np.sin(alpha), np.cos(alpha), np.sin(beta), np.cos(beta)
     forward = np.stack([ca * cb, sb, sa * cb]) if constants.drag_in_wind_axes else np.stack([ca, 0.0 * ca, sa])
     up = np.stack([sa, 0.0 * sa, -ca])
     right = np.stack([0.0 * ca, 1.0 + 0.0 * ca, 0.0 * ca])
     pressure_area = 0.5 * around.density * speed**2 * constants.area
-    aero = pressure_area * (c["lift"] * up - c["drag"] * forward + c["side_force"] * right)
+    aero = pressure_area * (lift * up - drag * forward + side * right)
     size = thrust_at(vehicle, fixed, eta, around.density, speed)
     thrust = np.stack([size * constants.thrust_cos, 0.0 * size, -size * constants.thrust_sin])
     engine = engine_at(vehicle, variables, around.density, speed)
-    moment = pressure_area * np.stack(
-        [
-            constants.span * c["rolling_moment"],
-            constants.chord * c["pitching_moment"],
-            constants.span * c["yawing_moment"],
-        ]
-    )
+    moment = pressure_area * np.stack([constants.span * rolling, constants.chord * pitching, constants.span * yawing])
     # Lever arms from the centre of gravity to the moment reference and to the thrust line.
     nothing = 0.0 * fixed["center_of_gravity_x"]
     reference = np.stack([-fixed["center_of_gravity_x"], nothing, -fixed["center_of_gravity_z"]])

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Numbers
 from abhv_mc.control.controller_file import LqrController, Weights
 from abhv_mc.control.design.design_model import (
     Environment,
@@ -18,7 +18,7 @@ from abhv_mc.control.design.design_model import (
     make_environment,
     wrench_at,
 )
-from abhv_mc.control.design.design_tables import Numbers, slope
+from abhv_mc.control.design.design_tables import slope
 from abhv_mc.control.design.kept import kept
 from abhv_mc.control.design.profile import ramp_times
 from abhv_mc.control.mission import Mission

@@ -43,10 +43,7 @@ def solve_reference(
     places = make_places(still, profile.altitude, latitude, mission.make_air())
     points = GuidancePoints(
         profile.speed,
-        places.density,
-        places.sound_speed,
-        places.gravity,
-        places.radius,
+        *places,
         latitude,
         profile.flight_path_angle,
         profile.heading,
@@ -64,26 +61,16 @@ def solve_reference(
     settled *= count - np.maximum.accumulate(np.where(settled > 0.0, 0.0, count))
     heading = mission.start.heading
     column = {
+        **profile._asdict(),
+        **nominal._asdict(),
+        **places._asdict(),
         "time": times,
-        "altitude": profile.altitude,
-        "altitude_rate": profile.altitude_rate,
-        "speed": profile.speed,
-        "speed_rate": profile.speed_rate,
-        "flight_path_angle": profile.flight_path_angle,
-        "heading": profile.heading,
-        "heading_rate": profile.heading_rate,
-        "angle_of_attack": nominal.angle_of_attack,
-        "bank": nominal.bank,
-        "equivalence_ratio": nominal.equivalence_ratio,
-        "elevator": nominal.elevator,
-        "mass": nominal.mass,
         "north": north,
         "east": east,
         "latitude": latitude,
         "settled": settled,
         "track_north": np.full(ticks + 1, np.sin(heading)),
         "track_east": np.full(ticks + 1, -np.cos(heading)),
-        **places._asdict(),
     }
     return np.ascontiguousarray(np.stack([column[name] for name in REFERENCE], axis=1)), nominal
 

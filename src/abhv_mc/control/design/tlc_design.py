@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Numbers
 from abhv_mc.control.controller_file import Channel, Schedule, TlcController
-from abhv_mc.control.design.design_tables import Numbers, table_rows, variables_at
+from abhv_mc.control.design.design_tables import table_rows
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
+from abhv_mc.vehicle.evaluate import make_variables
 
 _LARGEST_CONDITION = 1e12  # of B: what is left of an input without effect is rounding
 
@@ -120,5 +121,5 @@ def velocity_gains(A: Floats, B: Floats, spectra: list[tuple[Floats, Floats]]) -
 
 def _coefficients(vehicle: Vehicle, trim_tables: Tables, mach: Any, alpha: Any, eta: Any) -> Numbers:
     """Trimmed lift, drag and thrust coefficients, [3, tick]."""
-    variables = variables_at(vehicle, mach=mach, angle_of_attack=alpha, equivalence_ratio=eta)
+    variables = make_variables(vehicle, mach=mach, angle_of_attack=alpha, equivalence_ratio=eta)
     return table_rows(trim_tables, variables)[1:4]

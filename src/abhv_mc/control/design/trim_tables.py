@@ -8,18 +8,12 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.control.design.design_model import Environment, wrench_at
-from abhv_mc.control.design.design_tables import (
-    coefficients_at,
-    engine_at,
-    fixed_values,
-    table_rows,
-    thrust_at,
-    variables_at,
-)
+from abhv_mc.control.design.design_tables import engine_at, table_rows, thrust_at
 from abhv_mc.kernel.laws.trim_lookup import TRIM_ROWS
 from abhv_mc.kernel.plant.vehicle import CHUNK, FIXED_TABLE_ROWS, VARIABLES, Tables, Vehicle
 from abhv_mc.kernel.world.atmosphere import atmosphere
 from abhv_mc.vehicle.actuators import deflection_range
+from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
 from abhv_mc.vehicle.pack import Axis, Table, pack_tables
 
 # Longest cells, in Mach, radians and equivalence ratio. With them interpolation errs on the shipped vehicles by less
@@ -54,7 +48,7 @@ def make_trim_tables(vehicle: Vehicle, altitude: float, speed_range: tuple[float
     around = Environment(altitude, density, sound_speed, 0.0, 0.0, 0.0)
     elevator, trimmed = trim_elevator(vehicle, around, mach * sound_speed, alpha, eta)
 
-    variables = variables_at(
+    variables = make_variables(
         vehicle,
         mach=mach,
         angle_of_attack=alpha,
@@ -64,22 +58,20 @@ def make_trim_tables(vehicle: Vehicle, altitude: float, speed_range: tuple[float
         mass=constants.mass_start,
     )
     rows = table_rows(vehicle.tables, variables)
-    fixed = fixed_values(vehicle.tables, rows)
-    c = coefficients_at(vehicle, rows, variables)
+    fixed = evaluate_fixed(vehicle, variables, rows)
+    lift, drag, *_ = evaluate_coefficients(vehicle, variables, rows=rows)
     speed = mach * sound_speed
     q_area = 0.5 * density * speed**2 * constants.area
-    thrust = thrust_at(vehicle, fixed, eta, density, speed) / q_area
+    thrust, impulse = thrust_at(vehicle, fixed, eta, density, speed) / q_area, fixed["specific_impulse"]
     if vehicle.foreign.propulsion:  # along body x; what it has across goes with lift and drag
         engine = engine_at(vehicle, variables, density, speed) / q_area
         thrust = engine[0]
-        c["lift"], c["drag"] = c["lift"] - engine[2] * np.cos(alpha), c["drag"] - engine[2] * np.sin(alpha)
+        lift, drag = lift - engine[2] * np.cos(alpha), drag - engine[2] * np.sin(alpha)
         flow, force = engine[6] * q_area, engine[0] * q_area
         burns = flow > 0.0
-        impulse_of = np.where(burns, force / (constants.standard_gravity * np.where(burns, flow, 1.0)), 0.0)
-        fixed = {**fixed, "specific_impulse": impulse_of}
+        impulse = np.where(burns, force / (constants.standard_gravity * np.where(burns, flow, 1.0)), 0.0)
     shape = tuple(axis.grid.size for axis in axes)
-    nothing = np.zeros(mach.size)
-    values = (elevator, c["lift"], c["drag"], thrust, fixed["specific_impulse"], np.where(trimmed, 0.0, 1.0), nothing)
+    values = (elevator, lift, drag, thrust, impulse, np.where(trimmed, 0.0, 1.0), np.zeros(mach.size))
     return _pack(axes, [np.ascontiguousarray(value).reshape(shape) for value in values])
 
 
