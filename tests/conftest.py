@@ -27,7 +27,6 @@ _THOROUGH = (
     "control/design/test_shipped_designs.py",
     "docs",
     "execution/test_cluster.py",
-    "execution/test_command_simulator.py",
     "execution/test_faults.py",
     "execution/test_kill.py",
     "execution/test_user_code.py",

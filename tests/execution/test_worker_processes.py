@@ -15,10 +15,13 @@ import pytest
 from fake_flight import fly, make_plan
 
 import abhv_mc
+from abhv_mc.cli import flying
 from abhv_mc.execution import worker_processes as module
 from abhv_mc.execution.executor import open_threads
 from abhv_mc.execution.worker_processes import WorkerPool
 from abhv_mc.flight.fly import nominal_parameters
+from abhv_mc.shipped import find_input
+from abhv_mc.user_code.child import run_in_thread
 
 PACKAGE = Path(abhv_mc.__file__).parent
 
@@ -117,3 +120,25 @@ def test_an_interrupt_waits_for_no_flight():
         raise KeyboardInterrupt
     assert not flying.done() and waiting.cancelled()
     free.set()
+
+
+def test_a_limit_and_an_interrupt_end_the_wait_for_a_thread(monkeypatch):
+    ended = threading.Event()
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    def never(*given, **options):
+        assert threading.current_thread() is not threading.main_thread()
+        os.kill(os.getpid(), signal.SIGINT)  # as a terminal does
+        ended.wait()
+
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            run_in_thread(never)
+        monkeypatch.setattr("abhv_mc.flight.fly.fly", never)
+        with pytest.raises(KeyboardInterrupt):
+            flying.fly(find_input("level", "mission"), controllers="lqr")
+        with pytest.raises(TimeoutError):
+            run_in_thread(ended.wait, 0.05)
+    finally:
+        ended.set()
+        signal.signal(signal.SIGINT, before)

@@ -111,7 +111,10 @@ def test_a_history_that_is_none_costs_its_flight(tmp_path: Path, capfd: pytest.C
     assert "it returned 'history', which the campaign does not declare" in capfd.readouterr().err
 
 
-def test_declared_files_are_read_and_modules_imported(tmp_path: Path) -> None:
+def test_declared_files_are_read_and_modules_imported_and_what_python_compiled_of_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)
     source = DIVE.replace("import json", "import model\nimport json").replace(
         "return found", "return found | model.own()"
     )
@@ -119,21 +122,13 @@ def test_declared_files_are_read_and_modules_imported(tmp_path: Path) -> None:
     (tmp_path / "data").mkdir()
     (tmp_path / "data" / "load.txt").write_text("6.5")
     path = dive_campaign(tmp_path, source, simulator={"python": "dive.py", "files": ["model.py", "data"]})
-    assert fly_delays(path, [1.0]).metrics[0, 1] == 6.5
-    (tmp_path / "more").write_text("")
+    for _ in range(2):  # written, by a temporary file beside it, then read
+        end_processes()
+        assert fly_delays(path, [1.0]).metrics[0, 1] == 6.5
+        assert list(tmp_path.glob("__pycache__/model.*.pyc"))
     undeclared = dive_campaign(tmp_path, source, simulator={"python": "dive.py", "files": ["data"]})
     end_processes()
     assert fly_delays(undeclared, [1.0]).outcome.tolist() == [LOST]
-
-
-def test_python_keeps_what_it_compiled_of_declared_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its temporary file beside them, 'dive.cpython-311.pyc.1406', was taken for one that is read: no flight flew."""
-    monkeypatch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)
-    path = dive_campaign(tmp_path)
-    for _ in range(2):  # written, then read
-        end_processes()
-        assert fly_delays(path, [1.0]).outcome.tolist() != [LOST]
-        assert list(tmp_path.glob("__pycache__/dive.*.pyc"))
 
 
 PROGRAM = """
@@ -147,20 +142,25 @@ for line in sys.stdin:
         time.sleep(600.0)
     if given["delay"] == 4.0:
         print("out of the table")
+    if given["delay"] == 5.0:
+        os.abort()
     print(json.dumps({"altitude_min": given["delay"], "load": 1.0}), flush=True)
 """
 
 
 def test_a_program_speaks_lines_and_what_is_no_answer_costs_its_flight_and_shifts_no_other(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(process, "_ENDING", 0.1)
     (tmp_path / "program.py").write_text(PROGRAM)
     path = dive_campaign(tmp_path, simulator={"command": [sys.executable, "./program.py"], "time_limit": "20 s"})
     assert dict(ready(path).systems["v1"].plan.files).keys() == {"program.py"}  # type: ignore[union-attr]
-    delays = [1.0, 2.0, 1.1, 1.2, 3.0, 1.3, 4.0, 1.4, *[1.5] * 200]
+    delays = [1.0, 2.0, 1.1, 1.2, 3.0, 1.3, 4.0, 1.4, 5.0, *[1.5] * 200]
     expected = [delay if delay < 2.0 else np.nan for delay in delays]
     assert fly_delays(path, delays).metrics[:, 0].tolist() == pytest.approx(expected, nan_ok=True)
+    path = dive_campaign(tmp_path, simulator={"command": ["no-such-program"]})
+    assert fly_delays(path, [1.0, 2.0]).outcome.tolist() == [LOST, LOST]
+    assert "no-such-program" in capfd.readouterr().err
 
 
 def test_packages_beside_the_simulator_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -173,12 +173,6 @@ def test_packages_beside_the_simulator_are_read(tmp_path: Path, monkeypatch: pyt
     check("open", (str(package), "r", 0))
     with pytest.raises(PermissionError, match="other"):
         check("open", (str(other), "r", 0))
-
-
-def test_a_program_that_cannot_be_started_is_said(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    path = dive_campaign(tmp_path, simulator={"command": ["no-such-program"]})
-    assert fly_delays(path, [1.0, 2.0]).outcome.tolist() == [LOST, LOST]
-    assert "no-such-program" in capfd.readouterr().err
 
 
 def test_other_files_than_the_campaign_was_begun_with_do_not_fly(tmp_path: Path) -> None:

@@ -18,8 +18,10 @@ _GROUPS = {"measured": Measured._fields, "reference": REFERENCE, "onboard": onbo
 
 
 def law_place(controller: UserController) -> Path:
-    """The file that is the law, beside which its other files lie."""
-    return next(iter(find_files(controller).values()))
+    """The file that is the law, by the path that its controller file gives: from a folder it may lead out."""
+    if isinstance(controller, CController):
+        return controller.library or controller.sources[0]
+    return controller.file
 
 
 def read_law_source(controller: UserController) -> UserSource:
