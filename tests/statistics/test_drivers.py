@@ -7,7 +7,7 @@ from scipy.stats import rankdata
 
 from abhv_mc.campaign.sampling.marginals import ContinuousMarginal
 from abhv_mc.statistics.drivers import rank_drivers
-from abhv_mc.statistics.failure_drivers import bin_inputs, find_rules, hypergeometric_tail
+from abhv_mc.statistics.failure_rules import bin_inputs, find_rules, hypergeometric_tail
 from abhv_mc.statistics.ranks import average_ranks, false_discovery
 
 IDLE, FLIGHTS = 30, 400

@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats, Mask, Singles
 from abhv_mc.flight.plan import FlightBlock, Recording
 from abhv_mc.folder.arrays import read_array, write_array
-from abhv_mc.folder.envelopes import QUANTILES, EnvelopeTable
+from abhv_mc.folder.envelopes import EnvelopeTable
 from abhv_mc.folder.flights import DamagedFileError, parse_block_name
 from abhv_mc.folder.layout import write_whole
 from abhv_mc.io.input_error import InputError
+from abhv_mc.statistics.bands import QUANTILES, band_quantiles
 
 ENVELOPE_FLIGHTS = 4096
 _SLAB = 4_000_000  # values sorted at once
@@ -124,7 +125,7 @@ class Collector:
             count[slab] = np.sum(~np.isnan(values), axis=1)
             for point in range(self._cells.points):
                 at_point = values if self._cells.points == 1 else values[:, points == point]
-                found = _quantiles(at_point, np.sum(~np.isnan(at_point), axis=1))
+                found = band_quantiles(at_point, np.sum(~np.isnan(at_point), axis=1))
                 quantiles[0, :, slab] = np.fmin(quantiles[0, :, slab], found)
                 quantiles[1, :, slab] = np.fmax(quantiles[1, :, slab], found)
         least, most = quantiles.reshape((2, -1, *shape))
@@ -134,19 +135,6 @@ class Collector:
         shutil.rmtree(self._folder, ignore_errors=True)
         with contextlib.suppress(OSError):  # it holds another controller's
             self._folder.parent.rmdir()
-
-
-def _quantiles(values: Singles, count: NDArray[np.int64]) -> Floats:
-    """``[quantile, cell]`` of ``values[cell, flight]``, of which ``count[cell]`` are numbers; nan where none is."""
-    if values.shape[1] == 0:
-        return np.full((len(QUANTILES), len(count)), np.nan)
-    last = np.maximum(count - 1, 0)
-    ranks = np.array(QUANTILES)[:, None] * last
-    floor = np.floor(ranks).astype(np.int64)
-    ordered = np.sort(values, axis=1).T  # not-a-number last
-    lower, upper = (np.take_along_axis(ordered, np.minimum(floor + i, last), axis=0) for i in range(2))
-    lower = lower.astype(np.float64)
-    return np.asarray(lower + (upper - lower) * (ranks - floor))
 
 
 def _times_of(block: Singles, channels: int) -> Floats:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.folder.flights import make_field, write_parquet
 from abhv_mc.io.parquet_columns import number_column, text_column
+from abhv_mc.statistics.bands import QUANTILES
 
-QUANTILES = (0.00135, 0.05, 0.50, 0.95, 0.99865)
 QUANTILE_COLUMNS = ("q0.135", "q5", "q50", "q95", "q99.865")
 MOST_MEDIAN = "q50_most"  # with unknowns the median, too, has two edges
 _DOCS = {

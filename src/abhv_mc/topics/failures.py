@@ -9,8 +9,14 @@ from abhv_mc.analysis.failure_map import ControllerFailures, Dispersed, read_map
 from abhv_mc.array_types import Floats
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.plant.parameters import Parameters
-from abhv_mc.statistics.failure_drivers import FALSE_DISCOVERY_RATE, FEWEST_FAILURES, bin_inputs, find_rules
-from abhv_mc.statistics.failure_rules import Condition, Rule
+from abhv_mc.statistics.failure_rules import (
+    FALSE_DISCOVERY_RATE,
+    FEWEST_FAILURES,
+    Condition,
+    Rule,
+    bin_inputs,
+    find_rules,
+)
 from abhv_mc.topics.missed_requirements import failure_kinds, requirement_words
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Bullets, Cell, Heading, Item, Row, Section, Table, Text
@@ -116,7 +122,7 @@ def _words(condition: Condition, names: list[str], known: Parameters) -> str:
     if condition.minus is None:
         return f"{spoken_name(name)} {sign} {shown_value(name, condition.threshold, known)}"
     other = spoken_name(names[condition.minus])
-    return f"{spoken_name(name)} minus {other}, each in standard deviations, {sign} {condition.threshold:.2f}"
+    return f"{spoken_name(name)} minus {other}, each in standard deviations, {sign} {fixed(condition.threshold, 2)}"
 
 
 TITLE = "Why flights fail"

@@ -1,0 +1,21 @@
+"""Bands over time: quantiles over the flights of every cell, a channel at a recorded time."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.array_types import Floats, Singles
+
+QUANTILES = (0.00135, 0.05, 0.50, 0.95, 0.99865)
+
+
+def band_quantiles(values: Singles, count: NDArray[np.int64]) -> Floats:
+    """``[quantile, cell]`` of ``values[cell, flight]``, of which ``count[cell]`` are numbers; nan where none is."""
+    if values.shape[1] == 0:
+        return np.full((len(QUANTILES), len(count)), np.nan)
+    last = np.maximum(count - 1, 0)
+    ranks = np.array(QUANTILES)[:, None] * last
+    floor = np.floor(ranks).astype(np.int64)
+    ordered = np.sort(values, axis=1).T  # not-a-number last
+    lower, upper = (np.take_along_axis(ordered, np.minimum(floor + i, last), axis=0) for i in range(2))
+    lower = lower.astype(np.float64)
+    return np.asarray(lower + (upper - lower) * (ranks - floor))
