@@ -34,7 +34,6 @@ _THOROUGH = (
     "report/test_browser.py",
     "report/test_flights_view.py",
     "report/test_reading.py",
-    "report/test_shipped_campaigns.py",
     "studies",
     "test_public_numba.py",
     "test_wheel.py",

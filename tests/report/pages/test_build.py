@@ -12,13 +12,18 @@ from typer.testing import CliRunner
 
 from abhv_mc.cli.app import app
 from abhv_mc.cli.running import finish
-from abhv_mc.execution.runner import RunResult
+from abhv_mc.execution.runner import RunResult, run_campaign
+from abhv_mc.execution.setup import Request
+from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import ControllerCount, Manifest
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.pages.build import build_report, is_up_to_date
 from abhv_mc.report.pages.matrix import Case, make_junit
 from abhv_mc.report.pages.verify import differences, verify_campaign
+from abhv_mc.shipped import shipped_campaigns
+from abhv_mc.topics.envelopes import ENVELOPES
+from abhv_mc.topics.topic import Models
 
 
 @pytest.fixture(scope="module")
@@ -87,6 +92,20 @@ def test_a_bit_of_a_page_or_figure_is_told_and_one_that_is_gone(copy, name, plac
 def test_a_folder_without_a_report_is_bad_input(tmp_path):
     with pytest.raises(InputError, match=r"report\.json"):
         list(verify_campaign(write_campaign(tmp_path / "c", runs=4)))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("name", "runs"), [("wide", 60), ("wind_and_sensors", 40)])
+def test_reports_of_shipped_campaigns_follow_from_their_data(name, runs, engine, tmp_path):
+    flown = run_campaign(Request(shipped_campaigns() / f"{name}.yaml", tmp_path / name, runs), engine)
+    build_report(flown.folder)
+    assert flown.complete and list(verify_campaign(flown.folder)) == []
+    results = read_flown(flown.folder)
+    tlc, lqr = (results.flights[law].failed.sum() for law in ("tlc", "lqr"))
+    assert (0 < tlc < lqr) if name == "wide" else (tlc == lqr == 0)
+    for law, channels in Models(results)[ENVELOPES].ranges.items():  # of ticks: those of samples were much narrower
+        worst = np.nanmax(results.flights[law].metrics["aileron_max_deg"])
+        assert np.abs(channels["aileron_deg"]).max() == pytest.approx(worst, rel=1e-6)
 
 
 def test_differences_name_their_place():
