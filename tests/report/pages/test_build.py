@@ -4,6 +4,7 @@ import csv
 import shutil
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 from fake_flight import ENGINE
 from fake_flight import write_campaign as write_fake

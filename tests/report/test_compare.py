@@ -1,4 +1,4 @@
-"""The page of a paired comparison, and the line of a baseline on a report's first screen."""
+"""A paired comparison: its numbers, gate and page, and the line of a baseline on a report's first screen."""
 
 import json
 import re
@@ -6,21 +6,52 @@ import re
 import numpy as np
 import pytest
 from report.synthetic import build_with, write_campaign
-from typer.testing import CliRunner
 
+from abhv_mc.api import compare
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.cli.app import app
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import InputError
-from abhv_mc.report.numbers.compare import check_baseline
+from abhv_mc.report.numbers.compare import check_baseline, parse_margins
 from abhv_mc.report.pages.build import is_up_to_date
 from abhv_mc.report.pages.verify import verify_campaign
-from abhv_mc.shipped import find_input
 from abhv_mc.topics.comparison.model import metric_differences
 
 
-def run(*words):
-    return CliRunner().invoke(app, [str(word) for word in words])
+def test_controllers_can_be_crossed(failing_folder, failing_numbers):
+    (pair,) = compare(failing_folder, failing_folder, ("tlc", "lqr"))["paired"]
+    inside = failing_numbers["comparison"]["pairs"]["tlc - lqr"]
+    assert pair["requirements"] == inside["requirements"]
+    metric = "bank_error_rms_deg"
+    assert pair["metrics"][metric]["quantile_differences"] == inside["metrics"][metric]["quantile_differences"]
+
+
+def test_a_controller_that_loses_more_flights_fails_whatever_its_metric(failing_folder):
+    margins = parse_margins(["speed_error_max_mps=900 %"])
+    (pair,) = compare(failing_folder, failing_folder, ("tlc", "lqr"), margins)["paired"]
+    gate = pair["not_worse"]["speed_error_max_mps"]
+    assert gate["loses_more"] and not gate["shown"]
+
+
+@pytest.mark.parametrize(("crossed", "margin", "code", "words"), [
+    ("lqr,lqr_retuned", "5%", 0, "passes: shown"),
+    ("lqr_retuned,lqr", "5%", 1, "is stopped: NOT shown"),
+    ("lqr_retuned,lqr", "500%", 1, "; it misses Speed error"),
+])  # fmt: skip
+def test_the_gate_is_the_exit_code(failing_folder, abhv_mc, crossed, margin, code, words):
+    """There was no such gate: continuous integration could not ask whether a change made a metric worse."""
+    gate = ["--controllers", crossed, "--fail-if-worse", f"bank_error_rms_deg={margin}"]
+    found, out, _ = abhv_mc("compare", failing_folder, failing_folder, *gate)
+    assert (found, words in out) == (code, True), out
+
+
+@pytest.mark.parametrize(("asked", "words"), [
+    ({"controllers": ("tlc", "pid")}, "pid"),
+    ({"controllers": ("tlc",)}, "two"),
+    ({"fail_if_worse": {"no_metric": 0.05}}, "unknown metric 'no_metric'"),
+])  # fmt: skip
+def test_what_cannot_be_compared_is_refused(failing_folder, asked, words):
+    with pytest.raises(InputError, match=words):
+        compare(failing_folder, failing_folder, **asked)
 
 
 @pytest.fixture(scope="module")
@@ -46,10 +77,10 @@ def newly_failed(before, after):
     return failed[1] - failed[0]
 
 
-def test_two_campaigns_make_a_page_with_every_flight_that_only_one_loses(before, after, tmp_path):
+def test_two_campaigns_make_a_page_with_every_flight_that_only_one_loses(before, after, abhv_mc, tmp_path):
     gate = ["--fail-if-worse", "altitude_error_max_m=5%"]
-    told = run("compare", before, after, "-o", tmp_path / "page", "--controllers", "lqr,lqr", *gate)
-    assert told.exit_code == 0 and f"report    {tmp_path / 'page' / 'report.html'}" in told.stdout
+    code, told, _ = abhv_mc("compare", before, after, "-o", tmp_path / "page", "--controllers", "lqr,lqr", *gate)
+    assert code == 0 and f"report    {tmp_path / 'page' / 'report.html'}" in told
     page = (tmp_path / "page/report.html").read_text("utf-8")
     lost = newly_failed(before, after)
     ended = np.sort(np.argsort(read_flown(after).samples["atmosphere.density"])[-5:-2]).tolist()
@@ -58,7 +89,7 @@ def test_two_campaigns_make_a_page_with_every_flight_that_only_one_loses(before,
     assert "after passes: shown to be at most 5 % worse" in page
     assert f"0 flights fail under before alone, {len(lost)} under after alone" in page
     assert "<strong>No difference is shown.</strong>" in page and f"abhv-mc explain {after} --all" in page
-    assert told.stdout.startswith("No difference is shown.\nNext: ")
+    assert told.startswith("No difference is shown.\nNext: ")
     assert "<script" not in page and "http" not in page.replace("http-equiv", "").lower()
 
 
@@ -104,15 +135,12 @@ def test_a_report_with_a_baseline_is_verified_with_it(with_baseline, before):
     report.write_text(held, "utf-8")
 
 
-def test_a_baseline_of_other_samples_is_refused_before_anything_flies(before, tmp_path):
-    campaign = tmp_path / "campaign.yaml"
-    campaign.write_text(
-        f"name: other\nvehicle: {find_input('ghame_x', 'vehicle')}\nmission: {find_input('level', 'mission')}\n"
-        f"controllers: {{tlc: {find_input('tlc', 'control')}}}\nruns: 5\nseed: 1\n"
-        "dispersions:\n  aero.lift: {distribution: uniform, half_width: 10 %}\n",
-        "utf-8",
-    )
-    with pytest.raises(InputError, match="no column"):
+def test_other_samples_are_refused_before_anything_flies(before, abhv_mc, tmp_path):
+    other = write_campaign(tmp_path / "other", runs=10, seed=8, controllers=("tlc", "lqr"))
+    with pytest.raises(InputError, match=r"atmosphere\.density = .* in flight 0"):
+        compare(before, other)
+    campaign = tmp_path / "other files/campaign.yaml"
+    with pytest.raises(InputError, match=r"atmosphere\.density = .* in flight 0"):
         check_baseline(read_campaign(campaign), before)
-    refused = run("run", campaign, "-o", tmp_path / "out", "--baseline", before)
-    assert isinstance(refused.exception, InputError) and not (tmp_path / "out").exists()
+    code, _, err = abhv_mc("run", campaign, "-o", tmp_path / "out", "--baseline", before)
+    assert code == 2 and "in flight 0" in err and not (tmp_path / "out").exists()
