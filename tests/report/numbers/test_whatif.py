@@ -3,7 +3,6 @@
 import json
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 from fake_flight import run, write_campaign
 from scipy import stats
@@ -102,17 +101,6 @@ def test_designs_without_independent_flights_are_refused(tmp_path):
         make_whatif(fly(tmp_path, sampling="lhs", runs="20"), parse_settings(["aero.lift.sigma=4%"]))
 
 
-def test_discrete_choices_are_weighed_by_their_probabilities(tmp_path):
-    laws = "{aero.lift: {distribution: discrete, values: [0.9, 1.0, 1.1]}}"
-    folder = fly(tmp_path, dispersions=laws)
-    found = make_whatif(folder, parse_settings(["aero.lift.values=[0.9, 1.1]", "aero.lift.weights=[3, 1]"]))
-    lift = pq.read_table(folder / "samples.parquet")["aero.lift"].to_numpy()
-    counts = {value: np.sum(lift == value) for value in (0.9, 1.1)}
-    weights = np.array([0.75, 0.25])
-    expected = sum(weights * list(counts.values())) ** 2 / sum(weights**2 * list(counts.values()))
-    assert found.controllers["one"].effective_flights == pytest.approx(expected)
-
-
 def test_the_command(flown):
     words = ["whatif", str(flown), "--set", "aero.lift.sigma=4%"]
     shown = CliRunner().invoke(app, words)
@@ -121,25 +109,31 @@ def test_the_command(flown):
     assert json.loads(CliRunner().invoke(app, [*words, "--json", "-"]).stdout)["controllers"].keys() == {"one", "two"}
 
 
-def test_the_weights_of_a_mixture_change(tmp_path):
-    """Flights of one mixture, weighed as those of another: the mean of lift is what the new weights make of it."""
-    parts = "[{distribution: normal, mean: 0.95, sigma: 2 %}, {distribution: uniform, low: 1.0, high: 1.1}]"
-    law = f"{{distribution: mixture, parts: {parts}}}"
-    campaign = read_campaign(write_campaign(tmp_path, runs="20000", dispersions=f"{{aero.lift: {law}}}"))
+NORMAL_AND_UNIFORM = "[{distribution: normal, mean: 0.95, sigma: 2 %}, {distribution: uniform, low: 1.0, high: 1.1}]"
+
+
+@pytest.mark.parametrize(("law", "settings", "mean"), [
+    ("discrete, values: [0.9, 1.0, 1.1]", ["aero.lift.values=[0.9, 1.1]", "aero.lift.weights=[3, 1]"], 0.95),
+    (f"mixture, parts: {NORMAL_AND_UNIFORM}", ["aero.lift.weights=[3, 1]"], 0.975),
+])  # fmt: skip
+def test_the_mean_is_what_new_weights_of_choices_and_parts_make_of_it(tmp_path, law, settings, mean):
+    laws = f"{{aero.lift: {{distribution: {law}}}}}"
+    campaign = read_campaign(write_campaign(tmp_path, runs="20000", dispersions=laws))
     samples = campaign.make_samples().draw(0, 20000)
-    weights = weigh_flights(campaign, make_change(campaign, parse_settings(["aero.lift.weights=[3, 1]"])), samples)
-    assert weights.mean() == pytest.approx(1.0, abs=0.01)
-    expected = 0.75 * 0.95 + 0.25 * 1.05
-    assert np.average(samples[:, 0], weights=weights) == pytest.approx(expected, abs=0.002)
-    make_change(campaign, parse_settings([f"aero.lift.parts={parts.replace('low: 1.0', 'low: 1.02')}"]))
+    weights = weigh_flights(campaign, make_change(campaign, parse_settings(settings)), samples)
+    assert weights.mean() == pytest.approx(1.0, abs=0.02)
+    assert np.average(samples[:, 0], weights=weights) == pytest.approx(mean, abs=0.002)
 
 
 def test_each_part_of_a_mixture_lies_within_one_that_was_flown(tmp_path):
     parts = "[{distribution: uniform, low: 0.9, high: 0.95}, {distribution: uniform, low: 1.0, high: 1.1}]"
-    law = f"{{distribution: mixture, parts: {parts}}}"
-    campaign = read_campaign(write_campaign(tmp_path, dispersions=f"{{aero.lift: {law}}}"))
-    with pytest.raises(InputError, match=r"aero.lift from 0.9 to 1.1, beyond what was flown"):
-        make_change(campaign, parse_settings([f"aero.lift.parts={parts.replace('high: 0.95', 'high: 1.1')}"]))
+    laws = f"{{aero.lift: {{distribution: mixture, parts: {parts}}}}}"
+    campaign = read_campaign(write_campaign(tmp_path, dispersions=laws))
+    make_change(campaign, parse_settings([f"aero.lift.parts={parts.replace('low: 1.0', 'low: 1.02')}"]))
     choice = parts.replace("uniform, low: 0.9, high: 0.95", "discrete, values: [0.9, 0.95]")
-    with pytest.raises(InputError, match=r"mixture with a discrete choice"):
-        make_change(campaign, parse_settings([f"aero.lift.parts={choice}"]))
+    for changed, words in (
+        (parts.replace("high: 0.95", "high: 1.1"), "aero.lift from 0.9 to 1.1, beyond what was flown"),
+        (choice, "mixture with a discrete choice"),
+    ):
+        with pytest.raises(InputError, match=words):
+            make_change(campaign, parse_settings([f"aero.lift.parts={changed}"]))
