@@ -11,7 +11,7 @@ from fake_flight import DENSITY, DRAG, LIFT, make_plan, record, run
 from fake_flight import write_campaign as write_fake
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.flight.channels import CHANNELS, STANDARD_CHANNELS
+from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.metrics import METRICS
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, recording_of
@@ -76,19 +76,13 @@ def histories_of(name, parameters, reference):
         "angle_of_attack_deg": alpha_command - stray * 2.0 * kick * load,
         "sideslip_deg": (0.25 + 0.6 * stray) * kick * swing * load + 0.02 * wobble * kick,
         "bank_deg": bank_command * (1.0 - kick * load * (0.2 + stray * 0.5)),
-        "roll_rate_dps": 8.0 * kick * load,
-        "pitch_rate_dps": 1.0 + 0.5 * kick * load,
-        "yaw_rate_dps": 0.3 + 0.1 * kick * load,
         "aileron_deg": usage * 1.2 * swing * kick * load,
         "rudder_deg": usage * 0.4 * swing * kick * load,
         "elevator_deg": 0.8 + usage * (1.5 * kick + 3.0 * (lift + density)) * one,
         "equivalence_ratio": reference["equivalence_ratio_reference"] * (1.0 + drag + 0.3 * density),
         "north_m": reference["north_reference_m"] + 900.0 * density * np.tanh(time / 40.0) + 20.0 * stray * time / 60.0,
         "east_m": reference["east_reference_m"] * one,
-        "latitude_deg": 29.27 + reference["north_reference_m"] / 111e3 * one,
-        "longitude_deg": -78.0 + 1400.0 * time / 97e3 * one,
         "mass_kg": 120000.0 - 80.0 * time * (1.0 + drag),
-        "dynamic_pressure_pa": 87000.0 * (1.0 + density) * np.ones_like(time),
         "flight_path_angle_command_deg": 0.2 * (density + lift) * swing,
         "angle_of_attack_command_deg": alpha_command,
         "bank_command_deg": bank_command,
@@ -98,7 +92,6 @@ def histories_of(name, parameters, reference):
     channels["equivalence_ratio_command"] = channels["equivalence_ratio"] * 1.001
     shape = (len(parameters), time.size)
     channels = {key: np.broadcast_to(value, shape).astype(np.float32) for key, value in channels.items()}
-    assert set(channels) == set(STANDARD_CHANNELS)
     zeros = np.zeros(shape, np.float32)  # of what else a history holds
     return {signal.name: channels.get(signal.name, zeros) for signal in CHANNELS}
 

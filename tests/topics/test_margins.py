@@ -12,15 +12,11 @@ from abhv_mc.topics.topic import Models
 LOOPS = ("aileron", "rudder", "elevator", "equivalence_ratio")
 
 
-def _row(loop, low, high, phase, delay, stable=True):
-    return {
-        "loop": loop,
-        "stable": stable,
-        "gain_margin_low_db": low,
-        "gain_margin_high_db": high,
-        "phase_margin_deg": phase,
-        "delay_margin_ms": delay,
-    }
+COLUMNS = "gain_margin_low_db", "gain_margin_high_db", "phase_margin_deg", "delay_margin_ms"
+
+
+def _row(loop, *values, stable=True):
+    return {"loop": loop, "stable": stable, **dict(zip(COLUMNS, values, strict=True))}
 
 
 def _all(stable=True, **more):
