@@ -41,13 +41,6 @@ MANOEUVRES: dict[str, dict[str, Any]] = {
     "pull_up": {"kind": "pull_up", "flight_path_angle": "6 deg", "length": "10 s"},
     "turn": {"kind": "turn", "heading_change": "10 deg", "length": "45 s"},
     "s_manoeuvre": {"kind": "s_manoeuvre", "offset": "-3 km", "length": "40 s"},
-    "s_with_ramps": {
-        "kind": "s_manoeuvre",
-        "offset": "-3 km",
-        "length": "40 s",
-        "bank_time": "1.5 s",
-        "sharpness": 1.8,
-    },
     "waypoints": {
         "kind": "waypoints",
         "turns": [

@@ -1,6 +1,5 @@
 """The reference: what the S asks for, and that its nominal controls fly it."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 from abhv_mc.control.design.design_model import Environment, guidance_rates
 from abhv_mc.control.design.reference import make_start_trim, solve_reference
-from abhv_mc.control.mission import Mission
+from abhv_mc.control.mission import Climb, Level, Mission
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 
@@ -71,9 +70,8 @@ def test_cross_track_is_positive_to_the_left(mission: Mission, vehicle: Vehicle,
 def test_nominal_controls_fly_the_reference(mission: Mission, vehicle: Vehicle, trim_tables: Tables, kind: str) -> None:
     """Open loop, the design model (1) under the nominal controls stays on the reference for a while."""
     if kind == "climb":
-        climb = {"kind": "climb", "altitude_change": "1 km", "length": "40 s", "speed_change": "20 m/s"}
-        data = mission.model_dump(mode="json") | {"manoeuvre": climb, "start_time": "2 s"}
-        mission = Mission.model_validate_json(json.dumps(data))
+        climb = Climb(kind="climb", altitude_change="1 km", length="40 s", speed_change="20 m/s")
+        mission = mission.model_copy(update={"manoeuvre": climb, "start_time": 2.0})
     reference, trim = solve_reference(mission, vehicle, trim_tables, 0.02, 3000)
     assert not trim.status.any()
     value = {name: reference[:, i] for i, name in enumerate(REFERENCE)}
@@ -103,8 +101,7 @@ def test_nominal_controls_fly_the_reference(mission: Mission, vehicle: Vehicle, 
 def test_start_trim_is_the_trim_of_the_reference_without_bank(
     mission: Mission, vehicle: Vehicle, trim_tables: Tables
 ) -> None:
-    data = mission.model_dump(mode="json") | {"manoeuvre": {"kind": "level"}}
-    level = Mission.model_validate_json(json.dumps(data))
+    level = mission.model_copy(update={"manoeuvre": Level(kind="level")})
     reference, _ = solve_reference(level, vehicle, trim_tables, 0.01, 10)
     value = dict(zip(REFERENCE, reference[0], strict=True))
     start = make_start_trim(level, vehicle)

@@ -3,7 +3,6 @@
 Zhu and Shen 2014, equations (5)-(11) and (20).
 """
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +42,7 @@ def test_gains_of_the_inner_loops_are_table_1(
 
 def scheduled(damping: float, over: str, key: str, unit: str, points: tuple[tuple[float, float], ...]) -> Channel:
     entries = [{key: f"{x} {unit}", "bandwidth": f"{wn} rad/s"} for x, wn in points]
-    return Channel.model_validate_json(json.dumps({"damping": damping, "bandwidth": {over: entries}}))
+    return Channel(damping=damping, bandwidth={over: entries})
 
 
 def test_a_bandwidth_over_time_keeps_its_rate() -> None:
