@@ -44,22 +44,6 @@ print(call(1.0), call(2.0))
 
 
 @pytest.mark.thorough
-def test_a_change_in_another_file_reaches_cached_code(source, tmp_path):
-    (source / "kernel" / "world" / "called.py").write_text(
-        "from abhv_mc.kernel.jit import scalar\n@scalar\ndef add(x):\n    return x + 1.0\n"
-    )
-    (source / "kernel" / "world" / "caller.py").write_text(
-        "from abhv_mc.kernel.jit import kernel\nfrom abhv_mc.kernel.world.called import add\n"
-        "@kernel\ndef call(x):\n    return add(x)\n"
-    )
-    assert run(CALLER, source, tmp_path / "cache") == ["compiling", "2.0", "3.0"]
-    assert run(CALLER, source, tmp_path / "cache") == ["2.0", "3.0"]  # from the cache, and nothing is announced
-    called = source / "kernel" / "world" / "called.py"
-    called.write_text(called.read_text().replace("1.0", "5.0"))
-    assert run(CALLER, source, tmp_path / "cache") == ["compiling", "6.0", "7.0"]
-
-
-@pytest.mark.thorough
 @pytest.mark.skipif(jit.compiler() == "public", reason="numba's own cache")
 def test_a_flipped_bit_in_the_cache_is_not_executed(source, tmp_path):
     """It gave other numbers, killed the process or ended in a traceback, at each start until somebody deleted it."""
@@ -189,17 +173,6 @@ def test_what_only_a_later_call_needs_is_linked():
     both(ours, 16)
     fly_cubes(wanted, 16)
     np.testing.assert_array_equal(ours, wanted)
-
-
-def test_numbers_that_a_kernel_is_made_from_tell_kernels_apart():
-    def make(constant):
-        @kernel
-        def add(x):
-            return x + constant
-
-        return add
-
-    assert [make(constant)(1.0) for constant in (1, 2, 1)] == [2.0, 3.0, 2.0]
 
 
 @pytest.mark.skipif(jit.compiler() == "public", reason="numba's own dispatcher")

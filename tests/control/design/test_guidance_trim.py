@@ -62,21 +62,20 @@ def test_warm_start_changes_nothing(vehicle, trim_tables):
 
 
 def test_an_interval_without_a_root_gives_its_nearest_end(vehicle, trim_tables):
-    high = vehicle.constants.equivalence_ratio_max
-    too_fast = trim_along(vehicle, trim_tables, points(axial=20.0), MASS)
-    assert too_fast.status[0] == NO_EQUIVALENCE_RATIO
-    assert too_fast.equivalence_ratio[0] == high
-    (sentence,) = trim_faults(too_fast, np.array([2.5]))
-    assert "no throttle" in sentence
-    assert "at 1 of 1 points, first at 2.50 s" in sentence
-    too_slow = trim_along(vehicle, trim_tables, points(axial=-50.0), MASS)
-    assert too_slow.status[0] == NO_EQUIVALENCE_RATIO
-    assert too_slow.equivalence_ratio[0] == vehicle.constants.equivalence_ratio_min
-    too_much_lift = trim_along(vehicle, trim_tables, points(vertical=300.0), MASS)
-    assert too_much_lift.status[0] & NO_ANGLE_OF_ATTACK
-    assert too_much_lift.angle_of_attack[0] == pytest.approx(vehicle.constants.angle_of_attack_max)
+    c = vehicle.constants
+    faults = {}
+    for name, asked, flag, control, end in (
+        ("too fast", {"axial": 20.0}, NO_EQUIVALENCE_RATIO, "equivalence_ratio", c.equivalence_ratio_max),
+        ("too slow", {"axial": -50.0}, NO_EQUIVALENCE_RATIO, "equivalence_ratio", c.equivalence_ratio_min),
+        ("too much lift", {"vertical": 300.0}, NO_ANGLE_OF_ATTACK, "angle_of_attack", c.angle_of_attack_max),
+    ):
+        faults[name] = trim_along(vehicle, trim_tables, points(**asked), MASS)
+        assert faults[name].status[0] & flag
+        assert getattr(faults[name], control)[0] == pytest.approx(end)
     down = trim_along(vehicle, trim_tables, points(vertical=-12.0, lateral=30.0), MASS)
     assert down.status[0] & (NO_BANK | NO_ANGLE_OF_ATTACK)
+    (sentence,) = trim_faults(faults["too fast"], np.array([2.5]))
+    assert "no throttle" in sentence and "at 1 of 1 points, first at 2.50 s" in sentence
 
 
 def test_with_speed_held_the_axial_equation_can_be_skipped(vehicle, trim_tables):

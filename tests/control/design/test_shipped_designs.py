@@ -57,18 +57,18 @@ def test_wrong_effectiveness_and_delay_are_borne_at_no_more_usage(setup, name):
     assert (block.metrics[0, usage] <= 1.05 * table_1.metrics[0, usage]).all()
 
 
-RETUNED = {
-    "ghame_x": "lqr_retuned",
-    "ghame_x_coupled": "lqr_retuned_ghame_x_coupled",
-    "ghame": "lqr_retuned_ghame",
-}
-
-
-@pytest.mark.parametrize("vehicle", RETUNED)
-def test_retuned_lqr_tracks_better_than_the_papers_weights_at_the_usage_of_tlc(vehicle):
+@pytest.mark.parametrize(
+    ("vehicle", "retuned"),
+    [
+        ("ghame_x", "lqr_retuned"),
+        ("ghame_x_coupled", "lqr_retuned_ghame_x_coupled"),
+        ("ghame", "lqr_retuned_ghame"),
+    ],
+)
+def test_retuned_lqr_tracks_better_than_the_papers_weights_at_the_usage_of_tlc(vehicle, retuned):
     """On the nominal S."""
     metrics = {}
-    for name, file in {"tlc": "tlc", "lqr": "lqr", "retuned": RETUNED[vehicle]}.items():
+    for name, file in {"tlc": "tlc", "lqr": "lqr", "retuned": retuned}.items():
         block = fly(make_flight_plan("s_manoeuvre", vehicle, file), nominal_parameters())
         assert block.outcome[0] == Outcome.OK
         metrics[name] = {metric: block.metrics[0, i] for metric, i in METRIC_INDEX.items()}

@@ -1,13 +1,13 @@
 """The compiled moment and its slopes against the design model: other code, slopes by complex step."""
 
+from collections import namedtuple
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 
-from abhv_mc.array_types import Floats, Ints
+from abhv_mc.array_types import Floats
 from abhv_mc.control.design.design_model import Environment, Wrench, wrench_at
 from abhv_mc.control.design.design_tables import slope
 from abhv_mc.kernel.flight.interface import UserCode
@@ -15,33 +15,17 @@ from abhv_mc.kernel.jit import kernel
 from abhv_mc.kernel.laws.allocation import moment_slope, nominal_moment, side_force_slope
 from abhv_mc.kernel.laws.tlc import N_ROWS, SLOPES, nominal_vehicle
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.aerodynamics import TableCells, make_cells
+from abhv_mc.kernel.plant.aerodynamics import make_cells
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc.kernel.plant.slopes import INPUTS, N_INPUTS, Effectiveness
+from abhv_mc.kernel.plant.slopes import INPUTS, N_INPUTS
 from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.vehicle.evaluate import make_variables
 from abhv_mc.vehicle.file import pack_vehicle, read_vehicle_file
 
-
-class Plan(NamedTuple):
-    """What the nominal vehicle needs of the kernel's plan."""
-
-    vehicle: Vehicle
-    effectiveness: Effectiveness
-    unit_factors: Ints
-    user_code: UserCode
-
-
-class Memory(NamedTuple):
-    """What it needs of the kernel's memory."""
-
-    Z: Floats
-    T: Floats
-    cells: TableCells
-    high: Floats
-
-
+# What the nominal vehicle needs of the kernel's plan and of its memory.
+Plan = namedtuple("Plan", "vehicle effectiveness unit_factors user_code")
+Memory = namedtuple("Memory", "Z T cells high")
 CONFIGS = Path(__file__).parents[3] / "configs" / "vehicle"
 N = 24
 AIR = Environment(22e3, 0.0646, 296.4, 9.74, 6.4e6, 0.0)
