@@ -1,6 +1,7 @@
 """Who flies in a folder, the holder of its lock; and at an address, that of a lease by the store's clock. A key in an
 address goes to the store and nowhere else: logs, reports and manifests are kept, and shown to others."""
 
+import errno
 import fcntl
 import re
 import threading
@@ -12,12 +13,11 @@ import pytest
 from fake_flight import write_campaign
 from pyarrow import fs
 
-from abhv_mc.folder import lease as module
 from abhv_mc.folder import remote
-from abhv_mc.folder.lease import LEASE, NAME, Lease, read_holder
+from abhv_mc.folder import store as module
 from abhv_mc.folder.lock import hold_lock, lock_holder
 from abhv_mc.folder.remote import Remote
-from abhv_mc.folder.store import Store
+from abhv_mc.folder.store import LEASE, LEASE_NAME, Lease, Store, read_holder
 from abhv_mc.io.address import Address
 from abhv_mc.io.input_error import InputError
 
@@ -66,7 +66,7 @@ def test_a_lease_holds_while_it_is_renewed_and_until_it_is_dropped(store):
         first.renew()
         with pytest.raises(InputError, match="is flying"):
             take(store)
-    assert list(contents(store.system)) == [NAME]  # nothing is left of those who asked
+    assert list(contents(store.system)) == [LEASE_NAME]  # nothing is left of those who asked
     first.drop()
     assert read_holder(store) is None
     take(store).drop()
@@ -96,7 +96,7 @@ def test_of_two_that_find_none_the_later_writer_has_it(store, monkeypatch):
 
 @pytest.mark.parametrize("content", [b"", b"{}", b"\xff", b"[1]"])
 def test_an_object_that_is_no_lease_is_somebodys(store, content):
-    store.write(NAME, content)
+    store.write(LEASE_NAME, content)
     with pytest.raises(InputError, match="another process is flying"):
         take(store)
 
@@ -107,6 +107,15 @@ def test_the_holder_is_named(tmp_path):
         with pytest.raises(InputError, match=r"process .* is flying"), hold_lock(tmp_path / ".lock"):
             pass
     assert lock_holder(tmp_path / ".lock") is None
+
+
+def test_a_file_system_without_locks_is_refused(tmp_path, monkeypatch):
+    def refuse(*_):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    with pytest.raises(InputError, match="No locks available"), hold_lock(tmp_path / ".lock"):
+        pass
 
 
 def test_a_look_at_the_lock_keeps_nobody_from_taking_it(tmp_path):
@@ -133,7 +142,7 @@ def test_a_key_is_written_nowhere(store, fake_engine, abhv_mc, tmp_path, monkeyp
     said.append(abhv_mc("run", campaign, "--runs", 80, "--no-report", "-o", at))
 
     def refuse(self, name, content, write=Store.write):
-        if not name.startswith(NAME):
+        if not name.startswith(LEASE_NAME):
             raise OSError(f"the bucket of {at} is gone")
         write(self, name, content)
 

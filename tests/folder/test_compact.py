@@ -10,7 +10,7 @@ from fake_flight import ENGINE, fly, run, write_campaign
 
 from abhv_mc.analysis.replay import find_rows
 from abhv_mc.execution import runner
-from abhv_mc.folder import compact
+from abhv_mc.folder import flown_blocks
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.layout import CampaignFolder
 
@@ -22,11 +22,11 @@ class KilledError(BaseException):
 @pytest.fixture
 def campaign(tmp_path, monkeypatch):
     """One whose 300 flights of a controller are five files, and three when they are joined."""
-    monkeypatch.setattr(compact, "_GROUP", 100)
+    monkeypatch.setattr(flown_blocks, "_GROUP", 100)
     file = write_campaign(tmp_path / "f", controllers="{one: one.yaml}")
     whole = run(file, tmp_path / "whole").manifest
-    monkeypatch.setattr(compact, "MANY", 2)
-    monkeypatch.setattr(compact, "ROWS", 192)
+    monkeypatch.setattr(flown_blocks, "MANY", 2)
+    monkeypatch.setattr(flown_blocks, "ROWS", 192)
     return file, whole
 
 
@@ -82,7 +82,7 @@ def test_a_kill_at_any_step_loses_nothing(campaign, tmp_path, monkeypatch, capfd
 
     monkeypatch.setattr(runner._Run, "_join_files", join)
     monkeypatch.setattr(runner, "write_block", write)
-    for owner, name in ((compact, "write_rows"), (runner, "write_manifest"), (Path, "unlink")):
+    for owner, name in ((flown_blocks, "write_rows"), (runner, "write_manifest"), (Path, "unlink")):
         function = getattr(owner, name)
         monkeypatch.setattr(owner, name, lambda *a, function=function, **k: step(function, *a, **k))
     for killed in count():

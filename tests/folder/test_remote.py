@@ -8,7 +8,8 @@ import pytest
 from fake_flight import interrupted_after, write_campaign
 from pyarrow import fs
 
-from abhv_mc.folder import lease, remote
+from abhv_mc.folder import remote
+from abhv_mc.folder import store as module
 from abhv_mc.folder.layout import StorageFullError
 from abhv_mc.folder.remote import fetched, local_path, mirrored
 from abhv_mc.folder.store import Store
@@ -25,7 +26,7 @@ def bucket(monkeypatch):
     for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
         monkeypatch.setenv(name, "testing")
     monkeypatch.setenv("AWS_DEFAULT_REGION", "us-east-1")
-    monkeypatch.setattr(lease, "_SETTLE", 0.0)
+    monkeypatch.setattr(module, "_SETTLE", 0.0)
     monkeypatch.setattr(remote, "PUSH_INTERVAL", 0.05)
     running = server.ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
     running.start()
@@ -128,7 +129,7 @@ def test_what_was_flown_is_there_while_it_flies(bucket, monkeypatch):
         assert landed.is_set()
         with pytest.raises(InputError, match="is flying"), mirrored(Path(address)):
             pass
-        monkeypatch.setattr(lease, "LEASE", -60.0)  # as if this one had been dead for a minute
+        monkeypatch.setattr(module, "LEASE", -60.0)  # as if this one had been dead for a minute
         with mirrored(Path(address)):
             pass
         (folder / "flights/one.parquet").unlink()
@@ -137,12 +138,12 @@ def test_what_was_flown_is_there_while_it_flies(bucket, monkeypatch):
 
 def test_a_writer_that_lost_its_lease_stops_and_writes_nothing_more(bucket, tmp_path, monkeypatch, capfd):
     store, address, base = bucket
-    monkeypatch.setattr(lease, "RENEWAL", 0.1)
+    monkeypatch.setattr(module, "RENEWAL", 0.1)
 
     def fly_on():
         with mirrored(Path(address), tmp_path / "staging") as folder:
             (folder / "manifest.json").write_text("{}")
-            monkeypatch.setattr(lease, "read_holder", lambda _: ("process 7 on other", "another"))
+            monkeypatch.setattr(module, "read_holder", lambda _: ("process 7 on other", "another"))
             try:
                 for _ in range(600):  # until interrupted
                     threading.Event().wait(0.1)

@@ -37,6 +37,7 @@ def test_columns_come_in_the_order_asked_for_or_all_and_empty_rows_are_left_out(
         ("a,b\n1,2,3\n", None, (2, None), "3 cells"),
         ("", ("a",), (1, None), "no rows"),
         (b"a\n\xff\n", ("a",), (None, None), "utf-8"),
+        ('a\n1\n"' + "x" * 200_000 + '"\n', ("a",), (3, None), "field limit"),
     ],
 )
 def test_a_mistake_is_said_with_its_place(tmp_path, text, wanted, place, found):

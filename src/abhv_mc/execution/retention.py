@@ -17,10 +17,10 @@ from abhv_mc.execution.flight_counts import FlightCounts
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.folder.controller_flights import read_worst
 from abhv_mc.folder.hashes import FileHashes
 from abhv_mc.folder.histories import history_metadata, write_histories
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.ranking import read_worst
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.simulators.engine import Fly, simulate
 

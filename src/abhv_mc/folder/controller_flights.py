@@ -1,6 +1,7 @@
-"""The flights of a campaign by controller, from its blocks."""
+"""The flights of a campaign by controller, from its blocks; and all of them in one order, the worst first: what is
+listed, drawn and kept follows it."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain
@@ -12,12 +13,14 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flight.metrics import BUILT_IN, Metric
 from abhv_mc.flight.outcome import OUTCOMES, Outcome, Outcomes
 from abhv_mc.folder.file_columns import SpooledColumns, missing_file, read_pieces
 from abhv_mc.folder.flights import END_TIME, INPUT
+from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.parquet_columns import column_values, distinct_texts
-from abhv_mc.statistics.estimates import severity
+from abhv_mc.statistics.estimates import Criterion, severity, worst_first
 
 _EXPECTED = "a block of flights"
 
@@ -146,3 +149,51 @@ def _find_metrics(schema: pa.Schema) -> list[str]:
     """Columns of numbers that are no samples, whose names have a point, or a mark."""
     floats = [field for field in schema if "." not in field.name and pa.types.is_floating(field.type)]
     return [field.name for field in floats if INPUT not in (field.metadata or {})]
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """Lost flights first, the earliest before all others; then the largest distance beyond a limit."""
+
+    controllers: tuple[str, ...]
+    controller: NDArray[np.intp]  # [place] index of the controller
+    row: NDArray[np.intp]  # [place] row among its flights
+    beyond: Mapping[str, Floats]  # controller -> [row] largest distance, in its limit's unit; infinite where lost
+    by: Mapping[str, NDArray[np.intp]]  # controller -> [row] the criterion of that distance
+
+    def rows_of(self, name: str) -> NDArray[np.intp]:
+        """The rows [flight] of a controller, the worst first."""
+        return self.row[self.controller == self.controllers.index(name)]
+
+    def places_of(self, name: str) -> NDArray[np.intp]:
+        """The place of each row [flight] of a controller among the flights of all."""
+        return np.flatnonzero(self.controller == self.controllers.index(name))[np.argsort(self.rows_of(name))]
+
+
+def rank_flights(flights: Mapping[str, ControllerFlights], criteria: Sequence[Criterion]) -> Ranking:
+    """Rank the flights of each controller; where a limit has no size, the first one's flights give the unit."""
+    first = next(iter(flights.values()))
+    scales = [criterion.scale(first.metrics[criterion.metric][~first.failed]) for criterion in criteria]
+    beyond, by = {}, {}
+    for name, each in flights.items():
+        table = np.zeros((max(1, len(criteria)), each.flight.size))
+        for i, (criterion, (start, unit)) in enumerate(zip(criteria, scales, strict=True)):
+            table[i] = (criterion.excess(each.metrics[criterion.metric]) - start) / unit
+        by[name] = np.argmax(table, axis=0)
+        beyond[name] = np.where(each.failed, np.inf, table.max(axis=0))
+    lost_at = [np.where(each.failed, each.end_time, np.inf) for each in flights.values()]
+    order = worst_first(np.concatenate(lost_at), np.concatenate(list(beyond.values())))
+    sizes = [each.flight.size for each in flights.values()]
+    controller = np.repeat(np.arange(len(sizes)), sizes)[order]
+    starts = np.cumsum([0, *sizes[:-1]])
+    return Ranking(tuple(flights), controller, order - starts[controller], beyond, by)
+
+
+def read_worst(folder: CampaignFolder, campaign: Experiment, number: int) -> dict[str, list[int]]:
+    """Numbers of the worst flights of each controller, of those in the folder. Raises InputError without a flight."""
+    criteria = campaign.criteria
+    columns = {criterion.metric for criterion in criteria} | {END_TIME.name}
+    held = read_flights(folder.flights, records=campaign.metrics, columns=columns, ends=campaign.outcomes)
+    flights = {name: held[name] for name in campaign.controllers if name in held}
+    ranking = rank_flights(flights, criteria)
+    return {name: each.flight[ranking.rows_of(name)[:number]].tolist() for name, each in flights.items()}

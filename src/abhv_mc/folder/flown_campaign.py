@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES
-from abhv_mc.folder.controller_flights import ControllerFlights, read_flights
+from abhv_mc.folder.controller_flights import ControllerFlights, Ranking, rank_flights, read_flights
 from abhv_mc.folder.envelopes import MOST_MEDIAN, QUANTILE_COLUMNS
 from abhv_mc.folder.file_columns import FileColumns, read_table
 from abhv_mc.folder.flights import END_TIME
@@ -21,7 +21,6 @@ from abhv_mc.folder.hashes import data_files, read_checked, refuse_changes
 from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import Manifest, read_manifest
-from abhv_mc.folder.ranking import Ranking, rank_flights
 from abhv_mc.folder.samples import POINT
 from abhv_mc.folder.steady_margins import SteadyMargins, read_steady_margins
 from abhv_mc.io.input_error import InputError

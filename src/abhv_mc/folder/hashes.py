@@ -93,6 +93,15 @@ def refuse_changes(folder: CampaignFolder, manifest: Manifest) -> None:
         raise InputError(folder.root, found, "the folder opened anew, once that run is done")
 
 
+@contextlib.contextmanager
+def unchanged(folder: CampaignFolder, manifest: Manifest) -> Iterator[None]:
+    """The same at the end of a block, in the place of any error there: it tells more."""
+    try:
+        yield
+    finally:
+        refuse_changes(folder, manifest)
+
+
 def damage_error(path: Path, words: str) -> InputError:
     """The error for a damaged file, and what helps."""
     wish = "a copy of the file as it was, or the campaign flown anew: another folder (-o DIR), or --fresh"

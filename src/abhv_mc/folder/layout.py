@@ -14,7 +14,7 @@ from abhv_mc.io.input_error import InputError, is_printable
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # the last: a limit on a file's size (ulimit -f)
 _CLOSED = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST, errno.ENAMETOOLONG, errno.ELOOP)
 _UNWRITABLE = (
-    *_CLOSED, errno.EISDIR, errno.ENOTEMPTY, errno.ENOENT, errno.EINVAL, errno.EBUSY,
+    *_CLOSED, errno.EISDIR, errno.ENOTEMPTY, errno.ENOENT, errno.EINVAL, errno.EBUSY, errno.ENOLCK, errno.EOPNOTSUPP,
 )  # fmt: skip
 _recorders: list[Callable[[Path, str], None]] = []  # told of every file that is put whole
 

@@ -15,9 +15,7 @@ import pyarrow as pa
 from pyarrow import fs as pyarrow_fs
 
 from abhv_mc.folder.layout import CampaignFolder, StorageFullError, is_inside
-from abhv_mc.folder.lease import NAME as LEASE_NAME
-from abhv_mc.folder.lease import Lease, read_holder
-from abhv_mc.folder.store import Store, open_store
+from abhv_mc.folder.store import LEASE_NAME, Lease, Store, open_store, read_holder
 from abhv_mc.io.address import Address, read_address
 from abhv_mc.io.input_error import InputError
 

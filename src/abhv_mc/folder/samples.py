@@ -1,7 +1,7 @@
 """The samples of a campaign as Parquet: what is flown is what is stored here."""
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from abhv_mc.array_types import Floats
-from abhv_mc.folder.flights import make_field, make_input_field
-from abhv_mc.folder.layout import write_whole
+from abhv_mc.folder.flights import make_field, make_input_field, write_pieces
 from abhv_mc.io.parquet_columns import column_values, number_column
 from abhv_mc.plant.parameters import OURS, Parameters
 
@@ -39,19 +38,14 @@ def write_samples(
         metadata={f"abhv_mc.{key}": text for key, text in provenance.items()},
     )
 
-    def write(temporary: Path) -> None:
-        options = {"compression": "zstd", "compression_level": 1, "use_dictionary": False, "write_page_checksum": True}
-        encoding = dict.fromkeys(names, "BYTE_STREAM_SPLIT")
-        with pq.ParquetWriter(temporary, schema, column_encoding=encoding, **options) as writer:
-            for first in range(0, flights, ROW_GROUP):
-                stop = min(first + ROW_GROUP, flights)
-                values = draw(first, stop)
-                number = np.arange(first, stop)
-                numbers = [number, number % points] if points > 1 else [number]
-                columns = [*numbers, *values.T]
-                writer.write_table(pa.Table.from_arrays([*map(number_column, columns)], schema=schema))
+    def make_groups() -> Iterator[pa.Table]:
+        for first in range(0, flights, ROW_GROUP):
+            stop = min(first + ROW_GROUP, flights)
+            number = np.arange(first, stop)
+            columns = [*([number, number % points] if points > 1 else [number]), *draw(first, stop).T]
+            yield pa.Table.from_arrays([*map(number_column, columns)], schema=schema)
 
-    write_whole(path, write)
+    write_pieces(path, schema, make_groups(), names, [])
 
 
 class SampleReader:

@@ -111,9 +111,8 @@ def join_seeds(folders: Sequence[CampaignFolder], out: Path) -> None:
         for folder, start in zip(folders, starts, strict=False):
             names = SampleReader(folder.samples).names
             for path in sorted(folder.flights.glob("*.parquet")):
-                if not path.name.startswith("_"):
-                    for rows, _ in read_pieces(path, names):
-                        write_block(target.flights, replace(rows, first=rows.first + start), pq.read_schema(path))
+                for rows, _ in read_pieces(path, names):
+                    write_block(target.flights, replace(rows, first=rows.first + start), pq.read_schema(path))
         parts = zip(manifests, starts, strict=False)
         flyers = join_flyers(entry for part, start in parts for entry in shift_flyers(part.flown_by, start))
         merged = replace(

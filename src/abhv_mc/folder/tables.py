@@ -3,14 +3,14 @@
 import contextlib
 import threading
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-import pyarrow as pa
 import pyarrow.csv as pc
 import pyarrow.parquet as pq
 
-from abhv_mc.folder.hashes import data_files, read_checked, refuse_changes
+from abhv_mc.folder.hashes import data_files, read_checked, unchanged
 from abhv_mc.folder.layout import CampaignFolder, write_whole
 from abhv_mc.folder.manifest import Manifest
 from abhv_mc.io.input_error import InputError
@@ -48,29 +48,20 @@ def export_csv(root: Path, out: Path) -> Iterator[Path]:
     """
     folder = CampaignFolder(root)
     manifest = read_checked(folder)
-    for name, files in table_files(folder, manifest).items():
-
-        def write(temporary: Path, files: list[Path] = files) -> None:
-            schema = pq.read_schema(files[0]).remove_metadata()
-            with pc.CSVWriter(temporary, schema) as writer:
-                for batch in _read_batches(files, schema):
-                    writer.write_batch(batch)
-
-        path = out / f"{name}.csv"
-        try:
-            write_whole(path, write)
-        except (InputError, OSError):
-            refuse_changes(folder, manifest)  # which tells more
-            raise
-        yield path
-    refuse_changes(folder, manifest)
+    with unchanged(folder, manifest):
+        for name, files in table_files(folder, manifest).items():
+            path = out / f"{name}.csv"
+            write_whole(path, partial(_write_csv, files))
+            yield path
 
 
-def _read_batches(files: list[Path], schema: pa.Schema) -> Iterator[pa.RecordBatch]:
-    for file in files:
-        with pq.ParquetFile(file) as part:
-            for batch in part.iter_batches():
-                yield batch.cast(schema)
+def _write_csv(files: list[Path], path: Path) -> None:
+    schema = pq.read_schema(files[0]).remove_metadata()
+    with pc.CSVWriter(path, schema) as writer:
+        for file in files:
+            with pq.ParquetFile(file) as part:
+                for batch in part.iter_batches():
+                    writer.write_batch(batch.cast(schema))
 
 
 @contextlib.contextmanager
@@ -86,15 +77,10 @@ def open_database(root: Path) -> "Iterator[DuckDBPyConnection]":
     folder = CampaignFolder(root)
     manifest = read_checked(folder)
     Path.cwd()  # where the working folder has been deleted this raises, and duckdb would end the process
-    with duckdb.connect(config=_CLOSED) as connection:
+    with duckdb.connect(config=_CLOSED) as connection, unchanged(folder, manifest):
         for name, files in table_files(folder, manifest).items():
             connection.register(name, dataset.dataset([str(file) for file in files], format="parquet"))
-        try:
-            yield connection
-        except duckdb.Error:
-            refuse_changes(folder, manifest)  # which tells more
-            raise
-    refuse_changes(folder, manifest)
+        yield connection
 
 
 def ask(folder: Path, sql: str, take: "Callable[[DuckDBPyRelation], T]") -> T | None:

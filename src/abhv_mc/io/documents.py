@@ -96,7 +96,7 @@ def read_document(path: "str | Path | Document") -> Document:
 
 
 def write_document(path: str | Path, data: Plain, comment: str = "") -> None:
-    """Write plain data, numpy's scalars among them, that read back equal. Raises :class:`InputError` for other data."""
+    """Write plain data, numpy's scalars and paths (as text) among them. Raises :class:`InputError` for other data."""
     from ruamel.yaml import YAML
 
     def of_numpy(value: Any) -> Any:

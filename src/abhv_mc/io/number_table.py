@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.input_error import InputError, describe
 from abhv_mc.io.input_files import read_input
 from abhv_mc.io.units import NUMBER
 
@@ -29,13 +29,14 @@ class Rows:
 
     def error(self, row: int | None, column: int | None, found: str, expected: str) -> InputError:
         """What to raise about a cell; ``row`` None is the header, ``column`` None the whole line."""
-        line, cells = (self.header_line, self.header) if row is None else (self.lines[row], _split(self.texts[row]))
+        line = self.header_line if row is None else self.lines[row]
+        cells = self.header if row is None else _split(self.path, line, self.texts[row])
         place = None if column is None else 1 + sum(len(cell) + 1 for cell in cells[:column])
         return InputError(self.path, found, expected, line, place)
 
     def cells(self, row: int) -> list[str]:
         """The cells of a row, as many as the header has. Raises :class:`InputError`."""
-        cells = _split(self.texts[row])
+        cells = _split(self.path, self.lines[row], self.texts[row])
         if len(cells) != len(self.header):
             raise self.error(row, None, f"{len(cells)} cells", f"{len(self.header)}, as in the header")
         return cells
@@ -49,7 +50,7 @@ class Rows:
                 cell = cells[column].strip()
                 out[row, i] = float(cell) if _DECIMAL.fullmatch(cell) else math.nan
                 if not math.isfinite(out[row, i]):
-                    raise self.error(row, column, f"'{cell}'", "a finite number")
+                    raise self.error(row, column, describe(cell), "a finite number")
         return out
 
 
@@ -63,11 +64,14 @@ def read_rows(path: Path) -> Rows:
     if len(lines) < 2:
         raise InputError(path, "no rows", "a header and rows of numbers", 1)
     (header, *texts), (header_line, *numbers) = lines.values(), lines
-    return Rows(path, [name.strip() for name in _split(header)], header_line, texts, numbers)
+    return Rows(path, [name.strip() for name in _split(path, header_line, header)], header_line, texts, numbers)
 
 
-def _split(line: str) -> list[str]:
-    return next(csv.reader([line])) if '"' in line else line.split(",")
+def _split(path: Path, number: int, line: str) -> list[str]:
+    try:
+        return next(csv.reader([line])) if '"' in line else line.split(",")
+    except csv.Error as error:
+        raise InputError(path, str(error), "a CSV file", number) from None
 
 
 @dataclass(frozen=True)

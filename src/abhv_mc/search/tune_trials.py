@@ -13,7 +13,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment, System
 from abhv_mc.campaign.file.tuning import Aim, Limit, Tune
 from abhv_mc.campaign.sampling.designs import INDEPENDENT, Design
-from abhv_mc.campaign.sampling.samples import DrawnSamples
+from abhv_mc.campaign.sampling.samples import drawn_samples
 from abhv_mc.execution.executor import Executor
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.metrics import MARGIN_NAMES, MARGIN_VALUES, Metric
@@ -65,7 +65,7 @@ class Trials:
     def draw(self, seed: int, flights: int) -> Floats:
         """Rows ``[flight, column]`` of the space that all candidates fly."""
         design = Design(INDEPENDENT, seed, self.space.names, flights, 2)
-        values = DrawnSamples(design, self.space.marginals, self.space.copula).draw(0, flights)
+        values = drawn_samples(design, self.space.marginals, self.space.copula).draw(0, flights)
         return self.space.complete(values, seed, 0)
 
     def measure(self, points: Floats, parameters: Floats) -> list[Trial]:

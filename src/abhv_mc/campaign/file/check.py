@@ -294,7 +294,7 @@ def _check_runs(
     if design in FACTORIAL and not names:
         errors.append(document.error(("sampling",), f"'{design}' without dispersions", "something to vary"))
         return 1
-    number = sample_file.flights if sample_file else count_flights(design, len(names), model.sampling.levels)
+    number = len(sample_file.values) if sample_file else count_flights(design, len(names), model.sampling.levels)
     if number is None:
         if model.runs is None:
             errors.append(

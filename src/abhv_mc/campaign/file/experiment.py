@@ -19,13 +19,13 @@ from abhv_mc.campaign.sampling.designs import INDEPENDENT, Design
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.sample_file import SampleFile
 from abhv_mc.campaign.sampling.samples import (
-    DrawnSamples,
-    PointSamples,
-    PooledSamples,
     SampleSource,
-    SeededSamples,
+    drawn_samples,
     find_seeds,
     full_rows,
+    pooled_samples,
+    samples_at_points,
+    seeded_samples,
 )
 from abhv_mc.campaign.sampling.streams import stream_key
 from abhv_mc.flight.channels import CHANNELS, Signal, effector_channels
@@ -263,7 +263,7 @@ class Experiment:
         """The source of its samples, in the order of its own inputs."""
         if self.model.pooled:
             sources = [self._samples_of(part.seed, self.runs) for part in self.model.pooled]
-            return PooledSamples(tuple(sources), tuple(part.runs for part in self.model.pooled), self.runs)
+            return pooled_samples(sources, [part.runs for part in self.model.pooled], self.runs)
         return self._at_points(self._samples_of(self.model.seed, self.runs_at_point), self.unknowns.points)
 
     def search_rows(self, flights: int, points: Floats) -> Floats:
@@ -274,7 +274,7 @@ class Experiment:
 
     def _at_points(self, samples: SampleSource, points: Floats) -> SampleSource:
         names = self.unknowns.names
-        return PointSamples(samples, len(self.names), names, points) if names else samples
+        return samples_at_points(samples, len(self.names), names, points) if names else samples
 
     def judge(self, groups: Sequence[Sequence[Verdict]]) -> list[tuple[Verdict, int]]:
         """The verdict of each requirement and controller from those at each point, and the point that it names."""
@@ -290,13 +290,11 @@ class Experiment:
 
     def _samples_of(self, seed: int, runs: int) -> SampleSource:
         sampling = self.model.sampling
-        source: SampleSource
         if self.sample_file is not None:
-            source = replace(self.sample_file, values=self.sample_file.values[:runs])
+            values = self.sample_file.values[:runs]
+            source = SampleSource(self.sample_file.names, len(values), lambda first, stop: values[first:stop])
         else:
             design = Design(sampling.design, seed, self.names, runs, sampling.levels, self.parameters)
-            source = DrawnSamples(design, tuple(self.marginals.values()), self.copula, self.parameters)
+            source = drawn_samples(design, tuple(self.marginals.values()), self.copula, self.parameters)
         seeds = find_seeds(self.varied, self.parameters)
-        if not seeds:
-            return source
-        return SeededSamples(source, seeds, seed, sampling.design)
+        return seeded_samples(source, seeds, seed, sampling.design) if seeds else source

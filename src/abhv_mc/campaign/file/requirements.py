@@ -44,9 +44,10 @@ def read_requirements(document: Document) -> Document:
 def _read_table(path: Path) -> Document:
     try:
         reader = csv.reader(path.read_text(encoding="utf-8-sig").splitlines())
-    except ValueError as error:
+        rows = [(reader.line_num, cells) for cells in reader]
+    except (ValueError, csv.Error) as error:
         raise InputError(path, str(error), "a CSV file in UTF-8") from None
-    heads = [head.strip() for head in next(reader, [])]
+    heads = [head.strip() for head in (rows[0][1] if rows else ())]
     for column, head in enumerate(heads, 1):
         if head not in _COLUMNS:
             raise InputError(path, f"the column '{head}'", one_of(_COLUMNS, head), 1, column)
@@ -54,18 +55,18 @@ def _read_table(path: Path) -> Document:
         raise InputError(path, "no column 'metric'", one_of(_COLUMNS), 1, 1)
     entries: list[Any] = []
     places: dict[tuple[str | int, ...], tuple[int, int]] = {(): (1, 1)}
-    for cells in reader:
+    for line, cells in rows[1:]:
         if not any(cell.strip() for cell in cells):
             continue
         if len(cells) > len(heads):
-            raise InputError(path, "more cells than columns", "a cell for each column", reader.line_num, len(heads) + 1)
+            raise InputError(path, "more cells than columns", "a cell for each column", line, len(heads) + 1)
         entry: dict[str, Any] = {}
         place = ("requirements", len(entries))
-        places[place] = (reader.line_num, 1)
+        places[place] = (line, 1)
         for column, (head, cell) in enumerate(zip(heads, cells, strict=False), 1):
             if cell.strip():
                 entry[head] = _value(head, cell.strip())
-                places[(*place, head)] = (reader.line_num, column)
+                places[(*place, head)] = (line, column)
         entries.append(entry)
     return Document(path, {"requirements": entries}, places, places)
 

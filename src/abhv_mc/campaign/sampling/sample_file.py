@@ -14,17 +14,10 @@ from abhv_mc.io.number_table import read_number_table
 
 @dataclass(frozen=True)
 class SampleFile:
-    """The file's content as a source of samples, SI; factors as they are."""
+    """The file's content, SI; factors as they are."""
 
     names: tuple[str, ...]
     values: NDArray[np.float64]  # [flight, parameter]
-
-    @property
-    def flights(self) -> int:
-        return len(self.values)
-
-    def draw(self, first: int, stop: int) -> NDArray[np.float64]:
-        return self.values[first:stop]
 
 
 def read_sample_file(path: Path, known: Sequence[str]) -> SampleFile:

@@ -4,9 +4,8 @@ Turbulence and sensor noise have seeds: columns of the samples as soon as there 
 Without a seed of its own every flight would meet the same gusts, and the flights would not be independent.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -25,49 +24,33 @@ NOISE_OF_SEED = {"wind.turbulence_seed": ("wind.turbulence",), "sensor.noise_see
 _WHOLE = 2.0**52  # a seed of a user's simulator is a whole number below it
 
 
-class SampleSource(Protocol):
+@dataclass(frozen=True)
+class SampleSource:
     """Where samples come from."""
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Sampled parameters."""
-
-    @property
-    def flights(self) -> int:
-        """Number of flights."""
-
-    def draw(self, first: int, stop: int) -> Floats:
-        """Values ``[flight, parameter]``, SI, of the flights ``first`` .. ``stop - 1``."""
+    names: tuple[str, ...]  # sampled parameters
+    flights: int
+    draw: Callable[[int, int], Floats]  # values [flight, parameter], SI, of the flights first .. stop - 1
 
 
-@dataclass(frozen=True)
-class DrawnSamples:
+def drawn_samples(
+    design: Design, marginals: Sequence[Marginal], copula: Copula, parameters: Parameters = OURS
+) -> SampleSource:
     """Samples of a design: its probabilities, correlated by the copula, through each parameter's distribution."""
 
-    design: Design
-    marginals: tuple[Marginal, ...]
-    copula: Copula
-    parameters: Parameters = OURS
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        return self.design.names
-
-    @property
-    def flights(self) -> int:
-        return self.design.flights
-
-    def draw(self, first: int, stop: int) -> Floats:
-        rows = self.design.draw(first, stop)
-        if self.design.kind in FACTORIAL:
-            nominal = self.parameters.nominal_of(self.names)
-            values = np.column_stack([marginal.at_fraction(rows[:, i]) for i, marginal in enumerate(self.marginals)])
+    def draw(first: int, stop: int) -> Floats:
+        rows = design.draw(first, stop)
+        if design.kind in FACTORIAL:
+            nominal = parameters.nominal_of(design.names)
+            values = np.column_stack([marginal.at_fraction(rows[:, i]) for i, marginal in enumerate(marginals)])
             return np.where(rows == NOMINAL, nominal, values)
-        probabilities = self.copula.apply(rows)
+        probabilities = copula.apply(rows)
         values = np.empty_like(probabilities)
-        for i, marginal in enumerate(self.marginals):
+        for i, marginal in enumerate(marginals):
             values[:, i] = marginal.ppf(probabilities[:, i])
         return values
+
+    return SampleSource(design.names, design.flights, draw)
 
 
 def find_seeds(names: Sequence[str], parameters: Parameters = OURS) -> tuple[str, ...]:
@@ -84,82 +67,52 @@ def draw_seeds(name: str, seed: int, first: int, count: int) -> Floats:
     return drawn if name in NOISE_OF_SEED else np.floor(drawn * _WHOLE)
 
 
-@dataclass(frozen=True)
-class SeededSamples:
+def seeded_samples(samples: SampleSource, seeds: tuple[str, ...], seed: int, design: str) -> SampleSource:
     """Samples with the seeds of the flights' noise in columns behind them, each from (seed, name, flight).
 
-    Flights that are compared with each other by their design, all of a factorial one, have a common one.
+    Flights that are compared with each other by their ``design``, all of a factorial one, have a common one.
     """
 
-    samples: SampleSource
-    seeds: tuple[str, ...]
-    seed: int  # of the campaign
-    design: str
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        return (*self.samples.names, *self.seeds)
-
-    @property
-    def flights(self) -> int:
-        return self.samples.flights
-
-    def draw(self, first: int, stop: int) -> Floats:
-        columns = [self.samples.draw(first, stop)]
-        for name in self.seeds:
-            if self.design in FACTORIAL:
-                columns.append(np.repeat(draw_seeds(name, self.seed, 0, 1), stop - first)[:, None])
+    def draw(first: int, stop: int) -> Floats:
+        columns = [samples.draw(first, stop)]
+        for name in seeds:
+            if design in FACTORIAL:
+                columns.append(np.repeat(draw_seeds(name, seed, 0, 1), stop - first)[:, None])
             else:
-                columns.append(draw_seeds(name, self.seed, first, stop - first)[:, None])
+                columns.append(draw_seeds(name, seed, first, stop - first)[:, None])
         return np.hstack(columns)
 
+    return SampleSource((*samples.names, *seeds), samples.flights, draw)
 
-@dataclass(frozen=True)
-class PooledSamples:
+
+def pooled_samples(sources: Sequence[SampleSource], runs: Sequence[int], flights: int) -> SampleSource:
     """Samples of several seeds, one after the other: the first flights of each, numbered on; the last one goes on."""
+    starts = np.cumsum((0, *runs[:-1])).tolist()
+    ends = [*starts[1:], flights]
 
-    sources: tuple[SampleSource, ...]
-    runs: tuple[int, ...]
-    flights: int
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        return self.sources[0].names
-
-    def draw(self, first: int, stop: int) -> Floats:
-        starts = np.cumsum((0, *self.runs[:-1])).tolist()
-        ends = [*starts[1:], self.flights]
-        pieces = [np.empty((0, len(self.names)))]
-        for source, start, end in zip(self.sources, starts, ends, strict=True):
+    def draw(first: int, stop: int) -> Floats:
+        pieces = [np.empty((0, len(sources[0].names)))]
+        for source, start, end in zip(sources, starts, ends, strict=True):
             low, high = max(first, start), min(stop, end)
             if low < high:
                 pieces.append(source.draw(low - start, high - start))
         return np.concatenate(pieces)
 
+    return SampleSource(sources[0].names, flights, draw)
 
-@dataclass(frozen=True)
-class PointSamples:
-    """Samples of a source, each flown at every point of unknowns: row k is sample k // points at point k % points."""
 
-    samples: SampleSource
-    place: int  # of the unknowns' columns among the source's
-    unknowns: tuple[str, ...]
-    points: Floats  # [point, unknown]
+def samples_at_points(samples: SampleSource, place: int, unknowns: Sequence[str], points: Floats) -> SampleSource:
+    """Samples, each flown at every one of ``points`` [point, unknown]: row k is sample k // points at point k % points;
+    the unknowns' columns come at ``place`` among the others."""
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        names = self.samples.names
-        return (*names[: self.place], *self.unknowns, *names[self.place :])
+    def draw(first: int, stop: int) -> Floats:
+        sample, point = np.divmod(np.arange(first, stop), len(points))
+        low = first // len(points)
+        rows = samples.draw(low, -(-stop // len(points)))[sample - low]
+        return np.column_stack([rows[:, :place], points[point], rows[:, place:]])
 
-    @property
-    def flights(self) -> int:
-        return self.samples.flights * len(self.points)
-
-    def draw(self, first: int, stop: int) -> Floats:
-        sample, point = np.divmod(np.arange(first, stop), len(self.points))
-        low = first // len(self.points)
-        rows = self.samples.draw(low, -(-stop // len(self.points)))[sample - low]
-        return np.column_stack([rows[:, : self.place], self.points[point], rows[:, self.place :]])
+    names = (*samples.names[:place], *unknowns, *samples.names[place:])
+    return SampleSource(names, samples.flights * len(points), draw)
 
 
 def full_rows(names: Sequence[str], values: Floats, derived: Derived, parameters: Parameters = OURS) -> Floats:
