@@ -4,6 +4,9 @@ Inertial Cartesian coordinates and direction cosines in double precision, all fl
 once a tick, moves two elevons and a flap by name and the rudder, which the aerodynamics name themselves, as an axis.
 """
 
+import inspect
+from collections import namedtuple
+
 import numpy as np
 import pytest
 from ambiance import Atmosphere
@@ -11,12 +14,12 @@ from scipy.spatial.transform import Rotation
 from short_flights import cut, rows_of
 from verification.independent import World, local_axes
 
+from abhv_mc.extend import Coefficients, Command, Thrust, clamp
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.metrics import METRIC_INDEX
-from abhv_mc.flight.prepare import prepare
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.shipped import shipped_configs
+from abhv_mc.one_flight.given import make_flight_plan
 
 VEHICLE = """
 name: plank
@@ -36,19 +39,17 @@ aerodynamics: {python: plank.py, function: coefficients, frame: stability}
 propulsion: {python: plank.py, function: thrust, throttle: [0, 1], bandwidth: 20 rad/s, damping: 1, rate_limit: 100 /s}
 limits: {angle_of_attack: [-10 deg, 20 deg], sideslip: 15 deg}
 """
-FUNCTIONS = """
-from abhv_mc.extend import Coefficients, Thrust
 
 
 def coefficients(air, controls, rates):
     alpha, beta = air.angle_of_attack, air.sideslip
     pair, split = controls.left + controls.right, controls.right - controls.left
+    roll = -0.06 * beta - 0.3 * rates.roll_rate + 0.05 * rates.yaw_rate
     return Coefficients(
         CL=alpha + 0.05 * pair + 0.1 * controls.flap,
         CD=0.02 + 0.8 * alpha * alpha + 0.1 * (controls.left * controls.left + controls.right * controls.right),
         CY=-0.6 * beta + 0.1 * controls.rudder,
-        Cl=-0.06 * beta - 0.3 * rates.roll_rate + 0.05 * rates.yaw_rate + 0.02 * split * (1.0 + alpha)
-        + 0.004 * controls.rudder,
+        Cl=roll + 0.02 * split * (1.0 + alpha) + 0.004 * controls.rudder,
         Cm=0.008 - 0.2 * alpha - 1.5 * rates.pitch_rate - 0.1 * pair - 0.05 * controls.flap * (1.0 + 2.0 * alpha),
         Cn=0.1 * beta - 0.25 * rates.yaw_rate - 0.05 * controls.rudder + 0.002 * split,
     )
@@ -56,25 +57,21 @@ def coefficients(air, controls, rates):
 
 def thrust(air, throttle):
     return Thrust(force_x=1.2e5 * throttle * air.density)
-"""
-LAW = """
-from abhv_mc.extend import Command, clamp, controller
 
 
-@controller
 def law(measured, reference):
     path = clamp(2e-4 * (reference.altitude - measured.altitude), -0.02, 0.02)
     alpha = reference.angle_of_attack + 0.8 * (path - measured.flight_path_angle)
     elevator = reference.elevator + 0.6 * (measured.angle_of_attack - alpha) + 0.4 * measured.pitch_rate
     aileron = -0.3 * (measured.bank - 0.2) - 0.15 * measured.roll_rate
     throttle = reference.equivalence_ratio + 0.02 * (reference.speed - measured.speed)
+    flap = 0.02 - 0.4 * measured.pitch_rate
+    rudder, right = 0.5 * measured.yaw_rate + 0.3 * measured.sideslip, elevator + 0.9 * aileron
     return Command(
-        9.0, 0.5 * measured.yaw_rate + 0.3 * measured.sideslip, 9.0, throttle=throttle,
-        effectors={
-            "left": elevator - aileron, "right": elevator + 0.9 * aileron, "flap": 0.02 - 0.4 * measured.pitch_rate,
-        },
+        9.0, rudder, 9.0, throttle=throttle, effectors={"left": elevator - aileron, "right": right, "flap": flap}
     )
-"""
+
+
 CASES = (
     {},
     {"atmosphere.density": 1.05},
@@ -93,6 +90,9 @@ CASES = (
     {"propulsion.thrust": 1.05},
     {"failure.effector_2.stuck_time": 3.0, "failure.effector_2.stuck_at": 0.03},
 )
+Air, Rates = namedtuple("Air", "angle_of_attack sideslip"), namedtuple("Rates", "roll_rate pitch_rate yaw_rate")
+Controls, Row = namedtuple("Controls", "left right flap rudder"), namedtuple("Row", REFERENCE)
+Seen = namedtuple("Seen", ("altitude", "speed", "flight_path_angle", *Air._fields, "bank", *Rates._fields))
 STEPS = 2  # of a control tick
 MIX = np.array([[-1.0, 0.0, 1.0], [1.0, 0.0, 1.0], [0.0, 0.0, 0.5], [0.0, 1.0, 0.0]])  # left, right, flap, rudder
 BANDWIDTH, DAMPING = np.array([50.0, 45.0, 20.0, 40.0, 20.0]), np.array([0.7, 0.6, 0.9, 0.8, 1.0])
@@ -104,37 +104,23 @@ def value(name, nominal=1.0):
     return np.array([case.get(name, nominal) for case in CASES])
 
 
-def coefficients(alpha, beta, p, q, r, left, right, flap, rudder):
-    """CL, CD, CY, Cl, Cm, Cn."""
-    pair, split = left + right, right - left
-    return np.array(
-        [
-            alpha + 0.05 * pair + 0.1 * flap,
-            0.02 + 0.8 * alpha**2 + 0.1 * (left**2 + right**2),
-            -0.6 * beta + 0.1 * rudder,
-            -0.06 * beta - 0.3 * p + 0.05 * r + 0.02 * split * (1.0 + alpha) + 0.004 * rudder,
-            0.008 - 0.2 * alpha - 1.5 * q - 0.1 * pair - 0.05 * flap * (1.0 + 2.0 * alpha),
-            0.1 * beta - 0.25 * r - 0.05 * rudder + 0.002 * split,
-        ]
-    )
-
-
-def felt_coefficients(angles, positions):
+def felt_coefficients(alpha, beta, hats, positions):
     """With what the axes' dispersions change: of the aileron, the pair's own part; of the flap and rudder none."""
-    left, right, flap, rudder = positions
+
+    def of(left, right, sideslip=beta):
+        c = coefficients(Air(alpha, sideslip), Controls(left, right, *positions[2:]), Rates(*hats))
+        return np.array([c.CL, c.CD, c.CY, c.Cl, c.Cm, c.Cn])
+
+    left, right = positions[:2]
     part = 0.5 * (right - left)  # of the pair, what goes with the aileron
     k = value("control.aileron_effectiveness") - 1.0
     left, right = value("control.effector_0_effectiveness") * (left - k * part), right + k * part
-    whole = coefficients(*angles, left, right, flap, rudder)
+    whole = of(left, right)
     # Less all of the aileron's part, and without sideslip.
-    none = coefficients(*angles, positions[0] + part, positions[1] - part, flap, rudder)
-    still = coefficients(angles[0], 0.0 * angles[1], *angles[2:], left, right, flap, rudder)
+    none, still = of(positions[0] + part, positions[1] - part), of(left, right, 0.0 * beta)
     whole[3] += (value("aero.rolling_moment.aileron") - 1.0) * (whole[3] - none[3])
-    whole[3] += (
-        (value("aero.rolling_moment.sideslip") - 1.0)
-        * (whole[3] - still[3])
-        * (value("aero.rolling_moment.sideslip") != 1.0)
-    )
+    sideslip = value("aero.rolling_moment.sideslip") - 1.0
+    whole[3] += sideslip * (whole[3] - still[3]) * (sideslip != 0.0)
     return whole
 
 
@@ -144,11 +130,7 @@ class Flights:
     def __init__(self, plan):
         self.plan, self.world = plan, World()
         x = plan.initial_state
-        lat, lon, h = x[s.LATITUDE], x[s.LONGITUDE], x[s.ALTITUDE]
-        e2 = self.world.f * (2.0 - self.world.f)
-        n = self.world.a / np.sqrt(1.0 - e2 * np.sin(lat) ** 2)
-        r = np.array([(n + h) * np.cos(lat) * np.cos(lon), (n + h) * np.cos(lat) * np.sin(lon)])
-        r = np.append(r, (n * (1.0 - e2) + h) * np.sin(lat))
+        r = self.world.place(x[s.LATITUDE], x[s.LONGITUDE], x[s.ALTITUDE])
         local = Rotation.from_quat(x[s.Q0 : s.Q3 + 1], scalar_first=True).as_matrix()
         body = self.axes(r[:, None])[0][:, :, 0].T @ local
         v = body @ x[s.U : s.W + 1] + np.cross(self.world.omega, r)
@@ -157,9 +139,8 @@ class Flights:
         one = np.concatenate([r, v, body.ravel(), x[s.ROLL_RATE : s.YAW_RATE + 1], moving])
         self.x = np.tile(one[:, None], (1, len(CASES)))
         self.mass = 1400.0 * value("mass.total")
-        self.J = np.array([[300.0, 0.0, 60.0], [0.0, 5000.0, 0.0], [60.0, 0.0, 5200.0]])[:, :, None] * np.ones(
-            len(CASES)
-        )
+        inertia = np.array([[300.0, 0.0, 60.0], [0.0, 5000.0, 0.0], [60.0, 0.0, 5200.0]])
+        self.J = np.repeat(inertia[:, :, None], len(CASES), axis=2)
         self.J[1, 1] *= value("mass.inertia_yy")
         self.inverse = np.moveaxis(np.linalg.inv(np.moveaxis(self.J, 2, 0)), 0, 2)
 
@@ -182,14 +163,12 @@ class Flights:
         p, q, r = omega - np.einsum("jif,j->if", body, self.world.omega)
         hats = p * 2.0 / (2.0 * speed), q * 3.0 / (2.0 * speed), r * 2.0 / (2.0 * speed)
         density = Atmosphere(h).density * value("atmosphere.density")
-        c = felt_coefficients((alpha, beta, *hats), x[18:26:2])
+        c = felt_coefficients(alpha, beta, hats, x[18:26:2])
         for i, name in ((0, "aero.lift"), (1, "aero.drag"), (4, "aero.pitching_moment")):
             c[i] *= value(name)
         pressure = 0.5 * density * speed**2 * 3.0
-        lift, drag = pressure * c[0], pressure * c[1]
-        force = np.array(
-            [lift * np.sin(alpha) - drag * np.cos(alpha), pressure * c[2], -lift * np.cos(alpha) - drag * np.sin(alpha)]
-        )
+        ahead, down = c[0] * np.sin(alpha) - c[1] * np.cos(alpha), -c[0] * np.cos(alpha) - c[1] * np.sin(alpha)
+        force = pressure * np.array([ahead, c[2], down])
         force[0] += 1.2e5 * x[26] * density * value("propulsion.thrust")
         moment = pressure * np.array([2.0 * c[3], 3.0 * c[4], 2.0 * c[5]])
         arm = np.zeros((3, len(CASES)))
@@ -209,8 +188,6 @@ class Flights:
 
     def command(self, x, tick):
         """Left, right, flap, rudder and throttle."""
-        names = "altitude", "speed", "angle_of_attack", "elevator", "equivalence_ratio"
-        altitude, speed, alpha_ref, elevator_ref, eta = (self.plan.reference[tick, REFERENCE.index(n)] for n in names)
         axes, h = self.axes(x[:3])
         relative = self.relative(x)
         north, east, down = np.einsum("ijf,jf->if", axes, relative)
@@ -222,16 +199,13 @@ class Flights:
         ahead = np.cos(alpha) * to_down[0] + np.sin(alpha) * to_down[2]
         level = np.cos(beta) * to_down[1] - np.sin(beta) * ahead
         bank = np.arctan2(level, np.cos(alpha) * to_down[2] - np.sin(alpha) * to_down[0])
-        path = np.clip(2e-4 * (altitude - h), -0.02, 0.02)
-        asked = alpha_ref + 0.8 * (path - np.arcsin(-down / v))
-        elevator = elevator_ref + 0.6 * (alpha - asked) + 0.4 * x[16]
-        aileron = -0.3 * (bank - 0.2) - 0.15 * x[15]
-        flap = 0.02 - 0.4 * x[16]
+        seen = np.array([h, v, np.arcsin(-down / v), alpha, beta, bank, *x[15:18]])
+        commands = [law(Seen(*row), Row(*self.plan.reference[tick])) for row in seen.T.tolist()]
+        asked = np.array([[*command.effectors.values(), command.rudder] for command in commands]).T
         stuck = tick * 0.01 >= value("failure.effector_2.stuck_time", np.inf) - 1e-9
-        flap = np.where(stuck, value("failure.effector_2.stuck_at", 0.0), flap)
-        asked = np.array([elevator - aileron, elevator + 0.9 * aileron, flap, 0.5 * x[17] + 0.3 * beta])
+        asked[2] = np.where(stuck, value("failure.effector_2.stuck_at", 0.0), asked[2])
         asked = np.clip(asked, -LIMIT[:, None], LIMIT[:, None])
-        return np.vstack([asked, np.clip(eta + 0.02 * (speed - v), 0.0, 1.0)])
+        return np.vstack([asked, np.clip([command.throttle for command in commands], 0.0, 1.0)])
 
     def fly(self, ticks):
         """Altitude, angles and rates [quantity, flight] at the last tick."""
@@ -249,10 +223,11 @@ class Flights:
 @pytest.fixture(scope="module")
 def plan(tmp_path_factory):
     folder = tmp_path_factory.mktemp("plank")
-    for name, text in (("plank.yaml", VEHICLE), ("plank.py", FUNCTIONS), ("own.py", LAW)):
-        (folder / name).write_text(text, encoding="utf-8")
-    (folder / "own.yaml").write_text("law: python\nfile: own.py\nrate: 100 Hz\n", encoding="utf-8")
-    return prepare(folder / "plank.yaml", shipped_configs() / "mission" / "level.yaml", folder / "own.yaml", "own")
+    functions = map(inspect.getsource, (coefficients, thrust))
+    text = "\n\n".join(["from abhv_mc.extend import Coefficients, Thrust\n", *functions])
+    (folder / "plank.py").write_text(text, encoding="utf-8")
+    (folder / "plank.yaml").write_text(VEHICLE, encoding="utf-8")
+    return make_flight_plan("level", folder / "plank.yaml", law)
 
 
 @pytest.mark.parametrize("ticks", [500, pytest.param(6000, marks=pytest.mark.thorough)])

@@ -32,6 +32,13 @@ class World:
         s2 = 5.0 * (r[2] / d) ** 2
         return -self.gm / d**3 * r * (1.0 + k * (np.array([1.0, 1.0, 3.0]).reshape(3, *[1] * np.ndim(d)) - s2))
 
+    def place(self, lat, lon, h):
+        """Earth-centred coordinates."""
+        e2 = self.f * (2.0 - self.f)
+        n = self.a / np.sqrt(1.0 - e2 * np.sin(lat) ** 2)
+        across = (n + h) * np.cos(lat)
+        return np.array([across * np.cos(lon), across * np.sin(lon), (n * (1.0 - e2) + h) * np.sin(lat)])
+
     def geodetic(self, r):
         """Latitude and altitude by fixed-point iteration."""
         e2 = self.f * (2.0 - self.f)
@@ -64,9 +71,7 @@ def fly_sphere(
     area = 0.1963495 * FT**2
     lat = np.radians(latitude)
     axes = local_axes(lat, 0.0)
-    e2 = world.f * (2.0 - world.f)
-    n = world.a / np.sqrt(1.0 - e2 * np.sin(lat) ** 2)
-    r0 = np.array([(n + altitude * FT) * np.cos(lat), 0.0, (n * (1.0 - e2) + altitude * FT) * np.sin(lat)])
+    r0 = world.place(lat, 0.0, altitude * FT)
     v0 = axes.T @ (np.array(velocity_ned) * FT) + np.cross(world.omega, r0)
     body0 = axes.T @ Rotation.from_euler("z", heading, degrees=True).as_matrix()
     rates = np.radians(rates_dps)  # constant: a sphere without moments
