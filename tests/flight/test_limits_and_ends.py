@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,13 +14,11 @@ from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import EndBounds, Outcome
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.io.documents import InputError, read_document, validate
+from abhv_mc.io.documents import InputError, InputErrors
 from abhv_mc.kernel.plant.vehicle import LoadBounds
-from abhv_mc.one_flight.given import make_flight_plan
-from abhv_mc.shipped import shipped_configs
+from abhv_mc.one_flight.given import make_flight_plan, write_inputs
 from abhv_mc.simulators.engine import make_engine
 from abhv_mc.simulators.make_plans import make_plans
-from abhv_mc.vehicle.document import FlightLimits
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +45,7 @@ def test_no_limit_changes_no_bit(plan: FlightPlan) -> None:
     ("name", "outcome", "channel", "scale"),
     [
         ("dynamic_pressure", Outcome.DYNAMIC_PRESSURE_LIMIT, "dynamic_pressure_pa", 1.0),
+        ("load_factor", Outcome.LOAD_FACTOR_LIMIT, "load_factor_g", 1.0),
         ("bank", Outcome.BANK_LIMIT, "bank_deg", math.pi / 180.0),
     ],
 )
@@ -57,12 +57,6 @@ def test_a_channel_ends_the_flight_at_the_first_tick_beyond(
     _, ended, last = _ended(_limited(plan, **{name: float(limit * scale)}))
     assert ended is outcome
     assert last == np.argmax(whole > limit) > 0
-
-
-def test_the_load_factor_ends_it(plan: FlightPlan) -> None:
-    block, ended, _ = _ended(_limited(plan, load_factor=1.2))
-    assert ended is Outcome.LOAD_FACTOR_LIMIT
-    assert 1.2 < block.metrics[0, METRIC_INDEX["load_factor_max_g"]] < 1.25
 
 
 def test_the_heat_flux_is_sutton_and_graves(plan: FlightPlan) -> None:
@@ -87,39 +81,26 @@ def test_an_oscillation_ends_it_where_the_ripple_exceeds_the_limit() -> None:
     [("wind.turbulence", "1 m/s"), ("wind.gust_down", "1 m/s"), ("sensor.bank_noise", "0.1 deg")],
 )
 def test_an_oscillation_in_gusts_turbulence_or_noise_has_no_limit(name: str, value: str, tmp_path: Path) -> None:
-    configs = shipped_configs()
-    level = (configs / "mission/level.yaml").read_text(encoding="utf-8")
-    (tmp_path / "mission.yaml").write_text(f"{level}\nlimits: {{oscillation: {{sideslip: 5 deg}}}}\n", encoding="utf-8")
-    (tmp_path / "campaign.yaml").write_text(
-        f"name: swings\nvehicle: {configs}/vehicle/ghame_x.yaml\nmission: mission.yaml\n"
-        f"controllers: {{tlc: {configs}/control/tlc.yaml}}\nruns: 9\nseed: 1\nsampling: random\n"
-        f"dispersions: {{{name}: {{distribution: uniform, half_width: {value}}}}}\n",
-        encoding="utf-8",
-    )
-    campaign = read_campaign(tmp_path / "campaign.yaml")
-    with pytest.raises(InputError, match=rf"campaign.yaml:8.*'{name}' with 'limits: {{oscillation}}'.*still air"):
+    mission = {"base": "level", "limits": {"oscillation": {"sideslip": "5 deg"}}}
+    content = {"name": "swings", "vehicle": "ghame_x", "mission": mission, "controllers": "tlc", "runs": 9}
+    dispersions = {name: {"distribution": "uniform", "half_width": value}}
+    campaign = read_campaign(write_inputs(content | {"dispersions": dispersions}, tmp_path))
+    with pytest.raises(InputError, match=rf"campaign.yaml:\d.*'{name}' with 'limits: {{oscillation}}'.*still air"):
         make_plans(campaign, ["tlc"], make_engine())
 
 
-def test_the_files_say_them(tmp_path: Path) -> None:
-    path = tmp_path / "limits.yaml"
-    path.write_text(
-        "angle_of_attack: [-3 deg, 21 deg]\nsideslip: 15 deg\ndynamic_pressure: 95 kPa\nload_factor: 4\n"
-        "heat_flux: 1.5 MW/m2\nbank: 80 deg\noscillation: {bank: 5 deg}\n",
-        encoding="utf-8",
-    )
-    bounds = validate(read_document(path), FlightLimits).bounds()
-    assert bounds == LoadBounds(95e3, 4.0, 1.5e6, math.radians(80.0), math.radians(5.0))
-    path.write_text("angle_of_attack: [-3 deg, 21 deg]\nsideslip: 15 deg\noscillation: 2 deg\n", encoding="utf-8")
-    assert validate(read_document(path), FlightLimits).bounds()[4:] == (math.radians(2.0),) * 3
-    path.write_text("angle_of_attack: [-3 deg, 21 deg]\nsideslip: 15 deg\nload_factor: 0\n", encoding="utf-8")
-    with pytest.raises(InputError):
-        validate(read_document(path), FlightLimits)
+def _loads(vehicle: dict[str, Any], mission: dict[str, Any]) -> LoadBounds:
+    changes = {f"limits.{name}": value for name, value in vehicle.items()}
+    return make_flight_plan({"base": "level", "limits": mission}, {"base": "ghame_x", **changes}).limits.loads
 
 
-def test_a_heat_flux_limit_needs_a_nose() -> None:
-    with pytest.raises(InputError, match="nose radius"):
-        make_flight_plan({"base": "s_manoeuvre", "limits": {"heat_flux": "1 MW/m2"}}, "ghame_x")
+def test_the_tighter_limit_of_vehicle_and_mission_holds() -> None:
+    vehicle = {"dynamic_pressure": "95 kPa", "load_factor": 4, "oscillation": "2 deg"}
+    found = _loads(vehicle, {"load_factor": 5, "bank": "80 deg", "oscillation": {"bank": "1 deg"}})
+    assert found == LoadBounds(95e3, 4.0, math.inf, *np.radians([80.0, 1.0, 2.0, 2.0]).tolist())
+    for wrong, words in (({"heat_flux": "1 MW/m2"}, "nose radius"), ({"load_factor": 0}, "greater than 0")):
+        with pytest.raises((InputError, InputErrors), match=words):
+            _loads({}, wrong)
 
 
 def test_a_mission_ends_by_condition_and_has_been_flown() -> None:
