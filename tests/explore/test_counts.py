@@ -63,6 +63,9 @@ def test_few_flights_are_points_and_the_worst_are_those_of_the_report(table, fai
     places = zip(failing.samples[X].tolist(), flights.metrics[Y].tolist(), strict=True)
     assert points == dict(enumerate(places))
     assert sum(row[4] for row in found["points"]) == 12
+    lost = count_flights(table, Asked(X, Y, ("lqr",), "failed", {}, fit=True))  # axes that reach as far as these
+    values = (failing.samples[X][flights.failed], flights.metrics[Y][flights.failed])
+    assert [list(ends) for ends in lost["ends"]] == [[each.min(), each.max()] for each in values]
     order = failing.ranking.rows_of("lqr")
     assert [row[1] for row in found["rows"]] == flights.flight[order][: counts.LISTED].tolist()
     of_all = count_flights(table, Asked(X, Y, failing.controllers, "all", {}))["rows"]
@@ -83,16 +86,6 @@ def test_they_are_listed_by_any_column_and_saved_in_that_order(table, failing, d
     assert [row["flight"] for row in saved] == flights.flight[rows].tolist()
     assert [row[f"{Y} [m/s]"] for row in saved] == speeds[rows].tolist()
     assert [row[f"{X} [factor]"] for row in saved] == failing.samples[X][flights.flight[rows]].tolist()
-
-
-def test_axes_that_fit_reach_as_far_as_the_chosen_flights(table, failing):
-    low, high = table.ranges[BRUSHED]
-    chosen = failing.samples[BRUSHED][failing.flights["lqr"].flight] < (low + high) / 2
-    asked = Asked(X, Y, ("lqr",), "all", {BRUSHED: (low, (low + high) / 2)}, fit=True)
-    lift, speed = failing.samples[X][failing.flights["lqr"].flight][chosen], failing.flights["lqr"].metrics[Y][chosen]
-    assert [list(ends) for ends in count_flights(table, asked)["ends"]] == [
-        [lift.min(), lift.max()], [speed.min(), speed.max()]
-    ]  # fmt: skip
 
 
 def test_one_flight_is_told_with_all_its_numbers_and_found_by_its_place(table, failing):
