@@ -319,12 +319,9 @@ class Mission(StrictModel):
         return Earth(**{name: getattr(self.earth, name) for name in EarthNumbers.model_fields})
 
 
+@made_once
 def read_mission(path: str | Path) -> Mission:
     """Read and check a mission file and what it refers to. Raises :class:`abhv_mc.io.documents.InputError`."""
-    return made_once("mission", path, lambda: _read_mission(path))
-
-
-def _read_mission(path: str | Path) -> Mission:
     mission = validate(read_document(path), Mission)
     if isinstance(mission.manoeuvre, Recorded):
         read_trajectory(mission.manoeuvre.file, mission.duration)

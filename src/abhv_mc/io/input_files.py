@@ -3,15 +3,15 @@
 Whoever edits a file while a campaign is made ready changes nothing of it.
 """
 
+import functools
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
+A = TypeVar("A")
 T = TypeVar("T")
-
-
-_held: list[dict[tuple[str, Path], Any]] = []  # bytes of the files read so far, and what was made of them
+_held: list[dict[Any, Any]] = []  # by function and file: bytes of the files read so far, and what was made of them
 
 
 @contextmanager
@@ -27,16 +27,22 @@ def reading_once() -> Iterator[None]:
         _held.clear()
 
 
+def made_once(make: Callable[[A], T]) -> Callable[[A], T]:
+    """A function of a file, called once for each within :func:`reading_once`; each time for a document in its place."""
+
+    @functools.wraps(make)
+    def made(path: A) -> T:
+        if not _held or not isinstance(path, str | Path):
+            return make(path)
+        key = make, Path(path).resolve()
+        if key not in _held[-1]:
+            _held[-1][key] = make(path)
+        return cast(T, _held[-1][key])
+
+    return made
+
+
+@made_once
 def read_input(path: Path) -> bytes:
     """A file's bytes: those read before, within :func:`reading_once`. Raises OSError."""
-    return made_once("bytes", path, path.read_bytes)
-
-
-def made_once(kind: str, path: Any, make: Callable[[], T]) -> T:
-    """What ``make`` gives for a file, once within :func:`reading_once`, and each time for a document in its place."""
-    if not _held or not isinstance(path, str | Path):
-        return make()
-    key = kind, Path(path).resolve()
-    if key not in _held[-1]:
-        _held[-1][key] = make()
-    return cast(T, _held[-1][key])
+    return path.read_bytes()

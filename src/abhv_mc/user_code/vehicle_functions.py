@@ -43,15 +43,12 @@ class Functions(NamedTuple):
     propulsion_settings: Floats
 
 
+@made_once
 def load_vehicle(path: str | Path) -> Vehicle:
     """Read and pack a vehicle file; functions of its own are run, if they are its user's own.
 
     Raises :class:`abhv_mc.io.documents.InputError`.
     """
-    return made_once("vehicle", path, lambda: _load(path))
-
-
-def _load(path: str | Path) -> Vehicle:
     file = read_vehicle_file(path)
     vehicle = pack_vehicle(file, PARAMETER_INDEX)
     rows, axes = count_rows(vehicle), vehicle.tables.axis_variable.size

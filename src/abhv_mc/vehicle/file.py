@@ -55,12 +55,9 @@ class VehicleFile:
     files: tuple[Path, ...]  # the YAML file first, then each table file once
 
 
+@made_once
 def read_vehicle_file(path: str | Path) -> VehicleFile:
     """Read and check a vehicle file and its tables. Raises :class:`abhv_mc.io.documents.InputError`."""
-    return made_once("vehicle file", path, lambda: _read_vehicle_file(path))
-
-
-def _read_vehicle_file(path: str | Path) -> VehicleFile:
     document = read_document(path)
     content = validate(document, VehicleDocument)
     effectors = tuple(content.effectors)

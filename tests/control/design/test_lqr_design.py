@@ -10,11 +10,7 @@ from scipy.spatial.transform import Rotation
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.design.design_model import attitude_rates
 from abhv_mc.control.design.lqr_design import (
-    attitude_slopes,
     gains_at,
-    guidance_model,
-    lateral_model,
-    longitudinal_model,
     make_lqr_gains,
     make_lqr_models,
     make_models,
@@ -57,14 +53,12 @@ def split(row):
 
 @pytest.mark.parametrize("knot", [0, 700, 2500, 4999, 5000, 6000])
 def test_gains_satisfy_their_riccati_equations(knot, controller, nominal_at, vehicle, trim_tables, gains):
-    slopes = attitude_slopes(vehicle, nominal_at(knot))
-    # The paper's weights are of degrees.
-    attitude = [(A, B * np.pi / 180.0) for A, B in (longitudinal_model(slopes), lateral_model(slopes))]
-    systems = [guidance_model(vehicle, trim_tables, nominal_at(knot)), *attitude]
-    for (A, B), (Q, R), K in zip(systems, weights(controller), split(gains[knot]), strict=True):
-        poles = np.linalg.eigvals(A - B @ K)
+    models = make_models(vehicle, trim_tables, nominal_at(knot))
+    units = (1.0, np.pi / 180.0, np.pi / 180.0)  # the paper's weights are of degrees
+    for (A, B), unit, (Q, R), K in zip(models, units, weights(controller), split(gains[knot]), strict=True):
+        poles = np.linalg.eigvals(A - unit * B @ K)
         assert poles.real.max() < 0.0
-        theirs, _, _ = control.lqr(A, B, Q, R, method="scipy")
+        theirs, _, _ = control.lqr(A, unit * B, Q, R, method="scipy")
         np.testing.assert_allclose(theirs, K, rtol=1e-8, atol=1e-10 * np.abs(K).max())
 
 

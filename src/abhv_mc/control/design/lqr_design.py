@@ -53,8 +53,8 @@ class LinearModels(NamedTuple):
     """A and B of each regulator at one point, SI and radians."""
 
     guidance: tuple[Floats, Floats]
-    longitudinal: tuple[Floats, Floats]
-    lateral: tuple[Floats, Floats]
+    longitudinal: tuple[Floats, Floats]  # by the elevator
+    lateral: tuple[Floats, Floats]  # by aileron and rudder
 
 
 class Piece(NamedTuple):
@@ -121,10 +121,16 @@ def make_nominal(mission: Mission, row: Floats) -> Nominal:
 
 
 def make_models(vehicle: Vehicle, trim_tables: Tables, nominal: Nominal) -> LinearModels:
-    """The three linear models at one point."""
-    slopes = attitude_slopes(vehicle, nominal)
+    """The three linear models at one point: A and B of (altitude, gamma, chi, V), (alpha, q) and (bank, beta, p, r)."""
+    around, mass, speed, gamma, chi, alpha, bank, eta, _ = nominal
+    at = [around.altitude, gamma, chi, speed, alpha, bank, eta]
+    guide = slope(lambda x: guidance_rates(vehicle, trim_tables, around, mass, x[:4], x[4:]), at)
+    turn = attitude_slopes(vehicle, nominal)
+    pitch, roll_yaw = turn[[0, 4]], turn[[2, 1, 3, 5]]
     return LinearModels(
-        guidance_model(vehicle, trim_tables, nominal), longitudinal_model(slopes), lateral_model(slopes)
+        (guide[:, :4], guide[:, 4:]),
+        (pitch[:, [0, 4]], pitch[:, [8]]),
+        (roll_yaw[:, [2, 1, 3, 5]], roll_yaw[:, [6, 7]]),
     )
 
 
@@ -150,33 +156,6 @@ def regulator(A: Floats, B: Floats, Q: Floats, R: Floats) -> Floats:
     return np.asarray(np.linalg.solve(R, B.T @ solve_continuous_are(A, B, Q, R)))
 
 
-def guidance_model(vehicle: Vehicle, trim_tables: Tables, nominal: Nominal) -> tuple[Floats, Floats]:
-    """A [4, 4] and B [4, 3]: altitude, gamma, chi, V from alpha, bank, eta."""
-    at = [
-        nominal.around.altitude,
-        nominal.flight_path_angle,
-        nominal.heading,
-        nominal.speed,
-        nominal.angle_of_attack,
-        nominal.bank,
-        nominal.equivalence_ratio,
-    ]
-    J = slope(lambda x: guidance_rates(vehicle, trim_tables, nominal.around, nominal.mass, x[:4], x[4:]), at)
-    return J[:, :4], J[:, 4:]
-
-
-def longitudinal_model(slopes: Floats) -> tuple[Floats, Floats]:
-    """A [2, 2] and B [2, 1]: alpha, q from the elevator (rad)."""
-    rates = slopes[[0, 4]]
-    return rates[:, [0, 4]], rates[:, [8]]
-
-
-def lateral_model(slopes: Floats) -> tuple[Floats, Floats]:
-    """A [4, 4] and B [4, 2]: bank, beta, p, r from aileron and rudder (rad)."""
-    rates = slopes[[2, 1, 3, 5]]
-    return rates[:, [2, 1, 3, 5]], rates[:, [6, 7]]
-
-
 def attitude_slopes(vehicle: Vehicle, nominal: Nominal) -> Floats:
     """Jacobian [6, 9] of :func:`attitude_model_rates` at the nominal in its coordinated turn."""
     at = [nominal.angle_of_attack, 0.0, nominal.bank, *nominal.turn_rates(), 0.0, 0.0, nominal.elevator]
@@ -185,24 +164,7 @@ def attitude_slopes(vehicle: Vehicle, nominal: Nominal) -> Floats:
 
 def attitude_model_rates(vehicle: Vehicle, nominal: Nominal, x: Numbers) -> Numbers:
     """Rates of (alpha, beta, bank, p, q, r) for these and (aileron, rudder, elevator), on the full tables."""
-    wrench = wrench_at(
-        vehicle,
-        nominal.around,
-        nominal.mass,
-        nominal.speed,
-        x[0],
-        x[1],
-        x[3:6],
-        x[6:9],
-        nominal.equivalence_ratio,
-    )
-    angles = attitude_rates(
-        wrench.force,
-        nominal.mass,
-        nominal.speed,
-        nominal.around.gravity,
-        nominal.flight_path_angle,
-        x[:3],
-        x[3:6],
-    )
+    around, mass, speed, gamma = nominal[:4]
+    wrench = wrench_at(vehicle, around, mass, speed, x[0], x[1], x[3:6], x[6:9], nominal.equivalence_ratio)
+    angles = attitude_rates(wrench.force, mass, speed, around.gravity, gamma, x[:3], x[3:6])
     return np.concatenate([angles, body_rate_rates(wrench.inertia, wrench.moment, x[3:6])])
