@@ -8,16 +8,16 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from fake_flight import ENGINE, LOST_BELOW, fly, run, write_campaign
-from typer.testing import CliRunner
+from report.synthetic import build_with
 
 from abhv_mc.analysis.explain import explain_flight, mildest_first
 from abhv_mc.analysis.failure_map import MOST_FLIGHTS, map_failures, read_map, write_map
-from abhv_mc.cli.app import app
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.io.documents import InputError
+from abhv_mc.report.pages.build import is_up_to_date
 from abhv_mc.topics.flights.model import rank_failed
 
 LIMIT = 4.9
@@ -92,17 +92,13 @@ def test_what_cannot_be_explained_is_refused(flown, table):
         explain_flight(flown, "two", lost, tame)
 
 
-def test_the_command_prints_the_causes_and_draws_the_flight(flown, table, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("abhv_mc.simulators.engine.make_engine", lambda: ENGINE)
+@pytest.mark.usefixtures("fake_engine")
+def test_the_command_prints_the_causes_and_draws_the_flight(flown, table, tmp_path, abhv_mc):
     flight = int(table.query("outcome != 'ok'").index[0])
-    shown = CliRunner().invoke(app, ["explain", str(flown), "--flight", str(flight), "--controller", "two"])
-    assert shown.exit_code == 0, shown.exception
-    assert "1 of its 2 dispersions alone (no smaller set does" in shown.stdout
+    code, said, _ = abhv_mc("explain", flown, "--flight", flight, "--controller", "two")
+    assert code == 0 and "1 of its 2 dispersions alone (no smaller set does" in said
     assert (flown / f"explained/two-{flight}.png").stat().st_size > 10_000
-    told = CliRunner().invoke(
-        app, ["explain", str(flown), "--flight", str(flight), "--json", "-", "-o", str(tmp_path / "x.png")]
-    )
-    numbers = json.loads(told.stdout)
+    numbers = json.loads(abhv_mc("explain", flown, "--flight", flight, "--json", "-", "-o", tmp_path / "x.png")[1])
     assert numbers["controller"] == "one" and list(numbers["causes"]) == ["atmosphere.density"]
     assert (tmp_path / "x.png").is_file()
 
@@ -159,25 +155,19 @@ def test_a_map_is_kept_for_its_flights_alone(flown, mapped):
 
 
 @pytest.mark.thorough
-def test_the_command_keeps_it_and_the_report_shows_it(flown, monkeypatch):
-    from report.synthetic import build_with
-
-    from abhv_mc.report.pages.build import is_up_to_date
-
-    monkeypatch.setattr("abhv_mc.simulators.engine.make_engine", lambda: ENGINE)
+@pytest.mark.usefixtures("fake_engine")
+def test_the_command_keeps_it_and_the_report_shows_it(flown, abhv_mc):
     build_with(flown)
     assert is_up_to_date(flown)
-    told = CliRunner().invoke(app, ["explain", str(flown), "--all", "--json", "-"])
-    assert told.exit_code == 0, told.exception
-    numbers = json.loads(told.stdout)
-    assert not is_up_to_date(flown)
+    code, said, _ = abhv_mc("explain", flown, "--all", "--json", "-")
+    assert code == 0 and not is_up_to_date(flown)
+    numbers = json.loads(said)
     page = build_with(flown).read_text(encoding="utf-8")
     assert json.loads((flown / "report.json").read_text(encoding="utf-8"))["failures"]["map"] == numbers
     flight = numbers["two"]["groups"][0]["flights"][0]
     assert "density low" in page and "--controller two --flight NUMBER</code>" in page
     assert f'data-show="two {flight}"' in page
-    words = CliRunner().invoke(app, ["explain", str(flown), "--all", "--controller", "two"])
-    assert "density low" in words.stdout
+    assert "density low" in abhv_mc("explain", flown, "--all", "--controller", "two")[1]
     assert list(json.loads((flown / "explained/failures.json").read_text(encoding="utf-8"))["controllers"]) == ["two"]
     for wrong in (["--all", "--flight", "1"], [], ["--all", "--controller", "three"]):
-        assert CliRunner().invoke(app, ["explain", str(flown), *wrong]).exit_code != 0
+        assert abhv_mc("explain", flown, *wrong)[0] == 2

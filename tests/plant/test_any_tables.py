@@ -8,11 +8,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import RegularGridInterpolator
 
+from abhv_mc.io.documents import write_document
 from abhv_mc.kernel.jit import kernel
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.aerodynamics import build_up, look_up, make_cells
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS
+from abhv_mc.one_flight.given import make_document
 from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.evaluate import evaluate_coefficients, make_variables
@@ -36,12 +38,7 @@ AXES = {
 EFFECTORS = {"left": {"aileron": -1.0, "elevator": 0.7}, "right": {"aileron": 1.0, "elevator": 0.7, "rudder": 0.2}}
 FACTORS = ("angle_of_attack", "sideslip", "aileron", "rudder", "elevator", "left", "right", "roll_rate", "pitch_rate",
            "yaw_rate", "mach", "equivalence_ratio")  # fmt: skip
-HEAD = """\
-name: random
-reference: {area: 3 m2, span: 2 m, chord: 5 m}
-mass: {start: 1000 kg, points: [{mass: 1000 kg, inertia_xx: 10 kg m2, inertia_yy: 20 kg m2, inertia_zz: 25 kg m2}]}
-surfaces: {bandwidth: 50 rad/s, damping: 0.7, limit: 20 deg, rate_limit: 400 deg/s}
-"""
+REST = {key: make_document("vehicle", "ghame_x").data[key] for key in ("name", "reference", "mass", "surfaces")}
 
 
 @kernel
@@ -98,35 +95,27 @@ def test_any_vehicle_file_is_what_scipy_makes_of_it(seed, tmp_path):
     parameters = generator.uniform(0.5, 1.5, (len(PARAMETERS), POINTS))
     parameters[PARAMETER_INDEX["one"]] = 1.0
     expected = np.zeros((len(COEFFICIENTS), POINTS))
-    tables, terms = [], {name: [] for name in COEFFICIENTS}
+    tables, terms = {}, {}
     chosen = [("beta_rad",), ("altitude_km", "mach"), ("eta",)]  # c_tn: a lift table over the equivalence ratio
     chosen += [
         tuple(generator.permutation(list(AXES))[: generator.integers(1, 4)]) for _ in range(generator.integers(2, 9))
     ]
     for i, columns in enumerate(chosen):
         value = write_table(generator, tmp_path / f"t{i}.csv", columns, state)
-        tables.append(f"  t{i}: {{file: t{i}.csv, unit: UNIT}}")
         c = 0 if columns == ("eta",) else int(generator.integers(len(COEFFICIENTS)))
         factor = str(generator.choice(FACTORS)) if generator.random() < 0.5 and columns != ("eta",) else None
         scale = float(generator.uniform(-2.0, 2.0))
         per_degree = factor is not None and factor not in ("mach", "equivalence_ratio") and generator.random() < 0.5
         unit = "-" if factor in (None, "mach", "equivalence_ratio") else "1/deg" if per_degree else "1/rad"
-        tables[-1] = tables[-1].replace("UNIT", unit)
-        times = f", times: {factor}" if factor else ""
-        terms[COEFFICIENTS[c]].append(f"    - {{table: t{i}{times}, scale: {scale!r}}}")
+        tables[f"t{i}"] = {"file": f"t{i}.csv", "unit": unit}
+        times = {"times": factor} if factor else {}
+        terms.setdefault(COEFFICIENTS[c], []).append({"table": f"t{i}", "scale": scale} | times)
         term = scale * value * (180.0 / np.pi if per_degree else 1.0)
         term = term * (1.0 if factor is None else rates[factor] if factor in rates else si[factor])
         dispersed = PARAMETER_INDEX.get(f"aero.{COEFFICIENTS[c]}.{factor}", 0)
         expected[c] += parameters[dispersed] * term
 
-    effectors = "".join(
-        f"  {name}: {{{', '.join(f'{a}: {x}' for a, x in mix.items())}}}\n" for name, mix in EFFECTORS.items()
-    )
-    lines = [HEAD + "effectors:\n" + effectors + "tables:", *tables, "aerodynamics:"]
-    for name in COEFFICIENTS:
-        lines += [f"  {name}:", *terms[name]] if terms[name] else []
-    (tmp_path / "vehicle.yaml").write_text("\n".join(lines) + "\n")
-
+    write_document(tmp_path / "vehicle.yaml", REST | {"effectors": EFFECTORS, "tables": tables, "aerodynamics": terms})
     vehicle = load_vehicle(tmp_path / "vehicle.yaml")
     variables = make_variables(
         vehicle,
