@@ -69,6 +69,7 @@ def disperse(flights: int) -> np.ndarray:
     return rows
 
 
-def assert_same(one: FlightBlock, other: FlightBlock) -> None:
-    for part in ("outcome", "end_time", "metrics", "history"):
-        assert np.array_equal(getattr(one, part), getattr(other, part), equal_nan=part != "outcome"), part
+def assert_same(one: FlightBlock, other: FlightBlock, rows: Any = slice(None)) -> None:
+    """These rows of one block are the other."""
+    for part in ("outcome", "end_time", "metrics", "history", "states"):
+        assert np.array_equal(getattr(one, part)[rows], getattr(other, part), equal_nan=part != "outcome"), part

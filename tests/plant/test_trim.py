@@ -4,6 +4,7 @@ import pytest
 
 from abhv_mc.kernel.world.earth import WGS84
 from abhv_mc.plant.trim import FlightPoint, trim
+from abhv_mc.shipped import find_input
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
 
@@ -11,14 +12,8 @@ STILL = WGS84._replace(rotation_rate=0.0)
 LATITUDE = math.radians(29.3)
 
 
-@pytest.fixture(scope="module")
-def vehicle(request):
-    root = request.config.rootpath / "configs/vehicle"
-    return lambda name: load_vehicle(root / f"{name}.yaml")
-
-
-def degrees(found):
-    return math.degrees(found.angle_of_attack), math.degrees(found.elevator), found.equivalence_ratio
+def vehicle(name):
+    return load_vehicle(find_input(name, "vehicle"))
 
 
 # Rounded as printed: the flight-model specification for ghame, the deck's constants file for the others, which it gives
@@ -33,25 +28,26 @@ def degrees(found):
         ("ghame_x_coupled", 0, 3.000, 0.000, 1.0212),
     ],
 )
-def test_published_trims(vehicle, name, bank, alpha, elevator, eta):
+def test_published_trims(name, bank, alpha, elevator, eta):
     found = trim(vehicle(name), STILL, FlightPoint(20e3, 1400.0, math.radians(bank), LATITUDE))
     assert not found.fault
     figures = 3 if name != "ghame" else 2
     half = 0.6 * 10.0**-figures
-    assert degrees(found)[:2] == pytest.approx((alpha, elevator), abs=half)
-    assert degrees(found)[2] == pytest.approx(eta, abs=0.1 * half)
+    angles = math.degrees(found.angle_of_attack), math.degrees(found.elevator)
+    assert angles == pytest.approx((alpha, elevator), abs=half)
+    assert found.equivalence_ratio == pytest.approx(eta, abs=0.1 * half)
     assert found.mach == pytest.approx(4.744643)  # the deck's own check value at 20 km
     assert found.dynamic_pressure == pytest.approx(87130.5, rel=2e-5)
 
 
 @pytest.mark.parametrize(("bank", "c_tn"), [(0.0, 0.00626), (50.0, 0.00633)])
-def test_coupled_lift_is_as_chosen(vehicle, bank, c_tn):
+def test_coupled_lift_is_as_chosen(bank, c_tn):
     """Values from the deck's constants file, which leaves the cosine of the angle of attack out."""
     found = trim(vehicle("ghame_x_coupled"), STILL, FlightPoint(20e3, 1400.0, math.radians(bank), LATITUDE))
     assert found.c_tn / math.cos(found.angle_of_attack) == pytest.approx(c_tn, abs=7e-6)
 
 
-def test_winged_cone_trims_near_the_published_angle(vehicle):
+def test_winged_cone_trims_near_the_published_angle():
     """Mach 15 at 110,000 ft: 1.7 to 1.8 deg in the open literature on the winged cone (136 t, Earth at rest)."""
     found = trim(vehicle("winged_cone"), STILL, FlightPoint(33.5e3, 4590.0))
     assert not found.fault
@@ -60,7 +56,7 @@ def test_winged_cone_trims_near_the_published_angle(vehicle):
 
 
 @pytest.mark.parametrize("name", ["ghame_x_coupled", "winged_cone"])
-def test_forces_and_moment_balance(vehicle, name):
+def test_forces_and_moment_balance(name):
     """Newton's law written out for a banked climb that gathers speed, over an Earth at rest."""
     v, bank, gamma = vehicle(name), math.radians(-30.0), math.radians(1.0)
     point = FlightPoint(22e3, 1500.0, bank, 0.0, math.pi / 2.0, gamma, speed_rate=0.5)
@@ -93,7 +89,7 @@ def test_forces_and_moment_balance(vehicle, name):
     assert abs(moment) < 1e-6 * mass * g * c.chord
 
 
-def test_the_turning_earth_carries_an_eastbound_flight(vehicle):
+def test_the_turning_earth_carries_an_eastbound_flight():
     v = vehicle("ghame")
 
     def lift(earth, heading):
@@ -117,7 +113,7 @@ def test_the_turning_earth_carries_an_eastbound_flight(vehicle):
         (FlightPoint(20e3, 1400.0, 0.0, speed_rate=-100.0), "throttle"),
     ],
 )
-def test_what_cannot_be_balanced_says_why(vehicle, point, word):
+def test_what_cannot_be_balanced_says_why(point, word):
     found = trim(vehicle("ghame"), STILL, point)
     assert word in found.fault
     assert all(math.isfinite(x) for x in found._replace(fault=0.0))
