@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from short_flights import assert_same, change_vehicle, disperse, short_plan
+from short_flights import assert_same, disperse, short_plan
 from user_code.test_user_law import CASCADE
 
 from abhv_mc.control.controller_file import read_controller
@@ -44,7 +44,7 @@ int abhv_law_step(const abhv_measured *m, const abhv_reference *r, const double 
     (void)k, (void)time;
     %s
     double alpha = r->angle_of_attack - s->path[1] * (m->flight_path_angle - r->flight_path_angle);
-    double bank = abhv_wrap(m->bank - r->bank);
+    double bank = abhv_wrap(m->bank - r->bank) + 0.01 * (m->mach - 6.0) + 0.1 * m->pitch + 1e-5 * m->cross_track;
     c->equivalence_ratio = r->equivalence_ratio - 0.02 * (m->speed - r->speed) - 0.001 * own->speed;
     c->elevator = r->elevator + 2.0 * (m->angle_of_attack - alpha) + 1.5 * m->pitch_rate;
     c->aileron = -0.26 * bank - 1.2 * m->sideslip - 0.08 * m->roll_rate + 0.06 * m->yaw_rate;
@@ -66,7 +66,9 @@ int abhv_law_state_set(void *state, const double *values) {
 }
 """
 PLAIN = HEAD + INIT + STEP % "" + GET_SET
-PYTHON = CASCADE.format(compiled="")
+BANK = "wrap(measured.bank - reference.bank)"
+MORE = f"{BANK} + 0.01 * (measured.mach - 6.0) + 0.1 * measured.pitch + 1e-5 * measured.cross_track"
+PYTHON = CASCADE.format(compiled="").replace(BANK, MORE)
 
 
 @pytest.fixture
@@ -101,22 +103,8 @@ def test_lqr_in_c_is_the_built_in_lqr_to_the_bit_and_has_its_margins(repository)
         np.testing.assert_allclose(one, other, rtol=1e-6, err_msg=name)
 
 
-@pytest.mark.thorough
-def test_it_sees_all_that_a_law_in_python_may_ask_for_and_its_memory_is_linearised_alike(make):
-    used = "bank += 0.01 * (m->mach - 6.0) + 0.1 * m->pitch + 1e-5 * m->cross_track;"
-    c = PLAIN.replace("    c->equivalence_ratio", f"    {used}\n    c->equivalence_ratio", 1)
-    python = PYTHON.replace("    aileron =", f"    {used[:-1].replace('m->', 'measured.')}\n    aileron =")
-    parameters = disperse(5)
-    plans = make(c, 2.0), make(python, 2.0)
-    assert_same(*(fly(plan, parameters, 10) for plan in plans))
-    ours, theirs = (linearize(plan, flown_points(plan, parameters[1:3], 1.0).points) for plan in plans)
-    assert np.abs(ours.law_D[..., 10:]).max() > 1e-3
-    np.testing.assert_allclose(ours.law_D, theirs.law_D, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(ours.law_C, theirs.law_C, rtol=0, atol=1e-9)
-    assert np.array_equal(ours.law_A[..., :1, :1], theirs.law_A[..., :1, :1])  # of the speed; ticks are whole in C
-
-
-def test_a_law_with_a_state_does_not_depend_on_lanes_company_or_compaction(make):
+def test_a_law_with_a_state_does_not_depend_on_lanes_company_or_compaction_and_is_linearised(make):
+    """Its twin in Python, too."""
     seconds = 5.5  # past a compaction
     plan, python = make(PLAIN, seconds), make(PYTHON, seconds)
     parameters = disperse(300)  # more than share a compaction
@@ -127,6 +115,11 @@ def test_a_law_with_a_state_does_not_depend_on_lanes_company_or_compaction(make)
     assert np.array_equal(abreast.metrics[order], fly(plan, parameters[order]).metrics, equal_nan=True)
     some = [0, 40, 299]
     assert np.array_equal(abreast.metrics[some], fly(plan, parameters[some]).metrics, equal_nan=True)
+    ours, theirs = (linearize(each, flown_points(each, parameters[1:3], 1.0).points) for each in (plan, python))
+    assert np.abs(ours.law_D[..., 10:]).max() > 1e-3
+    np.testing.assert_allclose(ours.law_D, theirs.law_D, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(ours.law_C, theirs.law_C, rtol=0, atol=1e-9)
+    assert np.array_equal(ours.law_A[..., :1, :1], theirs.law_A[..., :1, :1])  # of the speed; ticks are whole in C
 
 
 def test_memory_that_is_not_given_is_refused_by_name_where_slopes_are_taken(make):
@@ -256,61 +249,3 @@ def test_a_law_of_several_files_whose_state_points_into_itself_flies(make, tmp_p
     (tmp_path / "mine.yaml").write_text(f'law: c\nsources: [mine.c, gain.c]\nfiles: ["*.h"]\n{settings}\n')
     short, parameters = short_plan(600, tmp_path / "mine.yaml", "level"), disperse(70)
     assert np.array_equal(fly(short, parameters).metrics, fly(make(PYTHON, 6.0), parameters).metrics, equal_nan=True)
-
-
-ELEVONS = """
-int abhv_law_step(const abhv_measured *m, const abhv_reference *r, const double *k, const abhv_settings *s,
-                  double time, double dt, void *state, abhv_command *c) {
-    (void)k, (void)s, (void)time, (void)dt, (void)state;
-    c->elevator = r->elevator + 2.0 * (m->angle_of_attack - r->angle_of_attack) + 1.5 * m->pitch_rate;
-    c->aileron = -0.26 * m->bank - 0.08 * m->roll_rate;
-    c->rudder = 0.04 * m->yaw_rate;
-    c->equivalence_ratio = r->equivalence_ratio - 0.02 * (m->speed - r->speed);
-    c->effectors[0] = c->elevator + 0.9 * c->aileron + 1e-7 * m->onboard.moment.pitch;
-    c->effectors[1] = c->elevator - c->aileron + 0.1 * m->onboard.last.rudder;
-    return 0;
-}
-size_t abhv_law_state_size(void) { return 0; }
-"""
-ELEVONS_IN_PYTHON = """
-from abhv_mc.extend import Command, controller
-
-@controller
-def law(measured, reference, onboard):
-    elevator = reference.elevator + 2.0 * (measured.angle_of_attack - reference.angle_of_attack)
-    elevator = elevator + 1.5 * measured.pitch_rate
-    aileron = -0.26 * measured.bank - 0.08 * measured.roll_rate
-    return Command(
-        aileron, 0.04 * measured.yaw_rate, elevator,
-        reference.equivalence_ratio - 0.02 * (measured.speed - reference.speed),
-        effectors={
-            "right": elevator + 0.9 * aileron + 1e-7 * onboard.moment.pitch,
-            "left": elevator - aileron + 0.1 * onboard.last.rudder,
-        },
-    )
-"""
-
-
-def test_it_commands_effectors_by_name_and_sees_the_nominal_vehicle(tmp_path):
-    lines = "\neffectors:\n  left: {aileron: -1, elevator: 1}\n  fin: {rudder: 1}\n  right: {aileron: 1, elevator: 1}\n"
-    terms = "{table: roll_aileron, times: right, scale: 0.5}\n    - {table: roll_aileron, times: left, scale: -0.5}"
-    vehicle = change_vehicle(
-        tmp_path, ("\npropulsion:", f"{lines}\npropulsion:"), ("{table: roll_aileron, times: aileron}", terms)
-    )
-    (tmp_path / "law.c").write_text(f'#include "abhv_law.h"\n{INIT}{ELEVONS}')
-    (tmp_path / "law.py").write_text(ELEVONS_IN_PYTHON)
-    head = "law: c\nsources: [law.c]\neffectors: [right, left]\n"
-    (tmp_path / "c.yaml").write_text(f"{head}onboard: true\n")
-    (tmp_path / "blind.yaml").write_text(head)
-    (tmp_path / "wrong.yaml").write_text(f"{head}onboard: true\n".replace("left", "lift"))
-    (tmp_path / "python.yaml").write_text("law: python\nfile: law.py\n")
-    c, python = (short_plan(100, tmp_path / f"{name}.yaml", "level", vehicle) for name in ("c", "python"))
-    parameters = disperse(4)
-    assert_same(fly(c, parameters, 10), fly(python, parameters, 10))
-    ours, theirs = (linearize(plan, flown_points(plan, parameters[1:2], 0.5).points) for plan in (c, python))
-    assert ours.inputs == ("left", "fin", "right", "aileron", "rudder", "elevator", "equivalence_ratio")
-    np.testing.assert_allclose(ours.law_D[..., :10], theirs.law_D[..., :10], rtol=0, atol=1e-9)
-    with pytest.raises(InputError, match=r"law.c:14.*onboard"):
-        short_plan(100, tmp_path / "blind.yaml", "level", vehicle)
-    with pytest.raises((InputError, InputErrors), match="lift"):
-        short_plan(100, tmp_path / "wrong.yaml", "level", vehicle)

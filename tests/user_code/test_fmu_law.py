@@ -14,7 +14,7 @@ from user_code.make_fmu import ELEVONS, SEEN, make_fmu, measure_leak, write_cont
 
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.stability.linearize import linearize
 from abhv_mc.stability.points import flown_points
@@ -104,7 +104,7 @@ def test_slopes_of_an_fmu_that_hides_what_it_remembers_are_refused_by_name(make)
 
 
 def test_it_commands_effectors_by_name_and_sees_the_nominal_vehicle_and_its_last_command(make, repository, tmp_path):
-    """As the LQR in C with elevons does."""
+    """As the LQR in C with elevons does, which is refused where its file says less."""
     ways = dict(zip(ELEVONS, (1, -1), strict=True))
     elevons = "".join(f"\n  {name}: {{aileron: {way}, elevator: 1}}" for name, way in ways.items())
     rolls = "{table: roll_aileron, times: right, scale: 0.5}\n    - {table: roll_aileron, times: left, scale: -0.5}"
@@ -126,13 +126,18 @@ def test_it_commands_effectors_by_name_and_sees_the_nominal_vehicle_and_its_last
     head, _, tail = (shipped / "lqr.c").read_text().rpartition("return 0;")
     (tmp_path / "lqr.c").write_text(f"{head}{commands} return 0;{tail}")
     text = (shipped / "lqr_c.yaml").read_text()
-    (tmp_path / "law.yaml").write_text(f"{text}effectors: [{', '.join(ELEVONS)}]\nonboard: true\n")
+    text += f"effectors: [{', '.join(ELEVONS)}]\nonboard: true\n"
+    (tmp_path / "law.yaml").write_text(text)
     plans = [short_plan(100, tmp_path / f"{name}.yaml", vehicle=vehicle) for name in ("mine", "law")]
     assert_same(*(fly(plan, disperse(4), 10) for plan in plans))
     found, expected = (linearize(plan, flown_points(plan, disperse(2)[1:], 0.5).points) for plan in plans)
     assert found.inputs == expected.inputs and set(found.inputs) >= {"right", "left", "fin"}
     scale = np.abs(expected.law_D).max()
     np.testing.assert_allclose(found.law_D[..., :10], expected.law_D[..., :10], rtol=0, atol=1e-6 * scale)
+    for change, words in ((("onboard: true", ""), r"lqr.c:\d+.*onboard"), (("left", "lift"), "lift")):
+        (tmp_path / "law.yaml").write_text(text.replace(*change))
+        with pytest.raises((InputError, InputErrors), match=words):
+            short_plan(100, tmp_path / "law.yaml", vehicle=vehicle)
 
 
 @pytest.mark.thorough

@@ -96,14 +96,6 @@ def test_plain_python_flies_the_same_bits_and_follows_its_memory_through_compact
     assert_same(fly(compiled, parameters, 10), fly(plain, parameters, 10))
 
 
-def test_a_command_that_is_no_number_ends_the_flight(make):
-    text = HEAD + "@controller\ndef law(measured, reference, time):\n"
-    text += "    return Command(0.0, 0.0, sqrt(0.5 - time), reference.equivalence_ratio)\n"
-    block = fly(make(text), nominal_parameters(2))
-    assert [Outcome(code) for code in block.outcome] == [Outcome.NOT_FINITE] * 2
-    assert np.allclose(block.end_time, 0.51)
-
-
 RAISES = "@controller(compiled=False)\ndef law(time):\n    if time > 0.2:\n        raise KeyError('lost')\n{}"
 NO_MEMORY = "class Memory:\n    def __init__(self):\n        raise KeyError('lost')\n\n"
 NO_MEMORY += "@controller(compiled=False)\ndef law(memory):\n    return Command(0.0, 0.0, 0.0, 0.5), memory\n"
