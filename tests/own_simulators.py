@@ -18,22 +18,8 @@ def fly(inputs, settings):
     return found
 """
 
-# The same with a history, sampled as no grid is and at 0.5 s as it is kept.
+# The same with histories: samples lie anywhere, begin before 0 or after it, and lack numbers where it ended early.
 DIVE_HISTORY = (
-    DIVE
-    + """
-well = fly
-
-def fly(inputs, settings):
-    times = [0.0, 0.3, 0.5, 1.0, 1.5 + 0.1 * inputs["thrust"]]
-    sink = inputs["speed"] * math.sin(math.radians(inputs["dive"]))
-    history = {"time": times, "sink_rate": [sink - 10.0 * t for t in times]}
-    history["altitude"] = [inputs["altitude"] - sink * t * t for t in times]
-    return well(inputs, settings) | {"history": history}
-"""
-)
-# Histories whose samples lie anywhere, begin before 0 or after it, and lack numbers where the flight ended early.
-DIVE_SCATTERED = (
     DIVE
     + """
 import random

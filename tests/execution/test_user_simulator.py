@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from own_simulators import DIVE, DIVE_CHANNELS, DIVE_HISTORY, DIVE_SCATTERED, dive_campaign, shown_text
+from own_simulators import DIVE, DIVE_CHANNELS, DIVE_HISTORY, dive_campaign, shown_text
 
 from abhv_mc.analysis.explain import explain_flight
 from abhv_mc.analysis.failure_map import map_failures
@@ -19,7 +19,7 @@ from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
-from abhv_mc.explore.counts import find_flight, open_flights
+from abhv_mc.explore.counts import open_flights
 from abhv_mc.explore.server import ExploreServer
 from abhv_mc.folder import envelope_states
 from abhv_mc.folder.envelopes import QUANTILES
@@ -28,6 +28,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.flights_view import make_flights_view
 from abhv_mc.results import Results
+from abhv_mc.simulators.check_inputs import check_inputs
 from abhv_mc.simulators.engine import make_engine
 
 pytestmark = pytest.mark.usefixtures("no_figures")
@@ -87,17 +88,31 @@ def test_the_folder_of_a_stranger_runs_nothing(tmp_path: Path, monkeypatch: pyte
     assert ran.exists()
 
 
-def test_a_simulator_that_differs_is_flown_and_marked(tmp_path: Path) -> None:
-    source = (
-        DIVE + "\nwell = fly\ndef fly(inputs, settings):\n    return well(inputs, settings) | {'load': time.time()}\n"
-    )
-    path = dive_campaign(tmp_path / "own", source, runs=20)
-    manifest = run_campaign(Request(path, tmp_path / "out")).manifest
-    assert manifest.complete
-    assert any("not repeatable" in words and "load" in words for words in manifest.warnings)
-    assert [
-        words for words in replay_flight(tmp_path / "out", "v1", 0, make_engine().fly).differences if "load" in words
-    ]
+WELL = DIVE + "\nwell = fly\ndef fly(inputs, settings):\n    return "
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        (WELL + "well(inputs, settings) | {'load': time.time()}\n", "not repeatable.*load"),
+        (DIVE.replace('inputs["thrust"]', "1.0"), "^'thrust' from 0.91 to 1.09"),
+    ],
+)
+def test_what_the_first_flights_show_is_said(tmp_path: Path, source: str, words: str) -> None:
+    """That it is not repeatable, or that an input changes nothing: it is flown."""
+    manifest = run_campaign(Request(dive_campaign(tmp_path / "own", source, runs=20), tmp_path / "out")).manifest
+    assert manifest.complete and any(re.search(words, said) for said in manifest.warnings)
+    differences = replay_flight(tmp_path / "out", "v1", 0, make_engine().fly).differences
+    assert any("load" in each for each in differences) == ("load" in words)
+
+
+def test_what_flies_nothing_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+    path, out = dive_campaign(tmp_path / "own", "import math\n\nmath.nothing\n", runs=300), tmp_path / "out"
+    with pytest.raises(InputError, match=r": AttributeError: module 'math' .* \(dive\.py, line 3\)"):
+        check_inputs(path)
+    with pytest.raises(InputError, match="no flight of 'v1'"):
+        run_campaign(Request(path, out))
+    assert not out.exists()
 
 
 def test_a_flight_that_hangs_ends_with_the_command_that_is_killed(tmp_path: Path) -> None:
@@ -119,87 +134,61 @@ def test_a_flight_that_hangs_ends_with_the_command_that_is_killed(tmp_path: Path
         assert ready  # nobody holds it any more
 
 
-def test_metrics_with_names_of_the_explorers_own_are_listed(tmp_path: Path) -> None:
-    source = DIVE + "\nwell = fly\n\ndef fly(inputs, settings):\n    return {'rank': inputs['delay'], 'by': 1.0}\n"
-    required = [{"metric": "rank", "below": 2.0, "probability": "50 %"}]
-    changes = {"metrics": {"rank": {}, "by": {}}, "requirements": required, "runs": 20}
-    path = dive_campaign(tmp_path / "own", source, **changes)
-    run_campaign(Request(path, tmp_path / "out", workers=1))
-    with open_flights(tmp_path / "out") as table:
-        found = find_flight(table, "v1", 3)
-    assert found["values"]["by"] == 1.0 and 1.0 <= found["values"]["rank"] <= 2.2
-
-
-def test_an_input_that_changes_no_flight_is_said(tmp_path: Path) -> None:
-    source = DIVE.replace('inputs["thrust"]', "1.0")
-    manifest = run_campaign(Request(dive_campaign(tmp_path / "own", source, runs=20), tmp_path / "out")).manifest
-    assert [words for words in manifest.warnings if words.startswith("'thrust' from 0.91 to 1.09")]
-
-
-def test_a_simulator_that_flies_nothing_is_refused_before_anything_is_written(tmp_path: Path) -> None:
-    path = dive_campaign(tmp_path / "own", "def fly(inputs, settings):\n    return {}\n")
-    with pytest.raises(InputError, match="no flight of 'v1'"):
-        run_campaign(Request(path, tmp_path / "out"))
-    assert not (tmp_path / "out").exists()
-
-
-def test_histories_that_a_flight_returns_are_kept_and_opened(tmp_path: Path) -> None:
-    keep = {"histories": {"flights": "worst 5", "rate": "2 Hz"}}
-    path = dive_campaign(tmp_path / "own", DIVE_HISTORY, histories=DIVE_CHANNELS, keep=keep, runs=20)
-    out = tmp_path / "out"
-    manifest = run_campaign(Request(path, out)).manifest
-    assert not manifest.not_made
-    results, opened = read_flown(out), Results(out)
-    kept = opened.histories.set_index(["controller", "flight", "time"]).loc["v1"]
-    numbers = kept.index.get_level_values("flight").unique()
-    assert len(numbers) == 5
-    for number in numbers:
-        given = {name: values[number] for name, values in results.samples.items()}
-        flown = kept.loc[number]
-        assert flown.index.tolist() == [0.0, 0.5, 1.0, 1.5]
-        sink = given["speed"] * np.sin(np.radians(60.0))
-        assert flown["sink_rate"].to_numpy() == pytest.approx(np.float32(sink - 10.0 * flown.index))
-        at_own_samples = flown["altitude"].iloc[:3].to_numpy()
-        assert (at_own_samples == np.float32(given["altitude"] - sink * flown.index[:3] ** 2)).all()
-        end = 1.5 + 0.1 * given["thrust"]  # linear between the last samples
-        between = np.interp(1.5, [1.0, end], given["altitude"] - sink * np.array([1.0, end**2]))
-        assert flown["altitude"].iloc[3] == pytest.approx(between, rel=1e-6)
-    field = pq.read_schema(next((out / "histories").glob("v1-*.parquet"))).field("altitude")
-    assert field.type == "float"
-    assert field.metadata[b"unit"] == b"ft"
-
-    build_report(out)
-    data, arrays = make_flights_view(results, {"v1": "v1", "v2": "v2"}, {"v1": "", "v2": ""})
-    assert [(each["label"], each["unit"]) for each in data["channels"]] == [
-        ("Altitude", "ft"),
-        ("Sink rate", "ft/s"),
-    ]
-    assert arrays["history:altitude"].shape == (10, 4)
-    assert max(data["rows"]["history"]) == 9
-    assert data["criteria"][0]["channel"] == "altitude"
-
-    again = opened.replay(int(numbers[0]), "v1")
-    assert again["altitude"].to_numpy() == pytest.approx(kept.loc[numbers[0]]["altitude"].to_numpy(), rel=0)
-    with open_flights(out) as table, ExploreServer(out, table, make_engine()) as server:
-        assert [each["name"] for each in table.view["channels"]] == ["altitude", "sink_rate"]
-        history = server.open_flight("v2", 3)["history"]
-        assert history is not None
-        assert history["time"].tolist() == [0.0, 0.5, 1.0, 1.5]
-        assert set(history["channels"]) == {"altitude", "sink_rate"}
-
-
 RATE = 4.0  # Hz
-BANDS = {"histories": {"flights": "none"}, "envelopes": {"rate": f"{RATE:g} Hz"}}
+KEEP = {"histories": {"flights": "worst 5", "rate": f"{RATE:g} Hz"}, "envelopes": {"rate": f"{RATE:g} Hz"}}
+HISTORIES: dict[str, Any] = {"histories": DIVE_CHANNELS, "keep": KEEP, "runs": 60}
+BANDED = 50  # flights of which the bands are
 
 
-def bands_by_hand(folder: Path, system: str, channel: str, flights: int) -> dict[float, dict[str, float]]:
-    """Bands of the first flights of a system by time, from what its flights returned: value by value."""
+@pytest.fixture
+def few_banded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(envelope_states, "ENVELOPE_FLIGHTS", BANDED)
+
+
+def paths_by_hand(folder: Path, system: str, channel: str) -> list[tuple[list[float], np.ndarray]]:
+    """What each flight of a system returned: times and values."""
     namespace: dict[str, Any] = {}
-    exec(DIVE_SCATTERED, namespace)  # noqa: S102  our own text
+    exec(DIVE_HISTORY, namespace)  # noqa: S102  our own text
     samples, settings = read_flown(folder).samples, {"v1": {"pull": 5.0}, "v2": {"pull": 6.0}}
-    given = [{**{"dive": 60.0}, **{name: values[k] for name, values in samples.items()}} for k in range(flights)]
+    given = [{"dive": 60.0} | dict(zip(samples, row, strict=True)) for row in zip(*samples.values(), strict=True)]
     flown = [namespace["fly"](inputs, settings[system])["history"] for inputs in given]
-    paths = [(each["time"], np.array(each[channel], float)) for each in flown]
+    return [(each["time"], np.array(each[channel], float)) for each in flown]
+
+
+@pytest.mark.usefixtures("few_banded")
+def test_histories_and_bands_are_those_that_flights_return(tmp_path: Path) -> None:
+    """Straight between samples; bands are of the flights that have a history then, value by value."""
+    out = tmp_path / "out"
+    assert not run_campaign(Request(dive_campaign(tmp_path / "own", DIVE_HISTORY, **HISTORIES), out)).manifest.not_made
+    results, opened = read_flown(out), Results(out)
+    assert set(results.flights["v1"].count_outcomes()) == {"ok", "ground"}
+    kept = opened.histories.set_index(["controller", "flight", "time"])
+    assert len(kept.loc["v1"].index.unique("flight")) == 5
+    bands = pq.read_table(out / "envelopes.parquet").to_pandas().set_index(["controller", "channel", "time"])
+    for system in ("v1", "v2"):
+        for channel in DIVE_CHANNELS:  # the first is there wherever a history is
+            paths = paths_by_hand(out, system, channel)
+            for flight, history in kept.loc[system].groupby("flight"):
+                times, values = paths[flight]
+                grid = np.arange(np.ceil(times[0] * RATE), times[-1] * RATE + 1e-12) / RATE
+                expected = dict(zip(grid, np.interp(grid, times, values), strict=True))
+                at = history.index.get_level_values("time").tolist()
+                if channel == "altitude":
+                    assert at == [time for time, value in expected.items() if not np.isnan(value)]
+                assert history[channel].to_numpy() == pytest.approx([expected[time] for time in at], rel=1e-6)
+            found = bands.loc[system, channel]
+            found, expected = found[found["count"] > 0], bands_by_hand(paths[:BANDED])
+            assert found.index.tolist() == list(expected)
+            for name in next(iter(expected.values())):
+                of = [each[name] for each in expected.values()]
+                assert found[name].to_numpy() == pytest.approx(of, rel=1e-12, abs=1e-12), name
+    field = pq.read_schema(next((out / "histories").glob("v1-*.parquet"))).field("altitude")
+    assert field.type == "float" and field.metadata[b"unit"] == b"ft"
+    show_histories(out)
+
+
+def bands_by_hand(paths: list[tuple[list[float], np.ndarray]]) -> dict[float, dict[str, float]]:
+    """By time."""
     first, last = min(times[0] for times, _ in paths), max(times[-1] for times, _ in paths)
     bands = {}
     for k in range(int(np.floor(first * RATE)) - 1, int(np.ceil(last * RATE)) + 2):
@@ -219,54 +208,53 @@ def bands_by_hand(folder: Path, system: str, channel: str, flights: int) -> dict
     return bands
 
 
-def test_bands_are_those_of_the_first_flights_histories(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(envelope_states, "ENVELOPE_FLIGHTS", 50)
-    path = dive_campaign(tmp_path / "own", DIVE_SCATTERED, histories=DIVE_CHANNELS, keep=BANDS, runs=60)
-    out = tmp_path / "out"
-    run_campaign(Request(path, out))
-    table = pq.read_table(out / "envelopes.parquet").to_pandas()
-    assert set(read_flown(out).flights["v1"].count_outcomes()) == {"ok", "ground"}
-    for system in ("v1", "v2"):
-        for channel in ("altitude", "sink_rate"):
-            found = table[(table["controller"] == system) & (table["channel"] == channel)].set_index("time")
-            expected = bands_by_hand(out, system, channel, 50)
-            there = found[found["count"] > 0]
-            assert there.index.tolist() == list(expected)
-            for name in next(iter(expected.values())):
-                of = [each[name] for each in expected.values()]
-                assert there[name].to_numpy() == pytest.approx(of, rel=1e-12, abs=1e-12), name
+def show_histories(out: Path) -> None:
+    """Page, view of flights, replay and explorer show what the flights returned."""
     page = build_report(out)
     text = shown_text(page)
-    assert "flights that have a history then of flights 0 to 49" in text
-    assert "sink rate (ft/s)" in text
+    assert f"flights that have a history then of flights 0 to {BANDED - 1}" in text and "sink rate (ft/s)" in text
     assert 'id="plot"' in page.read_text("utf-8")
+    data, arrays = make_flights_view(read_flown(out), {"v1": "v1", "v2": "v2"}, {"v1": "", "v2": ""})
+    assert [(each["label"], each["unit"]) for each in data["channels"]] == [("Altitude", "ft"), ("Sink rate", "ft/s")]
+    opened = Results(out)
+    kept = opened.histories.groupby(["controller", "flight"])
+    assert data["criteria"][0]["channel"] == "altitude"
+    assert len(arrays["history:altitude"]) == len(kept) == max(data["rows"]["history"]) + 1
+    (_, flight), history = next(iter(kept))
+    again = opened.replay(flight, "v1")
+    assert again["altitude"].to_numpy() == pytest.approx(history["altitude"].to_numpy(), rel=0, nan_ok=True)
+    with open_flights(out) as table, ExploreServer(out, table, make_engine()) as server:
+        assert [each["name"] for each in table.view["channels"]] == ["altitude", "sink_rate"]
+        found = server.open_flight("v2", flight)["history"]
+        assert found is not None and found["time"].size and set(found["channels"]) == {"altitude", "sink_rate"}
 
 
+@pytest.mark.usefixtures("few_banded")
 def test_a_campaign_goes_on_and_its_shards_are_joined_to_the_same_tables_and_none_flies_twice(tmp_path: Path) -> None:
-    flown, own = tmp_path / "flown", tmp_path / "own"
-    source = DIVE_SCATTERED + (
+    flown, own, out = tmp_path / "flown", tmp_path / "own", tmp_path / "whole"
+    source = DIVE_HISTORY + (
         f"\nonce = fly\ndef fly(inputs, settings):\n    open({str(flown)!r}, 'a').write('x')\n"
         "    return once(inputs, settings)\n"
     )
-    path = dive_campaign(own, source, histories=DIVE_CHANNELS, keep=BANDS, runs=60)
-    whole = run_campaign(Request(path, tmp_path / "whole")).manifest
-    bands = pq.read_table(tmp_path / "whole" / "envelopes.parquet")
+    changes = {"source": source} | HISTORIES | {"keep": KEEP | {"histories": {"flights": "none"}}}
+    path = dive_campaign(own, **changes)
+    whole = run_campaign(Request(path, out)).manifest
+    bands = pq.read_table(out / "envelopes.parquet")
     run_campaign(Request(path, tmp_path / "grown", runs=25, controllers=("v1",)))
     run_campaign(Request(path, tmp_path / "grown", runs=25))
     before = flown.stat().st_size
     grown = run_campaign(Request(path, tmp_path / "grown")).manifest
     assert flown.stat().st_size - before == 2 * 35
     shards = [tmp_path / "a", tmp_path / "b"]
-    for i, out in enumerate(shards, 1):
-        run_campaign(Request(path, out, shard=(i, 2)))
+    for i, shard in enumerate(shards, 1):
+        run_campaign(Request(path, shard, shard=(i, 2)))
     joined = merge_campaign(shards, tmp_path / "joined").manifest
     assert whole.digest == grown.digest == joined.digest
-    for out in ("grown", "joined"):
-        assert pq.read_table(tmp_path / out / "envelopes.parquet").equals(bands)
-    for changes, found in (
+    for name in ("grown", "joined"):
+        assert pq.read_table(tmp_path / name / "envelopes.parquet").equals(bands)
+    for other, found in (
         ({"systems": {"v1": {"pull": 5.5}, "v2": {"pull": 6.0}}}, r"systems\.v1\.pull"),
         ({"source": source + "\n"}, r"dive\.py: other content"),
     ):
-        given = {"source": source, "histories": DIVE_CHANNELS, "keep": BANDS, "runs": 60} | changes
         with pytest.raises(InputError, match=found):
-            run_campaign(Request(dive_campaign(own, **given), tmp_path / "whole"))
+            run_campaign(Request(dive_campaign(own, **changes | other), out))
