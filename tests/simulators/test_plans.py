@@ -7,14 +7,10 @@ import numpy as np
 import pytest
 from fake_flight import make_plan
 
-from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.flight.plan import NOT_LEAN, FlightPlan
+from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.folder.plan_file import flatten, stored_parts, write_plan
 from abhv_mc.io.input_error import InputError
-from abhv_mc.simulators.corner_margins import describe_stability
-from abhv_mc.simulators.make_plans import make_plans
 from abhv_mc.simulators.stored_plans import read_plan
-from abhv_mc.stability import steady
 
 
 def read(path, plan):
@@ -71,20 +67,3 @@ def test_pickles_are_not_opened_and_damaged_or_missing_plans_are_named(tmp_path)
             read(tmp_path / "bad.npz", make_plan("one"))
     with pytest.raises(InputError, match="no such file"):
         read(tmp_path / "none.npz", make_plan("one"))
-
-
-@pytest.mark.parametrize("name", ["s_manoeuvre", "wide"])
-def test_margins_compile_no_other_flight_than_the_campaigns(name, engine, repository, monkeypatch):
-    """The full flight was compiled beside the lean one, for trims that fly no tick."""
-    campaign = read_campaign(repository / f"campaigns/{name}.yaml")
-    plans = make_plans(campaign, campaign.model.controllers, engine)
-    begun = []
-
-    def begin(plan, *_):
-        begun.append(plan.lean)
-        raise InputError("a test", "no flight", "none")
-
-    monkeypatch.setattr(steady, "fly_until", begin)
-    assert all(found["fault"] == "no flight" for found in describe_stability(campaign, plans)["controllers"].values())
-    assert set(begun) == {plan.lean for plan in plans.values()}
-    assert begun[0] == (not any(one.startswith(NOT_LEAN) for one in campaign.varied))

@@ -1,19 +1,21 @@
 """A vehicle given as functions: what the same vehicle of tables gives, trims, flights and dispersions alike."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from short_flights import rows_of
 
-from abhv_mc.flight.fly import fly
+from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.plant.vehicle import VARIABLES
 from abhv_mc.kernel.world.earth import WGS84
 from abhv_mc.one_flight.given import make_flight_plan
 from abhv_mc.plant.trim import FlightPoint, trim
 from abhv_mc.shipped import shipped_configs
+from abhv_mc.stability.analysis import analyse
+from abhv_mc.stability.linearize import linearize
+from abhv_mc.stability.points import flown_points
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.evaluate import evaluate_coefficients, make_variables
 from abhv_mc.vehicle.file import read_vehicle_file
@@ -158,13 +160,8 @@ def test_a_function_that_does_not_fit_is_said_with_its_line(tmp_path: Path) -> N
 
 
 @pytest.mark.thorough
-def test_margins_are_those_of_the_tables(tmp_path: Path, abhv_mc, monkeypatch) -> None:
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
-    tables, functions = tmp_path / "tables.json", tmp_path / "functions.json"
-    for vehicle, file in (("ghame_x", tables), (write_ghame_x(tmp_path), functions)):
-        abhv_mc("margins", "s_manoeuvre", "--vehicle", vehicle, "--controller", "lqr_retuned", "--json", file)
-    rows, others = (json.loads(file.read_text(encoding="utf-8"))["rows"] for file in (tables, functions))
-    assert len(rows) == len(others) > 3
-    for row, other in zip(rows, others, strict=True):
-        for key, value in row.items():
-            assert other[key] == (pytest.approx(value, rel=1e-5) if isinstance(value, float) else value), key
+def test_margins_are_those_of_the_tables(tmp_path: Path) -> None:
+    plans = [make_flight_plan("s_manoeuvre", each, "lqr_retuned") for each in ("ghame_x", str(write_ghame_x(tmp_path)))]
+    tables, functions = (analyse(linearize(p, flown_points(p, nominal_parameters(), 45.0).points)) for p in plans)
+    for name, one, other in zip(tables.margins._fields, tables.margins, functions.margins, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-5, err_msg=name)
