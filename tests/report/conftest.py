@@ -36,6 +36,6 @@ def report_page(report_folder):
     return (report_folder / "report.html").read_text(encoding="utf-8")
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def report_json(report_folder):
     return json.loads((report_folder / "report.json").read_text(encoding="utf-8"))

@@ -20,9 +20,10 @@ from abhv_mc.topics.topic import Models
 FILES = ["channels", "convergence", "distribution_asked", "drivers", "error_against_usage", "worst_flights"]
 
 
-def _panel(shift=0.0):
+@pytest.fixture
+def panel():
     x = np.linspace(0.0, 10.0, 50)
-    return EnvelopePanel(x, {name: np.sin(x) + 0.1 * i + shift for i, name in enumerate(BANDS)})
+    return EnvelopePanel(x, {name: np.sin(x) + 0.1 * i for i, name in enumerate(BANDS)})
 
 
 def test_the_report_holds_every_figure_at_print_resolution(report_folder):
@@ -35,8 +36,7 @@ def test_the_report_holds_every_figure_at_print_resolution(report_folder):
         assert path.stat().st_size < 400_000  # in full colour: a palette took half of the report's time
 
 
-def test_bands_are_drawn_where_they_say():
-    panel = _panel()
+def test_bands_are_drawn_where_they_say(panel):
     figure = plot_envelopes([EnvelopeRow("y", [panel])], ["A"], [BLUE])
     areas = figure.axes[0].collections
     for area, (low, high) in zip(areas, [("min", "max"), ("q0.135", "q99.865"), ("q5", "q95")], strict=True):
@@ -45,8 +45,7 @@ def test_bands_are_drawn_where_they_say():
         assert corners.max() == pytest.approx(panel.bands[high].max())
 
 
-def test_with_unknowns_the_median_has_two_lines():
-    panel = _panel()
+def test_with_unknowns_the_median_has_two_lines(panel):
     panel = replace(panel, bands={**panel.bands, "q50_most": panel.bands["q50"] + 0.2})
     lines = plot_envelopes([EnvelopeRow("y", [panel])], ["A"], [BLUE]).axes[0].lines
     assert np.allclose(lines[1].get_ydata() - lines[0].get_ydata(), 0.2)

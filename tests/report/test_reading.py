@@ -31,11 +31,6 @@ def report_folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def report_json(report_folder):
-    return json.loads((report_folder / "report.json").read_text(encoding="utf-8"))
-
-
-@pytest.fixture(scope="module")
 def crowded(tmp_path_factory):
     """Eight controllers and twelve requirements, some of which most flights miss."""
     requirements = [f"{{metric: {name}, below: 1.5, probability: 0.9, consumer_risk: 0.1}}" for name in METRICS]

@@ -46,14 +46,11 @@ def test_values_come_back_within_half_a_step_and_what_is_missing_is_missing():
     assert len(pack_arrays({"wave": wave})[1]) < 0.6 * len(base64.b64encode(gzip.compress(wave.astype("f4").tobytes())))
 
 
-def asking(campaign, question):
-    return dataclasses.replace(campaign, model=campaign.model.model_copy(update={"question": question}))
-
-
 def test_what_a_campaign_says_is_text_only(tmp_path):
     evil = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
     results = read_flown(write_campaign(tmp_path / "c", runs=12))
-    results = dataclasses.replace(results, campaign=asking(results.campaign, f"{evil} Does it?"))
+    model = results.campaign.model.model_copy(update={"question": f"{evil} Does it?"})
+    results = dataclasses.replace(results, campaign=dataclasses.replace(results.campaign, model=model))
     page = make_page(Models(results), [])
     assert evil not in page
     assert "&lt;img src=x onerror=alert(1)&gt;" in page
