@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from fake_flight import ENGINE, LOST_BELOW, fly, run, write_campaign
-from report.synthetic import build_with
+from report.synthetic import build_page
 
 from abhv_mc.analysis.explain import explain_flight, mildest_first
 from abhv_mc.analysis.failure_map import MOST_FLIGHTS, map_failures, read_map, write_map
@@ -157,12 +157,12 @@ def test_a_map_is_kept_for_its_flights_alone(flown, mapped):
 @pytest.mark.thorough
 @pytest.mark.usefixtures("fake_engine")
 def test_the_command_keeps_it_and_the_report_shows_it(flown, abhv_mc):
-    build_with(flown)
+    build_page(flown)
     assert is_up_to_date(flown)
     code, said, _ = abhv_mc("explain", flown, "--all", "--json", "-")
     assert code == 0 and not is_up_to_date(flown)
     numbers = json.loads(said)
-    page = build_with(flown).read_text(encoding="utf-8")
+    page = build_page(flown).read_text(encoding="utf-8")
     assert json.loads((flown / "report.json").read_text(encoding="utf-8"))["failures"]["map"] == numbers
     flight = numbers["two"]["groups"][0]["flights"][0]
     assert "density low" in page and "--controller two --flight NUMBER</code>" in page

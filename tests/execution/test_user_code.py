@@ -8,7 +8,7 @@ import shutil
 import numpy as np
 import pytest
 from execution.test_cluster import Dask
-from report.synthetic import build_with
+from report.synthetic import build_page
 from user_code.test_vehicle_functions import write_ghame_x
 
 from abhv_mc.analysis.explain import explain_flight
@@ -125,7 +125,7 @@ def test_workers_resume_shards_and_replay_give_the_same_digest(study, tmp_path, 
     assert results.flights["mine"].metrics["twist_max"].min() > 0.0
     entry = read_manifest(tmp_path / "two" / "manifest.json").requirements[0]
     assert (entry.metric, entry.verdict) == ("late_bank_swing_deg", "PASS")
-    assert "Late bank swing" in build_with(tmp_path / "two").read_text()
+    assert "Late bank swing" in build_page(tmp_path / "two").read_text()
 
 
 def write_c_law(repository, folder, *lines):
@@ -166,7 +166,7 @@ def test_a_crash_and_a_hang_in_c_cost_a_flight_each_of_a_campaign_that_ends_and_
     assert [Outcome(code).code for code in flown["mine"].outcome[[61, 137]]] == ["law_hung", "law_crashed"]
     rest = flown["mine"].outcome == Outcome.OK
     assert np.array_equal(read_errors(request.out, "mine")[rest], read_errors(request.out, "lqr")[rest])
-    assert build_with(request.out).exists()
+    assert build_page(request.out).exists()
     told = capfd.readouterr().err
     for words, flight in (("SIGSEGV", 137), ("not done in 1 s", 61)):  # the second time alone
         assert f"{words}, at 0 s (tick 0), measured: altitude {int(heights[flight])}." in told
@@ -229,7 +229,7 @@ def test_nobodys_code_runs_unasked(study, tmp_path, monkeypatch, place):
     whole, beside = place == "law.py", place == "{beside}"
     if whole:
         read_flown(out)
-        build_with(out)
+        build_page(out)
         checked = check_inputs(campaign)
         assert any("was not run" in warning for found in checked for warning in found.warnings)
         with pytest.raises(InputError, match="--trust-code"):

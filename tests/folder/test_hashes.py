@@ -8,7 +8,7 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 from fake_flight import ENGINE, run, write_campaign
-from report.synthetic import build_with
+from report.synthetic import build_page
 from search.known_flights import LINE, write_line
 
 from abhv_mc.analysis.replay import replay_flight
@@ -92,14 +92,14 @@ def test_a_notebook(request_, fly_meanwhile, monkeypatch, ask):
 
 def test_a_report(request_, fly_meanwhile, monkeypatch):
     """It was 'up to date' ever after, with numbers of the campaign before."""
-    build_with(request_.out)
+    build_page(request_.out)
     make_figures = registry.make_figures
     monkeypatch.setattr(registry, "make_figures", lambda *a: (fly_meanwhile(), make_figures(*a))[1])
     with pytest.raises(InputError, match=CHANGED):
-        build_with(request_.out)
+        build_page(request_.out)
     monkeypatch.undo()
     assert not is_up_to_date(request_.out)
-    build_with(request_.out)
+    build_page(request_.out)
     assert is_up_to_date(request_.out)
 
 

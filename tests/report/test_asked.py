@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from fake_flight import ENGINE, run, write_campaign
-from report.synthetic import build_with
+from report.synthetic import build_page
 
 from abhv_mc.api import compare
 from abhv_mc.campaign.file.check import read_campaign
@@ -36,7 +36,7 @@ aero.lift: {{distribution: normal, sigma: 5 %}}}}"
             write_campaign(folder / "f", requirements=f"[{requirement}]", dispersions=dispersed, keep=keep),
             folder / "out",
         ).folder
-        page = build_with(out).read_text(encoding="utf-8")
+        page = build_page(out).read_text(encoding="utf-8")
         numbers = json.loads((out / "report.json").read_text("utf-8"))
         table = pq.read_table(out / "flights").to_pandas()
         return SimpleNamespace(

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from report.synthetic import build_with, write_campaign
+from report.synthetic import build_page, write_campaign
 
 from abhv_mc.api import compare
 from abhv_mc.campaign.file.check import read_campaign
@@ -105,7 +105,7 @@ def test_differences_are_those_of_the_same_flight(before):
 
 @pytest.fixture(scope="module")
 def with_baseline(before, after):
-    build_with(after, baseline=before)
+    build_page(after, baseline=before)
     return after
 
 

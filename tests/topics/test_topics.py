@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
-from report.synthetic import build_with, write_campaign
+from report.synthetic import build_page, write_campaign
 from typer.testing import CliRunner
 
 import abhv_mc
@@ -159,7 +159,7 @@ def topic():
 
 def test_it_stands_everywhere(topic, tmp_path):
     folder = write_campaign(tmp_path / "c", runs=40)
-    page = build_with(folder).read_text(encoding="utf-8")
+    page = build_page(folder).read_text(encoding="utf-8")
     assert '<section id="correlate"' in page and '<a href="#correlate">Rank correlations</a>' in page
     held = json.loads((folder / "report.json").read_text(encoding="utf-8"))["topics"]["correlate"]["controllers"]
     told = abhv_mc.open_results(folder).correlate.controllers
@@ -174,7 +174,7 @@ def test_it_stands_everywhere(topic, tmp_path):
 def test_one_that_raises_is_left_out_and_named(topic, tmp_path, capsys):
     register(Topic("broken", topic.model, lambda results: 1 / 0, topic.section))
     folder = write_campaign(tmp_path / "c", runs=40)
-    build_with(folder)
+    build_page(folder)
     assert list(json.loads((folder / "report.json").read_text(encoding="utf-8"))["topics"]) == ["correlate"]
     said = capsys.readouterr().err
     assert said.count("the topic broken is left out") == 1 and "ZeroDivisionError" in said

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 from fake_flight import write_campaign as write_fake
-from report.synthetic import build_with, write_campaign
+from report.synthetic import build_page, write_campaign
 from scipy.stats import binom
 
 from abhv_mc.campaign.file.check import read_campaign
@@ -47,7 +47,7 @@ def test_what_is_met_and_what_would_help(tmp_path, limit, probability, met, comm
 def test_the_stored_judgement_is_the_same(tmp_path):
     folder = tmp_path / "c"
     found, _ = judged(folder, [REQUIRED.format(limit=1e6, probability=0.99)])
-    build_with(folder)
+    build_page(folder)
     manifest = read_flown(folder).manifest
     assert read_judgement(folder, manifest) == found
     assert read_judgement(folder, replace(manifest, digest="another")) is read_judgement(tmp_path, manifest) is None

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from fake_flight import ENGINE
 from fake_flight import write_campaign as write_fake
-from report.synthetic import build_with, write_campaign
+from report.synthetic import build_page, write_campaign
 from typer.testing import CliRunner
 
 from abhv_mc.cli.app import app
@@ -66,8 +66,9 @@ def test_a_report_is_up_to_date_until_something_changes(lost):
 
 def test_figures_are_svg_where_asked_for(lost):
     assert not list((lost / "figures").glob("*.svg"))
-    build_with(lost, "channels", svg=True)
-    assert [path.name for path in (lost / "figures").glob("*.svg")] == ["channels.svg"] and is_up_to_date(lost)
+    build_report(lost, svg=True)
+    drawn = [{path.stem for path in (lost / "figures").glob(f"*.{kind}")} for kind in ("svg", "png")]
+    assert drawn[0] == drawn[1] and is_up_to_date(lost)
 
 
 @pytest.fixture
@@ -133,7 +134,7 @@ def test_a_run_writes_junit_and_the_report_its_matrix(tmp_path, monkeypatch):
         assert int(suite.get(count)) == len(list(suite.iter(kind))) > 0
     assert cases["GNC-1 altitude_error_max_m below 50 in 50 % (one)"].find("failure") is None
     assert cases["GNC-2 altitude_error_max_m below 4.9 in 99 % (two)"].find("failure") is not None
-    page = build_with(out).read_text(encoding="utf-8")
+    page = build_page(out).read_text(encoding="utf-8")
     assert ">GNC-1 " in page and "stay, near · SRD" in page
     assert CampaignFolder(out).unknown_files() == []  # a fresh run deletes all of it
     with (out / "verification_matrix.csv").open(newline="") as file:
