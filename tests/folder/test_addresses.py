@@ -15,8 +15,8 @@ from pyarrow import fs
 
 from abhv_mc.folder import remote
 from abhv_mc.folder import store as module
-from abhv_mc.folder.lock import hold_lock, lock_holder
 from abhv_mc.folder.remote import Remote
+from abhv_mc.folder.status import hold_lock, lock_holder
 from abhv_mc.folder.store import LEASE, LEASE_NAME, Lease, Store, read_holder
 from abhv_mc.io.address import Address
 from abhv_mc.io.input_error import InputError

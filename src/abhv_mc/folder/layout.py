@@ -67,19 +67,13 @@ class CampaignFolder:
         folders = (self.inputs, self.plans, self.flights, self.histories, self.envelope_states, self.explained)
         return (*files, *self.report, *folders)
 
-    def unknown_files(self) -> list[Path]:
-        """What lies in the folder that no campaign wrote."""
-        if not self.root.is_dir():
-            return []
-        known = {*self.parts, self.lock}
-        return sorted(p for p in self.root.iterdir() if p not in known and not p.name.endswith(TEMPORARY))
-
     def refuse_strange(self, fresh: bool) -> None:
         """Raises InputError, without a manifest, for files of others, and for flights that only ``fresh`` deletes."""
-        unknown = self.unknown_files()
-        if unknown:
-            found = f"a folder with '{unknown[0].name}', which no campaign wrote"
-            raise InputError(self.root, found, "an empty folder or a campaign's")
+        known = {*self.parts, self.lock}
+        for path in sorted(self.root.iterdir() if self.root.is_dir() else ()):
+            if path not in known and not path.name.endswith(TEMPORARY):
+                found = f"a folder with '{path.name}', which no campaign wrote"
+                raise InputError(self.root, found, "an empty folder or a campaign's")
         if not fresh and any(self.flights.glob("*.parquet")):
             found = "flights without the manifest that says what they are"
             raise InputError(self.root, found, "another folder (-o DIR), or --fresh to delete them")
@@ -108,17 +102,11 @@ def find_user_place(path: Path) -> Path | None:
     target = Path(os.path.realpath(path))
     for root in (target, *target.parents):
         folder = CampaignFolder(root)
-        others = (folder.campaign, folder.samples, folder.flights)
+        others, parts = (folder.campaign, folder.samples, folder.flights), (*folder.parts, folder.lock)
         is_campaigns = folder.manifest.exists() and any(part.exists() for part in others)
-        if is_campaigns and (target == root or is_own_part(root, target)):
+        if is_campaigns and (target == root or any(map(target.is_relative_to, parts))):
             return target.relative_to(root)
     return None
-
-
-def is_own_part(root: Path, path: Path) -> bool:
-    """Whether a path is, or is in, a part of what a campaign has or will have in the folder ``root``."""
-    folder = CampaignFolder(root)
-    return any(path.is_relative_to(part) for part in (*folder.parts, folder.lock))
 
 
 def is_inside(name: str) -> bool:
@@ -157,7 +145,7 @@ def recording(note: Callable[[Path, str], None]) -> Iterator[None]:
         _recorders.remove(note)
 
 
-def write_whole(path: Path, write: Callable[[Path], None], durable: bool = False) -> None:
+def write_whole(path: Path, write: Callable[[Path], object], durable: bool = False) -> None:
     """Put the file that ``write`` makes into place, whole; ``durable`` waits until the disk has it.
 
     Raises StorageFullError or InputError where the folder takes nothing.
@@ -179,11 +167,7 @@ def hash_file(path: Path) -> str:
 
 def write_bytes(path: Path, content: bytes, durable: bool = False) -> None:
     """Write a file whole."""
-
-    def write(temporary: Path) -> None:
-        temporary.write_bytes(content)
-
-    write_whole(path, write, durable)
+    write_whole(path, lambda temporary: temporary.write_bytes(content), durable)
 
 
 def write_text(path: Path, text: str) -> None:

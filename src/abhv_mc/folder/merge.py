@@ -12,10 +12,10 @@ import numpy as np
 from abhv_mc.folder.envelope_states import merge_states
 from abhv_mc.folder.hashes import FileHashes, damage_error, find_damage, record_hashes
 from abhv_mc.folder.layout import CampaignFolder, write_whole
-from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.manifest import INTERRUPTED, Manifest, join_flyers, read_manifest, write_manifest
 from abhv_mc.folder.plan_file import read_stored_parts
 from abhv_mc.folder.samples import ROW_GROUP, SampleReader
+from abhv_mc.folder.status import hold_lock
 from abhv_mc.io.documents import InputError
 
 _SAME = ("campaign_hash", "source_hash", "inputs")

@@ -8,9 +8,9 @@ from abhv_mc.folder import envelope_states
 from abhv_mc.folder.hashes import FileHashes, damage_error, record_hashes
 from abhv_mc.folder.inputs import FolderInputs
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.manifest import RUNNING, Manifest, read_manifest, write_manifest
 from abhv_mc.folder.plan_file import write_plan
+from abhv_mc.folder.status import hold_lock
 from abhv_mc.io.input_error import InputError
 
 
