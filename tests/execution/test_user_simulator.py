@@ -22,8 +22,8 @@ from abhv_mc.execution.setup import Request
 from abhv_mc.explore.counts import open_flights
 from abhv_mc.explore.server import ExploreServer
 from abhv_mc.folder import envelope_states
-from abhv_mc.folder.envelopes import QUANTILES
 from abhv_mc.folder.flown_campaign import read_flown
+from abhv_mc.folder.histories import QUANTILES
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.flights_view import make_flights_view

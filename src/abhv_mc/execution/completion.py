@@ -5,9 +5,8 @@ import numpy as np
 from abhv_mc.array_types import Mask
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.execution.flight_counts import FlightCounts, judge_counts, make_flight_counts
-from abhv_mc.folder.digest import Digest
 from abhv_mc.folder.envelope_states import Collector
-from abhv_mc.folder.flights import FlightRows
+from abhv_mc.folder.flights import Digest, FlightRows
 from abhv_mc.statistics.evidence import flights_to_pass
 
 _FIRST_JUDGED = 64  # flights after which a campaign that stops when proven is judged for the first time

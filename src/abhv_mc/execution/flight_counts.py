@@ -13,8 +13,7 @@ from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.flight.channels import Signal
 from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.folder.digest import Digest
-from abhv_mc.folder.flights import END_TIME, FlightRows
+from abhv_mc.folder.flights import END_TIME, Digest, FlightRows
 from abhv_mc.folder.manifest import ControllerCount, Manifest, RequirementVerdict
 from abhv_mc.statistics.verdicts import Verdict, verdict_words
 

@@ -27,9 +27,9 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder import envelope_states
 from abhv_mc.folder.envelope_states import Cells, Collector
-from abhv_mc.folder.envelopes import write_envelopes
 from abhv_mc.folder.flights import FlightRows, flights_schema, write_block
 from abhv_mc.folder.flown_blocks import find_joins, join_files, read_flown_blocks
+from abhv_mc.folder.histories import write_envelopes
 from abhv_mc.folder.layout import write_text
 from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, RUNNING, Manifest, note_flyers, write_manifest
 from abhv_mc.folder.samples import SampleReader

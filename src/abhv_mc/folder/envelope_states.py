@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats, Mask, Singles
 from abhv_mc.flight.plan import FlightBlock, Recording
 from abhv_mc.folder.arrays import read_array, write_array
-from abhv_mc.folder.envelopes import EnvelopeTable
 from abhv_mc.folder.flights import DamagedFileError, parse_block_name
+from abhv_mc.folder.histories import EnvelopeTable
 from abhv_mc.folder.layout import write_whole
 from abhv_mc.io.input_error import InputError
 from abhv_mc.statistics.bands import QUANTILES, band_quantiles

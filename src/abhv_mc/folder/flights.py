@@ -1,5 +1,12 @@
-"""Blocks of flown flights as Parquet: one row per flight and controller, whole and checked."""
+"""Blocks of flown flights as Parquet: one row per flight and controller, whole and checked; and their digest.
 
+A campaign's digest is equal exactly when its flights tables are, however they were flown: each row is hashed alone
+(BLAKE2b over controller, flight, outcome and the bits of every sample and metric) and the hashes are added modulo
+2**256. The sum knows no order, no block size and no resume. Rows of flights that could not be computed on a machine
+(``failed_to_run``) say nothing about the vehicle and are left out.
+"""
+
+import hashlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +21,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.flight.channels import Signal
 from abhv_mc.flight.failure_case import NO_FAILURE, failure_cases
 from abhv_mc.flight.metrics import ENGINE_FAILED, METRICS, Metric
-from abhv_mc.flight.outcome import OUTCOMES, Outcomes
-from abhv_mc.folder.digest import Digest, digest_rows
+from abhv_mc.flight.outcome import OUTCOMES, Outcome, Outcomes
 from abhv_mc.folder.layout import write_whole
 from abhv_mc.io.parquet_columns import column_values, number_column, text_column
 from abhv_mc.plant.parameters import OURS, Parameter, Parameters
@@ -26,10 +32,44 @@ _VALUE_NAMES = tuple(signal.name for signal in VALUES)
 CASE = "failure.case"
 INPUT = b"input"  # marks columns of samples whose names have no point
 _DIGEST = b"abhv_mc.digest"
+_MODULUS = 1 << 256
 
 
 class DamagedFileError(Exception):
     """A block file that is truncated or does not hold what its name says; it is flown again."""
+
+
+@dataclass(frozen=True)
+class Digest:
+    """A sum of row hashes."""
+
+    value: int = 0
+
+    def __add__(self, other: "Digest") -> "Digest":
+        return Digest((self.value + other.value) % _MODULUS)
+
+    def __str__(self) -> str:
+        return f"{self.value:064x}"
+
+
+def digest_rows(
+    controller: str,
+    flight: NDArray[np.int64],
+    outcome: Sequence[str],
+    columns: dict[str, NDArray[np.float64]],
+) -> Digest:
+    """Digest of rows; ``columns`` are all samples and metrics by name, in any order."""
+    names = sorted(columns)
+    key = hashlib.blake2b("|".join(["abhv-mc flights 1", controller, *names]).encode(), digest_size=32).digest()
+    values = np.stack([columns[name] for name in names], axis=1).astype("<f8") if names else np.empty((len(flight), 0))
+    values[np.isnan(values)] = np.nan  # one bit pattern for every not-a-number
+    failed = Outcome.FAILED_TO_RUN.code
+    total = 0
+    for number, word, row in zip(flight.astype("<i8"), outcome, np.ascontiguousarray(values), strict=True):
+        if word != failed:
+            text = number.tobytes() + word.encode() + b"|" + row.tobytes()
+            total += int.from_bytes(hashlib.blake2b(text, digest_size=32, key=key).digest(), "little")
+    return Digest(total % _MODULUS)
 
 
 @dataclass(frozen=True)

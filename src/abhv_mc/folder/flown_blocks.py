@@ -10,9 +10,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.folder.digest import Digest
 from abhv_mc.folder.flights import (
     DamagedFileError,
+    Digest,
     FlightRows,
     block_path,
     parse_block_name,

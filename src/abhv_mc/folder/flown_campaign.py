@@ -14,10 +14,10 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES
 from abhv_mc.folder.controller_flights import ControllerFlights, Ranking, rank_flights, read_flights
-from abhv_mc.folder.envelopes import MOST_MEDIAN, QUANTILE_COLUMNS
 from abhv_mc.folder.file_columns import FileColumns, read_table
 from abhv_mc.folder.flights import END_TIME
 from abhv_mc.folder.hashes import data_files, read_checked, refuse_changes
+from abhv_mc.folder.histories import MOST_MEDIAN, QUANTILE_COLUMNS
 from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import Manifest, read_manifest

@@ -1,6 +1,8 @@
-"""Histories of flights, the nominal flights and the reference as Parquet."""
+"""What is recorded over time as Parquet: histories of flights, the nominal flights, the reference; and the envelopes, a
+row per controller, channel and recorded time."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -8,14 +10,21 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Mask
 from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS, REFERENCE_CHANNELS, Signal
 from abhv_mc.folder.flights import make_field, write_parquet
 from abhv_mc.io.parquet_columns import number_column, text_column
+from abhv_mc.statistics.bands import QUANTILES
 
 _TIME = make_field("time", pa.float64(), "s", "time since the start")
 _CONTROLLER = make_field("controller", pa.string(), "-", "name of the controller")
 _FLIGHT = make_field("flight", pa.int64(), "-", "number of the flight")
+QUANTILE_COLUMNS = ("q0.135", "q5", "q50", "q95", "q99.865")
+MOST_MEDIAN = "q50_most"  # with unknowns the median, too, has two edges
+_DOCS = {
+    "min": "smallest value at any control tick, or returned sample, from the time before to the time after",
+    "max": "largest value at any control tick, or returned sample, from the time before to the time after",
+} | {name: f"{name[1:]} % quantile over the flights, linear between order statistics" for name in QUANTILE_COLUMNS}
 
 
 def write_histories(
@@ -74,3 +83,70 @@ def write_reference(path: Path, reference: Mapping[str, Floats]) -> None:
     schema = pa.schema(fields)
     table = pa.Table.from_arrays([number_column(reference[name]) for name in schema.names], schema=schema)
     write_parquet(path, table, table.column_names, [])
+
+
+@dataclass(frozen=True)
+class EnvelopeTable:
+    """Envelopes of one controller, ``[time, channel]`` each."""
+
+    count: NDArray[np.int64]  # flights still flying
+    low: Floats
+    high: Floats
+    least: Floats  # [quantile, time, channel]; with unknowns over the flights at one point, the least of all points
+    most: Floats
+
+    def at(self, times: Mask) -> "EnvelopeTable":
+        """Some of its times."""
+        return EnvelopeTable(
+            self.count[times], self.low[times], self.high[times], self.least[:, times], self.most[:, times]
+        )
+
+    def columns(self, points: int) -> dict[str, Floats]:
+        """What a file has of them: the lower edge of what is below the median, the upper edge of what is above."""
+        middle = len(QUANTILES) // 2
+        edges = [*self.least[: middle + 1], *self.most[middle + 1 :]]
+        named = {"min": self.low, **dict(zip(QUANTILE_COLUMNS, edges, strict=True)), "max": self.high}
+        return named | ({MOST_MEDIAN: self.most[middle]} if points > 1 else {})
+
+
+def _doc(column: str, points: int) -> str:
+    if points == 1 or column in ("min", "max"):
+        return _DOCS[column]
+    which = "least" if column in QUANTILE_COLUMNS[:3] else "most"
+    return f"{which} of {points} values, each the {_DOCS[column.removesuffix('_most')]} at one point of the unknowns"
+
+
+def write_envelopes(
+    path: Path, times: Floats, channels: Sequence[str], tables: dict[str, EnvelopeTable], flights: int, points: int = 1
+) -> None:
+    """Write the envelopes of every controller over its first ``flights`` flights, which the file's metadata say.
+
+    ``channels`` are those of the tables' last axis; ``points`` the number of points of the unknowns.
+    """
+    shape = (len(channels), len(times))
+    columns: dict[str, list[Floats]] = {}
+    counts = []
+    for table in tables.values():
+        for name, values in table.columns(points).items():
+            columns.setdefault(name, []).append(values.T.ravel())
+        counts.append(table.count.T.ravel())
+    fields = [
+        _CONTROLLER,
+        make_field("channel", pa.string(), "-", "name of the channel; its unit ends the name"),
+        _TIME,
+        make_field("count", pa.int64(), "-", "flights still flying"),
+        *(
+            pa.field(name, pa.float64(), metadata={"unit": "of the channel", "doc": _doc(name, points)})
+            for name in columns
+        ),
+    ]
+    size = shape[0] * shape[1]
+    arrays = [
+        text_column(np.repeat(list(tables), size).tolist()),
+        text_column(np.tile(np.repeat(channels, len(times)), len(tables)).tolist()),
+        number_column(np.tile(times, shape[0] * len(tables))),
+        number_column(np.concatenate(counts)),
+        *(number_column(np.concatenate(parts)) for parts in columns.values()),
+    ]
+    table = pa.Table.from_arrays(arrays, schema=pa.schema(fields, {"flights": str(flights)}))
+    write_parquet(path, table, ["time", *columns], ["controller", "channel"])

@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from abhv_mc.array_types import Floats
-from abhv_mc.folder.envelopes import MOST_MEDIAN
+from abhv_mc.folder.histories import MOST_MEDIAN
 from abhv_mc.topics.figure_style import DASHES, INK, new_panels, put_legend, styled
 
 # Widest first; (lower, upper, opacity, words)

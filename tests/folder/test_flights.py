@@ -1,9 +1,11 @@
-"""Small files of flights become few, with the same rows and digest, whatever moment the process is killed at."""
+"""Small files of flights become few, with the same rows and digest, whatever moment the process is killed at; the
+digest is blind to how rows came, sharp to every bit of what they hold."""
 
 import dataclasses
 from itertools import count
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from fake_flight import ENGINE, fly, run, write_campaign
@@ -11,6 +13,7 @@ from fake_flight import ENGINE, fly, run, write_campaign
 from abhv_mc.analysis.replay import find_rows
 from abhv_mc.execution import runner
 from abhv_mc.folder import flown_blocks
+from abhv_mc.folder.flights import Digest, digest_rows
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.layout import CampaignFolder
 
@@ -97,3 +100,42 @@ def test_a_kill_at_any_step_loses_nothing(campaign, tmp_path, monkeypatch, capfd
         assert (done.state, done.digest, flown) == ("complete", whole.digest, 5)
         assert len(names(out)) == 2
     assert killed == 2 + 1 + 5  # two files, the manifest, five deletions
+
+
+PINNED = "9ded2633bb5c1b63ebc72da123c64739e0929e640e665c1945754b5a797da0b3"
+FLIGHTS = np.arange(50)
+OUTCOME = tuple("ok" if i % 7 else "sideslip_limit" for i in range(50))
+COLUMNS = dict(zip("bac", np.random.default_rng(0).normal(size=(3, 50)), strict=True))
+
+
+def digest(rows=slice(None), controller="tlc", flights=FLIGHTS, outcome=OUTCOME, columns=COLUMNS):
+    ends = tuple(np.array(outcome)[rows].tolist())
+    return digest_rows(controller, flights[rows], ends, {name: value[rows] for name, value in columns.items()})
+
+
+def test_neither_the_order_of_rows_nor_that_of_columns_counts_and_not_a_number_has_one_pattern():
+    parts = [digest(slice(a, b)) for a, b in ((30, 50), (0, 1), (1, 30))]
+    assert sum(parts, Digest()) == digest() == digest(columns=dict(sorted(COLUMNS.items())))
+    assert digest(outcome=("failed_to_run", *OUTCOME[1:])) == digest(slice(1, None))
+    signs = [COLUMNS | {"a": np.where(FLIGHTS == 3, sign * np.nan, COLUMNS["a"])} for sign in (1, -1)]
+    assert digest(columns=signs[0]) == digest(columns=signs[1])
+
+
+def test_every_bit_counts():
+    values = COLUMNS["a"].copy()
+    values[17] = np.nextafter(values[17], 9.0)
+    changes = (
+        {"columns": COLUMNS | {"a": values}},
+        {"controller": "lqr"},
+        {"flights": FLIGHTS + 1},
+        {"outcome": ("ok",) * 50},
+        {"columns": {"z" if name == "c" else name: value for name, value in COLUMNS.items()}},
+        {"columns": COLUMNS | {"a": COLUMNS["b"], "b": COLUMNS["a"]}},
+    )
+    assert len({digest(), *(digest(**change) for change in changes)}) == 7
+
+
+def test_pinned():
+    """A change here would make digests of stored campaigns meaningless."""
+    found = digest_rows("tlc", np.array([3]), ("ok",), {"aero.lift": np.array([1.0]), "x_m": np.array([2.5])})
+    assert str(found) == PINNED
