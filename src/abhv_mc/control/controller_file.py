@@ -9,7 +9,7 @@ from pydantic import Discriminator, Field, RootModel, Tag, model_validator
 from abhv_mc.control.law_file import CController, ControllerModel, FmuController, PythonController, UserController
 from abhv_mc.io.documents import Document, Refusal, StrictModel, describe, one_of, read_document, validate
 from abhv_mc.io.units import Angle, AngularRate, Frequency, Pressure, Time
-from abhv_mc.vehicle.shared_keys import Positive
+from abhv_mc.vehicle.shared_keys import AngleRange, Positive
 
 Weight = Annotated[float, Field(ge=0.0)]
 InputWeight = Annotated[float, Positive]
@@ -110,18 +110,12 @@ class Differentiators(StrictModel):
 class CommandLimits(StrictModel):
     """Limits of the guidance's commands; those of the surfaces and the engine are the vehicle's."""
 
-    angle_of_attack: tuple[Angle, Angle] = Field(
+    angle_of_attack: AngleRange = Field(
         (-0.017453292519943295, 0.20943951023931956), description="least and greatest that is commanded"
     )
     bank: Annotated[Angle, Field(gt=0.0, lt=1.5)] = Field(
         1.2217304763960306, description="greatest that is commanded, to either side"
     )
-
-    @model_validator(mode="after")
-    def _check(self) -> "CommandLimits":
-        if self.angle_of_attack[0] >= self.angle_of_attack[1]:
-            raise Refusal("an empty range", "the lower angle before the higher one", ("angle_of_attack",))
-        return self
 
 
 _OUTER_AND_INNER = (

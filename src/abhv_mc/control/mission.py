@@ -15,7 +15,7 @@ from abhv_mc.io.documents import File, Refusal, StrictModel, read_document, vali
 from abhv_mc.io.input_files import made_once
 from abhv_mc.io.units import Angle, AngularRate, Length, Mass, Pressure, Speed, Time, parse_in_unit
 from abhv_mc.kernel.world.earth import WGS84, Earth
-from abhv_mc.vehicle.shared_keys import LoadLimits, Positive, SensingKeys
+from abhv_mc.vehicle.shared_keys import LoadLimits, Positive, Rising, SensingKeys
 
 _NORTHMOST = math.radians(89.99001)
 _KIND = "the kind of manoeuvre"
@@ -161,14 +161,8 @@ Manoeuvre = Annotated[
 class MissionLimits(LoadLimits):
     """A flight ends outside."""
 
-    altitude: tuple[Length, Length] = Field((10e3, 40e3), description="lowest and highest")
+    altitude: Annotated[tuple[Length, Length], Rising] = Field((10e3, 40e3), description="lowest and highest")
     fuel_out: bool = Field(True, description="whether a flight ends where its fuel is burnt; false: it flies on")
-
-    @model_validator(mode="after")
-    def _check(self) -> "MissionLimits":
-        if self.altitude[0] >= self.altitude[1]:
-            raise Refusal("an empty range", "the lower altitude before the higher one", ("altitude",))
-        return self
 
 
 class End(StrictModel):

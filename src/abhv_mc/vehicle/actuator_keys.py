@@ -8,7 +8,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from abhv_mc.io.documents import File, Refusal, StrictModel
 from abhv_mc.io.units import Acceleration, Angle, AngularRate, Area, Fraction, Frequency, Length, Time
 from abhv_mc.kernel.plant.vehicle import MAX_ENGINES, Inlet
-from abhv_mc.vehicle.shared_keys import Positive
+from abhv_mc.vehicle.shared_keys import AngleRange, Positive, Range, Rising
 
 # FIXED_TABLE_ROWS of the propulsion and the keys that name their tables.
 PROPULSION_TABLES = {
@@ -35,9 +35,9 @@ class ThrustLine(StrictModel):
 class Unstart(StrictModel):
     """Flow in which the inlet stays started. Outside of it the engine fails as ``failure.engine`` says."""
 
-    angle_of_attack: tuple[Angle, Angle] = Field(default=(-math.inf, math.inf), description="least and greatest")
+    angle_of_attack: AngleRange = Field(default=(-math.inf, math.inf), description="least and greatest")
     sideslip: Annotated[Angle, Positive] = Field(default=math.inf, description="greatest, to either side")
-    mach: tuple[float, float] = Field(default=(-math.inf, math.inf), description="least and greatest")
+    mach: Range = Field(default=(-math.inf, math.inf), description="least and greatest")
     restart_delay: Annotated[Time, Field(ge=0.0)] = Field(
         default=math.inf, description="time inside until it starts again; left out: never"
     )
@@ -46,10 +46,6 @@ class Unstart(StrictModel):
 
     @model_validator(mode="after")
     def _check(self) -> "Unstart":
-        for name in ("angle_of_attack", "mach"):
-            low, high = getattr(self, name)
-            if low >= high:
-                raise Refusal("an empty range", "least and greatest", (name,))
         if not self.model_fields_set & {"angle_of_attack", "sideslip", "mach"}:
             raise Refusal("an unstart without a condition", "angle_of_attack, sideslip or mach")
         return self
@@ -118,17 +114,13 @@ class _Propulsion(_Inlets):
         default=9.80665, description="gravity in the specific impulse"
     )
     thrust_line: ThrustLine = Field(ThrustLine(), description="where the thrust acts; left out: along body x")
-    equivalence_ratio: tuple[float, float] = Field(description="least and greatest")
+    equivalence_ratio: Annotated[tuple[Annotated[float, Field(ge=0.0)], float], Rising] = Field(
+        description="least and greatest"
+    )
     bandwidth: Annotated[AngularRate, Positive] = Field(description="natural frequency of the throttle")
     damping: Annotated[float, Positive] = Field(description="damping ratio of the throttle")
     rate_limit: Annotated[Frequency, Positive] = Field(description="greatest rate of the throttle")
     relight: Relight = Field(Relight(), description="how it comes back after a failure")
-
-    @model_validator(mode="after")
-    def _check(self) -> "_Propulsion":
-        if not 0.0 <= self.equivalence_ratio[0] < self.equivalence_ratio[1]:
-            raise Refusal(f"{list(self.equivalence_ratio)}", "least and greatest, from 0 up", ("equivalence_ratio",))
-        return self
 
 
 class Capture(_Propulsion):
@@ -151,7 +143,7 @@ class ThrustFunction(PythonFunction, _Inlets):
     """Thrust as a Python function of the air and the throttle."""
 
     function: str = Field("thrust", description="name of the function")
-    throttle: tuple[float, float] = Field((0.0, 1.0), description="least and greatest")
+    throttle: Range = Field((0.0, 1.0), description="least and greatest")
     ideal: bool = Field(False, description="the throttle is what is commanded")
     bandwidth: Annotated[AngularRate, Positive] | None = Field(default=None, description="of the throttle")
     damping: Annotated[float, Positive] = Field(default=1.0, description="damping ratio of the throttle")
@@ -159,8 +151,6 @@ class ThrustFunction(PythonFunction, _Inlets):
 
     @model_validator(mode="after")
     def _check(self) -> "ThrustFunction":
-        if not self.throttle[0] < self.throttle[1]:
-            raise Refusal(f"{list(self.throttle)}", "least and greatest", ("throttle",))
         if self.ideal == (self.bandwidth is not None and self.rate_limit is not None):
             raise Refusal("an engine that is ideal and has dynamics, or neither", "ideal, or bandwidth and rate_limit")
         return self

@@ -29,7 +29,7 @@ from abhv_mc.vehicle.actuator_keys import (
     PythonFunction,
     SurfaceKeys,
 )
-from abhv_mc.vehicle.shared_keys import LoadLimits, Positive, SensingKeys
+from abhv_mc.vehicle.shared_keys import AngleRange, LoadLimits, Positive, SensingKeys
 
 REDUCED_RATES = ("roll_rate", "pitch_rate", "yaw_rate")  # p b/(2 V), q c/(2 V), r b/(2 V)
 _PLAIN_FACTORS = ("mach", "equivalence_ratio")
@@ -175,14 +175,8 @@ def _aerodynamics_kind(value: Any) -> str:
 class FlightLimits(LoadLimits):
     """Where a flight ends."""
 
-    angle_of_attack: tuple[Angle, Angle] = Field(description="least and greatest")
+    angle_of_attack: AngleRange = Field(description="least and greatest")
     sideslip: Annotated[Angle, Positive] = Field(description="greatest, to either side")
-
-    @model_validator(mode="after")
-    def _check(self) -> "FlightLimits":
-        if self.angle_of_attack[0] >= self.angle_of_attack[1]:
-            raise Refusal("an empty range", "least and greatest", ("angle_of_attack",))
-        return self
 
 
 class VehicleDocument(StrictModel):

@@ -7,13 +7,24 @@ import math
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
-from abhv_mc.io.documents import StrictModel
+from abhv_mc.io.documents import Refusal, StrictModel
 from abhv_mc.io.units import Angle, HeatFlux, Pressure
 from abhv_mc.kernel.plant.vehicle import LoadBounds, Sensing
 
 Positive = Field(gt=0.0)
+
+
+def _check_rising(ends: tuple[float, float]) -> tuple[float, float]:
+    if not ends[0] < ends[1]:
+        raise Refusal(f"an empty range from {ends[0]:g} to {ends[1]:g}", "least and greatest")
+    return ends
+
+
+Rising = AfterValidator(_check_rising)  # of two ends
+Range = Annotated[tuple[float, float], Rising]
+AngleRange = Annotated[tuple[Angle, Angle], Rising]
 STILL_AIR = "still air and no noise: they swing an angle where nothing cycles"
 
 
