@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 from experiment import ROOT, Floats
 
-from abhv_mc.control.design.design_tables import table_rows
 from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, FIXED_TABLE_ROWS, VARIABLES, Vehicle
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.vehicle.evaluate import make_variables
+from abhv_mc.vehicle.evaluate import make_variables, table_rows
 
 MACH, ALPHA = 4.744, 3.5  # of the S, deg: where ratios of coefficients are taken
 TABLES = {  # the vehicle file's table: its coefficient and what it multiplies

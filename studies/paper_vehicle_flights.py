@@ -14,7 +14,6 @@ from paper_vehicle_box import BASE, BASE_MISSION, make_mission, make_vehicle
 
 from abhv_mc.control.controller_file import LqrController, TlcController, read_controller
 from abhv_mc.control.design.design_model import guidance_rates, make_environment, make_places
-from abhv_mc.control.design.design_tables import table_rows
 from abhv_mc.control.design.guidance_trim import trim_along
 from abhv_mc.control.design.lqr_design import Nominal, attitude_model_rates
 from abhv_mc.control.design.profile import make_profile, ramp_times
@@ -31,7 +30,7 @@ from abhv_mc.kernel.laws.trim_search import GuidancePoints
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.plant.trim import TrimPoint
-from abhv_mc.vehicle.evaluate import make_variables
+from abhv_mc.vehicle.evaluate import make_variables, table_rows
 
 LAWS = ("tlc", "lqr")
 READING = 0.02  # of an axis: what counts as in

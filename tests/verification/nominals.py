@@ -16,9 +16,9 @@ from abhv_mc.control.design.design_model import (
     body_rate_rates,
     guidance_rates,
     make_environment,
+    slope,
     wrench_at,
 )
-from abhv_mc.control.design.design_tables import slope
 from abhv_mc.control.design.reference import make_mission_trim_tables, solve_reference
 from abhv_mc.control.design.trim_tables import trim_elevator
 from abhv_mc.control.mission import read_mission

@@ -12,8 +12,7 @@ from abhv_mc.control.controller_file import (
     TlcController,
     read_controller_document,
 )
-from abhv_mc.control.design.design_model import make_environment, wrench_at
-from abhv_mc.control.design.design_tables import slope
+from abhv_mc.control.design.design_model import make_environment, slope, wrench_at
 from abhv_mc.control.design.guidance_trim import trim_faults
 from abhv_mc.control.design.lqr_design import make_lqr_gains, make_lqr_settings
 from abhv_mc.control.design.reference import make_mission_trim_tables, make_start_trim, on_glide_path, solve_reference

@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from abhv_mc.array_types import Floats, Numbers
-from abhv_mc.control.design.design_model import attitude_rates, body_rate_rates, wrench_at
-from abhv_mc.control.design.design_tables import slope
+from abhv_mc.control.design.design_model import attitude_rates, body_rate_rates, slope, wrench_at
 from abhv_mc.control.design.lqr_design import Nominal, make_nominal
 from abhv_mc.control.mission import Mission
 from abhv_mc.io.input_error import InputError

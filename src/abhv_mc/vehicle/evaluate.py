@@ -1,4 +1,9 @@
-"""Look tables up and build coefficients with plain numpy: for host-side work, and to check the compiled look-up."""
+"""Look tables up and build coefficients with plain numpy: for host-side work, and to check the compiled look-up.
+
+Two look-ups, as the sum over a cell's corners has an order: trims stand on one to the last digit, designs on the other.
+"""
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -45,6 +50,40 @@ def evaluate_tables(tables: Tables, variables: Floats) -> Floats:
         first_row, width = tables.group_row[g], tables.group_width[g]
         within = np.arange(width).reshape(-1, *[1] * (variables.ndim - 1))
         rows[first_row : first_row + width] = sum(weight * tables.data[node + within] for weight, node in corners)
+    return rows
+
+
+def table_rows(tables: Tables, variables: Numbers) -> Numbers:
+    """The same of variables that may be complex: a complex step gives a cell's exact slope."""
+    low, weight = [], []
+    for variable, start, length in zip(tables.axis_variable, tables.axis_start, tables.axis_length, strict=True):
+        grid, x = tables.grid[start : start + length], variables[variable]
+        x = x if np.imag(x).any() else x.real
+        cell = np.clip(np.searchsorted(grid, x.real, side="right") - 1, 0, length - 2)
+        fraction = (x - grid[cell]) / (grid[cell + 1] - grid[cell])
+        fraction = np.where(fraction.real < 0.0, 0.0, np.where(fraction.real > 1.0, 1.0, fraction))
+        low.append(cell)
+        weight.append(fraction)
+    shape = variables.shape[1:]
+    rows = np.zeros((tables.n_rows, *shape), dtype=np.result_type(*weight, np.float64))
+    for group, width in enumerate(tables.group_width):
+        axes, strides = tables.group_axis[group], tables.group_stride[group]
+        used = [d for d in range(len(strides)) if strides[d]]
+        node = np.full(shape, tables.group_start[group], dtype=np.int64)
+        for d in used:
+            node = node + low[axes[d]] * strides[d]
+        column = np.arange(width).reshape((-1,) + (1,) * len(shape))
+        value: Any = 0.0
+        for corner in range(2 ** len(used)):
+            share: Any = 1.0
+            offset = 0
+            for bit, d in enumerate(used):
+                upper = corner >> bit & 1
+                share = share * (weight[axes[d]] if upper else 1.0 - weight[axes[d]])
+                offset += int(strides[d]) * upper
+            value = value + share * tables.data[column + node + offset]
+        row = int(tables.group_row[group])
+        rows[row : row + width] = value
     return rows
 
 

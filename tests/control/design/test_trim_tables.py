@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 from abhv_mc.control.design.design_model import Environment
-from abhv_mc.control.design.design_tables import table_rows
 from abhv_mc.control.design.kept import kept
 from abhv_mc.control.design.trim_tables import make_trim_tables, trim_elevator
 from abhv_mc.kernel.laws.trim_lookup import TRIM_ROWS
 from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.kernel.world.atmosphere import atmosphere
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
+from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables, table_rows
 
 ALTITUDE = 20e3
 VEHICLES = Path(__file__).parents[3] / "configs" / "vehicle"

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control.design.design_model import Environment, Wrench, wrench_at
-from abhv_mc.control.design.design_tables import slope
+from abhv_mc.control.design.design_model import Environment, Wrench, slope, wrench_at
 from abhv_mc.kernel.flight.interface import UserCode
 from abhv_mc.kernel.jit import kernel
 from abhv_mc.kernel.laws.allocation import moment_slope, nominal_moment, side_force_slope

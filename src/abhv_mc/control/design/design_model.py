@@ -1,21 +1,29 @@
 """The model that the controllers are designed on: Zhu and Shen 2014, (1), (3), (13), on a non-rotating sphere.
 
-With sideslip and thrust inclination kept. Every argument may be complex and have points as its last axes: Jacobians
-come from complex steps. FRD axes, SI and radians.
+With sideslip and thrust inclination kept. Every argument may be complex and has points as its last axis: Jacobians
+come from complex steps (Squire and Trapp, SIAM Review 40, 1998). FRD axes, SI and radians.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from abhv_mc.array_types import Floats, Numbers
-from abhv_mc.control.design.design_tables import engine_at, table_rows, thrust_at
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc.kernel.world.atmosphere import atmosphere
 from abhv_mc.kernel.world.earth import Earth, gravity_ned, radii
-from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
+from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables, table_rows
+from abhv_mc.vehicle.vehicle_code import N_THRUST, evaluate_functions
 
 _RISE = 1.0  # m, half step of the slopes over altitude
+_STEP = 1e-30
+
+
+def slope(function: Callable[[Numbers], Numbers], at: Any) -> Floats:
+    """Jacobian [output, input] of a function of [input, point] at a real vector, by one call with complex steps."""
+    at = np.asarray(at, dtype=np.float64)
+    return np.asarray(np.imag(function(at[:, None] + 1j * _STEP * np.eye(at.size))) / _STEP)
 
 
 class Environment(NamedTuple):
@@ -73,6 +81,23 @@ class Wrench(NamedTuple):
     force: Numbers  # [3, ...], N
     moment: Numbers  # [3, ...], N m
     inertia: Numbers  # [3, 3, ...], kg m2
+
+
+def engine_at(vehicle: Vehicle, variables: Numbers, density: Any, speed: Any) -> Numbers:
+    """Force (N), moment (N m, about the aerodynamics' point), fuel flow of an engine function, or zeros: [7, ...]."""
+    if not vehicle.foreign.propulsion:
+        return np.zeros((N_THRUST, *variables.shape[1:]))
+    _, made = evaluate_functions(vehicle, variables, density, speed)
+    fx, fy, fz = made[:3]
+    x, z = vehicle.foreign.engine_x, vehicle.foreign.engine_z
+    arm = np.stack([-z * fy, z * fx - x * fz, x * fy])
+    return np.concatenate([made[:3], made[3:6] + arm, made[6:]])
+
+
+def thrust_at(vehicle: Vehicle, fixed: dict[str, Numbers], eta: Any, density: Any, speed: Any) -> Numbers:
+    """Magnitude of the thrust of an engine of tables, N."""
+    stream = vehicle.constants.capture_thrust * eta * density * speed * fixed["capture_area_ratio"]
+    return np.asarray(stream * fixed["specific_impulse"] + 0.5 * density * speed * speed * fixed["thrust_area"])
 
 
 def guidance_rates(

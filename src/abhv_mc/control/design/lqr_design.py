@@ -16,9 +16,9 @@ from abhv_mc.control.design.design_model import (
     body_rate_rates,
     guidance_rates,
     make_environment,
+    slope,
     wrench_at,
 )
-from abhv_mc.control.design.design_tables import slope
 from abhv_mc.control.design.kept import kept
 from abhv_mc.control.design.profile import ramp_times
 from abhv_mc.control.mission import Mission

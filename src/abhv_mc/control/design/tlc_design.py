@@ -9,10 +9,9 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Numbers
 from abhv_mc.control.controller_file import Channel, Schedule, TlcController
-from abhv_mc.control.design.design_tables import table_rows
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
-from abhv_mc.vehicle.evaluate import make_variables
+from abhv_mc.vehicle.evaluate import make_variables, table_rows
 
 _LARGEST_CONDITION = 1e12  # of B: what is left of an input without effect is rounding
 

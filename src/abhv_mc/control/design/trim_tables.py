@@ -7,13 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control.design.design_model import Environment, wrench_at
-from abhv_mc.control.design.design_tables import engine_at, table_rows, thrust_at
+from abhv_mc.control.design.design_model import Environment, engine_at, thrust_at, wrench_at
 from abhv_mc.kernel.laws.trim_lookup import TRIM_ROWS
 from abhv_mc.kernel.plant.vehicle import CHUNK, FIXED_TABLE_ROWS, VARIABLES, Tables, Vehicle
 from abhv_mc.kernel.world.atmosphere import atmosphere
 from abhv_mc.vehicle.actuators import deflection_range
-from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
+from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables, table_rows
 from abhv_mc.vehicle.pack import Axis, Table, pack_tables
 
 # Longest cells, in Mach, radians and equivalence ratio. With them interpolation errs on the shipped vehicles by less
