@@ -10,7 +10,6 @@ from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.failure_case import failure_cases, failure_times
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.metrics import METRIC_INDEX
-from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.plant import failures
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import FAILURE_TIMES, NEVER
@@ -201,14 +200,11 @@ def test_cases_name_what_failed_before_the_missions_end():
     assert failure_times(names, samples).tolist() == [NEVER, 5.0, 4.0, NEVER]
 
 
-def with_engines(engines):
-    return short_plan(100, mission="level", vehicle={"base": "ghame_x", "propulsion.engines": engines})
-
-
 @pytest.fixture(scope="module")
 def several():
     left, right = ({"share": 0.4, "y": y, "z": "-0.1 m"} for y in ("-0.6 m", "0.6 m"))
-    return with_engines({"left": left, "right": right, "below": {"share": 0.2, "z": "0.4 m"}})
+    engines = {"left": left, "right": right, "below": {"share": 0.2, "z": "0.4 m"}}
+    return short_plan(100, mission="level", vehicle={"base": "ghame_x", "propulsion.engines": engines})
 
 
 def test_an_engine_out_takes_its_share_and_turns_the_vehicle(several):
@@ -239,15 +235,3 @@ def test_all_engines_out_is_the_engine_out(several):
     block = _fly(several, each, {"failure.engine.time": 0.3}, {"failure.engine_3.time": 0.3}, {})
     assert np.abs(block.states[0] - block.states[1]).max() < 1e-9
     assert np.array_equal(block.states[2], block.states[3])  # there are three
-
-
-@pytest.mark.parametrize(
-    ("engines", "words"),
-    [
-        ({"left": {"y": "-1 m"}, "right": {"y": "2 m"}}, "acts"),
-        ({"left": {"share": 0.4}, "right": {}}, "shares"),
-    ],
-)
-def test_engines_that_do_not_make_the_whole_are_refused(engines, words: str):
-    with pytest.raises(InputError, match=words):
-        with_engines(engines)

@@ -11,6 +11,7 @@ from abhv_mc.one_flight.given import make_flight_plan
 
 GLIDER = {"base": "ghame_x", "propulsion": None}
 NOTHING = {"constant": 0, "unit": "1/deg"}
+VEHICLE = "vehicle/ghame_x"
 
 
 @pytest.mark.parametrize(
@@ -32,25 +33,18 @@ def test_what_the_nominal_controls_do_not_fly_is_told_with_its_time(change, word
     ("vehicle", "mission", "file", "words"),
     [
         ({"base": "nesc/sphere"}, {}, "vehicle/nesc/sphere", "without control surfaces or engine"),
-        (
-            {"base": "ghame_x", "tables.roll_rudder": NOTHING, "tables.yaw_rudder": NOTHING},
-            {},
-            "vehicle/ghame_x",
-            "do not turn the vehicle about three axes",
-        ),
-        (
-            {"base": "ghame_x", "tables.capture_area_ratio": {"constant": 0}},
-            {},
-            "mission/level",
-            "no throttle within the engine's limits",
-        ),
-        ({"base": "ghame_x"}, {"start.altitude": "39 km"}, "mission/level", r"no .* at 1?\d+ of \d+ points"),
-        (GLIDER, {}, "vehicle/ghame_x", "a law of your own"),
+        ({"tables.roll_rudder": NOTHING, "tables.yaw_rudder": NOTHING}, {}, VEHICLE, "not turn .* about three axes"),
+        ({"tables.capture_area_ratio": {"constant": 0}}, {}, "mission/level", "no throttle within the engine's limits"),
+        ({}, {"start.altitude": "39 km"}, "mission/level", r"no .* at 1?\d+ of \d+ points"),
+        (GLIDER, {}, VEHICLE, "a law of your own"),
+        ({}, {"start.latitude": "-89.995 deg"}, "mission/level", r"89\.995"),
+        ({"propulsion.engines": {"left": {"y": "-1 m"}, "right": {"y": "2 m"}}}, {}, VEHICLE, "acts"),
+        ({"propulsion.engines": {"left": {"share": 0.4}, "right": {}}}, {}, VEHICLE, "shares"),
     ],
-    ids=["no surfaces", "a rudder that does nothing", "no thrust", "too high", "a glider"],
+    ids=lambda case: case if isinstance(case, str) else None,
 )
 def test_what_cannot_be_flown_is_refused(repository, vehicle, mission, file, words):
-    vehicle = {**vehicle, "base": repository / f"configs/vehicle/{vehicle['base']}.yaml"}
+    vehicle = {**vehicle, "base": repository / f"configs/vehicle/{vehicle.get('base', 'ghame_x')}.yaml"}
     with pytest.raises(InputError, match=words) as caught:
         make_flight_plan({"base": repository / "configs/mission/level.yaml", **mission}, vehicle)
     assert caught.value.file == str(repository / f"configs/{file}.yaml")
