@@ -9,8 +9,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.sampling.correlation import Copula
-from abhv_mc.campaign.sampling.designs import INDEPENDENT
+from abhv_mc.campaign.sampling.designs import INDEPENDENT, Copula
 from abhv_mc.campaign.sampling.marginals import (
     ContinuousMarginal,
     DiscreteMarginal,

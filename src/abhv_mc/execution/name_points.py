@@ -11,7 +11,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import check_campaign
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.unknowns import points_entry
-from abhv_mc.campaign.sampling.streams import make_generator
+from abhv_mc.campaign.sampling.designs import make_generator
 from abhv_mc.execution.executor import Executor, open_executor
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.metrics import MARGIN_VALUES

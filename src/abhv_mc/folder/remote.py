@@ -106,15 +106,8 @@ def _open(path: Path) -> Path | Store:
 @contextlib.contextmanager
 def fetched(path: Path) -> Iterator[Path]:
     """A campaign's folder to read: ``path``, or a copy for a while of what is at an address."""
-    store = _open(path)
-    if isinstance(store, Path):
-        yield store
-        return
-    with tempfile.TemporaryDirectory(prefix="abhv-mc-") as folder:
-        copy = Path(folder) / "copy"  # nobody else's folders beside it
-        with _explain_store_error(store.address):
-            Remote(store, copy).pull()
-        yield copy
+    with fetched_manifests(path, "*") as (folder, _):
+        yield folder
 
 
 @contextlib.contextmanager
@@ -129,12 +122,15 @@ def fetched_manifests(
 
     def describe(name: str) -> tuple[str | None, int]:
         one = store.below(name)
-        holder, _ = read_holder(one) or (None, "")
-        return holder, sum(info.size or 0 for info in one.find())
+        with _explain_store_error(store.address):
+            holder, _ = read_holder(one) or (None, "")
+            return holder, sum(info.size or 0 for info in one.find())
 
-    with tempfile.TemporaryDirectory(prefix="abhv-mc-") as folder, _explain_store_error(store.address):
-        Remote(store, Path(folder)).pull(pattern)
-        yield Path(folder), describe
+    with tempfile.TemporaryDirectory(prefix="abhv-mc-") as folder:
+        copy = Path(folder) / "copy"  # nobody else's folders beside it
+        with _explain_store_error(store.address):
+            Remote(store, copy).pull(pattern)
+        yield copy, describe
 
 
 @contextlib.contextmanager

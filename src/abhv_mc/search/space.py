@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.sampling.correlation import Copula
 from abhv_mc.campaign.sampling.derived_parameters import Derived
+from abhv_mc.campaign.sampling.designs import Copula, stream_key
 from abhv_mc.campaign.sampling.marginals import (
     ContinuousMarginal,
     DiscreteMarginal,
@@ -17,7 +17,6 @@ from abhv_mc.campaign.sampling.marginals import (
     SometimesMarginal,
 )
 from abhv_mc.campaign.sampling.samples import draw_seeds, find_seeds, full_rows
-from abhv_mc.campaign.sampling.streams import stream_key
 from abhv_mc.io.documents import InputError
 
 _SMALLEST = 2.0**-53

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from abhv_mc.campaign.sampling.correlation import make_copula, normal_correlation
-from abhv_mc.campaign.sampling.designs import Design, count_flights
+from abhv_mc.campaign.sampling.designs import Design, count_flights, make_copula, normal_correlation
 
 # First numbers of seed 2014, atmosphere.density.
 PINNED = [0.017774777221241878, 0.20880064504902818]

@@ -11,7 +11,7 @@ from scipy import stats
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.sampling.derived_parameters import compile_derived
-from abhv_mc.campaign.sampling.sample_file import read_sample_file
+from abhv_mc.campaign.sampling.samples import read_sample_file
 from abhv_mc.io.documents import InputError, Refusal
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.plant.parameters import OURS

@@ -26,16 +26,17 @@ from abhv_mc.campaign.file.user_metrics import (
     find_user_channels,
     read_metrics_file,
 )
-from abhv_mc.campaign.sampling.correlation import Copula, make_copula, normal_correlation
 from abhv_mc.campaign.sampling.derived_parameters import DOTTED, Derived, compile_derived
 from abhv_mc.campaign.sampling.designs import (
     FACTORIAL,
     INDEPENDENT,
+    Copula,
     count_flights,
+    make_copula,
+    normal_correlation,
 )
 from abhv_mc.campaign.sampling.marginals import Marginal
-from abhv_mc.campaign.sampling.sample_file import SampleFile, read_sample_file
-from abhv_mc.campaign.sampling.samples import full_rows
+from abhv_mc.campaign.sampling.samples import SampleFile, full_rows, read_sample_file
 from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.channels import CHANNELS, effector_channels
 from abhv_mc.flight.metrics import MARGINS, METRICS, Metric, effector_metrics

@@ -13,12 +13,11 @@ from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.campaign.file.keep import ALL, BY_REQUIREMENTS
 from abhv_mc.campaign.file.simulator import SimulatorCampaign
 from abhv_mc.campaign.file.unknowns import Unknowns
-from abhv_mc.campaign.sampling.correlation import Copula
 from abhv_mc.campaign.sampling.derived_parameters import Derived
-from abhv_mc.campaign.sampling.designs import INDEPENDENT, Design
+from abhv_mc.campaign.sampling.designs import INDEPENDENT, Copula, Design, stream_key
 from abhv_mc.campaign.sampling.marginals import Marginal
-from abhv_mc.campaign.sampling.sample_file import SampleFile
 from abhv_mc.campaign.sampling.samples import (
+    SampleFile,
     SampleSource,
     drawn_samples,
     find_seeds,
@@ -27,7 +26,6 @@ from abhv_mc.campaign.sampling.samples import (
     samples_at_points,
     seeded_samples,
 )
-from abhv_mc.campaign.sampling.streams import stream_key
 from abhv_mc.flight.channels import CHANNELS, Signal, effector_channels
 from abhv_mc.flight.metrics import MARGINS, Metric
 from abhv_mc.flight.outcome import OUTCOMES, Outcomes, simulator_outcomes

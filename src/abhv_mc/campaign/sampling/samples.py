@@ -1,4 +1,4 @@
-"""A campaign's samples: one row of parameter values for each flight, drawn before anything flies.
+"""A campaign's samples: one row of parameter values for each flight, drawn before anything flies, or from a file.
 
 Turbulence and sensor noise have seeds: columns of the samples as soon as there is such noise, and no dispersion.
 Without a seed of its own every flight would meet the same gusts, and the flights would not be independent.
@@ -6,15 +6,18 @@ Without a seed of its own every flight would meet the same gusts, and the flight
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.sampling.correlation import Copula
 from abhv_mc.campaign.sampling.derived_parameters import Derived, derive
-from abhv_mc.campaign.sampling.designs import FACTORIAL, NOMINAL, Design
+from abhv_mc.campaign.sampling.designs import FACTORIAL, NOMINAL, Copula, Design, draw_uniforms, stream_key
 from abhv_mc.campaign.sampling.marginals import Marginal
-from abhv_mc.campaign.sampling.streams import draw_uniforms, stream_key
+from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.io.input_files import read_input
+from abhv_mc.io.number_table import read_number_table
 from abhv_mc.kernel.plant.parameter_names import SENSOR_NOISES
 from abhv_mc.plant.parameters import OURS, Parameters
 
@@ -121,3 +124,50 @@ def full_rows(names: Sequence[str], values: Floats, derived: Derived, parameters
     rows[:, [parameters.index[name] for name in names]] = values
     derive(rows, derived, parameters)
     return rows
+
+
+@dataclass(frozen=True)
+class SampleFile:
+    """Samples that somebody else drew, SI; factors as they are."""
+
+    names: tuple[str, ...]
+    values: NDArray[np.float64]  # [flight, parameter]
+
+
+def read_sample_file(path: Path, known: Sequence[str]) -> SampleFile:
+    """Read CSV or Parquet: a row per flight, a column per parameter, or a ``flight`` that counts from 0.
+
+    Raises :class:`InputError`.
+    """
+    if path.suffix.lower() in (".parquet", ".pq"):
+        table = _read_parquet(path)
+    else:
+        read = read_number_table(path)
+        table = dict(zip(read.names, read.values.T, strict=True))
+    names = tuple(name for name in table if name != "flight")
+    for name in names:
+        if name not in known:
+            raise InputError(path, f"a column '{name}'", f"a parameter: {one_of(known, name)}", 1)
+    if not names:
+        raise InputError(path, "no column of a parameter", "at least one", 1)
+    values = np.column_stack([table[name] for name in names])
+    if not len(values):
+        raise InputError(path, "no rows", "one row per flight", 1)
+    bad = np.argwhere(~np.isfinite(values))
+    if len(bad):
+        row, column = bad[0]
+        raise InputError(path, f"{names[column]} that is not finite", "finite numbers", int(row) + 2)
+    if "flight" in table and not np.array_equal(table["flight"], np.arange(len(values))):
+        raise InputError(path, "a column 'flight' that does not count up from 0", "0, 1, 2, ...", 2)
+    return SampleFile(names, values)
+
+
+def _read_parquet(path: Path) -> dict[str, NDArray[np.float64]]:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        table = pq.read_table(pa.BufferReader(read_input(path)))
+        return {name: table[name].cast(pa.float64()).to_numpy() for name in table.column_names}
+    except (pa.ArrowException, OSError) as error:
+        raise InputError(path, str(error).splitlines()[0], "a Parquet file of numbers") from None
