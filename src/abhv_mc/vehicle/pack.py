@@ -46,11 +46,6 @@ def _key(table: Table) -> tuple[tuple[int, bytes], ...]:
     return tuple((axis.variable, axis.grid.tobytes()) for axis in table.axes)
 
 
-def _spread(table: Table, axes: tuple[Axis, ...]) -> Table:
-    """A constant spread over the axes of others."""
-    return Table(axes, np.full([axis.grid.size for axis in axes], float(table.values)))
-
-
 def pack_tables(tables: Sequence[Table], fixed: Mapping[str, int]) -> tuple[Tables, Ints]:
     """Group tables of equal axes, each group's side by side in every node; also each entry's row.
 
@@ -71,16 +66,13 @@ def pack_tables(tables: Sequence[Table], fixed: Mapping[str, int]) -> tuple[Tabl
         (table.axes for table in everything if len(table.axes) == 1),
         (Axis(VARIABLES.index("one"), np.array([0.0, 2.0])),),
     )
-    everything = [table if table.axes else _spread(table, carrier) for table in everything]
+    spread = np.ones([axis.grid.size for axis in carrier])
+    everything = [table if table.axes else Table(carrier, spread * table.values) for table in everything]
 
     members: dict[tuple[tuple[int, bytes], ...], list[int]] = {}
     for entry, table in enumerate(everything):
         members.setdefault(_key(table), []).append(entry)
-
-    axes: dict[tuple[int, bytes], Axis] = {}
-    for table in everything:
-        for axis, axis_key in zip(table.axes, _key(table), strict=True):
-            axes.setdefault(axis_key, axis)
+    axes = {key: axis for table in everything for key, axis in zip(_key(table), table.axes, strict=True)}
     axis_number = {axis_key: i for i, axis_key in enumerate(axes)}
     lengths = np.array([axis.grid.size for axis in axes.values()], dtype=np.int64)
 
@@ -121,3 +113,10 @@ def pack_tables(tables: Sequence[Table], fixed: Mapping[str, int]) -> tuple[Tabl
         n_rows=int(width.sum()),
     )
     return packed, rows[: len(tables)]
+
+
+def nodes_of(tables: Tables, variable: str) -> Floats:
+    """Where the tables over a variable have nodes, rising."""
+    axes = np.flatnonzero(tables.axis_variable == VARIABLES.index(variable))
+    grids = [tables.grid[tables.axis_start[axis] :][: tables.axis_length[axis]] for axis in axes]
+    return np.unique(np.concatenate([np.zeros(0), *grids]))

@@ -7,9 +7,9 @@ vehicle within them is not doubted. The middle of the tables stands for the vehi
 
 import numpy as np
 
-from abhv_mc.array_types import Floats
-from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, VARIABLES, Vehicle
+from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, Vehicle
 from abhv_mc.vehicle.evaluate import evaluate_coefficients, make_variables
+from abhv_mc.vehicle.pack import nodes_of
 
 _STEP = 0.02  # rad, and of a dimensionless rate
 _SMALL_ANGLES = (-0.05, 0.2)  # rad of angle of attack
@@ -36,9 +36,9 @@ def find_vehicle_warnings(vehicle: Vehicle) -> list[str]:
     warnings = []
     if vehicle.constants.equivalence_ratio_max > 0.0 and vehicle.constants.burns_fuel == 0.0:
         warnings.append("the vehicle file has no mass.empty, so the engine burns no fuel and the mass stays as it is")
-    angles = _nodes(vehicle, "angle_of_attack")
+    machs, angles = (nodes_of(vehicle.tables, name) for name in ("mach", "angle_of_attack"))
     angles = angles[(angles >= _SMALL_ANGLES[0]) & (angles <= _SMALL_ANGLES[1])]
-    mach, alpha = map(np.ravel, np.meshgrid(_nodes(vehicle, "mach"), angles if angles.size else [0.02]))
+    mach, alpha = map(np.ravel, np.meshgrid(machs if machs.size else [0.0], angles if angles.size else [0.02]))
     where = {"mach": mach, "angle_of_attack": alpha, "mass": np.full(mach.size, vehicle.constants.mass_start)}
     where["altitude"] = np.full(mach.size, _ALTITUDE)
     for coefficient, variable, least, most, sign, meaning in _USUAL:
@@ -61,14 +61,3 @@ def find_vehicle_warnings(vehicle: Vehicle) -> list[str]:
         elif sign and np.sign(value) != sign:
             warnings.append(f"{words}: {meaning}")
     return warnings
-
-
-def _nodes(vehicle: Vehicle, variable: str) -> Floats:
-    """All nodes of the tables over a variable."""
-    tables, number = vehicle.tables, VARIABLES.index(variable)
-    grids = [
-        tables.grid[first : first + length]
-        for first, length, over in zip(tables.axis_start, tables.axis_length, tables.axis_variable, strict=True)
-        if over == number
-    ]
-    return np.unique(np.concatenate(grids)) if grids else np.zeros(1)

@@ -22,7 +22,7 @@ from abhv_mc.kernel.laws.trim_search import (
     SearchBounds,
     fill_trim,
 )
-from abhv_mc.kernel.plant.vehicle import VARIABLES, Tables, Vehicle
+from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 
 
 class GuidanceTrim(NamedTuple):
@@ -51,8 +51,6 @@ def trim_along(
     interval (trim tables, BANK_LIMIT) holds no root, the end with the smaller residual stands and the status says so.
     """
     constants = vehicle.constants
-    if [VARIABLES[v] for v in trim_tables.axis_variable[:3]] != ["mach", "angle_of_attack", "equivalence_ratio"]:
-        raise ValueError("trim tables have the axes Mach, angle of attack, equivalence ratio")
     alpha_nodes, eta_nodes = (
         trim_tables.grid[first : first + length].copy()
         for first, length in zip(trim_tables.axis_start[1:3], trim_tables.axis_length[1:3], strict=True)

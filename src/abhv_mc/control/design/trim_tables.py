@@ -13,7 +13,7 @@ from abhv_mc.kernel.plant.vehicle import CHUNK, FIXED_TABLE_ROWS, VARIABLES, Tab
 from abhv_mc.kernel.world.atmosphere import atmosphere
 from abhv_mc.vehicle.actuators import deflection_range
 from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables, table_rows
-from abhv_mc.vehicle.pack import Axis, Table, pack_tables
+from abhv_mc.vehicle.pack import Axis, Table, nodes_of, pack_tables
 
 # Longest cells, in Mach, radians and equivalence ratio. With them interpolation errs on the shipped vehicles by less
 # than 0.0005 deg of angle of attack, 0.01 deg of elevator and, above a ratio of 0.25, 0.001 of equivalence ratio.
@@ -125,15 +125,10 @@ def trim_elevator(
 
 def _axis(tables: Tables, name: str, low: float, high: float) -> Axis:
     """The vehicle's own nodes of a variable between two ends, cells no longer than LONGEST."""
-    variable = VARIABLES.index(name)
-    nodes = [low, high]
-    for axis in np.flatnonzero(tables.axis_variable == variable):
-        start = tables.axis_start[axis]
-        grid = tables.grid[start : start + tables.axis_length[axis]]
-        nodes.extend(grid[(grid > low) & (grid < high)])
-    ends = np.unique(np.round(nodes, 12))
+    nodes = nodes_of(tables, name)
+    ends = np.unique(np.round([low, high, *nodes[(nodes > low) & (nodes < high)]], 12))
     cells_of = [ends[:1]]
     for left, right in pairwise(ends):
         cells = max(1, int(np.ceil((right - left) / LONGEST[name] - 1e-9)))
         cells_of.append(np.linspace(left, right, cells + 1)[1:])
-    return Axis(variable, np.concatenate(cells_of))
+    return Axis(VARIABLES.index(name), np.concatenate(cells_of))
