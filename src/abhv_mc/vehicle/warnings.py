@@ -36,9 +36,10 @@ def find_vehicle_warnings(vehicle: Vehicle) -> list[str]:
     warnings = []
     if vehicle.constants.equivalence_ratio_max > 0.0 and vehicle.constants.burns_fuel == 0.0:
         warnings.append("the vehicle file has no mass.empty, so the engine burns no fuel and the mass stays as it is")
-    machs, angles = (nodes_of(vehicle.tables, name) for name in ("mach", "angle_of_attack"))
+    nodes = [nodes_of(vehicle.tables, name) for name in ("mach", "angle_of_attack")]
+    machs, angles = (found if found.size else np.zeros(1) for found in nodes)
     angles = angles[(angles >= _SMALL_ANGLES[0]) & (angles <= _SMALL_ANGLES[1])]
-    mach, alpha = map(np.ravel, np.meshgrid(machs if machs.size else [0.0], angles if angles.size else [0.02]))
+    mach, alpha = map(np.ravel, np.meshgrid(machs, angles if angles.size else [0.02]))
     where = {"mach": mach, "angle_of_attack": alpha, "mass": np.full(mach.size, vehicle.constants.mass_start)}
     where["altitude"] = np.full(mach.size, _ALTITUDE)
     for coefficient, variable, least, most, sign, meaning in _USUAL:
