@@ -186,12 +186,9 @@ def linearize(
     model = make_model(place.plan, place.points, linearize(place.plan, place.points))
     point = pd.Series(model["point"]["states"], model["plant"]["states"], name="point")
     point.attrs["units"] = dict(zip(model["plant"]["states"], model["plant"]["state_units"], strict=True))
+    parts = ("plant_continuous", "plant", "law", "loop", "closed")
     return LinearModel(
-        plant_continuous=_make_tables(model["plant_continuous"]),
-        plant=_make_tables(model["plant"]),
-        law=_make_tables(model["law"]),
-        loop=_make_tables(model["loop"]),
-        closed=_make_tables(model["closed"]),
+        **{part: _make_tables(model[part]) for part in parts},
         period_s=model["period_s"],
         measurement_delay_periods=model["measurement_delay_periods"],
         point=point,

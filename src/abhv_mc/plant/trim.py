@@ -39,11 +39,15 @@ class FlightPoint(NamedTuple):
 
 
 class TrimPoint(NamedTuple):
-    """Controls that balance a flight point and what they give, SI and radians."""
+    """Controls at a flight point and what they give there, SI and radians."""
 
     angle_of_attack: float
     elevator: float
     equivalence_ratio: float
+    flight_path_angle: float  # asked for, or that of the glide
+    forward: float  # N, along the velocity
+    upward: float  # N, across the velocity in the plane of symmetry
+    moment: float  # N m, pitching, about the centre of gravity
     thrust: float  # N
     lift: float  # N, of the air alone
     drag: float  # N
@@ -52,8 +56,7 @@ class TrimPoint(NamedTuple):
     fuel_flow: float  # kg/s
     mach: float
     dynamic_pressure: float  # Pa
-    fault: str  # why this is no trim; empty where it is
-    flight_path_angle: float = 0.0  # asked for, or that of the glide
+    fault: str = ""  # why this is no trim; empty where it is
 
 
 def trim(vehicle: Vehicle, earth: Earth, point: FlightPoint, mass: float | None = None) -> TrimPoint:
@@ -88,12 +91,12 @@ def _balance(vehicle: Vehicle, earth: Earth, point: FlightPoint, mass: float) ->
 
     def unbalance(alpha: float, elevator: float, eta: float) -> tuple[float, float, float]:
         """Along, across and about the pitch axis, as shares of the weight."""
-        forces = _forces(vehicle, point, mass, pitch_rate, (alpha, elevator, eta))
+        found = _control(vehicle, point, mass, pitch_rate, alpha, elevator, eta)
         weight = mass * GRAVITY
         return (
-            forces.forward / weight - along / GRAVITY,
-            forces.upward * cos_s / weight - across / GRAVITY,
-            forces.moment / (weight * constants.chord),
+            found.forward / weight - along / GRAVITY,
+            found.upward * cos_s / weight - across / GRAVITY,
+            found.moment / (weight * constants.chord),
         )
 
     # Nested, each equation in the control that rules it: robust where the tables have kinks.
@@ -119,24 +122,7 @@ def _balance(vehicle: Vehicle, earth: Earth, point: FlightPoint, mass: float) ->
     names = ("throttle" if engine else "flight path angle", "angle of attack", "elevator")
     lacking = [name for name, share in zip(names, left, strict=True) if abs(share) > _TOLERANCE]
     fault = f"no {' or '.join(lacking)} within the vehicle's limits balances it" if lacking else ""
-
-    forces = _forces(vehicle, point, mass, pitch_rate, (alpha, elevator, eta))
-    found = TrimPoint(
-        alpha,
-        elevator,
-        eta,
-        forces.thrust,
-        forces.lift,
-        forces.drag,
-        forces.thrust * constants.thrust_sin * math.cos(alpha) / (forces.dynamic_pressure * constants.area),
-        forces.upward / (mass * GRAVITY),
-        forces.fuel_flow,
-        forces.mach,
-        forces.dynamic_pressure,
-        fault,
-        point.flight_path_angle,
-    )
-    return found, left[0]
+    return _control(vehicle, point, mass, pitch_rate, alpha, elevator, eta)._replace(fault=fault), left[0]
 
 
 def _root(function: Callable[[float], float], low: float, high: float, step: float = _STEP) -> float:
@@ -171,22 +157,10 @@ def _specific_force(earth: Earth, point: FlightPoint) -> tuple[float, float]:
     return float(point.speed_rate + carried @ forward), float(point.speed * point.flight_path_rate + carried @ up)
 
 
-class _Forces(NamedTuple):
-    forward: float  # N, along the velocity
-    upward: float  # N, across the velocity in the plane of symmetry
-    moment: float  # N m, pitching, about the centre of gravity
-    lift: float
-    drag: float
-    thrust: float
-    fuel_flow: float  # kg/s
-    mach: float
-    dynamic_pressure: float  # Pa
-
-
-def _forces(
-    vehicle: Vehicle, point: FlightPoint, mass: float, pitch_rate: float, controls: tuple[float, float, float]
-) -> _Forces:
-    alpha, elevator, eta = controls
+def _control(
+    vehicle: Vehicle, point: FlightPoint, mass: float, pitch_rate: float, alpha: float, elevator: float, eta: float
+) -> TrimPoint:
+    """What these controls give, balanced or not."""
     constants = vehicle.constants
     density, _, _, sound = atmosphere(point.altitude)
     density *= point.density_factor
@@ -224,13 +198,20 @@ def _forces(
     if vehicle.foreign.propulsion:
         moment += made[4] + vehicle.foreign.engine_z * made[0] - vehicle.foreign.engine_x * made[2]
         thrust, fuel_flow = made[0], made[6]
-    return _Forces(
+    upward = x * sin_a - z * cos_a
+    return TrimPoint(
+        alpha,
+        elevator,
+        eta,
+        point.flight_path_angle,
         x * cos_a + z * sin_a,
-        x * sin_a - z * cos_a,
+        upward,
         moment,
+        thrust,
         lift,
         drag,
-        thrust,
+        thrust * constants.thrust_sin * cos_a / (q_bar * constants.area),
+        upward / (mass * GRAVITY),
         fuel_flow,
         point.speed / sound,
         q_bar,
