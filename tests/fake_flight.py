@@ -15,8 +15,8 @@ import numpy as np
 from abhv_mc.control.design.trim_tables import rebuild_trim_tables
 from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS
 from abhv_mc.flight.metrics import METRICS, NO_METRICS
-from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import NO_SOURCES, FlightBlock, FlightPlan, Limits, Recording, recording_of
+from abhv_mc.flight.outcome import Limits, Outcome
+from abhv_mc.flight.plan import NO_SOURCES, FlightBlock, FlightPlan, Recording, recording_of
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.kernel.flight.interface import Timing

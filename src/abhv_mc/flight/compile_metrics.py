@@ -75,13 +75,10 @@ def compile_metrics(metrics: Sequence[Metric], known: Mapping[str, Known]) -> Co
     chosen = [metrics[place] for place in lean]
     programs = [compile_expression(metrics[place].of, known) for place in others]
     rest = [metrics[place] for place in others]
-    factors = []
-    for metric, program in zip(rest, programs, strict=True):
-        # The factor of a single source after the difference: as exact as it gets.
-        single = metric.statistic == Statistic.TRAVEL and len(program.code) == 1
-        factors.append(program.constant[0] if single and program.code[0][0] == Operation.LOAD else 1.0)
-        if single:
-            program.constant[0] = 1.0 if program.code[0][0] == Operation.LOAD else program.constant[0]
+    factors = np.ones(len(rest))
+    for i, (metric, program) in enumerate(zip(rest, programs, strict=True)):
+        if metric.statistic == Statistic.TRAVEL and [line[0] for line in program.code] == [Operation.LOAD]:
+            factors[i], program.constant[0] = program.constant[0], 1.0  # after the difference: as exact as it gets
     return Counted(
         Lean(
             row=np.array([each.row for each in rows], np.int64),
@@ -93,7 +90,7 @@ def compile_metrics(metrics: Sequence[Metric], known: Mapping[str, Known]) -> Co
             code=np.array([line for program in programs for line in program.code], dtype=np.int64).reshape(-1, 4),
             constant=np.array([value for program in programs for value in program.constant], np.float64),
             first=np.cumsum([0, *(len(program.code) for program in programs)], dtype=np.int64),
-            factor=np.array(factors, np.float64),
+            factor=factors,
             place=np.array(others, np.int64),
             **_fields(rest, "statistic", "limit", "start", "end", "settled", "empty"),
         ),

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats, Singles
-from abhv_mc.flight import outcome
 from abhv_mc.flight.channels import CHANNELS, Channel, effector_channels
 from abhv_mc.flight.metrics import METRICS, NO_METRICS, Metric, unpack_metrics
+from abhv_mc.flight.outcome import Limits
 from abhv_mc.identity import Flyer
 from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.kernel.flight.sensors import MAX_DELAY_TICKS
@@ -22,8 +22,6 @@ from abhv_mc.kernel.world.earth import Earth
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.vehicle.actuators import name_effectors
 from abhv_mc.vehicle.vehicle_code import VehicleCode
-
-Limits = outcome.Limits
 
 NO_SOURCES: NDArray[np.str_] = np.empty((0, 2), dtype=np.str_)
 

@@ -21,8 +21,8 @@ from abhv_mc.control.law_file import USER_LAWS, CController, PythonController, U
 from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.flight.metrics import effector_metrics, pack_metrics
 from abhv_mc.flight.native_check import check_native
-from abhv_mc.flight.outcome import EndBounds
-from abhv_mc.flight.plan import FlightPlan, Limits
+from abhv_mc.flight.outcome import EndBounds, Limits
+from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.user_law import NATIVE, open_law, plan_source
 from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.flight.interface import LANES, Timing

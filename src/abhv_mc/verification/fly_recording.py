@@ -11,7 +11,8 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.plan import FlightPlan, Limits
+from abhv_mc.flight.outcome import Limits
+from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.kernel.laws.columns import RECORDED_GAINS, REFERENCE
