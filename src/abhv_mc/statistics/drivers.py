@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import betainc, ndtri
 
 from abhv_mc.array_types import Floats
-from abhv_mc.statistics.ranks import discoveries, standard_ranks
+from abhv_mc.statistics.ranks import discoveries, split_partners, standard_ranks
 
 FALSE_DISCOVERY_RATE = 0.005
 LEAST_COEFFICIENT = 0.2  # of a driver
@@ -72,7 +72,9 @@ def rank_drivers(inputs: Floats, outputs: Floats, confidence: float = 0.95) -> R
     with np.errstate(invalid="ignore"):
         tells = np.asarray(1.0 - (1.0 - explained) * (flights - 1.0) / freedom > LEAST_EXPLAINED, dtype=np.bool_)
         found &= (np.abs(srrc) > LEAST_COEFFICIENT) & tells
-    moves_with = _split_twins(found, srrc, correlation[:, :count])
+    together = np.abs(correlation[:, :count])
+    np.fill_diagonal(together, 0.0)
+    moves_with = split_partners(found, np.abs(srrc), together, _PARTNERS, _TWINS)
     return RankDrivers(
         srrc,
         low,
@@ -86,28 +88,6 @@ def rank_drivers(inputs: Floats, outputs: Floats, confidence: float = 0.95) -> R
         explained,
         tells,
     )
-
-
-def _split_twins(found: NDArray[np.bool_], srrc: Floats, correlation: Floats) -> NDArray[np.intp]:
-    """The driver with which each input that is none moves, -1 for none [input, output].
-
-    Of two inputs that go together so closely that no regression tells them apart the smaller stops being `found`.
-    """
-    together = np.abs(correlation)
-    np.fill_diagonal(together, 0.0)
-    moves_with = np.full(found.shape, -1, dtype=np.intp)
-    for column in range(found.shape[1]):
-        named: list[int] = []
-        for row in np.argsort(-np.abs(np.nan_to_num(srrc[:, column])), kind="stable").tolist():
-            if found[row, column] and (not named or together[row, named].max() < _TWINS):
-                named.append(row)
-        found[:, column] = False
-        found[named, column] = True
-        if named:
-            closest = together[:, named].argmax(axis=1)
-            near = together[np.arange(len(found)), np.array(named)[closest]] >= _PARTNERS
-            moves_with[:, column] = np.where(near & ~found[:, column], np.array(named)[closest], -1)
-    return moves_with
 
 
 def _partial(srrc: Floats, explained: Floats, inverse: Floats, moving: NDArray[np.bool_]) -> Floats:

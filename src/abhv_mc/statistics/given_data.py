@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, ndtr
 
 from abhv_mc.array_types import Floats
-from abhv_mc.statistics.ranks import discoveries, standard_ranks
+from abhv_mc.statistics.ranks import discoveries, split_partners, standard_ranks
 
 FALSE_DISCOVERY_RATE = 0.005
 LEAST_SHARE = 0.1  # of the variance, of an input that is named
@@ -63,24 +63,8 @@ def given_data_indices(inputs: Floats, outputs: Floats) -> GivenDataIndices | No
     found = discoveries(p_value, FALSE_DISCOVERY_RATE)
     with np.errstate(invalid="ignore"):
         found &= total > LEAST_SHARE
-    moves_with = _strip_partners(found, total, together)
+    moves_with = split_partners(found, total, together, _PARTNERS, _PARTNERS)
     return GivenDataIndices(first, total, p_value, found, moves_with, np.where(moving, partner, -1))
-
-
-def _strip_partners(found: NDArray[np.bool_], total: Floats, together: Floats) -> NDArray[np.intp]:
-    """Keep of inputs that are correlated the one with the largest index; which one each other moves with."""
-    moves_with = np.full(found.shape, -1, dtype=np.intp)
-    for column in range(found.shape[1]):
-        named: list[int] = []
-        for row in np.argsort(-np.nan_to_num(total[:, column]), kind="stable").tolist():
-            near = [other for other in named if together[row, other] >= _PARTNERS]
-            if near:
-                moves_with[row, column] = near[0]
-            elif found[row, column]:
-                named.append(row)
-        found[:, column] = False
-        found[named, column] = True
-    return moves_with
 
 
 def _pairs(

@@ -1,6 +1,7 @@
 """Ranks and discoveries, without scipy.stats: its import costs half a second of every report."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats, Mask
 
@@ -38,3 +39,24 @@ def discoveries(p_values: Floats, rate: float) -> Mask:
     told = np.isfinite(p_values)
     found[told] = false_discovery(p_values[told]) <= rate
     return found
+
+
+def split_partners(found: Mask, size: Floats, together: Floats, partners: float, twins: float) -> NDArray[np.intp]:
+    """The driver with which each input that is none moves, -1 for none [input, output].
+
+    `together` [input, input] is how closely two go together, zero with itself: from `partners` on one moves with the
+    other; of those that do from `twins` on, which nothing tells apart, only the largest in `size` stays `found`.
+    """
+    moves_with = np.full(found.shape, -1, dtype=np.intp)
+    for column in range(found.shape[1]):
+        named: list[int] = []
+        for row in np.argsort(-np.nan_to_num(size[:, column]), kind="stable").tolist():
+            if found[row, column] and (not named or together[row, named].max() < twins):
+                named.append(row)
+        found[:, column] = False
+        found[named, column] = True
+        if named:
+            closest = together[:, named].argmax(axis=1)
+            near = together[np.arange(len(found)), np.array(named)[closest]] >= partners
+            moves_with[:, column] = np.where(near & ~found[:, column], np.array(named)[closest], -1)
+    return moves_with
