@@ -21,6 +21,7 @@ from abhv_mc.search.search_flights import SearchRequest, open_search
 from abhv_mc.search.severity import ENDED_EARLY, Severity
 from abhv_mc.search.worst import WorstSettings
 from abhv_mc.simulators.engine import make_engine
+from abhv_mc.statistics.estimates import Criterion
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -48,7 +49,7 @@ def main() -> None:
             search.progress = None
             space = search.space
             bounds = space.bounds(arguments.box)
-            severity = Severity(arguments.metric, 1.0, search.plan.timing.duration)
+            severity = Severity(Criterion(arguments.metric, "high"), search.duration)
 
             def evaluate(points: np.ndarray) -> np.ndarray:
                 return severity.of(search.fly(space.from_box(points, bounds), common_seed=True))
