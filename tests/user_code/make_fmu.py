@@ -18,7 +18,7 @@ from abhv_mc.user_code.law_interface import COMMAND_FIELDS, Measured
 
 HERE = Path(__file__).parent
 GAINS = (*LQR_GAINS, "earth_radius", "gravitational_parameter")
-PARAMS = ("alpha_min", "alpha_max", "bank_limit")
+PARAMS = {"alpha_min": "-1 deg", "alpha_max": "12 deg", "bank_limit": "70 deg"}
 INPUTS = [f"measured.{name}" for name in Measured._fields] + [f"reference.{name}" for name in REFERENCE]
 INPUTS += [f"gains.{name}" for name in GAINS]
 OUTPUTS = [f"command.{name}" for name in COMMAND_FIELDS]
@@ -90,13 +90,12 @@ def describe(version: int, units: dict[str, str], memory: str) -> str:
 """
 
 
-def write_controller(file: Path, fmu: str, repository: Path, params: str = "-1 deg, 12 deg, 70 deg") -> None:
+def write_controller(file: Path, fmu: str, repository: Path) -> None:
     """The controller file of such an FMU, its design beside it."""
     shutil.copy(repository / "configs" / "control" / "lqr_c" / "lqr_design.py", file.parent)
-    values = dict(zip(PARAMS, params.split(", "), strict=True))
     lines = ["law: fmu", f"file: {fmu}", "design: lqr_design.py", "inputs:", *(f"  {n}: {n}" for n in INPUTS)]
     lines += ["outputs:", *(f"  {name}: command.{name}" for name in COMMAND_FIELDS)]
-    lines += ["params:", *(f"  {name}: {value}" for name, value in values.items())]
+    lines += ["params:", *(f"  {name}: {value}" for name, value in PARAMS.items())]
     file.write_text("\n".join(lines) + "\n")
 
 
