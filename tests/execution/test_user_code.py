@@ -15,6 +15,7 @@ from abhv_mc.analysis.explain import explain_flight
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.cli.linearizing import linearize, margins
+from abhv_mc.control.controller_file import read_controller
 from abhv_mc.execution.estimate import estimate_campaign
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
@@ -194,9 +195,10 @@ def test_a_law_in_c_flies_on_a_cluster_is_replayed_explained_and_tuned(study, re
     assert explain_flight(request.out, "mine", int(failed[0]), fly).causes == ("initial.altitude",)
     block = "tune: {free: [{key: settings.bank_limit}], minimise: {metric: bank_error_rms_deg, quantile: 0.5}, "
     (tmp_path / "tune.yaml").write_text(block + "candidates: 17, flights: 32, validation: 100}\n")
-    new = tmp_path / "new.yaml"
+    new = tmp_path / "elsewhere" / "new.yaml"
+    new.parent.mkdir()
     tune_controller(TuneRequest(request.campaign, new, "mine", tmp_path / "tune.yaml"), make_engine())
-    assert "sources:" in new.read_text()
+    assert read_controller(new).sources[0].samefile(tmp_path / "lqr.c")  # wherever the numbers are written
     changed = tmp_path / "lqr.c"
     changed.write_text(changed.read_text() + "\n")
     with pytest.raises(InputError, match=r"inputs/controllers/mine/lqr.c: other content"):

@@ -1,15 +1,22 @@
-"""Plans, made and stored: every bit back, no index from the file, nothing executed."""
+"""Plans: stored, every bit back, no index from the file, nothing executed; gains for other programs, to the bit."""
 
+import ctypes
 import io
+import shutil
+import subprocess
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from fake_flight import make_plan
+from scipy.io import loadmat
 
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.folder.plan_file import flatten, stored_parts, write_plan
 from abhv_mc.io.input_error import InputError
+from abhv_mc.kernel.laws.columns import LQR_GAINS
+from abhv_mc.one_flight.given import make_flight_plan
+from abhv_mc.simulators.export_gains import write_gains
 from abhv_mc.simulators.stored_plans import read_plan
 
 
@@ -67,3 +74,33 @@ def test_pickles_are_not_opened_and_damaged_or_missing_plans_are_named(tmp_path)
             read(tmp_path / "bad.npz", make_plan("one"))
     with pytest.raises(InputError, match="no such file"):
         read(tmp_path / "none.npz", make_plan("one"))
+
+
+@pytest.fixture(scope="module")
+def lqr():
+    return make_flight_plan("level", "ghame_x", "lqr")
+
+
+def test_mat_and_csv_hold_the_plans_gains(lqr, tmp_path):
+    for ending in (".mat", ".csv"):
+        write_gains(tmp_path / f"gains{ending}", lqr)
+    held = loadmat(tmp_path / "gains.mat")
+    assert np.array_equal(held["gains"], lqr.gains)
+    assert [name.item() for name in held["names"].ravel()] == list(LQR_GAINS)
+    table = np.genfromtxt(tmp_path / "gains.csv", delimiter=",", names=True)
+    assert table.dtype.names == ("time_s", *LQR_GAINS)
+    assert np.array_equal(table["elevator_by_pitch_rate"], lqr.gains[:, LQR_GAINS.index("elevator_by_pitch_rate")])
+    with pytest.raises(InputError, match=r"\.txt"):
+        write_gains(tmp_path / "gains.txt", lqr)
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_c_arrays_hold_the_plans_gains(lqr, tmp_path):
+    write_gains(tmp_path / "gains.h", lqr)
+    text = '#include "gains.h"\ndouble at(int tick) { return gain[tick][GAIN_RUDDER_BY_BANK]; }\n'
+    (tmp_path / "at.c").write_text(text + "double last(void) { return gain_time_s[GAIN_TICKS - 1]; }\n")
+    subprocess.run(["cc", "-shared", "-fPIC", "-o", "at.so", "at.c"], cwd=tmp_path, check=True)
+    library = ctypes.CDLL(str(tmp_path / "at.so"))
+    library.at.restype = library.last.restype = ctypes.c_double
+    assert library.at(17) == lqr.gains[17, LQR_GAINS.index("rudder_by_bank")]
+    assert library.last() == lqr.timing.duration
