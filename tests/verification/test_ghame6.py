@@ -97,10 +97,11 @@ def test_a_later_start_and_a_coarser_grid(frame, tmp_path):
     [
         ("time,b\n0,1\n0.1,2\n0.2,3\n0.4,4\n", 5, "evenly spaced"),
         ("time,b\n0,1\n0.1,2\n0.1,3\n", 4, "times that rise"),
-        ("time,b\n0,1\n0.1,word\n", 3, "in b no finite number"),
-        ("time,c\n0,1\n0.1,2\n", None, "no column b"),
-        ("time,b\n0,1\n", None, "1 rows"),
-        (None, None, "cannot be read"),
+        ("time,b\n0,1\n\n0.1,word\n", 4, "'word'; expected a finite number"),
+        ("time,c\n0,1\n0.1,2\n", 1, "no column b"),
+        ("time,b\n0,1,\n0.1,2,\n", 2, "3 cells"),
+        ("# time, b\ntime , b\n0,1\n", None, "1 row"),
+        (None, None, "No such file"),
     ],
 )
 def test_a_recording_that_is_none_is_refused(tmp_path, text, line, words):
@@ -110,6 +111,15 @@ def test_a_recording_that_is_none_is_refused(tmp_path, text, line, words):
     with pytest.raises(InputError, match=words) as refused:
         check_times(file, read_columns(file, ["time", "b"])["time"].to_numpy(), uniform=True)
     assert refused.value.line == line
+
+
+def test_whole_numbers_are_numbers_and_a_mass_is_asked_for(frame, tmp_path):
+    file = tmp_path / "whole.csv"
+    frame.assign(delex=frame["delex"].round().astype(int)).to_csv(file, index=False)
+    assert read_recording(file).controls[:, 2] == pytest.approx(np.radians(frame["delex"].round()))
+    frame.drop(columns=["vmass", "fmasse"]).to_csv(file, index=False)
+    with pytest.raises(InputError, match="no column vmass"):
+        read_recording(file)
 
 
 def test_published_point() -> None:

@@ -115,6 +115,9 @@ def _show_worst(file: Path, controllers: str | None, json: Path | None, trust_co
     answer({"rows": found}, json, in_words)
 
 
+MOST_TIMES = 10_000
+
+
 def _read_times(at: str) -> "list[Time]":
     """Times (s, or the trim) of the option, first:last:step among them. Raises InputError."""
     from abhv_mc.io.units import TIME
@@ -126,8 +129,8 @@ def _read_times(at: str) -> "list[Time]":
             continue
         parts = [parse_option("--at", part, TIME, "s") for part in each.split(":")]
         first, last, step = (*parts, 0.0)[:3] if len(parts) > 1 else (parts[0], parts[0], 1.0)
-        if len(parts) > 3 or step <= 0.0 or last < first:
-            raise InputError("--at", f"'{each}'", "rising times such as 0s:60s:1s")
+        if len(parts) > 3 or step <= 0.0 or last < first or last - first > MOST_TIMES * step:
+            raise InputError("--at", f"'{each}'", f"at most {MOST_TIMES} rising times such as 0s:60s:1s")
         times += [first + i * step for i in range(int((last - first) / step + 1e-9) + 1)]
     return times
 

@@ -1,8 +1,10 @@
 """CSV files of numbers with a header, and the places of what is wrong in them."""
 
 import csv
+import gzip
 import math
 import re
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -55,11 +57,12 @@ class Rows:
 
 
 def read_rows(path: Path) -> Rows:
-    """Read a CSV file. Raises :class:`InputError`."""
+    """Read a CSV file, plain or ``.gz``. Raises :class:`InputError`."""
     try:
-        text = read_input(path).decode("utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(path, str(error), "a CSV file in UTF-8") from None
+        held = read_input(path)
+        text = (gzip.decompress(held) if path.suffix == ".gz" else held).decode("utf-8-sig")
+    except (OSError, EOFError, zlib.error, UnicodeDecodeError) as error:
+        raise InputError(path, getattr(error, "strerror", None) or str(error), "a CSV file in UTF-8") from None
     lines = {i: line for i, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"}
     if len(lines) < 2:
         raise InputError(path, "no rows", "a header and rows of numbers", 1)

@@ -3,7 +3,7 @@
 In every text, what stands between backticks is typed as it stands: a command, a file, a key.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from math import isfinite
 from typing import TypeAlias
@@ -192,8 +192,15 @@ class Section:
 
     def tables(self) -> list[Table]:
         """Its tables, folded ones too."""
-        open_ = [each for item in self.items for each in (item.items if isinstance(item, Fold) else (item,))]
-        return [item for item in open_ if isinstance(item, Table)]
+        return list(_tables_of(self.items))
+
+
+def _tables_of(items: tuple[Item, ...]) -> Iterator[Table]:
+    for item in items:
+        if isinstance(item, Table):
+            yield item
+        elif isinstance(item, Fold):
+            yield from _tables_of(item.items)
 
 
 def _without_idle(items: tuple[Item, ...]) -> tuple[Item, ...]:

@@ -1,7 +1,6 @@
 """Other people's recordings: read, flown with their surfaces and engine through the compiled flight, looked at."""
 
 import math
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Limits
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.input_error import InputError
+from abhv_mc.io.number_table import read_rows
 from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.kernel.laws.columns import RECORDED_GAINS, REFERENCE
 from abhv_mc.kernel.numerics.quaternion import from_euler, rotate_to_body
@@ -33,22 +33,17 @@ _NO_LIMITS = Limits(-_INF, _INF, -_INF, _INF, _INF)
 
 
 def read_columns(path: Path, names: Sequence[str], perhaps: Sequence[str] = ()) -> "pd.DataFrame":
-    """Columns of a ``.csv`` or ``.csv.gz`` file, ``perhaps`` where there. Raises InputError."""
+    """Columns of a ``.csv`` or ``.csv.gz`` file, ``perhaps`` where there; the first of one name. Raises InputError."""
     import pandas as pd
 
-    try:
-        wanted = {*names, *perhaps}
-        table = pd.read_csv(path, usecols=wanted.__contains__, skipinitialspace=True)
-    except (OSError, EOFError, ValueError, zlib.error) as error:
-        raise InputError(path, f"a file that cannot be read ({error})", "a CSV file") from None
-    missing = [name for name in names if name not in table]
-    if missing or len(table) < 2:
-        found = f"no column {', '.join(missing)}" if missing else f"{len(table)} rows of numbers"
-        raise InputError(path, found, "the columns that are compared, and at least 2 rows")
-    table = table.apply(pd.to_numeric, errors="coerce")
-    for row, column in np.argwhere(~np.isfinite(table.to_numpy())):
-        raise InputError(path, f"in {table.columns[column]} no finite number", "one", int(row) + 2)
-    return table
+    rows = read_rows(path)
+    missing = [name for name in names if name not in rows.header]
+    if missing:
+        raise rows.error(None, None, f"no column {', '.join(missing)}", "the columns that are compared")
+    if len(rows.texts) < 2:
+        raise InputError(path, "1 row of numbers", "at least 2")
+    held = [*names, *(name for name in perhaps if name in rows.header)]
+    return pd.DataFrame(rows.numbers([rows.header.index(name) for name in held]), columns=held)
 
 
 def check_times(path: Path, times: Floats, uniform: bool = False) -> None:

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.fly import nominal_parameters
+from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
@@ -76,6 +77,8 @@ def read_recording(path: Path) -> Recording:
 
     needed = ["time", *POSITION, *VELOCITY, *ATTITUDE, *RATES, *CONTROLS, *COMPARED]
     given = read_columns(path, needed, ["vmass", "fmasse"])
+    if "vmass" not in given and "fmasse" not in given:
+        raise InputError(path, "no column vmass", "it, or fmasse, the mass of the fuel burnt")
     times = np.array(given["time"])
     check_times(path, times, uniform=True)
 

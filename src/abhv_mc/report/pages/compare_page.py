@@ -69,9 +69,10 @@ def make_comparison(a: FlownCampaign, b: FlownCampaign, found: Compared) -> Sect
             tables += _tables(title, pair, names, found)
     answers.append(
         "Differences are of the same flights, the first minus the second, with 95 % intervals; a flight that ended "
-        "early counts as worse than any that did not. Who is better allows for all metrics that are asked for and of "
-        "control usage."
+        "early counts as worse than any that did not."
     )
+    if any(names.campaign.independent for _, _, names in told):
+        answers[-1] += " Who is better allows for all metrics that are asked for and of control usage."
     flying = dict.fromkeys(str(each.folder) for each in (a, b) if not each.campaign.adopted)
     again = (f"`{shlex.join(['abhv-mc', 'replay', one])} --controller NAME --flight NUMBER`" for one in flying)
     answers += [f"A flight again, bit for bit: {' or '.join(again)}."] if flying else []

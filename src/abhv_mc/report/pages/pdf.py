@@ -31,7 +31,10 @@ def print_pdf(page: Path, browser: str, letter: bool = False) -> Path:
             browser, "--headless", "--disable-gpu", "--no-sandbox", f"--user-data-dir={profile}",
             "--no-pdf-header-footer", f"--print-to-pdf={target.absolute()}", sized.as_uri(),
         ]  # fmt: skip
-        done = subprocess.run(words, capture_output=True, text=True, timeout=_LONGEST, check=False)  # noqa: S603
+        try:
+            done = subprocess.run(words, capture_output=True, text=True, timeout=_LONGEST, check=False)  # noqa: S603
+        except subprocess.TimeoutExpired:
+            raise InputError(browser, f"nothing printed in {_LONGEST:g} s", "a Chromium that prints") from None
     if not target.is_file():
         raise InputError(browser, f"no PDF was printed: {done.stderr[-200:].strip()}", "a Chromium that prints")
     return target

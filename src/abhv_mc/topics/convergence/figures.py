@@ -1,6 +1,6 @@
 """How the numbers settled as flights came in."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,7 +17,7 @@ from abhv_mc.topics.section import FigureText
 def draw(found: Convergence, names: Names) -> Iterator[tuple[FigureText, Figure]]:
     """A panel a metric that stands first, of what every controller reached."""
     flights = {name: np.array(part.flights, float) for name, part in found.controllers.items()}
-    panels: dict[str, dict[str, Floats]] = {}
+    panels: list[tuple[str, dict[str, Floats]]] = []
     for metric in names.asked:
         tables = {name: part.metrics[metric] for name, part in found.controllers.items()}
         reached = all(np.isfinite(table["q95"].value[-1]) for table in tables.values())
@@ -27,7 +27,7 @@ def draw(found: Convergence, names: Names) -> Iterator[tuple[FigureText, Figure]
         }
         if any(np.isfinite(each[0]).any() for each in series.values()):
             label = f"{names.metrics[metric].label_with_unit}\n{words}"
-            panels[label] = {name: np.where(np.isfinite(each), each, np.nan) for name, each in series.items()}
+            panels.append((label, {name: np.where(np.isfinite(each), each, np.nan) for name, each in series.items()}))
     if panels and max(each.size for each in flights.values()) > 1:
         text = FigureText(
             "convergence",
@@ -41,12 +41,12 @@ def draw(found: Convergence, names: Names) -> Iterator[tuple[FigureText, Figure]
 
 @styled
 def plot_convergence(
-    flights: Mapping[str, Floats], panels: Mapping[str, Mapping[str, Floats]], labels: Mapping[str, str]
+    flights: Mapping[str, Floats], panels: Sequence[tuple[str, Mapping[str, Floats]]], labels: Mapping[str, str]
 ) -> Figure:
     """Each number [value, low, high; look] of each controller after so many flights [look]; NaN where unbounded."""
     colors = controller_colors(tuple(labels))
     figure, grid = new_panels(len(panels), min(3, len(panels)), 1.2, between=(0.5, 0.75), top=0.4)
-    for axes, (title, series) in zip(grid.flat, panels.items(), strict=False):
+    for axes, (title, series) in zip(grid.flat, panels, strict=False):
         for name, (value, low, high) in series.items():
             bounded = np.isfinite(low) & np.isfinite(high)
             axes.fill_between(flights[name], low, high, where=bounded, color=colors[name], alpha=0.22, linewidth=0)

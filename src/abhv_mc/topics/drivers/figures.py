@@ -26,11 +26,11 @@ class TornadoBar:
 
 def draw(drivers: Drivers, names: Names) -> Iterator[tuple[FigureText, Figure]]:
     """The drivers of the metrics that stand first."""
-    charts = {}
+    charts = []
     for metric in names.asked:
         entries = [part.metrics.get(metric) for part in drivers.controllers.values()]
         if bars := _bars(entries):
-            charts[names.metrics[metric].label] = bars
+            charts.append((names.metrics[metric].label, bars))
     if charts:
         text = FigureText(
             "drivers",
@@ -61,11 +61,11 @@ def _bars(entries: Sequence[MetricDrivers | None]) -> list[TornadoBar]:
 
 
 @styled
-def plot_tornado(charts: Mapping[str, Sequence[TornadoBar]], labels: Mapping[str, str]) -> Figure:
+def plot_tornado(charts: Sequence[tuple[str, Sequence[TornadoBar]]], labels: Mapping[str, str]) -> Figure:
     """A column a controller, a group of bars an error; one scale of -1 to 1 throughout."""
     heads, places = [], []
     y = 0.0
-    for label, bars in charts.items():
+    for label, bars in charts:
         heads.append((y, label))
         places += [(y + 1.0 + k, bar) for k, bar in enumerate(bars)]
         y += len(bars) + 1.4
