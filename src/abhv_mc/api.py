@@ -191,14 +191,15 @@ def worst(
     InputError
         For what is wrong with a file or an argument.
     """
-    from abhv_mc.report.pages.worst_page import write_worst_page
+    from abhv_mc.report.pages.page import write_answer
+    from abhv_mc.report.pages.worst_page import make_worst_answer
     from abhv_mc.search.worst import WorstSettings, find_worst
 
     if bad not in ("high", "low", None):
         raise InputError("bad", describe(bad), "'high', 'low' or None")
     settings = WorstSettings(metric, bad, check_count(flights, 1, "flights"), _between("box", float(box), 0.1, 8.0))
     found = find_worst(_request(campaign, output, controller, seed, workers, scheduler, fresh), settings)
-    write_worst_page(found, Path(output) / "report.html")
+    write_answer(make_worst_answer(found, Path(output)), Path(output) / "report.html")
     return found
 
 
@@ -236,13 +237,14 @@ def rare(
     InputError
         For what is wrong with a file or an argument.
     """
-    from abhv_mc.report.pages.rare_page import write_rare_page
+    from abhv_mc.report.pages.page import write_answer
+    from abhv_mc.report.pages.rare_page import make_rare_answer
     from abhv_mc.search.rare import RareSettings, find_rare
 
     cov = _between("target_cov", to_si(target_cov, FRACTION, "target_cov"), 0.01, 1.0)
     settings = RareSettings(requirement, cov, check_count(flights, 1, "flights"))
     found = find_rare(_request(campaign, output, controller, seed, workers, scheduler, fresh), settings)
-    write_rare_page(found, Path(output) / "report.html")
+    write_answer(make_rare_answer(found, Path(output)), Path(output) / "report.html")
     return found
 
 
@@ -280,7 +282,8 @@ def tune(
     InputError
         For what is wrong with a file or an argument.
     """
-    from abhv_mc.report.pages.tune_page import write_tune_page
+    from abhv_mc.report.pages.page import write_answer
+    from abhv_mc.report.pages.tune_page import make_tune_answer
     from abhv_mc.search.tune import TuneRequest, tune_controller
 
     out = Path(output)
@@ -289,7 +292,7 @@ def tune(
     def finish(found: "TuneFound") -> None:
         if tell is not None:
             tell(found)
-        write_tune_page(found, out.with_suffix(".html"))
+        write_answer(make_tune_answer(found), out.with_suffix(".html"), out.with_suffix(".tuning") / "figures")
 
     return tune_controller(TuneRequest(_path(campaign), out, controller, given, seed, workers, scheduler), tell=finish)
 

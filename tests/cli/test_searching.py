@@ -72,7 +72,7 @@ def test_tune_writes_the_file_and_a_page_or_says_why_not(abhv_mc, tmp_path, monk
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("abhv_mc.report.pages.tune_page.write_tune_page", stop)
+        patch.setattr("abhv_mc.report.pages.page.write_answer", stop)
         code, _, err = abhv_mc(*words, "-o", "new.yaml", "--json", "new.json")
     assert code == 3 and "the same command goes on" in err
     code, out, _ = abhv_mc(*words, "-o", "new.yaml", "--json", "new.json")

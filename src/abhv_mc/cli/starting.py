@@ -159,7 +159,7 @@ def plan(
     answer(planned, json, lambda: _print_plan(planned))
     announce_warnings(planned.problems)
     if out is not None:
-        from abhv_mc.report.figures.planned import plot_planned
+        from abhv_mc.report.figures.searches import plot_planned
         from abhv_mc.topics.figure_style import write_png
 
         write_png(plot_planned(planned), out / "plan.png")

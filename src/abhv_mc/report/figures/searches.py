@@ -1,17 +1,20 @@
-"""Figures of searches: how the worst was closed in on, where it lies, how deep levels go, where failures live; and the
-flights that a search or an explanation sets beside the nominal one."""
+"""Figures of searches (how the worst was closed in on, where it lies, how deep levels go, where failures live), of the
+flights that a search or an explanation sets beside the nominal one, and of what a campaign can show before it flies."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import PercentFormatter
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
+from abhv_mc.report.numbers.planned import Planned
 from abhv_mc.topics.figure_style import (
     BLUE,
     CYCLE,
+    GREEN,
     INK,
     MARKERS,
     SKY,
@@ -175,4 +178,35 @@ def plot_flights(times: Floats, panels: Mapping[str, Floats], labels: Sequence[s
         pad_if_flat(axes)
     label_lowest(grid, len(panels), "time (s)")
     legend_below(figure, grid[0, 0])
+    return figure
+
+
+_PLANNED = (BLUE, VERMILION, GREEN)  # of the planned flights, twice and four times as many
+
+
+@styled
+def plot_planned(planned: Planned) -> Figure:
+    """Chance of PASS against the true failure rate: a panel a requirement, and one for all together where several."""
+    rates, entries = planned.rates_over_allowed, planned.requirements
+    count = len(entries) + (len(entries) > 1)
+    figure, grid = new_panels(count, min(2, count), 1.7, between=(0.3, 0.55), sharex=True, sharey=True)
+    for axes, entry in zip(grid.flat, entries, strict=False):
+        for chance, color in zip(entry.pass_chance, _PLANNED, strict=True):
+            axes.plot(rates, chance.at_some_flight, color=color, label=f"at some flight up to {chance.runs}")
+            axes.plot(rates, chance.at_runs, color=color, linestyle=(0, (5, 1.5)), label=f"at {chance.runs}")
+        axes.axhline(entry.risk_used, color=INK, linewidth=0.8, linestyle=(0, (1, 1)), label="consumer's risk")
+        axes.set_title(f"{entry.words} in {100.0 * entry.probability:g} %", fontsize=8)
+    if len(entries) > 1:
+        axes = grid.flat[len(entries)]
+        for joint, color in zip(planned.together, _PLANNED, strict=True):
+            band = joint.at_some_flight
+            axes.fill_between(rates, band.low, band.high, color=color, alpha=0.25, linewidth=0)
+        axes.set_title("all requirements PASS at some flight (bounds)", fontsize=8)
+    for axes in grid.flat[:count]:
+        axes.axvline(1.0, color=INK, linewidth=0.8)
+        axes.yaxis.set_major_formatter(PercentFormatter(1.0))
+    for row in grid:
+        row[0].set_ylabel("chance of PASS")
+    label_lowest(grid, count, "true failure rate over the allowed one")
+    legend_below(figure, grid.flat[0])
     return figure

@@ -10,7 +10,7 @@ from abhv_mc.flight.metrics import SURFACE_USAGE
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.report.numbers.compare import CampaignPair, Compared, compare_results, gate_words, read_compared, sides
 from abhv_mc.report.numbers.judgement import few
-from abhv_mc.report.pages.page import Answer, make_table, write_section_page
+from abhv_mc.report.pages.page import Answer, make_table, write_answer
 from abhv_mc.topics.comparison import pair_tables
 from abhv_mc.topics.comparison.figures import DifferencePanel, plot_differences
 from abhv_mc.topics.comparison.model import metric_differences
@@ -40,29 +40,26 @@ def compare_folders(
     """Compare two folders as :func:`compare_results` does; write a page into ``out``. Raises InputError."""
     a, b = read_compared(folder_a, folder_b)
     found = compare_results(a, b, controllers, margins)
-    page = None if out is None else write_compare_page(a, b, found, out)
+    told = _told(a, b, found)
+    section = _section(a, b, found, told)
+    page = None
+    if out is not None:
+        one, other = _folder_names(a, b)
+        title = joined([words for words, *_ in told]) if one == other else f"{one} against {other}"
+        kicker = f"Paired comparison · {a.campaign.question or a.campaign.name.replace('_', ' ')}"
+        whole = replace(section, items=(*section.items, _provenance(a, b, found, out)))
+        drawn = _figures(a, b, {words: pair for words, pair, _ in told if not _is_same(pair)})
+        page = write_answer(Answer(title, kicker, whole, drawn), out / "report.html")
     for results in (a, b):
         results.refuse_changes()
-    return Comparison(found, make_comparison(a, b, found), page)
+    return Comparison(found, section, page)
 
 
-def write_compare_page(a: FlownCampaign, b: FlownCampaign, found: Compared, folder: Path) -> Path:
-    """Write `report.html` and `figures/differences.png` of what :func:`compare_results` found into ``folder``."""
-    told = _told(a, b, found)
-    one, other = _folder_names(a, b)
-    title = joined([words for words, *_ in told]) if one == other else f"{one} against {other}"
-    question = a.campaign.question or a.campaign.name.replace("_", " ")
-    drawn = _figures(a, b, {words: pair for words, pair, _ in told if not _is_same(pair)})
-    section = make_comparison(a, b, found)
-    section = replace(section, items=(*section.items, _provenance(a, b, found, folder)))
-    return write_section_page(Answer(title, f"Paired comparison · {question}", section), drawn, folder / "report.html")
-
-
-def make_comparison(a: FlownCampaign, b: FlownCampaign, found: Compared) -> Section:
-    """Sentences and tables of what :func:`compare_results` found."""
+def _section(
+    a: FlownCampaign, b: FlownCampaign, found: Compared, told: Sequence[tuple[str, CampaignPair, Names]]
+) -> Section:
     answers: list[str] = []
     tables: list[Item] = []
-    told = _told(a, b, found)
     for title, pair, names in told:
         answers += _sentences(title, pair, names, found)
         if not _is_same(pair):

@@ -187,6 +187,7 @@ class Answer:
     title: str
     kicker: str
     section: Section
+    figures: Iterable[Drawn]  # drawn as they are taken
 
 
 def make_table(title: str, caption: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
@@ -195,10 +196,10 @@ def make_table(title: str, caption: str, heads: Sequence[str], rows: Iterable[Se
     return Table(title, tuple(heads), (cells,), f"{title}. {caption}", numbers=False)
 
 
-def write_section_page(answer: Answer, drawn: Iterable[Drawn], path: Path, folder: Path | None = None) -> Path:
+def write_answer(answer: Answer, path: Path, folder: Path | None = None) -> Path:
     """Write the page, and its figures into ``folder``, by default `figures` beside it; returns the page's path."""
     folder, figures = folder or path.parent / "figures", {}
-    for text, figure in drawn:
+    for text, figure in answer.figures:
         file = folder / f"{text.name}.png"
         figures[text.name] = PageFigure(text, file, *write_png(figure, file))
     style = Markup(template_text("style.css"))  # noqa: S704  our own file

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.report.figures.searches import plot_failures, plot_levels, plot_mixing
-from abhv_mc.report.pages.page import Answer, make_table, write_section_page
+from abhv_mc.report.pages.page import Answer, make_table
 from abhv_mc.report.pages.searched_flights import drawn_figures, flights_table
 from abhv_mc.search.methods.second_opinion import MOST_LOOKED
 from abhv_mc.search.methods.subset import ACCEPTANCE
@@ -29,12 +29,7 @@ def make_rare_answer(found: RareFound, folder: Path) -> Answer:
         flights,
     )
     title = f"Probability that {controller_label(found.controller)} breaks: {asked}"
-    return Answer(title, "Rare event", Section("Answer", items))
-
-
-def write_rare_page(found: RareFound, path: Path) -> Path:
-    """Write the page of an estimate of a rare failure and its figures beside it."""
-    return write_section_page(make_rare_answer(found, path.parent), _draw(found), path)
+    return Answer(title, "Rare event", Section("Answer", items), _draw(found))
 
 
 def _draw(found: RareFound) -> Iterator[Drawn]:

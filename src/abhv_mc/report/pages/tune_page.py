@@ -1,25 +1,25 @@
 """The page of a tuned controller: what it gains on fresh flights, what it is traded against, where its numbers lie."""
 
-from pathlib import Path
+from collections.abc import Iterator
 
 import numpy as np
 
 from abhv_mc.report.figures.searches import plot_front
-from abhv_mc.report.pages.page import Answer, make_table, write_section_page
+from abhv_mc.report.pages.page import Answer, make_table
 from abhv_mc.search.tune import TuneFound
 from abhv_mc.topics.names import controller_label
 from abhv_mc.topics.section import Bullets, FigureText, Lead, Picture, Section, Table
+from abhv_mc.topics.topic import Drawn
 
 
 def make_tune_answer(found: TuneFound) -> Answer:
     """What tuning says."""
     items = *_answers(found), Picture("front"), _sides(found), _numbers(found)
     title = f"{controller_label(found.controller)} tuned for {found.aim.phrase}"
-    return Answer(title, "Tuning", Section("Answer", items))
+    return Answer(title, "Tuning", Section("Answer", items), _draw(found))
 
 
-def write_tune_page(found: TuneFound, path: Path) -> Path:
-    """Write the page; its figures go into the folder of the candidates' flights."""
+def _draw(found: TuneFound) -> Iterator[Drawn]:
     scores, block = found.tuning.scores, found.block
     aim, usage = (
         f"{found.metrics[entry.metric].label_with_unit}, {100 * entry.quantile:g} %"
@@ -32,8 +32,7 @@ def write_tune_page(found: TuneFound, path: Path) -> Path:
         "candidate beats in both. Candidates far outside are not drawn.",
     )
     points = scores.usage, scores.objective, scores.allowed
-    drawn = [(front, plot_front((usage, aim), points, found.tuning.front, found.tuning.best))]
-    return write_section_page(make_tune_answer(found), drawn, path, path.with_suffix(".tuning") / "figures")
+    yield front, plot_front((usage, aim), points, found.tuning.front, found.tuning.best)
 
 
 def _answers(found: TuneFound) -> tuple[Lead, Bullets]:

@@ -1,12 +1,13 @@
 """The page of a worst-case search: how bad it gets, where, how the search came there, and how it is flown again."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.report.figures.searches import plot_convergence, plot_place
-from abhv_mc.report.pages.page import Answer, make_table, write_section_page
+from abhv_mc.report.pages.page import Answer, make_table
 from abhv_mc.report.pages.searched_flights import drawn_figures, flights_table
 from abhv_mc.search.severity import ENDED_EARLY
 from abhv_mc.search.worst import WorstFound
@@ -24,13 +25,13 @@ def make_worst_answer(found: WorstFound, folder: Path) -> Answer:
     pictures = (Picture(name) for name in ("convergence", "place", "flights"))
     title = f"Worst case of {controller_label(found.controller)}: {metric.phrase}"
     items: tuple[Item, ...] = (*_answers(found), *pictures, _range_table(found), flights)
-    return Answer(title, "Worst-case search", Section("Answer", items))
+    return Answer(title, "Worst-case search", Section("Answer", items), _draw(found))
 
 
-def write_worst_page(found: WorstFound, path: Path) -> Path:
-    """Write the page of a worst-case search and its figures beside it."""
-    drawn = (_convergence(found), _place(found), *drawn_figures(found.drawn))
-    return write_section_page(make_worst_answer(found, path.parent), drawn, path)
+def _draw(found: WorstFound) -> Iterator[Drawn]:
+    yield _convergence(found)
+    yield _place(found)
+    yield from drawn_figures(found.drawn)
 
 
 def _answers(found: WorstFound) -> tuple[Lead, Bullets]:
