@@ -162,15 +162,15 @@ def find_failure(root: Path, campaign: Experiment, row: FlightRows, asked: str |
     places = [i for i, name in enumerate(row.columns) if name != END_TIME.name]  # margins follow it
     columns = [row.columns[i] for i in places]
     state = np.array([outcome]), row.end_time, row.values[:, places]
-    failures = [Failure(item, columns.index(item.metric)) for item in campaign.requirements]
-    metrics = [failure.requirement.metric for failure in failures if failure.requirement]
+    metrics = [item.metric for item in campaign.requirements]
     if asked is not None and asked not in metrics:
         found = f"no requirement on '{asked}'"
         raise InputError("--requirement", found, one_of(metrics, asked) if metrics else "no requirement")
-    candidates = [Failure(None), *failures] if asked is None else failures
-    for failure in candidates:
-        named = asked is None or (failure.requirement is not None and failure.requirement.metric == asked)
-        if named and failure.severity(*state)[0] > -np.inf:
+    failures = [
+        Failure(item, columns.index(item.metric)) for item in campaign.requirements if asked in (None, item.metric)
+    ]
+    for failure in failures if asked is not None else [Failure(None), *failures]:
+        if failure.severity(*state)[0] > -np.inf:
             return failure
     found = f"flight {row.first} of {row.controller}, which {f'kept {asked}' if asked else 'did not fail'}"
     raise InputError(root, found, "a flight that ended early or missed a requirement, of the controller that you name")

@@ -10,7 +10,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.flight.fly import fly, fly_until, nominal_parameters
 from abhv_mc.flight.lost import describe_last_tick
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.flight.user_law import hidden_memory
+from abhv_mc.flight.user_law import hidden_memory, plan_source
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.user_code.child import LostError, in_child
@@ -24,16 +24,17 @@ _LONGEST = 600.0  # s, compiling included
 
 def check_native(plan: FlightPlan) -> None:
     """Fly two flights apart, together and in swapped order, once for each content of the law. Raises InputError."""
+    file = plan_source(plan).file
     try:
         same = _try_once(_is_same, plan, _TICKS)
     except LostError as lost:
         words = f"{lost.words}{describe_last_tick(lost.process)}"
         found = f"a law that does not fly the first {_TICKS} ticks of a nominal flight: {words}"
-        raise InputError(str(plan.source and plan.source.file), found, "a law that returns") from None
+        raise InputError(file, found, "a law that returns") from None
     if not same:
         found = "a law that keeps memory of its own: a flight depends on those beside it or before it"
         expected = "all memory in the flight's state, and nothing in statics"
-        raise InputError(str(plan.source and plan.source.file), found, expected)
+        raise InputError(file, found, expected)
 
 
 def check_states(plan: FlightPlan) -> None:
@@ -44,9 +45,7 @@ def check_states(plan: FlightPlan) -> None:
 
 def _try_once(is_right: Callable[[FlightPlan], bool], plan: FlightPlan, ticks: int) -> bool:
     """What a check of a plan's law says in the child; what was found right is noted by the law's content."""
-    if plan.source is None:
-        raise ValueError("a plan of native code without its source")
-    key = hashlib.sha256(f"{plan.source.hash} {plan.settings.tolist()}".encode()).hexdigest()[:24]
+    key = hashlib.sha256(f"{plan_source(plan).hash} {plan.settings.tolist()}".encode()).hexdigest()[:24]
     note = laws_folder() / f"{is_right.__name__.strip('_')}_{key}"
     if note.exists():
         return True
