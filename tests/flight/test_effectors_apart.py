@@ -72,6 +72,10 @@ def law(measured, reference):
     )
 
 
+FUNCTIONS = "\n\n".join(
+    ["from abhv_mc.extend import Coefficients, Thrust\n", *map(inspect.getsource, (coefficients, thrust))]
+)
+LAW = f"from abhv_mc.extend import Command, clamp, controller\n\n\n@controller\n{inspect.getsource(law)}"
 CASES = (
     {},
     {"atmosphere.density": 1.05},
@@ -223,9 +227,7 @@ class Flights:
 @pytest.fixture(scope="module")
 def plan(tmp_path_factory):
     folder = tmp_path_factory.mktemp("plank")
-    functions = map(inspect.getsource, (coefficients, thrust))
-    text = "\n\n".join(["from abhv_mc.extend import Coefficients, Thrust\n", *functions])
-    (folder / "plank.py").write_text(text, encoding="utf-8")
+    (folder / "plank.py").write_text(FUNCTIONS, encoding="utf-8")
     (folder / "plank.yaml").write_text(VEHICLE, encoding="utf-8")
     return make_flight_plan("level", folder / "plank.yaml", law)
 
