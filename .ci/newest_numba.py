@@ -42,14 +42,27 @@ def fly(*folders: Path) -> list[str]:
 
 def try_newest(folder: Path) -> str:
     """A sentence on the newest numba."""
-    command = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--pre", "--no-deps"]
+    command = [
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--disable-pip-version-check",
+        "--pre",
+        "--no-deps",
+    ]
     packages = ["--only-binary=:all:", "--target", str(folder), "numba", "llvmlite"]
-    subprocess.run([*command, *packages], check=True, capture_output=True, text=True, timeout=INSTALLING)  # noqa: S603
+    subprocess.run(  # noqa: S603
+        [*command, *packages], check=True, capture_output=True, text=True, timeout=INSTALLING
+    )
     newest = {found.name: found.version for found in distributions(path=[str(folder)])}
     if newest["numba"] == version("numba"):
         return f"{newest['numba']} is the newest, and the one installed"
     compiler, flown = fly(folder)
-    same = "the same flights" if flown == fly()[1] else f"OTHER flights than with {version('numba')}"
+    same = (
+        "the same flights" if flown == fly()[1] else f"OTHER flights than with {version('numba')}"
+    )
     return f"{newest['numba']} with llvmlite {newest['llvmlite']}: {same}, its {compiler} interface compiles"
 
 

@@ -38,7 +38,11 @@ def _counting(kind: str, name: str) -> Callable[[Counted, Any], Counted]:
     return operate
 
 
-for _kind, _names in {"additions": ("add", "sub"), "multiplications": ("mul",), "divisions": ("truediv",)}.items():
+for _kind, _names in {
+    "additions": ("add", "sub"),
+    "multiplications": ("mul",),
+    "divisions": ("truediv",),
+}.items():
     for _name in _names:
         for _full in (f"__{_name}__", f"__r{_name}__"):
             setattr(Counted, _full, _counting(_kind, _full))

@@ -58,5 +58,7 @@ if __name__ == "__main__":
     print(f"stopped of {SYSTEMS}: with the requirement (by the metric alone)")
     for name, change in CHANGES.items():
         for flights in (300, 1000):
-            with_it, alone = (count_stopped(change, flights, SYSTEMS, required=flag) for flag in (True, False))
+            with_it, alone = (
+                count_stopped(change, flights, SYSTEMS, required=flag) for flag in (True, False)
+            )
             print(f"{name:<24} {flights:>5} flights  {with_it:>5} ({alone})", flush=True)

@@ -60,14 +60,21 @@ def measure(campaign: Path, flights: int, controllers: str) -> dict[str, float]:
     }
 
 
-def measure_all(campaign: Path, flights: list[int], controllers: str, repeats: int) -> dict[str, list[Spread]]:
+def measure_all(
+    campaign: Path, flights: list[int], controllers: str, repeats: int
+) -> dict[str, list[Spread]]:
     """By quantity, what ``repeats`` campaigns of each size took: one spread a size."""
     found: dict[str, list[Spread]] = {name: [] for name in QUANTITIES}
     for count in flights:
         campaigns = []
         for _ in range(repeats):
             campaigns.append(measure(campaign, count, controllers))
-            print(count, {name: round(value, 3) for name, value in campaigns[-1].items()}, file=sys.stderr, flush=True)
+            print(
+                count,
+                {name: round(value, 3) for name, value in campaigns[-1].items()},
+                file=sys.stderr,
+                flush=True,
+            )
         for name, spread in find_spreads(campaigns).items():
             found[name].append(spread)
     return found
@@ -79,11 +86,15 @@ def write_short_campaign(folder: Path) -> Path:
     campaign = CAMPAIGN.read_text(encoding="utf-8")
     short = mission.replace("duration: 60 s", f"duration: {SHORT} s")
     if short == mission or "../configs/mission/s_manoeuvre.yaml" not in campaign:
-        raise RuntimeError("the default campaign or its mission is no longer what this benchmark shortens")
+        raise RuntimeError(
+            "the default campaign or its mission is no longer what this benchmark shortens"
+        )
     (folder / "mission.yaml").write_text(short, encoding="utf-8")
     campaign = campaign.replace("../configs/mission/s_manoeuvre.yaml", "mission.yaml")
     path = folder / "campaign.yaml"
-    path.write_text(campaign.replace("../configs/", f"{ROOT.as_posix()}/configs/"), encoding="utf-8")
+    path.write_text(
+        campaign.replace("../configs/", f"{ROOT.as_posix()}/configs/"), encoding="utf-8"
+    )
     return path
 
 
@@ -92,7 +103,9 @@ def fit_line(flights: list[int], values: list[float]) -> dict[str, float]:
     import numpy as np
 
     slope, intercept = np.polyfit(flights, values, 1, w=1.0 / np.asarray(values))
-    worst = max(abs(v / (intercept + slope * n) - 1.0) for n, v in zip(flights, values, strict=True))
+    worst = max(
+        abs(v / (intercept + slope * n) - 1.0) for n, v in zip(flights, values, strict=True)
+    )
     return {"intercept": float(intercept), "slope": float(slope), "largest_deviation": float(worst)}
 
 
@@ -124,7 +137,9 @@ def plot_growth(path: Path, flights: list[int], found: Series, lines: Lines) -> 
                 line = lines[name]
                 what, unit, _ = QUANTITIES[name]
                 label = f"{what}:\n{line['intercept']:.3g} {unit} + {describe_slope(name, line)}"
-                axes.plot(flights, found[name], MARKERS[i], color=CYCLE[i], markersize=4, label=label)
+                axes.plot(
+                    flights, found[name], MARKERS[i], color=CYCLE[i], markersize=4, label=label
+                )
                 axes.plot(dense, line["intercept"] + line["slope"] * dense, color=CYCLE[i])
             axes.set(xscale="log", xlabel="flights", ylabel=title)
             if "memory" in title:
@@ -151,22 +166,35 @@ def make_table(flights: list[int], found: Series, lines: Lines, note: str) -> st
     table = [note, "", f"| flights | {' | '.join(heads)} |", "|---" * (len(heads) + 1) + "|"]
     for i, count in enumerate(flights):
         table.append(f"| {count:,} | {' | '.join(show(found[name][i]) for name in QUANTITIES)} |")
-    fits = [f"{lines[name]['intercept']:.3g} + {describe_slope(name, lines[name])}" for name in QUANTITIES]
+    fits = [
+        f"{lines[name]['intercept']:.3g} + {describe_slope(name, lines[name])}"
+        for name in QUANTITIES
+    ]
     off = [f"{100.0 * lines[name]['largest_deviation']:.0f} %" for name in QUANTITIES]
-    return "\n".join([*table, f"| line | {' | '.join(fits)} |", f"| furthest from it | {' | '.join(off)} |"])
+    return "\n".join(
+        [*table, f"| line | {' | '.join(fits)} |", f"| furthest from it | {' | '.join(off)} |"]
+    )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--flights", nargs="+", type=int, help="default: 100 1000 10000 100000")
-    parser.add_argument("--repeats", type=read_count, default=PROCESSES, help=f"of each size; default: {PROCESSES}")
+    parser.add_argument(
+        "--repeats", type=read_count, default=PROCESSES, help=f"of each size; default: {PROCESSES}"
+    )
     parser.add_argument("--controllers", default="tlc")
-    parser.add_argument("--million", action="store_true", help=f"flights of {SHORT} s, up to a million")
+    parser.add_argument(
+        "--million", action="store_true", help=f"flights of {SHORT} s, up to a million"
+    )
     options = parser.parse_args()
     name = "million" if options.million else "growth"
-    flights = sorted(set(options.flights or (MILLION if options.million else [100, 1000, 10_000, 100_000])))
+    flights = sorted(
+        set(options.flights or (MILLION if options.million else [100, 1000, 10_000, 100_000]))
+    )
     load = os.getloadavg()[0]
-    run_command("fly", "s_manoeuvre", "--controllers", options.controllers.split(",", maxsplit=1)[0])  # compiles
+    run_command(
+        "fly", "s_manoeuvre", "--controllers", options.controllers.split(",", maxsplit=1)[0]
+    )  # compiles
     with tempfile.TemporaryDirectory() as folder:
         campaign = write_short_campaign(Path(folder)) if options.million else CAMPAIGN
         spreads = measure_all(campaign, flights, options.controllers, options.repeats)
@@ -178,7 +206,11 @@ def main() -> None:
 
     machine = describe_machine(load)
     seconds = SHORT if options.million else 60
-    record: dict[str, Any] = {"machine": machine, "controllers": options.controllers, "flight_s": seconds}
+    record: dict[str, Any] = {
+        "machine": machine,
+        "controllers": options.controllers,
+        "flight_s": seconds,
+    }
     record |= {"repeats": options.repeats, "flights": flights, "medians": found, "lines": lines}
     record |= {"lowest": lowest, "highest": highest}
     write_json(RESULTS / f"{name}.json", record)

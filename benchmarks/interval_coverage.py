@@ -7,7 +7,13 @@ import numpy as np
 from scipy import stats
 
 from abhv_mc.statistics.quantile_pairs import quantile_differences
-from abhv_mc.statistics.reweight import effective_size, join_unseen, unseen_of_range, weighted_quantile, weighted_share
+from abhv_mc.statistics.reweight import (
+    effective_size,
+    join_unseen,
+    unseen_of_range,
+    weighted_quantile,
+    weighted_share,
+)
 
 CAMPAIGNS = 2000
 LEVELS = 0.5, 0.95, 0.9973
@@ -27,7 +33,9 @@ def whatif(fails, inputs, scale, flights, truth, campaigns=CAMPAIGNS, widened=Tr
     """
     draw = np.random.default_rng(7)
     old, new = stats.norm(), stats.norm(0.0, scale)
-    limit = np.quantile(FAILS[fails](scale * draw.standard_normal((2_000_000, inputs))), 1.0 - truth)
+    limit = np.quantile(
+        FAILS[fails](scale * draw.standard_normal((2_000_000, inputs))), 1.0 - truth
+    )
     answered, missed = 0, np.zeros((2, 2))
     for _ in range(campaigns):
         x = draw.standard_normal((flights, inputs))
@@ -60,7 +68,9 @@ def differences(words, law, size, together):
         for k, found in enumerate(quantile_differences(one, other, LEVELS)):
             truth = -float(law(LEVELS[k]))
             missed[:, k] += truth < found.low, truth > found.high
-    print(f"difference, {words}, {size} pairs, correlation {together:+.1f}: {missed.max(axis=1) / CAMPAIGNS}")
+    print(
+        f"difference, {words}, {size} pairs, correlation {together:+.1f}: {missed.max(axis=1) / CAMPAIGNS}"
+    )
 
 
 def main():
@@ -73,7 +83,9 @@ def main():
     ):
         answered, (share, quantile) = whatif(*case)
         words = "whatif {}, {} inputs, sigma x {}, {} flights, P {:g}".format(*case)
-        print(f"{words}: answers {answered:.2f}; truth below and above the share's {share}, the quantile's {quantile}")
+        print(
+            f"{words}: answers {answered:.2f}; truth below and above the share's {share}, the quantile's {quantile}"
+        )
     laws = {"normal": stats.norm.ppf, "t3": stats.t(3).ppf, "lognormal": stats.lognorm(1.0).ppf}
     laws["discrete"] = lambda p: np.floor(2.0 * stats.lognorm(1.0).ppf(p))
     for words, law in laws.items():

@@ -17,7 +17,10 @@ RESULT = ROOT / "benchmarks" / "results" / "bench.json"
 
 GOALS = {  # figure: (words, goal as text)
     "peak_gflops_per_core": ("peak of a core, GFLOP/s", ""),
-    "flights_per_second_per_core": ("flights per second and core", "TLC: 700 where the peak is 58 GFLOP/s"),
+    "flights_per_second_per_core": (
+        "flights per second and core",
+        "TLC: 700 where the peak is 58 GFLOP/s",
+    ),
     "one_at_a_time_ms": ("ms a flight, one at a time", ""),
     "batched_over_one": ("batched / one at a time", "3.5 with AVX-512, 1.8 with AVX2"),
     "flops_per_flight": ("operations a flight", ""),
@@ -40,12 +43,16 @@ def make_rows(runs: list[dict[str, Any]]) -> list[str]:
         for controller in runs[0]["controllers"]:
             values = [run["controllers"][controller][name] for run in runs]
             of_another = goal.startswith("TLC") and controller != "tlc"
-            rows.append(_make_row(f"{words}, {controller.upper()}", values, "" if of_another else goal))
+            rows.append(
+                _make_row(f"{words}, {controller.upper()}", values, "" if of_another else goal)
+            )
     return rows
 
 
 def _make_row(words: str, values: list[float], goal: str) -> str:
-    middle, low, high = (f"{value:.3g}" if value < 1e4 else f"{value:,.0f}" for value in find_spread(values))
+    middle, low, high = (
+        f"{value:.3g}" if value < 1e4 else f"{value:,.0f}" for value in find_spread(values)
+    )
     return f"| {words} | {middle} | {low} to {high} | {goal} |"
 
 
@@ -60,7 +67,11 @@ def main() -> None:
         "| figure | median | lowest to highest | goal |",
         "|---|---|---|---|",
     ]
-    replace_part(ROOT / "docs" / "explanation" / "performance.md", "bench", "\n".join([*head, *make_rows(runs)]))
+    replace_part(
+        ROOT / "docs" / "explanation" / "performance.md",
+        "bench",
+        "\n".join([*head, *make_rows(runs)]),
+    )
 
 
 if __name__ == "__main__":

@@ -34,7 +34,9 @@ def _prepare(controller):
     configs = shipped_configs()
     law = read_controller(configs / "control" / f"{controller}.yaml")
     mission = read_mission(configs / "mission" / "level.yaml")
-    return make_steady_plan(load_vehicle(configs / "vehicle" / "ghame_x.yaml"), mission, law, controller)
+    return make_steady_plan(
+        load_vehicle(configs / "vehicle" / "ghame_x.yaml"), mission, law, controller
+    )
 
 
 def _work(controller, flights, seed, ready, go, results):
@@ -46,7 +48,9 @@ def _work(controller, flights, seed, ready, go, results):
     parameters = nominal_parameters(flights)
     draws = np.random.default_rng(seed)
     for name, half_width in SPREADS.items():
-        parameters[:, PARAMETER_INDEX[name]] = draws.uniform(1.0 - half_width, 1.0 + half_width, flights)
+        parameters[:, PARAMETER_INDEX[name]] = draws.uniform(
+            1.0 - half_width, 1.0 + half_width, flights
+        )
     margins_of_flights(plan, plan, parameters[:2], ["trim"])
     ready.release()
     go.wait()
@@ -86,7 +90,16 @@ def main():
     seconds = time.perf_counter() - start
     for worker in workers:
         worker.join()
-    print(json.dumps({"seconds": seconds, "cores": options.cores, "controller": options.controller, "parts": found}))
+    print(
+        json.dumps(
+            {
+                "seconds": seconds,
+                "cores": options.cores,
+                "controller": options.controller,
+                "parts": found,
+            }
+        )
+    )
 
 
 if __name__ == "__main__":

@@ -36,9 +36,16 @@ def count_operations(plans: dict[str, FlightPlan]) -> dict[str, dict[str, int]]:
             paths.append(Path(folder) / f"{name}.npz")
             write_plan(paths[-1], plan)
         command = [sys.executable, "-m", "benchmarks.operations", *map(str, paths)]
-        environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+        environment = {
+            **os.environ,
+            "NUMBA_DISABLE_JIT": "1",
+            "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+        }
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-    return {name: {kind: round(n) for kind, n in counts.items()} for name, counts in json.loads(done.stdout).items()}
+    return {
+        name: {kind: round(n) for kind, n in counts.items()}
+        for name, counts in json.loads(done.stdout).items()
+    }
 
 
 def _count(plan: FlightPlan, ticks: int) -> dict[str, int]:
@@ -75,7 +82,9 @@ def _use_counted_floats() -> None:
             return type(value)(*map(count_in, value))
         return make_counted(value) if value.dtype == np.float64 else value
 
-    arguments.conform = lambda value, *_: value  # counted arrays hold objects, which the check of types refuses
+    arguments.conform = lambda value, *_: (
+        value
+    )  # counted arrays hold objects, which the check of types refuses
     lost.make_memory = lambda *sizes: count_in(memory.make_memory(*sizes))  # type: ignore[attr-defined]
     lane_math.bits_float = lambda bits: Counted(float_bits.bits_float(bits))  # type: ignore[attr-defined]
     math.sqrt = counted_sqrt  # type: ignore[assignment]

@@ -50,11 +50,26 @@ def write_campaign(folder: Path, simulator: dict[str, object]) -> Path:
 def seconds(campaign: Path, flights: int, workers: int) -> float:
     """Processor time of a run with all its processes, s."""
     with tempfile.TemporaryDirectory() as out:
-        command = [sys.executable, "-m", "abhv_mc", "run", str(campaign), "--runs", str(flights), "-o", out, "--fresh"]
+        command = [
+            sys.executable,
+            "-m",
+            "abhv_mc",
+            "run",
+            str(campaign),
+            "--runs",
+            str(flights),
+            "-o",
+            out,
+            "--fresh",
+        ]
         before = os.times()
-        subprocess.run([*command, "--workers", str(workers), "--no-report"], check=True, capture_output=True)
+        subprocess.run(
+            [*command, "--workers", str(workers), "--no-report"], check=True, capture_output=True
+        )
         after = os.times()
-    return (after.children_user + after.children_system) - (before.children_user + before.children_system)
+    return (after.children_user + after.children_system) - (
+        before.children_user + before.children_system
+    )
 
 
 def milliseconds_a_flight(campaign: Path, workers: int = 2) -> float:
@@ -69,7 +84,10 @@ def main() -> None:
         (folder / "nothing.py").write_text(PYTHON)
         (folder / "nothing.c").write_text(C)
         subprocess.run(["cc", "-O2", "-o", folder / "nothing", folder / "nothing.c"], check=True)
-        for words, simulator in (("python", {"python": "nothing.py"}), ("command", {"command": ["./nothing"]})):
+        for words, simulator in (
+            ("python", {"python": "nothing.py"}),
+            ("command", {"command": ["./nothing"]}),
+        ):
             campaign = write_campaign(folder, simulator)
             print(words, *(f"{milliseconds_a_flight(campaign):.4f} ms" for _ in range(3)))
 

@@ -67,7 +67,9 @@ class CannedWorkers:
         return pickle.dumps(sign(type(few)(**parts)), pickle.HIGHEST_PROTOCOL)
 
 
-def run(flights: int, workers: int, seconds: float, out: Path | None = None, laws: Any = ("tlc", "lqr")) -> Any:
+def run(
+    flights: int, workers: int, seconds: float, out: Path | None = None, laws: Any = ("tlc", "lqr")
+) -> Any:
     """Processor and wall time of a flight in the middle half of a campaign, s: no canned blocks are made there."""
     engine = make_engine()
     crew, marks = CannedWorkers(engine.fly, seconds), []
@@ -87,7 +89,9 @@ def run(flights: int, workers: int, seconds: float, out: Path | None = None, law
         tempfile.TemporaryDirectory() as folder,
         contextlib.redirect_stderr(io.StringIO()),
     ):
-        runner.run_campaign(Request(CAMPAIGN, out or Path(folder) / "out", flights, None, laws, workers), engine)
+        runner.run_campaign(
+            Request(CAMPAIGN, out or Path(folder) / "out", flights, None, laws, workers), engine
+        )
     half = marks[len(marks) // 4 : 3 * len(marks) // 4 + 1]
     number = sum(count for count, _, _ in half[1:])
     return (half[-1][1] - half[0][1]) / number, (half[-1][2] - half[0][2]) / number
@@ -101,15 +105,21 @@ def count_files(flights: int) -> None:
         files = len(list(Path(folder).rglob("*.parquet")))
         size = (Path(folder) / "out" / "manifest.json").stat().st_size
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-        print(f"{flights} flights: {files} data files, a manifest of {size} bytes, {time.perf_counter() - start:.0f} s")
+        print(
+            f"{flights} flights: {files} data files, a manifest of {size} bytes, {time.perf_counter() - start:.0f} s"
+        )
         print(f"{1e3 * own:.4f} ms of processor time a flight, {memory:.0f} MB at most")
 
 
 def main() -> None:
     """Print the figures."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--flights", type=int, default=131_072, help="of each controller, for the launching process")
-    parser.add_argument("--files", type=int, help="flights of a campaign whose files are counted, and nothing else")
+    parser.add_argument(
+        "--flights", type=int, default=131_072, help="of each controller, for the launching process"
+    )
+    parser.add_argument(
+        "--files", type=int, help="flights of a campaign whose files are counted, and nothing else"
+    )
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
     if given.files:
@@ -122,7 +132,10 @@ def main() -> None:
         faster = max(1, min(8, WORKERS[-1] // workers))
         _, seconds = run(_BLOCK // 2 * max(32, 8 * workers), workers, FLIGHT / faster)
         found["flights_per_second"][workers] = rate = 1.0 / (faster * seconds)
-        print(f"{workers:3d} workers: {rate:9.0f} flights/s, {rate * FLIGHT / workers:.2f} of their cores", flush=True)
+        print(
+            f"{workers:3d} workers: {rate:9.0f} flights/s, {rate * FLIGHT / workers:.2f} of their cores",
+            flush=True,
+        )
     if given.json:
         given.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
 

@@ -29,7 +29,13 @@ from abhv_mc.kernel.flight.navigation import navigate
 from abhv_mc.kernel.flight.sensors import add_biases, sense
 from abhv_mc.kernel.jit import kernel
 from abhv_mc.kernel.laws.lqr import lqr_tick
-from abhv_mc.kernel.laws.tlc import T_LIFT, nominal_variables, nominal_vehicle, tlc_attitude, tlc_guidance
+from abhv_mc.kernel.laws.tlc import (
+    T_LIFT,
+    nominal_variables,
+    nominal_vehicle,
+    tlc_attitude,
+    tlc_guidance,
+)
 from abhv_mc.kernel.laws.trim_lookup import look_up_trim
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.actuators import run_actuators, set_actuators
@@ -147,7 +153,9 @@ def time_of_one(operation: Callable[..., None]) -> float:
     x, y, out = np.full(N, 2.0), np.full(N, 1.5), np.empty(N)
 
     operation(x, y, out, 1)
-    return median(measure_time(lambda: operation(x, y, out, 10_000)) for _ in range(REPEATS)) / (10_000 * N)
+    return median(measure_time(lambda: operation(x, y, out, 10_000)) for _ in range(REPEATS)) / (
+        10_000 * N
+    )
 
 
 def time_of(part: int, calls: int, plans: dict[str, FlightPlan], parameters: Floats) -> float:
@@ -155,21 +163,31 @@ def time_of(part: int, calls: int, plans: dict[str, FlightPlan], parameters: Flo
     tlc, lqr = (make_kernel_plan(plans[law], parameters, Recording(0)) for law in BOTH)
     memory, results = make_memory(LANES), make_results(plans["tlc"], LANES, Recording(0), False)
     run_part(tlc, lqr, memory, results, part, 1)
-    return median(measure_time(lambda: run_part(tlc, lqr, memory, results, part, calls)) for _ in range(REPEATS))
+    return median(
+        measure_time(lambda: run_part(tlc, lqr, memory, results, part, calls))
+        for _ in range(REPEATS)
+    )
 
 
 def measure_parts() -> dict[str, dict[str, float]]:
     """By law and part: ms of a flight; ``flight`` is the whole, ``SLOW`` what divisions and roots alone take."""
     plans, parameters = make_work(LANES)
     ticks = plans["tlc"].timing.ticks
-    seconds = {name: time_of(number, ticks * calls, plans, parameters) for name, (number, calls, _) in PARTS.items()}
+    seconds = {
+        name: time_of(number, ticks * calls, plans, parameters)
+        for name, (number, calls, _) in PARTS.items()
+    }
     division, root = time_of_one(divide), time_of_one(take_roots)
     counts = read_operations()
     found = {}
     for law, plan in plans.items():
-        ms = {name: 1e3 * seconds[name] / LANES for name, (_, _, laws) in PARTS.items() if law in laws}
+        ms = {
+            name: 1e3 * seconds[name] / LANES for name, (_, _, laws) in PARTS.items() if law in laws
+        }
         fly(plan, parameters)
-        whole = median(measure_time(lambda plan=plan: fly(plan, parameters)) for _ in range(REPEATS))
+        whole = median(
+            measure_time(lambda plan=plan: fly(plan, parameters)) for _ in range(REPEATS)
+        )
         slow = counts[law]["divisions"] * division + counts[law]["square_roots"] * root
         found[law] = {**ms, "flight": 1e3 * whole / LANES, SLOW: 1e3 * slow}
     return found
@@ -183,33 +201,47 @@ def find_shares(parts: dict[str, float]) -> dict[str, float]:
 
 
 def make_record(
-    machine: dict[str, Any], runs: list[dict[str, dict[str, float]]], shares: dict[str, dict[str, Spread]]
+    machine: dict[str, Any],
+    runs: list[dict[str, dict[str, float]]],
+    shares: dict[str, dict[str, Spread]],
 ) -> dict[str, Any]:
     """What is kept: by law medians in ms; shares with their ends."""
     ms = {
-        law: {name: round(one.median, 4) for name, one in find_spreads([run[law] for run in runs]).items()}
+        law: {
+            name: round(one.median, 4)
+            for name, one in find_spreads([run[law] for run in runs]).items()
+        }
         for law in BOTH
     }
     ends = {
-        key: {law: {name: round(getattr(one, end), 5) for name, one in shares[law].items()} for law in BOTH}
+        key: {
+            law: {name: round(getattr(one, end), 5) for name, one in shares[law].items()}
+            for law in BOTH
+        }
         for key, end in {"shares": "median", "lowest": "lowest", "highest": "highest"}.items()
     }
     return {**ms, "machine": machine, "processes": len(runs), **ends}
 
 
-def make_table(machine: dict[str, Any], processes: int, shares: dict[str, dict[str, Spread]]) -> str:
+def make_table(
+    machine: dict[str, Any], processes: int, shares: dict[str, dict[str, Spread]]
+) -> str:
     """The medians as Markdown, in per cent; their ends are in the record."""
     lines = [make_note(machine, processes), ""]
     lines += [f"| part ({machine['simd']}) | TLC | LQR |", "|---|---|---|"]
     for name in (*PARTS, SLOW, REST):
-        cells = [f"{100 * shares[law][name].median:.1f} %" if name in shares[law] else "" for law in BOTH]
+        cells = [
+            f"{100 * shares[law][name].median:.1f} %" if name in shares[law] else "" for law in BOTH
+        ]
         lines.append(f"| {name} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
 def main() -> None:
     parser = make_parser(__doc__, RESULT)
-    parser.add_argument("--once", action="store_true", help="measure in this process, print JSON, write nothing")
+    parser.add_argument(
+        "--once", action="store_true", help="measure in this process, print JSON, write nothing"
+    )
     options = parser.parse_args()
     if options.once:
         print(json.dumps(measure_parts()))

@@ -26,7 +26,9 @@ def run_command(*words: str) -> Usage:
     """Run ``abhv-mc`` with these words. Raises RuntimeError where it fails; a failed requirement is no failure."""
     start = time.perf_counter()
     with tempfile.TemporaryFile("w+") as errors:
-        process = subprocess.Popen([sys.executable, "-m", "abhv_mc", *words], stdout=subprocess.DEVNULL, stderr=errors)
+        process = subprocess.Popen(
+            [sys.executable, "-m", "abhv_mc", *words], stdout=subprocess.DEVNULL, stderr=errors
+        )
         ended = threading.Event()
         together: list[float] = []
         watch = threading.Thread(target=_watch_memory, args=(process.pid, ended, together))
@@ -49,7 +51,9 @@ def _watch_memory(pid: int, ended: threading.Event, found: list[float]) -> None:
     with contextlib.suppress(psutil.NoSuchProcess):
         root = psutil.Process(pid)
         while not ended.wait(INTERVAL):
-            found.append(sum(_own_memory(one) for one in (root, *root.children(recursive=True))) / 1e6)
+            found.append(
+                sum(_own_memory(one) for one in (root, *root.children(recursive=True))) / 1e6
+            )
 
 
 def _own_memory(process: psutil.Process) -> int:

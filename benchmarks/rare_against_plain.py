@@ -22,7 +22,16 @@ from matplotlib.figure import Figure
 from abhv_mc.flight.metrics import BUILT_IN
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.statistics.binomial import clopper_pearson
-from abhv_mc.topics.figure_style import BLUE, INK, MARKERS, SKY, VERMILION, new_figure, styled, write_png
+from abhv_mc.topics.figure_style import (
+    BLUE,
+    INK,
+    MARKERS,
+    SKY,
+    VERMILION,
+    new_figure,
+    styled,
+    write_png,
+)
 
 _TOO_FAR = 2.58
 
@@ -35,7 +44,9 @@ def plot_tails(label: str, plain: np.ndarray, result: dict, limit: float) -> Fig
     limits = np.linspace(np.quantile(plain, 0.9), plain.max(), 200)
     beyond = len(plain) - np.searchsorted(np.sort(plain), limits)
     low, high = np.array([clopper_pearson(int(count), len(plain)) for count in beyond]).T
-    axes.fill_between(limits, low, high, color=SKY, alpha=0.4, linewidth=0.0, label="plain flights, 95 % interval")
+    axes.fill_between(
+        limits, low, high, color=SKY, alpha=0.4, linewidth=0.0, label="plain flights, 95 % interval"
+    )
     axes.semilogy(limits, beyond / len(plain), color=BLUE, label=f"{len(plain)} plain flights")
     numbers = sorted({level["repetition"] for level in result["levels"]})
     for number in numbers:
@@ -44,13 +55,20 @@ def plot_tails(label: str, plain: np.ndarray, result: dict, limit: float) -> Fig
         words = f"levels of {len(numbers)} repetitions" if number == numbers[0] else None
         marker = MARKERS[number % len(MARKERS)]
         axes.plot(
-            [limit + level["limit"] for level in levels], probabilities, marker, color=INK, markersize=3, label=words
+            [limit + level["limit"] for level in levels],
+            probabilities,
+            marker,
+            color=INK,
+            markersize=3,
+            label=words,
         )
     estimate, ends = (
         result["probability"],
         [[result["probability"] - result["low"]], [result["high"] - result["probability"]]],
     )
-    axes.errorbar(limit, estimate, ends, fmt="o", color=VERMILION, capsize=3, label="rare, 95 % interval")
+    axes.errorbar(
+        limit, estimate, ends, fmt="o", color=VERMILION, capsize=3, label="rare, 95 % interval"
+    )
     axes.set_ylim(bottom=0.2 / len(plain))
     axes.set_xlabel(label)
     axes.set_ylabel("share of flights beyond")
@@ -78,16 +96,28 @@ def main() -> None:
     failures = int((values >= limit).sum())
     low, high = clopper_pearson(failures, len(values))
     share = failures / len(values)
-    spread = np.hypot(np.sqrt((1.0 - share) / max(failures, 1)), np.log(result["high"] / result["low"]) / 3.92)
-    apart = abs(float(np.log(result["probability"] / share))) / float(spread) if failures else np.inf
+    spread = np.hypot(
+        np.sqrt((1.0 - share) / max(failures, 1)), np.log(result["high"] / result["low"]) / 3.92
+    )
+    apart = (
+        abs(float(np.log(result["probability"] / share))) / float(spread) if failures else np.inf
+    )
     numbers = {
         "metric": metric,
         "limit": limit,
-        "plain": {"flights": len(values), "failures": failures, "share": share, "low": low, "high": high},
+        "plain": {
+            "flights": len(values),
+            "failures": failures,
+            "share": share,
+            "low": low,
+            "high": high,
+        },
         "rare": {key: result[key] for key in ("probability", "low", "high", "flights", "failures")},
         "apart": apart,
     }
-    print(f"plain: {failures} of {len(values)} flights, {share:.3g}, 95 % interval {low:.3g} .. {high:.3g}")
+    print(
+        f"plain: {failures} of {len(values)} flights, {share:.3g}, 95 % interval {low:.3g} .. {high:.3g}"
+    )
     print(
         f"rare:  {result['probability']:.3g}, 95 % interval {result['low']:.3g} .. {result['high']:.3g}, "
         f"{result['flights']} flights"
@@ -97,7 +127,9 @@ def main() -> None:
         arguments.json.write_text(json.dumps(numbers, indent=2) + "\n", encoding="utf-8")
     if arguments.figure:
         shown = values[np.isfinite(values)]
-        write_png(plot_tails(BUILT_IN[metric].label_with_unit, shown, result, limit), arguments.figure)
+        write_png(
+            plot_tails(BUILT_IN[metric].label_with_unit, shown, result, limit), arguments.figure
+        )
     sys.exit(apart > _TOO_FAR)
 
 

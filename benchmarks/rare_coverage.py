@@ -57,7 +57,9 @@ def estimate(case: Case, seed: int) -> Answer:
     plan = SubsetPlan(case.dimension, case.threshold, seed, choose_chains(FLIGHTS))
     found = estimate_rare(case.severity, plan, flights=FLIGHTS)
     checked = found.check is not None and found.check.effective >= EXPECTED
-    return Answer(found.probability, found.low, found.high, found.flights, found.refusal is not None, checked)
+    return Answer(
+        found.probability, found.low, found.high, found.flights, found.refusal is not None, checked
+    )
 
 
 def summarise(case: Case, answers: list[Answer]) -> dict[str, float | int | str | list[int]]:
@@ -88,10 +90,16 @@ def study(case: Case, first: int, seeds: int) -> dict[str, float | int | str | l
 def study_missed(seeds: int) -> None:
     """How often an estimate lies wholly below the truth: rare switches, branches masked or without warning."""
     for case in switched_cases():
-        found = [estimate_switched(case.severity, case.rates, SubsetPlan(5, 0.0, 1000 + s))[0] for s in range(seeds)]
+        found = [
+            estimate_switched(case.severity, case.rates, SubsetPlan(5, 0.0, 1000 + s))[0]
+            for s in range(seeds)
+        ]
         _print_missed(case.name, found, case.probability)
     for case in (*map(masked, (2, 5, 10)), *map(corner, (4, 8, 12))):
-        found = [estimate_rare(case.severity, SubsetPlan(case.dimension, 0.0, 1000 + s)) for s in range(seeds)]
+        found = [
+            estimate_rare(case.severity, SubsetPlan(case.dimension, 0.0, 1000 + s))
+            for s in range(seeds)
+        ]
         _print_missed(case.name, found, case.probability)
 
 
@@ -100,24 +108,40 @@ def _print_missed(words: str, found: list, truth: float) -> None:
     below = sum(one.high < truth for one in given)
     unwarned = sum(one.unwarned_high is not None and one.unwarned_high >= truth for one in found)
     said = f"{len(given)} of {len(found)} given, {below} of them wholly below the truth"
-    print(f"{words}: {said}; above it in {unwarned} what plain flights allow without warning", flush=True)
+    print(
+        f"{words}: {said}; above it in {unwarned} what plain flights allow without warning",
+        flush=True,
+    )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=200)
     parser.add_argument("--first-seed", type=int, default=10_000)
-    parser.add_argument("--held-out", action="store_true", help="the cases on which nothing was chosen")
+    parser.add_argument(
+        "--held-out", action="store_true", help="the cases on which nothing was chosen"
+    )
     parser.add_argument("--json", type=Path, default=None)
     parser.add_argument(
-        "--missed", action="store_true", help="rare switches, branches masked or without warning instead"
+        "--missed",
+        action="store_true",
+        help="rare switches, branches masked or without warning instead",
     )
     arguments = parser.parse_args()
     if arguments.missed:
         study_missed(arguments.seeds)
         return
     rows = []
-    heads = ("case", "probability", "refused", "right of given", "right of all", "mean / truth", "cov", "evaluations")
+    heads = (
+        "case",
+        "probability",
+        "refused",
+        "right of given",
+        "right of all",
+        "mean / truth",
+        "cov",
+        "evaluations",
+    )
     print("| " + " | ".join((*heads, "plain / these")) + " |")
     print("|---|---|---|---|---|---|---|---|---|")
     for case in held_out_cases() if arguments.held_out else all_cases():

@@ -38,7 +38,9 @@ def repeat(processes: int, *words: str) -> list[Any]:
     runs = []
     for i in range(processes):
         print(f"process {i + 1} of {processes}: {' '.join(words)}", file=sys.stderr, flush=True)
-        done = subprocess.run([sys.executable, "-m", *words], check=True, stdout=subprocess.PIPE, text=True)
+        done = subprocess.run(
+            [sys.executable, "-m", *words], check=True, stdout=subprocess.PIPE, text=True
+        )
         runs.append(json.loads(done.stdout))
     return runs
 
@@ -67,8 +69,12 @@ def make_note(machine: Mapping[str, Any], processes: int) -> str:
 def make_parser(doc: str, result: Path) -> argparse.ArgumentParser:
     """What benchmarks of several processes are told on the command line: ``processes`` and ``json``."""
     parser = argparse.ArgumentParser(description=doc.splitlines()[0])
-    parser.add_argument("--processes", type=read_count, default=PROCESSES, help=f"default: {PROCESSES}")
-    parser.add_argument("--json", type=Path, default=result, help=f"default: {result.name} among the results")
+    parser.add_argument(
+        "--processes", type=read_count, default=PROCESSES, help=f"default: {PROCESSES}"
+    )
+    parser.add_argument(
+        "--json", type=Path, default=result, help=f"default: {result.name} among the results"
+    )
     return parser
 
 

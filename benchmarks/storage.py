@@ -65,8 +65,14 @@ def main() -> None:
             flight = (large - small) / ((many - few) * len(LAWS))
             ratios.append(flight / median((before, between, after)))
             rates.append(1e9 / (flight * measure_peak()))
-        print(f"{words}: {median(ratios):.3f} x the kernel ({min(ratios):.3f} to {max(ratios):.3f}), ", end="")
-        print(f"{median(rates):.1f} flights/s per GFLOP/s ({min(rates):.1f} to {max(rates):.1f})", flush=True)
+        print(
+            f"{words}: {median(ratios):.3f} x the kernel ({min(ratios):.3f} to {max(ratios):.3f}), ",
+            end="",
+        )
+        print(
+            f"{median(rates):.1f} flights/s per GFLOP/s ({min(rates):.1f} to {max(rates):.1f})",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

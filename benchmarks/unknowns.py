@@ -15,7 +15,13 @@ import numpy as np
 from scipy.stats import norm
 
 from abhv_mc.statistics.evidence import log_fail_evidence, most_failures
-from abhv_mc.statistics.unknowns import SEARCH_FLIGHTS, SEARCH_QUANTILE, corners, points_flown, search_worst
+from abhv_mc.statistics.unknowns import (
+    SEARCH_FLIGHTS,
+    SEARCH_QUANTILE,
+    corners,
+    points_flown,
+    search_worst,
+)
 
 PROBABILITY, RISK = 0.9973, 0.10
 Q0 = 1.0 - PROBABILITY
@@ -48,7 +54,9 @@ class System:
             square = np.sum((points - self.peak) ** 2, axis=1)
             return worst - self.rise * (1.0 - np.exp(-0.5 * square / self.width**2))
         if self.shape == "interaction":
-            return worst - self.rise * (1.0 - 0.5 * (points[:, 0] * points[:, 1] - points[:, 2] * points[:, 3]))
+            return worst - self.rise * (
+                1.0 - 0.5 * (points[:, 0] * points[:, 1] - points[:, 2] * points[:, 3])
+            )
         return np.full(len(points), worst)
 
     def scatter(self, draw, flights):
@@ -63,7 +71,10 @@ class System:
             weights = np.prod(0.5 * (1.0 + points[:, None, :] * corners(self.unknowns)), axis=2)
             return self.mean(points)[:, None] + weights @ direction.T
         scatter = own + self.mixed * points @ direction.T
-        return self.mean(points)[:, None] + scatter / np.sqrt(1.0 + self.mixed**2 * np.sum(points**2, axis=1))[:, None]
+        return (
+            self.mean(points)[:, None]
+            + scatter / np.sqrt(1.0 + self.mixed**2 * np.sum(points**2, axis=1))[:, None]
+        )
 
     def drawn(self, draw, flights):
         """Severity [flight] where each flight draws its own point."""
@@ -74,7 +85,12 @@ class System:
         """Largest failure rate over points, in q0."""
         spread = 1.0
         if self.shape == "corners":
-            spread = np.sqrt(np.sum(np.prod(0.5 * (1.0 + points[:, None, :] * corners(self.unknowns)), axis=2) ** 2, 1))
+            spread = np.sqrt(
+                np.sum(
+                    np.prod(0.5 * (1.0 + points[:, None, :] * corners(self.unknowns)), axis=2) ** 2,
+                    1,
+                )
+            )
         return float(np.max(norm.cdf(self.mean(points) / spread))) / Q0
 
 
@@ -118,7 +134,14 @@ def systems():
     for mixed, words in ((0.0, ""), (0.5, ", mixed")):
         for rate in (3.0, 1.0, 0.2):
             for unknowns in (1, 3):
-                yield System(f"{unknowns} unknown, ramp{words}", unknowns, rate, "ramp", rise=0.9, mixed=mixed)
+                yield System(
+                    f"{unknowns} unknown, ramp{words}",
+                    unknowns,
+                    rate,
+                    "ramp",
+                    rise=0.9,
+                    mixed=mixed,
+                )
     for rate in (3.0, 1.0):
         for width in (0.8, 0.4):
             yield System(f"3 unknown, bump of {width}", 3, rate, "bump", width, 1.2)
@@ -134,11 +157,16 @@ def main():
     """Print a line a system."""
     repetitions = int(sys.argv[1]) if len(sys.argv) > 1 else 300
     print(f"{'':34}{'drawn':>8}{'corners':>16}{'rule':>16}{'worst rate':>12}")
-    print(f"{'worst value at':>34}{'PASS':>8}{'PASS':>8}{'FAIL':>8}{'PASS':>8}{'FAIL':>8}{'flown, q0':>12}")
+    print(
+        f"{'worst value at':>34}{'PASS':>8}{'PASS':>8}{'FAIL':>8}{'PASS':>8}{'FAIL':>8}{'flown, q0':>12}"
+    )
     for system in systems():
         shares, found = simulate(system, repetitions)
         words = f"{system.words}, {system.rate:g} q0"
-        print(f"{words:34}" + "".join(f"{share:8.3f}" for share in shares) + f"{found:12.2f}", flush=True)
+        print(
+            f"{words:34}" + "".join(f"{share:8.3f}" for share in shares) + f"{found:12.2f}",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

@@ -35,7 +35,9 @@ configs = ROOT / "configs"
 files = configs / "vehicle" / "ghame_x.yaml", configs / "mission" / "s_manoeuvre.yaml"
 built_in = prepare(*files, configs / "control" / "lqr.yaml", "lqr")
 entries = {name: MetricEntry(**entry) for name, entry in METRICS.items()}
-declared = pack_metrics(declare_metrics(entries, (), Document("-", {}, {(): (1, 1)}, {}), (), [], {}))
+declared = pack_metrics(
+    declare_metrics(entries, (), Document("-", {}, {(): (1, 1)}, {}), (), [], {})
+)
 plans = {
     "built-in LQR": built_in,
     "cascade in Python": prepare(*files, configs / "control" / "cascade.yaml", "own"),
@@ -60,4 +62,6 @@ for _ in range(ROUNDS):
 ticks = FLIGHTS * (built_in.timing.ticks + 1)
 for name, taken in seconds.items():
     ratio = statistics.median(a / b for a, b in zip(taken, seconds["built-in LQR"], strict=True))
-    print(f"{name:20} {1e9 * min(taken) / ticks:7.1f} ns a flight and tick at best, {ratio:.3f} x built-in (median)")
+    print(
+        f"{name:20} {1e9 * min(taken) / ticks:7.1f} ns a flight and tick at best, {ratio:.3f} x built-in (median)"
+    )

@@ -63,19 +63,29 @@ class Version:
 
     def __init__(self, tree: Path, cache: Path, campaign: Path) -> None:
         self.tree, self.cache, self.campaign = tree, cache, campaign
-        self.environment = {**os.environ, "PYTHONPATH": str(tree / "src"), "XDG_CACHE_HOME": str(cache)}
+        self.environment = {
+            **os.environ,
+            "PYTHONPATH": str(tree / "src"),
+            "XDG_CACHE_HOME": str(cache),
+        }
         self.environment.pop("PYTHONDONTWRITEBYTECODE", None)
 
     def flight(self, law: str) -> float:
         """Seconds of a flight."""
         words = [sys.executable, "-c", FLIGHT, str(self.campaign.parents[1] / "configs"), law, "7"]
-        return float(subprocess.run(words, env=self.environment, check=True, capture_output=True, text=True).stdout)
+        return float(
+            subprocess.run(
+                words, env=self.environment, check=True, capture_output=True, text=True
+            ).stdout
+        )
 
     def command(self, *words: str) -> tuple[float, float, float]:
         """Seconds of the processor, seconds by the clock, and MB of the largest process. Raises RuntimeError."""
         start = time.perf_counter()
         words = (sys.executable, "-c", MEASURED, sys.executable, *words)
-        ended = subprocess.run(words, env=self.environment, check=True, capture_output=True, text=True)
+        ended = subprocess.run(
+            words, env=self.environment, check=True, capture_output=True, text=True
+        )
         code, seconds, memory = json.loads(ended.stdout)
         if code not in {0, 1}:  # 1: a requirement failed
             raise RuntimeError(ended.stderr[-2000:])
@@ -86,20 +96,28 @@ class Version:
         run = ("-m", "abhv_mc", "run", str(self.campaign), "--runs")
         bare, whole, many = folder / "bare", folder / "whole", folder / "many"
         return {
-            "64 flights, no report": self.command(*run, "64", "--output", str(bare), "--no-report")[0],
+            "64 flights, no report": self.command(*run, "64", "--output", str(bare), "--no-report")[
+                0
+            ],
             "64 flights and report": self.command(*run, "64", "--output", str(whole))[0],
             "run with nothing new": self.command(*run, "64", "--output", str(whole))[0],
-            "4096 flights, no report": self.command(*run, "4096", "--output", str(many), "--no-report")[0],
+            "4096 flights, no report": self.command(
+                *run, "4096", "--output", str(many), "--no-report"
+            )[0],
         }
 
     def cold(self, folder: Path) -> Costs:
         """The kernel alone and the whole campaign, with nothing compiled."""
         with tempfile.TemporaryDirectory() as cache:
             empty = Version(self.tree, Path(cache), self.campaign)
-            kernel = empty.command("-c", FLIGHT, str(self.campaign.parents[1] / "configs"), "tlc", "0")
+            kernel = empty.command(
+                "-c", FLIGHT, str(self.campaign.parents[1] / "configs"), "tlc", "0"
+            )
         with tempfile.TemporaryDirectory() as cache:
             empty = Version(self.tree, Path(cache), self.campaign)
-            first = empty.command("-m", "abhv_mc", "run", str(self.campaign), "--output", str(folder / "first"))
+            first = empty.command(
+                "-m", "abhv_mc", "run", str(self.campaign), "--output", str(folder / "first")
+            )
             disk = measure_disk(Path(cache))
         return {
             "kernel alone": kernel[0],
@@ -111,7 +129,9 @@ class Version:
         }
 
 
-def compare(here: Version, before: Version, rounds: int, measure: Callable[[Version, Path], Costs]) -> list[str]:
+def compare(
+    here: Version, before: Version, rounds: int, measure: Callable[[Version, Path], Costs]
+) -> list[str]:
     """Rows of the ratios of some rounds, which the versions begin in turns; printed meanwhile."""
     found: list[tuple[Costs, Costs]] = []
     for number in range(rounds):
@@ -123,15 +143,22 @@ def compare(here: Version, before: Version, rounds: int, measure: Callable[[Vers
     rows = []
     for name in found[0][0] if found else ():
         ratios = sorted(ours[name] / theirs[name] for ours, theirs in found)
-        middle = median(ours[name] for ours, _ in found), median(theirs[name] for _, theirs in found)
+        middle = (
+            median(ours[name] for ours, _ in found),
+            median(theirs[name] for _, theirs in found),
+        )
         spread = f"{ratios[0]:.2f} to {ratios[-1]:.2f}" if rounds > 1 else "once"
-        rows.append(f"| {name} | {median(ratios):.2f} | {spread} | {middle[0]:.3g} | {middle[1]:.3g} |")
+        rows.append(
+            f"| {name} | {median(ratios):.2f} | {spread} | {middle[0]:.3g} | {middle[1]:.3g} |"
+        )
         print(rows[-1], flush=True)
     return rows
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("checkout", type=Path)
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--cold", type=int, default=1)
@@ -140,17 +167,30 @@ def main() -> None:
     campaign = other / "campaigns/s_manoeuvre.yaml"
     load = os.getloadavg()[0]
     with tempfile.TemporaryDirectory() as caches:
-        ours, theirs = (Version(tree, Path(caches) / name, campaign) for tree, name in ((here, "a"), (other, "b")))
+        ours, theirs = (
+            Version(tree, Path(caches) / name, campaign)
+            for tree, name in ((here, "a"), (other, "b"))
+        )
         rows = compare(ours, theirs, options.cold, lambda version, folder: version.cold(folder))
         for version in (ours, theirs) if options.rounds else ():  # compile
             with tempfile.TemporaryDirectory() as folder:
                 version.campaigns(Path(folder))
-        rows += compare(ours, theirs, options.rounds, lambda version, _: {law: version.flight(law) for law in LAWS})
-        rows += compare(ours, theirs, options.rounds, lambda version, folder: version.campaigns(folder))
+        rows += compare(
+            ours,
+            theirs,
+            options.rounds,
+            lambda version, _: {law: version.flight(law) for law in LAWS},
+        )
+        rows += compare(
+            ours, theirs, options.rounds, lambda version, folder: version.campaigns(folder)
+        )
     if not (options.cold and options.rounds):
         return
     revision = subprocess.run(
-        ["git", "-C", str(other), "rev-parse", "--short", "HEAD"], capture_output=True, check=False, text=True
+        ["git", "-C", str(other), "rev-parse", "--short", "HEAD"],
+        capture_output=True,
+        check=False,
+        text=True,
     )
     note = make_note(describe_machine(load), options.rounds).replace("processes", "rounds")
     note += f" Kernels and first starts: {options.cold}."

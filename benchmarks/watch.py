@@ -24,7 +24,9 @@ ATTEMPTS = 3
 def measure_gain(plan: FlightPlan, parameters: Floats) -> float:
     """Time of as many flights as there are lanes, one at a time over batched."""
     short = dataclasses.replace(plan, timing=plan.timing._replace(ticks=TICKS))
-    return measure_ratio(lambda: fly(short, parameters, lanes=1), lambda: fly(short, parameters, lanes=LANES))
+    return measure_ratio(
+        lambda: fly(short, parameters, lanes=1), lambda: fly(short, parameters, lanes=LANES)
+    )
 
 
 def main() -> int:
@@ -40,10 +42,14 @@ def main() -> int:
             if gain >= limit:
                 break
         wanted = f"at least {limit:g} with {simd}" if limit else f"no limit with {simd}"
-        print(f"{name}: {LANES} flights in a batch are {gain:.2f} times as fast as one at a time ({wanted})")
+        print(
+            f"{name}: {LANES} flights in a batch are {gain:.2f} times as fast as one at a time ({wanted})"
+        )
         slow += [name] if gain < limit else []
     if slow:
-        print(f"too slow: {', '.join(slow)}; see the rules in abhv_mc/kernel/jit.py", file=sys.stderr)
+        print(
+            f"too slow: {', '.join(slow)}; see the rules in abhv_mc/kernel/jit.py", file=sys.stderr
+        )
     return 1 if slow else 0
 
 

@@ -28,7 +28,11 @@ ROOT = Path(__file__).resolve().parents[1]
 
 def shown(severity: float) -> str:
     """A severity as its metric, or that the flight ended early, which is worse the earlier."""
-    return f"{severity:.6g}" if severity < ENDED_EARLY else f"ended early ({severity - ENDED_EARLY:.4g} s left)"
+    return (
+        f"{severity:.6g}"
+        if severity < ENDED_EARLY
+        else f"ended early ({severity - ENDED_EARLY:.4g} s left)"
+    )
 
 
 def main() -> None:
@@ -44,7 +48,10 @@ def main() -> None:
     held, rows = 0, []
     with tempfile.TemporaryDirectory() as folder:
         request = SearchRequest(arguments.campaign, Path(folder) / "search", arguments.controller)
-        settings = {"kind": "worst", **vars(WorstSettings(arguments.metric, flights=arguments.flights))}
+        settings = {
+            "kind": "worst",
+            **vars(WorstSettings(arguments.metric, flights=arguments.flights)),
+        }
         with open_search(request, settings, 1, make_engine()) as search:
             search.progress = None
             space = search.space
@@ -54,7 +61,9 @@ def main() -> None:
             def evaluate(points: np.ndarray) -> np.ndarray:
                 return severity.of(search.fly(space.from_box(points, bounds), common_seed=True))
 
-            search.fly(space.draw_in_box(bounds, 0, 256), common_seed=True)  # the workers compile or load
+            search.fly(
+                space.draw_in_box(bounds, 0, 256), common_seed=True
+            )  # the workers compile or load
             for seed in range(arguments.seeds):
                 found = search_worst(evaluate, len(space.names), arguments.flights, seed)
                 values = space.draw_in_box(bounds, seed, arguments.flights)
@@ -64,7 +73,9 @@ def main() -> None:
                 )
                 held += found.value >= random
                 rows.append({"seed": seed, "search": found.value, "random": random})
-                print(f"seed {seed}: search {shown(found.value)}, random {shown(random)}", flush=True)
+                print(
+                    f"seed {seed}: search {shown(found.value)}, random {shown(random)}", flush=True
+                )
     print(f"not below in {held} of {arguments.seeds} seeds")
     if arguments.json:
         result = {

@@ -35,7 +35,14 @@ smartquotes = False  # --option stays as it is typed
 suppress_warnings = ["mystnb.unknown_mime_type"]
 
 # Pages in Markdown; cells of a page are executed at every build, and an error in one fails it.
-myst_enable_extensions = ["amsmath", "attrs_inline", "colon_fence", "deflist", "dollarmath", "fieldlist"]
+myst_enable_extensions = [
+    "amsmath",
+    "attrs_inline",
+    "colon_fence",
+    "deflist",
+    "dollarmath",
+    "fieldlist",
+]
 myst_heading_anchors = 4
 nb_execution_mode = "force"
 nb_execution_timeout = 900  # s a cell, on a busy machine
@@ -89,7 +96,9 @@ def _copy_files(app, error):
     """The parts of MathJax that its loader reads, and a report to look at."""
     if error is not None or app.builder.format != "html":
         return
-    shutil.copyfile(HERE / "_build/flown/study/default/report.html", Path(app.outdir) / "_static/report.html")
+    shutil.copyfile(
+        HERE / "_build/flown/study/default/report.html", Path(app.outdir) / "_static/report.html"
+    )
     package = importlib.util.find_spec("sphinx-mathjax-offline").submodule_search_locations[0]
     source, target = Path(package) / "static" / "mathjax", Path(app.outdir) / "_static" / "mathjax"
     for part in ("tex-chtml.js", "output/chtml/fonts", "input/tex/extensions"):

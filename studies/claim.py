@@ -75,7 +75,9 @@ robust 75 and 14, LQR robust 105 and 1 ([margins](margins.md)).
 """
 
 
-def best(found: dict[str, Any], law: str, budget: float, search: int | None = None) -> dict[str, Any] | None:
+def best(
+    found: dict[str, Any], law: str, budget: float, search: int | None = None
+) -> dict[str, Any] | None:
     """The design of the smallest error within a budget."""
     searches = SEARCHES if search is None else (search,)
     designs = [
@@ -101,12 +103,18 @@ def front_table(results: dict[str, Any]) -> Iterator[str]:
             cells = []
             for law in LAWS:
                 designs = [best(found, law, budget, search) for search in SEARCHES]
-                cells.append(", ".join(f"{design['error'][0]:.2f}" if design else "none" for design in designs))
+                cells.append(
+                    ", ".join(
+                        f"{design['error'][0]:.2f}" if design else "none" for design in designs
+                    )
+                )
             tlc, lqr = (best(found, law, budget) for law in LAWS)
             usages = "; ".join(used(design) if design else "none" for design in (tlc, lqr))
             ratio = ""
             if tlc and lqr:
-                parts = [f"{a[0] / b[0]:.2f}" for a, b in zip(tlc["angles"], lqr["angles"], strict=True)]
+                parts = [
+                    f"{a[0] / b[0]:.2f}" for a, b in zip(tlc["angles"], lqr["angles"], strict=True)
+                ]
                 ratio = f"{tlc['error'][0] / lqr['error'][0]:.2f} ({', '.join(parts)})"
             yield f"| `{NAMES.get(vehicle, vehicle)}`, {budget:g} | {' | '.join(cells)} | {usages} | {ratio} |"
 
@@ -156,7 +164,8 @@ def agreement(results: dict[str, Any]) -> str:
             (max(pair) / min(pair) - 1.0)
             for found in results.values()
             for budget in BUDGETS
-            if len(pair := [d["error"][0] for n in SEARCHES if (d := best(found, law, budget, n))]) > 1
+            if len(pair := [d["error"][0] for n in SEARCHES if (d := best(found, law, budget, n))])
+            > 1
         )
         for law in LAWS
     }

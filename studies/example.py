@@ -24,10 +24,15 @@ HASHES = {"digest", "digests", "files", "key", "pages", "pictures"}
 
 def in_words(numbers: dict[str, Any], shown: dict[str, str]) -> str:
     """The first screen, and what ``show`` prints of each topic."""
-    parts = [f"# {numbers['provenance']['question']}", "![The first screen](../../docs/images/report.png)"]
+    parts = [
+        f"# {numbers['provenance']['question']}",
+        "![The first screen](../../docs/images/report.png)",
+    ]
     for topic, printed in shown.items():
         told = (line.rstrip() for line in printed.strip("\n").splitlines())
-        lines = "\n".join(line if line.startswith(" ") else textwrap.fill(line, 120) for line in told)
+        lines = "\n".join(
+            line if line.startswith(" ") else textwrap.fill(line, 120) for line in told
+        )
         parts.append(f"`abhv-mc show {topic} reports/s_manoeuvre`:\n\n```text\n{lines}\n```")
     return "\n\n".join(parts) + "\n"
 
@@ -76,7 +81,9 @@ def main(target: Path) -> None:
                                   stdout=subprocess.PIPE, text=True)  # fmt: skip
             return told.stdout
 
-        flown = Path("reports/s_manoeuvre")  # relative, so that the commands in the report name no machine's folder
+        flown = Path(
+            "reports/s_manoeuvre"
+        )  # relative, so that the commands in the report name no machine's folder
         abhv_mc("run", "s_manoeuvre", "-o", flown.as_posix())
         folder = Path(temporary) / flown
         shutil.rmtree(target, ignore_errors=True)

@@ -22,7 +22,12 @@ Floats = NDArray[np.float64]
 
 # Zhu and Shen 2014, section 7: uniform, half widths.
 DISPERSIONS = {"atmosphere.density": 0.10, "aero.lift": 0.10, "aero.drag": 0.15}
-CORNERS = ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))  # of density, lift, drag: half of the box's eight
+CORNERS = (
+    (1, 1, 1),
+    (1, -1, -1),
+    (-1, 1, -1),
+    (-1, -1, 1),
+)  # of density, lift, drag: half of the box's eight
 
 ERRORS = (
     "altitude_error_rms_m",
@@ -32,8 +37,16 @@ ERRORS = (
     "bank_error_rms_deg",
     "sideslip_rms_deg",
 )
-FOLLOWING = ("angle_of_attack_error_rms_deg", "sideslip_rms_deg", "bank_error_rms_deg")  # what the paper's claim names
-USAGE = tuple(f"{surface}_{kind}_deg" for surface in ("aileron", "elevator", "rudder") for kind in ("rms", "travel"))
+FOLLOWING = (
+    "angle_of_attack_error_rms_deg",
+    "sideslip_rms_deg",
+    "bank_error_rms_deg",
+)  # what the paper's claim names
+USAGE = tuple(
+    f"{surface}_{kind}_deg"
+    for surface in ("aileron", "elevator", "rudder")
+    for kind in ("rms", "travel")
+)
 ALLOWED = 1.05  # times TLC's usage
 
 
@@ -65,7 +78,12 @@ def wrapped(line: str) -> str:
     if line.startswith(("|", "!", "#", ">")):
         return line
     return "\n".join(
-        textwrap.wrap(line, 120, subsequent_indent="  " if line.startswith("- ") else "", break_on_hyphens=False)
+        textwrap.wrap(
+            line,
+            120,
+            subsequent_indent="  " if line.startswith("- ") else "",
+            break_on_hyphens=False,
+        )
     )
 
 
@@ -84,7 +102,9 @@ class Bench:
         """The plan of any controller."""
         return make_plan(self.vehicle, self.mission, controller, controller.law)
 
-    def fly_tlc(self, controller: TlcController, parameters: Floats, record_every: int | None = None) -> FlightBlock:
+    def fly_tlc(
+        self, controller: TlcController, parameters: Floats, record_every: int | None = None
+    ) -> FlightBlock:
         """Fly TLC with other gains; what does not depend on them is kept."""
         gains = make_tlc_gains(controller, self.plan.reference, self.vehicle, self.plan.trim_tables)
         plan = replace(self.plan, gains=gains, settings=make_tlc_settings(controller))

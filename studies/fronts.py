@@ -37,7 +37,11 @@ from abhv_mc.search.methods.tune import Scores, pareto_front, tune
 from abhv_mc.simulators.candidates import ControllerNumbers
 from abhv_mc.stability.analysis import margins_of_flights
 
-VEHICLES = ("seed-2", "seed-4", "seed-9")  # of studies/paper_vehicle.json: abhv, and the two that differ most from it
+VEHICLES = (
+    "seed-2",
+    "seed-4",
+    "seed-9",
+)  # of studies/paper_vehicle.json: abhv, and the two that differ most from it
 LAWS = ("tlc", "lqr")
 SEARCHES = (1, 2)
 RANDOM = 2  # the search that begins with random points
@@ -128,7 +132,9 @@ class Trials:
         printed_path = self.medians(self.duel.fly(plan, self.flights))[0][PATHS]
         self.path = np.maximum(printed_path / self.table_1[0][PATHS], 1.0)
         document = read_document(ROOT / f"configs/control/{law}_robust.yaml")
-        self.numbers = ControllerNumbers(document, tuple(Free(key=key, factor=FACTOR[law]) for key in KEYS[law]))
+        self.numbers = ControllerNumbers(
+            document, tuple(Free(key=key, factor=FACTOR[law]) for key in KEYS[law])
+        )
 
     @staticmethod
     def medians(flown: Flown) -> tuple[Floats, Floats]:
@@ -138,11 +144,15 @@ class Trials:
     def place(self, file: str) -> Floats:
         """The point of a controller's file; what lies beyond the box comes to its edge."""
         data = read_document(ROOT / f"configs/control/{file}.yaml")
-        theirs, ours = (ControllerNumbers(each, self.numbers.free) for each in (data, self.numbers.document))
+        theirs, ours = (
+            ControllerNumbers(each, self.numbers.free) for each in (data, self.numbers.document)
+        )
         nothing = np.zeros(len(self.numbers.free))
         ratios = [
             float(str(there).split()[0]) / float(str(here).split()[0])
-            for there, here in zip(theirs.values(nothing).values(), ours.values(nothing).values(), strict=True)
+            for there, here in zip(
+                theirs.values(nothing).values(), ours.values(nothing).values(), strict=True
+            )
         ]
         return np.clip(np.log(ratios) / np.log(FACTOR[self.law]), -0.98, 0.98)
 
@@ -171,7 +181,9 @@ class Trials:
         )
         cycles = min(float(np.nanmax(flown.ripples, initial=0.0)) / RIPPLE - 1.0, 1.0)
         path = min(float((errors[PATHS] / self.path).max()) / PATH - 1.0, 1.0)
-        return np.hstack([point, errors, np.maximum(usage, 1e-3), short, flown.lost / 10.0, cycles, path])
+        return np.hstack(
+            [point, errors, np.maximum(usage, 1e-3), short, flown.lost / 10.0, cycles, path]
+        )
 
     def measure(self, points: Floats) -> Tried:
         """Candidates ``[candidate, free]``."""
@@ -191,7 +203,11 @@ class Archive:
 
     def tried(self, law: str, searches: tuple[int, ...]) -> Tried:
         """Everything that these searches tried."""
-        files = [file for search in searches for file in sorted(self.folder.glob(f"{law}-{search}-*.npz"))]
+        files = [
+            file
+            for search in searches
+            for file in sorted(self.folder.glob(f"{law}-{search}-*.npz"))
+        ]
         nothing = np.empty((0, len(KEYS[law]) + 12 + LIMITS))
         return tried_of(np.vstack([nothing, *(np.load(file)["table"] for file in files)]))
 

@@ -30,7 +30,9 @@ def values(design: dict[str, Any], column: int) -> np.ndarray:
     return np.array(design["error"] if column == 0 else design["angles"][column - 1])
 
 
-def draw_front(axes: Axes, designs: list[dict[str, Any]], column: int, law: str, search: int) -> None:
+def draw_front(
+    axes: Axes, designs: list[dict[str, Any]], column: int, law: str, search: int
+) -> None:
     """One search's designs with their intervals."""
     usage = np.array([design["mean_usage"][0] for design in designs])
     value, low, high = np.array([values(design, column) for design in designs]).T
@@ -49,7 +51,9 @@ def draw_front(axes: Axes, designs: list[dict[str, Any]], column: int, law: str,
     )
 
 
-def draw_shipped(axes: Axes, shipped: dict[str, Any], column: int, ends: tuple[float, float]) -> None:
+def draw_shipped(
+    axes: Axes, shipped: dict[str, Any], column: int, ends: tuple[float, float]
+) -> None:
     """Designs that are not of the searches; those beyond the panel at its edge, with their number."""
     for name, (law, marker, words) in SHIPPED.items():
         value, usage = values(shipped[name], column)[0], shipped[name]["mean_usage"][0]
@@ -88,9 +92,17 @@ def label_laws(axes: Axes, fronts: dict[str, Any]) -> None:
         if not designs:
             continue
         if law == "tlc":
-            end, offset, place = max(designs, key=lambda d: d["mean_usage"][0]), (4, -3), ("left", "top")
+            end, offset, place = (
+                max(designs, key=lambda d: d["mean_usage"][0]),
+                (4, -3),
+                ("left", "top"),
+            )
         else:
-            end, offset, place = max(designs, key=lambda d: d["mean_usage"][0]), (6, 2), ("left", "bottom")
+            end, offset, place = (
+                max(designs, key=lambda d: d["mean_usage"][0]),
+                (6, 2),
+                ("left", "bottom"),
+            )
         at = end["mean_usage"][0], end["error"][0]
         axes.annotate(law.upper(), at, offset, size=8.5, weight="bold", color=COLORS[law],
                       textcoords="offset points", ha=place[0], va=place[1], zorder=8)  # fmt: skip
@@ -120,13 +132,19 @@ def plot_fronts(results: dict[str, Any]) -> Figure:
             axes.set_yscale("log")
             axes.minorticks_off()
             axes.set_xticks(TICKS_X, [f"{tick:g}" for tick in TICKS_X])
-            ticks = [tick for tick in (TICKS_Y if high < 6.0 * low else TICKS_WIDE) if low <= tick <= high]
+            ticks = [
+                tick
+                for tick in (TICKS_Y if high < 6.0 * low else TICKS_WIDE)
+                if low <= tick <= high
+            ]
             axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
             axes.set_xlim(*LIMITS_X)
             axes.set_ylim(low, high)
             axes.axhline(1.0, color=INK, linewidth=0.5, linestyle=":")
             references = np.array(found["table_1"]["errors"])[ANGLES]
-            axes.set_title(f"{head}, 1 = {references[column - 1]:.2g} deg" if column else head, fontsize=7.5)
+            axes.set_title(
+                f"{head}, 1 = {references[column - 1]:.2g} deg" if column else head, fontsize=7.5
+            )
             if column == 0:
                 axes.set_ylabel(f"{NAMES.get(vehicle, vehicle)}\nerror / Table 1's")
                 label_laws(axes, found["fronts"])
@@ -137,5 +155,7 @@ def plot_fronts(results: dict[str, Any]) -> Figure:
     for axes in grid.ravel():
         handles, labels = axes.get_legend_handles_labels()
         entries.update(dict(zip(labels, handles, strict=True)))
-    figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=3, fontsize=6.8)
+    figure.legend(
+        list(entries.values()), list(entries), loc="outside lower center", ncols=3, fontsize=6.8
+    )
     return figure

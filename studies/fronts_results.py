@@ -74,7 +74,10 @@ class Judge:
         path = np.median(fresh.errors, axis=0)[PATHS] / self.references[0][PATHS]
         wanted = np.array([*NOMINAL, *CORNER])
         return bool(
-            not fresh.lost and not fresh.cycling and (fresh.margins >= wanted).all() and (path < self.path).all()
+            not fresh.lost
+            and not fresh.cycling
+            and (fresh.margins >= wanted).all()
+            and (path < self.path).all()
         )
 
     def scores(self, fresh: Fresh) -> tuple[Floats, Floats]:
@@ -134,7 +137,9 @@ def front(judge: Judge, law: str, tried: Tried) -> list[dict[str, Any]]:
                 continue
             fresh = judge.design(law, kept.points[i])
             if judge.keeps(fresh):
-                found.append({"budget": budget, "point": rounded(kept.points[i]), **judge.told(fresh)})
+                found.append(
+                    {"budget": budget, "point": rounded(kept.points[i]), **judge.told(fresh)}
+                )
                 last = i
                 break
     return found
@@ -149,10 +154,19 @@ def main() -> None:
     into = ROOT / "studies/fronts/results.json"
     for vehicle in arguments.vehicle:
         archive, judge = Archive(arguments.work, vehicle), Judge(vehicle)
-        told: dict[str, Any] = {"hours": round(archive.seconds() / 3600.0, 2), "candidates": {}, "fronts": {}}
-        told["table_1"] = {"errors": rounded(judge.references[0]), "usage": rounded(judge.references[1])}
+        told: dict[str, Any] = {
+            "hours": round(archive.seconds() / 3600.0, 2),
+            "candidates": {},
+            "fronts": {},
+        }
+        told["table_1"] = {
+            "errors": rounded(judge.references[0]),
+            "usage": rounded(judge.references[1]),
+        }
         told["shipped"] = {
-            name: judge.told(judge.fly(read_controller(ROOT / f"configs/control/{name}.yaml"), name))
+            name: judge.told(
+                judge.fly(read_controller(ROOT / f"configs/control/{name}.yaml"), name)
+            )
             for name in ("tlc", "lqr", "tlc_robust", "lqr_robust")
         }
         for law in LAWS:

@@ -149,7 +149,9 @@ def check_gains() -> None:
         for part in name.split("."):
             channel = getattr(channel, part)
         if (channel.damping, channel.bandwidth) != wanted:
-            raise SystemExit(f"{name}: {channel.damping}, {channel.bandwidth} in the file, {wanted} in Table 1")
+            raise SystemExit(
+                f"{name}: {channel.damping}, {channel.bandwidth} in the file, {wanted} in Table 1"
+            )
     if (tlc.differentiators.attitude, tlc.differentiators.rates) != (0.3, 1.5):
         raise SystemExit("the differentiators' bandwidths are not the paper's")
 
@@ -173,7 +175,10 @@ def ratios(judged: dict[str, Any], window: str, angle: str) -> list[float]:
 
 def claim_words(judged: dict[str, Any]) -> Iterator[str]:
     """What holds for all members, and what does not."""
-    for window, words in (("whole", "Over the whole flight"), ("settled", "Without each ramp and 5 s after it")):
+    for window, words in (
+        ("whole", "Over the whole flight"),
+        ("settled", "Without each ramp and 5 s after it"),
+    ):
         parts = [
             f"{name.replace('_', ' ')} in {between(closer(judged, window, name))} % of the flights (its median error "
             f"is {between(ratios(judged, window, name), 2)} of LQR's)"
@@ -181,7 +186,9 @@ def claim_words(judged: dict[str, Any]) -> Iterator[str]:
         ]
         yield f"- {words} TLC is closer in {parts[0]}, in {parts[1]} and in {parts[2]}."
     uses = {
-        surface: [one["use"][surface]["tlc"] / one["use"][surface]["lqr"] for one in judged.values()]
+        surface: [
+            one["use"][surface]["tlc"] / one["use"][surface]["lqr"] for one in judged.values()
+        ]
         for surface in ("aileron", "rudder", "elevator")
     }
     of_lqr = ", ".join(f"{surface} {between(use, 2)}" for surface, use in uses.items())
@@ -211,7 +218,9 @@ def spread_words(members: list[dict[str, Any]]) -> str:
     for name in TRAITS:
         sizes = [abs(member["traits"][name]) for member in members]
         shares[name.replace("_", " ")] = max(sizes) / min(sizes)
-    listed = ", ".join(f"{name} {share:.1f}" for name, share in sorted(shares.items(), key=lambda item: item[1]))
+    listed = ", ".join(
+        f"{name} {share:.1f}" for name, share in sorted(shares.items(), key=lambda item: item[1])
+    )
     return f"A trait's largest size among the members over its smallest: {listed}. What is near 1 the figures fix."
 
 
@@ -223,21 +232,36 @@ def sides_words(members: list[dict[str, Any]]) -> str:
             for side, words in ((free.low, "least"), (free.high, "most")):
                 if abs(member["values"][name] - side) < 1e-3 * (free.high - free.low):
                     at[f"{name} ({words})"] = at.get(f"{name} ({words})", 0) + 1
-    listed = ", ".join(f"{words}: {count}" for words, count in sorted(at.items(), key=lambda item: -item[1]))
+    listed = ", ".join(
+        f"{words}: {count}" for words, count in sorted(at.items(), key=lambda item: -item[1])
+    )
     return f"Sides of the box on which members lie, and how many: {listed or 'none'}."
 
 
-def page(result: dict[str, Any], judged: dict[str, Any], flights: int, south: dict[str, float]) -> str:
+def page(
+    result: dict[str, Any], judged: dict[str, Any], flights: int, south: dict[str, float]
+) -> str:
     """The whole page."""
     members, shown = result["ensemble"], judged[ABHV]
     for one in judged.values():
-        if any(one["margins"][law]["fault"] or one["lost"][law] or one["saturated"][law] for law in LAWS):
+        if any(
+            one["margins"][law]["fault"] or one["lost"][law] or one["saturated"][law]
+            for law in LAWS
+        ):
             raise SystemExit("a member is unstable, loses a flight or saturates")
-    disk = {law: between([one["margins"][law]["disk"] for one in judged.values()], 2) for law in LAWS}
+    disk = {
+        law: between([one["margins"][law]["disk"] for one in judged.values()], 2) for law in LAWS
+    }
     furthest = {}
     for law in LAWS:
-        axes = [(axis, end) for axis, end in zip(AXES, shown["ends"], strict=True) if law in end["dispersed"]]
-        share, words = max((left_by(axis, end, law), f"Figure {axis.figure}, {axis.words}") for axis, end in axes)
+        axes = [
+            (axis, end)
+            for axis, end in zip(AXES, shown["ends"], strict=True)
+            if law in end["dispersed"]
+        ]
+        share, words = max(
+            (left_by(axis, end, law), f"Figure {axis.figure}, {axis.words}") for axis, end in axes
+        )
         furthest[law] = f"{words} ({share:.0f} % of its width)"
     tables = {
         "FIGURES": figures(shown),
@@ -264,7 +288,11 @@ def page(result: dict[str, Any], judged: dict[str, Any], flights: int, south: di
     parts = []
     for part in TEXT.strip().split("\n\n"):
         name = part.strip("[]")
-        parts.append("\n".join(map(wrapped, tables[name])) if name in tables else _paragraph(part.format(**facts)))
+        parts.append(
+            "\n".join(map(wrapped, tables[name]))
+            if name in tables
+            else _paragraph(part.format(**facts))
+        )
     return "\n\n".join(part.rstrip() for part in parts) + "\n"
 
 
@@ -273,7 +301,9 @@ def _paragraph(part: str) -> str:
     entries = part.replace("\n  ", " ").split("\n- ")
     if len(entries) == 1:
         return wrapped(part.replace("\n", " "))
-    return "\n".join(wrapped("- " + entry.removeprefix("- ").replace("\n", " ")) for entry in entries)
+    return "\n".join(
+        wrapped("- " + entry.removeprefix("- ").replace("\n", " ")) for entry in entries
+    )
 
 
 def main() -> None:
@@ -283,11 +313,16 @@ def main() -> None:
     arguments = parser.parse_args()
     check_gains()
     result = json.loads((ROOT / "studies/paper_vehicle.json").read_text(encoding="utf-8"))
-    judged = {member["name"]: judge(member["values"], arguments.flights) for member in result["ensemble"]}
+    judged = {
+        member["name"]: judge(member["values"], arguments.flights) for member in result["ensemble"]
+    }
     target = ROOT / "studies/paper_vehicle_claim.json"
     target.write_text(json.dumps(judged, indent=1) + "\n", encoding="utf-8")
     values = next(member["values"] for member in result["ensemble"] if member["name"] == ABHV)
-    flown = {law: fly_law(make_vehicle(values), make_mission(values), law, arguments.flights)[0] for law in LAWS}
+    flown = {
+        law: fly_law(make_vehicle(values), make_mission(values), law, arguments.flights)[0]
+        for law in LAWS
+    }
     radius = 6378.0  # km, of the Earth: for the page's 5 km only
     latitude = {law: flown[law]["latitude_deg"][0] for law in LAWS}
     south = {law: radius * float(np.deg2rad(each[0] - each[-1])) for law, each in latitude.items()}

@@ -10,7 +10,9 @@ from paper_vehicle_flights import AXES, LAWS, PERIOD, Axis
 from abhv_mc.topics.figure_style import GRID, controller_colors, new_figure, styled
 
 THEIR_START = 180.0  # s, the paper's time at the beginning of the S
-Flown = Mapping[str, Mapping[str, Floats]]  # by law and channel, [flight, time], the nominal flight first
+Flown = Mapping[
+    str, Mapping[str, Floats]
+]  # by law and channel, [flight, time], the nominal flight first
 
 
 def turned(axis: Axis, mirrored: bool, values: Floats) -> Floats:
@@ -33,7 +35,9 @@ def plot_axis(channel: str, flown: Flown, mirrored: Mapping[int, bool]) -> Figur
     for law in LAWS:
         values = turned(first, mirrored[first.figure], flown[law][channel])
         times = THEIR_START + PERIOD * np.arange(values.shape[1])
-        drawn.fill_between(times, values.min(0), values.max(0), color=colors[law], alpha=0.2, linewidth=0.0)
+        drawn.fill_between(
+            times, values.min(0), values.max(0), color=colors[law], alpha=0.2, linewidth=0.0
+        )
         drawn.plot(times, values[0], color=colors[law], label=law.upper())
         for command in first.channels[1:]:
             drawn.plot(times, flown[law][command][0], ":", color=colors[law], linewidth=0.8)
@@ -50,7 +54,12 @@ def plot_track(flown: Flown) -> Figure:
     axes = figure.subplots()
     colors = controller_colors(LAWS)
     for law in LAWS:
-        axes.plot(flown[law]["longitude_deg"][0], flown[law]["latitude_deg"][0], color=colors[law], label=law.upper())
+        axes.plot(
+            flown[law]["longitude_deg"][0],
+            flown[law]["latitude_deg"][0],
+            color=colors[law],
+            label=law.upper(),
+        )
     axes.set_xlabel("longitude (deg)")
     axes.set_ylabel("latitude (deg)")
     figure.legend(loc="outside lower center", ncols=2, fontsize=6.0)

@@ -30,8 +30,15 @@ LEFT_OUT_FOR = 3  # members
 def run_and_tell(search: Search, folder: Path, go_on: Callable[[], bool]) -> Outcome:
     """Run a search and print a line on how it stands."""
     outcome = run(search, folder, go_on)
-    found = "no member" if outcome.values is None else f"a member: ends out and largest miss {outcome.rank:.3f}"
-    print(f"{search.name}: {outcome.flown} flown, {found}{'' if outcome.done else ', not done'}", flush=True)
+    found = (
+        "no member"
+        if outcome.values is None
+        else f"a member: ends out and largest miss {outcome.rank:.3f}"
+    )
+    print(
+        f"{search.name}: {outcome.flown} flown, {found}{'' if outcome.done else ', not done'}",
+        flush=True,
+    )
     return outcome
 
 
@@ -60,10 +67,14 @@ def ends_of(seen: Seen) -> dict[str, Any]:
     }
 
 
-def write(members: list[dict[str, Any]], seeds_done: list[int], without: list[dict[str, Any]]) -> None:
+def write(
+    members: list[dict[str, Any]], seeds_done: list[int], without: list[dict[str, Any]]
+) -> None:
     """The ensemble so far, to the results file."""
     result = {"seeds_done": seeds_done, "ensemble": members, "without": without}
-    (ROOT / "studies/paper_vehicle.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    (ROOT / "studies/paper_vehicle.json").write_text(
+        json.dumps(result, indent=1) + "\n", encoding="utf-8"
+    )
 
 
 def find(folder: Path, go_on: Callable[[], bool]) -> None:
@@ -83,16 +94,26 @@ def find(folder: Path, go_on: Callable[[], bool]) -> None:
     for member, figure in product(members[:LEFT_OUT_FOR], FIGURES):
         outcome = run_and_tell(Search(member["seed"], figure), folder, go_on)
         if outcome.done and outcome.values is not None:
-            ends = [ends_of(each) for each in fly_candidate(outcome.values).seen if each.axis.figure == figure]
+            ends = [
+                ends_of(each)
+                for each in fly_candidate(outcome.values).seen
+                if each.axis.figure == figure
+            ]
             without.append({"member": member["name"], "figure": figure, "ends": ends})
             write(members, seeds_done, without)
 
 
 def main() -> None:
     """Search until it is done or the time is over."""
-    parser = argparse.ArgumentParser(description="Find vehicles that show what the paper's figures show.")
-    parser.add_argument("--state", type=Path, default=ROOT / "reports/paper_vehicle", help="what has been flown")
-    parser.add_argument("--minutes", type=float, default=float("inf"), help="stop then; the same command goes on")
+    parser = argparse.ArgumentParser(
+        description="Find vehicles that show what the paper's figures show."
+    )
+    parser.add_argument(
+        "--state", type=Path, default=ROOT / "reports/paper_vehicle", help="what has been flown"
+    )
+    parser.add_argument(
+        "--minutes", type=float, default=float("inf"), help="stop then; the same command goes on"
+    )
     arguments = parser.parse_args()
     arguments.state.mkdir(parents=True, exist_ok=True)
     end: float = time.monotonic() + 60.0 * arguments.minutes

@@ -65,8 +65,12 @@ FREE = {
     "roll_aileron": Free(0.4, 4.0, (0.8, 2.5)),  # cone 1.05
     "yaw_aileron": _signed(0.0, 2.5, (0.3, 2.0)),  # cone 1.39
     "side_aileron": _signed(-3.0, 5.0, (0.0, 1.5)),  # cone 0.01
-    "roll_rudder": _signed(-0.8, 0.8, (0.0, 0.7)),  # roll by the rudder over roll by the aileron; GHAME 0.48, cone 0.38
-    "yaw_rudder": Free(0.05, 1.6, (0.4, 1.4)),  # yaw by the rudder over yaw by sideslip; GHAME 0.04, cone 0.90
+    "roll_rudder": _signed(
+        -0.8, 0.8, (0.0, 0.7)
+    ),  # roll by the rudder over roll by the aileron; GHAME 0.48, cone 0.38
+    "yaw_rudder": Free(
+        0.05, 1.6, (0.4, 1.4)
+    ),  # yaw by the rudder over yaw by sideslip; GHAME 0.04, cone 0.90
     "side_rudder": Free(0.3, 3.0, (0.5, 1.5)),  # cone 0.67
     "pitch_elevator": Free(0.3, 4.0, (0.6, 2.0)),  # cone 3.76
     "lift_elevator": Free(0.3, 3.0, (0.5, 1.5)),  # cone 3.72
@@ -82,7 +86,9 @@ FREE = {
     "pitch_offset": _signed(-0.0015, 0.0015, (-0.0003, 0.0003)),  # Cm
     "pitch_slope": _signed(-0.0006, 0.0003, (-0.0002, 0.00005)),  # Cm per deg
     "drag_offset": _signed(-0.025, 0.01, (-0.017, -0.01)),  # CD
-    "drag_rise": Free(0.0003, 0.008, (0.0018, 0.004)),  # CD per deg2 about 3 deg, with the difference's sign
+    "drag_rise": Free(
+        0.0003, 0.008, (0.0018, 0.004)
+    ),  # CD per deg2 about 3 deg, with the difference's sign
     "cowl_area": Free(0.4, 1.4, (0.65, 0.95)),
     "thrust_arm": _signed(-1.0, 2.0, (0.5, 1.3)),
     "length": _signed(45.0, 59.0, (51.0, 55.0)),  # of the S, s
@@ -103,14 +109,18 @@ def first_mean(generator: np.random.Generator) -> dict[str, float]:
     for name, free in FREE.items():
         low, high = free.first
         drawn[name] = float(
-            np.exp(generator.uniform(np.log(low), np.log(high))) if free.logarithmic else generator.uniform(low, high)
+            np.exp(generator.uniform(np.log(low), np.log(high)))
+            if free.logarithmic
+            else generator.uniform(low, high)
         )
     return drawn
 
 
 def to_numbers(values: dict[str, float]) -> Floats:
     """Values as numbers of the search, whose unit is a third of the first range."""
-    return np.array([(_scaled(f, values[n]) - _scaled_middle(f)) / _unit(f) for n, f in FREE.items()])
+    return np.array(
+        [(_scaled(f, values[n]) - _scaled_middle(f)) / _unit(f) for n, f in FREE.items()]
+    )
 
 
 def to_values(numbers: Floats) -> dict[str, float]:
@@ -124,7 +134,9 @@ def to_values(numbers: Floats) -> dict[str, float]:
 
 def limits() -> tuple[Floats, Floats]:
     """The box in numbers of the search."""
-    low, high = ({name: getattr(free, end) for name, free in FREE.items()} for end in ("low", "high"))
+    low, high = (
+        {name: getattr(free, end) for name, free in FREE.items()} for end in ("low", "high")
+    )
     return to_numbers(low), to_numbers(high)
 
 
@@ -146,7 +158,9 @@ def _row_of(name: str) -> int:
         return int(BASE.tables.fixed_row[FIXED_TABLE_ROWS.index(_INERTIAS[name])])
     wanted = COEFFICIENTS.index(TABLES[name][0]), VARIABLES.index(TABLES[name][1])
     terms = zip(BASE.build_up.coefficient, BASE.build_up.table, BASE.build_up.variable, strict=True)
-    return next(int(row) for coefficient, row, variable in terms if (coefficient, variable) == wanted)
+    return next(
+        int(row) for coefficient, row, variable in terms if (coefficient, variable) == wanted
+    )
 
 
 def _axes_of(row: int) -> tuple[int, list[int], list[tuple[str, Floats]]]:
@@ -202,8 +216,12 @@ def factors_of(values: dict[str, float]) -> dict[str, float]:
     roll, pitch, yaw, product = at_ends.values()
     most = float((0.995 * (roll * values["inertia_xx"] + pitch * values["inertia_yy"]) / yaw).min())
     factors["inertia_zz"] = min(values["inertia_zz"] * values["inertia_yy"], most)
-    room = 0.5 * np.sqrt(roll * values["inertia_xx"] * yaw * factors["inertia_zz"]) / np.abs(product)
-    factors["inertia_matrix_element_13"] = float(np.clip(values["inertia_matrix_element_13"], -room.min(), room.min()))
+    room = (
+        0.5 * np.sqrt(roll * values["inertia_xx"] * yaw * factors["inertia_zz"]) / np.abs(product)
+    )
+    factors["inertia_matrix_element_13"] = float(
+        np.clip(values["inertia_matrix_element_13"], -room.min(), room.min())
+    )
     return factors
 
 
@@ -218,7 +236,9 @@ def changed_tables(values: dict[str, float]) -> dict[str, Floats]:
         elif name == "pitch_basic":
             nodes[name] += values["pitch_offset"] + values["pitch_slope"] * (alpha - 3.0)
         elif name == "drag_basic":
-            nodes[name] += values["drag_offset"] + values["drag_rise"] * (alpha - 3.0) * np.abs(alpha - 3.0)
+            nodes[name] += values["drag_offset"] + values["drag_rise"] * (alpha - 3.0) * np.abs(
+                alpha - 3.0
+            )
     return nodes
 
 
@@ -229,12 +249,15 @@ def make_vehicle(values: dict[str, float]) -> Vehicle:
         data[_CELLS[name][0]] = nodes
     c = BASE.constants
     constants = c._replace(
-        thrust_offset_z=c.thrust_offset_z * values["thrust_arm"], capture_thrust=c.capture_thrust * values["cowl_area"]
+        thrust_offset_z=c.thrust_offset_z * values["thrust_arm"],
+        capture_thrust=c.capture_thrust * values["cowl_area"],
     )
     return BASE._replace(constants=constants, tables=BASE.tables._replace(data=data))
 
 
 def make_mission(values: dict[str, float]) -> Mission:
     """The S, to the right first."""
-    s = BASE_MISSION.manoeuvre.model_copy(update={"offset": -5000.0} | {name: values[name] for name in MISSION})
+    s = BASE_MISSION.manoeuvre.model_copy(
+        update={"offset": -5000.0} | {name: values[name] for name in MISSION}
+    )
     return BASE_MISSION.model_copy(update={"manoeuvre": s})

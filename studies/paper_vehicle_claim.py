@@ -35,11 +35,15 @@ def margins_of(vehicle: Vehicle, mission: Mission, law: str) -> dict[str, Any]:
     """In level flight, the least over all loops; what keeps the law from having any."""
     steady = make_steady_plan(vehicle, mission, CONTROLLERS[law], law)
     found = margins_of_flights(steady, steady, nominal_parameters(), ("trim",))
-    least = dict(zip(("gain_db", "phase_deg", "delay_ms", "disk"), found.table[0].tolist(), strict=True))
+    least = dict(
+        zip(("gain_db", "phase_deg", "delay_ms", "disk"), found.table[0].tolist(), strict=True)
+    )
     return {"fault": found.faults[0][0]} | least
 
 
-def fly_law(vehicle: Vehicle, mission: Mission, law: str, flights: int) -> tuple[Flown, NDArray[np.bool_]]:
+def fly_law(
+    vehicle: Vehicle, mission: Mission, law: str, flights: int
+) -> tuple[Flown, NDArray[np.bool_]]:
     """The nominal flight first, then the dispersed ones; and which of them fly to the end."""
     plan = make_plan(vehicle, mission, CONTROLLERS[law], law)
     parameters = np.concatenate([nominal_parameters(), random_parameters(flights)])
@@ -65,14 +69,23 @@ def judge(values: dict[str, float], flights: int) -> dict[str, Any]:
     """All that is said of one member."""
     vehicle, mission = make_vehicle(values), make_mission(values)
     flown, kept = {}, np.ones(flights + 1, dtype=bool)
-    result: dict[str, Any] = {"margins": {}, "lost": {}, "saturated": {}, "ends": [], "claim": {}, "use": {}}
+    result: dict[str, Any] = {
+        "margins": {},
+        "lost": {},
+        "saturated": {},
+        "ends": [],
+        "claim": {},
+        "use": {},
+    }
     for law in LAWS:
         result["margins"][law] = margins_of(vehicle, mission, law)
         flown[law], ok = fly_law(vehicle, mission, law, flights)
         result["lost"][law] = int((~ok).sum())
         kept &= ok
         largest = max(float(np.abs(flown[law][f"{surface}_deg"][0]).max()) for surface in SURFACES)
-        result["saturated"][law] = bool(largest >= np.rad2deg(vehicle.constants.surface_limit) - 1e-6)
+        result["saturated"][law] = bool(
+            largest >= np.rad2deg(vehicle.constants.surface_limit) - 1e-6
+        )
     nominal = {law: {name: values[0] for name, values in flown[law].items()} for law in LAWS}
     for axis in AXES:
         seen = look_together(axis, nominal)
@@ -81,9 +94,15 @@ def judge(values: dict[str, float], flights: int) -> dict[str, Any]:
         for law in axis.laws:
             shown = flown[law][axis.channels[0]][kept][:, window]
             dispersed[law] = [round(float(shown.min()), 4), round(float(shown.max()), 4)]
-        ends = {"low": round(seen.low, 4), "high": round(seen.high, 4), "misses": [round(m, 4) for m in seen.misses]}
+        ends = {
+            "low": round(seen.low, 4),
+            "high": round(seen.high, 4),
+            "misses": [round(m, 4) for m in seen.misses],
+        }
         result["ends"].append(
-            {"figure": axis.figure, "axis": axis.words, "mirrored": seen.mirrored} | ends | {"dispersed": dispersed}
+            {"figure": axis.figure, "axis": axis.words, "mirrored": seen.mirrored}
+            | ends
+            | {"dispersed": dispersed}
         )
     times = np.arange(nominal["tlc"]["bank_deg"].size) * PERIOD
     windows = {"whole": np.ones(times.size, dtype=bool), "settled": settled_samples(mission, times)}
@@ -93,7 +112,11 @@ def judge(values: dict[str, float], flights: int) -> dict[str, Any]:
         counts = {}
         for name, (channel, command) in ERRORS.items():
             both = [
-                rms((flown[law][channel] - (flown[law][command] if command else 0.0))[dispersed_rows][:, inside])
+                rms(
+                    (flown[law][channel] - (flown[law][command] if command else 0.0))[
+                        dispersed_rows
+                    ][:, inside]
+                )
                 for law in LAWS
             ]
             closer = 100.0 * float(np.mean(both[0] < both[1]))
@@ -104,6 +127,7 @@ def judge(values: dict[str, float], flights: int) -> dict[str, Any]:
     for surface in SURFACES:
         uses = (flown[law][f"{surface}_deg"][dispersed_rows] for law in LAWS)
         result["use"][surface] = {
-            law: float(np.median(rms(use - use[:, :1]))) for law, use in zip(LAWS, uses, strict=True)
+            law: float(np.median(rms(use - use[:, :1])))
+            for law, use in zip(LAWS, uses, strict=True)
         }
     return result

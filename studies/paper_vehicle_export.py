@@ -34,7 +34,9 @@ def write_tables(values: dict[str, float], folder: Path) -> dict[str, Floats]:
             writer.writerow(["mach", "alpha_deg", "value"])
             for i, mach in enumerate(machs):
                 for j, alpha in enumerate(alphas):
-                    writer.writerow([f"{mach:g}", f"{np.rad2deg(alpha):g}", f"{shown[i, j]:.{_DIGITS}g}"])
+                    writer.writerow(
+                        [f"{mach:g}", f"{np.rad2deg(alpha):g}", f"{shown[i, j]:.{_DIGITS}g}"]
+                    )
     return nodes
 
 
@@ -47,12 +49,19 @@ def vehicle_text(member: dict[str, Any], nodes: dict[str, Floats]) -> str:
         start = body.index(f"- mass: {mass}")
         part = body[start:]
         for name in (n for n in nodes if n.startswith("inertia")):
-            part = re.sub(rf"({name}: )[^\n]*", rf"\g<1>{nodes[name].ravel()[i]:.{_DIGITS}g} kg m2", part, count=1)
+            part = re.sub(
+                rf"({name}: )[^\n]*",
+                rf"\g<1>{nodes[name].ravel()[i]:.{_DIGITS}g} kg m2",
+                part,
+                count=1,
+            )
         body = body[:start] + part
     c = BASE.constants
     cowl, arm = 0.2448 * values["cowl_area"], c.thrust_offset_z * values["thrust_arm"]
     body = re.sub(r"cowl_area: [^\n]*", f"cowl_area: {cowl:.{_DIGITS}g} m2", body)
-    body = re.sub(r"offset: [^\n]*", f"offset: {arm:.{_DIGITS}g} m # below the centre of gravity", body)
+    body = re.sub(
+        r"offset: [^\n]*", f"offset: {arm:.{_DIGITS}g} m # below the centre of gravity", body
+    )
     body = re.sub(r" # node totals:[^\n]*", "", body)
     for name in TABLES:
         body = re.sub(rf"(  {name}: {{file: )[^,}}]*", rf"\g<1>abhv/{name}.csv", body)
@@ -69,10 +78,14 @@ def vehicle_text(member: dict[str, Any], nodes: dict[str, Floats]) -> str:
         + ". Those of yaw_rudder and roll_rudder are ratios to sideslip's yaw and to the aileron's roll."
     )
     source = (
-        "Tables and numbers: CADAC++ GHAME6 (P. H. Zipfel), after NASA's Generic Hypersonic Aerodynamic Model Example."
+        "Tables and numbers: CADAC++ GHAME6 (P. H. Zipfel), after NASA's Generic "
+        "Hypersonic Aerodynamic Model Example."
     )
     lines = [f"# {line}" for part in (head, made, source) for line in wrapped(part).splitlines()]
-    lines += ["name: abhv", "description: a vehicle that flies the paper's S as its figures show it, 8.6 m and 1372 kg"]
+    lines += [
+        "name: abhv",
+        "description: a vehicle that flies the paper's S as its figures show it, 8.6 m and 1372 kg",
+    ]
     return "\n".join(lines) + "\n\n" + body
 
 
@@ -98,7 +111,9 @@ name: paper_s
 
 def main() -> None:
     """Write the files."""
-    parser = argparse.ArgumentParser(description="Write a member of the ensemble as a vehicle and a mission.")
+    parser = argparse.ArgumentParser(
+        description="Write a member of the ensemble as a vehicle and a mission."
+    )
     parser.add_argument("member", nargs="?", default=ABHV, help="its name")
     parser.add_argument("--results", type=Path, default=ROOT / "studies/paper_vehicle.json")
     parser.add_argument("--configs", type=Path, default=ROOT / "configs")
@@ -106,8 +121,12 @@ def main() -> None:
     ensemble = json.loads(arguments.results.read_text(encoding="utf-8"))["ensemble"]
     member = next(m for m in ensemble if m["name"] == arguments.member)
     nodes = write_tables(member["values"], arguments.configs / "vehicle/abhv")
-    (arguments.configs / "vehicle/abhv.yaml").write_text(vehicle_text(member, nodes), encoding="utf-8")
-    (arguments.configs / "mission/paper_s.yaml").write_text(mission_text(member["values"]), encoding="utf-8")
+    (arguments.configs / "vehicle/abhv.yaml").write_text(
+        vehicle_text(member, nodes), encoding="utf-8"
+    )
+    (arguments.configs / "mission/paper_s.yaml").write_text(
+        mission_text(member["values"]), encoding="utf-8"
+    )
 
 
 if __name__ == "__main__":

@@ -77,31 +77,80 @@ class Axis:
     highest: tuple[float, float]
     width: float
     laws: tuple[str, ...] = LAWS
-    mirror: bool = False  # whether the fit may mirror it: the paper does not say which way is positive
+    mirror: bool = (
+        False  # whether the fit may mirror it: the paper does not say which way is positive
+    )
     counts: bool = True  # whether its ends are among the 20; else they are limits
     window: tuple[float, float] = (0.0, 60.0)  # s
 
 
-def _alike(figure: int, words: str, channels: tuple[str, ...], low: float, high: float, tick: float) -> list[Axis]:
+def _alike(
+    figure: int, words: str, channels: tuple[str, ...], low: float, high: float, tick: float
+) -> list[Axis]:
     return [
-        Axis(figure, f"{words}, {law.upper()}", channels, (low, low + tick), (high - tick, high), high - low, (law,))
+        Axis(
+            figure,
+            f"{words}, {law.upper()}",
+            channels,
+            (low, low + tick),
+            (high - tick, high),
+            high - low,
+            (law,),
+        )
         for law in LAWS
     ]
 
 
 _BANK = ("bank_deg", "bank_command_deg")
 AXES = (
-    Axis(3, "altitude (m)", ("altitude_m",), (19950.0, 20050.0), (19950.0, 20050.0), 100.0, counts=False),
+    Axis(
+        3,
+        "altitude (m)",
+        ("altitude_m",),
+        (19950.0, 20050.0),
+        (19950.0, 20050.0),
+        100.0,
+        counts=False,
+    ),
     Axis(3, "speed (m/s)", ("speed_mps",), (1395.0, 1405.0), (1395.0, 1405.0), 10.0, counts=False),
     # Longer than 90 deg at one end: the axis goes one tick beyond the 90 deg of the start.
     Axis(4, "heading (deg)", ("heading_deg",), (84.0, 85.0), (90.02, 91.0), 7.0),
-    *_alike(5, "angle of attack (deg)", ("angle_of_attack_deg", "angle_of_attack_command_deg"), 2.0, 6.0, 1.0),
+    *_alike(
+        5,
+        "angle of attack (deg)",
+        ("angle_of_attack_deg", "angle_of_attack_command_deg"),
+        2.0,
+        6.0,
+        1.0,
+    ),
     Axis(6, "sideslip (deg)", ("sideslip_deg",), (-0.2, -0.1), (0.6, 0.7), 0.9, mirror=True),
     # One axis of -50 .. 100 and an inset from 2 s to 8 s, whose highest end is the more exact one.
     Axis(7, "bank (deg), TLC", _BANK, (-50.0, 0.0), (50.0, 55.0), 150.0, ("tlc",)),
     Axis(7, "bank (deg), LQR", _BANK, (-50.0, 0.0), (50.0, 60.0), 150.0, ("lqr",)),
-    Axis(7, "inset (deg), TLC", _BANK, (40.0, 45.0), (40.0, 55.0), 15.0, ("tlc",), False, False, (2.0, 8.0)),
-    Axis(7, "inset (deg), LQR", _BANK, (40.0, 50.0), (40.0, 60.0), 20.0, ("lqr",), False, False, (2.0, 8.0)),
+    Axis(
+        7,
+        "inset (deg), TLC",
+        _BANK,
+        (40.0, 45.0),
+        (40.0, 55.0),
+        15.0,
+        ("tlc",),
+        False,
+        False,
+        (2.0, 8.0),
+    ),
+    Axis(
+        7,
+        "inset (deg), LQR",
+        _BANK,
+        (40.0, 50.0),
+        (40.0, 60.0),
+        20.0,
+        ("lqr",),
+        False,
+        False,
+        (2.0, 8.0),
+    ),
     Axis(8, "aileron (deg)", ("aileron_deg",), (-1.2, -1.0), (0.6, 0.8), 2.0, mirror=True),
     Axis(9, "rudder (deg)", ("rudder_deg",), (-0.4, -0.3), (0.2, 0.3), 0.7, mirror=True),
     Axis(10, "elevator (deg)", ("elevator_deg",), (-0.5, 0.0), (2.0, 2.5), 3.0, mirror=True),
@@ -126,7 +175,9 @@ class Candidate:
     """A candidate's flights against the axes."""
 
     seen: tuple[Seen, ...] = ()  # none where a law does not fly it to the end
-    expected: tuple[Seen | None, ...] = ()  # what the nominal controls would show, for candidates that are not flown
+    expected: tuple[
+        Seen | None, ...
+    ] = ()  # what the nominal controls would show, for candidates that are not flown
     traits: tuple[float, ...] = ()  # in the order of TRAITS
     off_node: float = 0.0  # deg, the trim's distance from a node of the tables
     cycle: float = 0.0  # of the surfaces at the end, deg from sample to sample
@@ -134,7 +185,9 @@ class Candidate:
     @property
     def ends_in(self) -> int:
         """Ends of the 20 that lie in their intervals."""
-        return sum(miss <= READING for each in self.seen if each.axis.counts for miss in each.misses)
+        return sum(
+            miss <= READING for each in self.seen if each.axis.counts for miss in each.misses
+        )
 
     @property
     def worst(self) -> float:
@@ -151,7 +204,9 @@ class Candidate:
                 if each is None
                 else [asked * float(np.clip(x, -_UNKNOWN, _UNKNOWN)) for x in each.aside]
             )
-        return np.array([*found, 2.0 * max(OFF_NODE_AIM - self.off_node, 0.0), min(self.cycle, 1.0)])
+        return np.array(
+            [*found, 2.0 * max(OFF_NODE_AIM - self.off_node, 0.0), min(self.cycle, 1.0)]
+        )
 
 
 TRAITS = {
@@ -166,14 +221,24 @@ TRAITS = {
 }
 
 
-def make_quick_reference(vehicle: Vehicle, mission: Mission, trim_tables: Tables) -> tuple[Floats, bool]:
+def make_quick_reference(
+    vehicle: Vehicle, mission: Mission, trim_tables: Tables
+) -> tuple[Floats, bool]:
     """The reference as `solve_reference` makes it, at constant altitude and speed; and whether all of it is trimmed."""
     times: Floats = np.arange(TICKS + 1, dtype=np.float64) * TICK
     profile = make_profile(mission, times)
-    north_speed, east_speed = profile.speed * np.cos(profile.heading), profile.speed * np.sin(profile.heading)
-    north, east = (TICK * np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]))]) for v in (north_speed, east_speed))
+    north_speed, east_speed = (
+        profile.speed * np.cos(profile.heading),
+        profile.speed * np.sin(profile.heading),
+    )
+    north, east = (
+        TICK * np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]))])
+        for v in (north_speed, east_speed)
+    )
     latitude = mission.start.latitude + north / _PLACES.radius[2]
-    places = {name: np.interp(latitude, _LATITUDES, value) for name, value in _PLACES._asdict().items()}
+    places = {
+        name: np.interp(latitude, _LATITUDES, value) for name, value in _PLACES._asdict().items()
+    }
     nothing = np.zeros_like(times)
     points = GuidancePoints(
         profile.speed,
@@ -224,7 +289,10 @@ def _attitude_slopes(vehicle: Vehicle, rows: Floats) -> Floats:
 
 def _regulators(A: Floats, B: Floats, weights: Any, unit: float) -> Floats:
     """Gains [row, input, state] from the stable subspaces of the Hamiltonians, all rows at once."""
-    Q, R = (np.diag(np.array([w for _, w in part], dtype=np.float64)) for part in (weights.states, weights.inputs))
+    Q, R = (
+        np.diag(np.array([w for _, w in part], dtype=np.float64))
+        for part in (weights.states, weights.inputs)
+    )
     B = unit * B
     to_costates = np.linalg.solve(R, np.swapaxes(B, 1, 2))
     H = np.concatenate(
@@ -244,19 +312,32 @@ def _regulators(A: Floats, B: Floats, weights: Any, unit: float) -> Floats:
     return np.asarray(unit * to_costates @ X)
 
 
-def make_quick_lqr_gains(mission: Mission, reference: Floats, vehicle: Vehicle, trim_tables: Tables) -> Floats:
+def make_quick_lqr_gains(
+    mission: Mission, reference: Floats, vehicle: Vehicle, trim_tables: Tables
+) -> Floats:
     """LQR's gains as `make_lqr_gains` makes them, with fewer knots in the ramps."""
     weights = CONTROLLERS["lqr"]
     if not isinstance(weights, LqrController):
         raise SystemExit("lqr.yaml is no LQR")
     times = reference[:, 0]
     in_ramps = [np.linspace(*ramp, 13) for ramp in ramp_times(mission)]
-    knots = np.unique(np.searchsorted(times, np.clip(np.concatenate([np.arange(0, 61), *in_ramps]), 0, times[-1])))
+    knots = np.unique(
+        np.searchsorted(times, np.clip(np.concatenate([np.arange(0, 61), *in_ramps]), 0, times[-1]))
+    )
     rows = reference[knots]
     n = _nominal(rows)
-    at = (20e3 + 0.0 * n.bank, n.flight_path_angle, n.heading, n.speed, n.angle_of_attack, n.bank, n.equivalence_ratio)
+    at = (
+        20e3 + 0.0 * n.bank,
+        n.flight_path_angle,
+        n.heading,
+        n.speed,
+        n.angle_of_attack,
+        n.bank,
+        n.equivalence_ratio,
+    )
     guidance = _slopes(
-        lambda x: guidance_rates(vehicle, trim_tables, _AROUND, n.mass, x[:4], x[4:]), np.concatenate(at, axis=1)
+        lambda x: guidance_rates(vehicle, trim_tables, _AROUND, n.mass, x[:4], x[4:]),
+        np.concatenate(at, axis=1),
     )
     attitude = _attitude_slopes(vehicle, rows)
     pitch, roll_yaw = attitude[:, [0, 4]], attitude[:, [2, 1, 3, 5]]
@@ -308,7 +389,10 @@ def fly_candidate(values: dict[str, float]) -> Candidate:
     if not trimmed or outside > 2.5:
         return Candidate((), expected, traits, off_node)
     start: dict[str, Any] = dict.fromkeys(TrimPoint._fields, 0.0) | {"fault": ""}
-    start |= {name: float(column[name][0]) for name in ("angle_of_attack", "elevator", "equivalence_ratio")}
+    start |= {
+        name: float(column[name][0])
+        for name in ("angle_of_attack", "elevator", "equivalence_ratio")
+    }
     parts: dict[str, Any] = {
         "vehicle": vehicle,
         "trim_tables": trim_tables,
@@ -324,12 +408,17 @@ def fly_candidate(values: dict[str, float]) -> Candidate:
             if law == "tlc"
             else make_quick_lqr_gains(mission, reference, vehicle, trim_tables)
         )
-        block = fly(replace(_base_plan(law), **parts, gains=gains), nominal_parameters(), RECORDED, lanes=1)
+        block = fly(
+            replace(_base_plan(law), **parts, gains=gains), nominal_parameters(), RECORDED, lanes=1
+        )
         if block.outcome[0] != Outcome.OK:
             return Candidate((), expected, traits, off_node)
         flown[law] = dict(zip(SHOWN, block.history[0].T.astype(np.float64), strict=True))
         # What does not settle by the end: the spread of the surfaces' steps from sample to sample.
-        late = [float(np.ptp(np.diff(flown[law][name][-75:]))) for name in ("elevator_deg", "aileron_deg")]
+        late = [
+            float(np.ptp(np.diff(flown[law][name][-75:])))
+            for name in ("elevator_deg", "aileron_deg")
+        ]
         cycle += max(5.0 * sum(late) - 0.01, 0.0)
     seen = tuple(look_together(axis, flown) for axis in AXES)
     return Candidate(seen, expected, traits, off_node, cycle)
@@ -337,7 +426,9 @@ def fly_candidate(values: dict[str, float]) -> Candidate:
 
 def look_together(axis: Axis, flown: dict[str, dict[str, Floats]]) -> Seen:
     """An axis that shows the laws together."""
-    joined = {name: np.concatenate([flown[law][name] for law in axis.laws]) for name in axis.channels}
+    joined = {
+        name: np.concatenate([flown[law][name] for law in axis.laws]) for name in axis.channels
+    }
     times = np.tile(np.arange(round(TICKS * TICK / PERIOD) + 1) * PERIOD, len(axis.laws))
     return look(axis, joined, times)
 
@@ -375,7 +466,9 @@ def find_traits(vehicle: Vehicle, trim_tables: Tables, reference: Floats) -> tup
     mach = reference[0, REFERENCE.index("speed")] / _AROUND.sound_speed
     rows = table_rows(
         trim_tables,
-        make_variables(vehicle, mach=np.full(2, mach), angle_of_attack=alpha[ends], equivalence_ratio=eta),
+        make_variables(
+            vehicle, mach=np.full(2, mach), angle_of_attack=alpha[ends], equivalence_ratio=eta
+        ),
     )
     rise = np.diff(rows[1:3], axis=1)[:, 0] / (alpha[ends[1]] - alpha[0])
     moments = slopes[3, 6], slopes[5, 7], slopes[4, 8], slopes[5, 1], slopes[4, 0], slopes[4, 4]

@@ -22,7 +22,10 @@ DIFFERENT = 1.5  # by this factor or in sign, in three traits, any two members d
 OFF_NODE = 0.1  # deg, of the trim from a node of the tables
 _DIFFERENCE = 0.03  # of the unit of the search's numbers, for slopes
 _DRAWS = 50
-_STAGES = (("linear", 12), ("soft_l1", 12))  # all ends nearer first; then many in, one or two left out
+_STAGES = (
+    ("linear", 12),
+    ("soft_l1", 12),
+)  # all ends nearer first; then many in, one or two left out
 _CYCLE = 0.05  # of Candidate.cycle: what counts as settled
 LEVELS = {  # a trait's middle level; the others are STEP times less and more. Moments of roll and yaw go together:
     # the figures leave their common size free and fix their ratios to 1.5 or so
@@ -34,7 +37,11 @@ LEVELS = {  # a trait's middle level; the others are STEP times less and more. M
     "rates": 0.8,
 }
 STEP, _AIM, _APART = 1.7, 1.06, 1.55  # nothing pulls within _AIM of a level, or beyond _APART
-_PITCH = ((-1, -1, 0), (0, 0, -1), (1, 1, 1))  # levels of elevator, angle of attack and rates: differ in all three
+_PITCH = (
+    (-1, -1, 0),
+    (0, 0, -1),
+    (1, 1, 1),
+)  # levels of elevator, angle of attack and rates: differ in all three
 _PULL = 0.25
 
 
@@ -67,7 +74,10 @@ class Search:
         """What draws a vehicle to its place, and away from the member that is nearest in the third of its traits."""
         aside = self.aside(traits)
         pull = np.sign(aside) * np.clip(np.abs(aside) - np.log(_AIM), 0.0, 2.0)
-        near = max((np.log(_APART) - third_trait(traits, other) for other in self.others if traits), default=0.0)
+        near = max(
+            (np.log(_APART) - third_trait(traits, other) for other in self.others if traits),
+            default=0.0,
+        )
         return [_PULL * float(x) for x in (*pull, max(near, 0.0))]
 
 
@@ -90,7 +100,9 @@ def rank(candidate: Candidate, search: Search) -> float:
     axes = [each for each in candidate.seen if each.axis.figure != search.left_out]
     if not axes or candidate.off_node < OFF_NODE or candidate.cycle > _CYCLE:
         return float("inf")
-    if not all(third_trait(candidate.traits, other) >= np.log(DIFFERENT) for other in search.others):
+    if not all(
+        third_trait(candidate.traits, other) >= np.log(DIFFERENT) for other in search.others
+    ):
         return float("inf")
     asked = [miss for each in axes if each.axis.counts for miss in each.misses]
     limits_kept = all(max(each.misses) <= READING for each in axes if not each.axis.counts)
@@ -115,7 +127,10 @@ def run(search: Search, folder: Path, go_on: Callable[[], bool]) -> Outcome:
                 raise _Stop
             candidate = fly_candidate(values)
             found = min(rank(candidate, search), 100.0)
-            residuals = [*candidate.residuals(search.left_out).tolist(), *search.pulls(candidate.traits)]
+            residuals = [
+                *candidate.residuals(search.left_out).tolist(),
+                *search.pulls(candidate.traits),
+            ]
             with file.open("a", encoding="utf-8") as stream:
                 stream.write(json.dumps([found, residuals]) + "\n")
         outcome.flown += 1
@@ -133,7 +148,10 @@ def run(search: Search, folder: Path, go_on: Callable[[], bool]) -> Outcome:
         here = residuals(numbers)
         middle = 0.5 * (limits()[0] + limits()[1])
         steps = np.where(numbers > middle, -_DIFFERENCE, _DIFFERENCE)  # never out of the box
-        return np.stack([(residuals(numbers + step) - here) / step[i] for i, step in enumerate(np.diag(steps))], axis=1)
+        return np.stack(
+            [(residuals(numbers + step) - here) / step[i] for i, step in enumerate(np.diag(steps))],
+            axis=1,
+        )
 
     try:
         numbers = to_numbers(_draw(search.seed, answer))

@@ -15,7 +15,9 @@ def figures(judged: dict[str, Any]) -> Iterator[str]:
     for axis, end in zip(AXES, judged["ends"], strict=True):
         asked = " and ".join(f"{low:g} to {high:g}" for low, high in (axis.lowest, axis.highest))
         out = [f"{100.0 * miss:.1f} % out" for miss in end["misses"] if miss > READING]
-        beyond = " / ".join(f"{left_by(axis, end, law):.0f} %" for law in LAWS if law in end["dispersed"])
+        beyond = " / ".join(
+            f"{left_by(axis, end, law):.0f} %" for law in LAWS if law in end["dispersed"]
+        )
         words = f"{axis.figure} {axis.words}" + (", mirrored" if end["mirrored"] else "")
         shown = f"{end['low']:.5g} to {end['high']:.5g}"
         yield f"| {words} | {asked} | {shown} | {', '.join(out) or 'in'} | {beyond} |"
@@ -37,14 +39,18 @@ def vehicles(members: list[dict[str, Any]]) -> Iterator[str]:
     yield "|" + "---|" * (4 + len(TRAITS))
     for member in members:
         numbers = [f"{x:.3g}" for x in member["traits"].values()]
-        numbers += [f"{member['values'][name]:.2f}" for name in ("length", "bank_time", "sharpness")]
+        numbers += [
+            f"{member['values'][name]:.2f}" for name in ("length", "bank_time", "sharpness")
+        ]
         yield f"| {member['name']} | {' | '.join(numbers)} |"
 
 
 def claim(members: list[dict[str, Any]], judged: dict[str, Any]) -> Iterator[str]:
     """A row a member: in how many flights TLC is closer, whole flight / without the ramps, and the use of surfaces."""
     surfaces = ("aileron", "rudder", "elevator")
-    heads = [f"{words}, TLC closer in %" for words in WORDS.values()] + [f"{s}, rms deg, TLC / LQR" for s in surfaces]
+    heads = [f"{words}, TLC closer in %" for words in WORDS.values()] + [
+        f"{s}, rms deg, TLC / LQR" for s in surfaces
+    ]
     yield "| member | ends in | worst | disk margin, TLC / LQR | lost | " + " | ".join(heads) + " |"
     yield "|" + "---|" * (5 + len(heads))
     for member in members:
@@ -57,7 +63,11 @@ def claim(members: list[dict[str, Any]], judged: dict[str, Any]) -> Iterator[str
             " / ".join(str(one["lost"][law]) for law in LAWS),
         ]
         for name in WORDS:
-            cells.append(" / ".join(f"{one['claim'][w][name]['closer_percent']:.0f}" for w in ("whole", "settled")))
+            cells.append(
+                " / ".join(
+                    f"{one['claim'][w][name]['closer_percent']:.0f}" for w in ("whole", "settled")
+                )
+            )
         for surface in surfaces:
             cells.append(" / ".join(f"{one['use'][surface][law]:.3f}" for law in LAWS))
         yield "| " + " | ".join(cells) + " |"
@@ -68,7 +78,9 @@ def least_known(result: dict[str, Any]) -> str:
     worst: dict[str, float] = {}
     for each in result["without"]:
         words = f"{each['figure']} {each['ends'][0]['axis'].split(' (')[0]}"
-        worst[words] = max(worst.get(words, 0.0), *(miss for end in each["ends"] for miss in end["misses"]))
+        worst[words] = max(
+            worst.get(words, 0.0), *(miss for end in each["ends"] for miss in end["misses"])
+        )
     return ", ".join(f"{words} {100.0 * miss:.0f} %" for words, miss in worst.items())
 
 

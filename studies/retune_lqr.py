@@ -60,7 +60,9 @@ VARIED = (
 )
 POPULATION = 64
 BOUND = 3.0  # powers of ten about the paper's weights
-INSTEAD_OF_ZERO = 3.28e3  # the paper gives the pitch rate no weight; a factor needs one to start from
+INSTEAD_OF_ZERO = (
+    3.28e3  # the paper gives the pitch rate no weight; a factor needs one to start from
+)
 
 
 class Study:
@@ -70,12 +72,16 @@ class Study:
         self.vehicle, self.mission = load_vehicle(vehicle), read_mission(mission)
         self.paper = read_controller(ROOT / "configs/control/lqr.yaml")
         self.plan = make_plan(self.vehicle, self.mission, self.paper, "study")
-        self.pieces = make_lqr_models(5.0, self.mission, self.plan.reference, self.vehicle, self.plan.trim_tables)
+        self.pieces = make_lqr_models(
+            5.0, self.mission, self.plan.reference, self.vehicle, self.plan.trim_tables
+        )
         self.parameters = corner_parameters()
         tlc = read_controller(ROOT / "configs/control/tlc.yaml")
         flown = self.fly(make_plan(self.vehicle, self.mission, tlc, "tlc"))
         if flown is None:
-            raise SystemExit("TLC does not fly this mission on this vehicle: there is no usage to compare with")
+            raise SystemExit(
+                "TLC does not fly this mission on this vehicle: there is no usage to compare with"
+            )
         self.errors, self.usage = flown
 
     def fly(self, plan: FlightPlan) -> tuple[Floats, Floats] | None:
@@ -99,7 +105,10 @@ class Study:
         fixed = {"guidance": "angle_of_attack", "longitudinal": "elevator", "lateral": "aileron"}
         found = []
         for regulator, part, name in VARIED:
-            scale = data[regulator]["inputs"][fixed[regulator]] / paper[regulator]["inputs"][fixed[regulator]]
+            scale = (
+                data[regulator]["inputs"][fixed[regulator]]
+                / paper[regulator]["inputs"][fixed[regulator]]
+            )
             start = paper[regulator][part][name] or INSTEAD_OF_ZERO
             found.append(np.log10(max(data[regulator][part][name], 1e-300) / (scale * start)))
         return np.clip(found, -BOUND, BOUND)
@@ -107,7 +116,9 @@ class Study:
     def fly_lqr(self, controller: LqrController) -> tuple[Floats, Floats] | None:
         """As :meth:`fly`; None too where a Riccati equation has no solution."""
         try:
-            gains = gains_of_models(controller, self.pieces, self.plan.reference[:, REFERENCE.index("time")])
+            gains = gains_of_models(
+                controller, self.pieces, self.plan.reference[:, REFERENCE.index("time")]
+            )
         except np.linalg.LinAlgError:
             return None
         return self.fly(replace(self.plan, gains=gains))
@@ -148,11 +159,19 @@ def main() -> None:
     parser.add_argument("--vehicle", type=Path, default=ROOT / "configs/vehicle/ghame_x.yaml")
     parser.add_argument("--mission", type=Path, default=ROOT / "configs/mission/s_manoeuvre.yaml")
     parser.add_argument("--generations", type=int, default=20)
-    parser.add_argument("--gain", type=float, default=1e-3, help="share of the score that ends the polishing")
     parser.add_argument(
-        "--also", type=Path, nargs="*", default=[], help="LQR files whose weights the search starts from"
+        "--gain", type=float, default=1e-3, help="share of the score that ends the polishing"
     )
-    parser.add_argument("-o", "--output", type=Path, default=ROOT / "configs/control/lqr_retuned.yaml")
+    parser.add_argument(
+        "--also",
+        type=Path,
+        nargs="*",
+        default=[],
+        help="LQR files whose weights the search starts from",
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, default=ROOT / "configs/control/lqr_retuned.yaml"
+    )
     arguments = parser.parse_args()
     study = Study(arguments.vehicle, arguments.mission)
     starts = [study.exponents_of(read_lqr(file)) for file in arguments.also]
@@ -169,7 +188,9 @@ def main() -> None:
         init=first,
     )
     print(f"score {wide.fun:.4f} after {wide.nfev} trials", flush=True)
-    found = min((polish(study.score, start, arguments.gain) for start in [wide.x, *starts]), key=study.score)
+    found = min(
+        (polish(study.score, start, arguments.gain) for start in [wide.x, *starts]), key=study.score
+    )
     best = study.make_controller(found)
     flown = study.fly(make_plan(study.vehicle, study.mission, best, "lqr_retuned"))
     if flown is None:

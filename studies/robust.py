@@ -52,7 +52,10 @@ STARTS: dict[str, tuple[str, dict[str, Any]]] = {
             "rates.yaw_rate": {"damping": 1.37, "bandwidth": "0.645 rad/s"},
         },
     ),
-    "lqr": ("lqr", {"guidance.inputs.angle_of_attack": 16 * 1.31e4, "longitudinal.inputs.elevator": 200.0}),
+    "lqr": (
+        "lqr",
+        {"guidance.inputs.angle_of_attack": 16 * 1.31e4, "longitudinal.inputs.elevator": 200.0},
+    ),
 }
 INNER = ("angle_of_attack", "sideslip", "bank"), ("roll_rate", "pitch_rate", "yaw_rate")
 FREE: dict[str, tuple[str, ...]] = {
@@ -63,7 +66,10 @@ FREE: dict[str, tuple[str, ...]] = {
         for number in ("bandwidth", "damping")
     ),
     "lqr": (
-        *(f"guidance.states.{name}" for name in ("altitude", "flight_path_angle", "heading", "speed")),
+        *(
+            f"guidance.states.{name}"
+            for name in ("altitude", "flight_path_angle", "heading", "speed")
+        ),
         *(f"guidance.inputs.{name}" for name in ("bank", "equivalence_ratio")),
         "longitudinal.states.angle_of_attack",
         *(f"lateral.states.{name}" for name in ("bank", "sideslip", "roll_rate", "yaw_rate")),
@@ -115,7 +121,10 @@ class Search:
         except np.linalg.LinAlgError:
             return np.inf, [1.0] * count, np.inf
         margins = self.duel.margins(plan, steady)
-        far = max(self.duel.excess(margins, None, controller, self.ordered)[: 2 + int(self.ordered)]) > FAR
+        far = (
+            max(self.duel.excess(margins, None, controller, self.ordered)[: 2 + int(self.ordered)])
+            > FAR
+        )
         flown = None if far else self.duel.fly(plan, self.duel.flights)
         excess = self.duel.excess(margins, flown, controller, self.ordered)
         score = 1e3 if flown is None else self.duel.score(flown)
@@ -123,7 +132,10 @@ class Search:
         broken = float(np.maximum(excess, 0.0).sum())
         if 100.0 * broken + score < self.lowest:
             self.lowest = 100.0 * broken + score
-            print(f"{self.tried}: score {score:.4f}, beyond limits {broken:.3f}, {np.round(margins[0], 2)}", flush=True)
+            print(
+                f"{self.tried}: score {score:.4f}, beyond limits {broken:.3f}, {np.round(margins[0], 2)}",
+                flush=True,
+            )
         return score, excess, max(excess[-len(USAGE) :])
 
     def measure(self, points: Floats) -> Scores:
@@ -158,7 +170,9 @@ def describe(duel: Duel, file: Path, command: str) -> tuple[list[str], bool]:
             f"  {name}: {np.median(ours):.3g} / {ours.max():.3g}; {np.median(theirs):.3g} / {theirs.max():.3g}"
         )
     lines.append("Usage of the nominal flight, and Table 1's:")
-    for name, ours_used, theirs_used in zip(USAGE, common.usage[0], duel.table_1.usage[0], strict=True):
+    for name, ours_used, theirs_used in zip(
+        USAGE, common.usage[0], duel.table_1.usage[0], strict=True
+    ):
         lines.append(f"  {name}: {ours_used:.3g}; {theirs_used:.3g}")
     return lines, bool(max(excess) <= 0.0 and fresh.lost == 0 and fresh.cycling == 0)
 
@@ -169,9 +183,13 @@ def main() -> None:
     parser.add_argument("law", choices=tuple(STARTS))
     parser.add_argument("--vehicle", default="ghame_x")
     parser.add_argument("--start", type=Path, help="a controller file to begin from")
-    parser.add_argument("--ordered", action="store_true", help="keep TLC's outer bandwidths below the inner ones")
+    parser.add_argument(
+        "--ordered", action="store_true", help="keep TLC's outer bandwidths below the inner ones"
+    )
     parser.add_argument("--candidates", type=int, default=600)
-    parser.add_argument("--step", type=float, default=0.1, help="first standard deviation, of the box -1 .. 1")
+    parser.add_argument(
+        "--step", type=float, default=0.1, help="first standard deviation, of the box -1 .. 1"
+    )
     parser.add_argument("--seed", type=int, default=2014)
     parser.add_argument("-o", "--output", type=Path, required=True)
     arguments = parser.parse_args()

@@ -70,7 +70,9 @@ def search_flights() -> Floats:
 
 def read_place(vehicle: str) -> tuple[Vehicle, Mission]:
     """A member of the paper's ensemble with its own S, or a file's vehicle with the S that steps."""
-    for member in json.loads((ROOT / "studies/paper_vehicle.json").read_text(encoding="utf-8"))["ensemble"]:
+    for member in json.loads((ROOT / "studies/paper_vehicle.json").read_text(encoding="utf-8"))[
+        "ensemble"
+    ]:
         if member["name"] == vehicle:
             return make_vehicle(member["values"]), make_mission(member["values"])
     return load_vehicle(ROOT / f"configs/vehicle/{vehicle}.yaml"), read_mission(
@@ -113,7 +115,9 @@ class Duel:
         self.steady = make_steady_plan(self.vehicle, self.mission, base, law)
         if law == "lqr":
             times = self.plan.reference[:, ref.TIME]
-            self.pieces = make_lqr_models(5.0, self.mission, self.plan.reference, self.vehicle, self.plan.trim_tables)
+            self.pieces = make_lqr_models(
+                5.0, self.mission, self.plan.reference, self.vehicle, self.plan.trim_tables
+            )
             self.times = times
 
     def fly(self, plan: FlightPlan, parameters: Floats) -> Flown:
@@ -129,12 +133,16 @@ class Duel:
             return tuple(  # type: ignore[return-value]
                 replace(
                     plan,
-                    gains=make_tlc_gains(controller, plan.reference, self.vehicle, plan.trim_tables),
+                    gains=make_tlc_gains(
+                        controller, plan.reference, self.vehicle, plan.trim_tables
+                    ),
                     settings=settings,
                 )
                 for plan in (self.plan, self.steady)
             )
-        steady = make_lqr_gains(controller, self.level, self.steady.reference, self.vehicle, self.steady.trim_tables)
+        steady = make_lqr_gains(
+            controller, self.level, self.steady.reference, self.vehicle, self.steady.trim_tables
+        )
         moving = gains_of_models(controller, self.pieces, self.times)
         return replace(self.plan, gains=moving), replace(self.steady, gains=steady)
 
@@ -144,9 +152,14 @@ class Duel:
 
     def score(self, flown: Flown) -> float:
         """What is minimised."""
-        return float(np.mean((flown.errors.mean(axis=0) / np.median(self.table_1.errors, axis=0)) ** 4) ** 0.25)
+        return float(
+            np.mean((flown.errors.mean(axis=0) / np.median(self.table_1.errors, axis=0)) ** 4)
+            ** 0.25
+        )
 
-    def excess(self, margins: Floats, flown: Flown | None, controller: Controller, ordered: bool) -> list[float]:
+    def excess(
+        self, margins: Floats, flown: Flown | None, controller: Controller, ordered: bool
+    ) -> list[float]:
         """How far a candidate is beyond each limit, relative to it; flights that were not flown break theirs."""
         wanted = np.vstack([[NOMINAL], np.tile(CORNER, (len(margins) - 1, 1))])
         short = ((wanted - margins[:, :3]) / wanted).max(axis=1)
@@ -156,7 +169,12 @@ class Duel:
             return [*beyond, *([1.0] * (2 + len(USAGE)))]
         usage = flown.usage[0] / (ALLOWED * self.table_1.usage[0]) - 1.0
         ripples = np.nanmax(flown.ripples, initial=0.0) / RIPPLE - 1.0
-        return [*beyond, flown.lost / 10.0, min(float(ripples), 1.0), *np.minimum(usage, 1.0).tolist()]
+        return [
+            *beyond,
+            flown.lost / 10.0,
+            min(float(ripples), 1.0),
+            *np.minimum(usage, 1.0).tolist(),
+        ]
 
 
 def order_excess(controller: Controller) -> float:

@@ -91,14 +91,18 @@ def sensitivities(tuning: Tuning) -> dict[str, list[tuple[Floats, int] | None]]:
     channels = (*OUTER, *INNER, "differentiators.attitude", "differentiators.rates")
     return {
         channel: [
-            tuning.fly({key_of(channel): factor * bandwidth_of(tuning, channel)}) if factor != 1.0 else tuning.fly({})
+            tuning.fly({key_of(channel): factor * bandwidth_of(tuning, channel)})
+            if factor != 1.0
+            else tuning.fly({})
             for factor in FACTORS
         ]
         for channel in channels
     }
 
 
-def sensitivity_rows(tuning: Tuning, found: dict[str, list[tuple[Floats, int] | None]]) -> Iterator[str]:
+def sensitivity_rows(
+    tuning: Tuning, found: dict[str, list[tuple[Floats, int] | None]]
+) -> Iterator[str]:
     """Each bandwidth's row: the errors at half/twice the bandwidth over Table 1's; empty if both are within 1 %."""
     half, twice, one = FACTORS.index(0.5), FACTORS.index(2.0), FACTORS.index(1.0)
     for channel, flown in found.items():
@@ -108,9 +112,12 @@ def sensitivity_rows(tuning: Tuning, found: dict[str, list[tuple[Floats, int] | 
         texts = []
         for i in range(len(SHOWN)):
             pair = [
-                f"{flight[0][i] / base[0][i]:.2f}" if flight else "ends early" for flight in (flown[half], flown[twice])
+                f"{flight[0][i] / base[0][i]:.2f}" if flight else "ends early"
+                for flight in (flown[half], flown[twice])
             ]
-            texts.append("/".join(pair) if any(text not in ("0.99", "1.00", "1.01") for text in pair) else "")
+            texts.append(
+                "/".join(pair) if any(text not in ("0.99", "1.00", "1.01") for text in pair) else ""
+            )
         yield f"| {channel.replace('_', ' ')} | {bandwidth_of(tuning, channel):g} | {' | '.join(texts)} |"
 
 
@@ -122,7 +129,11 @@ def order_rows(tuning: Tuning) -> Iterator[tuple[str, str]]:
     for outer, inner in ORDERED:
         for factor in SLOWER:
             changes = {key_of(inner): factor * bandwidth_of(tuning, outer)}
-            warnings = [w for w in tuning.controller(changes).warnings() if w not in tuning.bench.table_1.warnings()]
+            warnings = [
+                w
+                for w in tuning.controller(changes).warnings()
+                if w not in tuning.bench.table_1.warnings()
+            ]
             if not warnings:
                 raise SystemExit(f"{inner} as slow as {outer}, and no warning")
             flown = tuning.fly(changes)
@@ -135,7 +146,9 @@ def order_rows(tuning: Tuning) -> Iterator[tuple[str, str]]:
             yield f"{start} {flown[1]} | {most} |", warnings[0]
 
 
-def differentiator_rows(tuning: Tuning) -> tuple[list[str], dict[float, list[tuple[float, int]]], dict[float, float]]:
+def differentiator_rows(
+    tuning: Tuning,
+) -> tuple[list[str], dict[float, list[tuple[float, int]]], dict[float, float]]:
     """Rows, (bandwidth, swings) for each ratio, and the largest bandwidth of sub-loop 3 without an oscillation."""
     rows: list[str] = []
     curves: dict[float, list[tuple[float, int]]] = {}
@@ -158,7 +171,9 @@ def differentiator_rows(tuning: Tuning) -> tuple[list[str], dict[float, list[tup
                 largest[ratio] = bandwidth
             curves[ratio].append((bandwidth, flown[1]))
             if ratio == RATIOS[-1] and bandwidth in LISTED:  # the figure has the others
-                rows.append(f"{start} {flown[1]} | {cells(flown[0])} | {tuning.noisy_travel(changes):.0f} |")
+                rows.append(
+                    f"{start} {flown[1]} | {cells(flown[0])} | {tuning.noisy_travel(changes):.0f} |"
+                )
     return rows, curves, largest
 
 
@@ -166,7 +181,10 @@ def header(first: Sequence[str]) -> list[str]:
     """A table's head: columns, then errors (rms) and surface travel."""
     names = (
         *first,
-        *(head.rsplit(" ", 1)[0] + (" travel" if i >= len(ERRORS) else "") for i, head in enumerate(HEADS)),
+        *(
+            head.rsplit(" ", 1)[0] + (" travel" if i >= len(ERRORS) else "")
+            for i, head in enumerate(HEADS)
+        ),
     )
     return ["| " + " | ".join(names) + " |", "|" + "---|" * len(names)]
 
@@ -177,18 +195,27 @@ def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
     rows, curves, largest = differentiator_rows(tuning)
     worst = {
         head: max(
-            (max(flight[0][i] / flown[FACTORS.index(1.0)][0][i] for flight in flown if flight), channel)  # type: ignore[index]
+            (
+                max(flight[0][i] / flown[FACTORS.index(1.0)][0][i] for flight in flown if flight),
+                channel,
+            )  # type: ignore[index]
             for channel, flown in found.items()
         )
         for i, head in enumerate(HEADS[: len(ERRORS)])
     }
-    swings = ", ".join(f"{bandwidth:g} rad/s at ratio {ratio:g}" for ratio, bandwidth in largest.items())
+    swings = ", ".join(
+        f"{bandwidth:g} rad/s at ratio {ratio:g}" for ratio, bandwidth in largest.items()
+    )
     leads = "; ".join(
         f"{head.rsplit(' ', 1)[0]} on {channel.replace('_', ' ')} ({ratio:.1f} times)"
         for head, (ratio, channel) in worst.items()
     )
     dampings = list(damping_rows(tuning))
-    calmest = min(d for d in DAMPINGS if tuning.overshoot({f"{channel}.damping": d for channel in INNER}) <= 0.0)
+    calmest = min(
+        d
+        for d in DAMPINGS
+        if tuning.overshoot({f"{channel}.damping": d for channel in INNER}) <= 0.0
+    )
 
     ordered = list(order_rows(tuning))
     surfaces = tuning.bench.vehicle.constants.surface_bandwidth
@@ -252,7 +279,10 @@ def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
         "![Errors over the bandwidths](../images/tuning_sensitivity.png)",
         "",
     ]
-    figures = {"tuning_differentiators": plot_differentiators(curves), "tuning_sensitivity": plot_sensitivities(found)}
+    figures = {
+        "tuning_differentiators": plot_differentiators(curves),
+        "tuning_sensitivity": plot_sensitivities(found),
+    }
     return "\n".join(wrapped(line) for line in lines), figures
 
 

@@ -18,7 +18,9 @@ def plot_sensitivities(found: dict[str, list[tuple[Floats, int] | None]]) -> Fig
             base = flown[FACTORS.index(1.0)]
             ratios = [flight[0][i] / base[0][i] if flight and base else np.nan for flight in flown]
             style = ("-", "--")[j // len(CYCLE) % 2]
-            axes.plot(FACTORS, ratios, style, color=CYCLE[j % len(CYCLE)], label=channel.replace("_", " "))
+            axes.plot(
+                FACTORS, ratios, style, color=CYCLE[j % len(CYCLE)], label=channel.replace("_", " ")
+            )
         axes.set_xscale("log")
         axes.set_yscale("log")
         axes.set_xticks(FACTORS, [f"{factor:.2g}" for factor in FACTORS])

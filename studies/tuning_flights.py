@@ -20,7 +20,10 @@ INNER = tuple(f"attitude.{name}" for name in ("angle_of_attack", "sideslip", "ba
 )
 OUTER = ("altitude", *(f"velocity.{name}" for name in ("flight_path_angle", "heading", "speed")))
 FACTORS = (1.0 / 3.0, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0)
-SWING, MANY = 0.5, 6  # deg; Table 1 makes 5 on the nominal vehicle: the step itself, and the way back
+SWING, MANY = (
+    0.5,
+    6,
+)  # deg; Table 1 makes 5 on the nominal vehicle: the step itself, and the way back
 NOISE = 0.01  # deg and deg/s: rms of the white noise on each measured angle and body rate
 NOISY = [
     f"sensor.{name}_noise"
@@ -31,7 +34,17 @@ NOISY = [
 ]
 SURFACES = ("aileron", "rudder", "elevator")
 SHOWN = (*ERRORS, "aileron_travel_deg", "rudder_travel_deg", "elevator_travel_deg")
-HEADS = ("altitude m", "speed m/s", "heading deg", "alpha deg", "bank deg", "beta deg", "aileron", "rudder", "elevator")
+HEADS = (
+    "altitude m",
+    "speed m/s",
+    "heading deg",
+    "alpha deg",
+    "bank deg",
+    "beta deg",
+    "aileron",
+    "rudder",
+    "elevator",
+)
 
 
 class Tuning:
@@ -60,7 +73,11 @@ class Tuning:
             return None
         first, second = (np.searchsorted(block.times, step - 1e-9) for step in self.steps)
         surfaces = [CHANNEL_INDEX[f"{surface}_deg"] for surface in SURFACES]
-        most = max(count_swings(values) for flight in block.history[:, first:second, surfaces] for values in flight.T)
+        most = max(
+            count_swings(values)
+            for flight in block.history[:, first:second, surfaces]
+            for values in flight.T
+        )
         return columns(block, SHOWN).mean(axis=0), most
 
     def noisy_travel(self, changes: dict[str, float]) -> float:
@@ -76,7 +93,8 @@ class Tuning:
         block = self.bench.fly_tlc(self.controller(changes), self.parameters[:1], record_every=1)
         early = block.times < 8.0
         bank, command = (
-            block.history[0, early, CHANNEL_INDEX[name]].astype(np.float64) for name in ("bank_deg", "bank_command_deg")
+            block.history[0, early, CHANNEL_INDEX[name]].astype(np.float64)
+            for name in ("bank_deg", "bank_command_deg")
         )
         return float(np.abs(bank).max() - np.abs(command).max())
 

@@ -29,24 +29,35 @@ AT_ONCE = 27  # values
 CONTROLLERS = "tlc", "lqr"
 
 
-def fly(campaign: abhv_mc.Campaign, name: str, starts: pd.DataFrame, values: np.ndarray) -> list[list[object]]:
+def fly(
+    campaign: abhv_mc.Campaign, name: str, starts: pd.DataFrame, values: np.ndarray
+) -> list[list[object]]:
     """A row for each of ``values`` [value, unknown]: the failures of each requirement."""
-    table = pd.concat([starts.assign(**dict(zip(HALF_WIDTHS, value, strict=True))) for value in values])
+    table = pd.concat(
+        [starts.assign(**dict(zip(HALF_WIDTHS, value, strict=True))) for value in values]
+    )
     flown = abhv_mc.simulate(campaign, table.reset_index(drop=True), [name]).sel(controller=name)
     early = (flown.outcome != "ok").to_numpy()
     failed = [early | ~(flown[metric].to_numpy() < limit) for metric, limit in LIMITS.items()]
     counts = np.array(failed).reshape(len(LIMITS), len(values), -1).sum(axis=2).T
-    return [[name, *value.tolist(), *count.tolist()] for value, count in zip(values, counts, strict=True)]
+    return [
+        [name, *value.tolist(), *count.tolist()]
+        for value, count in zip(values, counts, strict=True)
+    ]
 
 
 def main() -> None:
     """Fly what is not in the file yet, and print what failed."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--flights", type=int, default=1000)
     parser.add_argument("--to", type=Path, default=Path("grid.csv"))
     options = parser.parse_args()
     campaign = abhv_mc.Campaign.read(CAMPAIGN)
-    starts = campaign.draw_samples().drop(columns=list(HALF_WIDTHS)).drop_duplicates()[: options.flights]
+    starts = (
+        campaign.draw_samples().drop(columns=list(HALF_WIDTHS)).drop_duplicates()[: options.flights]
+    )
     lines = [np.linspace(1.0 - half, 1.0 + half, 9) for half in HALF_WIDTHS.values()]
     values = np.array(list(itertools.product(*lines)))
     rows = [(name, start) for name in CONTROLLERS for start in range(0, len(values), AT_ONCE)]
@@ -62,7 +73,9 @@ def main() -> None:
     for name, found in pd.read_csv(options.to).groupby("controller"):
         for metric in LIMITS:
             failing, most = int((found[metric] > 0).sum()), found[metric].max()
-            print(f"{name} {metric}: fails at {failing} values, in at most {most} of {len(starts)} flights")
+            print(
+                f"{name} {metric}: fails at {failing} values, in at most {most} of {len(starts)} flights"
+            )
 
 
 if __name__ == "__main__":

@@ -18,7 +18,9 @@ os.environ["MPLBACKEND"] = "Agg"  # figures without a display
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # Worker processes find the fake flight as this one does.
-os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(Path(__file__).parent), os.environ.get("PYTHONPATH")]))
+os.environ["PYTHONPATH"] = os.pathsep.join(
+    filter(None, [str(Path(__file__).parent), os.environ.get("PYTHONPATH")])
+)
 
 # What `make test` leaves to `make test-all`: tests that compile everything anew, fly for minutes, start clusters,
 # servers or browsers, kill at random, or look at pages and benchmarks.
@@ -55,7 +57,9 @@ def source(tmp_path):
     import abhv_mc
 
     skip = shutil.ignore_patterns("__pycache__", "shipped_files")
-    return shutil.copytree(Path(abhv_mc.__file__).parent, tmp_path / "source" / "abhv_mc", ignore=skip)
+    return shutil.copytree(
+        Path(abhv_mc.__file__).parent, tmp_path / "source" / "abhv_mc", ignore=skip
+    )
 
 
 @pytest.fixture(scope="session")

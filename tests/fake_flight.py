@@ -33,7 +33,9 @@ from abhv_mc.user_code.vehicle_functions import load_vehicle
 if TYPE_CHECKING:
     from abhv_mc.execution.runner import RunResult
 
-DENSITY, LIFT, DRAG = (PARAMETER_INDEX[name] for name in ("atmosphere.density", "aero.lift", "aero.drag"))
+DENSITY, LIFT, DRAG = (
+    PARAMETER_INDEX[name] for name in ("atmosphere.density", "aero.lift", "aero.drag")
+)
 LOST_BELOW = 0.91
 TICKS = 20  # of 0.1 s
 _EXTREMES = {
@@ -47,7 +49,9 @@ def make_plan(name: str, gain: float = 1.0, vehicle: Vehicle | None = None) -> F
     """A plan whose arrays are small and whose first gain the fake flight reads."""
     plan = _fill(FlightPlan)
     vehicle = vehicle or load_vehicle(shipped_configs() / "vehicle/nesc/brick.yaml")
-    trim_tables = rebuild_trim_tables(np.tile([0.0, 1.0], 3), np.tile([1.0, 0.0], 3), np.zeros(8 * CHUNK))
+    trim_tables = rebuild_trim_tables(
+        np.tile([0.0, 1.0], 3), np.tile([1.0, 0.0], 3), np.zeros(8 * CHUNK)
+    )
     parts = {field: getattr(plan, field) for field in typing.get_type_hints(FlightPlan)}
     parts |= {
         "controller": name,
@@ -89,7 +93,9 @@ def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> Flight
     return make_plan(name, float(text.partition("gain:")[2]), load_vehicle(vehicle))
 
 
-def fly(plan: FlightPlan, parameters: np.ndarray, record_every: Recording | int | None = None) -> FlightBlock:
+def fly(
+    plan: FlightPlan, parameters: np.ndarray, record_every: Recording | int | None = None
+) -> FlightBlock:
     """Fly rows of parameters."""
     density, lift, drag = parameters[:, DENSITY], parameters[:, LIFT], parameters[:, DRAG]
     error = np.sin(40.0 * density) + np.cos(9.0 * lift) * drag
@@ -98,10 +104,14 @@ def fly(plan: FlightPlan, parameters: np.ndarray, record_every: Recording | int 
     ticks = np.arange(TICKS + 1) * plan.timing.tick
     end = np.where(lost, 1.0, TICKS * plan.timing.tick)
     shape = 1.0 + 0.01 * np.arange(len(CHANNELS))
-    history = (error[:, None, None] * plan.gains[0, 0] * np.cos(ticks)[None, :, None] * shape).astype(np.float32)
+    history = (
+        error[:, None, None] * plan.gains[0, 0] * np.cos(ticks)[None, :, None] * shape
+    ).astype(np.float32)
     history[ticks[None, :] > end[:, None] + 1e-9] = np.nan
     last = history[np.arange(len(end)), np.rint(end / plan.timing.tick).astype(int)]
-    for row, metric in enumerate(METRICS):  # extremes and ends are those of the history, as a flight's are
+    for row, metric in enumerate(
+        METRICS
+    ):  # extremes and ends are those of the history, as a flight's are
         if metric.of in CHANNEL_INDEX:
             column = CHANNEL_INDEX[metric.of]
             if metric.statistic in _EXTREMES:
@@ -110,7 +120,9 @@ def fly(plan: FlightPlan, parameters: np.ndarray, record_every: Recording | int 
             elif metric.statistic == Statistic.FINAL:
                 metrics[:, row] = last[:, column]
     outcome = np.where(lost, Outcome.SIDESLIP_LIMIT, Outcome.OK).astype(np.int64)
-    return record(FlightBlock(outcome, end, metrics, history, ticks), recording_of(record_every, plan))
+    return record(
+        FlightBlock(outcome, end, metrics, history, ticks), recording_of(record_every, plan)
+    )
 
 
 def record(block: FlightBlock, recording: Recording) -> FlightBlock:
@@ -118,10 +130,16 @@ def record(block: FlightBlock, recording: Recording) -> FlightBlock:
     if not recording.every:
         return replace(block, history=block.history[:, :0], times=np.empty(0))
     whole = block.history[:, :, list(recording.channels)]
-    kept = replace(block, history=whole[:, :: recording.every], times=block.times[:: recording.every])
+    kept = replace(
+        block, history=whole[:, :: recording.every], times=block.times[:: recording.every]
+    )
     if not recording.extremes:
         return kept
-    return replace(kept, low=around(whole, recording.every, np.fmin), high=around(whole, recording.every, np.fmax))
+    return replace(
+        kept,
+        low=around(whole, recording.every, np.fmin),
+        high=around(whole, recording.every, np.fmax),
+    )
 
 
 def around(whole: np.ndarray, every: int, extreme: np.ufunc) -> np.ndarray:
@@ -131,7 +149,9 @@ def around(whole: np.ndarray, every: int, extreme: np.ufunc) -> np.ndarray:
     return np.stack([extreme.reduce(piece, axis=(0, 1)) for piece in pieces]) + np.float32(0.0)
 
 
-def fly_slowly(plan: FlightPlan, parameters: np.ndarray, record_every: Recording | int | None = None) -> FlightBlock:
+def fly_slowly(
+    plan: FlightPlan, parameters: np.ndarray, record_every: Recording | int | None = None
+) -> FlightBlock:
     """The same, slow enough to be interrupted."""
     time.sleep(0.02)
     return fly(plan, parameters, record_every)
@@ -145,7 +165,9 @@ def interrupted_after(calls: int, engine: Engine = ENGINE) -> Engine:
     """The engine as it is when somebody presses Ctrl-C after so many blocks, of which the first are trials."""
     left = iter(range(calls))
 
-    def fly_until(plan: FlightPlan, parameters: np.ndarray, record_every: Recording | int | None = None) -> FlightBlock:
+    def fly_until(
+        plan: FlightPlan, parameters: np.ndarray, record_every: Recording | int | None = None
+    ) -> FlightBlock:
         if next(left, None) is None:
             raise KeyboardInterrupt
         return engine.fly(plan, parameters, record_every)

@@ -40,7 +40,10 @@ def fly(inputs, settings):
     return found | {"history": history}
 """
 )
-DIVE_CHANNELS = {"altitude": {"unit": "ft", "doc": "above the ground"}, "sink_rate": {"unit": "ft/s"}}
+DIVE_CHANNELS = {
+    "altitude": {"unit": "ft", "doc": "above the ground"},
+    "sink_rate": {"unit": "ft/s"},
+}
 
 
 def dive_campaign(folder: Path, source: str = DIVE, **changes: Any) -> Path:

@@ -33,7 +33,9 @@ def change_vehicle(folder: Path, *changes: tuple[str, str], name: str = "ghame_x
         assert old in text
         text = text.replace(old, new)
     path = folder / "vehicle.yaml"
-    path.write_text(re.sub(r"file: (?=\w+/)", f"file: {shipped_configs()}/vehicle/", text), encoding="utf-8")
+    path.write_text(
+        re.sub(r"file: (?=\w+/)", f"file: {shipped_configs()}/vehicle/", text), encoding="utf-8"
+    )
     return path
 
 
@@ -62,7 +64,11 @@ def disperse(flights: int) -> np.ndarray:
     """Rows of which every third flight ends at once, so that its lane is given away."""
     rows = nominal_parameters(flights)
     generator = np.random.default_rng(7)
-    for name, width in (("atmosphere.density", 0.1), ("aero.lift", 0.1), ("aero.pitching_moment", 0.1)):
+    for name, width in (
+        ("atmosphere.density", 0.1),
+        ("aero.lift", 0.1),
+        ("aero.pitching_moment", 0.1),
+    ):
         rows[:, PARAMETER_INDEX[name]] += generator.uniform(-width, width, flights)
     rows[::3, PARAMETER_INDEX["initial.angle_of_attack"]] = 0.5  # rad, beyond its limit
     rows[:, PARAMETER_INDEX["initial.bank"]] += generator.uniform(-0.2, 0.2, flights)
@@ -72,4 +78,6 @@ def disperse(flights: int) -> np.ndarray:
 def assert_same(one: FlightBlock, other: FlightBlock, rows: Any = slice(None)) -> None:
     """These rows of one block are the other."""
     for part in ("outcome", "end_time", "metrics", "history", "states"):
-        assert np.array_equal(getattr(one, part)[rows], getattr(other, part), equal_nan=part != "outcome"), part
+        assert np.array_equal(
+            getattr(one, part)[rows], getattr(other, part), equal_nan=part != "outcome"
+        ), part

@@ -50,7 +50,9 @@ def hash_now(source):
     return identity._join_hashes(tuple(identity.hash_source(source).items()))
 
 
-def test_an_edit_of_each_package_is_another_identity_and_not_that_of_a_worker_left_alive(source, worker):
+def test_an_edit_of_each_package_is_another_identity_and_not_that_of_a_worker_left_alive(
+    source, worker
+):
     begun = worker("abhv_mc.io")
     assert begun == identity.code_hash()  # the place does not matter
     for name in PACKAGES:

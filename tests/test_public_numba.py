@@ -30,10 +30,15 @@ np.savez(sys.argv[1], compiler=jit.compiler(), **parts)
 
 def fly(out: Path, public: str) -> dict[str, np.ndarray]:
     searched = [Path(abhv_mc.__file__).parents[1], Path(__file__).parent]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, searched)), "ABHV_MC_PUBLIC_NUMBA": public}
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join(map(str, searched)),
+        "ABHV_MC_PUBLIC_NUMBA": public,
+    }
     if public == "1":
         environment["NUMBA_CPU_FEATURES"] = llvm.get_host_cpu_features().flatten()
-    subprocess.run([sys.executable, "-c", FLY, str(out)], env=environment, check=True, capture_output=True)
+    subprocess.run(
+        [sys.executable, "-c", FLY, str(out)], env=environment, check=True, capture_output=True
+    )
     with np.load(out) as parts:
         return dict(parts)
 
@@ -41,6 +46,8 @@ def fly(out: Path, public: str) -> dict[str, np.ndarray]:
 def test_the_same_flights(tmp_path):
     private, public = fly(tmp_path / "private.npz", "0"), fly(tmp_path / "public.npz", "1")
     assert (str(private.pop("compiler")), str(public.pop("compiler"))) == ("private", "public")
-    assert np.ptp(private["tlc outcome"]) > 0 and len(np.unique(private["lqr metrics"], axis=0)) > 10
+    assert (
+        np.ptp(private["tlc outcome"]) > 0 and len(np.unique(private["lqr metrics"], axis=0)) > 10
+    )
     for name, part in private.items():
         assert np.array_equal(part, public[name], equal_nan=part.dtype.kind == "f"), name

@@ -43,7 +43,9 @@ def test_help_lists_what_is_public_and_no_more(repository):
         for line in pydoc.plaintext.document(abhv_mc).split("PACKAGE CONTENTS")[-1].splitlines()
         for name in re.findall(r"^    (?:class )?(\w+)\(", line)
     }
-    assert listed - {"Exception", "ValueError"} == {name for name in public if callable(getattr(abhv_mc, name))}
+    assert listed - {"Exception", "ValueError"} == {
+        name for name in public if callable(getattr(abhv_mc, name))
+    }
     page = (repository / "docs/reference/python.md").read_text(encoding="utf-8")
     assert {name for name in public if f"abhv_mc.{name}" not in page} == set()
 
@@ -61,7 +63,9 @@ def test_tables(flown):
     _, results = flown
     assert results.complete and repr(results) == "<Results fake: 200 of 200 flights, complete>"
     table = results.flights
-    assert list(table.controller) == ["one"] * 200 + ["two"] * 200 and list(table.flight[:200]) == list(range(200))
+    assert list(table.controller) == ["one"] * 200 + ["two"] * 200 and list(
+        table.flight[:200]
+    ) == list(range(200))
     assert table.attrs["units"]["fuel_used_kg"] == "kg" and table.attrs["units"]["aero.lift"] == "-"
     assert results.samples.attrs["units"]["aero.lift"] == "-"
     np.testing.assert_array_equal(table["aero.lift"][:200], results.samples["aero.lift"])
@@ -69,8 +73,12 @@ def test_tables(flown):
     assert set(results.histories.controller) == {"one", "two"} and len(results.reference) == 21
     assert set(results.nominal.controller) == {"one", "two"}
     assert results.nominal.time.tolist() == 2 * results.reference.time.tolist()
-    count = results.query("select controller, count(*) n from flights where outcome <> 'ok' group by 1 order by 1")
-    assert list(count.n) == [int((group.outcome != "ok").sum()) for _, group in table.groupby("controller")]
+    count = results.query(
+        "select controller, count(*) n from flights where outcome <> 'ok' group by 1 order by 1"
+    )
+    assert list(count.n) == [
+        int((group.outcome != "ok").sum()) for _, group in table.groupby("controller")
+    ]
 
 
 def test_numbers(flown):
@@ -83,7 +91,8 @@ def test_numbers(flown):
     assert results.verdicts.status["altitude_error_max_m", "two"] in ("PASS", "FAIL", "NOT SHOWN")
     assert results.summary[-1].startswith("Based on 200 flights")
     assert (
-        results.summary[0] == results.judgement.answer and results.numbers["judgement"]["met"] == results.judgement.met
+        results.summary[0] == results.judgement.answer
+        and results.numbers["judgement"]["met"] == results.judgement.met
     )
 
 
@@ -96,7 +105,10 @@ def test_tables_over_time_have_named_axes(flown):
     assert int(histories.altitude_m.count()) == int(results.histories.altitude_m.count())
     bands = results.to_xarray("envelopes")
     row = results.envelopes.iloc[40]
-    assert float(bands.q50.sel(controller=row.controller, channel=row.channel, time=row.time)) == row.q50
+    assert (
+        float(bands.q50.sel(controller=row.controller, channel=row.channel, time=row.time))
+        == row.q50
+    )
     with pytest.raises(InputError, match="table: 'flights'"):
         results.to_xarray("flights")
 
@@ -152,12 +164,27 @@ def test_another_working_folder_changes_no_meaning_of_a_path(tmp_path, monkeypat
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda file, out: abhv_mc.worst(file, out, METRIC, bad="big"), "bad: 'big'; expected 'high', 'low'"),
-        (lambda file, out: abhv_mc.worst(file, out, METRIC, box=9), "box: 9; expected a number from 0.1 to 8"),
-        (lambda file, out: abhv_mc.worst(file, out, METRIC, flights=0), "flights: 0; expected a whole number"),
+        (
+            lambda file, out: abhv_mc.worst(file, out, METRIC, bad="big"),
+            "bad: 'big'; expected 'high', 'low'",
+        ),
+        (
+            lambda file, out: abhv_mc.worst(file, out, METRIC, box=9),
+            "box: 9; expected a number from 0.1 to 8",
+        ),
+        (
+            lambda file, out: abhv_mc.worst(file, out, METRIC, flights=0),
+            "flights: 0; expected a whole number",
+        ),
         (lambda file, out: abhv_mc.worst(file, out, "speed"), "unknown metric 'speed'"),
-        (lambda file, out: abhv_mc.rare(file, out, METRIC, target_cov="300 %"), "target_cov: 3; expected"),
-        (lambda file, out: abhv_mc.rare(file, out, METRIC, flights=1.5), "flights: 1.5; expected a whole number"),
+        (
+            lambda file, out: abhv_mc.rare(file, out, METRIC, target_cov="300 %"),
+            "target_cov: 3; expected",
+        ),
+        (
+            lambda file, out: abhv_mc.rare(file, out, METRIC, flights=1.5),
+            "flights: 1.5; expected a whole number",
+        ),
         (lambda file, out: abhv_mc.tune(file, out / "new.yaml"), "tune"),
         (lambda file, out: abhv_mc.worst("no_such", out, METRIC), "no_such"),
     ],
@@ -170,10 +197,17 @@ def test_what_is_wrong_is_refused_and_nothing_written(tmp_path, call, words):
 
 
 def test_a_comparison_has_the_numbers_and_the_page_of_the_command(tmp_path):
-    a, b = (write_flown(tmp_path / name, runs=20, failing=lost) for name, lost in (("a", 1), ("b", 3)))
+    a, b = (
+        write_flown(tmp_path / name, runs=20, failing=lost) for name, lost in (("a", 1), ("b", 3))
+    )
     gates = {"altitude_error_max_m": "5 %"}
     found = abhv_mc.compare(abhv_mc.open_results(a), b, ("lqr", "lqr"), gates, tmp_path / "page")
-    assert found == plain(compare_results(*read_compared(a, b), ("lqr", "lqr"), {"altitude_error_max_m": 0.05}))
-    assert found["paired"][0]["ended_early"]["only_b"] == 2 and (tmp_path / "page/report.html").is_file()
+    assert found == plain(
+        compare_results(*read_compared(a, b), ("lqr", "lqr"), {"altitude_error_max_m": 0.05})
+    )
+    assert (
+        found["paired"][0]["ended_early"]["only_b"] == 2
+        and (tmp_path / "page/report.html").is_file()
+    )
     with pytest.raises(InputError, match="fail_if_worse"):
         abhv_mc.compare(a, b, fail_if_worse="altitude_error_max_m=5%")

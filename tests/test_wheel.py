@@ -20,7 +20,17 @@ def installed(repository, tmp_path_factory):
     (wheel,) = folder.glob("*.whl")
     venv.create(folder / "venv", with_pip=False)
     python = folder / "venv" / "bin" / "python"
-    pip = [sys.executable, "-m", "pip", "--python", str(python), "install", "--no-deps", "--no-index", str(wheel)]
+    pip = [
+        sys.executable,
+        "-m",
+        "pip",
+        "--python",
+        str(python),
+        "install",
+        "--no-deps",
+        "--no-index",
+        str(wheel),
+    ]
     subprocess.run(pip, check=True, capture_output=True)
     (site,) = (folder / "venv" / "lib").glob("python*/site-packages")
     libraries = {sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}
@@ -31,7 +41,12 @@ def installed(repository, tmp_path_factory):
 
 def test_every_shipped_file_comes_with_it(installed, repository):
     (held,) = installed.parent.glob("lib/python*/site-packages/abhv_mc/shipped_files")
-    files = [path for name in ("configs", "campaigns") for path in (repository / name).rglob("*") if path.is_file()]
+    files = [
+        path
+        for name in ("configs", "campaigns")
+        for path in (repository / name).rglob("*")
+        if path.is_file()
+    ]
     assert files
     for path in files:
         assert (held / path.relative_to(repository)).read_bytes() == path.read_bytes()
@@ -43,17 +58,24 @@ def test_a_new_user_flies_a_campaign(installed, tmp_path):
 
     def abhv_mc(*words, folder=tmp_path):
         command = [installed / "abhv-mc", *words]
-        return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+        return subprocess.run(
+            command, cwd=folder, env=environment, capture_output=True, text=True, check=False
+        )
 
     where = "import abhv_mc; print(abhv_mc.__file__)"
     python = [installed / "python", "-c", where]
-    imported = subprocess.run(python, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
+    imported = subprocess.run(
+        python, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
+    )
     assert installed.parent in Path(imported.stdout).parents
 
     assert abhv_mc("new", "demo").returncode == 0
     first = abhv_mc("run", "campaign.yaml", "--runs", "32", folder=tmp_path / "demo")
     assert first.returncode == 0, first.stderr
-    assert first.stderr.count("compiling the flight for this machine (once per kind of campaign)\n") == 1
+    assert (
+        first.stderr.count("compiling the flight for this machine (once per kind of campaign)\n")
+        == 1
+    )
     (told,) = [line for line in first.stdout.splitlines() if line.startswith("report ")]
     report = tmp_path / "demo" / told.split()[-1]
     assert report.name == "report.html" and report.stat().st_size > 100_000
@@ -61,7 +83,9 @@ def test_a_new_user_flies_a_campaign(installed, tmp_path):
     assert manifest["state"] == "complete" and manifest["runs_done"] == 32
     assert "commit" not in manifest
 
-    again = abhv_mc("run", "campaign.yaml", "--runs", "32", "--fresh", "--no-report", folder=tmp_path / "demo")
+    again = abhv_mc(
+        "run", "campaign.yaml", "--runs", "32", "--fresh", "--no-report", folder=tmp_path / "demo"
+    )
     assert again.returncode == 0, again.stderr
     assert "compiling" not in again.stderr
     assert json.loads((report.parent / "manifest.json").read_text())["digest"] == manifest["digest"]

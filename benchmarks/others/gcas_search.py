@@ -22,13 +22,26 @@ from scipy.optimize import dual_annealing
 from benchmarks.document import write_json
 
 CAMPAIGN = Path(__file__).parent / "gcas" / "campaign.yaml"
-BOX = {"roll": (36.0, 51.0), "pitch": (-72.0, -63.0), "yaw": (-67.5, -22.5)}  # deg, as in the campaign
+BOX = {
+    "roll": (36.0, 51.0),
+    "pitch": (-72.0, -63.0),
+    "yaw": (-67.5, -22.5),
+}  # deg, as in the campaign
 
 
 def search(seed: int, calls: int) -> tuple[np.ndarray, np.ndarray]:
     """Lowest altitudes, ft, in the order of the calls: of the search, and of as many random flights."""
     with tempfile.TemporaryDirectory() as folder:
-        words = ["worst", str(CAMPAIGN), "--metric", "altitude_min", "--flights", str(calls), "--seed", str(seed)]
+        words = [
+            "worst",
+            str(CAMPAIGN),
+            "--metric",
+            "altitude_min",
+            "--flights",
+            str(calls),
+            "--seed",
+            str(seed),
+        ]
         command = [sys.executable, "-m", "abhv_mc", *words, "-o", f"{folder}/worst"]
         subprocess.run(command, check=True, capture_output=True)
         table = pyarrow.dataset.dataset(f"{folder}/worst/flights").to_table().sort_by("flight")
@@ -53,7 +66,11 @@ def anneal(seed: int, calls: int) -> np.ndarray:
 def summarise(values: np.ndarray) -> dict[str, Any]:
     """The lowest altitude, and the number of the first call below the ground, None where there is none."""
     below = np.flatnonzero(values <= 0.0)
-    return {"calls": len(values), "lowest_ft": float(values.min()), "first": int(below[0]) + 1 if below.size else None}
+    return {
+        "calls": len(values),
+        "lowest_ft": float(values.min()),
+        "first": int(below[0]) + 1 if below.size else None,
+    }
 
 
 def study(seeds: int, calls: int) -> list[dict[str, Any]]:
@@ -69,7 +86,11 @@ def study(seeds: int, calls: int) -> list[dict[str, Any]]:
 
 def describe(row: dict[str, Any]) -> str:
     """A row of the page's table."""
-    words = [f"{one['first'] or 'none'}, {one['lowest_ft']:.1f} ft" for name, one in row.items() if name != "seed"]
+    words = [
+        f"{one['first'] or 'none'}, {one['lowest_ft']:.1f} ft"
+        for name, one in row.items()
+        if name != "seed"
+    ]
     return f"| {row['seed']} | " + " | ".join(words) + " |"
 
 
@@ -81,7 +102,9 @@ def main() -> None:
     parser.add_argument("--json", type=Path, default=None)
     arguments = parser.parse_args()
     sys.path += [str(arguments.aerobench.resolve()), str(CAMPAIGN.parent)]
-    os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), sys.path[-2]]))
+    os.environ["PYTHONPATH"] = os.pathsep.join(
+        filter(None, [os.environ.get("PYTHONPATH"), sys.path[-2]])
+    )
     rows = study(arguments.seeds, arguments.calls)
     if arguments.json:
         write_json(arguments.json, rows)

@@ -15,7 +15,13 @@ RESULTS = Path(__file__).parents[1] / "results"
 PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "on-others-ground.md"
 _METHOD = ("calls", "estimate", "right")
 HEADS: dict[str, tuple[str, ...]] = {
-    "reliability": ("problem", "inputs", "published", *_METHOD, *(f"OT {word}" for word in _METHOD)),
+    "reliability": (
+        "problem",
+        "inputs",
+        "published",
+        *_METHOD,
+        *(f"OT {word}" for word in _METHOD),
+    ),
     "sensitivity": (
         "function, input",
         "published: first, total",
@@ -47,7 +53,9 @@ ROWS: dict[str, Callable[[dict[str, Any]], str]] = {
 def make_table(part: str, rows: Iterable[dict[str, Any]]) -> str:
     """The Markdown of a part."""
     heads = HEADS[part]
-    return "\n".join([f"| {' | '.join(heads)} |", "|---" * len(heads) + "|", *map(ROWS[part], rows)])
+    return "\n".join(
+        [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|", *map(ROWS[part], rows)]
+    )
 
 
 def count_right(rows: list[dict[str, Any]], method: str) -> tuple[int, int]:

@@ -27,13 +27,25 @@ UNREADABLE = ("RP77", "RP110")  # their formulas are in a syntax that OpenTURNS 
 def import_problems() -> list[Any]:
     """otbenchmark's problems. It asks for numpy below 2, which it does not need, so it is installed apart and alone."""
     if not (PACKAGES / "otbenchmark").is_dir():
-        pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-deps"]
+        pip = [
+            sys.executable,
+            "-m",
+            "pip",
+            "install",
+            "--quiet",
+            "--disable-pip-version-check",
+            "--no-deps",
+        ]
         subprocess.run([*pip, "--target", str(PACKAGES), WANTED], check=True)
     sys.path.append(str(PACKAGES))
     ot.ComposedDistribution = ot.JointDistribution  # its name until OpenTURNS 1.24
     import otbenchmark
 
-    return [one for one in otbenchmark.ReliabilityBenchmarkProblemList() if one.getName() not in UNREADABLE]
+    return [
+        one
+        for one in otbenchmark.ReliabilityBenchmarkProblemList()
+        if one.getName() not in UNREADABLE
+    ]
 
 
 def make_case(problem: Any) -> Case:
@@ -59,7 +71,12 @@ def sample_subsets(problem: Any, seed: int) -> Answer:
     result = method.getResult()
     interval = result.getProbabilityDistribution().computeBilateralConfidenceInterval(0.95)
     calls = function.getEvaluationCallsNumber() - before
-    return Answer(result.getProbabilityEstimate(), interval.getLowerBound()[0], interval.getUpperBound()[0], calls)
+    return Answer(
+        result.getProbabilityEstimate(),
+        interval.getLowerBound()[0],
+        interval.getUpperBound()[0],
+        calls,
+    )
 
 
 def study(problems: list[Any], first: int, seeds: int) -> Iterator[dict[str, Any]]:
@@ -102,8 +119,16 @@ def describe(row: dict[str, Any]) -> str:
         given = seeds - found["refused"]
         right = round(found["right_of_given"] * given)
         truth = f"{found['mean_over_truth']:.2f} ± {found['cov']:.2f}"
-        words += [f"{found['evaluations']:.0f}", truth, f"{right}" if given == seeds else f"{right} of {given}"]
-    return f"| {row['case']} | {row['dimension']} | {row['probability']:.3g} | " + " | ".join(words) + " |"
+        words += [
+            f"{found['evaluations']:.0f}",
+            truth,
+            f"{right}" if given == seeds else f"{right} of {given}",
+        ]
+    return (
+        f"| {row['case']} | {row['dimension']} | {row['probability']:.3g} | "
+        + " | ".join(words)
+        + " |"
+    )
 
 
 if __name__ == "__main__":

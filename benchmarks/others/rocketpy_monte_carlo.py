@@ -48,9 +48,13 @@ def fly(file: str, flights: int) -> None:
     environment = Environment(latitude=32.99, longitude=-106.97, elevation=1400.0)
     environment.set_atmospheric_model(type="custom_atmosphere", wind_u=6.0, wind_v=0.0)
     rocket = make_rocket()
-    flight = Flight(rocket=rocket, environment=environment, rail_length=5.2, inclination=85.0, heading=0.0)
+    flight = Flight(
+        rocket=rocket, environment=environment, rail_length=5.2, inclination=85.0, heading=0.0
+    )
     motor = StochasticSolidMotor(
-        solid_motor=rocket.motor, total_impulse=INPUTS["total_impulse"], burn_out_time=INPUTS["burn_out_time"]
+        solid_motor=rocket.motor,
+        total_impulse=INPUTS["total_impulse"],
+        burn_out_time=INPUTS["burn_out_time"],
     )
     dispersed = StochasticRocket(
         rocket=rocket, mass=INPUTS["mass"], power_off_drag_factor=INPUTS["power_off_drag_factor"]
@@ -58,8 +62,12 @@ def fly(file: str, flights: int) -> None:
     dispersed.add_motor(motor)
     dispersed.add_nose(StochasticNoseCone(nosecone=rocket.nosecones[0]))
     dispersed.add_trapezoidal_fins(StochasticTrapezoidalFins(trapezoidal_fins=rocket.fins[0]))
-    air = StochasticEnvironment(environment=environment, wind_velocity_x_factor=INPUTS["wind_velocity_x_factor"])
-    launch = StochasticFlight(flight=flight, inclination=INPUTS["inclination"], heading=INPUTS["heading"])
+    air = StochasticEnvironment(
+        environment=environment, wind_velocity_x_factor=INPUTS["wind_velocity_x_factor"]
+    )
+    launch = StochasticFlight(
+        flight=flight, inclination=INPUTS["inclination"], heading=INPUTS["heading"]
+    )
     study = MonteCarlo(filename=file, environment=air, rocket=dispersed, flight=launch)
     study.simulate(flights, include_function_data=False)
 
@@ -68,7 +76,9 @@ def find_numbers() -> dict[str, Any]:
     """What RocketPy says of the stored table."""
     with TABLE.open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    study = MonteCarlo.__new__(MonteCarlo)  # of results alone, as it has them after reading its own file
+    study = MonteCarlo.__new__(
+        MonteCarlo
+    )  # of results alone, as it has them after reading its own file
     study.results = {name: [float(row[name]) for row in rows] for name in METRICS}
     found: dict[str, Any] = {name: {} for name in METRICS}
     for name in METRICS:
@@ -81,7 +91,9 @@ def find_numbers() -> dict[str, Any]:
             value = float(quantile(study.results[name]))
             found[name][f"{share:g}"] = [value, float(interval.low), float(interval.high)]
     model = SensitivityModel(list(INPUTS), list(METRICS))
-    model.set_parameters_nominal(*(np.array(column) for column in zip(*INPUTS.values(), strict=True)))
+    model.set_parameters_nominal(
+        *(np.array(column) for column in zip(*INPUTS.values(), strict=True))
+    )
     table = np.array([[float(row[name]) for name in INPUTS] for row in rows])
     model.fit(table, np.array([[float(row[name]) for name in METRICS] for row in rows]))
     for name in METRICS:

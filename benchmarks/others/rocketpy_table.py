@@ -47,14 +47,18 @@ def find_values(held: Any) -> Iterator[tuple[str, Any]]:
 def write_table(base: Path) -> None:
     """A row for each flight: the inputs and metrics of the campaign."""
     model = read_campaign(CAMPAIGN).model
-    inputs, outputs = (read_lines(base.with_name(f"{base.name}.{kind}.txt")) for kind in ("inputs", "outputs"))
+    inputs, outputs = (
+        read_lines(base.with_name(f"{base.name}.{kind}.txt")) for kind in ("inputs", "outputs")
+    )
     TABLE.parent.mkdir(parents=True, exist_ok=True)
     with TABLE.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(["flight", *model.inputs, *model.metrics])
         for number, (given, returned) in enumerate(zip(inputs, outputs, strict=True)):
             known = dict(reversed([*find_values(given)])) | returned
-            writer.writerow([number, *(f"{known[name]:.12g}" for name in (*model.inputs, *model.metrics))])
+            writer.writerow(
+                [number, *(f"{known[name]:.12g}" for name in (*model.inputs, *model.metrics))]
+            )
 
 
 def adopt() -> list[dict[str, Any]]:
@@ -68,12 +72,17 @@ def adopt() -> list[dict[str, Any]]:
     for metric, said in theirs.items():
         quantiles = report["metrics"]["table"][metric]["controllers"]["rocket"]["quantiles"]
         drivers = report["drivers"]["controllers"]["rocket"]["metrics"][metric]["parameters"]
-        ours = {share: quantiles[name] for share, name in (("0.5", "q50"), ("0.05", "q95"))}  # the 95 % towards bad
+        ours = {
+            share: quantiles[name] for share, name in (("0.5", "q50"), ("0.05", "q95"))
+        }  # the 95 % towards bad
         rows.append(
             {
                 "metric": metric,
                 "theirs": said,
-                "ours": {share: [one[key] for key in ("value", "low", "high")] for share, one in ours.items()},
+                "ours": {
+                    share: [one[key] for key in ("value", "low", "high")]
+                    for share, one in ours.items()
+                },
                 "drivers": [one["parameter"] for one in drivers if one["driver"]],
             }
         )
@@ -88,7 +97,9 @@ def describe(row: dict[str, Any]) -> str:
             value, low, high = said[share]
             words.append(f"{value:.2f} ({low:.2f} .. {high:.2f})")
     shares = sorted(row["theirs"]["variance"].items(), key=lambda one: -one[1])
-    words.append(", ".join(f"{name} {100.0 * share:.0f} %" for name, share in shares if share >= 0.01))
+    words.append(
+        ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in shares if share >= 0.01)
+    )
     words.append(", ".join(row["drivers"]))
     return f"| {' | '.join(words)} |"
 

@@ -44,7 +44,9 @@ def ishigami(a: float = 7.0, b: float = 0.1) -> TestFunction:
     alone = np.array([0.5 * (1.0 + b * np.pi**4 / 5.0) ** 2, a**2 / 8.0, 0.0])
     both = b**2 * np.pi**8 * (1.0 / 18.0 - 1.0 / 50.0)  # of x1 and x3
     variance = alone.sum() + both
-    return TestFunction("Ishigami", value, alone / variance, (alone + np.array([both, 0.0, both])) / variance)
+    return TestFunction(
+        "Ishigami", value, alone / variance, (alone + np.array([both, 0.0, both])) / variance
+    )
 
 
 def sobol_g(a: tuple[float, ...] = (0.0, 1.0, 4.5, 9.0, 99.0, 99.0, 99.0, 99.0)) -> TestFunction:
@@ -57,7 +59,10 @@ def sobol_g(a: tuple[float, ...] = (0.0, 1.0, 4.5, 9.0, 99.0, 99.0, 99.0, 99.0))
     alone = 1.0 / (3.0 * (1.0 + weights) ** 2)
     everything = np.prod(1.0 + alone)
     return TestFunction(
-        "Sobol' g", value, alone / (everything - 1.0), alone * everything / (1.0 + alone) / (everything - 1.0)
+        "Sobol' g",
+        value,
+        alone / (everything - 1.0),
+        alone * everything / (1.0 + alone) / (everything - 1.0),
     )
 
 
@@ -90,7 +95,9 @@ def study(samples: int, flights: int) -> Iterator[dict[str, Any]]:
             x = np.random.default_rng(seed).random((flights, len(function.first)))
             y = function.value(x)
             ours.append(given_data_indices(x, y[:, None]))
-            theirs.append(ot.RankSobolSensitivityAlgorithm(x, rankdata(y)[:, None]).getFirstOrderIndices())
+            theirs.append(
+                ot.RankSobolSensitivityAlgorithm(x, rankdata(y)[:, None]).getFirstOrderIndices()
+            )
         first, total = rank_indices(function)
         for i in range(len(function.first)):
             yield {
@@ -115,10 +122,15 @@ def describe(row: dict[str, Any]) -> str:
     """A row of the page's table."""
     pairs = [f"{first:.3f}, {total:.3f}" for first, total in (row["published"], row["of_ranks"])]
     spreads = [
-        f"{mean:.3f} ± {spread:.3f}" for mean, spread in (row["ours_first"], row["ours_total"], row["openturns_first"])
+        f"{mean:.3f} ± {spread:.3f}"
+        for mean, spread in (row["ours_first"], row["ours_total"], row["openturns_first"])
     ]
     named, samples = row["named"]
-    return f"| {row['function']} {row['input']} | " + " | ".join([*pairs, *spreads, f"{named} of {samples}"]) + " |"
+    return (
+        f"| {row['function']} {row['input']} | "
+        + " | ".join([*pairs, *spreads, f"{named} of {samples}"])
+        + " |"
+    )
 
 
 def main() -> None:

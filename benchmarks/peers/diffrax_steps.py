@@ -30,7 +30,9 @@ class ClassicalRungeKutta(diffrax.AbstractERK):
         b_error=np.zeros(4),
         a_lower=(np.array([0.5]), np.array([0.0, 0.5]), np.array([0.0, 0.0, 1.0])),
     )
-    interpolation_cls: ClassVar[Callable[..., Any]] = diffrax.ThirdOrderHermitePolynomialInterpolation.from_k
+    interpolation_cls: ClassVar[Callable[..., Any]] = (
+        diffrax.ThirdOrderHermitePolynomialInterpolation.from_k
+    )
 
     def order(self, terms: Any) -> int:
         return 4
@@ -54,7 +56,9 @@ def make_fly(plan: FlightPlan) -> Callable[[Any], Any]:
             damping = c.engine_damping if engine else c.surface_damping
             rate = x[f"{name}_rate"]
             d[name] = rate
-            d[f"{name}_rate"] = bandwidth**2 * (command - x[name]) - 2.0 * damping * bandwidth * rate
+            d[f"{name}_rate"] = (
+                bandwidth**2 * (command - x[name]) - 2.0 * damping * bandwidth * rate
+            )
         return jnp.stack([d[name] for name in STATES])
 
     term, solver = diffrax.ODETerm(slope), ClassicalRungeKutta()

@@ -42,7 +42,10 @@ def atmosphere(altitude: Scalar) -> tuple[Scalar, Scalar]:
     gas, gravity = 8314.32 / 28.9644, 9.80665
     height = 6356766.0 * altitude / (6356766.0 + altitude)
     base, temperature, lapse, pressure = (
-        sum(jnp.where(height >= _BASE[i], column[i] - (column[i - 1] if i else 0.0), 0.0) for i in range(len(_BASE)))
+        sum(
+            jnp.where(height >= _BASE[i], column[i] - (column[i - 1] if i else 0.0), 0.0)
+            for i in range(len(_BASE))
+        )
         for column in (_BASE, _TEMPERATURE, _LAPSE, _PRESSURE)
     )
     above = height - base
@@ -52,7 +55,11 @@ def atmosphere(altitude: Scalar) -> tuple[Scalar, Scalar]:
     exponent = (
         -gravity
         / gas
-        * jnp.where(isothermal, above / temperature, jnp.log(local / temperature) / jnp.where(isothermal, 1.0, lapse))
+        * jnp.where(
+            isothermal,
+            above / temperature,
+            jnp.log(local / temperature) / jnp.where(isothermal, 1.0, lapse),
+        )
     )
     return pressure * jnp.exp(exponent) / (gas * local), jnp.sqrt(1.4 * gas * local)
 
@@ -97,18 +104,25 @@ def make_look_up(vehicle: Vehicle) -> Callable[[dict[str, Scalar]], dict[int, Sc
         raise ValueError("the JAX peer knows tables of two dimensions")
     groups = []
     for g in range(t.group_start.size):
-        grids = [t.grid[t.axis_start[a] : t.axis_start[a] + t.axis_length[a]] for a in t.group_axis[g, :2]]
+        grids = [
+            t.grid[t.axis_start[a] : t.axis_start[a] + t.axis_length[a]]
+            for a in t.group_axis[g, :2]
+        ]
         i, j = np.meshgrid(*(np.arange(len(grid) - 1) for grid in grids), indexing="ij")
         s0, s1 = t.group_stride[g, :2]
         first = t.group_start[g] + i * s0 + j * s1
         corners = np.stack([first, first + s0, first + s1, first + s0 + s1], axis=-1)
-        cells = t.data[corners[..., np.newaxis] + np.arange(t.group_used[g])]  # [cell, cell, corner, table]
+        cells = t.data[
+            corners[..., np.newaxis] + np.arange(t.group_used[g])
+        ]  # [cell, cell, corner, table]
         names = [VARIABLES[t.axis_variable[a]] for a in t.group_axis[g, :2]]
         groups.append((names, grids, cells, int(t.group_row[g])))
 
     def bracket(grid: np.ndarray, x: Scalar) -> tuple[Scalar, Scalar]:
         inside = jnp.clip(x, grid[0], grid[-1])
-        index = sum((inside >= node).astype(jnp.int32) for node in grid[1:-1]) if len(grid) > 2 else 0
+        index = (
+            sum((inside >= node).astype(jnp.int32) for node in grid[1:-1]) if len(grid) > 2 else 0
+        )
         low, step = jnp.asarray(grid)[index], jnp.asarray(np.diff(grid))[index]
         return index, (inside - low) / step
 
@@ -118,7 +132,9 @@ def make_look_up(vehicle: Vehicle) -> Callable[[dict[str, Scalar]], dict[int, Sc
             if names[0] == "one":  # constants
                 values = cells[0, 0].mean(axis=0)
             else:
-                (i, s), (j, t) = (bracket(grid, variables[name]) for grid, name in zip(grids, names, strict=True))
+                (i, s), (j, t) = (
+                    bracket(grid, variables[name]) for grid, name in zip(grids, names, strict=True)
+                )
                 weights = jnp.stack([(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t])
                 values = weights @ jnp.asarray(cells)[i, j]
             rows.update({row + k: values[k] for k in range(cells.shape[-1])})
@@ -175,7 +191,9 @@ def make_derivative(plan: FlightPlan) -> Callable[[State, Callable[[str], Scalar
         coefficient = dict.fromkeys(COEFFICIENTS, 0.0)
         for i in range(terms.coefficient.size):
             value = rows[int(terms.table[i])] * variables[VARIABLES[terms.variable[i]]]
-            coefficient[COEFFICIENTS[terms.coefficient[i]]] += p(parameters[terms.factor[i]]) * value
+            coefficient[COEFFICIENTS[terms.coefficient[i]]] += (
+                p(parameters[terms.factor[i]]) * value
+            )
 
         # Forces and moments about the centre of gravity (drag and lift in stability axes).
         k = {name: p(f"aero.{name}") * coefficient[name] for name in COEFFICIENTS}
@@ -187,7 +205,9 @@ def make_derivative(plan: FlightPlan) -> Callable[[State, Callable[[str], Scalar
             q_s * (-lift * cos_a - drag * sin_a),
         )
         isp = fixed["specific_impulse"]
-        captured = c.capture_thrust * x["equivalence_ratio"] * rho * speed * fixed["capture_area_ratio"]
+        captured = (
+            c.capture_thrust * x["equivalence_ratio"] * rho * speed * fixed["capture_area_ratio"]
+        )
         nominal_thrust = captured * isp + q_bar * fixed["thrust_area"]
         fuel_left = (x["mass"] > c.mass_empty * p("mass.total")) | (c.burns_fuel == 0.0)
         nominal_thrust = jnp.where(fuel_left, nominal_thrust, 0.0)
@@ -204,7 +224,10 @@ def make_derivative(plan: FlightPlan) -> Callable[[State, Callable[[str], Scalar
         )
 
         # Rotation, translation over the ellipsoid, attitude.
-        ixx, iyy, izz, i13 = (fixed[f"inertia_{axes}"] * p(f"mass.inertia_{axes}") for axes in ("xx", "yy", "zz", "13"))
+        ixx, iyy, izz, i13 = (
+            fixed[f"inertia_{axes}"] * p(f"mass.inertia_{axes}")
+            for axes in ("xx", "yy", "zz", "13")
+        )
         momentum = (ixx * rate[0] + i13 * rate[2], iyy * rate[1], izz * rate[2] + i13 * rate[0])
         gyroscopic = cross(rate, momentum)
         n = tuple(moment[i] - gyroscopic[i] for i in range(3))
@@ -240,7 +263,9 @@ def make_derivative(plan: FlightPlan) -> Callable[[State, Callable[[str], Scalar
             "roll_rate": (izz * n[0] - i13 * n[2]) * inverse,
             "pitch_rate": n[1] / iyy,
             "yaw_rate": (ixx * n[2] - i13 * n[0]) * inverse,
-            "mass": -c.burns_fuel * nominal_thrust / (c.standard_gravity * isp * p("propulsion.specific_impulse")),
+            "mass": -c.burns_fuel
+            * nominal_thrust
+            / (c.standard_gravity * isp * p("propulsion.specific_impulse")),
         }
 
     return derivative
@@ -258,7 +283,10 @@ def make_lqr(plan: FlightPlan) -> Callable[[State, Scalar, Scalar], tuple]:
         north, east, down = to_ned(q, v)
         speed, sin_a, cos_a, sin_b, cos_b, alpha, beta = flow_of(v)
         d = to_body(q, (0.0, 0.0, 1.0))
-        bank = jnp.arctan2(-cos_a * sin_b * d[0] + cos_b * d[1] - sin_a * sin_b * d[2], -sin_a * d[0] + cos_a * d[2])
+        bank = jnp.arctan2(
+            -cos_a * sin_b * d[0] + cos_b * d[1] - sin_a * sin_b * d[2],
+            -sin_a * d[0] + cos_a * d[2],
+        )
         errors = (
             x["altitude"] - r[ref.ALTITUDE],
             jnp.arctan2(-down, jnp.sqrt(north * north + east * east)) - r[ref.FLIGHT_PATH_ANGLE],
@@ -268,7 +296,9 @@ def make_lqr(plan: FlightPlan) -> Callable[[State, Scalar, Scalar], tuple]:
         u = [sum(k[ref.LQR_GUIDANCE + 4 * i + j] * errors[j] for j in range(4)) for i in range(3)]
         alpha_cmd = jnp.clip(r[ref.ANGLE_OF_ATTACK] - u[0], settings[0], settings[1])
         bank_cmd = jnp.clip(r[ref.BANK] - u[1], -settings[2], settings[2])
-        eta_cmd = jnp.clip(r[ref.EQUIVALENCE_RATIO] - u[2], c.equivalence_ratio_min, c.equivalence_ratio_max)
+        eta_cmd = jnp.clip(
+            r[ref.EQUIVALENCE_RATIO] - u[2], c.equivalence_ratio_min, c.equivalence_ratio_max
+        )
         radius = earth.equatorial_radius + x["altitude"]
         turn = earth.gravitational_parameter / (radius * radius * speed) * jnp.sin(bank_cmd)
         lateral = (
@@ -282,6 +312,9 @@ def make_lqr(plan: FlightPlan) -> Callable[[State, Scalar, Scalar], tuple]:
         elevator = r[ref.ELEVATOR] - (k[e] * (alpha - alpha_cmd) + k[e + 1] * pitch_rate)
         aileron, rudder = (-sum(k[n + 4 * i + j] * lateral[j] for j in range(4)) for i in range(2))
         limit = c.surface_limit
-        return (*(jnp.clip(command, -limit, limit) for command in (aileron, rudder, elevator)), eta_cmd)
+        return (
+            *(jnp.clip(command, -limit, limit) for command in (aileron, rudder, elevator)),
+            eta_cmd,
+        )
 
     return lqr

@@ -55,7 +55,9 @@ def make_fly(plan: FlightPlan) -> Callable[[Any], Any]:
         raise ValueError("the JAX peer knows one step in a tick")
 
     def fly(parameters: Any) -> Any:
-        def slope(y: Any, felt: State) -> Any:  # of the rigid body, with the actuators that it feels
+        def slope(
+            y: Any, felt: State
+        ) -> Any:  # of the rigid body, with the actuators that it feels
             x = {**dict(zip(RIGID, y, strict=True)), **felt}
             d = derivative(x, lambda name: parameters[PARAMETER_INDEX[name]])
             return jnp.stack([d[name] for name in RIGID])
@@ -63,7 +65,9 @@ def make_fly(plan: FlightPlan) -> Callable[[Any], Any]:
         def tick(state: tuple[Any, Any], row: tuple) -> tuple[tuple[Any, Any], None]:
             y, a = state
             actuator = dict(zip(MOVED, a, strict=True))
-            middle, end = actuators(actuator, lqr({**dict(zip(RIGID, y, strict=True)), **actuator}, *row))
+            middle, end = actuators(
+                actuator, lqr({**dict(zip(RIGID, y, strict=True)), **actuator}, *row)
+            )
             k1 = slope(y, actuator)
             k2 = slope(y + 0.5 * step * k1, middle)
             k3 = slope(y + 0.5 * step * k2, middle)

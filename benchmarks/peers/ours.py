@@ -13,7 +13,11 @@ def main() -> None:
     for law, plan in work.plans.items():
         for lanes, parameters in ((LANES, work.parameters), (1, work.parameters[:ALONE])):
             fly(plan, parameters[:LANES], lanes=lanes)
-            seconds = measure(lambda: fly(plan, parameters, lanes=lanes), len(parameters), work.repeats)  # noqa: B023
+            seconds = measure(
+                lambda: fly(plan, parameters, lanes=lanes),  # noqa: B023
+                len(parameters),
+                work.repeats,
+            )
             name = f"abhv-mc {law} {'batched' if lanes > 1 else 'one at a time'}"
             write_result(name, seconds, peak_gflops=measure_peak() / 1e9)
 

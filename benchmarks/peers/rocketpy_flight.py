@@ -56,7 +56,12 @@ def main() -> None:
     for repeat in range(work.repeats + 1):
         start = time.process_time()
         flight = Flight(
-            rocket=rocket, environment=environment, rail_length=5.2, inclination=85.0, heading=0.0, max_time=SECONDS
+            rocket=rocket,
+            environment=environment,
+            rail_length=5.2,
+            inclination=85.0,
+            heading=0.0,
+            max_time=SECONDS,
         )
         took = time.process_time() - start
         if repeat:  # the first fills caches

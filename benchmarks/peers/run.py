@@ -38,15 +38,26 @@ OUR_EQUATIONS = "ours: GHAME-X, LQR, 100 Hz"
 ROWS = {  # peer: how it flies, what it flies
     "abhv-mc tlc batched": ("numba, batched flights, metrics", "ours: GHAME-X, TLC, 100 Hz"),
     YARDSTICK: ("numba, batched flights, metrics", OUR_EQUATIONS),
-    "abhv-mc tlc one at a time": ("numba, one flight at a time, metrics", "ours: GHAME-X, TLC, 100 Hz"),
+    "abhv-mc tlc one at a time": (
+        "numba, one flight at a time, metrics",
+        "ours: GHAME-X, TLC, 100 Hz",
+    ),
     "abhv-mc lqr one at a time": ("numba, one flight at a time, metrics", OUR_EQUATIONS),
     "C++ twin": ("g++ -O3 -march=native, one flight at a time", OUR_EQUATIONS),
     "JAX vmap": ("XLA, 256 flights by vmap, float64", OUR_EQUATIONS),
     "diffrax": ("XLA, 256 flights by vmap, float64", OUR_EQUATIONS),
-    "JSBSim": ("C++ called step by step", "another vehicle: its X-15 and autopilot, gliding, 100 Hz"),
+    "JSBSim": (
+        "C++ called step by step",
+        "another vehicle: its X-15 and autopilot, gliding, 100 Hz",
+    ),
     "RocketPy": ("Python and LSODA", "another vehicle: a sounding rocket, no controller"),
 }
-QUOTED = ("CADAC++ GHAME6", "C++, one flight at a time", "GHAME, quoted from an earlier measurement", 108.0)
+QUOTED = (
+    "CADAC++ GHAME6",
+    "C++, one flight at a time",
+    "GHAME, quoted from an earlier measurement",
+    108.0,
+)
 
 
 def install() -> Path:
@@ -59,7 +70,11 @@ def install() -> Path:
         print("installing the peers", file=sys.stderr, flush=True)
         subprocess.run([sys.executable, "-m", "venv", str(ENVIRONMENT)], check=True)
         pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-        subprocess.run([*pip, "--constraint", "requirements.lock", "--editable", ".[peers]"], check=True, cwd=ROOT)
+        subprocess.run(
+            [*pip, "--constraint", "requirements.lock", "--editable", ".[peers]"],
+            check=True,
+            cwd=ROOT,
+        )
         stamp.write_text(wanted)
     return python
 
@@ -107,11 +122,17 @@ def run_peer(python: Path, module: str, work: Path, core: int) -> list[dict[str,
 def find_versions(python: Path) -> dict[str, str]:
     """Versions of what is compared."""
     names = ("numba", "numpy", "jax", "diffrax", "jsbsim", "rocketpy")
-    code = f"from importlib.metadata import version; print(*(version(n) for n in {names}), sep='\\n')"
-    found = subprocess.run([str(python), "-c", code], check=True, capture_output=True, text=True).stdout.split()
+    code = (
+        f"from importlib.metadata import version; print(*(version(n) for n in {names}), sep='\\n')"
+    )
+    found = subprocess.run(
+        [str(python), "-c", code], check=True, capture_output=True, text=True
+    ).stdout.split()
     versions = {"Python": platform.python_version(), **dict(zip(names, found, strict=True))}
     if shutil.which("g++"):
-        said = subprocess.run(["g++", "-dumpfullversion"], check=True, capture_output=True, text=True).stdout
+        said = subprocess.run(
+            ["g++", "-dumpfullversion"], check=True, capture_output=True, text=True
+        ).stdout
         versions["g++"] = said.strip()
     return versions
 
@@ -143,7 +164,9 @@ def measure_peers(
                 for one in results:
                     name = one.pop("peer")
                     this_round[name] = one.pop("seconds")
-                    others[name] = {key: max(value, others[name].get(key, value)) for key, value in one.items()}
+                    others[name] = {
+                        key: max(value, others[name].get(key, value)) for key, value in one.items()
+                    }
             for name, found in this_round.items():
                 seconds[name] += found
                 ratios[name].append(median(found) / median(this_round[YARDSTICK]))
@@ -181,8 +204,12 @@ def make_table(record: dict[str, Any]) -> str:
             lines.append(f"| {title} | {how} | {what} | failed | | |")
             continue
         one = peers[name]
-        low, mid, high = (f"{1e3 * one[key]:.3g}" for key in ("lowest", "seconds_per_flight", "highest"))
-        lines.append(f"| {title} | {how} | {what} | {mid} | {low} to {high} | {one['over_ours']:.2f} |")
+        low, mid, high = (
+            f"{1e3 * one[key]:.3g}" for key in ("lowest", "seconds_per_flight", "highest")
+        )
+        lines.append(
+            f"| {title} | {how} | {what} | {mid} | {low} to {high} | {one['over_ours']:.2f} |"
+        )
     name, how, what, quoted = QUOTED
     ratio = quoted / 1e3 / ours["seconds_per_flight"]
     lines.append(f"| {name} | {how} | {what} | {quoted:.0f} | not measured here | {ratio:.0f} |")
@@ -191,7 +218,11 @@ def make_table(record: dict[str, Any]) -> str:
         for name, one in peers.items()
         if "altitude_difference_m" in one
     ]
-    first = [f"{one['first_call_s']:.0f} s ({name})" for name, one in peers.items() if "first_call_s" in one]
+    first = [
+        f"{one['first_call_s']:.0f} s ({name})"
+        for name, one in peers.items()
+        if "first_call_s" in one
+    ]
     lines += [
         "",
         f"Medians of {ours['repeats']} repeats in {ours['processes']} processes each, processor time of one core; "
@@ -215,7 +246,13 @@ def main() -> int:
     versions = find_versions(python)
     peers, failed = measure_peers(python, options.rounds, options.repeats, options.flights)
     machine = describe_machine(load)
-    record = {"machine": machine, "versions": versions, "flights": options.flights, "peers": peers, "failed": failed}
+    record = {
+        "machine": machine,
+        "versions": versions,
+        "flights": options.flights,
+        "peers": peers,
+        "failed": failed,
+    }
     write_json(RESULT, record)
     table = make_table(record)
     replace_part(DOCUMENT, "peers", table)

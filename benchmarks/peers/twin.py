@@ -21,7 +21,13 @@ FLAGS = ("-std=c++17", "-O3", "-march=native")
 
 def write_names(path: Path) -> None:
     """A header with the places of every name in the arrays, so that the twin repeats no list of ours."""
-    from abhv_mc.kernel.laws.columns import LQR_ELEVATOR, LQR_GAINS, LQR_GUIDANCE, LQR_LATERAL, REFERENCE
+    from abhv_mc.kernel.laws.columns import (
+        LQR_ELEVATOR,
+        LQR_GAINS,
+        LQR_GUIDANCE,
+        LQR_LATERAL,
+        REFERENCE,
+    )
     from abhv_mc.kernel.plant.actuators import SUBSTEPS
     from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
     from abhv_mc.kernel.plant.state import STATES
@@ -65,7 +71,9 @@ def write_input(path: Path, plan: FlightPlan, parameters: Floats, states: Floats
     tables = vehicle.tables._asdict()
     del tables["group_width"]  # spare rows
     arrays = [
-        [value for value in vehicle.constants if not isinstance(value, tuple)],  # inlet and load bounds come last
+        [
+            value for value in vehicle.constants if not isinstance(value, tuple)
+        ],  # inlet and load bounds come last
         plan.earth,
         *tables.values(),
         *vehicle.build_up,
@@ -85,7 +93,12 @@ def write_input(path: Path, plan: FlightPlan, parameters: Floats, states: Floats
 
 
 def fly_twin(
-    program: Path, plan: FlightPlan, parameters: Floats, starts: Floats, repeats: int = 0, keep: int = 0
+    program: Path,
+    plan: FlightPlan,
+    parameters: Floats,
+    starts: Floats,
+    repeats: int = 0,
+    keep: int = 0,
 ) -> tuple[list[float], Floats]:
     """(seconds per flight of each repeat, states ``[keep, tick, state]``); the kept flights must reach their end.
 
@@ -111,7 +124,9 @@ def main() -> None:
         starts = np.tile(work.plans["lqr"].initial_state, (len(work.parameters), 1))
         program = compile_twin(Path(folder))
         kept = len(work.final_states)
-        seconds, states = fly_twin(program, work.plans["lqr"], work.parameters, starts, work.repeats, kept)
+        seconds, states = fly_twin(
+            program, work.plans["lqr"], work.parameters, starts, work.repeats, kept
+        )
     difference = float(np.abs(states[:, -1, 0] - work.final_states[:, 0]).max())
     write_result("C++ twin", seconds, altitude_difference_m=difference)
 

@@ -14,7 +14,9 @@ from scipy.signal import place_poles
 from abhv_mc.extend import Command, clamp, controller, cos, wrap
 
 GRAVITY = 9.73  # m/s2, at 20 km
-WEIGHTS = np.diag([1.0, 10.0, 0.1, 0.1])  # of bank, sideslip, roll and yaw rate; aileron and rudder have 10 each
+WEIGHTS = np.diag(
+    [1.0, 10.0, 0.1, 0.1]
+)  # of bank, sideslip, roll and yaw rate; aileron and rudder have 10 each
 
 
 class Settings(NamedTuple):
@@ -58,7 +60,9 @@ def design(model, settings):
         A, B = plant.take(("angle_of_attack", "pitch_rate"), ("elevator",))
         pitch = place_poles(A, B, [-2.5 + 2.0j, -2.5 - 2.0j]).gain_matrix
         A, B = plant.take(("bank", "sideslip", "roll_rate", "yaw_rate"), ("aileron", "rudder"))
-        lateral = B.T @ solve_continuous_are(A, B, WEIGHTS, 10.0 * np.eye(2)) / 10.0  # an LQR, for its margins
+        lateral = (
+            B.T @ solve_continuous_are(A, B, WEIGHTS, 10.0 * np.eye(2)) / 10.0
+        )  # an LQR, for its margins
         rows.append([*pitch.ravel(), *lateral.ravel()])
     return Gains(*(np.interp(model.time, times, column) for column in np.transpose(rows)))
 
@@ -69,11 +73,16 @@ def law(measured, reference, memory, settings, gains, dt):
     # Path: altitude to flight path angle, that to angle of attack; heading to bank; speed to equivalence ratio.
     rise = measured.altitude - reference.altitude
     speed = measured.speed - reference.speed
-    path_cmd = reference.flight_path_angle - settings.altitude * (rise + 0.05 * memory.altitude) / measured.speed
+    path_cmd = (
+        reference.flight_path_angle
+        - settings.altitude * (rise + 0.05 * memory.altitude) / measured.speed
+    )
     alpha = reference.angle_of_attack - settings.path * (measured.flight_path_angle - path_cmd)
     alpha = clamp(alpha, -0.01, 0.2)
     turn = -settings.heading * wrap(measured.heading - reference.heading)
-    bank = reference.bank + turn * measured.speed / GRAVITY * cos(reference.bank) * cos(reference.bank)
+    bank = reference.bank + turn * measured.speed / GRAVITY * cos(reference.bank) * cos(
+        reference.bank
+    )
     bank = clamp(bank, -settings.bank_limit, settings.bank_limit)
     eta = reference.equivalence_ratio - settings.speed * (speed + 0.1 * memory.speed)
 
@@ -86,7 +95,9 @@ def law(measured, reference, memory, settings, gains, dt):
     yaw = measured.yaw_rate - turning
     beta, roll = measured.sideslip, measured.roll_rate
     elevator = (
-        reference.elevator - gains.elevator_by_angle_of_attack * alpha_error - gains.elevator_by_pitch_rate * pitch
+        reference.elevator
+        - gains.elevator_by_angle_of_attack * alpha_error
+        - gains.elevator_by_pitch_rate * pitch
     )
     aileron = -(
         gains.aileron_by_bank * bank_error
@@ -101,7 +112,10 @@ def law(measured, reference, memory, settings, gains, dt):
         + gains.rudder_by_yaw_rate * yaw
     )
     # The commands, kept within the vehicle's limits for you. The last three are what the report compares with.
-    command = Command(aileron, rudder, elevator, eta, flight_path_angle=path_cmd, angle_of_attack=alpha, bank=bank)
+    command = Command(
+        aileron, rudder, elevator, eta, flight_path_angle=path_cmd, angle_of_attack=alpha, bank=bank
+    )
     return command, Memory(
-        clamp(memory.altitude + dt * rise, -1000.0, 1000.0), clamp(memory.speed + dt * speed, -100.0, 100.0)
+        clamp(memory.altitude + dt * rise, -1000.0, 1000.0),
+        clamp(memory.speed + dt * speed, -100.0, 100.0),
     )

@@ -29,26 +29,40 @@ def law(measured, reference, memory, settings, onboard, dt):
     rise = measured.altitude - reference.altitude
     speed = measured.speed - reference.speed
     w = settings.path
-    path_cmd = reference.flight_path_angle - (0.3 * w * rise + 0.02 * w * memory.altitude) / measured.speed
+    path_cmd = (
+        reference.flight_path_angle - (0.3 * w * rise + 0.02 * w * memory.altitude) / measured.speed
+    )
     path = measured.flight_path_angle - path_cmd
     turn = reference.heading_rate - w * wrap(measured.heading - reference.heading)
-    bank = reference.bank + (turn - reference.heading_rate) * measured.speed / GRAVITY * cos(reference.bank) ** 2
+    bank = (
+        reference.bank
+        + (turn - reference.heading_rate) * measured.speed / GRAVITY * cos(reference.bank) ** 2
+    )
     bank = clamp(bank, -settings.bank_limit, settings.bank_limit)
     force = reference.mass * measured.speed * (-w * path) / cos(bank)
     slope = onboard.lift_by_angle_of_attack + onboard.thrust
     alpha = clamp(reference.angle_of_attack + force / slope, -0.01, 0.2)
-    eta = reference.equivalence_ratio - 0.3 * reference.mass * speed / onboard.thrust_by_equivalence_ratio
+    eta = (
+        reference.equivalence_ratio
+        - 0.3 * reference.mass * speed / onboard.thrust_by_equivalence_ratio
+    )
 
     # Attitude: body rates that bring angle of attack, sideslip and bank to their commands.
     weight = GRAVITY / measured.speed
     roll = -settings.attitude * wrap(measured.bank - bank)  # about the velocity
     p = roll * cos(alpha) - weight * sin(bank) * sin(alpha)
-    q = -settings.attitude * (measured.angle_of_attack - alpha) + weight * sin(bank) ** 2 / cos(bank)
+    q = -settings.attitude * (measured.angle_of_attack - alpha) + weight * sin(bank) ** 2 / cos(
+        bank
+    )
     r = roll * sin(alpha) + weight * sin(bank) * cos(alpha) + settings.attitude * measured.sideslip
 
     # Moments that bring the rates there, less those that the last command gives.
     inertia, k = onboard.inertia, settings.rates
-    dp, dq, dr = k * (p - measured.roll_rate), k * (q - measured.pitch_rate), k * (r - measured.yaw_rate)
+    dp, dq, dr = (
+        k * (p - measured.roll_rate),
+        k * (q - measured.pitch_rate),
+        k * (r - measured.yaw_rate),
+    )
     aileron, rudder, elevator = allocate(
         onboard,
         inertia.xx * dp + inertia.xz * dr - onboard.moment.roll,

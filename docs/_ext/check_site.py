@@ -5,7 +5,13 @@ from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
-_LOADED = {("script", "src"), ("link", "href"), ("img", "src"), ("iframe", "src"), ("source", "src")}
+_LOADED = {
+    ("script", "src"),
+    ("link", "href"),
+    ("img", "src"),
+    ("iframe", "src"),
+    ("source", "src"),
+}
 
 
 class _Page(HTMLParser):
@@ -28,7 +34,9 @@ class _Page(HTMLParser):
 
 def find_faults(site: Path) -> Iterator[str]:
     """What is wrong with the pages below a folder, one sentence each."""
-    pages = {path: _Page(path) for path in sorted(site.rglob("*.html")) if "_static" not in path.parts}
+    pages = {
+        path: _Page(path) for path in sorted(site.rglob("*.html")) if "_static" not in path.parts
+    }
     for path, page in pages.items():
         place = path.relative_to(site)
         for target in page.loaded:

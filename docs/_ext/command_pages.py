@@ -15,7 +15,11 @@ def _options(name: str, command: object, context: typer.Context) -> str:
     text = get_docs_for_click(obj=command, ctx=context, indent=1, name=f"abhv-mc {name}")
     text = re.sub(r"\A#+ .*\n", "", text)
     text = re.sub(r"^### ", "## ", text, flags=re.MULTILINE)  # commands of a command
-    return re.sub(r"^\$ (.*)", r"\1", text, flags=re.MULTILINE).replace("```console", "```text").strip()
+    return (
+        re.sub(r"^\$ (.*)", r"\1", text, flags=re.MULTILINE)
+        .replace("```console", "```text")
+        .strip()
+    )
 
 
 def make(examples: Path) -> dict[str, str]:

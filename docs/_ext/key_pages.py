@@ -31,7 +31,9 @@ def _reference(schema: Schema) -> str | None:
 
 def _bounds(schema: Schema) -> str:
     signs = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
-    return ", ".join(f"{sign} {_number(schema[key])}" for key, sign in signs.items() if key in schema)
+    return ", ".join(
+        f"{sign} {_number(schema[key])}" for key, sign in signs.items() if key in schema
+    )
 
 
 def _number(bound: float) -> str:
@@ -46,16 +48,30 @@ def _kind(schema: Schema) -> str:
         return f"[{name}](#{name.lower()})"
     if choices := schema.get("enum"):
         known = [words for member, words in _ENUMERATIONS.items() if member in choices]
-        more = [code(c) for c in choices if c == "all"] if known else [code(choice) for choice in choices]
+        more = (
+            [code(c) for c in choices if c == "all"]
+            if known
+            else [code(choice) for choice in choices]
+        )
         return " or ".join([*more, *known] if known else more)
     if set(schema) == {"pattern"}:
-        return "a failure of one of the vehicle's effectors" if "failure" in schema["pattern"] else "one of your own"
+        return (
+            "a failure of one of the vehicle's effectors"
+            if "failure" in schema["pattern"]
+            else "one of your own"
+        )
     if "const" in schema:
         return code(schema["const"])
     for several in ("oneOf", "anyOf"):
         if several in schema and "pattern" not in schema:
-            kinds = dict.fromkeys(_kind(part) for part in schema[several] if part.get("type") != "null")
-            return " or ".join(kind for kind in kinds if not any(other.startswith(f"{kind} or ") for other in kinds))
+            kinds = dict.fromkeys(
+                _kind(part) for part in schema[several] if part.get("type") != "null"
+            )
+            return " or ".join(
+                kind
+                for kind in kinds
+                if not any(other.startswith(f"{kind} or ") for other in kinds)
+            )
     if schema.get("type") == "array":
         if parts := schema.get("prefixItems"):
             return f"list of {len(parts)}: {_kind(parts[0])}"
@@ -63,12 +79,23 @@ def _kind(schema: Schema) -> str:
     if schema.get("type") == "object":
         names = schema.get("propertyNames", {})
         keys = _kind(names) if names.get("anyOf") else "name"
-        values = schema.get("additionalProperties") or next(iter(schema.get("patternProperties", {}).values()), None)
+        values = schema.get("additionalProperties") or next(
+            iter(schema.get("patternProperties", {}).values()), None
+        )
         return f"mapping from {keys} to {_kind(values) if isinstance(values, dict) else 'anything'}"
     if examples := schema.get("examples"):
         dimension = dimension_of(examples[0].split(" ", 1)[1])
-        return dimension.name.split(" ", 1)[1] if dimension in DIMENSIONS else f"text such as `{examples[0]}`"
-    words = {"integer": "whole number", "number": "number", "string": "text", "boolean": "true or false"}
+        return (
+            dimension.name.split(" ", 1)[1]
+            if dimension in DIMENSIONS
+            else f"text such as `{examples[0]}`"
+        )
+    words = {
+        "integer": "whole number",
+        "number": "number",
+        "string": "text",
+        "boolean": "true or false",
+    }
     kind = words.get(schema.get("type", ""), "anything")
     return f"{kind} {bounds}" if (bounds := _bounds(schema)) else kind
 

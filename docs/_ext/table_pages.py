@@ -28,7 +28,10 @@ def _signals(signals: Iterable[Signal]) -> str:
 
 
 def _metrics() -> str:
-    rows = ((code(m.name), m.unit, m.doc, f"{m.statistic.word} of {code(m.of)}", m.bad, m.group) for m in METRICS)
+    rows = (
+        (code(m.name), m.unit, m.doc, f"{m.statistic.word} of {code(m.of)}", m.bad, m.group)
+        for m in METRICS
+    )
     others = [source for source in SOURCES.values() if source not in CHANNELS]
     return f"""# Metrics
 

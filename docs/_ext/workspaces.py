@@ -22,7 +22,13 @@ def prepare(app) -> None:
         if folder.name != "study":
             rmtree(folder)
     write_new_campaign(work / "first-campaign" / "shown")
-    for page in ("own-mission", "own-controller", "own-simulator", "worst-case", "number-of-flights"):
+    for page in (
+        "own-mission",
+        "own-controller",
+        "own-simulator",
+        "worst-case",
+        "number-of-flights",
+    ):
         (work / page).mkdir()
         for file in (source / "tutorials" / "files" / page).glob("*"):
             copy(file, work / page)
@@ -32,7 +38,9 @@ def prepare(app) -> None:
 
 def _write_vehicle(page: Path, folder: Path) -> None:
     """The files of the vehicle that a page shows in blocks whose first line is the file's name."""
-    for name, text in re.findall(r"```\w+\n# (arrow[\w/]*\.(?:yaml|csv))(.*?)```", page.read_text("utf-8"), re.DOTALL):
+    for name, text in re.findall(
+        r"```\w+\n# (arrow[\w/]*\.(?:yaml|csv))(.*?)```", page.read_text("utf-8"), re.DOTALL
+    ):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(f"# {name}{text}", encoding="utf-8")
 
@@ -48,8 +56,16 @@ def _fly_study(folder: Path) -> None:
     if folder.exists():
         rmtree(folder)
     write_new_campaign(folder)
-    for words in (("campaign.yaml", "--runs", str(RUNS)), ("s_manoeuvre", "-o", "default")):  # that is the live report
-        run([sys.executable, "-m", "abhv_mc", "run", *words], cwd=folder, check=True, stdout=sys.stderr)
+    for words in (
+        ("campaign.yaml", "--runs", str(RUNS)),
+        ("s_manoeuvre", "-o", "default"),
+    ):  # that is the live report
+        run(
+            [sys.executable, "-m", "abhv_mc", "run", *words],
+            cwd=folder,
+            check=True,
+            stdout=sys.stderr,
+        )
     stamp.write_text(state.hexdigest())
 
 

@@ -17,14 +17,17 @@ class Correlations:
 
 def compute(results: FlownCampaign) -> Correlations:
     """Of all flights of each controller."""
-    return Correlations({name: {m: _row(results, name, m) for m in results.asked} for name in results.controllers})
+    return Correlations(
+        {name: {m: _row(results, name, m) for m in results.asked} for name in results.controllers}
+    )
 
 
 def _row(results: FlownCampaign, controller: str, metric: str) -> dict[str, float]:
     flights = results.flights[controller]
     sampled = {name: results.samples[name][flights.flight] for name in results.dispersed}
     return {
-        name: float(spearmanr(x, flights.metrics[metric], nan_policy="omit").statistic) for name, x in sampled.items()
+        name: float(spearmanr(x, flights.metrics[metric], nan_policy="omit").statistic)
+        for name, x in sampled.items()
     }
 
 
@@ -35,7 +38,11 @@ def section(found: Correlations, names: Names) -> Section:
         rows = []
         for metric, row in metrics.items():
             parameters = tuple(row)
-            words = names.label(name), names.metrics[metric].label, *(f"{value:+.2f}" for value in row.values())
+            words = (
+                names.label(name),
+                names.metrics[metric].label,
+                *(f"{value:+.2f}" for value in row.values()),
+            )
             rows.append(tuple(map(Cell, words)))
         groups.append(tuple(rows))
     table = Table("Rank correlations", ("Controller", "Metric", *parameters), tuple(groups))

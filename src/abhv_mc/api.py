@@ -58,11 +58,16 @@ class Campaign:
     """A campaign file, read and checked; :meth:`run` flies it."""
 
     def __init__(self, path: Path, checked: Experiment) -> None:
-        self.path, self._checked = path.absolute(), checked  # whoever changes the working folder means no other
+        self.path, self._checked = (
+            path.absolute(),
+            checked,
+        )  # whoever changes the working folder means no other
         self.name: str = checked.model.name
         self.question: str = checked.model.question  # what it asks
         self.runs: int = checked.runs  # flights of each controller
-        self.controllers: tuple[str, ...] = checked.controllers  # the first is compared with the others
+        self.controllers: tuple[str, ...] = (
+            checked.controllers
+        )  # the first is compared with the others
         self.parameters: tuple[str, ...] = checked.names  # that are dispersed
 
     @classmethod
@@ -85,7 +90,9 @@ class Campaign:
         except BaseException:
             shutil.rmtree(place, ignore_errors=True)
             raise
-        weakref.finalize(made, shutil.rmtree, place, ignore_errors=True)  # a flown campaign has copies in its folder
+        weakref.finalize(
+            made, shutil.rmtree, place, ignore_errors=True
+        )  # a flown campaign has copies in its folder
         return made
 
     def draw_samples(self, flights: int | None = None) -> "pd.DataFrame":
@@ -93,7 +100,9 @@ class Campaign:
         import pandas as pd
 
         source = self._checked.make_samples()
-        number = self.runs if flights is None else min(check_count(flights, 0, "flights"), self.runs)
+        number = (
+            self.runs if flights is None else min(check_count(flights, 0, "flights"), self.runs)
+        )
         index = pd.RangeIndex(number, name="flight")
         return pd.DataFrame(source.draw(0, number), columns=list(source.names), index=index)
 
@@ -132,7 +141,9 @@ class Campaign:
         if workers is not None:
             workers = check_count(workers, 1, "workers", MOST_WORKERS)
         out = Path(output) if output is not None else None
-        return Results(run_campaign(Request(self.path, out, runs, seed, names, workers, fresh)).folder)
+        return Results(
+            run_campaign(Request(self.path, out, runs, seed, names, workers, fresh)).folder
+        )
 
     def _repr_html_(self) -> str:
         """What a notebook shows: what it asks, who flies, and what is dispersed."""
@@ -140,7 +151,10 @@ class Campaign:
         data: Any = self._checked.document.data
         entries = data.get("dispersions") or {}
         rows = [("controllers", ", ".join(self.controllers), "")]
-        rows += [(name, ", ".join(f"{k} {v}" for k, v in entry.items()), "") for name, entry in entries.items()]
+        rows += [
+            (name, ", ".join(f"{k} {v}" for k, v in entry.items()), "")
+            for name, entry in entries.items()
+        ]
         return as_html(head, rows)
 
     def __repr__(self) -> str:
@@ -197,8 +211,12 @@ def worst(
 
     if bad not in ("high", "low", None):
         raise InputError("bad", describe(bad), "'high', 'low' or None")
-    settings = WorstSettings(metric, bad, check_count(flights, 1, "flights"), _between("box", float(box), 0.1, 8.0))
-    found = find_worst(_request(campaign, output, controller, seed, workers, scheduler, fresh), settings)
+    settings = WorstSettings(
+        metric, bad, check_count(flights, 1, "flights"), _between("box", float(box), 0.1, 8.0)
+    )
+    found = find_worst(
+        _request(campaign, output, controller, seed, workers, scheduler, fresh), settings
+    )
     write_answer(make_worst_answer(found, Path(output)), Path(output) / "report.html")
     return found
 
@@ -243,7 +261,9 @@ def rare(
 
     cov = _between("target_cov", to_si(target_cov, FRACTION, "target_cov"), 0.01, 1.0)
     settings = RareSettings(requirement, cov, check_count(flights, 1, "flights"))
-    found = find_rare(_request(campaign, output, controller, seed, workers, scheduler, fresh), settings)
+    found = find_rare(
+        _request(campaign, output, controller, seed, workers, scheduler, fresh), settings
+    )
     write_answer(make_rare_answer(found, Path(output)), Path(output) / "report.html")
     return found
 
@@ -292,9 +312,15 @@ def tune(
     def finish(found: "TuneFound") -> None:
         if tell is not None:
             tell(found)
-        write_answer(make_tune_answer(found), out.with_suffix(".html"), out.with_suffix(".tuning") / "figures")
+        write_answer(
+            make_tune_answer(found),
+            out.with_suffix(".html"),
+            out.with_suffix(".tuning") / "figures",
+        )
 
-    return tune_controller(TuneRequest(_path(campaign), out, controller, given, seed, workers, scheduler), tell=finish)
+    return tune_controller(
+        TuneRequest(_path(campaign), out, controller, given, seed, workers, scheduler), tell=finish
+    )
 
 
 def simulate(
@@ -370,13 +396,17 @@ def compare(
     shares = check_mapping(fail_if_worse or {}, "fail_if_worse")
     margins = parse_margins([f"{metric}={share}" for metric, share in shares.items()])
     one, other = (each.folder if isinstance(each, Results) else Path(each) for each in (a, b))
-    compared = compare_folders(one, other, controllers, margins, Path(output) if output is not None else None)
+    compared = compare_folders(
+        one, other, controllers, margins, Path(output) if output is not None else None
+    )
     numbers: dict[str, Any] = plain(compared.found)
     return numbers
 
 
 def _path(campaign: Searched) -> Path:
-    return campaign.path if isinstance(campaign, Campaign) else find_input(str(campaign), "campaign")
+    return (
+        campaign.path if isinstance(campaign, Campaign) else find_input(str(campaign), "campaign")
+    )
 
 
 def _request(campaign: Searched, output: Paths, *more: Any) -> "SearchRequest":

@@ -15,7 +15,11 @@ class Bounds(NamedTuple):
 
     def as_entry(self) -> dict[str, float]:
         """The keys of an entry of a campaign or a matrix."""
-        return {key: value for key, value in zip(("above", "below"), self, strict=True) if value is not None}
+        return {
+            key: value
+            for key, value in zip(("above", "below"), self, strict=True)
+            if value is not None
+        }
 
     def __str__(self) -> str:
         """'below 50', 'above 3', 'between 3 and 50'."""
@@ -52,7 +56,11 @@ class Bounds(NamedTuple):
     @property
     def size(self) -> float:
         """What a distance is a share of: the limit's size, or half of what is between two; 0 for a limit of zero."""
-        return (self.high - self.low) / 2.0 if self.low is not None and self.high is not None else abs(self.limit)
+        return (
+            (self.high - self.low) / 2.0
+            if self.low is not None and self.high is not None
+            else abs(self.limit)
+        )
 
     def failures(self, values: Floats, early: Mask | None = None) -> Mask:
         """Which flights [flight] fail: by their metric, where not-a-number fails, and those that ended ``early``."""

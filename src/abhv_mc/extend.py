@@ -12,7 +12,16 @@ from abhv_mc.kernel.jit import scalar
 from abhv_mc.kernel.laws.allocation import solve_3x3
 from abhv_mc.kernel.numerics.angles import clamp, larger, smaller, wrap
 from abhv_mc.kernel.numerics.lane_math import acos, asin, atan2, exp, log, power, sincos, tan
-from abhv_mc.user_code.law_interface import Coefficients, Command, Inertia, Measured, Moment, Onboard, Reference, Thrust
+from abhv_mc.user_code.law_interface import (
+    Coefficients,
+    Command,
+    Inertia,
+    Measured,
+    Moment,
+    Onboard,
+    Reference,
+    Thrust,
+)
 from abhv_mc.user_code.module import CHANNEL, CONTROLLER, ChannelMark, ControllerMark
 from abhv_mc.user_code.table import Scattered as scattered  # noqa: N813  spoken as functions
 from abhv_mc.user_code.table import Table as table  # noqa: N813
@@ -51,7 +60,9 @@ __all__ = [
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-def controller(function: F | None = None, *, units: dict[str, str] | None = None, compiled: bool = True) -> Any:
+def controller(
+    function: F | None = None, *, units: dict[str, str] | None = None, compiled: bool = True
+) -> Any:
     """Mark the one function of a file that is its control law.
 
     ``units`` of the settings that have one: YAML must give them with it. ``compiled=False`` calls the law in plain
@@ -98,4 +109,6 @@ def cos(x: float) -> float:
 def allocate(onboard: Onboard, roll: float, pitch: float, yaw: float) -> tuple[float, float, float]:
     """Changes of aileron, rudder and elevator (rad) that add a moment (N m) to that of the last command."""
     a, r, e = onboard.moment_by_aileron, onboard.moment_by_rudder, onboard.moment_by_elevator
-    return solve_3x3(a.roll, r.roll, e.roll, a.pitch, r.pitch, e.pitch, a.yaw, r.yaw, e.yaw, roll, pitch, yaw)
+    return solve_3x3(
+        a.roll, r.roll, e.roll, a.pitch, r.pitch, e.pitch, a.yaw, r.yaw, e.yaw, roll, pitch, yaw
+    )

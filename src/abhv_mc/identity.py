@@ -43,8 +43,13 @@ class Flyer(NamedTuple):
 
 def hash_source(package: Path) -> dict[str, str]:
     """SHA-256 of each module of a package that may shape a row, by its name."""
-    files = (file for file in package.rglob("*.py") if file.relative_to(package).parts[0] not in _SHOWN)
-    return {_module_name(package, file): hashlib.sha256(file.read_bytes()).hexdigest() for file in sorted(files)}
+    files = (
+        file for file in package.rglob("*.py") if file.relative_to(package).parts[0] not in _SHOWN
+    )
+    return {
+        _module_name(package, file): hashlib.sha256(file.read_bytes()).hexdigest()
+        for file in sorted(files)
+    }
 
 
 def _module_name(package: Path, file: Path) -> str:
@@ -89,7 +94,9 @@ def _describe_machine() -> tuple[str, str, str, str]:
     import llvmlite.binding as llvm
 
     held = find_versions()
-    versions = ", ".join(f"{name} {held[name]}" for name in ("python", "numpy", "scipy", *_COMPILERS))
+    versions = ", ".join(
+        f"{name} {held[name]}" for name in ("python", "numpy", "scipy", *_COMPILERS)
+    )
     try:
         features = llvm.get_host_cpu_features().flatten()
     except RuntimeError:  # LLVM does not know this kind of processor
@@ -132,7 +139,9 @@ def find_commit() -> str | None:
         return None
     try:
         commit = _git(root, "rev-parse", "HEAD")
-        return commit + ("+" if _git(root, "status", "--porcelain", "--untracked-files=no", "--", "src") else "")
+        return commit + (
+            "+" if _git(root, "status", "--porcelain", "--untracked-files=no", "--", "src") else ""
+        )
     except (OSError, subprocess.SubprocessError):
         return None
 

@@ -1,6 +1,11 @@
 """Figures of a report: arrays in, a matplotlib Figure out."""
 
-from abhv_mc.topics.comparison.figures import DifferencePanel, Trade, plot_differences, plot_error_against_usage
+from abhv_mc.topics.comparison.figures import (
+    DifferencePanel,
+    Trade,
+    plot_differences,
+    plot_error_against_usage,
+)
 from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, plot_envelopes
 from abhv_mc.topics.metrics.figures import Spread, plot_distributions
 

@@ -107,7 +107,11 @@ class Results:
         from abhv_mc.report.numbers.summary import confidence_sentence, summary_sentences
 
         first = judgement_lead(self.judgement, self._models.names.folder)
-        return [*first.sentences, *summary_sentences(self._models), confidence_sentence(self._models)]
+        return [
+            *first.sentences,
+            *summary_sentences(self._models),
+            confidence_sentence(self._models),
+        ]
 
     @property
     def verdicts(self) -> "pd.DataFrame":
@@ -121,7 +125,9 @@ class Results:
             for entry in self._models[VERDICTS].requirements
             for name, verdict in entry.controllers.items()
         ]
-        return pd.DataFrame(rows).set_index(["requirement", "controller"]) if rows else pd.DataFrame()
+        return (
+            pd.DataFrame(rows).set_index(["requirement", "controller"]) if rows else pd.DataFrame()
+        )
 
     @property
     def quantiles(self) -> "pd.DataFrame":
@@ -158,7 +164,9 @@ class Results:
         figure.set_dpi(dpi)
         return figure
 
-    def to_xarray(self, table: Literal["histories", "envelopes", "nominal", "reference"] = "histories") -> "xr.Dataset":
+    def to_xarray(
+        self, table: Literal["histories", "envelopes", "nominal", "reference"] = "histories"
+    ) -> "xr.Dataset":
         """A table over time as an xarray Dataset (the extra ``xarray``), a variable a column, ``units`` in its attrs.
 
         Its axes are controller, flight and time for the histories that were kept (missing values where a flight has
@@ -170,10 +178,14 @@ class Results:
         try:
             import xarray  # noqa: F401
         except ImportError:
-            raise InputError("to_xarray", "no xarray here", "pip install 'abhv-mc[xarray]'") from None
+            raise InputError(
+                "to_xarray", "no xarray here", "pip install 'abhv-mc[xarray]'"
+            ) from None
         rows = getattr(self, table)
         axes, units = list(_AXES[table]), rows.attrs.get("units", {})
-        texts = {name: rows[name].astype(object) for name in ("controller", "channel") if name in rows}
+        texts = {
+            name: rows[name].astype(object) for name in ("controller", "channel") if name in rows
+        }
         found = rows.assign(**texts).set_index(axes).to_xarray()
         for name in found.variables:
             if name in units:
@@ -210,22 +222,30 @@ class Results:
         from abhv_mc.analysis.replay import replay_flight
         from abhv_mc.simulators.engine import make_engine
 
-        again = replay_flight(self.folder, controller or self.controllers[0], flight, make_engine().fly)
+        again = replay_flight(
+            self.folder, controller or self.controllers[0], flight, make_engine().fly
+        )
         refuse_changes(self._paths, self.manifest)
         if again.differences:
-            raise RuntimeError(f"flight {flight} differs from the stored one: {'; '.join(again.differences)}")
+            raise RuntimeError(
+                f"flight {flight} differs from the stored one: {'; '.join(again.differences)}"
+            )
         channels = [channel.name for channel in again.channels]
         table = pd.DataFrame(again.block.history[0], columns=channels).dropna(how="all")
         table.insert(0, "time", again.block.times[table.index])
         return table.reset_index(drop=True)
 
-    def explain(self, flight: int, controller: str | None = None, requirement: str | None = None) -> "Explanation":
+    def explain(
+        self, flight: int, controller: str | None = None, requirement: str | None = None
+    ) -> "Explanation":
         """The smallest set of a failing flight's dispersions with which it still fails; see ``abhv-mc explain``."""
         from abhv_mc.analysis.explain import explain_flight
         from abhv_mc.simulators.engine import make_engine
 
         refuse_changes(self._paths, self.manifest)
-        return explain_flight(self.folder, controller or self.controllers[0], flight, make_engine().fly, requirement)
+        return explain_flight(
+            self.folder, controller or self.controllers[0], flight, make_engine().fly, requirement
+        )
 
     @staticmethod
     def explained_figure(explanation: "Explanation", dpi: float = 100.0) -> "Figure":
@@ -257,12 +277,20 @@ class Results:
         for name, part in found.controllers.items():
             for metric, levels in part.metrics.items():
                 for level, pair in levels.items():
-                    row: dict[str, str | float | None] = {"metric": metric, "controller": name, "level": level}
+                    row: dict[str, str | float | None] = {
+                        "metric": metric,
+                        "controller": name,
+                        "level": level,
+                    }
                     for when, cell in vars(pair).items():
-                        row |= dict(zip((when, f"{when}_low", f"{when}_high"), ends_of(cell), strict=True))
+                        row |= dict(
+                            zip((when, f"{when}_low", f"{when}_high"), ends_of(cell), strict=True)
+                        )
                     rows.append(row)
         table = pd.DataFrame(rows).set_index(["metric", "controller", "level"])
-        table.attrs["effective_flights"] = {n: part.effective_flights for n, part in found.controllers.items()}
+        table.attrs["effective_flights"] = {
+            n: part.effective_flights for n, part in found.controllers.items()
+        }
         return table
 
     @cached_property
@@ -296,12 +324,18 @@ class Results:
 
         from abhv_mc.folder.tables import table_files
 
-        tables = [pq.read_table(file, partitioning=None) for file in table_files(self._paths, self.manifest)[name]]
+        tables = [
+            pq.read_table(file, partitioning=None)
+            for file in table_files(self._paths, self.manifest)[name]
+        ]
         refuse_changes(self._paths, self.manifest)
         whole = pa.concat_tables(tables, promote_options="default")
-        table = whole.to_pandas(ignore_metadata=True)  # which may call a column by another one's name
+        table = whole.to_pandas(
+            ignore_metadata=True
+        )  # which may call a column by another one's name
         units = {
-            field.name: (field.metadata or {}).get(b"unit", b"").decode(errors="replace") for field in whole.schema
+            field.name: (field.metadata or {}).get(b"unit", b"").decode(errors="replace")
+            for field in whole.schema
         }
         table.attrs["units"] = {name: unit for name, unit in units.items() if unit}
         return table
@@ -313,19 +347,25 @@ class Results:
     def _repr_html_(self) -> str:
         """What a notebook shows: how the flights ended and the verdicts, from the manifest alone."""
         facts = self.manifest
-        head = f"{facts.name}: {facts.runs_done} of {facts.runs_planned} flights each, {facts.state}"
+        head = (
+            f"{facts.name}: {facts.runs_done} of {facts.runs_planned} flights each, {facts.state}"
+        )
         rows = [
             (name, ", ".join(f"{count} {outcome}" for outcome, count in part.outcomes.items()), "")
             for name, part in facts.controllers.items()
         ]
         for entry in (*facts.requirements, *facts.requirements_shown):
-            rows.append((entry.controller, f"{entry.asked} in {100 * entry.probability:g} %", entry.verdict))
+            rows.append(
+                (entry.controller, f"{entry.asked} in {100 * entry.probability:g} %", entry.verdict)
+            )
         return as_html(head, rows)
 
 
 def as_html(head: str, rows: Sequence[Sequence[str]]) -> str:
     """A small table, names escaped."""
-    lines = ("".join(f"<td style='text-align: left'>{escape(cell)}</td>" for cell in row) for row in rows)
+    lines = (
+        "".join(f"<td style='text-align: left'>{escape(cell)}</td>" for cell in row) for row in rows
+    )
     body = "".join(f"<tr>{line}</tr>" for line in lines)
     return f"<table><caption style='text-align: left'>{escape(head)}</caption><tbody>{body}</tbody></table>"
 

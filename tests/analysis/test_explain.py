@@ -33,7 +33,12 @@ def flown(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def table(flown):
-    return pq.read_table(flown / "flights").to_pandas().query("controller == 'two'").set_index("flight")
+    return (
+        pq.read_table(flown / "flights")
+        .to_pandas()
+        .query("controller == 'two'")
+        .set_index("flight")
+    )
 
 
 def test_an_early_end_is_explained_by_the_density(flown, table):
@@ -42,7 +47,10 @@ def test_an_early_end_is_explained_by_the_density(flown, table):
     assert found.causes == ("atmosphere.density",) and found.smallest and not found.others
     assert found.failure.words == "ended early" and found.samples["atmosphere.density"] < LOST_BELOW
     nominal, alone, whole = (dict(zip(found.samples, row, strict=True)) for row in found.rows)
-    assert alone == nominal | {"atmosphere.density": whole["atmosphere.density"]} and whole == found.samples
+    assert (
+        alone == nominal | {"atmosphere.density": whole["atmosphere.density"]}
+        and whole == found.samples
+    )
     assert found.block.history.shape[0] == 3 and list(found.block.outcome) == [0, 3, 3]
 
 
@@ -64,9 +72,15 @@ def test_an_unknown_is_a_cause_like_a_dispersion(tmp_path):
         "dispersions": "{aero.lift: {distribution: normal, sigma: 5 %}}",
     }
     folder = run(write_campaign(tmp_path / "f", runs="5", **entries), tmp_path / "out").folder
-    flights = pq.read_table(folder / "flights").to_pandas().query("controller == 'two' and outcome != 'ok'")
+    flights = (
+        pq.read_table(folder / "flights")
+        .to_pandas()
+        .query("controller == 'two' and outcome != 'ok'")
+    )
     found = explain_flight(folder, "two", int(flights["flight"].iloc[0]), fly)
-    assert found.causes == ("atmosphere.density",) and found.samples["atmosphere.density"] < LOST_BELOW
+    assert (
+        found.causes == ("atmosphere.density",) and found.samples["atmosphere.density"] < LOST_BELOW
+    )
     assert list(found.block.outcome) == [0, 3, 3]
 
 
@@ -98,14 +112,18 @@ def test_the_command_prints_the_causes_and_draws_the_flight(flown, table, tmp_pa
     code, said, _ = abhv_mc("explain", flown, "--flight", flight, "--controller", "two")
     assert code == 0 and "1 of its 2 dispersions alone (no smaller set does" in said
     assert (flown / f"explained/two-{flight}.png").stat().st_size > 10_000
-    numbers = json.loads(abhv_mc("explain", flown, "--flight", flight, "--json", "-", "-o", tmp_path / "x.png")[1])
+    numbers = json.loads(
+        abhv_mc("explain", flown, "--flight", flight, "--json", "-", "-o", tmp_path / "x.png")[1]
+    )
     assert numbers["controller"] == "one" and list(numbers["causes"]) == ["atmosphere.density"]
     assert (tmp_path / "x.png").is_file()
 
 
 def test_a_failure_that_seldom_comes_is_no_usual_dispersion():
     """It was the most usual one where most flights are without it, with a warning of numpy's."""
-    drawn = np.column_stack([np.where(np.arange(100) % 10, np.inf, 5.0), np.linspace(-1.0, 1.0, 100)])
+    drawn = np.column_stack(
+        [np.where(np.arange(100) % 10, np.inf, 5.0), np.linspace(-1.0, 1.0, 100)]
+    )
     samples = SimpleNamespace(flights=100, rows=lambda first, stop: drawn[first:stop])
     with np.errstate(all="raise"):
         assert mildest_first(samples, np.array([5.0, 0.8])).tolist() == [1, 0]
@@ -123,15 +141,23 @@ def test_the_worst_failed_flights_are_mapped_each_once(flown, mapped):
     failed, found = mapped
     table = pq.read_table(flown / "flights").to_pandas().set_index(["controller", "flight"])
     for name, part in found.controllers.items():
-        early = table.loc[name].query("outcome != 'ok'").sort_values("end_time_s", kind="stable").index
+        early = (
+            table.loc[name].query("outcome != 'ok'").sort_values("end_time_s", kind="stable").index
+        )
         assert list(early) == failed[name][: len(early)]  # as the report ranks them
         told = [flight for group in part.groups for flight in group.flights]
-        assert sorted([*told, *part.nominal, *part.unexplained]) == sorted(failed[name][:MOST_FLIGHTS])
+        assert sorted([*told, *part.nominal, *part.unexplained]) == sorted(
+            failed[name][:MOST_FLIGHTS]
+        )
         assert part.failed == len(failed[name]) and part.looked_at == min(part.failed, MOST_FLIGHTS)
 
 
 def test_an_early_end_is_the_low_density_and_nothing_else(flown, mapped):
-    samples = pq.read_table(flown / "samples.parquet").to_pandas().set_index("flight")["atmosphere.density"]
+    samples = (
+        pq.read_table(flown / "samples.parquet")
+        .to_pandas()
+        .set_index("flight")["atmosphere.density"]
+    )
     for part in mapped[1].controllers.values():
         (group,) = [group for group in part.groups if group.failure == "ended early"]
         (density,) = group.dispersions
@@ -163,11 +189,16 @@ def test_the_command_keeps_it_and_the_report_shows_it(flown, abhv_mc):
     assert code == 0 and not is_up_to_date(flown)
     numbers = json.loads(said)
     page = build_page(flown).read_text(encoding="utf-8")
-    assert json.loads((flown / "report.json").read_text(encoding="utf-8"))["failures"]["map"] == numbers
+    assert (
+        json.loads((flown / "report.json").read_text(encoding="utf-8"))["failures"]["map"]
+        == numbers
+    )
     flight = numbers["two"]["groups"][0]["flights"][0]
     assert "density low" in page and "--controller two --flight NUMBER</code>" in page
     assert f'data-show="two {flight}"' in page
     assert "density low" in abhv_mc("explain", flown, "--all", "--controller", "two")[1]
-    assert list(json.loads((flown / "explained/failures.json").read_text(encoding="utf-8"))["controllers"]) == ["two"]
+    assert list(
+        json.loads((flown / "explained/failures.json").read_text(encoding="utf-8"))["controllers"]
+    ) == ["two"]
     for wrong in (["--all", "--flight", "1"], [], ["--all", "--controller", "three"]):
         assert abhv_mc("explain", flown, *wrong)[0] == 2

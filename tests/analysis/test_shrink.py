@@ -35,8 +35,12 @@ def failing(*causes, of=COUNT):
 def test_the_planted_set_is_found_and_proven_smallest(cause):
     found = shrink_one(failing(cause))
     assert found.sets == (cause,) and found.smallest
-    assert found.tried == sum(1 for size in range(len(cause) + 1) for _ in combinations(range(COUNT), size))
-    fewer = shrink_one(failing(cause), budget=400)  # pairs: a set one larger than all that were tried is the smallest
+    assert found.tried == sum(
+        1 for size in range(len(cause) + 1) for _ in combinations(range(COUNT), size)
+    )
+    fewer = shrink_one(
+        failing(cause), budget=400
+    )  # pairs: a set one larger than all that were tried is the smallest
     assert fewer.sets == found.sets and fewer.smallest
 
 
@@ -66,11 +70,18 @@ def test_more_can_be_less():
 @pytest.mark.parametrize("budget", [30, 400])
 def test_failures_together_shrink_as_alone(budget):
     def test(owners, keep):
-        enough = [keep[:, [2, 5]].all(axis=1), keep[:, 7], np.zeros(len(keep), bool), np.ones(len(keep), bool)]
+        enough = [
+            keep[:, [2, 5]].all(axis=1),
+            keep[:, 7],
+            np.zeros(len(keep), bool),
+            np.ones(len(keep), bool),
+        ]
         return np.where(np.choose(owners, enough), 1.0, -np.inf)
 
     pair, single, never, always = shrink(10, test, [np.arange(10)] * 4, budget)
-    assert pair.sets == ((2, 5),) and single.sets == ((7,),) and never is None and always.sets == ((),)
+    assert (
+        pair.sets == ((2, 5),) and single.sets == ((7,),) and never is None and always.sets == ((),)
+    )
 
 
 def is_mapped(seed, count=20, flights=2000):
@@ -86,16 +97,25 @@ def is_mapped(seed, count=20, flights=2000):
 
     def fails(rows):
         """By cause, ``[flight, cause]``."""
-        return np.stack([np.all(rows[:, list(c)] * signs[list(c)] > limits[len(c)], axis=1) for c in causes], axis=1)
+        return np.stack(
+            [np.all(rows[:, list(c)] * signs[list(c)] > limits[len(c)], axis=1) for c in causes],
+            axis=1,
+        )
 
     values = values[fails(values).any(axis=1)]
 
     def test(owners, keep):
         return np.where(fails(np.where(keep, values[owners], 0.0)).any(axis=1), 1.0, -np.inf)
 
-    groups = group_failures(shrink(count, test, [np.arange(count)] * len(values), 400), values > 0.0)
+    groups = group_failures(
+        shrink(count, test, [np.arange(count)] * len(values), 400), values > 0.0
+    )
     flown = fails(values)
-    held = {cause: set(np.flatnonzero(flown[:, c])) for c, cause in enumerate(causes) if flown[:, c].any()}
+    held = {
+        cause: set(np.flatnonzero(flown[:, c]))
+        for c, cause in enumerate(causes)
+        if flown[:, c].any()
+    }
     told = {group.inputs: set(group.failures) for group in groups}
     whole = set().union(*told.values()) == set(range(len(values)))
     return whole and set(told) == set(held) and all(told[cause] <= held[cause] for cause in told)
@@ -111,4 +131,8 @@ def test_a_failure_goes_to_the_set_that_explains_most_and_too_much_is_another_ca
     high = np.zeros((6, 6), bool)
     high[5, 0] = True
     causes = [(cause.inputs, cause.high, cause.failures) for cause in group_failures(found, high)]
-    assert causes == [((3, 4), (False, False), (1, 2)), ((0,), (False,), (3,)), ((0,), (True,), (5,))]
+    assert causes == [
+        ((3, 4), (False, False), (1, 2)),
+        ((0,), (False,), (3,)),
+        ((0,), (True,), (5,)),
+    ]

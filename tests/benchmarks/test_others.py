@@ -25,13 +25,20 @@ def test_the_page_counts_the_intervals_that_are_stored() -> None:
 
 
 @pytest.mark.parametrize(("operator", "threshold"), [(ot.Less(), 0.0), (ot.Greater(), 4.0)])
-def test_a_problem_fails_on_its_own_side_for_both_methods(operator: ot.ComparisonOperator, threshold: float) -> None:
+def test_a_problem_fails_on_its_own_side_for_both_methods(
+    operator: ot.ComparisonOperator, threshold: float
+) -> None:
     strength = ot.RandomVector(ot.JointDistribution([ot.Normal(4.0, 1.0), ot.Normal(2.0, 1.0)]))
     output = ot.CompositeRandomVector(ot.SymbolicFunction(["r", "s"], ["r - s"]), strength)
     event = ot.ThresholdEvent(output, operator, threshold)
     truth = float(norm.sf(2.0 / 2.0**0.5))  # 2 below the mean of r - s, and 2 above it
-    problem = SimpleNamespace(getEvent=lambda: event, getName=lambda: "R-S", getProbability=lambda: truth)
-    for answer in (estimate(reliability.make_case(problem), 1), reliability.sample_subsets(problem, 1)):
+    problem = SimpleNamespace(
+        getEvent=lambda: event, getName=lambda: "R-S", getProbability=lambda: truth
+    )
+    for answer in (
+        estimate(reliability.make_case(problem), 1),
+        reliability.sample_subsets(problem, 1),
+    ):
         assert answer.probability == pytest.approx(truth, rel=0.15)
         assert answer.low < answer.probability < answer.high
 

@@ -7,7 +7,13 @@ import shutil
 import numpy as np
 import pytest
 
-from abhv_mc.bench.speed import _peak_memory, compare_speeds, make_work, multiply_and_add, read_operations
+from abhv_mc.bench.speed import (
+    _peak_memory,
+    compare_speeds,
+    make_work,
+    multiply_and_add,
+    read_operations,
+)
 from abhv_mc.cli.proving import bench
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
@@ -59,17 +65,35 @@ def test_the_yardstick_does_the_arithmetic_that_it_counts():
 
 def test_peak_memory_is_that_of_the_process():
     small, large = (_peak_memory(["-c", f"x = b'1' * {size}"]) for size in (1, 200_000_000))
-    assert small < 100.0 and large - small == pytest.approx(200.0, rel=0.15)  # not that of its parent
+    assert small < 100.0 and large - small == pytest.approx(
+        200.0, rel=0.15
+    )  # not that of its parent
 
 
 @pytest.mark.parametrize("other", [3.0, np.float64(3.0), 3, Counted(3.0)])
 def test_each_operation_counts_once_from_either_side_and_what_is_no_arithmetic_does_not(other):
     COUNTS.clear()
     x = Counted(2.0)
-    results = [x + other, other + x, x - other, other - x, x * other, other * x, x / other, other / x]
+    results = [
+        x + other,
+        other + x,
+        x - other,
+        other - x,
+        x * other,
+        other * x,
+        x / other,
+        other / x,
+    ]
     assert results == [5.0, 5.0, -1.0, 1.0, 6.0, 6.0, 2.0 / 3.0, 1.5]
     assert all(isinstance(result, Counted) for result in results)
-    assert (-x, abs(x), min(x, 1.0), int(x), x < 1.0, math.isnan(x)) == (-2.0, 2.0, 1.0, 2, False, False)
+    assert (-x, abs(x), min(x, 1.0), int(x), x < 1.0, math.isnan(x)) == (
+        -2.0,
+        2.0,
+        1.0,
+        2,
+        False,
+        False,
+    )
     assert counted_sqrt(abs(x * 2.0)) * 1.0 == 2.0
     assert COUNTS == {"additions": 4, "multiplications": 4, "divisions": 2, "square_roots": 1}
     with pytest.raises(TypeError, match="products"):
@@ -78,13 +102,21 @@ def test_each_operation_counts_once_from_either_side_and_what_is_no_arithmetic_d
 
 def test_the_counts_that_the_package_keeps_are_todays():
     COUNTS.clear()
-    assert count_operations(make_work(1)[0]) == read_operations(), "count again: python -m benchmarks.operations"
+    assert count_operations(make_work(1)[0]) == read_operations(), (
+        "count again: python -m benchmarks.operations"
+    )
 
 
 FLIGHTS = 4
 FACTOR = 0.03
 SLOW = 0.1
-HALF_WIDTH = {"m": 0.02, "m/s": 3.0, "1/s": 1e-4, "rad": 0.002, "rad/s": 0.001}  # of what adds, by unit
+HALF_WIDTH = {
+    "m": 0.02,
+    "m/s": 3.0,
+    "1/s": 1e-4,
+    "rad": 0.002,
+    "rad/s": 0.001,
+}  # of what adds, by unit
 AGREEMENT = 1e-8  # m, m/s, rad, kg over 60 s: rounding and libm; 2e-10 found. Promised are 1e-6 m of altitude.
 
 
@@ -103,7 +135,10 @@ def disperse():
 @pytest.mark.skipif(shutil.which("g++") is None, reason="no g++")
 def test_the_twin_flies_the_same_and_refuses_what_it_does_not_know(tmp_path):
     """Its speed compares only because its flights agree."""
-    twin, plan = compile_twin(tmp_path), make_flight_plan("s_manoeuvre", "ghame_x", controller="lqr")
+    twin, plan = (
+        compile_twin(tmp_path),
+        make_flight_plan("s_manoeuvre", "ghame_x", controller="lqr"),
+    )
     parameters = disperse()
     ours = fly(plan, parameters, record_every=1, keep_states=True)
     assert ours.outcome.tolist() == [Outcome.OK] * FLIGHTS

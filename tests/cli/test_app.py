@@ -21,10 +21,14 @@ HEAVY = {"duckdb", "matplotlib", "numba", "numpy", "pandas", "pyarrow", "pydanti
 
 
 def run_program(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-m", "abhv_mc", *arguments], capture_output=True, text=True, check=False)
+    return subprocess.run(
+        [sys.executable, "-m", "abhv_mc", *arguments], capture_output=True, text=True, check=False
+    )
 
 
-def run_command(body: str, before: str = "", stdout: Any = subprocess.PIPE) -> subprocess.CompletedProcess[str]:
+def run_command(
+    body: str, before: str = "", stdout: Any = subprocess.PIPE
+) -> subprocess.CompletedProcess[str]:
     """A program whose only command is ``body``, for standard output as it is buffered by default."""
     code = (
         f"import os, signal, sys, time\n{before}\nfrom abhv_mc.cli import app\n"
@@ -54,27 +58,39 @@ def test_version_and_help() -> None:
 @pytest.mark.parametrize("start", ["from abhv_mc.cli import app", "import abhv_mc; dir(abhv_mc)"])
 def test_starting_imports_nothing_heavy(start: str) -> None:
     code = f"import sys; {start}; print(*{{name.partition('.')[0] for name in sys.modules}})"
-    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    answer = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
     assert HEAVY.isdisjoint(answer.stdout.split())
 
 
 @pytest.mark.parametrize(
     ("error", "code", "said"),
     [
-        (InputError(Path("x.yaml"), "0", "more than 0", 3, 7), 2, "x.yaml:3:7: 0; expected more than 0"),
+        (
+            InputError(Path("x.yaml"), "0", "more than 0", 3, 7),
+            2,
+            "x.yaml:3:7: 0; expected more than 0",
+        ),
         (KeyboardInterrupt(), 3, "interrupted"),
         (SystemExit(130), 3, "interrupted"),  # how typer reports an interrupt
         (RuntimeError("Query interrupted"), 3, "interrupted"),  # how DuckDB does
         (StorageFullError("x: no space left"), 3, "x: no space left"),
         (OSError(errno.ENOSPC, "No space left on device", "y.png"), 3, "y.png: no space left"),
-        (PermissionError(errno.EACCES, "Permission denied", "y.png"), 2, "y.png: a place that cannot be written"),
+        (
+            PermissionError(errno.EACCES, "Permission denied", "y.png"),
+            2,
+            "y.png: a place that cannot be written",
+        ),
         (MemoryError(), 3, "not enough memory"),
         (FileNotFoundError(errno.ENOENT, "No such file", "y.png"), 70, "a defect"),
         (SystemExit(1), 1, ""),
         (ZeroDivisionError("by zero"), 70, "ZeroDivisionError: by zero"),
     ],
 )
-def test_exit_codes(error: BaseException, code: int | None, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_exit_codes(
+    error: BaseException, code: int | None, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert exit_code_of(error) == code
     out, err = capsys.readouterr()
     assert said in err
@@ -84,8 +100,12 @@ def test_exit_codes(error: BaseException, code: int | None, said: str, capsys: p
 # Python would die by SIGINT where it hit exec.
 @pytest.mark.parametrize(("moment", "number"), [("exec({!r})", "SIGINT"), ("{}", "SIGTERM")])
 def test_interrupt_leaves_with_incomplete(moment: str, number: str) -> None:
-    default = "signal.signal(signal.SIGINT, signal.default_int_handler)"  # ignored in a background job
-    answer = run_command(moment.format(f"os.kill(os.getpid(), signal.{number}); time.sleep(60)"), default)
+    default = (
+        "signal.signal(signal.SIGINT, signal.default_int_handler)"  # ignored in a background job
+    )
+    answer = run_command(
+        moment.format(f"os.kill(os.getpid(), signal.{number}); time.sleep(60)"), default
+    )
     assert answer.returncode == ExitCode.INCOMPLETE
     assert answer.stderr.startswith("interrupted") and "Traceback" not in answer.stderr
 
@@ -111,10 +131,15 @@ def test_output_that_nobody_reads_any_more_is_no_failed_requirement(ending):
 def test_output_to_a_full_disk_is_told_as_that():
     with Path("/dev/full").open("w") as full:
         program = [sys.executable, "-m", "abhv_mc", "--version"]
-        answer = subprocess.run(program, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+        answer = subprocess.run(
+            program, stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
         assert answer.returncode == ExitCode.INCOMPLETE
         assert "standard output: no space left" in answer.stderr
-        assert subprocess.run(program, stdout=full, stderr=full, check=False).returncode == ExitCode.INCOMPLETE
+        assert (
+            subprocess.run(program, stdout=full, stderr=full, check=False).returncode
+            == ExitCode.INCOMPLETE
+        )
 
 
 def test_a_log_that_takes_nothing_stops_no_campaign():
@@ -131,7 +156,9 @@ def test_a_log_that_takes_nothing_stops_no_campaign():
 def test_another_system_is_told_what_is_needed() -> None:
     """In a process of its own: much of Python looks at the system's name."""
     program = "import abhv_mc, os; os.name = 'nt'; import abhv_mc.cli"
-    ended = subprocess.run([sys.executable, "-c", program], check=False, capture_output=True, text=True)
+    ended = subprocess.run(
+        [sys.executable, "-c", program], check=False, capture_output=True, text=True
+    )
     assert ended.returncode == 2
     assert "Linux or macOS" in ended.stderr and "Traceback" not in ended.stderr
 
@@ -147,10 +174,19 @@ def test_a_shell_offers_shipped_names_and_the_folders_of_campaigns(tmp_path: Pat
         ("report re", "reports/flown"),
     ):
         typed = f"abhv-mc {words}"
-        asked = {"_ABHV_MC_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": str(len(words.split()))}
+        asked = {
+            "_ABHV_MC_COMPLETE": "complete_bash",
+            "COMP_WORDS": typed,
+            "COMP_CWORD": str(len(words.split())),
+        }
         program = [sys.executable, "-m", "abhv_mc"]
         told = subprocess.run(
-            program, env=os.environ | asked, cwd=tmp_path, capture_output=True, text=True, check=False
+            program,
+            env=os.environ | asked,
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=False,
         )
         assert offered in told.stdout.split(), told.stderr
         assert "reports/empty" not in told.stdout

@@ -42,7 +42,14 @@ def test_fly_writes_history_and_figures(repository, tmp_path):
     files = repository / "configs"
     mission, tlc = str(files / "mission/level.yaml"), str(files / "control/tlc.yaml")
     named = shutil.copy(tlc, tmp_path / "${$.yaml")  # which is no formula
-    words = ("--vehicle", files / "vehicle/ghame_x.yaml", "--controllers", f"{tlc},{named}", "-o", tmp_path / "level")
+    words = (
+        "--vehicle",
+        files / "vehicle/ghame_x.yaml",
+        "--controllers",
+        f"{tlc},{named}",
+        "-o",
+        tmp_path / "level",
+    )
     flown = run("fly", mission, *words)
     history = pq.read_table(tmp_path / "level/nominal.parquet")
     assert history.column_names == ["controller", "time", *(channel.name for channel in CHANNELS)]
@@ -52,17 +59,36 @@ def test_fly_writes_history_and_figures(repository, tmp_path):
 
 
 def test_trim_in_degrees_and_the_exit_code_of_a_point_without_one(repository):
-    result = run("trim", "ghame", "--altitude", "20km", "--speed", "1400", "--bank", "0,50 deg", "--json", "-")
+    result = run(
+        "trim",
+        "ghame",
+        "--altitude",
+        "20km",
+        "--speed",
+        "1400",
+        "--bank",
+        "0,50 deg",
+        "--json",
+        "-",
+    )
     assert result.exit_code == 0
     found = json.loads(result.stdout)
     assert (found["altitude_m"], found["speed_mps"], found["mass_kg"]) == (20e3, 1400.0, 95254.0)
-    angles = [(point["trimmed"], point["bank_deg"], point["angle_of_attack_deg"]) for point in found["points"]]
-    assert angles == [(True, 0.0, pytest.approx(3.59, abs=0.005)), (True, 50.0, pytest.approx(4.47, abs=0.01))]
+    angles = [
+        (point["trimmed"], point["bank_deg"], point["angle_of_attack_deg"])
+        for point in found["points"]
+    ]
+    assert angles == [
+        (True, 0.0, pytest.approx(3.59, abs=0.005)),
+        (True, 50.0, pytest.approx(4.47, abs=0.01)),
+    ]
     result = run("trim", "ghame_x", "--bank=0,89", "--mass", "1.3 t")
     assert result.exit_code == 1
     assert "ghame_x: 20 km, 1400 m/s, Mach 4.745" in result.stdout
     assert "no trim at 89 deg of bank" in result.stdout and "no trim at 0 deg" not in result.stdout
-    assert "without surfaces" in str(run("trim", repository / "configs/vehicle/nesc/sphere.yaml").exception)
+    assert "without surfaces" in str(
+        run("trim", repository / "configs/vehicle/nesc/sphere.yaml").exception
+    )
 
 
 @pytest.mark.parametrize(
@@ -97,7 +123,9 @@ def test_check_cases_and_their_json(repository, tmp_path):
 
 def test_a_tolerance_that_is_missed_exits_1(repository, tmp_path):
     file = repository / "tests/reference/cadac-ghame6" / "sturn50_total_h1e-4.csv.gz"
-    result = run("verify", "ghame6", file, "--tolerance-scale", "0.01", "--json", tmp_path / "rows.json")
+    result = run(
+        "verify", "ghame6", file, "--tolerance-scale", "0.01", "--json", tmp_path / "rows.json"
+    )
     assert result.exit_code == 1 and "OUTSIDE" in result.stdout
     written = json.loads((tmp_path / "rows.json").read_text())
     assert written["ok"] is False and written["rows"][0]["tolerance"] == pytest.approx(0.0009)
@@ -123,15 +151,28 @@ def _call(*words):
 
 
 def test_margins_writes_rows_for_each_controller_time_and_loop(tmp_path):
-    words = ("margins", "level", "--vehicle", "ghame_x", "--at", "trim,2s", "--controllers", "tlc,lqr_retuned")
+    words = (
+        "margins",
+        "level",
+        "--vehicle",
+        "ghame_x",
+        "--at",
+        "trim,2s",
+        "--controllers",
+        "tlc,lqr_retuned",
+    )
     rows = json.loads(run(*words, "--json", "-").stdout)["rows"]
     loops = ["aileron", "rudder", "elevator", "equivalence_ratio", "all"]
     assert [row["loop"] for row in rows] == loops * 4
     assert [row["time_s"] for row in rows[::5]] == [None, 2.0, None, 2.0]
     assert [row["controller"] for row in rows[::5]] == ["tlc", "tlc", "lqr_retuned", "lqr_retuned"]
     assert all(list(row) == KEYS for row in rows if row["loop"] != "all")
-    rudder = next(row for row in rows if row["controller"] == "lqr_retuned" and row["loop"] == "rudder")
-    assert rudder["gain_margin_low_db"] is None and rudder["gain_margin_high_db"] == pytest.approx(5.55, abs=0.01)
+    rudder = next(
+        row for row in rows if row["controller"] == "lqr_retuned" and row["loop"] == "rudder"
+    )
+    assert rudder["gain_margin_low_db"] is None and rudder["gain_margin_high_db"] == pytest.approx(
+        5.55, abs=0.01
+    )
     assert rows[4]["disk_margin"] == pytest.approx(0.0579, abs=1e-4)
     assert rows[4]["disk_gain_db"] == pytest.approx(0.503, abs=1e-3)
     said = run(*words)
@@ -152,8 +193,13 @@ def test_margins_of_a_campaign_are_those_of_its_vehicle_mission_and_controllers(
     file = tmp_path / "rows.json"
     _call("margins", "winged_cone", "--controllers", "tlc", "--json", file)
     found = json.loads(file.read_text())
-    assert found["vehicle"] == "winged_cone" and {row["controller"] for row in found["rows"]} == {"tlc"}
-    for words, found in ((("--controllers", "pid"), "tlc"), (("--worst", "--at", "30s"), "--worst")):
+    assert found["vehicle"] == "winged_cone" and {row["controller"] for row in found["rows"]} == {
+        "tlc"
+    }
+    for words, found in (
+        (("--controllers", "pid"), "tlc"),
+        (("--worst", "--at", "30s"), "--worst"),
+    ):
         with pytest.raises(InputError, match=found):
             _call("margins", "winged_cone", *words)
 
@@ -172,7 +218,11 @@ def test_linearize_writes_a_model_that_python_control_opens(tmp_path):
         }
         continuous = control.ss(*(found[f"plant_continuous_{each}"] for each in "ABCD"))
         states, units = found["closed_states"].tolist(), found["closed_state_units"].tolist()
-    assert len(states) == len(units) == 36 and states[0] == "altitude" and states[-1] == "law_last_elevator"
+    assert (
+        len(states) == len(units) == 36
+        and states[0] == "altitude"
+        and states[-1] == "law_last_elevator"
+    )
     held = control.sample_system(continuous, period, "zoh")
     np.testing.assert_allclose(held.A, systems["plant"].A, atol=1e-9)
     np.testing.assert_allclose(held.B, systems["plant"].B, atol=1e-9)
@@ -189,7 +239,11 @@ def test_linearize_says_the_same_in_each_format(tmp_path):
     text = json.loads((tmp_path / "new/model.json").read_text())
     matlab = scipy.io.loadmat(tmp_path / "new/model.mat", simplify_cells=True)
     with np.load(tmp_path / "new/model.npz", allow_pickle=False) as packed:
-        models = [text["loop"], matlab["loop"], {key: packed[f"loop_{key}"] for key in ("A", "B", "states")}]
+        models = [
+            text["loop"],
+            matlab["loop"],
+            {key: packed[f"loop_{key}"] for key in ("A", "B", "states")},
+        ]
     for one, other in pairwise(models):
         for key in ("A", "B"):
             np.testing.assert_array_equal(np.array(one[key]), np.array(other[key]))

@@ -36,7 +36,9 @@ OPTIONS = list(TAKEN)
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
     root = tmp_path_factory.mktemp("flown")
-    campaign = write_campaign(root / "f", runs="8", keep="{envelopes: {rate: 2 Hz, channels: [altitude_m]}}")
+    campaign = write_campaign(
+        root / "f", runs="8", keep="{envelopes: {rate: 2 Hz, channels: [altitude_m]}}"
+    )
     return run(campaign, root / "out").folder
 
 
@@ -57,7 +59,20 @@ def test_all_commands_are_looked_at_and_all_that_print_figures_write_json():
     assert {words[0] for words in OPTIONS} >= {"linearize", "report", "export", "run", "merge"}
     figures = {words[0] for words in OPTIONS if words[-1] == "--json"}
     assert figures == {
-        *("run", "merge", "fly", "replay", "worst", "rare", "tune", "compare", "explain", "whatif", "status", "query"),
+        *(
+            "run",
+            "merge",
+            "fly",
+            "replay",
+            "worst",
+            "rare",
+            "tune",
+            "compare",
+            "explain",
+            "whatif",
+            "status",
+            "query",
+        ),
         *("adopt", "trim", "margins", "plan", "list", "verify", "bench", "validate", "show"),
     }
 
@@ -79,7 +94,10 @@ def test_outputs_keep_away_from_what_is_the_campaigns(call, flown, tmp_path, wor
         (("export", "FLOWN", "-o", "file.yaml"), "a file"),
         (("status", "FLOWN", "--json", "."), "a folder"),
         (("status", "FLOWN", "--json", "file.yaml/more/x.json"), "cannot be written"),
-        (("fly", "level", "-o", "FLOWN"), "own files"),  # its nominal flight would be written over the campaign's
+        (
+            ("fly", "level", "-o", "FLOWN"),
+            "own files",
+        ),  # its nominal flight would be written over the campaign's
         (("export", "FLOWN", "-o", "FLOWN"), "own files"),
         (("plan", "file.yaml", "--json", "file.yaml"), "a JSON file"),
     ],
@@ -95,8 +113,15 @@ def test_what_is_no_place_for_an_output(call, flown, tmp_path, monkeypatch, word
 @pytest.mark.parametrize("command", ["plan", "worst", "rare", "tune", "run"])
 def test_a_shipped_campaign_is_known_by_its_name(abhv_mc, tmp_path, command):
     """`worst s_manoeuvre` failed: found no such file."""
-    words = {"worst": ("--metric", "x", "-o", tmp_path / "o"), "rare": ("--requirement", "x", "-o", tmp_path / "o")}
-    words |= {"tune": ("-o", tmp_path / "o.yaml"), "run": ("--controllers", "x", "-o", tmp_path / "o"), "plan": ()}
+    words = {
+        "worst": ("--metric", "x", "-o", tmp_path / "o"),
+        "rare": ("--requirement", "x", "-o", tmp_path / "o"),
+    }
+    words |= {
+        "tune": ("-o", tmp_path / "o.yaml"),
+        "run": ("--controllers", "x", "-o", tmp_path / "o"),
+        "plan": (),
+    }
     code, _, said = abhv_mc(command, "s_manoeuvre", *words[command])
     assert "no such file" not in said and code == (0 if command == "plan" else 2), said
     code, _, said = abhv_mc(command, "s_manoeuvr", *words[command])

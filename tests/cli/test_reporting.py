@@ -40,7 +40,11 @@ def test_report_and_its_verification(folder):
 def test_without_a_chromium_it_is_said_before_anything_is_made(folder, tmp_path, monkeypatch):
     monkeypatch.setattr(shutil, "which", lambda name: None)
     found = run("report", folder, "-o", tmp_path / "there", "--pdf").exception
-    assert isinstance(found, InputError) and "no Chromium" in found.found and "chromium" in found.expected
+    assert (
+        isinstance(found, InputError)
+        and "no Chromium" in found.found
+        and "chromium" in found.expected
+    )
     assert not (tmp_path / "there").exists()
 
 
@@ -48,7 +52,9 @@ def test_without_a_chromium_it_is_said_before_anything_is_made(folder, tmp_path,
 @pytest.mark.skipif(not any(map(shutil.which, NAMES)), reason="no Chromium is installed")
 def test_report_on_paper(folder, tmp_path):
     made = run("report", folder, "-o", tmp_path / "there", "--pdf")
-    assert made.stdout.split() == [str(tmp_path / "there" / f"report.{kind}") for kind in ("html", "pdf")]
+    assert made.stdout.split() == [
+        str(tmp_path / "there" / f"report.{kind}") for kind in ("html", "pdf")
+    ]
     assert (tmp_path / "there/report.pdf").read_bytes().startswith(b"%PDF")
 
 

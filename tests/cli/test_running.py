@@ -19,7 +19,13 @@ from fake_flight import DENSITY, ENGINE, fly, interrupted_after, run, write_camp
 from abhv_mc.cli.running import finish
 from abhv_mc.execution.runner import RunResult
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.folder.manifest import ControllerCount, Manifest, RequirementVerdict, read_manifest, write_manifest
+from abhv_mc.folder.manifest import (
+    ControllerCount,
+    Manifest,
+    RequirementVerdict,
+    read_manifest,
+    write_manifest,
+)
 
 pytestmark = pytest.mark.usefixtures("fake_engine", "no_figures")
 
@@ -76,7 +82,12 @@ def test_an_interrupt_is_exit_code_3_and_the_same_command_resumes(abhv_mc, tmp_p
 def test_status_and_list(abhv_mc, flown):
     code, out, _ = abhv_mc("status", flown, "--json", "-")
     status = json.loads(out)
-    assert code == 0 and status["state"] == "complete" and status["runs_done"] == 60 and status["holder"] is None
+    assert (
+        code == 0
+        and status["state"] == "complete"
+        and status["runs_done"] == 60
+        and status["holder"] is None
+    )
     assert "complete, 60 of 60" in abhv_mc("status", flown)[1]
     (flown.parent / "other").mkdir()
     (flown.parent / "other/manifest.json").write_text("{}")
@@ -91,14 +102,21 @@ def test_status_and_list(abhv_mc, flown):
 
 
 def test_replay_is_the_same_flight_at_full_rate(abhv_mc, flown, tmp_path):
-    code, out, _ = abhv_mc("replay", flown, "--flight", 17, "--controller", "two", "-o", tmp_path / "h.parquet")
+    code, out, _ = abhv_mc(
+        "replay", flown, "--flight", 17, "--controller", "two", "-o", tmp_path / "h.parquet"
+    )
     assert code == 0 and "equal the stored ones bit for bit" in out
     history = pq.read_table(tmp_path / "h.parquet")
     np.testing.assert_allclose(np.diff(history["time"].to_numpy()), 0.1)
     assert set(history["flight"].to_pylist()) == {17}
-    code, _, err = abhv_mc("replay", flown, "--flight", 17, "--controller", "two", "-o", tmp_path / "h.csv")
+    code, _, err = abhv_mc(
+        "replay", flown, "--flight", 17, "--controller", "two", "-o", tmp_path / "h.csv"
+    )
     assert code == 2 and "ends in .parquet" in err and not (tmp_path / "h.csv").exists()
-    assert abhv_mc("replay", flown, "--flight", 60)[0] == 2 and abhv_mc("replay", flown, "--flight", 59)[0] == 0
+    assert (
+        abhv_mc("replay", flown, "--flight", 60)[0] == 2
+        and abhv_mc("replay", flown, "--flight", 59)[0] == 0
+    )
 
 
 def test_replay_names_what_differs(abhv_mc, flown, monkeypatch):
@@ -116,10 +134,16 @@ def test_query(abhv_mc, flown):
     sql = 'select controller, count(*) n, max(abs("aero.lift" - 1)) d from flights group by controller order by 1'
     code, out, _ = abhv_mc("query", flown, sql, "--json", "-")
     rows = json.loads(out)
-    assert code == 0 and [(row["controller"], row["n"]) for row in rows] == [("one", 60), ("two", 60)]
+    assert code == 0 and [(row["controller"], row["n"]) for row in rows] == [
+        ("one", 60),
+        ("two", 60),
+    ]
     samples = pq.read_table(flown / "samples.parquet")["aero.lift"].to_numpy()
     assert rows[0]["d"] == np.abs(samples - 1).max()
-    assert abhv_mc("query", flown, "select count(*) from samples", "--csv", "-")[1].split() == ["count_star()", "60"]
+    assert abhv_mc("query", flown, "select count(*) from samples", "--csv", "-")[1].split() == [
+        "count_star()",
+        "60",
+    ]
     assert "60" in abhv_mc("query", flown, "select count(*) from samples")[1]
     for table in ("envelopes", "histories", "nominal", "reference"):
         assert abhv_mc("query", flown, f"from {table} limit 1")[0] == 0
@@ -147,7 +171,9 @@ main()
 """
 
 
-@pytest.mark.parametrize("delay", [pytest.param(0.0, marks=pytest.mark.thorough), 0.3])  # s: before, while it runs
+@pytest.mark.parametrize(
+    "delay", [pytest.param(0.0, marks=pytest.mark.thorough), 0.3]
+)  # s: before, while it runs
 def test_a_query_without_an_end_heeds_an_interrupt(flown, delay):
     """Nothing but SIGKILL ended it."""
     program = [sys.executable, "-c", INTERRUPTED.format(delay=delay), "query", str(flown), ENDLESS]
@@ -162,8 +188,14 @@ def test_export_keeps_every_bit(abhv_mc, flown, tmp_path):
         rows = list(csv.DictReader(file))
     table = pq.read_table(flown / "flights").to_pylist()
     assert len(rows) == 120
-    assert [float(row["aileron_rms_deg"]) for row in rows] == [row["aileron_rms_deg"] for row in table]
-    assert {path.name for path in (tmp_path / "csv").iterdir()} >= {"samples.csv", "envelopes.csv", "histories.csv"}
+    assert [float(row["aileron_rms_deg"]) for row in rows] == [
+        row["aileron_rms_deg"] for row in table
+    ]
+    assert {path.name for path in (tmp_path / "csv").iterdir()} >= {
+        "samples.csv",
+        "envelopes.csv",
+        "histories.csv",
+    }
 
 
 def test_dry_run_says_what_it_costs_and_leaves_nothing(abhv_mc, tmp_path, monkeypatch):
@@ -174,17 +206,24 @@ def test_dry_run_says_what_it_costs_and_leaves_nothing(abhv_mc, tmp_path, monkey
 
 
 @pytest.mark.parametrize("controllers", ["{one: one.yaml}", "{one: one.yaml, two: two.yaml}"])
-def test_a_campaign_of_which_no_flight_was_computed_is_told_and_no_success(abhv_mc, tmp_path, monkeypatch, controllers):
+def test_a_campaign_of_which_no_flight_was_computed_is_told_and_no_success(
+    abhv_mc, tmp_path, monkeypatch, controllers
+):
     """0 of 6 flights: was complete, with exit code 0. There is nothing to report of."""
 
     def none(plan, parameters, every=None):
         block = fly(plan, parameters, every)
         tried = parameters[0, DENSITY] == 1.0  # the trials begin with the nominal flight
-        lost = np.full(len(parameters), not tried and (plan.controller == "one" or "two" not in controllers))
+        lost = np.full(
+            len(parameters), not tried and (plan.controller == "one" or "two" not in controllers)
+        )
         metrics, history = block.metrics.copy(), block.history.copy()
         metrics[lost], history[lost] = np.nan, np.nan
         return replace(
-            block, outcome=np.where(lost, Outcome.FAILED_TO_RUN, block.outcome), metrics=metrics, history=history
+            block,
+            outcome=np.where(lost, Outcome.FAILED_TO_RUN, block.outcome),
+            metrics=metrics,
+            history=history,
         )
 
     engine = replace(ENGINE, fly=none)
@@ -192,15 +231,21 @@ def test_a_campaign_of_which_no_flight_was_computed_is_told_and_no_success(abhv_
     keep = "{histories: {flights: none}, envelopes: {rate: 5 Hz}}"
     campaign = write_campaign(tmp_path / "files", runs="6", keep=keep, controllers=controllers)
     code, out, err = abhv_mc("run", campaign)
-    assert code == 3 and "6 flights could not be computed" in err and "6 of them not computed" in out
+    assert (
+        code == 3 and "6 flights could not be computed" in err and "6 of them not computed" in out
+    )
     assert ("report    " in out) == ("two" in controllers)
     if "two" in controllers:
         page = (tmp_path / "reports/fake/report.html").read_text(encoding="utf-8")
         assert "one: the machine could compute none of 6 flights" in page
 
 
-@pytest.mark.parametrize(("lost", "verdict", "code"), [(0, "PASS", 0), (0, "FAIL", 1), (2, "PASS", 3), (2, "FAIL", 3)])
-def test_flights_that_could_not_be_computed_outrank_a_failed_requirement(tmp_path, lost, verdict, code, capsys):
+@pytest.mark.parametrize(
+    ("lost", "verdict", "code"), [(0, "PASS", 0), (0, "FAIL", 1), (2, "PASS", 3), (2, "FAIL", 3)]
+)
+def test_flights_that_could_not_be_computed_outrank_a_failed_requirement(
+    tmp_path, lost, verdict, code, capsys
+):
     outcomes = {"ok": 300 - lost} | ({"failed_to_run": lost} if lost else {})
     entry = RequirementVerdict("a", 0.9, "one", verdict, verdict, below=1.0)
     manifest = Manifest("fake", "complete", 1, "", "", 300, 300 - lost, requirements=(entry,),

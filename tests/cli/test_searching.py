@@ -12,7 +12,13 @@ from search.known_flights import LINE, METRIC, TUNED, fly_line, write_line, writ
 @pytest.fixture(autouse=True)
 def fake_engine(monkeypatch, tmp_path):
     """Cheap flights, in a folder of their own."""
-    for module in ("search.worst", "search.rare", "search.tune", "execution.runner", "simulators.engine"):
+    for module in (
+        "search.worst",
+        "search.rare",
+        "search.tune",
+        "execution.runner",
+        "simulators.engine",
+    ):
         monkeypatch.setattr(f"abhv_mc.{module}.make_engine", lambda: LINE)
     monkeypatch.chdir(tmp_path)
 
@@ -24,25 +30,41 @@ def read_json(name):
 @pytest.fixture
 def campaign(tmp_path):
     limits = ((METRIC, 3.5), ("sideslip_max_deg", 1000))
-    limit = ", ".join(f"{{metric: {metric}, below: {below}, probability: 0.9}}" for metric, below in limits)
+    limit = ", ".join(
+        f"{{metric: {metric}, below: {below}, probability: 0.9}}" for metric, below in limits
+    )
     return write_line(tmp_path / "files", requirements=f"[{limit}]")
 
 
 def test_worst_writes_its_numbers_a_page_and_flights_that_replay(abhv_mc, campaign, monkeypatch):
     monkeypatch.setattr("abhv_mc.flight.fly.fly", fly_line)
-    code, out, _ = abhv_mc("worst", campaign, "--metric", METRIC, "--flights", 400, "-o", "out", "--json", "worst.json")
+    code, out, _ = abhv_mc(
+        "worst", campaign, "--metric", METRIC, "--flights", 400, "-o", "out", "--json", "worst.json"
+    )
     assert code == 0
     numbers = read_json("worst.json")
-    assert {"metric", "controller", "value", "flights", "parameters", "random_worst", "at_bounds"} <= numbers.keys()
+    assert {
+        "metric",
+        "controller",
+        "value",
+        "flights",
+        "parameters",
+        "random_worst",
+        "at_bounds",
+    } <= numbers.keys()
     assert numbers["flights"] <= 400
     assert numbers["value"] >= numbers["random_worst"]
-    assert f"{numbers['value']:.5g}" in out and f"--flight {numbers['flight']}" not in out  # what is wide is the page's
+    assert (
+        f"{numbers['value']:.5g}" in out and f"--flight {numbers['flight']}" not in out
+    )  # what is wide is the page's
     page = Path("out/report.html").read_text(encoding="utf-8")
     assert f"--flight {numbers['flight']} --controller one" in page
     assert "http" not in page.split("<body>")[1]
     code, out, _ = abhv_mc("replay", "out", "--flight", numbers["flight"], "--controller", "one")
     assert code == 0 and "bit for bit" in out
-    again = abhv_mc("worst", campaign, "--metric", METRIC, "--flights", 400, "-o", "out", "--json", "-")
+    again = abhv_mc(
+        "worst", campaign, "--metric", METRIC, "--flights", 400, "-o", "out", "--json", "-"
+    )
     assert json.loads(again[1]) == numbers  # and nothing else on standard output
     low = ("--metric", METRIC, "--below", "--flights", 160)
     assert abhv_mc("worst", campaign, *low, "-o", "small", "--json", "s.json")[0] == 0
@@ -50,12 +72,32 @@ def test_worst_writes_its_numbers_a_page_and_flights_that_replay(abhv_mc, campai
 
 
 def test_rare_gives_an_estimate_or_refuses_with_exit_code_1(abhv_mc, campaign):
-    words = ("rare", campaign, "--requirement", METRIC, "--flights", 5000, "--target-cov", "20 %", "-o", "out")
+    words = (
+        "rare",
+        campaign,
+        "--requirement",
+        METRIC,
+        "--flights",
+        5000,
+        "--target-cov",
+        "20 %",
+        "-o",
+        "out",
+    )
     code, out, _ = abhv_mc(*words, "--json", "rare.json")
     numbers = read_json("rare.json")
     assert code == 0 and "95 % interval" in out and "Second opinion: " in out
     assert 0.0 < numbers["low"] < numbers["probability"] < numbers["high"] < 1.0
-    impossible = ("--requirement", "sideslip_max_deg", "--flights", 2000, "-o", "no", "--json", "no.json")
+    impossible = (
+        "--requirement",
+        "sideslip_max_deg",
+        "--flights",
+        2000,
+        "-o",
+        "no",
+        "--json",
+        "no.json",
+    )
     code, out, err = abhv_mc("rare", campaign, *impossible)
     assert code == 1 and "no trustworthy estimate" in err and "is about" not in out
     refused = read_json("no.json")
@@ -80,12 +122,19 @@ def test_tune_writes_the_file_and_a_page_or_says_why_not(abhv_mc, tmp_path, monk
     page = Path("new.html").read_text(encoding="utf-8")
     assert f"{read_json('new.json')['fresh'][0]['best']:.4g} instead of" in page
     assert "It is shown for this campaign" in page and page.count("<img ") == 1
-    impossible = Path("block.yaml").read_text(encoding="utf-8").replace("below_start_times: 1.5", "below: 0.01")
+    impossible = (
+        Path("block.yaml")
+        .read_text(encoding="utf-8")
+        .replace("below_start_times: 1.5", "below: 0.01")
+    )
     Path("block.yaml").write_text(impossible, encoding="utf-8")
     code, out, err = abhv_mc(*words, "-o", "no.yaml")
     assert code == 1 and "not shown to be better" in err and "no candidate kept every limit" in out
     page = Path("no.html").read_text(encoding="utf-8")
-    assert "No file is written: no candidate kept every limit" in page and "It is shown for" not in page
+    assert (
+        "No file is written: no candidate kept every limit" in page
+        and "It is shown for" not in page
+    )
     assert not Path("no.yaml").exists()
 
 

@@ -31,8 +31,16 @@ from abhv_mc.simulators.new_campaign import write_new_campaign, write_new_simula
 def test_new_folder_stands_alone(name: str, tmp_path: Path) -> None:
     folder = tmp_path / "deep" / "study"
     written = write_new_campaign(folder, name)
-    assert {found.kind for found in check_inputs(written[0])} == {"campaign", "vehicle", "mission", "controller"}
-    made, shipped = read_campaign(written[0]).model, read_campaign(shipped_files("campaign")[name]).model
+    assert {found.kind for found in check_inputs(written[0])} == {
+        "campaign",
+        "vehicle",
+        "mission",
+        "controller",
+    }
+    made, shipped = (
+        read_campaign(written[0]).model,
+        read_campaign(shipped_files("campaign")[name]).model,
+    )
     for file in (made.vehicle, made.mission, *made.controllers.values()):
         assert file.resolve().is_relative_to(folder)
     assert made.dispersions == shipped.dispersions
@@ -50,23 +58,37 @@ def test_editors_find_the_schema_of_every_file_and_underline_nothing(tmp_path: P
         assert list(Draft202012Validator(schema).iter_errors(read_document(file).data)) == []
 
 
-def test_a_law_of_ones_own_comes_with_a_campaign_that_asks_about_it_and_flies(tmp_path: Path) -> None:
+def test_a_law_of_ones_own_comes_with_a_campaign_that_asks_about_it_and_flies(
+    tmp_path: Path,
+) -> None:
     written = write_new_campaign(tmp_path / "study", law="python")
     model = read_campaign(written[0]).model
-    assert next(iter(model.controllers)) == "my_law" and model.question.startswith("Does my own law")
+    assert next(iter(model.controllers)) == "my_law" and model.question.startswith(
+        "Does my own law"
+    )
     checked = check_inputs(written[0])  # compiles it and flies a tick
     assert not any(found.warnings for found in checked if found.path.name == "my_law.yaml")
     flight = abhv_mc.fly(model.mission, model.vehicle, model.controllers["my_law"], every=100)
-    assert flight.attrs["outcome"] == "ok" and flight.attrs["metrics"]["altitude_error_max_m"] < 50.0
+    assert (
+        flight.attrs["outcome"] == "ok" and flight.attrs["metrics"]["altitude_error_max_m"] < 50.0
+    )
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
-def test_a_law_in_c_flies_as_the_same_law_in_python_and_builds_by_its_makefile(tmp_path: Path) -> None:
-    python, c = (write_new_campaign(tmp_path / law, law=law)[0].parent / "control" for law in ("python", "c"))
+def test_a_law_in_c_flies_as_the_same_law_in_python_and_builds_by_its_makefile(
+    tmp_path: Path,
+) -> None:
+    python, c = (
+        write_new_campaign(tmp_path / law, law=law)[0].parent / "control" for law in ("python", "c")
+    )
     code = (c / "my_law.c").read_text()
     assert code.count("#define EVERY 10 ") == 1
-    (c / "my_law.c").write_text(code.replace("#define EVERY 10 ", "#define EVERY 1 "))  # guidance at every tick, too
-    flights = [abhv_mc.fly("level", controller=folder / "my_law.yaml", every=100) for folder in (python, c)]
+    (c / "my_law.c").write_text(
+        code.replace("#define EVERY 10 ", "#define EVERY 1 ")
+    )  # guidance at every tick, too
+    flights = [
+        abhv_mc.fly("level", controller=folder / "my_law.yaml", every=100) for folder in (python, c)
+    ]
     assert flights[1].attrs["outcome"] == "ok"
     assert flights[1].equals(flights[0])
     subprocess.run(["make", "--quiet", "CC=cc"], cwd=c, check=True)
@@ -80,12 +102,19 @@ def fly_both(folder: Path) -> list[dict]:
     out = folder / "out"
     run_campaign(Request(folder / "campaign.yaml", out, runs=20))
     flights = read_flown(out).flights
-    return [{name: flights[system].metrics[name].tolist() for name in ("apogee", "load_max")} for system in flights]
+    return [
+        {name: flights[system].metrics[name].tolist() for name in ("apogee", "load_max")}
+        for system in flights
+    ]
 
 
-@pytest.mark.skipif(shutil.which("cc") is None or shutil.which("make") is None, reason="no C compiler")
+@pytest.mark.skipif(
+    shutil.which("cc") is None or shutil.which("make") is None, reason="no C compiler"
+)
 def test_a_simulator_in_c_flies_as_the_same_one_in_python(tmp_path: Path) -> None:
-    python, c = (write_new_simulator(tmp_path / kind, kind)[0].parent for kind in ("python", "command"))
+    python, c = (
+        write_new_simulator(tmp_path / kind, kind)[0].parent for kind in ("python", "command")
+    )
     assert (c / "rocket").is_file()
     flown = fly_both(python)
     assert flown == fly_both(c)
@@ -93,10 +122,16 @@ def test_a_simulator_in_c_flies_as_the_same_one_in_python(tmp_path: Path) -> Non
     assert max(predicted["apogee"]) < max(timed["apogee"])  # brakes that see too much height
 
 
-def test_without_a_compiler_the_program_is_left_to_be_built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_compiler_the_program_is_left_to_be_built(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     told = CliRunner().invoke(app, ["new", str(tmp_path / "study"), "--simulator", "command"])
-    assert told.exit_code == 0 and "make" in told.output and not (tmp_path / "study" / "rocket").exists()
+    assert (
+        told.exit_code == 0
+        and "make" in told.output
+        and not (tmp_path / "study" / "rocket").exists()
+    )
 
 
 def test_nothing_is_overwritten_and_nothing_made_of_an_unknown_name_or_kind(tmp_path: Path) -> None:
@@ -122,7 +157,8 @@ SHIPPED = [
     (kind, path)
     for folder, kind in FOLDERS.items()
     for path in sorted((shipped_folder() / folder).rglob("*.yaml"))
-    if path.name != "check_cases.yaml"  # initial states and commands of published flights: no input of a command
+    if path.name
+    != "check_cases.yaml"  # initial states and commands of published flights: no input of a command
 ]
 
 
@@ -136,17 +172,25 @@ def test_shipped_files_are_valid_and_fit_their_schema(kind: str, path: Path) -> 
 def test_everything_wrong_in_every_file_is_said(tmp_path: Path) -> None:
     for folder in (shipped_configs(), shipped_campaigns()):
         shutil.copytree(folder, tmp_path / folder.name)
-    for name, old, new in (("mission/paper_s", "name:", "nmae:"), ("control/tlc", "law: tlc", "law: tcl")):
+    for name, old, new in (
+        ("mission/paper_s", "name:", "nmae:"),
+        ("control/tlc", "law: tlc", "law: tcl"),
+    ):
         path = tmp_path / f"configs/{name}.yaml"
         path.write_text(path.read_text().replace(old, new, 1))
     answer = CliRunner().invoke(app, ["validate", str(tmp_path / "campaigns/s_manoeuvre.yaml")])
     assert isinstance(answer.exception, InputErrors)
-    assert {Path(error.file).name for error in answer.exception.errors} == {"paper_s.yaml", "tlc.yaml"}
+    assert {Path(error.file).name for error in answer.exception.errors} == {
+        "paper_s.yaml",
+        "tlc.yaml",
+    }
 
 
 def test_what_may_be_one_value_for_the_whole_programme_is_asked() -> None:
     names = ("s_manoeuvre", "wide", "s_manoeuvre_unknown")
-    warned = {name: check_inputs(shipped_campaigns() / f"{name}.yaml")[0].warnings for name in names}
+    warned = {
+        name: check_inputs(shipped_campaigns() / f"{name}.yaml")[0].warnings for name in names
+    }
     assert warned["s_manoeuvre"][0].startswith("aero.lift, aero.drag: is this one value")
     assert "more: is this one value" in warned["wide"][0] and not warned["s_manoeuvre_unknown"]
 
@@ -166,7 +210,9 @@ def test_every_key_is_described_in_words_of_its_own(kind: str) -> None:
     assert schema["$id"].startswith("urn:abhv-mc:") and schema["$id"].endswith(f":{kind}")
     generic = {dimension.expected for dimension in DIMENSIONS}
     assert described
-    assert [name for name, value in described.items() if value.get("description", "") in {"", *generic}] == []
+    assert [
+        name for name, value in described.items() if value.get("description", "") in {"", *generic}
+    ] == []
 
 
 def test_what_an_editor_should_underline() -> None:
@@ -182,5 +228,7 @@ def test_what_an_editor_should_underline() -> None:
         {**right, "execution": {"flight_time_limit": "10"}},
     ):
         assert not validator.is_valid(wrong), wrong
-    named, own = make_schema("campaign")["$defs"]["RequirementEntry"]["properties"]["metric"]["anyOf"]
+    named, own = make_schema("campaign")["$defs"]["RequirementEntry"]["properties"]["metric"][
+        "anyOf"
+    ]
     assert set(METRIC_INDEX) < set(named["enum"]) and "pattern" in own

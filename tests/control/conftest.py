@@ -18,7 +18,9 @@ TICK, TICKS = 0.01, 6000
 
 @pytest.fixture(scope="session")
 def vehicle() -> Vehicle:
-    return load_vehicle(CONFIGS / "vehicle" / "ghame_x_coupled.yaml")  # thrust inclined and offset: every term counts
+    return load_vehicle(
+        CONFIGS / "vehicle" / "ghame_x_coupled.yaml"
+    )  # thrust inclined and offset: every term counts
 
 
 @pytest.fixture(scope="session")

@@ -34,7 +34,9 @@ def test_written_and_read_again_it_is_the_same(name: str, tmp_path: Path) -> Non
 def test_the_papers_gains_give_no_warning_and_a_fast_outer_loop_does(tmp_path: Path) -> None:
     assert read_controller(CONFIGS / "tlc.yaml").warnings() == []
     path, bank = tmp_path / "tlc.yaml", "bank: {{damping: 3.4, bandwidth: {}}}"
-    schedule = "{over_time: [{time: 0 s, bandwidth: 0.1 rad/s}, {time: 9 s, bandwidth: 0.05 rad/s}]}"
+    schedule = (
+        "{over_time: [{time: 0 s, bandwidth: 0.1 rad/s}, {time: 9 s, bandwidth: 0.05 rad/s}]}"
+    )
     for bandwidth, words in (
         ("2 rad/s", "attitude.bank (2 rad/s) is not below that of rates.roll_rate (1.2 rad/s)"),
         (schedule, "velocity.heading (0.08 rad/s) is not below that of attitude.bank (0.05 rad/s)"),
@@ -56,7 +58,9 @@ def test_the_papers_gains_give_no_warning_and_a_fast_outer_loop_does(tmp_path: P
         ("0.2 rad/s}\n\n", "{over_time: [{time: 0 s, bandwidth: 1 rad/s}]}}\n\n", 15, "at least 2"),
     ],
 )
-def test_a_bad_file_is_refused_in_its_place(tmp_path: Path, old: str, new: str, line: int | None, words: str) -> None:
+def test_a_bad_file_is_refused_in_its_place(
+    tmp_path: Path, old: str, new: str, line: int | None, words: str
+) -> None:
     path = tmp_path / "tlc.yaml"
     assert old in TLC
     path.write_text(TLC.replace(old, new, 1))

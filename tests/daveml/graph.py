@@ -16,8 +16,12 @@ class Graph:
         for node in root.iter():
             node.tag = node.tag.rpartition("}")[2]  # the name without its name space
         self.variables = {node.get("varID"): node for node in root.iter("variableDef")}
-        self.functions = {node.find("dependentVarRef").get("varID"): node for node in root.iter("function")}
-        self.outputs = [name for name, node in self.variables.items() if node.find("isOutput") is not None]
+        self.functions = {
+            node.find("dependentVarRef").get("varID"): node for node in root.iter("function")
+        }
+        self.outputs = [
+            name for name, node in self.variables.items() if node.find("isOutput") is not None
+        ]
         self.inputs = [
             name
             for name, node in self.variables.items()
@@ -25,7 +29,9 @@ class Graph:
             and node.find("calculation") is None
             and (node.find("isInput") is not None or node.get("initialValue") is None)
         ]
-        grids = {node.get("bpID"): _numbers(node.find("bpVals")) for node in root.iter("breakpointDef")}
+        grids = {
+            node.get("bpID"): _numbers(node.find("bpVals")) for node in root.iter("breakpointDef")
+        }
         shared = {node.get("gtID"): node for node in root.iter("griddedTableDef")}
         self.tables = {}
         for name, node in self.functions.items():
@@ -57,7 +63,9 @@ class Graph:
 
     def _look_up(self, name: str, inputs, known) -> float:
         table, point = self.tables[name], []
-        for reference, axis in zip(self.functions[name].findall("independentVarRef"), table.grid, strict=True):
+        for reference, axis in zip(
+            self.functions[name].findall("independentVarRef"), table.grid, strict=True
+        ):
             assert reference.get("extrapolate") == "neither"
             x = self._value(reference.get("varID"), inputs, known)
             x = np.clip(x, float(reference.get("min")), float(reference.get("max")))

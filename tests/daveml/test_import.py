@@ -61,7 +61,10 @@ def test_check_shots_pass_and_written_python_is_the_graph_at_random_inputs(path:
     model, graph = read_model(path), Graph(path)
     assert len(model.shots) == SHOTS.get(path.name, 0)
     run_shots(model)
-    function, names = make_function(model), {key: variable.key for key, variable in model.variables.items()}
+    function, names = (
+        make_function(model),
+        {key: variable.key for key, variable in model.variables.items()},
+    )
     assert {variable.identifier for variable in model.inputs} == set(graph.inputs)
     assert [variable.identifier for variable in model.outputs] != []
     rng = np.random.default_rng(19)
@@ -71,7 +74,10 @@ def test_check_shots_pass_and_written_python_is_the_graph_at_random_inputs(path:
         inputs = {name: float(column[i]) for name, column in values.items()}
         ours = function(**{names[name]: value for name, value in inputs.items()})
         for name, value in graph.evaluate(inputs).items():
-            assert getattr(ours, names[name]) == pytest.approx(value, rel=1e-12, abs=1e-12), (name, inputs)
+            assert getattr(ours, names[name]) == pytest.approx(value, rel=1e-12, abs=1e-12), (
+                name,
+                inputs,
+            )
 
 
 def test_aileron_of_the_other_sign_and_units_are_turned(tmp_path: Path) -> None:
@@ -79,20 +85,33 @@ def test_aileron_of_the_other_sign_and_units_are_turned(tmp_path: Path) -> None:
     aero = runpy.run_path(str(tmp_path / "f16_aero.py"))
 
     air = SimpleNamespace(
-        airspeed=152.4, angle_of_attack=np.radians(5.0), sideslip=np.radians(2.0), altitude=3000.0, mach=0.5
+        airspeed=152.4,
+        angle_of_attack=np.radians(5.0),
+        sideslip=np.radians(2.0),
+        altitude=3000.0,
+        mach=0.5,
     )
     rates = SimpleNamespace(roll_rate=0.01, pitch_rate=0.002, yaw_rate=-0.003)
-    controls = SimpleNamespace(aileron=np.radians(4.0), rudder=np.radians(3.0), elevator=np.radians(-2.0))
+    controls = SimpleNamespace(
+        aileron=np.radians(4.0), rudder=np.radians(3.0), elevator=np.radians(-2.0)
+    )
     ours = aero["coefficients"](air, controls, rates, None)
     there = {"vt": 500.0, "alpha": 5.0, "beta": 2.0, "el": -2.0, "ail": -4.0, "rdr": 3.0}
     there |= {"p": 0.01 * 2 * 500 / 30, "q": 0.002 * 2 * 500 / 11.32, "r": -0.003 * 2 * 500 / 30}
     theirs = Graph(of("F16_aero.dml")).evaluate(there)
-    for name, output in (("CX", "cx"), ("CY", "cy"), ("CZ", "cz"), ("Cl", "cl"), ("Cm", "cm"), ("Cn", "cn")):
+    for name, output in (
+        ("CX", "cx"),
+        ("CY", "cy"),
+        ("CZ", "cz"),
+        ("Cl", "cl"),
+        ("Cm", "cm"),
+        ("Cn", "cn"),
+    ):
         assert getattr(ours, name) == pytest.approx(theirs[output], rel=1e-10)
     engine = runpy.run_path(str(tmp_path / "f16_prop.py"))
-    assert engine["thrust"](SimpleNamespace(altitude=0.0, mach=0.0), 0.5, None).force_x == pytest.approx(
-        12680.0 * 4.4482216152605
-    )
+    assert engine["thrust"](
+        SimpleNamespace(altitude=0.0, mach=0.0), 0.5, None
+    ).force_x == pytest.approx(12680.0 * 4.4482216152605)
 
 
 def test_what_no_signal_gives_is_asked_for(tmp_path: Path) -> None:
@@ -102,9 +121,16 @@ def test_what_no_signal_gives_is_asked_for(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["import.yaml"]
     answers = tmp_path / "import.yaml"
     text = answers.read_text(encoding="utf-8")
-    for name, value in (("stagedFlag", 0), ("stg1fuelUsed", 0), ("stg2fuelUsed", 0), ("stg2firing", 0)):
+    for name, value in (
+        ("stagedFlag", 0),
+        ("stg1fuelUsed", 0),
+        ("stg2fuelUsed", 0),
+        ("stg2firing", 0),
+    ):
         text = text.replace(f'  "{name}":\n', f'  "{name}": {value}\n')
-    answers.write_text(text.replace('  "stg1firing":\n', '  "stg1firing": throttle\n'), encoding="utf-8")
+    answers.write_text(
+        text.replace('  "stg1firing":\n', '  "stg1firing": throttle\n'), encoding="utf-8"
+    )
     import_daveml(files, tmp_path)
     engine = runpy.run_path(str(tmp_path / "twostage_prop.py"))
     assert engine["thrust"](None, 1.0, None).force_x == 17e6
@@ -115,7 +141,12 @@ def test_what_no_signal_gives_is_asked_for(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "old", "new", "found"),
     [
-        ("F16_aero", 'DAVEfunc.dtd">', 'DAVEfunc.dtd" [<!ENTITY a "b">]>', "the entity declaration 'a'"),
+        (
+            "F16_aero",
+            'DAVEfunc.dtd">',
+            'DAVEfunc.dtd" [<!ENTITY a "b">]>',
+            "the entity declaration 'a'",
+        ),
         ("F16_aero", "<cn>180.</cn>", "<cn>&amp;&other;</cn>", "entity"),
         ("F16_aero", "<ci>el</ci>", "<ci>__import__('os')</ci>", "computed of '__import__"),
         ("F16_aero", '<bpRef bpID="DE1"/>', '<bpRef bpID="DE9"/>', "the breakpoints 'DE9'"),
@@ -125,7 +156,9 @@ def test_what_no_signal_gives_is_asked_for(tmp_path: Path) -> None:
         ("brick_aero", 'units="ft_s"', 'units="furlong_s"', "unknown unit 'furlong_s'"),
     ],
 )
-def test_what_is_wrong_is_refused_with_its_line(tmp_path: Path, name: str, old: str, new: str, found: str) -> None:
+def test_what_is_wrong_is_refused_with_its_line(
+    tmp_path: Path, name: str, old: str, new: str, found: str
+) -> None:
     path = changed(tmp_path, f"{name}.dml", old, new)
     with pytest.raises(InputError, match=rf"{name}\.dml:\d+:.*{found}"):
         import_daveml([path], tmp_path / "out")
@@ -170,12 +203,17 @@ def formula(tmp_path: Path, text: str):
     return make_function(read_model(path))
 
 
-ROOT = "<apply><root/><degree>{}</degree><apply><max/><ci>x</ci><ci>y</ci><cn>0.5</cn></apply></apply>"
+ROOT = (
+    "<apply><root/><degree>{}</degree><apply><max/><ci>x</ci><ci>y</ci><cn>0.5</cn></apply></apply>"
+)
 POSITIVE = "<apply><gt/><ci>x</ci><cn>0</cn></apply>"
 
 
 def pieces(number: int) -> str:
-    below = (f"<piece><cn>{i}</cn><apply><lt/><ci>x</ci><cn>{i}</cn></apply></piece>" for i in range(number))
+    below = (
+        f"<piece><cn>{i}</cn><apply><lt/><ci>x</ci><cn>{i}</cn></apply></piece>"
+        for i in range(number)
+    )
     return f"<piecewise>{''.join(below)}<otherwise><cn>-1</cn></otherwise></piecewise>"
 
 
@@ -189,12 +227,15 @@ def pieces(number: int) -> str:
         (pieces(199), 1e9, -1.0),
     ],
 )
-def test_formulas_are_what_mathml_says(tmp_path: Path, text: str, x: float, expected: float) -> None:
+def test_formulas_are_what_mathml_says(
+    tmp_path: Path, text: str, x: float, expected: float
+) -> None:
     assert formula(tmp_path, text)(x, 0.0).f == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(
-    ("text", "found"), [(ROOT.format("<cn>3</cn><cn>2</cn>"), "'root' of 3 operands"), (pieces(2000), "too deep")]
+    ("text", "found"),
+    [(ROOT.format("<cn>3</cn><cn>2</cn>"), "'root' of 3 operands"), (pieces(2000), "too deep")],
 )
 def test_a_formula_that_is_none_is_refused(tmp_path: Path, text: str, found: str) -> None:
     with pytest.raises(InputError, match=found):
@@ -238,18 +279,25 @@ def test_units_in_capitals_numbers_with_exponents_and_internal_values(tmp_path: 
     path = tmp_path / "odd.dml"
     path.write_text(ODD, encoding="utf-8")
     run_shots(read_model(path))
-    path.write_text(ODD.replace('"e-notation">4<m:sep/>-1<', '"rational">2<m:sep/>5<'), encoding="utf-8")
+    path.write_text(
+        ODD.replace('"e-notation">4<m:sep/>-1<', '"rational">2<m:sep/>5<'), encoding="utf-8"
+    )
     run_shots(read_model(path))
     path.write_text(ODD.replace("<signalValue>1.0<", "<signalValue>1.1<"), encoding="utf-8")
     with pytest.raises(InputErrors, match="'between' in the check shot 'one'"):
         run_shots(read_model(path))
 
 
-def test_limits_are_where_the_tables_end_and_without_them_the_trim_is_near_zero(tmp_path: Path) -> None:
+def test_limits_are_where_the_tables_end_and_without_them_the_trim_is_near_zero(
+    tmp_path: Path,
+) -> None:
     import_daveml([of("F16_aero.dml"), of("F16_prop.dml"), of("F16_inertia.dml")], tmp_path)
     path = tmp_path / "vehicle.yaml"
     limited = load_vehicle(path).constants
-    assert np.degrees([limited.angle_of_attack_min, limited.angle_of_attack_max]).tolist() == [-10.0, 45.0]
+    assert np.degrees([limited.angle_of_attack_min, limited.angle_of_attack_max]).tolist() == [
+        -10.0,
+        45.0,
+    ]
     text = path.read_text(encoding="utf-8")
     path.write_text(text[: text.index("\nlimits:")], encoding="utf-8")
     found = trim(load_vehicle(path), ELLIPSOID, FlightPoint(3051.96, 172.42))
@@ -258,7 +306,8 @@ def test_limits_are_where_the_tables_end_and_without_them_the_trim_is_near_zero(
 
 
 HOSTILE = (
-    "x\nimport hostile\n    import hostile\n\"\"\"\nimport hostile\n'''\nhostile() # \u202e\u2028file: hostile.py\\"
+    "x\nimport hostile\n    import hostile\n\"\"\"\nimport hostile\n'''\nhostile() # "
+    "\u202e\u2028file: hostile.py\\"
 )
 WRITTEN = (ast.ImportFrom, ast.Assign, ast.ClassDef, ast.FunctionDef)
 KEYS = {  # of the files of YAML that are written, by what names them
@@ -287,7 +336,9 @@ def attacked(tree: ElementTree.Element) -> Iterator[ElementTree.Element]:
                 yield changed
 
 
-SLOW = [pytest.param(f"F16_{name}.dml", marks=pytest.mark.thorough) for name in ("inertia", "control")]
+SLOW = [
+    pytest.param(f"F16_{name}.dml", marks=pytest.mark.thorough) for name in ("inertia", "control")
+]
 
 
 @pytest.mark.parametrize("name", ["F16_prop.dml", "brick_aero.dml", "odd.dml", *SLOW])
@@ -308,9 +359,17 @@ def test_hostile_text_never_becomes_code(tmp_path: Path, name: str) -> None:
         for written in folder.glob("*.py"):
             module = ast.parse(written.read_text(encoding="utf-8"))
             assert all(isinstance(node, WRITTEN) for node in module.body[1:])
-            imports = [node for node in ast.walk(module) if isinstance(node, ast.Import | ast.ImportFrom)]
-            assert {getattr(node, "module", "") for node in imports} <= {"math", "typing", "abhv_mc.extend"}
-            assert not any(isinstance(node, ast.Name) and node.id == "hostile" for node in ast.walk(module))
+            imports = [
+                node for node in ast.walk(module) if isinstance(node, ast.Import | ast.ImportFrom)
+            ]
+            assert {getattr(node, "module", "") for node in imports} <= {
+                "math",
+                "typing",
+                "abhv_mc.extend",
+            }
+            assert not any(
+                isinstance(node, ast.Name) and node.id == "hostile" for node in ast.walk(module)
+            )
         for written in folder.glob("*.yaml"):
             data = read_document(written).data
             assert set(data) <= set(KEYS[written.name].split())

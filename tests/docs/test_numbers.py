@@ -48,7 +48,11 @@ def test_its_numbers_are_those_of_the_default_campaign(flown, example):
     today = keep_numbers(json.loads(json.dumps(make_numbers(Models(read_flown(flown))))))
     kept = json.loads((example / "report.json").read_text(encoding="utf-8"))
     today, kept = dict(leaves(today)), dict(leaves(kept))
-    numbers = [key for key, value in kept.items() if isinstance(value, float) and isinstance(today.get(key), float)]
+    numbers = [
+        key
+        for key, value in kept.items()
+        if isinstance(value, float) and isinstance(today.get(key), float)
+    ]
     assert {key: today.pop(key) for key in numbers} == pytest.approx(
         {key: kept.pop(key) for key in numbers}, rel=AGREEMENT, abs=1e-12
     ), "make example"
@@ -73,7 +77,11 @@ def _cell(row):
 
 @pytest.mark.parametrize(
     ("vehicle", "controller", "mission"),
-    [("abhv", "lqr", "level"), ("ghame_x", "inversion", "level"), ("winged_cone", "tlc", "level_mach15")],
+    [
+        ("abhv", "lqr", "level"),
+        ("ghame_x", "inversion", "level"),
+        ("winged_cone", "tlc", "level_mach15"),
+    ],
 )
 def test_rows_of_the_table_are_those_of_the_program(repository, vehicle, controller, mission):
     page = (repository / "docs" / "explanation" / "margins.md").read_text("utf-8")

@@ -26,7 +26,10 @@ PAGES = sorted(
     for folder in ("docs", "reports")
     for page in (ROOT / folder).rglob("*.md")
     if not set(BUILT) & set(page.relative_to(ROOT).parts)
-) + [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md", "paper/paper.md")]
+) + [
+    ROOT / name
+    for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md", "paper/paper.md")
+]
 PAGES += sorted((ROOT / ".github").glob("*.md"))
 PLACES = re.compile(
     r"`{1,2}((?:src|tests|docs|configs|campaigns|benchmarks|studies|reports/example)/[\w./*-]+)(?:::(\w+))?`"
@@ -37,7 +40,9 @@ def text_of(page: Path) -> str:
     return page.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if not page.is_relative_to(ROOT / "docs")], ids=str)
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if not page.is_relative_to(ROOT / "docs")], ids=str
+)
 def test_links_of_pages_that_the_site_does_not_hold(page: Path) -> None:
     """Links and anchors of the site are checked by its build (docs/_ext/check_site.py)."""
     for target in re.findall(r"\]\(([^)\s]+)\)", text_of(page)):
@@ -56,7 +61,9 @@ def test_files_and_tests_that_are_named(page: Path) -> None:
         assert (ROOT / name).exists(), name
         if function:
             tree = ast.parse(text_of(ROOT / name))
-            assert function in {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}, function
+            assert function in {
+                node.name for node in tree.body if isinstance(node, ast.FunctionDef)
+            }, function
     for name in re.findall(r"`([\w/]+/(?!my_)\w+\.py)`", text_of(page)):  # my_law.py is a reader's
         assert any((ROOT / folder / name).exists() for folder in ("", "src", "src/abhv_mc")), name
 
@@ -72,13 +79,19 @@ def test_files_that_the_code_names() -> None:
     ]
     folders = "src|tests|docs|configs|campaigns|benchmarks|studies"
     for source in sources:
-        for name in re.findall(rf"\b(?:{folders})/[\w/.-]+\.(?:py|md|png|yaml|csv)\b", text_of(source)):
+        for name in re.findall(
+            rf"\b(?:{folders})/[\w/.-]+\.(?:py|md|png|yaml|csv)\b", text_of(source)
+        ):
             assert (ROOT / name).exists(), f"{source.relative_to(ROOT)} names {name}"
 
 
 def test_every_equation_and_every_seam_has_its_function() -> None:
     page = text_of(ROOT / "docs/explanation/theory.md")
-    seams = text_of(ROOT / "docs/explanation/architecture.md").split("## Names at the seams")[1].split("\n## ")[0]
+    seams = (
+        text_of(ROOT / "docs/explanation/architecture.md")
+        .split("## Names at the seams")[1]
+        .split("\n## ")[0]
+    )
     names = [f"abhv_mc.{name}" for name in re.findall(r"`([a-z]\w*(?:\.\w+)+)\b", seams)]
     names = [name for name in names if not name.endswith((".parquet", ".json"))]
     names += re.findall(r"`(abhv_mc\.[\w.]+)`", page)
@@ -92,7 +105,9 @@ def test_every_equation_and_every_seam_has_its_function() -> None:
     assert numbers >= set(range(1, 24)) - {6, 9, 10, 15}  # those are inside of ranges
 
 
-def test_generated_pages_hold_every_key_metric_and_parameter(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_generated_pages_hold_every_key_metric_and_parameter(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(sys, "path", [str(ROOT / "docs/_ext"), *sys.path])
     from abhv_mc.campaign.file.kinds import MODELS
     from abhv_mc.campaign.file.schema import make_schema
@@ -100,11 +115,15 @@ def test_generated_pages_hold_every_key_metric_and_parameter(monkeypatch: pytest
     from abhv_mc.flight.metrics import METRIC_INDEX
     from abhv_mc.plant.parameters import PARAMETERS
 
-    pages = importlib.import_module("reference_pages").make_pages(Path(), ROOT / "docs/reference/commands")
+    pages = importlib.import_module("reference_pages").make_pages(
+        Path(), ROOT / "docs/reference/commands"
+    )
     by_name = {path.as_posix(): text for path, text in pages.items()}
     for kind in MODELS:
         for part in make_schema(kind)["$defs"].values():
-            assert all(f"| `{key}` |" in by_name[f"files/{kind}.md"] for key in part.get("properties", ()))
+            assert all(
+                f"| `{key}` |" in by_name[f"files/{kind}.md"] for key in part.get("properties", ())
+            )
     assert all(f"| `{name}` |" in by_name["metrics.md"] for name in METRIC_INDEX)
     assert all(f"| `{name}` |" in by_name["channels.md"] for name in CHANNEL_INDEX)
     assert all(f"| `{p.name}` |" in by_name["parameters.md"] for p in PARAMETERS if "." in p.name)
@@ -119,7 +138,9 @@ def test_everything_in_a_campaigns_folder_is_explained() -> None:
 
 
 def test_architecture_shows_the_layers_that_are_checked_and_every_folder() -> None:
-    table = text_of(ROOT / "docs/explanation/architecture.md").split("## Layers")[1].split("\n## ")[0]
+    table = (
+        text_of(ROOT / "docs/explanation/architecture.md").split("## Layers")[1].split("\n## ")[0]
+    )
     rows = [row.split("|")[1:3] for row in table.splitlines() if row.startswith("| ")][1:]
     shown = [" : ".join(re.findall(r"`(\w+)`", first)) for first, _ in rows if first.strip()]
     contracts = tomllib.loads(text_of(ROOT / "pyproject.toml"))["tool"]["importlinter"]["contracts"]
@@ -128,17 +149,27 @@ def test_architecture_shows_the_layers_that_are_checked_and_every_folder() -> No
 
     named = set(re.findall(r"`([\w.]+)`", table))
     source = ROOT / "src/abhv_mc"
-    packages = {".".join(init.parent.relative_to(source).parts) for init in source.glob("*/**/__init__.py")}
+    packages = {
+        ".".join(init.parent.relative_to(source).parts) for init in source.glob("*/**/__init__.py")
+    }
     assert packages <= named
 
 
 def commands_of(text: str) -> set[tuple[str, tuple[str, ...]]]:
     """Commands with their options that a text shows in code, blocks and directives, not in benchmarks' tables."""
     text = re.sub(r"<!-- (\w+) -->.*?<!-- /\1 -->", "", text, flags=re.DOTALL)
-    code = re.findall(r"`([^`\n]+)`|^[ \t$]*(abhv-mc [^\n]*)|command-output\} (abhv-mc [^\n]*)", text, re.MULTILINE)
+    code = re.findall(
+        r"`([^`\n]+)`|^[ \t$]*(abhv-mc [^\n]*)|command-output\} (abhv-mc [^\n]*)",
+        text,
+        re.MULTILINE,
+    )
     lines = [re.split(r"\s#\s|[|&;>]", "".join(parts))[0] for parts in code]
     found = (re.search(r"\babhv-mc ([a-z]+)\b(.*)", line) for line in lines)
-    return {(match[1], tuple(re.findall(r"(?<!\S)--?[a-z][a-z-]*", match[2]))) for match in found if match}
+    return {
+        (match[1], tuple(re.findall(r"(?<!\S)--?[a-z][a-z-]*", match[2])))
+        for match in found
+        if match
+    }
 
 
 @pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(ROOT)) for page in PAGES])
@@ -148,12 +179,22 @@ def test_commands_and_their_options_exist(page: Path) -> None:
     for name, options in commands_of(text):
         assert name in group.commands, f"abhv-mc {name}"
         command = group.commands[name]
-        known = {option for parameter in command.params for option in parameter.opts + parameter.secondary_opts}
+        known = {
+            option
+            for parameter in command.params
+            for option in parameter.opts + parameter.secondary_opts
+        }
         for inner in getattr(command, "commands", {}).values():  # commands of a command
-            known |= {option for parameter in inner.params for option in parameter.opts + parameter.secondary_opts}
+            known |= {
+                option
+                for parameter in inner.params
+                for option in parameter.opts + parameter.secondary_opts
+            }
         assert set(options) <= known | {"--help"}, f"abhv-mc {name} {options}"
     makefile = text_of(ROOT / "Makefile")
-    for target in re.findall(r"`make ([\w-]+)", text) + re.findall(r"^make ([\w-]+)", text, re.MULTILINE):
+    for target in re.findall(r"`make ([\w-]+)", text) + re.findall(
+        r"^make ([\w-]+)", text, re.MULTILINE
+    ):
         assert re.search(rf"^{target}:", makefile, re.MULTILINE), f"make {target}"
     for module in re.findall(r"python -m ((?:benchmarks|studies)[\w.]*)", text):
         place = ROOT / module.replace(".", "/")

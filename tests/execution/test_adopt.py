@@ -40,7 +40,9 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("own")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CONFIG_HOME", str(folder / "config"))
-        return run_campaign(Request(dive_campaign(folder / "own", runs=300), folder / "flown")).folder
+        return run_campaign(
+            Request(dive_campaign(folder / "own", runs=300), folder / "flown")
+        ).folder
 
 
 @pytest.fixture
@@ -81,7 +83,9 @@ def test_an_adopted_table_gives_the_same_verdicts_comparison_and_rules(
     for topic in ("verdicts", "comparison", "drivers", "metrics"):
         assert second[topic] == first[topic]
     assert second["failures"]["controllers"] == first["failures"]["controllers"]
-    dependent = adopt_table(flown, asked(tmp_path, independent=False), tmp_path / "dependent").manifest
+    dependent = adopt_table(
+        flown, asked(tmp_path, independent=False), tmp_path / "dependent"
+    ).manifest
     assert {entry.verdict for entry in dependent.requirements} == {"ESTIMATE"}
 
 
@@ -95,7 +99,9 @@ def test_units_of_the_heads_are_converted(campaign: Path, flown: Path, tmp_path:
     adopt_table(rewritten(flown, in_metres), asked(tmp_path), tmp_path / "adopted")
     ours, theirs = read_flown(campaign), read_flown(tmp_path / "adopted")
     for name in ("v1", "v2"):
-        assert theirs.flights[name].metrics["altitude_min"] == pytest.approx(ours.flights[name].metrics["altitude_min"])
+        assert theirs.flights[name].metrics["altitude_min"] == pytest.approx(
+            ours.flights[name].metrics["altitude_min"]
+        )
     assert theirs.samples["delay"] == pytest.approx(ours.samples["delay"])
     pq.write_table(pc.read_csv(flown), tmp_path / "flights.parquet")
     adopt_table(tmp_path / "flights.parquet", asked(tmp_path), tmp_path / "parquet")
@@ -139,22 +145,32 @@ def test_tables_and_campaigns_that_do_not_fit_are_refused(flown: Path, tmp_path:
 
 
 def test_a_flight_without_a_metric_was_not_computed(flown: Path, tmp_path: Path) -> None:
-    table = rewritten(flown, lambda i, row: {**row, **({"load": "nan", "outcome": "ok"} if i == 5 else {})})
+    table = rewritten(
+        flown, lambda i, row: {**row, **({"load": "nan", "outcome": "ok"} if i == 5 else {})}
+    )
     manifest = adopt_table(table, asked(tmp_path), tmp_path / "adopted").manifest
     assert manifest.controllers["v1"].failed_to_run == (3,) and manifest.complete
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_what_is_said_of_adopted_flights_names_nothing_that_cannot_be_done(flown: Path, tmp_path: Path) -> None:
+def test_what_is_said_of_adopted_flights_names_nothing_that_cannot_be_done(
+    flown: Path, tmp_path: Path
+) -> None:
     out = tmp_path / "adopted"
     hard = [{"metric": "load", "below": 100.0, "probability": "99.5 %"}]
     table = rewritten(flown, lambda _, row: {**row, "outcome": "ok"})
     adopt_table(table, asked(tmp_path, requirements=hard), out)
     page = shown_text(build_report(out))
-    report, manifest = (json.loads((out / name).read_text()) for name in ("report.json", "manifest.json"))
+    report, manifest = (
+        json.loads((out / name).read_text()) for name in ("report.json", "manifest.json")
+    )
     judged = report["judgement"]
     assert not list(verify_campaign(out))
-    assert judged["met"] == "not shown" and "larger table" in judged["next"]["why"] and not judged["next"]["command"]
+    assert (
+        judged["met"] == "not shown"
+        and "larger table" in judged["next"]["why"]
+        and not judged["next"]["command"]
+    )
     assert "--runs" not in json.dumps([report["verdicts"], manifest["requirements"]])
     for command in ("run", "explain", "replay"):
         assert f"abhv-mc {command}" not in page
@@ -166,9 +182,13 @@ def test_what_is_said_of_adopted_flights_names_nothing_that_cannot_be_done(flown
         replay_flight(out, "v1", 0, make_engine().fly)
 
 
-def test_two_adopted_folders_are_compared_and_stopped_at_a_gate(flown: Path, tmp_path: Path) -> None:
+def test_two_adopted_folders_are_compared_and_stopped_at_a_gate(
+    flown: Path, tmp_path: Path
+) -> None:
     campaign, folders = asked(tmp_path), (tmp_path / "a", tmp_path / "b")
-    lower = rewritten(flown, lambda _, row: {**row, "altitude_min": float(row["altitude_min"]) - 150.0})
+    lower = rewritten(
+        flown, lambda _, row: {**row, "altitude_min": float(row["altitude_min"]) - 150.0}
+    )
     for table, out in zip((flown, lower), folders, strict=True):
         adopt_table(table, campaign, out)
     found = compare_folders(*folders, ("v1", "v1"), {"altitude_min": 0.05}, tmp_path / "compared")
@@ -176,12 +196,16 @@ def test_two_adopted_folders_are_compared_and_stopped_at_a_gate(flown: Path, tmp
     assert not pair.not_worse["altitude_min"].shown and pair.any_failure.only_b
     page = shown_text(tmp_path / "compared" / "report.html")
     assert re.search(r"/a\s+adopted\s+300", page)
-    assert "abhv-mc compare" in page and "abhv-mc replay" not in page and "abhv-mc explain" not in page
+    assert (
+        "abhv-mc compare" in page and "abhv-mc replay" not in page and "abhv-mc explain" not in page
+    )
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["s_manoeuvre", "wide"])
-def test_our_own_flights_adopted_by_a_campaign_that_knows_no_vehicle_say_the_same(name: str, tmp_path: Path) -> None:
+def test_our_own_flights_adopted_by_a_campaign_that_knows_no_vehicle_say_the_same(
+    name: str, tmp_path: Path
+) -> None:
     path = shipped_folder() / "campaigns" / f"{name}.yaml"
     ours = run_campaign(Request(path, tmp_path / "ours", runs=48, workers=2)).manifest
     campaign, table = read_campaign(path, runs=48), tmp_path / "flights.csv"
@@ -195,11 +219,20 @@ def test_our_own_flights_adopted_by_a_campaign_that_knows_no_vehicle_say_the_sam
         "independent": True,
         "systems": {each: {} for each in campaign.controllers},
         "inputs": {r.name: {"unit": r.unit, "nominal": r.nominal, "seed": r.seed} for r in records},
-        "dispersions": {key: law for key, law in campaign.dispersions.items() if not campaign.parameters[key].seed},
-        "metrics": {
-            each: {key: getattr(campaign.metrics[each], key) for key in ("unit", "label", "doc")} for each in required
+        "dispersions": {
+            key: law
+            for key, law in campaign.dispersions.items()
+            if not campaign.parameters[key].seed
         },
-        "outcomes": {code: words for code, words in OUTCOMES.sentences.items() if code not in ("ok", "failed_to_run")},
+        "metrics": {
+            each: {key: getattr(campaign.metrics[each], key) for key in ("unit", "label", "doc")}
+            for each in required
+        },
+        "outcomes": {
+            code: words
+            for code, words in OUTCOMES.sentences.items()
+            if code not in ("ok", "failed_to_run")
+        },
         "requirements": entries,
     }
     (tmp_path / "adopted.yaml").write_text(json.dumps(content))
@@ -208,6 +241,13 @@ def test_our_own_flights_adopted_by_a_campaign_that_knows_no_vehicle_say_the_sam
         found, expected = ([(each.verdict, each.failures, each.flights) for each in getattr(manifest, ours_or_shown)]
                            for manifest in (adopted, ours))  # fmt: skip
         assert found == expected
-    one, two = (plain(Models(read_flown(tmp_path / folder))[FAILURES]) for folder in ("ours", "adopted"))
-    advice = ("words", "advice")  # how a verdict would stand with more flights, which nothing here can fly
-    assert not [d for d in differences(one, two) if d.partition(":")[0].rpartition(".")[2] not in advice]
+    one, two = (
+        plain(Models(read_flown(tmp_path / folder))[FAILURES]) for folder in ("ours", "adopted")
+    )
+    advice = (
+        "words",
+        "advice",
+    )  # how a verdict would stand with more flights, which nothing here can fly
+    assert not [
+        d for d in differences(one, two) if d.partition(":")[0].rpartition(".")[2] not in advice
+    ]

@@ -23,23 +23,34 @@ def test_a_stranger_is_refused_by_name():
     attestation = Attestation(CHECKED)
     attestation.check(make_plan("one"), ROWS, flown())
     with pytest.raises(
-        UnusableError, match=r"worker at node7, process 12 has another version of the program .*source old"
+        UnusableError,
+        match=r"worker at node7, process 12 has another version of the program .*source old",
     ):
         attestation.check(make_plan("one"), ROWS, flown(code="old", host="node7", process=12))
     with pytest.raises(UnusableError, match="does not say which code"):
         attestation.check(make_plan("one"), ROWS, fly(make_plan("one"), ROWS))
 
 
-@pytest.mark.parametrize(("every", "changes"), [(True, {}), (False, {"features": "other", "host": "node7"})])
+@pytest.mark.parametrize(
+    ("every", "changes"), [(True, {}), (False, {"features": "other", "host": "node7"})]
+)
 def test_bits_are_compared_once_for_a_worker(every, changes, capfd):
-    Attestation(CHECKED).check(make_plan("one"), ROWS, flown(host="node7"))  # of one kind: not flown again
+    Attestation(CHECKED).check(
+        make_plan("one"), ROWS, flown(host="node7")
+    )  # of one kind: not flown again
     assert not capfd.readouterr().err
     attestation, block = Attestation(CHECKED, every), flown(**changes)
     for _ in range(2):
         attestation.check(make_plan("one"), ROWS, block)
     assert capfd.readouterr().err.count("is the same here, bit for bit") == 1
-    wrong = replace(block, metrics=block.metrics * (1.0 + 4e-16), flown_by=(block.flown_by[0]._replace(process=1),))
-    with pytest.raises(UnusableError, match=r"flies other bits than this machine .metrics of one flight of one"):
+    wrong = replace(
+        block,
+        metrics=block.metrics * (1.0 + 4e-16),
+        flown_by=(block.flown_by[0]._replace(process=1),),
+    )
+    with pytest.raises(
+        UnusableError, match=r"flies other bits than this machine .metrics of one flight of one"
+    ):
         Attestation(CHECKED, every).check(make_plan("one"), ROWS, wrong)
 
 
@@ -62,5 +73,8 @@ def test_flights_belong_to_who_flew_them_last():
         ("node7", ((32, 96),)),
     ]
     joined = join_flyers([*entries, *note_flyers([], (there,), "one", 128, 160)])
-    assert [entry.blocks["one"] for entry in joined] == [((0, 32), (96, 128)), ((32, 96), (128, 160))]
+    assert [entry.blocks["one"] for entry in joined] == [
+        ((0, 32), (96, 128)),
+        ((32, 96), (128, 160)),
+    ]
     assert note_flyers(joined, (here,), "one", 0, 160)[0].blocks == {"one": ((0, 160),)}

@@ -21,7 +21,13 @@ def test_disk_is_what_the_campaign_takes(tmp_path, capfd):
     run(campaign, tmp_path / "out")
     rows = sum(path.stat().st_size for path in (tmp_path / "out/flights").iterdir())
     assert cost.rows_bytes == pytest.approx(rows, rel=0.2)
-    assert (cost.flights, cost.controllers, cost.workers, cost.batch, cost.kept) == (300, 2, 2, 60, 6)
+    assert (cost.flights, cost.controllers, cost.workers, cost.batch, cost.kept) == (
+        300,
+        2,
+        2,
+        60,
+        6,
+    )
 
 
 def test_time_follows_the_flights(tmp_path):
@@ -35,7 +41,9 @@ def test_time_follows_the_flights(tmp_path):
 
 def test_a_dispersion_that_changes_nothing_is_refused(tmp_path):
     entry = "{aero.lift: {distribution: normal, sigma: 5 %}, mass.total: {distribution: uniform, half_width: 5 %}}"
-    with pytest.raises(InputError, match=r"'mass\.total' from 0\.95 to 1\.05, which changes no controller's flight"):
+    with pytest.raises(
+        InputError, match=r"'mass\.total' from 0\.95 to 1\.05, which changes no controller's flight"
+    ):
         run(write_campaign(tmp_path / "files", dispersions=entry), tmp_path / "out")
     assert not (tmp_path / "out").exists()
 

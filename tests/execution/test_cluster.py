@@ -64,7 +64,11 @@ class Dask:
 
     def start(self, *words):
         command = [sys.executable, "-m", "dask", *words, "--scheduler-file", str(self._file)]
-        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
+        quiet = {
+            "stdout": subprocess.DEVNULL,
+            "stderr": subprocess.DEVNULL,
+            "start_new_session": True,
+        }
         self.processes.append(subprocess.Popen(command, env=self._environment, **quiet))
         return self.processes[-1]
 
@@ -104,7 +108,9 @@ RUNS = 192
 @pytest.fixture(scope="module")
 def local_folder(tmp_path_factory):
     """Compiled flights by two workers of this machine."""
-    request = Request(REAL, tmp_path_factory.mktemp("local") / "out", RUNS, controllers=("tlc",), workers=2)
+    request = Request(
+        REAL, tmp_path_factory.mktemp("local") / "out", RUNS, controllers=("tlc",), workers=2
+    )
     return run_campaign(request, make_engine()).folder
 
 
@@ -119,18 +125,31 @@ def two_workers(tmp_path_factory):
 
 def test_a_cluster_shards_and_one_worker_give_the_same_bits(local_folder, two_workers, tmp_path):
     """Digest, envelopes and histories of compiled flights."""
-    asked = Request(REAL, tmp_path / "dask", RUNS, controllers=("tlc",), scheduler=two_workers.address)
+    asked = Request(
+        REAL, tmp_path / "dask", RUNS, controllers=("tlc",), scheduler=two_workers.address
+    )
     folders = [run_campaign(asked, make_engine()).folder]
-    folders.append(run_campaign(replace(asked, out=tmp_path / "one", scheduler=None, workers=1), make_engine()).folder)
+    folders.append(
+        run_campaign(
+            replace(asked, out=tmp_path / "one", scheduler=None, workers=1), make_engine()
+        ).folder
+    )
     parts = [tmp_path / "part1", tmp_path / "part2"]
     for i, part in enumerate(parts, 1):
         run_campaign(replace(asked, out=part, scheduler=None, shard=(i, 2)), make_engine())
     folders.append(merge_campaign(parts, tmp_path / "merged").folder)
-    digests = {json.loads((folder / "manifest.json").read_text())["digest"] for folder in (local_folder, *folders)}
+    digests = {
+        json.loads((folder / "manifest.json").read_text())["digest"]
+        for folder in (local_folder, *folders)
+    }
     assert len(digests) == 1
     for name in ("envelopes.parquet", "histories/tlc-000000.parquet"):
-        whole = pq.read_table(local_folder / name).to_pandas()  # whose equals takes not-a-number as equal to itself
-        assert len(whole) and all(pq.read_table(folder / name).to_pandas().equals(whole) for folder in folders), name
+        whole = pq.read_table(
+            local_folder / name
+        ).to_pandas()  # whose equals takes not-a-number as equal to itself
+        assert len(whole) and all(
+            pq.read_table(folder / name).to_pandas().equals(whole) for folder in folders
+        ), name
 
 
 def test_a_plan_that_waits_on_a_killed_worker_is_held_anew(dask):
@@ -142,7 +161,9 @@ def test_a_plan_that_waits_on_a_killed_worker_is_held_anew(dask):
         cluster.limit = 60.0
 
         def start(name):
-            work = threading.Thread(target=lambda: flown.update({name: cluster.fly(make_plan(name), rows)}))
+            work = threading.Thread(
+                target=lambda: flown.update({name: cluster.fly(make_plan(name), rows)})
+            )
             work.start()
             return work
 
@@ -159,10 +180,14 @@ def test_a_plan_that_waits_on_a_killed_worker_is_held_anew(dask):
         waiting.join()
     expected = fly(make_plan("two"), rows)
     for block in flown.values():
-        assert np.array_equal(block.outcome, expected.outcome) and np.array_equal(block.metrics, expected.metrics)
+        assert np.array_equal(block.outcome, expected.outcome) and np.array_equal(
+            block.metrics, expected.metrics
+        )
 
 
-def test_a_scheduler_that_dies_ends_the_campaign_in_words_and_the_same_command_goes_on(dask, tmp_path):
+def test_a_scheduler_that_dies_ends_the_campaign_in_words_and_the_same_command_goes_on(
+    dask, tmp_path
+):
     dask.start_worker()
     campaign, out = write_campaign(tmp_path / "f", execution="{batch: 8}"), tmp_path / "out"
 
@@ -176,9 +201,13 @@ def test_a_scheduler_that_dies_ends_the_campaign_in_words_and_the_same_command_g
     with pytest.raises(BaseException) as ended:  # noqa: PT011  # of many kinds
         run(campaign, out, replace(ENGINE, fly=fly_slowly), scheduler=dask.address)
     killer.join()
-    assert isinstance(ended.value, UnusableError) or exit_code_of(ended.value) == ExitCode.INCOMPLETE
+    assert (
+        isinstance(ended.value, UnusableError) or exit_code_of(ended.value) == ExitCode.INCOMPLETE
+    )
     kept = sum(1 for _ in (out / "flights").glob("*.parquet"))
-    assert 5 <= kept < 76 and json.loads((out / "manifest.json").read_text())["state"] == "interrupted"
+    assert (
+        5 <= kept < 76 and json.loads((out / "manifest.json").read_text())["state"] == "interrupted"
+    )
     whole = run(campaign, tmp_path / "whole").manifest
     assert run(campaign, out).manifest.digest == whole.digest
 
@@ -186,11 +215,15 @@ def test_a_scheduler_that_dies_ends_the_campaign_in_words_and_the_same_command_g
 def test_a_flight_that_hangs_costs_its_row_there_too(dask, tmp_path):
     dask.start_worker()
     execution = "{batch: 16, flight_time_limit: 0.5 s}"
-    campaign = write_campaign(tmp_path / "f", execution=execution, runs="16", controllers="{one: one.yaml}")
+    campaign = write_campaign(
+        tmp_path / "f", execution=execution, runs="16", controllers="{one: one.yaml}"
+    )
     request = Request(campaign, tmp_path / "out", workers=1, scheduler=dask.address)
     manifest = run_campaign(request, replace(ENGINE, fly=fly_hanging)).manifest
     density = pq.read_table(tmp_path / "out/samples.parquet")["atmosphere.density"].to_numpy()
-    assert manifest.controllers["one"].failed_to_run == tuple(np.flatnonzero((density > 1.0) & (density < 1.01)))
+    assert manifest.controllers["one"].failed_to_run == tuple(
+        np.flatnonzero((density > 1.0) & (density < 1.01))
+    )
     assert (manifest.runs_done, manifest.runs_failed) == (15, 1)
 
 
@@ -217,7 +250,11 @@ def test_searches_find_the_same_on_a_cluster(tmp_path, two_workers):
         (find_worst, WorstSettings(METRIC, flights=200)),
     ):
         here, there = (
-            find(SearchRequest(line, tmp_path / f"{find.__name__}{i}", scheduler=where), settings, LINE).numbers()
+            find(
+                SearchRequest(line, tmp_path / f"{find.__name__}{i}", scheduler=where),
+                settings,
+                LINE,
+            ).numbers()
             for i, where in enumerate((None, address))
         )
         assert here == there
@@ -237,6 +274,7 @@ def test_a_users_simulator_flies_on_a_cluster(two_workers, tmp_path, monkeypatch
     assert far.complete and far.digest == local.digest
     for name in ("v1", "v2"):
         kept, theirs = (
-            pq.read_table(next((tmp_path / at / "histories").glob(f"{name}-*.parquet"))) for at in ("local", "far")
+            pq.read_table(next((tmp_path / at / "histories").glob(f"{name}-*.parquet")))
+            for at in ("local", "far")
         )
         assert len(kept) and kept.equals(theirs)

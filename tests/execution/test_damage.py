@@ -35,12 +35,22 @@ GONE = pytest.param(lambda path: path.unlink(), id="gone", marks=pytest.mark.tho
 
 @pytest.mark.parametrize("damage", [pytest.param(flip_a_bit, id="a flipped bit"), GONE])
 @pytest.mark.parametrize(
-    "complete", [pytest.param(False, id="interrupted"), pytest.param(True, id="complete", marks=pytest.mark.thorough)]
+    "complete",
+    [
+        pytest.param(False, id="interrupted"),
+        pytest.param(True, id="complete", marks=pytest.mark.thorough),
+    ],
 )
-def test_flights_are_flown_again_and_other_damage_is_named(flown, tmp_path, complete, damage, capfd):
+def test_flights_are_flown_again_and_other_damage_is_named(
+    flown, tmp_path, complete, damage, capfd
+):
     campaign, whole = write_campaign(tmp_path / "f", **ENTRIES), flown.manifest
     run(campaign, tmp_path / "base", ENGINE if complete else interrupted_after(8))
-    files = [path.relative_to(tmp_path / "base") for path in sorted((tmp_path / "base").rglob("*")) if path.is_file()]
+    files = [
+        path.relative_to(tmp_path / "base")
+        for path in sorted((tmp_path / "base").rglob("*"))
+        if path.is_file()
+    ]
     again = set()
     for file in files:
         out = tmp_path / "out"
@@ -54,7 +64,10 @@ def test_flights_are_flown_again_and_other_damage_is_named(flown, tmp_path, comp
             result = run(campaign, out)
             assert result.complete and result.manifest.digest == whole.digest, file
             for name in ("envelopes.parquet", "histories/one-000000.parquet"):
-                assert pq.read_table(out / name).equals(pq.read_table(flown.folder / name)), (file, name)
+                assert pq.read_table(out / name).equals(pq.read_table(flown.folder / name)), (
+                    file,
+                    name,
+                )
         else:
             with pytest.raises(InputError, match=f"{file}: .*--fresh"):
                 run(campaign, out)
@@ -78,7 +91,9 @@ def test_a_block_with_a_flight_that_could_not_be_computed_is_flown_again(flown, 
     assert first.runs_failed == 4 and first.digest != whole.digest
     again = run(campaign, tmp_path / "out").manifest
     assert again.runs_failed == 0 and again.digest == whole.digest
-    assert pq.read_table(tmp_path / "out/envelopes.parquet").equals(pq.read_table(flown.folder / "envelopes.parquet"))
+    assert pq.read_table(tmp_path / "out/envelopes.parquet").equals(
+        pq.read_table(flown.folder / "envelopes.parquet")
+    )
 
 
 def test_a_folder_of_another_format_is_refused(flown, tmp_path, capfd):

@@ -25,7 +25,9 @@ ENTRIES = {
 
 
 def run(tmp_path, name, engine=ENGINE, **entries):
-    return run_campaign(Request(write_campaign(tmp_path / "files", **ENTRIES | entries), tmp_path / name), engine)
+    return run_campaign(
+        Request(write_campaign(tmp_path / "files", **ENTRIES | entries), tmp_path / name), engine
+    )
 
 
 @pytest.fixture(scope="module")
@@ -41,10 +43,17 @@ def test_flights_are_those_of_the_derived_rows_and_the_table_holds_what_was_draw
     rows[:, PARAMETER_INDEX["aero.lift"]] = lift
     rows[:, PARAMETER_INDEX["aero.drag"]] = 1.0 + 2.0 * (lift - 1.0)
     rows[:, PARAMETER_INDEX["atmosphere.density"]] = density - 0.5 * (lift - 1.0)
-    table = pq.read_table(flown.folder / "flights").to_pandas().query("controller == 'one'").sort_values("flight")
+    table = (
+        pq.read_table(flown.folder / "flights")
+        .to_pandas()
+        .query("controller == 'one'")
+        .sort_values("flight")
+    )
     block = fly(make_plan("one"), rows)
     for metric in ("altitude_error_max_m", "fuel_used_kg"):
-        np.testing.assert_array_equal(table[metric].to_numpy(), block.metrics[:, METRIC_INDEX[metric]])
+        np.testing.assert_array_equal(
+            table[metric].to_numpy(), block.metrics[:, METRIC_INDEX[metric]]
+        )
 
 
 def test_interrupted_and_in_other_blocks_it_has_the_same_bits(flown, tmp_path):
@@ -60,10 +69,19 @@ def test_interrupted_and_in_other_blocks_it_has_the_same_bits(flown, tmp_path):
 
 
 def test_a_failure_is_explained_by_what_was_drawn(flown):
-    table = pq.read_table(flown.folder / "flights").to_pandas().query("controller == 'two' and outcome != 'ok'")
-    found = [explain_flight(flown.folder, "two", int(flight), fly) for flight in table["flight"][:10]]
+    table = (
+        pq.read_table(flown.folder / "flights")
+        .to_pandas()
+        .query("controller == 'two' and outcome != 'ok'")
+    )
+    found = [
+        explain_flight(flown.folder, "two", int(flight), fly) for flight in table["flight"][:10]
+    ]
     asked = read_flown(flown.folder).campaign
-    assert found and {cause for each in found for cause in each.causes} <= {"atmosphere.density", "aero.lift"}
+    assert found and {cause for each in found for cause in each.causes} <= {
+        "atmosphere.density",
+        "aero.lift",
+    }
     for each in found:
         _, _, whole = full_rows(asked.names, each.rows, asked.derived)
         lift = whole[PARAMETER_INDEX["aero.lift"]]

@@ -34,7 +34,9 @@ def whole(tmp_path_factory):
 def find_stability(campaign, plans):
     """What the vehicle's files hold when margins are found, at the end of the run."""
     vehicle = campaign.model.vehicle
-    return {"vehicle": (read_input(vehicle) + read_input(vehicle.parent / "tables/cl.csv")).decode()}
+    return {
+        "vehicle": (read_input(vehicle) + read_input(vehicle.parent / "tables/cl.csv")).decode()
+    }
 
 
 WITH_STABILITY = replace(ENGINE, find_stability=find_stability)
@@ -59,14 +61,18 @@ def editing(file, when):
     return replace(WITH_STABILITY, prepare=prepare_and_edit, fly=fly_and_edit)
 
 
-@pytest.mark.parametrize(("name", "when"), list(zip(FILES, ("prepare", "fly", "prepare", "fly"), strict=True)))
+@pytest.mark.parametrize(
+    ("name", "when"), list(zip(FILES, ("prepare", "fly", "prepare", "fly"), strict=True))
+)
 def test_what_flies_is_what_was_read(whole, campaign, tmp_path, name, when):
     flown = run(campaign, tmp_path / "out", editing(campaign.parent / name, when))
     assert "edited" in (campaign.parent / name).read_text()
     assert flown.manifest.digest == whole.manifest.digest
     assert flown.manifest.inputs == whole.manifest.inputs
     assert read_checked(CampaignFolder(tmp_path / "out")).files == flown.manifest.files
-    assert (tmp_path / "out/margins.json").read_bytes() == (whole.folder / "margins.json").read_bytes()
+    assert (tmp_path / "out/margins.json").read_bytes() == (
+        whole.folder / "margins.json"
+    ).read_bytes()
 
 
 def test_a_search_flies_what_was_read(campaign, tmp_path):

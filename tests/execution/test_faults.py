@@ -27,7 +27,9 @@ def is_bad(density):
 
 
 def _plant(fault, plan, parameters, every):
-    if (is_bad(parameters[:, DENSITY]) & (parameters[:, DENSITY] != 1.0)).any():  # the nominal flight stands at 1
+    if (
+        is_bad(parameters[:, DENSITY]) & (parameters[:, DENSITY] != 1.0)
+    ).any():  # the nominal flight stands at 1
         fault()
     return fly(plan, parameters, every)
 
@@ -86,7 +88,9 @@ def engine_of(function):
 def test_a_bad_flight_costs_its_row(tmp_path, function, isolation, reason, capfd):
     # Blocks of 150 need ten limits of processor time, so a hanging flight is found after 3 s, then after 0.3 s, twice.
     execution = f"{{workers: 2, batch: 150, isolation: {isolation}, flight_time_limit: 0.3 s}}"
-    campaign = write_campaign(tmp_path / "f", execution=execution, keep=KEEP, controllers="{one: one.yaml}")
+    campaign = write_campaign(
+        tmp_path / "f", execution=execution, keep=KEEP, controllers="{one: one.yaml}"
+    )
     whole = run(campaign, tmp_path / "a")
     flawed = run(campaign, tmp_path / "b", engine_of(function))
     rows = [pq.read_table(tmp_path / out / "flights").sort_by("flight") for out in ("a", "b")]
@@ -130,7 +134,9 @@ def test_killed_workers_lose_nothing(tmp_path, capfd):
 
     def kill_workers():
         while not ended.wait(moments.uniform(0.1, 0.4)):
-            workers = [c for p in psutil.Process().children() for c in p.children()]  # of the server they fork from
+            workers = [
+                c for p in psutil.Process().children() for c in p.children()
+            ]  # of the server they fork from
             if workers and len(kills) < 10:
                 kills.append(moments.choice(workers).pid)
                 os.kill(kills[-1], signal.SIGKILL)

@@ -21,7 +21,11 @@ def draw(experiment, flights):
 
 
 def test_a_table_of_samples_gives_the_campaigns_flights_to_the_bit(tmp_path):
-    path = write_campaign(tmp_path, runs="70", keep="{histories: {flights: [3], rate: 10 Hz}, envelopes: {rate: 5 Hz}}")
+    path = write_campaign(
+        tmp_path,
+        runs="70",
+        keep="{histories: {flights: [3], rate: 10 Hz}, envelopes: {rate: 5 Hz}}",
+    )
     folder = run(path, tmp_path / "flown", workers=1).folder
     experiment, flown = read_campaign(path), read_flown(folder).flights
     found = simulate_table(experiment, draw(experiment, 70), channels=[HEIGHT], engine=ENGINE)
@@ -32,8 +36,12 @@ def test_a_table_of_samples_gives_the_campaigns_flights_to_the_bit(tmp_path):
             np.testing.assert_array_equal(one[metric].to_numpy(), values)
         assert [code == "ok" for code in one.outcome.to_numpy()] == (~flights.failed).tolist()
         again = replay_flight(folder, name, 3, ENGINE.fly).block
-        height = dict(zip(again.times.tolist(), again.history[0, :, CHANNEL_INDEX[HEIGHT]], strict=True))
-        np.testing.assert_array_equal(one[HEIGHT].sel(flight=3), [height[t] for t in found.time.to_numpy().tolist()])
+        height = dict(
+            zip(again.times.tolist(), again.history[0, :, CHANNEL_INDEX[HEIGHT]], strict=True)
+        )
+        np.testing.assert_array_equal(
+            one[HEIGHT].sel(flight=3), [height[t] for t in found.time.to_numpy().tolist()]
+        )
 
 
 def test_what_is_no_column_is_nominal_and_the_index_numbers_the_flights(tmp_path):
@@ -43,7 +51,10 @@ def test_what_is_no_column_is_nominal_and_the_index_numbers_the_flights(tmp_path
     whole = pd.DataFrame({"atmosphere.density": [1.1], "aero.lift": [1.0]})
     same = simulate_table(experiment, whole, ["two"], engine=ENGINE)
     assert found.flight.to_numpy().tolist() == [7, 9]
-    assert found.altitude_error_max_m.sel(flight=9).item() == same.altitude_error_max_m.sel(flight=0).item()
+    assert (
+        found.altitude_error_max_m.sel(flight=9).item()
+        == same.altitude_error_max_m.sel(flight=0).item()
+    )
 
 
 @pytest.mark.parametrize(

@@ -56,7 +56,9 @@ def describe(process, parent):
         return "parent"
     if psutil.Process(process).ppid() != parent:
         return "worker"
-    return "tracker" if "resource_tracker" in " ".join(psutil.Process(process).cmdline()) else "server"
+    return (
+        "tracker" if "resource_tracker" in " ".join(psutil.Process(process).cmdline()) else "server"
+    )
 
 
 class Campaign:
@@ -69,19 +71,29 @@ class Campaign:
 
     def live(self, out):
         """Start it, kill what chance names; how it ended, None where it was killed itself."""
-        child = SERVER.Process(target=fly_in_child, args=(self.file, out, self.number, self.isolation))
+        child = SERVER.Process(
+            target=fly_in_child, args=(self.file, out, self.number, self.isolation)
+        )
         child.start()
-        if self.isolation == PROCESSES and self.moments.random() < 0.8:  # in the air: processes take time to start
+        if (
+            self.isolation == PROCESSES and self.moments.random() < 0.8
+        ):  # in the air: processes take time to start
             held = count_blocks(out)
             while child.exitcode is None and count_blocks(out) == held:
                 child.join(0.02)
         while len(self.kills) < ROUNDS:
             child.join(self.moments.uniform(0.0, 0.4))
-            others = [process for process in psutil.process_iter() if in_session(process, child.pid)]
+            others = [
+                process for process in psutil.process_iter() if in_session(process, child.pid)
+            ]
             others = sorted({process.pid for process in others} - {child.pid})
             if child.exitcode is not None:
                 return child.exitcode
-            victim = self.moments.choice(others) if others and self.moments.random() < OTHERS else child.pid
+            victim = (
+                self.moments.choice(others)
+                if others and self.moments.random() < OTHERS
+                else child.pid
+            )
             with contextlib.suppress(ProcessLookupError, psutil.NoSuchProcess):
                 kind = describe(victim, child.pid)
                 os.kill(victim, signal.SIGKILL)
@@ -138,7 +150,9 @@ def test_runs_that_start_in_one_new_folder_at_the_same_moment(tmp_path, capfd):
     whole = run(campaign, tmp_path / "whole").manifest
     for k in range(4):
         out = tmp_path / f"out{k}"
-        children = [SERVER.Process(target=fly_in_child, args=(campaign, out, 4096)) for _ in range(3)]
+        children = [
+            SERVER.Process(target=fly_in_child, args=(campaign, out, 4096)) for _ in range(3)
+        ]
         for child in children:
             child.start()
         for child in children:

@@ -40,7 +40,9 @@ REQUIRED = "[{metric: gain_margin_min_db, above: 0.1, probability: 0.5, consumer
 
 
 def _write(path, margins, requirements="[]", batch="auto"):
-    text = CAMPAIGN.format(configs=shipped_configs(), margins=margins, requirements=requirements, batch=batch)
+    text = CAMPAIGN.format(
+        configs=shipped_configs(), margins=margins, requirements=requirements, batch=batch
+    )
     path.write_text(text, encoding="utf-8")
     return path
 
@@ -63,14 +65,21 @@ def test_the_first_flights_have_them_whatever_flies_the_blocks(flights_only, tmp
     second = run(other, tmp_path / "b", flights_only, workers=1)
     assert second.manifest.digest == first.manifest.digest
     tlc, lqr = _table(first.folder, "tlc"), _table(first.folder, "lqr")
-    assert np.isnan(tlc["gain_margin_min_db"][12:]).all() and np.isfinite(tlc["disk_margin_min"][:12]).all()
+    assert (
+        np.isnan(tlc["gain_margin_min_db"][12:]).all()
+        and np.isfinite(tlc["disk_margin_min"][:12]).all()
+    )
     rudder = tlc["control.rudder_effectiveness"][:12]
     unstable = tlc["margin_points_unstable"][:12] > 0
     assert (unstable == (rudder > 1.098)).all() and 0 < unstable.sum() < 12
     assert (tlc["gain_margin_min_db"][:12][unstable] == 0.0).all()
     weak = (rudder > 1.0) & ~unstable
-    assert np.allclose(tlc["gain_margin_min_db"][:12][weak], 20 * np.log10(1.0984 / rudder[weak]), atol=0.1)
-    assert (lqr["margin_points_unstable"][:12] == 2).all() and (lqr["phase_margin_min_deg"][:12] == 0.0).all()
+    assert np.allclose(
+        tlc["gain_margin_min_db"][:12][weak], 20 * np.log10(1.0984 / rudder[weak]), atol=0.1
+    )
+    assert (lqr["margin_points_unstable"][:12] == 2).all() and (
+        lqr["phase_margin_min_deg"][:12] == 0.0
+    ).all()
     replay = replay_flight(first.folder, "tlc", 3, flights_only.fly)
     assert replay.differences == ()
 
@@ -85,16 +94,22 @@ LAWS = (
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.thorough) for k in range(1, 4))])
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(k, marks=pytest.mark.thorough) for k in range(1, 4))]
+)
 def test_no_dispersion_and_no_margin_costs_a_flown_campaign(engine, tmp_path, seed):
     """A lognormal mass had a corner of 0 kg, and the campaign ended in a traceback after all of its flights."""
     chance = random.Random(seed)
-    laws = {"mass.total": LAWS[seed]} | {name: chance.choice(LAWS) for name in chance.sample(FACTORS, 3)}
+    laws = {"mass.total": LAWS[seed]} | {
+        name: chance.choice(LAWS) for name in chance.sample(FACTORS, 3)
+    }
     path = _write(tmp_path / "c.yaml", "{at: [trim, 1 s], flights: all}")
     head, _, rest = path.read_text(encoding="utf-8").partition("  control.rudder")
     entries = "".join(f"  {name}: {{distribution: {law}}}\n" for name, law in laws.items())
     text = f"{head}{entries}requirements{rest.partition('requirements')[2]}"
-    path.write_text(text.replace(f", lqr: {shipped_configs()}/control/lqr.yaml", ""), encoding="utf-8")
+    path.write_text(
+        text.replace(f", lqr: {shipped_configs()}/control/lqr.yaml", ""), encoding="utf-8"
+    )
     manifest = run(path, tmp_path / "c", engine, runs=6, workers=1).manifest
     assert manifest.state == "complete" and manifest.runs_failed == 0
     stability = json.loads((tmp_path / "c/margins.json").read_text(encoding="utf-8"))["controllers"]
@@ -117,7 +132,9 @@ def test_margins_that_fail_are_named_and_cost_no_flight(engine, tmp_path, monkey
     failed = table["control.rudder_effectiveness"] > 1.15
     assert 0 < failed.sum() < 12 and np.array_equal(np.isnan(table["gain_margin_min_db"]), failed)
     numbers = make_numbers(Models(read_flown(folder)))
-    assert f"margins of TLC could not be computed in {failed.sum()} flights" in numbers["warnings"][0]
+    assert (
+        f"margins of TLC could not be computed in {failed.sum()} flights" in numbers["warnings"][0]
+    )
     assert "ZeroDivisionError" in numbers["margins"]["steady"]["controllers"]["tlc"]["fault"]
 
 
@@ -159,22 +176,41 @@ def test_a_missed_margin_is_explained(flights_only, required):
     missed = _table(required.folder, "tlc")["gain_margin_min_db"] <= 0.1
     assert missed.any() and not missed.all()
     found = explain_flight(
-        required.folder, "tlc", int(np.flatnonzero(missed)[0]), flights_only.fly, "gain_margin_min_db"
+        required.folder,
+        "tlc",
+        int(np.flatnonzero(missed)[0]),
+        flights_only.fly,
+        "gain_margin_min_db",
     )
-    assert found.causes == ("control.rudder_effectiveness",) and "gain_margin_min_db" in found.failure.words
+    assert (
+        found.causes == ("control.rudder_effectiveness",)
+        and "gain_margin_min_db" in found.failure.words
+    )
     flights = np.flatnonzero(missed).tolist()
     mapped = map_failures(required.folder, {"tlc": flights}, flights_only).controllers["tlc"]
     groups = [group for group in mapped.groups if "gain_margin_min_db" in group.failure]
-    assert [[each.parameter for each in group.dispersions] for group in groups] == [["control.rudder_effectiveness"]]
+    assert [[each.parameter for each in group.dispersions] for group in groups] == [
+        ["control.rudder_effectiveness"]
+    ]
     assert sorted(groups[0].flights) == flights
     with pytest.raises(InputError, match="kept gain_margin_min_db"):
-        explain_flight(required.folder, "tlc", int(np.flatnonzero(~missed)[0]), flights_only.fly, "gain_margin_min_db")
+        explain_flight(
+            required.folder,
+            "tlc",
+            int(np.flatnonzero(~missed)[0]),
+            flights_only.fly,
+            "gain_margin_min_db",
+        )
 
 
 @pytest.mark.parametrize(
     ("margins", "late", "words"),
     [
-        ("null", "sensor.delay: {distribution: uniform, low: 0 ms, high: 300 ms}", r"300 ms.*0 to 250 ms"),
+        (
+            "null",
+            "sensor.delay: {distribution: uniform, low: 0 ms, high: 300 ms}",
+            r"300 ms.*0 to 250 ms",
+        ),
         (
             "{at: [trim]}",
             "sensor.bank_interval: {distribution: discrete, values: [10 ms, 1.01 s]}",
@@ -182,9 +218,14 @@ def test_a_missed_margin_is_explained(flights_only, required):
         ),
     ],
 )
-def test_delays_and_samples_that_come_too_late_are_refused(flights_only, tmp_path, margins, late, words):
+def test_delays_and_samples_that_come_too_late_are_refused(
+    flights_only, tmp_path, margins, late, words
+):
     path = _write(tmp_path / "e.yaml", margins)
-    path.write_text(path.read_text("utf-8").replace("requirements:", f"  {late}\nrequirements:"), encoding="utf-8")
+    path.write_text(
+        path.read_text("utf-8").replace("requirements:", f"  {late}\nrequirements:"),
+        encoding="utf-8",
+    )
     with pytest.raises(InputError, match=words):
         run(path, tmp_path / "e", flights_only, workers=1)
     assert not (tmp_path / "e").exists()

@@ -19,7 +19,12 @@ from abhv_mc.folder.manifest import read_manifest, write_manifest
 from abhv_mc.io.input_error import InputError
 from abhv_mc.results import open_results
 
-FILES = ("samples.parquet", "envelopes.parquet", "histories/one-000000.parquet", "histories/two-000000.parquet")
+FILES = (
+    "samples.parquet",
+    "envelopes.parquet",
+    "histories/one-000000.parquet",
+    "histories/two-000000.parquet",
+)
 
 
 def fly_shards(tmp_path, number=3, **entries):
@@ -54,12 +59,16 @@ def test_merged_shards_are_the_whole_campaign(tmp_path, number, sampling, monkey
     assert merged.manifest.runs_done == 300 and merged.manifest.requirements == whole.requirements
     assert merged.manifest.campaign_hash == whole.campaign_hash
     for name in FILES:
-        assert pq.read_table(tmp_path / "whole" / name).equals(pq.read_table(tmp_path / "merged" / name))
+        assert pq.read_table(tmp_path / "whole" / name).equals(
+            pq.read_table(tmp_path / "merged" / name)
+        )
 
 
 def test_a_shard_holds_its_flights_only_and_resumes(shards):
     campaign, parts = shards
-    assert sorted(set(pq.read_table(parts[1] / "flights")["flight"].to_pylist())) == list(range(100, 200))
+    assert sorted(set(pq.read_table(parts[1] / "flights")["flight"].to_pylist())) == list(
+        range(100, 200)
+    )
     next((parts[1] / "flights").glob("one-*")).unlink()
     assert run(campaign, parts[1], shard=(2, 3)).complete
     for shard in (None, (1, 3)):
@@ -98,7 +107,12 @@ def test_a_flipped_bit_in_a_part_is_told_or_its_flights_flown_again(tmp_path, st
     keep = "{histories: {flights: [worst 3], rate: 10 Hz}, envelopes: {rate: 2 Hz, channels: [altitude_m]}}"
     campaign, parts = fly_shards(tmp_path, 2, runs="60", keep=keep, execution="{batch: 15}")
     whole = run(campaign, tmp_path / "whole", engine).manifest
-    files = [path for part in parts for path in sorted(part.rglob("*")) if path.is_file() and path.name != ".lock"]
+    files = [
+        path
+        for part in parts
+        for path in sorted(part.rglob("*"))
+        if path.is_file() and path.name != ".lock"
+    ]
     chance, again = random.Random(7), []
     for file in files[::step]:
         content = file.read_bytes()
@@ -113,14 +127,20 @@ def test_a_flipped_bit_in_a_part_is_told_or_its_flights_flown_again(tmp_path, st
             again.append(file.parent.name)
             assert merged.complete and merged.manifest.digest == whole.digest, (file, place)
             for name in (*FILES[:3], "margins.json"):
-                assert (out / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), (file, place, name)
+                assert (out / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), (
+                    file,
+                    place,
+                    name,
+                )
             assert open_results(out).complete
         file.write_bytes(content)
         shutil.rmtree(out, ignore_errors=True)
     assert set(again) == {"flights", "blocks"}
 
 
-@pytest.mark.parametrize("fault", [KeyboardInterrupt, OSError(errno.ENOSPC, "No space left on device")])
+@pytest.mark.parametrize(
+    "fault", [KeyboardInterrupt, OSError(errno.ENOSPC, "No space left on device")]
+)
 def test_a_merge_that_was_interrupted_goes_on(tmp_path, monkeypatch, fault):
     """'The same command goes on', it said, and then refused: the folder was not empty, or a campaign's."""
     campaign, parts = fly_shards(tmp_path, 2, runs="60", execution="{batch: 15}")

@@ -33,7 +33,9 @@ def flown(flights_only, tmp_path_factory):
 def test_the_digest_is_the_same_however_it_is_flown(flown, flights_only, tmp_path):
     text = CAMPAIGN.read_text(encoding="utf-8").replace("batch: auto", "batch: 7")
     other = tmp_path / "other.yaml"
-    other.write_text(text.replace("../configs", str(CAMPAIGN.parents[1] / "configs")), encoding="utf-8")
+    other.write_text(
+        text.replace("../configs", str(CAMPAIGN.parents[1] / "configs")), encoding="utf-8"
+    )
     stopped = interrupted_after(5, replace(flights_only, isolation="threads"))
     first = run(other, tmp_path / "b", stopped, runs=RUNS, workers=1)
     assert not first.complete
@@ -41,7 +43,9 @@ def test_the_digest_is_the_same_however_it_is_flown(flown, flights_only, tmp_pat
     assert second.manifest.digest == flown.manifest.digest
     alone = run(CAMPAIGN, tmp_path / "c", flights_only, runs=RUNS, controllers=("tlc",))
     assert alone.manifest.digests["tlc"] == flown.manifest.digests["tlc"]
-    tables = [pq.read_table(folder / "envelopes.parquet") for folder in (flown.folder, tmp_path / "b")]
+    tables = [
+        pq.read_table(folder / "envelopes.parquet") for folder in (flown.folder, tmp_path / "b")
+    ]
     assert tables[0].equals(tables[1])
 
 
@@ -63,9 +67,17 @@ def test_stored_plans_replay_to_the_bit(flown, flights_only, controller):
 def test_no_flight_leaves_the_band_of_all_flights_at_any_tick(flown, flights_only):
     """Bands were of samples a tenth of a second apart, and TLC's surfaces saturate in between."""
     samples = pq.read_table(flown.folder / "samples.parquet").drop_columns(["flight"])
-    rows = full_rows(samples.column_names, np.column_stack([column.to_numpy() for column in samples.columns]), ())
-    bands = pq.read_table(flown.folder / "envelopes.parquet").to_pandas().set_index(["controller", "channel"])
-    block = flights_only.fly(read_plan(flown.folder / "plans/tlc.npz", load_vehicle(VEHICLE)), rows, 1)
+    rows = full_rows(
+        samples.column_names, np.column_stack([column.to_numpy() for column in samples.columns]), ()
+    )
+    bands = (
+        pq.read_table(flown.folder / "envelopes.parquet")
+        .to_pandas()
+        .set_index(["controller", "channel"])
+    )
+    block = flights_only.fly(
+        read_plan(flown.folder / "plans/tlc.npz", load_vehicle(VEHICLE)), rows, 1
+    )
     between = 0
     for channel in ("aileron_deg", "rudder_deg", "sideslip_deg", "bank_deg", "speed_mps"):
         band, history = bands.loc["tlc", channel], block.history[:, :, CHANNEL_INDEX[channel]]
@@ -79,27 +91,46 @@ def test_no_flight_leaves_the_band_of_all_flights_at_any_tick(flown, flights_onl
 
 def test_a_metric_of_what_the_vehicle_does_not_have_is_refused(flights_only, tmp_path):
     """It passed: heat that is not a number was never above its limit."""
-    text = CAMPAIGN.read_text(encoding="utf-8").replace("../configs", str(CAMPAIGN.parents[1] / "configs"))
+    text = CAMPAIGN.read_text(encoding="utf-8").replace(
+        "../configs", str(CAMPAIGN.parents[1] / "configs")
+    )
     text += "metrics: {hot_s: {of: stagnation_heat_flux_w_m2, statistic: time_outside, limit: 1}}\n"
     (tmp_path / "c.yaml").write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=r"'hot_s', which is not a number in tlc's.*reference\.nose_radius"):
+    with pytest.raises(
+        InputError, match=r"'hot_s', which is not a number in tlc's.*reference\.nose_radius"
+    ):
         run(tmp_path / "c.yaml", tmp_path / "out", flights_only, runs=RUNS)
     assert not (tmp_path / "out").exists()
 
 
 # What GHAME-X's tables do not hold, and densities at heights that the S does not come near: refused in a campaign.
 WITHOUT_EFFECT = {
-    *(f"aero.{force}.{cause}" for force in ("lift", "drag") for cause in ("sideslip", "roll_rate", "pitch_rate")),
-    *(f"aero.{force}.{cause}" for force in ("lift", "drag") for cause in ("yaw_rate", "aileron", "rudder")),
+    *(
+        f"aero.{force}.{cause}"
+        for force in ("lift", "drag")
+        for cause in ("sideslip", "roll_rate", "pitch_rate")
+    ),
+    *(
+        f"aero.{force}.{cause}"
+        for force in ("lift", "drag")
+        for cause in ("yaw_rate", "aileron", "rudder")
+    ),
     "aero.drag.elevator",
     *(f"aero.side_force.{cause}" for cause in ("roll_rate", "pitch_rate", "yaw_rate", "elevator")),
     *(f"aero.rolling_moment.{cause}" for cause in ("pitch_rate", "elevator")),
-    *(f"aero.pitching_moment.{cause}" for cause in ("sideslip", "roll_rate", "yaw_rate", "aileron", "rudder")),
+    *(
+        f"aero.pitching_moment.{cause}"
+        for cause in ("sideslip", "roll_rate", "yaw_rate", "aileron", "rudder")
+    ),
     *(f"aero.yawing_moment.{cause}" for cause in ("pitch_rate", "elevator")),
     *(f"atmosphere.density_at_{km}km" for km in (10, 30, 35, 40)),
     *(f"control.effector_{i}_effectiveness" for i in range(16)),
     # What TLC does not measure.
-    *(f"sensor.{name}_{error}" for name in MORE_SENSORS for error in ("bias", "noise", "lag", "interval")),
+    *(
+        f"sensor.{name}_{error}"
+        for name in MORE_SENSORS
+        for error in ("bias", "noise", "lag", "interval")
+    ),
     *(f"sensor.{name}_scale" for name in MORE_SENSORS if name in SCALED_SENSORS),
 }
 MOVED = {"m": 5.0, "m/s": 2.0, "1/s": 1e-4, "rad": 0.002, "rad/s": 0.002, "s": 0.03, "-": 0.1}
@@ -114,9 +145,15 @@ LIMITS = {
 def test_every_parameter_changes_a_flight(flown, flights_only):
     """In a gusty, turbulent, noisy flight, where each of them has something to change."""
     # The first is no parameter of a vehicle; failures act in pairs, and have tests of their own.
-    listed = [parameter for parameter in PARAMETERS[1:] if not parameter.name.startswith("failure.")]
+    listed = [
+        parameter for parameter in PARAMETERS[1:] if not parameter.name.startswith("failure.")
+    ]
     base = nominal_parameters()[0]
-    for name, value in {"wind.gust_north": 3.0, "wind.gust_start": 5.0, "wind.turbulence": 0.5}.items():
+    for name, value in {
+        "wind.gust_north": 3.0,
+        "wind.gust_start": 5.0,
+        "wind.turbulence": 0.5,
+    }.items():
         base[PARAMETER_INDEX[name]] = value
     for parameter in listed:
         if parameter.name.endswith("_noise"):
@@ -125,6 +162,12 @@ def test_every_parameter_changes_a_flight(flown, flights_only):
     for row, parameter in zip(rows[1:], listed, strict=True):
         place = PARAMETER_INDEX[parameter.name]
         row[place] = LIMITS.get(parameter.name, row[place] + MOVED[parameter.unit])
-    metrics = flights_only.fly(read_plan(flown.folder / "plans/tlc.npz", load_vehicle(VEHICLE)), rows).metrics
-    still = {p.name for p, row in zip(listed, metrics[1:], strict=True) if np.array_equal(row, metrics[0])}
+    metrics = flights_only.fly(
+        read_plan(flown.folder / "plans/tlc.npz", load_vehicle(VEHICLE)), rows
+    ).metrics
+    still = {
+        p.name
+        for p, row in zip(listed, metrics[1:], strict=True)
+        if np.array_equal(row, metrics[0])
+    }
     assert still == WITHOUT_EFFECT

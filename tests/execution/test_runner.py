@@ -69,10 +69,15 @@ def test_what_a_folder_holds(whole):
     assert (found.failures, found.failures_ended_early, found.failures_measured) == (lost, lost, 0)
 
 
-@pytest.mark.parametrize("execution", ["{workers: 1}", "{workers: 3}", "{batch: 16}", "{batch: 1000}"])
+@pytest.mark.parametrize(
+    "execution", ["{workers: 1}", "{workers: 3}", "{batch: 16}", "{batch: 1000}"]
+)
 def test_neither_digest_nor_envelopes_depend_on_how_it_is_flown(whole, tmp_path, execution):
     other = run(write_campaign(tmp_path / "f", execution=execution), tmp_path / "b")
-    assert other.manifest.digests == whole.manifest.digests and other.manifest.digest == whole.manifest.digest
+    assert (
+        other.manifest.digests == whole.manifest.digests
+        and other.manifest.digest == whole.manifest.digest
+    )
     tables = [pq.read_table(result.folder / "envelopes.parquet") for result in (whole, other)]
     assert tables[0].equals(tables[1])
 
@@ -91,7 +96,9 @@ for _ in range(2):
 read_flown(out).ranking
 print("pandas" in sys.modules)
 """
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    ended = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
     assert ended.stdout == "False\n", ended.stderr
 
 
@@ -115,7 +122,10 @@ def test_envelopes_are_of_the_first_flights(campaign, tmp_path, monkeypatch):
     few = run(campaign, tmp_path / "few", runs=100).folder / "envelopes.parquet"
     campaign = write_campaign(tmp_path / "files", execution="{batch: 16}")
     many = run(campaign, tmp_path / "many").folder / "envelopes.parquet"
-    assert pq.read_table(few).equals(pq.read_table(many)) and pq.read_table(few)["count"].to_numpy().max() == 100
+    assert (
+        pq.read_table(few).equals(pq.read_table(many))
+        and pq.read_table(few)["count"].to_numpy().max() == 100
+    )
     assert pq.read_schema(many).metadata[b"flights"] == b"100"
     before = many.stat().st_mtime_ns
     run(campaign, tmp_path / "many", runs=400)
@@ -130,7 +140,9 @@ def test_extending_keeps_flights_bit_for_bit(whole, campaign, tmp_path):
     mask = np.tile(np.arange(300) < 100, 2)
     assert after.filter(mask).equals(before)
     assert result.manifest.digest == whole.manifest.digest
-    tables = [pq.read_table(folder / "envelopes.parquet") for folder in (result.folder, whole.folder)]
+    tables = [
+        pq.read_table(folder / "envelopes.parquet") for folder in (result.folder, whole.folder)
+    ]
     assert tables[0].equals(tables[1])
 
 
@@ -151,7 +163,9 @@ def test_requirements_of_controllers_that_are_flown_one_after_the_other(tmp_path
         f" {{metric: altitude_error_max_m, below: 1.8, {limits}, controllers: [one]}},"
         f" {{metric: altitude_error_max_m, below: 1.9, {limits}}}]"
     )
-    campaign = write_campaign(tmp_path / "f", runs="60", requirements=requirements, family="{method: holm, risk: 0.10}")
+    campaign = write_campaign(
+        tmp_path / "f", runs="60", requirements=requirements, family="{method: holm, risk: 0.10}"
+    )
     whole = run(campaign, tmp_path / "whole").manifest
 
     def pairs(manifest):
@@ -179,19 +193,32 @@ def test_requirements_without_controllers_follow_the_first_of_the_file(campaign,
     turned = write_campaign(tmp_path / "turned", controllers="{two: two.yaml, one: one.yaml}")
     assert judged(campaign, "a") == ["one"]
     assert judged(turned, "a") == ["two"]
-    assert json.loads((tmp_path / "a/manifest.json").read_text())["requirements"][0]["controller"] == "two"
-    assert judged(turned, "a", controllers=("one",)) == ["two"]  # asked for again; the campaign is the same
+    assert (
+        json.loads((tmp_path / "a/manifest.json").read_text())["requirements"][0]["controller"]
+        == "two"
+    )
+    assert judged(turned, "a", controllers=("one",)) == [
+        "two"
+    ]  # asked for again; the campaign is the same
     assert judged(campaign, "b", controllers=("one",)) == ["one"]
     assert judged(campaign, "b", controllers=("two",)) == ["one"]
     assert judged(turned, "b") == ["two"]
-    assert list(find_damage(CampaignFolder(tmp_path / "a"), read_manifest(tmp_path / "a/manifest.json"))) == []
+    assert (
+        list(
+            find_damage(CampaignFolder(tmp_path / "a"), read_manifest(tmp_path / "a/manifest.json"))
+        )
+        == []
+    )
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
         (dict(seed="6"), "seed: 5 -> 6"),
-        (dict(dispersions="{aero.lift: {distribution: normal, sigma: 6 %}}"), 'sigma: "5 %" -> "6 %"'),
+        (
+            dict(dispersions="{aero.lift: {distribution: normal, sigma: 6 %}}"),
+            'sigma: "5 %" -> "6 %"',
+        ),
     ],
 )
 def test_a_changed_campaign_does_not_resume(flown, tmp_path, change, words):
@@ -199,7 +226,9 @@ def test_a_changed_campaign_does_not_resume(flown, tmp_path, change, words):
     with pytest.raises(InputError) as caught:
         run(write_campaign(tmp_path / "files", **change), flown)
     assert words in str(caught.value)
-    assert held == {p: p.read_bytes() for p in flown.rglob("*") if p.is_file() and p.name != ".lock"}
+    assert held == {
+        p: p.read_bytes() for p in flown.rglob("*") if p.is_file() and p.name != ".lock"
+    }
 
 
 def test_a_changed_input_file_does_not_resume(campaign, flown):
@@ -217,7 +246,10 @@ def test_other_code_does_not_continue(campaign, tmp_path):
 
 def test_the_resolved_campaign_flies_the_same(whole, tmp_path):
     again = run(whole.folder / "campaign.yaml", tmp_path / "b").manifest
-    assert again.digest == whole.manifest.digest and again.campaign_hash == whole.manifest.campaign_hash
+    assert (
+        again.digest == whole.manifest.digest
+        and again.campaign_hash == whole.manifest.campaign_hash
+    )
 
 
 def test_two_processes_do_not_share_a_folder(campaign, flown):
@@ -259,7 +291,9 @@ def test_kept_histories_are_the_worst_and_the_chosen(whole):
     rows = flights(whole.folder).slice(0, 300)  # controller one
     early = np.array(rows["outcome"].to_pylist()) != "ok"
     metric = rows["altitude_error_max_m"].to_numpy()
-    worst = np.lexsort([np.arange(300), np.where(early, 0.0, -metric), ~early])[:5]  # all early ends at the same time
+    worst = np.lexsort([np.arange(300), np.where(early, 0.0, -metric), ~early])[
+        :5
+    ]  # all early ends at the same time
     table = pq.read_table(whole.folder / "histories/one-000000.parquet")
     assert sorted(set(table["flight"].to_pylist())) == sorted({7, *worst.tolist()})
     assert str(table.schema.field("altitude_m").type) == "float"
@@ -301,12 +335,16 @@ def test_envelopes_are_numpys_over_all_flights(tmp_path):
     for channel in ("bank_deg", "altitude_m"):
         rows = envelope[(envelope.controller == "two") & (envelope.channel == channel)]
         for _, row in rows.iterrows():
-            values = np.concatenate([t[np.isclose(t.time, row.time)][channel].to_numpy() for t in tables])
+            values = np.concatenate(
+                [t[np.isclose(t.time, row.time)][channel].to_numpy() for t in tables]
+            )
             assert row["count"] == len(values)
             wanted = np.quantile(values.astype(float), [0, 0.00135, 0.05, 0.5, 0.95, 0.99865, 1])
             found = row[["min", "q0.135", "q5", "q50", "q95", "q99.865", "max"]].to_numpy(float)
             np.testing.assert_allclose(found[1:-1], wanted[1:-1], rtol=1e-12)
-            assert found[0] <= wanted[0] and found[-1] >= wanted[-1]  # of every tick, see test_every_tick
+            assert (
+                found[0] <= wanted[0] and found[-1] >= wanted[-1]
+            )  # of every tick, see test_every_tick
 
 
 def test_fresh_from_the_folders_own_campaign_file(whole, flown):
@@ -316,7 +354,9 @@ def test_fresh_from_the_folders_own_campaign_file(whole, flown):
     assert (flown / "inputs/vehicle/tables/cl.csv").exists()
 
 
-def test_memory_does_not_fill_when_the_disk_is_slower_than_the_flights(campaign, tmp_path, monkeypatch):
+def test_memory_does_not_fill_when_the_disk_is_slower_than_the_flights(
+    campaign, tmp_path, monkeypatch
+):
     """Blocks between take-off and disk are bounded by the workers, not by the campaign."""
     flying, most = [0], [0]
 

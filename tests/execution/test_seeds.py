@@ -59,8 +59,12 @@ def test_each_flight_keeps_its_seed_and_number(flown, tmp_path):
         assert samples.slice(200 * number, 200).equals(own)
         flights = pq.read_table(tmp_path / "all/flights", filters=[("controller", "=", "two")])
         there = pq.read_table(folder / f"seed{seed}/flights", filters=[("controller", "=", "two")])
-        ours = np.array(flights.sort_by("flight")["altitude_error_max_m"])[200 * number : 200 * number + 200]
-        assert np.array_equal(ours, np.array(there.sort_by("flight")["altitude_error_max_m"]), equal_nan=True)
+        ours = np.array(flights.sort_by("flight")["altitude_error_max_m"])[
+            200 * number : 200 * number + 200
+        ]
+        assert np.array_equal(
+            ours, np.array(there.sort_by("flight")["altitude_error_max_m"]), equal_nan=True
+        )
     pooled = read_campaign(tmp_path / "all/campaign.yaml").model.pooled
     assert [(part.seed, part.runs) for part in pooled] == [(1, 200), (3, 200)]
     assert max(pq.read_table(tmp_path / "all/envelopes.parquet")["count"].to_pylist()) == 400
@@ -86,7 +90,9 @@ def test_a_merge_goes_on_and_can_be_merged_and_extended(flown, tmp_path):
     ],
 )
 def test_what_does_not_belong_together_is_refused(flown, tmp_path, change, words):
-    campaign = write_campaign(tmp_path / "g", **{"requirements": ASKED, "runs": "200", **change.get("campaign", {})})
+    campaign = write_campaign(
+        tmp_path / "g", **{"requirements": ASKED, "runs": "200", **change.get("campaign", {})}
+    )
     other = Request(campaign, tmp_path / "other", seed=change.get("seed", 2))
     run_campaign(other, change.get("engine", ENGINE))
     with pytest.raises(InputError, match=words):
@@ -102,9 +108,15 @@ def test_campaigns_beside_are_named_once_where_they_can_be_merged(flown, tmp_pat
     run(campaign, tmp_path / "half", interrupted_after(5), seed=6)
     merge_campaign([tmp_path / "seed1", tmp_path / "seed2"], tmp_path / "all", ENGINE)
     words, command = name_siblings(tmp_path / "seed3", parts[2])
-    assert "here: all (400 flights: 1 " in words and f"merge {tmp_path}/seed3 {tmp_path}/all -o" in command
+    assert (
+        "here: all (400 flights: 1 " in words
+        and f"merge {tmp_path}/seed3 {tmp_path}/all -o" in command
+    )
     monkeypatch.chdir(tmp_path / "seed1")
-    assert f"{tmp_path}/seed2 {tmp_path}/seed3 -o {tmp_path}/seed1_merged" in name_siblings(Path(), parts[0])[1]
+    assert (
+        f"{tmp_path}/seed2 {tmp_path}/seed3 -o {tmp_path}/seed1_merged"
+        in name_siblings(Path(), parts[0])[1]
+    )
     _, (cube, _) = fly(tmp_path / "lhs", (1, 2), sampling="lhs")
     assert name_siblings(tmp_path / "lhs/seed1", cube) == ("", "")
 
@@ -112,15 +124,27 @@ def test_campaigns_beside_are_named_once_where_they_can_be_merged(flown, tmp_pat
 @pytest.mark.usefixtures("fake_engine", "no_figures")
 def test_a_run_and_its_report_judge_their_folder_and_name_those_beside_it(abhv_mc, tmp_path):
     """A run's exit code, JUnit and last line were of its neighbours, its report was not."""
-    campaign = write_campaign(tmp_path / "f", requirements=ASKED.replace("0.93", "0.99"), runs="400")
+    campaign = write_campaign(
+        tmp_path / "f", requirements=ASKED.replace("0.93", "0.99"), runs="400"
+    )
     assert abhv_mc("run", campaign, "-o", "s1", "--seed", 1, "--no-report")[0] == 1
-    code, out, _ = abhv_mc("run", campaign, "-o", "s2", "--seed", 2, "--runs", 60, "--junit", "s2.xml")
+    code, out, _ = abhv_mc(
+        "run", campaign, "-o", "s2", "--seed", 2, "--runs", 60, "--junit", "s2.xml"
+    )
     own = json.loads(Path("s2/manifest.json").read_text())["requirements"][0]
     assert (code, own["verdict"], own["flights"]) == (0, "NOT SHOWN", 60)
     assert own["words"] in Path("s2.xml").read_text() and "in 60 flights" in own["words"]
-    assert "s1 (400 flights: 1 FAIL)" in out.splitlines()[-2] and "merge s2 s1 -o s2_merged" in out.splitlines()[-2]
-    assert out.splitlines()[-1].startswith("verdicts  one 1 NOT SHOWN; two 1 ") and "follows one (1 " in out
-    assert "s1 (400 flights: 1 FAIL)" in Path("s2/report.html").read_text() and is_up_to_date(Path("s2"))
+    assert (
+        "s1 (400 flights: 1 FAIL)" in out.splitlines()[-2]
+        and "merge s2 s1 -o s2_merged" in out.splitlines()[-2]
+    )
+    assert (
+        out.splitlines()[-1].startswith("verdicts  one 1 NOT SHOWN; two 1 ")
+        and "follows one (1 " in out
+    )
+    assert "s1 (400 flights: 1 FAIL)" in Path("s2/report.html").read_text() and is_up_to_date(
+        Path("s2")
+    )
     assert abhv_mc("merge", "s2", "s1", "-o", "s2_merged", "--no-report")[0] == 1
     abhv_mc("run", campaign, "-o", "s3", "--seed", 3, "--runs", 60, "--no-report")
     assert not is_up_to_date(Path("s2"))

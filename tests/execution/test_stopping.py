@@ -18,11 +18,18 @@ from abhv_mc.topics.verdicts.model import compute_verdicts
 PROVEN = "[{metric: altitude_error_max_m, below: 50, probability: 0.9}]"
 BOTH = "[{metric: altitude_error_max_m, below: 50, probability: 0.9}, \
 {metric: speed_error_max_mps, below: 50, probability: 0.99, controllers: [two]}]"
-FILES = ("samples.parquet", "envelopes.parquet", "histories/one-000000.parquet", "histories/two-000000.parquet")
+FILES = (
+    "samples.parquet",
+    "envelopes.parquet",
+    "histories/one-000000.parquet",
+    "histories/two-000000.parquet",
+)
 
 
 def make(folder, **entries):
-    return write_campaign(folder, **{"stop": "when proven", "runs": "2000", "requirements": BOTH, **entries})
+    return write_campaign(
+        folder, **{"stop": "when proven", "runs": "2000", "requirements": BOTH, **entries}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +45,9 @@ def test_it_stops_once_everything_has_its_verdict(whole):
     assert manifest.runs_done == stop
     assert [entry.verdict for entry in manifest.requirements] == ["PASS", "FAIL"]
     assert {entry.flights for entry in manifest.requirements} == {stop}
-    first, second = (entry.controllers for entry in compute_verdicts(read_flown(whole.folder)).requirements)
+    first, second = (
+        entry.controllers for entry in compute_verdicts(read_flown(whole.folder)).requirements
+    )
     assert (first["one"].status, second["two"].status) == ("PASS", "FAIL")
     assert first["one"].room > 0.0 > (second["two"].room or -1.0)
     flights = pq.read_table(whole.folder / "flights")
@@ -77,7 +86,10 @@ def test_nor_on_interruptions(whole, tmp_path, blocks):
     campaign = make(tmp_path / "f", execution="{workers: 2, batch: 16}")
     assert not run(campaign, tmp_path / "b", interrupted_after(blocks + 2)).complete
     second = run(campaign, tmp_path / "b").manifest
-    assert second.digest == whole.manifest.digest and second.requirements == whole.manifest.requirements
+    assert (
+        second.digest == whole.manifest.digest
+        and second.requirements == whole.manifest.requirements
+    )
 
 
 def test_a_proven_campaign_flies_nothing_more(whole, tmp_path):

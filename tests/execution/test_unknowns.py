@@ -30,7 +30,13 @@ FILES = ("samples.parquet", "envelopes.parquet", "histories/one-000000.parquet")
 
 
 def make(folder, **entries):
-    entries = {"unknowns": UNKNOWNS, "dispersions": DISPERSIONS, "requirements": REQUIREMENTS, "runs": "80", **entries}
+    entries = {
+        "unknowns": UNKNOWNS,
+        "dispersions": DISPERSIONS,
+        "requirements": REQUIREMENTS,
+        "runs": "80",
+        **entries,
+    }
     return write_campaign(folder, **entries)
 
 
@@ -44,10 +50,18 @@ def test_a_sample_flies_at_every_point_and_the_folder_names_them(whole):
     points = read_document(whole.folder / "campaign.yaml").data["points"]
     at = np.column_stack([points["at"]["aero.lift"], points["at"]["aero.drag"]])
     corners = {(lift, drag) for lift in (0.9, 1.1) for drag in (0.8, 1.15)}
-    assert {tuple(point) for point in at[:4].round(12)} == corners and at[4] == pytest.approx([1.0, 0.975])
+    assert {tuple(point) for point in at[:4].round(12)} == corners and at[4] == pytest.approx(
+        [1.0, 0.975]
+    )
     assert len(at) > 5 and 4 + 1 + 2 * 32 < points["tried"] <= 4 + 1 + 2 * (32 + 2 * 64)
     samples = pq.read_table(whole.folder / "samples.parquet").to_pandas()
-    assert samples.columns.tolist() == ["flight", "point", "atmosphere.density", "aero.lift", "aero.drag"]
+    assert samples.columns.tolist() == [
+        "flight",
+        "point",
+        "atmosphere.density",
+        "aero.lift",
+        "aero.drag",
+    ]
     assert len(samples) == 80 * len(at)
     for _, each in samples.groupby("point"):
         assert np.array_equal(each["atmosphere.density"], samples["atmosphere.density"][:: len(at)])
@@ -59,13 +73,18 @@ def test_the_search_finds_what_is_worst(whole):
     results = read_flown(whole.folder)
     number = len(results.campaign.unknowns.points)
     speed = METRIC_INDEX["speed_error_max_mps"]
-    grid = [(lift, drag) for lift in np.linspace(0.9, 1.1, 21) for drag in np.linspace(0.8, 1.15, 21)]
+    grid = [
+        (lift, drag) for lift in np.linspace(0.9, 1.1, 21) for drag in np.linspace(0.8, 1.15, 21)
+    ]
     rows = nominal_parameters(80)
     rows[:, DENSITY] = results.samples["atmosphere.density"][::number]
     worst = []
     for rows[:, LIFT], rows[:, DRAG] in grid:
         worst.append(np.quantile(fly(make_plan("one"), rows).metrics[:, speed], 0.95))
-    flown, point = results.flights["one"].metrics["speed_error_max_mps"], results.flights["one"].flight % number
+    flown, point = (
+        results.flights["one"].metrics["speed_error_max_mps"],
+        results.flights["one"].flight % number,
+    )
     found = max(np.quantile(flown[point == k], 0.95) for k in range(number))
     assert found > np.quantile(worst, 0.99) and found > 0.99 * max(worst)
 
@@ -79,7 +98,9 @@ def test_a_band_goes_from_the_least_to_the_most_quantile_over_the_points(tmp_pat
     assert len(kept) == 60
     values = np.full((20, 3, len(found.time)), np.nan)
     for number, flown in kept.items():
-        values[number // 3, number % 3, : len(flown["time"])] = flown["speed_mps"][: len(found.time)]
+        values[number // 3, number % 3, : len(flown["time"])] = flown["speed_mps"][
+            : len(found.time)
+        ]
     flying = ~np.isnan(values).any(axis=(0, 1))
     assert flying.sum() > 3
     for column, level, edge in (
@@ -103,28 +124,42 @@ def test_verdicts_are_of_every_point(whole):
         for name, verdict in entry.controllers.items():
             flights = results.flights[name]
             values, point = flights.metrics[entry.asked.metric], flights.flight % number
-            failed = ~(values < entry.asked.limits.high) | (flights.failed & entry.asked.early_is_failure)
+            failed = ~(values < entry.asked.limits.high) | (
+                flights.failed & entry.asked.early_is_failure
+            )
             each = [judge(int(failed[point == k].sum()), 80, 0.9) for k in range(number)]
             expected, worst = judge_points(each)
-            assert (verdict.status, verdict.failures, verdict.flights) == (expected.status, expected.failures, 80)
+            assert (verdict.status, verdict.failures, verdict.flights) == (
+                expected.status,
+                expected.failures,
+                80,
+            )
             at = f"worst of {number} values of the unknowns ({results.campaign.unknowns.words(worst)})"
             assert (at if verdict.failures else f"each of {number} values") in verdict.note
             worse = np.where(flights.failed & entry.asked.early_is_failure, np.inf, values)
             limits = [tolerance_limit(worse[point == k], 0, 0.9, 0.1) for k in range(number)]
             assert verdict.tolerance_limit == (None if max(limits) == np.inf else max(limits))
     shown = {
-        (v.metric, v.controller): v for v in (*results.manifest.requirements, *results.manifest.requirements_shown)
+        (v.metric, v.controller): v
+        for v in (*results.manifest.requirements, *results.manifest.requirements_shown)
     }
     for entry in found:
         for name, verdict in entry.controllers.items():
             held = shown[entry.asked.metric, name]
-            assert (held.verdict, held.words, held.failures) == (verdict.status, verdict.words, verdict.failures)
+            assert (held.verdict, held.words, held.failures) == (
+                verdict.status,
+                verdict.words,
+                verdict.failures,
+            )
             assert held.failures_ended_early + held.failures_measured == held.failures
     assert len({v.verdict for v in shown.values()}) > 1
 
 
 def same(a, b):
-    assert a.manifest.digest == b.manifest.digest and a.manifest.requirements == b.manifest.requirements
+    assert (
+        a.manifest.digest == b.manifest.digest
+        and a.manifest.requirements == b.manifest.requirements
+    )
     assert a.manifest.campaign_hash == b.manifest.campaign_hash
     for name in FILES:
         assert pq.read_table(a.folder / name).equals(pq.read_table(b.folder / name))
@@ -135,7 +170,9 @@ def test_interrupted_and_resumed_it_is_the_same(whole, tmp_path):
     calls = iter(range(6))
 
     def fly_until(plan, parameters, recorded=None):
-        if isinstance(recorded, Recording) and next(calls, None) is None:  # the search's flights record nothing
+        if (
+            isinstance(recorded, Recording) and next(calls, None) is None
+        ):  # the search's flights record nothing
             raise KeyboardInterrupt
         return fly(plan, parameters, recorded)
 
@@ -153,11 +190,19 @@ def test_in_shards_or_extended_it_keeps_its_points(whole, tmp_path):
 
 
 def test_it_stops_when_proven(tmp_path):
-    requirements = "[{metric: speed_error_max_mps, below: 50, probability: 0.9, ended_early: as_measured}]"
-    result = run(make(tmp_path / "f", stop="when proven", runs="500", requirements=requirements), tmp_path / "out")
+    requirements = (
+        "[{metric: speed_error_max_mps, below: 50, probability: 0.9, ended_early: as_measured}]"
+    )
+    result = run(
+        make(tmp_path / "f", stop="when proven", runs="500", requirements=requirements),
+        tmp_path / "out",
+    )
     number = len(read_flown(result.folder).campaign.unknowns.points)
     (verdict,) = result.manifest.requirements
-    assert verdict.verdict == "PASS" and result.manifest.stopped_at == number * verdict.flights < number * 500
+    assert (
+        verdict.verdict == "PASS"
+        and result.manifest.stopped_at == number * verdict.flights < number * 500
+    )
 
 
 def test_what_does_not_go_together_is_refused(whole, tmp_path):
@@ -190,10 +235,15 @@ def test_what_is_wrong_has_its_place(tmp_path, entries, line, words):
 
 
 def test_bounds_in_percent_of_an_input_in_percent_are_no_change(tmp_path):
-    inputs = {name: {"unit": "-", "nominal": 1.0} for name in ("altitude", "speed", "dive", "delay", "thrust")}
+    inputs = {
+        name: {"unit": "-", "nominal": 1.0}
+        for name in ("altitude", "speed", "dive", "delay", "thrust")
+    }
     inputs["fill"] = {"unit": "%", "nominal": 50.0}
     unknowns = {"fill": {"low": "40 %", "high": 60.0}}
-    found = read_campaign(dive_campaign(tmp_path, inputs=inputs, dispersions={}, unknowns=unknowns)).unknowns
+    found = read_campaign(
+        dive_campaign(tmp_path, inputs=inputs, dispersions={}, unknowns=unknowns)
+    ).unknowns
     assert (found.low.tolist(), found.high.tolist()) == ([40.0], [60.0])
 
 

@@ -73,7 +73,9 @@ def study(repository, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     configs = repository / "configs"
     mission = (configs / "mission" / "s_manoeuvre.yaml").read_text()
-    lines = ["duration: 2 s" if line.startswith("duration") else line for line in mission.splitlines()]
+    lines = [
+        "duration: 2 s" if line.startswith("duration") else line for line in mission.splitlines()
+    ]
     (tmp_path / "mission.yaml").write_text("\n".join(lines) + "\n")
     shutil.copy(configs / "control" / "cascade.py", tmp_path / "law.py")
     text = (configs / "control" / "cascade.yaml").read_text().replace("cascade.py", "law.py")
@@ -82,7 +84,9 @@ def study(repository, tmp_path, monkeypatch):
     (tmp_path / "metrics.yaml").write_text(METRICS)
 
     def write(runs=40, vehicle=configs / "vehicle" / "ghame_x.yaml"):
-        (tmp_path / "campaign.yaml").write_text(CAMPAIGN.format(configs=configs, runs=runs, vehicle=vehicle))
+        (tmp_path / "campaign.yaml").write_text(
+            CAMPAIGN.format(configs=configs, runs=runs, vehicle=vehicle)
+        )
         return tmp_path / "campaign.yaml"
 
     write()
@@ -90,7 +94,11 @@ def study(repository, tmp_path, monkeypatch):
 
 
 def dispersed_in_altitude(text):
-    return re.sub("  atmosphere.density: .*", "  initial.altitude: {distribution: uniform, half_width: 50 m}", text)
+    return re.sub(
+        "  atmosphere.density: .*",
+        "  initial.altitude: {distribution: uniform, half_width: 50 m}",
+        text,
+    )
 
 
 def threads():
@@ -115,7 +123,9 @@ def test_workers_resume_shards_and_replay_give_the_same_digest(study, tmp_path, 
         run_campaign(Request(write(40), part, shard=(i, 2), workers=1), threads())
     merged = merge_campaign(parts, tmp_path / "merged", threads()).manifest
     assert one.digest == two.digest == merged.digest
-    stability = [json.loads((tmp_path / name / "margins.json").read_text()) for name in ("one", "merged")]
+    stability = [
+        json.loads((tmp_path / name / "margins.json").read_text()) for name in ("one", "merged")
+    ]
     assert stability[0] == stability[1] and set(stability[0]["controllers"]) == {"mine", "lqr"}
     assert stability[0]["controllers"]["mine"]["nominal"][0]["stable"]
     own = {"inputs/controllers/mine/law.py", "inputs/channels/channels.py", "inputs/vehicle/own.py"}
@@ -135,7 +145,9 @@ def write_c_law(repository, folder, *lines):
     shutil.copy(shipped / "lqr_design.py", folder)
     shutil.copy(shipped / "lqr_c.yaml", folder / "law.yaml")
     text = (shipped / "lqr.c").read_text()
-    text = text.replace("    double path =", "\n".join(f"    {line}" for line in (*lines, "double path =")))
+    text = text.replace(
+        "    double path =", "\n".join(f"    {line}" for line in (*lines, "double path ="))
+    )
     (folder / "lqr.c").write_text(text)
     return Request(folder / "campaign.yaml", folder / ("failing" if lines else "whole"))
 
@@ -157,16 +169,27 @@ def test_a_crash_and_a_hang_in_c_cost_a_flight_each_of_a_campaign_that_ends_and_
     file.write_text(dispersed_in_altitude(text))
     heights = (20_000.0 + read_campaign(file).make_samples().draw(0, 140)[:, 0]).tolist()
     crash, hang = (f"time == 0.0 && measured->altitude - {heights[k]!r} < 1e-4" for k in (137, 61))
-    crash, hang = (f"{each} && measured->altitude - {heights[k]!r} > -1e-4" for each, k in ((crash, 137), (hang, 61)))
-    lines = f"if ({crash}) *(volatile int *)0 = 1;", f"if ({hang}) for (volatile int on = 1; on;) {{}}"
+    crash, hang = (
+        f"{each} && measured->altitude - {heights[k]!r} > -1e-4"
+        for each, k in ((crash, 137), (hang, 61))
+    )
+    lines = (
+        f"if ({crash}) *(volatile int *)0 = 1;",
+        f"if ({hang}) for (volatile int on = 1; on;) {{}}",
+    )
     request = write_c_law(repository, tmp_path, *lines)
     found = run_campaign(request, make_engine()).manifest
     assert found.state == "complete"
     assert found.controllers["mine"].outcomes == {"law_crashed": 1, "law_hung": 1, "ok": 138}
     flown = read_flown(request.out).flights
-    assert [Outcome(code).code for code in flown["mine"].outcome[[61, 137]]] == ["law_hung", "law_crashed"]
+    assert [Outcome(code).code for code in flown["mine"].outcome[[61, 137]]] == [
+        "law_hung",
+        "law_crashed",
+    ]
     rest = flown["mine"].outcome == Outcome.OK
-    assert np.array_equal(read_errors(request.out, "mine")[rest], read_errors(request.out, "lqr")[rest])
+    assert np.array_equal(
+        read_errors(request.out, "mine")[rest], read_errors(request.out, "lqr")[rest]
+    )
     assert build_page(request.out).exists()
     told = capfd.readouterr().err
     for words, flight in (("SIGSEGV", 137), ("not done in 1 s", 61)):  # the second time alone
@@ -174,7 +197,9 @@ def test_a_crash_and_a_hang_in_c_cost_a_flight_each_of_a_campaign_that_ends_and_
 
 
 @needs_cc
-def test_a_law_in_c_flies_on_a_cluster_is_replayed_explained_and_tuned(study, repository, tmp_path, capfd):
+def test_a_law_in_c_flies_on_a_cluster_is_replayed_explained_and_tuned(
+    study, repository, tmp_path, capfd
+):
     pytest.importorskip("distributed")
     (tmp_path / "campaign.yaml").write_text(dispersed_in_altitude(study(24).read_text()))
     request = write_c_law(repository, tmp_path, "if (measured->altitude > 20020.0) return 1;")
@@ -197,8 +222,12 @@ def test_a_law_in_c_flies_on_a_cluster_is_replayed_explained_and_tuned(study, re
     (tmp_path / "tune.yaml").write_text(block + "candidates: 17, flights: 32, validation: 100}\n")
     new = tmp_path / "elsewhere" / "new.yaml"
     new.parent.mkdir()
-    tune_controller(TuneRequest(request.campaign, new, "mine", tmp_path / "tune.yaml"), make_engine())
-    assert read_controller(new).sources[0].samefile(tmp_path / "lqr.c")  # wherever the numbers are written
+    tune_controller(
+        TuneRequest(request.campaign, new, "mine", tmp_path / "tune.yaml"), make_engine()
+    )
+    assert (
+        read_controller(new).sources[0].samefile(tmp_path / "lqr.c")
+    )  # wherever the numbers are written
     changed = tmp_path / "lqr.c"
     changed.write_text(changed.read_text() + "\n")
     with pytest.raises(InputError, match=r"inputs/controllers/mine/lqr.c: other content"):
@@ -241,7 +270,9 @@ def test_nobodys_code_runs_unasked(study, tmp_path, monkeypatch, place):
         lambda: margins(campaign, controllers="mine"),
         lambda: linearize(level, tmp_path / "model.npz", controller=str(controller)),
     )
-    for ask in asks[: -1 if beside else None]:  # a controller's own file may name any file of the machine
+    for ask in asks[
+        : -1 if beside else None
+    ]:  # a controller's own file may name any file of the machine
         with pytest.raises(InputError, match="--trust-code"):
             ask()
     assert not ran.exists() and not again.exists()
@@ -257,14 +288,22 @@ BAD = [
     ("x", "{of: sin(bank_deg), statistic: min}", "which is in degrees"),
     ("x", "{of: bank_deg, statistic: time_outside}", "'time_outside' without 'limit'"),
     ("x", "{of: bank_deg, statistic: min, from: 3 m}", "'3 m', a length"),
-    ("sideslip_max_deg", "{of: bank_deg, statistic: min}", "'sideslip_max_deg', a metric of the program"),
+    (
+        "sideslip_max_deg",
+        "{of: bank_deg, statistic: min}",
+        "'sideslip_max_deg', a metric of the program",
+    ),
 ]
 
 
 @pytest.mark.parametrize(("name", "entry", "words"), BAD, ids=[entry[2] for entry in BAD])
 def test_a_wrong_metric_is_refused_in_place(study, name, entry, words):
     file = study()
-    file.write_text(file.read_text().replace(" metrics.yaml", f"\n  {name}: {entry}").replace(", by: twist_max", ""))
+    file.write_text(
+        file.read_text()
+        .replace(" metrics.yaml", f"\n  {name}: {entry}")
+        .replace(", by: twist_max", "")
+    )
     with pytest.raises(InputErrors) as caught:
         read_campaign(file)
     assert words in str(caught.value)

@@ -49,12 +49,18 @@ def test_a_campaign_is_flown_judged_and_explained(tmp_path: Path) -> None:
     for name in ("v1", "v2"):
         flights = results.flights[name]
         low = flights.metrics["altitude_min"]
-        counted = next(v for v in (*manifest.requirements, *manifest.requirements_shown) if v.controller == name)
+        counted = next(
+            v
+            for v in (*manifest.requirements, *manifest.requirements_shown)
+            if v.controller == name
+        )
         assert counted.failures == int((low <= 0.0).sum())
         assert flights.count_outcomes().get("ground", 0) == int((low < -200.0).sum())
     assert flights.flight.size == 200
     text = shown_text(build_report(out))
-    assert "System" in text and not re.search("[Cc]ontroller|Control usage", text.replace("--controller", ""))
+    assert "System" in text and not re.search(
+        "[Cc]ontroller|Control usage", text.replace("--controller", "")
+    )
     failed = int(np.argmin(results.flights["v1"].metrics["altitude_min"]))
     fly = make_engine().fly
     assert replay_flight(out, "v1", failed, fly).differences == ()
@@ -66,7 +72,9 @@ def test_a_campaign_is_flown_judged_and_explained(tmp_path: Path) -> None:
     assert groups.looked_at == 1
 
 
-def test_the_folder_of_a_stranger_runs_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_folder_of_a_stranger_runs_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     ran = tmp_path / "ran"
     source = DIVE + f"\nopen({str(ran)!r}, 'a').write('x')\n"
     out = tmp_path / "out"
@@ -100,15 +108,22 @@ WELL = DIVE + "\nwell = fly\ndef fly(inputs, settings):\n    return "
 )
 def test_what_the_first_flights_show_is_said(tmp_path: Path, source: str, words: str) -> None:
     """That it is not repeatable, or that an input changes nothing: it is flown."""
-    manifest = run_campaign(Request(dive_campaign(tmp_path / "own", source, runs=20), tmp_path / "out")).manifest
+    manifest = run_campaign(
+        Request(dive_campaign(tmp_path / "own", source, runs=20), tmp_path / "out")
+    ).manifest
     assert manifest.complete and any(re.search(words, said) for said in manifest.warnings)
     differences = replay_flight(tmp_path / "out", "v1", 0, make_engine().fly).differences
     assert any("load" in each for each in differences) == ("load" in words)
 
 
 def test_what_flies_nothing_is_refused_before_anything_is_written(tmp_path: Path) -> None:
-    path, out = dive_campaign(tmp_path / "own", "import math\n\nmath.nothing\n", runs=300), tmp_path / "out"
-    with pytest.raises(InputError, match=r": AttributeError: module 'math' .* \(dive\.py, line 3\)"):
+    path, out = (
+        dive_campaign(tmp_path / "own", "import math\n\nmath.nothing\n", runs=300),
+        tmp_path / "out",
+    )
+    with pytest.raises(
+        InputError, match=r": AttributeError: module 'math' .* \(dive\.py, line 3\)"
+    ):
         check_inputs(path)
     with pytest.raises(InputError, match="no flight of 'v1'"):
         run_campaign(Request(path, out))
@@ -122,7 +137,9 @@ def test_a_flight_that_hangs_ends_with_the_command_that_is_killed(tmp_path: Path
         f"\nheld = open({str(alive)!r}, 'w')\n"
         "def fly(inputs, settings):\n    print('x', file=held, flush=True)\n    time.sleep(600.0)\n"
     )
-    path = dive_campaign(tmp_path / "own", source, simulator={"python": "dive.py", "time_limit": "600 s"})
+    path = dive_campaign(
+        tmp_path / "own", source, simulator={"python": "dive.py", "time_limit": "600 s"}
+    )
     command = [sys.executable, "-m", "abhv_mc", "run", str(path), "-o", str(tmp_path / "out")]
     process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.DEVNULL)
     with alive.open("rb", buffering=0) as held:
@@ -135,7 +152,10 @@ def test_a_flight_that_hangs_ends_with_the_command_that_is_killed(tmp_path: Path
 
 
 RATE = 4.0  # Hz
-KEEP = {"histories": {"flights": "worst 5", "rate": f"{RATE:g} Hz"}, "envelopes": {"rate": f"{RATE:g} Hz"}}
+KEEP = {
+    "histories": {"flights": "worst 5", "rate": f"{RATE:g} Hz"},
+    "envelopes": {"rate": f"{RATE:g} Hz"},
+}
 HISTORIES: dict[str, Any] = {"histories": DIVE_CHANNELS, "keep": KEEP, "runs": 60}
 BANDED = 50  # flights of which the bands are
 
@@ -150,7 +170,10 @@ def paths_by_hand(folder: Path, system: str, channel: str) -> list[tuple[list[fl
     namespace: dict[str, Any] = {}
     exec(DIVE_HISTORY, namespace)  # noqa: S102  our own text
     samples, settings = read_flown(folder).samples, {"v1": {"pull": 5.0}, "v2": {"pull": 6.0}}
-    given = [{"dive": 60.0} | dict(zip(samples, row, strict=True)) for row in zip(*samples.values(), strict=True)]
+    given = [
+        {"dive": 60.0} | dict(zip(samples, row, strict=True))
+        for row in zip(*samples.values(), strict=True)
+    ]
     flown = [namespace["fly"](inputs, settings[system])["history"] for inputs in given]
     return [(each["time"], np.array(each[channel], float)) for each in flown]
 
@@ -159,12 +182,18 @@ def paths_by_hand(folder: Path, system: str, channel: str) -> list[tuple[list[fl
 def test_histories_and_bands_are_those_that_flights_return(tmp_path: Path) -> None:
     """Straight between samples; bands are of the flights that have a history then, value by value."""
     out = tmp_path / "out"
-    assert not run_campaign(Request(dive_campaign(tmp_path / "own", DIVE_HISTORY, **HISTORIES), out)).manifest.not_made
+    assert not run_campaign(
+        Request(dive_campaign(tmp_path / "own", DIVE_HISTORY, **HISTORIES), out)
+    ).manifest.not_made
     results, opened = read_flown(out), Results(out)
     assert set(results.flights["v1"].count_outcomes()) == {"ok", "ground"}
     kept = opened.histories.set_index(["controller", "flight", "time"])
     assert len(kept.loc["v1"].index.unique("flight")) == 5
-    bands = pq.read_table(out / "envelopes.parquet").to_pandas().set_index(["controller", "channel", "time"])
+    bands = (
+        pq.read_table(out / "envelopes.parquet")
+        .to_pandas()
+        .set_index(["controller", "channel", "time"])
+    )
     for system in ("v1", "v2"):
         for channel in DIVE_CHANNELS:  # the first is there wherever a history is
             paths = paths_by_hand(out, system, channel)
@@ -175,7 +204,9 @@ def test_histories_and_bands_are_those_that_flights_return(tmp_path: Path) -> No
                 at = history.index.get_level_values("time").tolist()
                 if channel == "altitude":
                     assert at == [time for time, value in expected.items() if not np.isnan(value)]
-                assert history[channel].to_numpy() == pytest.approx([expected[time] for time in at], rel=1e-6)
+                assert history[channel].to_numpy() == pytest.approx(
+                    [expected[time] for time in at], rel=1e-6
+                )
             found = bands.loc[system, channel]
             found, expected = found[found["count"] > 0], bands_by_hand(paths[:BANDED])
             assert found.index.tolist() == list(expected)
@@ -192,13 +223,18 @@ def bands_by_hand(paths: list[tuple[list[float], np.ndarray]]) -> dict[float, di
     first, last = min(times[0] for times, _ in paths), max(times[-1] for times, _ in paths)
     bands = {}
     for k in range(int(np.floor(first * RATE)) - 1, int(np.ceil(last * RATE)) + 2):
-        at = lambda time: [np.interp(time, *path) for path in paths if path[0][0] <= time <= path[0][-1]]  # noqa: E731
+        at = lambda time: [  # noqa: E731
+            np.interp(time, *path) for path in paths if path[0][0] <= time <= path[0][-1]
+        ]
         now = [value for value in at(k / RATE) if not np.isnan(value)]
         if not now:
             continue
         low, high = (k - 1) / RATE, (k + 1) / RATE
         near = [
-            value for times, values in paths for time, value in zip(times, values, strict=True) if low <= time <= high
+            value
+            for times, values in paths
+            for time, value in zip(times, values, strict=True)
+            if low <= time <= high
         ]
         near += at(low) + at(k / RATE) + at(high)
         bands[k / RATE] = {
@@ -212,25 +248,41 @@ def show_histories(out: Path) -> None:
     """Page, view of flights, replay and explorer show what the flights returned."""
     page = build_report(out)
     text = shown_text(page)
-    assert f"flights that have a history then of flights 0 to {BANDED - 1}" in text and "sink rate (ft/s)" in text
+    assert (
+        f"flights that have a history then of flights 0 to {BANDED - 1}" in text
+        and "sink rate (ft/s)" in text
+    )
     assert 'id="plot"' in page.read_text("utf-8")
-    data, arrays = make_flights_view(read_flown(out), {"v1": "v1", "v2": "v2"}, {"v1": "", "v2": ""})
-    assert [(each["label"], each["unit"]) for each in data["channels"]] == [("Altitude", "ft"), ("Sink rate", "ft/s")]
+    data, arrays = make_flights_view(
+        read_flown(out), {"v1": "v1", "v2": "v2"}, {"v1": "", "v2": ""}
+    )
+    assert [(each["label"], each["unit"]) for each in data["channels"]] == [
+        ("Altitude", "ft"),
+        ("Sink rate", "ft/s"),
+    ]
     opened = Results(out)
     kept = opened.histories.groupby(["controller", "flight"])
     assert data["criteria"][0]["channel"] == "altitude"
     assert len(arrays["history:altitude"]) == len(kept) == max(data["rows"]["history"]) + 1
     (_, flight), history = next(iter(kept))
     again = opened.replay(flight, "v1")
-    assert again["altitude"].to_numpy() == pytest.approx(history["altitude"].to_numpy(), rel=0, nan_ok=True)
+    assert again["altitude"].to_numpy() == pytest.approx(
+        history["altitude"].to_numpy(), rel=0, nan_ok=True
+    )
     with open_flights(out) as table, ExploreServer(out, table, make_engine()) as server:
         assert [each["name"] for each in table.view["channels"]] == ["altitude", "sink_rate"]
         found = server.open_flight("v2", flight)["history"]
-        assert found is not None and found["time"].size and set(found["channels"]) == {"altitude", "sink_rate"}
+        assert (
+            found is not None
+            and found["time"].size
+            and set(found["channels"]) == {"altitude", "sink_rate"}
+        )
 
 
 @pytest.mark.usefixtures("few_banded")
-def test_a_campaign_goes_on_and_its_shards_are_joined_to_the_same_tables_and_none_flies_twice(tmp_path: Path) -> None:
+def test_a_campaign_goes_on_and_its_shards_are_joined_to_the_same_tables_and_none_flies_twice(
+    tmp_path: Path,
+) -> None:
     flown, own, out = tmp_path / "flown", tmp_path / "own", tmp_path / "whole"
     source = DIVE_HISTORY + (
         f"\nonce = fly\ndef fly(inputs, settings):\n    open({str(flown)!r}, 'a').write('x')\n"

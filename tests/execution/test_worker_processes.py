@@ -69,7 +69,11 @@ def test_without_the_server_that_workers_are_forked_from(pool):
 def test_workers_hear_no_interrupt(pool):
     """Ctrl-C goes to everyone in a terminal; the parent decides what it means."""
     status = Path(f"/proc/{find_worker(pool)}/status").read_text(encoding="ascii")
-    masks = [int(line.split()[1], 16) for line in status.splitlines() if line.startswith(("SigBlk:", "SigIgn:"))]
+    masks = [
+        int(line.split()[1], 16)
+        for line in status.splitlines()
+        if line.startswith(("SigBlk:", "SigIgn:"))
+    ]
     assert (masks[0] | masks[1]) & 1 << (signal.SIGINT - 1)
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, set())
 
@@ -88,11 +92,15 @@ assert before == dict(os.environ)
 """
 
 
-def test_processes_import_from_beside_the_callers_script_and_not_from_the_working_folder(tmp_path, monkeypatch):
+def test_processes_import_from_beside_the_callers_script_and_not_from_the_working_folder(
+    tmp_path, monkeypatch
+):
     """A user's random.py would end the campaign; a stranger's would run with his rights."""
     (tmp_path / "here").mkdir()
     for name in ("abhv_mc", "multiprocessing", "numba", "numpy", "pickle", "random", "llvmlite"):
-        (tmp_path / "here" / f"{name}.py").write_text(f"raise SystemExit('{name} of the working folder')\n")
+        (tmp_path / "here" / f"{name}.py").write_text(
+            f"raise SystemExit('{name} of the working folder')\n"
+        )
     (tmp_path / "bin").mkdir()
     (tmp_path / "bin/script.py").write_text(FROM_PYTHON)
     (tmp_path / "bin/beside.py").write_text("from fake_flight import fly\n")
@@ -100,7 +108,13 @@ def test_processes_import_from_beside_the_callers_script_and_not_from_the_workin
     program = [sys.executable, tmp_path / "bin/script.py"]
     environment = {**os.environ, "PYTHONPATH": searched}
     done = subprocess.run(
-        program, cwd=tmp_path / "here", env=environment, capture_output=True, text=True, check=False, timeout=120.0
+        program,
+        cwd=tmp_path / "here",
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120.0,
     )
     assert done.returncode == 0, done.stderr
 
@@ -110,7 +124,12 @@ def test_a_worker_imports_only_what_it_flies():
 import sys, {module.serve.__module__}, abhv_mc.stability.fly_with_margins
 print({{"scipy.special", "pyarrow", "pandas", "joblib"}} & set(sys.modules))
 """
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "set()\n"
+    assert (
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        ).stdout
+        == "set()\n"
+    )
 
 
 def test_an_interrupt_waits_for_no_flight():

@@ -49,7 +49,9 @@ def test_counts_cells_and_strips_are_those_of_the_flights(table, failing, outcom
         up = bins_of(flights.metrics[Y][inside], table.ranges[Y], counts.CELLS[1])
         for i, j in zip(across.tolist(), up.tolist(), strict=True):
             cells[k, i, j] = cells.get((k, i, j), 0) + 1
-        bars += np.bincount(bins_of(density[inside], table.ranges[BRUSHED], counts.BARS), minlength=counts.BARS)
+        bars += np.bincount(
+            bins_of(density[inside], table.ranges[BRUSHED], counts.BARS), minlength=counts.BARS
+        )
     assert found["count"] == count > 0
     assert {tuple(row[:3]): row[3] for row in found["cells"]} == cells
     strip = dict(found["strips"][BRUSHED])
@@ -63,7 +65,9 @@ def test_few_flights_are_points_and_the_worst_are_those_of_the_report(table, fai
     places = zip(failing.samples[X].tolist(), flights.metrics[Y].tolist(), strict=True)
     assert points == dict(enumerate(places))
     assert sum(row[4] for row in found["points"]) == 12
-    lost = count_flights(table, Asked(X, Y, ("lqr",), "failed", {}, fit=True))  # axes that reach as far as these
+    lost = count_flights(
+        table, Asked(X, Y, ("lqr",), "failed", {}, fit=True)
+    )  # axes that reach as far as these
     values = (failing.samples[X][flights.failed], flights.metrics[Y][flights.failed])
     assert [list(ends) for ends in lost["ends"]] == [[each.min(), each.max()] for each in values]
     order = failing.ranking.rows_of("lqr")
@@ -79,21 +83,32 @@ def test_few_flights_are_points_and_the_worst_are_those_of_the_report(table, fai
 def test_they_are_listed_by_any_column_and_saved_in_that_order(table, failing, down):
     flights, speeds = failing.flights["lqr"], failing.flights["lqr"].metrics[Y]
     asked = Asked(X, Y, ("lqr",), "ok", {}, sort=Y, down=down)
-    rows = [k for k in np.argsort(-speeds if down else speeds, kind="stable") if not flights.failed[k]]
-    assert [row[1] for row in count_flights(table, asked)["rows"]] == flights.flight[rows][: counts.LISTED].tolist()
+    rows = [
+        k for k in np.argsort(-speeds if down else speeds, kind="stable") if not flights.failed[k]
+    ]
+    assert [row[1] for row in count_flights(table, asked)["rows"]] == flights.flight[rows][
+        : counts.LISTED
+    ].tolist()
     heads, parts = list_flights(table, asked)
     saved = [dict(zip(heads, row, strict=True)) for part in parts for row in part]
     assert [row["flight"] for row in saved] == flights.flight[rows].tolist()
     assert [row[f"{Y} [m/s]"] for row in saved] == speeds[rows].tolist()
-    assert [row[f"{X} [factor]"] for row in saved] == failing.samples[X][flights.flight[rows]].tolist()
+    assert [row[f"{X} [factor]"] for row in saved] == failing.samples[X][
+        flights.flight[rows]
+    ].tolist()
 
 
 def test_one_flight_is_told_with_all_its_numbers_and_found_by_its_place(table, failing):
     flights = failing.flights["lqr"]
     found = find_flight(table, "lqr", 17)
     assert (found["controller"], found["flight"]) == (1, 17)
-    assert found["values"][Y] == flights.metrics[Y][17] and found["values"][X] == failing.samples[X][17]
-    assert found["missed"] == [bool(requirement_failures(flights, item)[17]) for item in failing.campaign.requirements]
+    assert (
+        found["values"][Y] == flights.metrics[Y][17]
+        and found["values"][X] == failing.samples[X][17]
+    )
+    assert found["missed"] == [
+        bool(requirement_failures(flights, item)[17]) for item in failing.campaign.requirements
+    ]
     assert found["by"] == failing.ranking.by["lqr"][17]
     with pytest.raises(InputError, match="no flight 99999"):
         find_flight(table, "lqr", 99999)
@@ -102,7 +117,11 @@ def test_one_flight_is_told_with_all_its_numbers_and_found_by_its_place(table, f
     assert find_nearest(table, Asked(X, Y, (), "all", {}), *place) is None
     for k, item in enumerate(failing.campaign.requirements):
         missed = requirement_failures(flights, item)
-        assert count_flights(table, Asked(X, Y, ("lqr",), f"missed {k}", {}))["count"] == missed.sum() > 0
+        assert (
+            count_flights(table, Asked(X, Y, ("lqr",), f"missed {k}", {}))["count"]
+            == missed.sum()
+            > 0
+        )
 
 
 @pytest.mark.parametrize(

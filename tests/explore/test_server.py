@@ -19,7 +19,10 @@ def server(tmp_path_factory):
     """100 flights of two controllers, served until the end."""
     folder = tmp_path_factory.mktemp("explore")
     run(write_campaign(folder / "f"), folder / "out", runs=100, workers=1)
-    with open_flights(folder / "out") as table, ExploreServer(folder / "out", table, ENGINE) as served:
+    with (
+        open_flights(folder / "out") as table,
+        ExploreServer(folder / "out", table, ENGINE) as served,
+    ):
         thread = threading.Thread(target=served.serve_forever, daemon=True)
         thread.start()
         yield served
@@ -42,12 +45,25 @@ def ask(server, place, data=None, token=None, host=None):
 def asked(server):
     view = json.loads(ask(server, "/view")[1])
     order = {"fit": False, "sort": "rank", "down": False}
-    return {"x": view["x"], "y": view["y"], "controllers": ["one", "two"], "outcome": "all", "brushes": {}, **order}
+    return {
+        "x": view["x"],
+        "y": view["y"],
+        "controllers": ["one", "two"],
+        "outcome": "all",
+        "brushes": {},
+        **order,
+    }
 
 
 def test_only_this_machine_and_only_with_the_token_is_answered(server):
     assert server.server_address[0] == "127.0.0.1" and len(server.token) >= 32
-    for place, data in (("/", None), ("/view", None), ("/plotly.js", None), ("/counts", {}), ("/flight", {})):
+    for place, data in (
+        ("/", None),
+        ("/view", None),
+        ("/plotly.js", None),
+        ("/counts", {}),
+        ("/flight", {}),
+    ):
         for wrong in ({"token": ""}, {"token": server.token[:-1]}, {"host": "example.org"}):
             assert ask(server, place, data, **wrong)[0] == 403
     assert ask(server, "/")[0] == 200 and server.token.encode() in ask(server, "/")[1]
@@ -61,9 +77,13 @@ def test_flights_are_counted_and_the_nearest_is_flown_again(server):
     k, x, y, flight, _ = found["points"][30]
     near = json.loads(ask(server, "/nearest", {**asked(server), "at": [x, y]})[1])
     assert near == [k, flight]
-    flown = json.loads(ask(server, "/flight", {"controller": ("one", "two")[k], "flight": flight})[1])
+    flown = json.loads(
+        ask(server, "/flight", {"controller": ("one", "two")[k], "flight": flight})[1]
+    )
     history = flown["history"]
-    assert "equal" in flown["note"] and len(history["time"]) == 21 == len(history["channels"]["altitude_m"])
+    assert "equal" in flown["note"] and len(history["time"]) == 21 == len(
+        history["channels"]["altitude_m"]
+    )
 
 
 def test_what_stands_behind_a_flight_are_the_bands_of_its_controller(server):
@@ -100,7 +120,13 @@ BOX = """(() => { const box = document.querySelector(%s).getBoundingClientRect()
 @pytest.fixture
 def page(server, tmp_path):
     with open_browser(tmp_path / "profile") as page:
-        page.call("Emulation.setDeviceMetricsOverride", width=1400, height=900, deviceScaleFactor=1, mobile=False)
+        page.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=1400,
+            height=900,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
         page.call("Page.navigate", url=server.url)
         page.wait_for(f"{DRAWN} > 0")
         yield page
@@ -124,19 +150,32 @@ def drag(page, selector, start, end):
 @pytest.mark.thorough
 def test_flights_are_brushed_filtered_and_chosen_again(page, server):
     assert page.ask(COUNT).startswith("200 of 200 flights")
-    lost = server.table.cursor().execute("select count(*) from shown where outcome <> 'ok'").fetchone()[0]
+    lost = (
+        server.table.cursor()
+        .execute("select count(*) from shown where outcome <> 'ok'")
+        .fetchone()[0]
+    )
     assert 0 < shown(page, lambda: page.ask(CHANGE % "failed")) == lost < 200
     assert shown(page, lambda: page.ask(CHANGE % "all")) == 200
     name = server.table.view["strips"][0]
     low, high = server.table.ranges[name]
-    values = server.table.cursor().execute("select * exclude (controller, outcome) from shown").fetchnumpy()[name]
+    values = (
+        server.table.cursor()
+        .execute("select * exclude (controller, outcome) from shown")
+        .fetchnumpy()[name]
+    )
     half = int((values < (low + high) / 2).sum())
     brushed = shown(page, lambda: drag(page, "#flights-strips canvas", (0.001, 0.5), (0.5, 0.5)))
     assert abs(brushed - half) <= 4 and 0 < brushed < 200
     upper = shown(page, lambda: drag(page, "#scatter", (0.1, 0.05), (0.9, 0.4)))
     assert upper < brushed
     assert shown(page, lambda: page.ask("document.getElementById('flights-clear').click()")) == 200
-    assert shown(page, lambda: page.ask("document.querySelector('#flights-controllers input').click()")) == 100
+    assert (
+        shown(
+            page, lambda: page.ask("document.querySelector('#flights-controllers input').click()")
+        )
+        == 100
+    )
 
 
 def find_flights(page, across=40, up=20):

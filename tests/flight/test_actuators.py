@@ -59,12 +59,19 @@ def test_rate_limits_and_stops_are_followed(plan):
 
 def test_without_limits_a_flight_with_moving_surfaces_is_of_order_four(plan):
     # A tick of 0.1 s and a slow actuator, so that errors stand out of the rounding; within one cell of the tables.
-    constants = plan.vehicle.constants._replace(surface_limit=10.0, surface_rate_limit=1e6, surface_bandwidth=20.0)
+    constants = plan.vehicle.constants._replace(
+        surface_limit=10.0, surface_rate_limit=1e6, surface_bandwidth=20.0
+    )
     soft = dataclasses.replace(plan, vehicle=plan.vehicle._replace(constants=constants))
 
     def flown(steps):
         timing = plan.timing._replace(step=0.01 / steps, steps_per_tick=steps, ticks=15)
-        block = fly(dataclasses.replace(soft, timing=timing), nominal_parameters(), record_every=1, keep_states=True)
+        block = fly(
+            dataclasses.replace(soft, timing=timing),
+            nominal_parameters(),
+            record_every=1,
+            keep_states=True,
+        )
         return block.states[0]
 
     exact = flown(16)
@@ -95,10 +102,18 @@ HALF = ", ".join(f'"flap_{i}": step' for i in range(0, COUNT, 2))
 def make_plan(folder, given=HALF, how=""):
     """Of a law that commands half of sixteen effectors itself."""
     effectors = {}
-    for i, (low, high, fastest, bandwidth) in enumerate(np.column_stack([LOW, HIGH, FASTEST, BANDWIDTH]).tolist()):
-        lags = {"rate": f"{fastest} deg/s", "bandwidth": f"{bandwidth} rad/s", "damping": float(DAMPING[i])}
+    for i, (low, high, fastest, bandwidth) in enumerate(
+        np.column_stack([LOW, HIGH, FASTEST, BANDWIDTH]).tolist()
+    ):
+        lags = {
+            "rate": f"{fastest} deg/s",
+            "bandwidth": f"{bandwidth} rad/s",
+            "damping": float(DAMPING[i]),
+        }
         moves = dict(zip(("aileron", "rudder", "elevator"), MIX[i].tolist(), strict=True))
-        moves |= {"limits": [f"{low} deg", f"{high} deg"]} | ({"ideal": True} if i == IDEAL else lags)
+        moves |= {"limits": [f"{low} deg", f"{high} deg"]} | (
+            {"ideal": True} if i == IDEAL else lags
+        )
         effectors[f"flap_{i}"] = moves
     law = write_law(folder, LAW.format(given=given, how=how))
     return short_plan(60, law, "level", {"base": "ghame_x", "effectors": effectors})
@@ -131,14 +146,23 @@ def test_sixteen_effectors_move_by_their_own_limits_rates_and_lags(sixteen) -> N
         at[IDEAL], rate[IDEAL] = command[IDEAL], 0.0
         expected.append(at)
     ticks = np.array([6, 12, 30, 36, 60])
-    found = positions(sixteen, ticks.tolist(), rows_of({"actuator.bandwidth": 1.2, "actuator.rate_limit": 0.8}))[:, 0]
+    found = positions(
+        sixteen, ticks.tolist(), rows_of({"actuator.bandwidth": 1.2, "actuator.rate_limit": 0.8})
+    )[:, 0]
     # rad; a stop met within a step of the brute force costs most
     assert np.abs(found - np.array(expected)[ticks - 1]).max() < 2e-4
 
 
 def test_an_effector_sticks_is_slow_and_loses_effectiveness(sixteen) -> None:
-    cases = ({}, {"stuck_time": 0.1}, {"slow_time": 0.0, "rate_limit": 0.1}, {"loss_time": 0.0, "effectiveness": 0.4})
-    parameters = rows_of(*({f"failure.effector_14.{name}": x for name, x in case.items()} for case in cases))
+    cases = (
+        {},
+        {"stuck_time": 0.1},
+        {"slow_time": 0.0, "rate_limit": 0.1},
+        {"loss_time": 0.0, "effectiveness": 0.4},
+    )
+    parameters = rows_of(
+        *({f"failure.effector_14.{name}": x for name, x in case.items()} for case in cases)
+    )
     at = positions(sixteen, [10, 11, 20, 60], parameters)[:, :, 14]
     assert np.ptp(at[:, 1]) < 1e-12 < np.ptp(at[:, 0])
     assert at[2, 2] - at[0, 2] == pytest.approx(0.1 * np.radians(FASTEST[14]) * 0.1, rel=1e-3)
@@ -147,7 +171,9 @@ def test_an_effector_sticks_is_slow_and_loses_effectiveness(sixteen) -> None:
 
 def test_a_law_in_plain_python_commands_the_same(tmp_path, sixteen) -> None:
     plain = make_plan(tmp_path, how="(compiled=False)")
-    assert np.array_equal(*(positions(plan, [20], nominal_parameters()) for plan in (plain, sixteen)))
+    assert np.array_equal(
+        *(positions(plan, [20], nominal_parameters()) for plan in (plain, sixteen))
+    )
 
 
 def test_an_effectors_command_that_is_no_number_ends_the_flight_by_its_name(tmp_path) -> None:
@@ -155,4 +181,6 @@ def test_an_effectors_command_that_is_no_number_ends_the_flight_by_its_name(tmp_
     plan = make_plan(tmp_path, given, "(compiled=False)")
     block = fly(plan, nominal_parameters(1))
     assert block.outcome[0] == Outcome.NOT_FINITE
-    assert "effector flap_4 at 0.11 s" in describe_end(plan, nominal_parameters(1), Outcome.NOT_FINITE)
+    assert "effector flap_4 at 0.11 s" in describe_end(
+        plan, nominal_parameters(1), Outcome.NOT_FINITE
+    )

@@ -54,7 +54,9 @@ def parameters():
     rows = nominal_parameters(LANES + 3)
     generator = np.random.default_rng(4)
     rows[:, PARAMETER_INDEX["aero.lift"]] = generator.uniform(0.8, 1.2, len(rows))
-    rows[::4, PARAMETER_INDEX["actuator.deflection_limit"]] = 0.05  # some lose control and end early
+    rows[::4, PARAMETER_INDEX["actuator.deflection_limit"]] = (
+        0.05  # some lose control and end early
+    )
     rows[1, PARAMETER_INDEX["initial.angle_of_attack"]] = 0.5  # at the first tick
     return rows
 
@@ -70,14 +72,28 @@ ENTRIES = {
     "swing": {"of": "bank_error_deg", "statistic": "peak_to_peak", "from": "2 s", "to": "6 s"},
     "path": {"of": "elevator_deg", "statistic": "travel"},
     "outside": {"of": "bank_error_deg", "statistic": "time_outside", "limit": 1.0},
-    "mostly": {"of": "abs(bank_error_deg)", "statistic": "quantile", "share": 0.95, "settled": True},
-    "seldom": {"of": "pitch_rate_dps", "statistic": "quantile", "share": 0.025, "from": "2 s", "to": "6 s"},
+    "mostly": {
+        "of": "abs(bank_error_deg)",
+        "statistic": "quantile",
+        "share": 0.95,
+        "settled": True,
+    },
+    "seldom": {
+        "of": "pitch_rate_dps",
+        "statistic": "quantile",
+        "share": 0.025,
+        "from": "2 s",
+        "to": "6 s",
+    },
     "settling": {"of": "bank_error_deg", "statistic": "last_outside", "limit": 1.0},
     "begins": {"of": "altitude_error_m", "statistic": "first_outside", "limit": 0.05},
     "turns": {"of": "pitch_rate_dps", "statistic": "reversals"},
     "large_turns": {"of": "bank_error_deg", "statistic": "reversals", "limit": 0.5},
     "late_swing": {"of": "bank_error_deg", "statistic": "peak_to_peak", "settled": True},
-    "mixed": {"of": "sqrt(abs(pitch_rate_dps) + 1) * min(mach, 3, 5) - -bank_deg / 2", "statistic": "max"},
+    "mixed": {
+        "of": "sqrt(abs(pitch_rate_dps) + 1) * min(mach, 3, 5) - -bank_deg / 2",
+        "statistic": "max",
+    },
     "wave": {"of": "max(sin(bank_deg * 0.02), cos(mach))", "statistic": "min"},
     "never": {"of": "mach", "statistic": "mean", "from": "100 s"},
 }
@@ -124,9 +140,12 @@ def expected(entry, channels, settled):
     x = eval(entry["of"], IN_EXPRESSIONS, channels)  # noqa: S307
     t = 0.01 * np.arange(len(x))
     start, end = (
-        float(entry.get(name, default).removesuffix(" s")) for name, default in (("from", "0"), ("to", "inf"))
+        float(entry.get(name, default).removesuffix(" s"))
+        for name, default in (("from", "0"), ("to", "inf"))
     )
-    counts = (t > start - 1e-9) & (t < end + 1e-9) & (settled[: len(t)] | (not entry.get("settled")))
+    counts = (
+        (t > start - 1e-9) & (t < end + 1e-9) & (settled[: len(t)] | (not entry.get("settled")))
+    )
     limit = entry.get("limit", entry.get("share", 0.0))
     return STATISTICS[entry["statistic"]](x[counts], t[counts], limit) if counts.any() else np.nan
 
@@ -140,17 +159,30 @@ def test_every_statistic_is_what_numpy_makes_of_the_channels(plan, parameters):
     for flight, history in enumerate(block.history.astype(np.float64)):
         flown = history[np.isfinite(history[:, CHANNEL_INDEX["altitude_m"]])]
         channels = {name: flown[:, i] for name, i in CHANNEL_INDEX.items()}
-        for (name, entry), found in zip(ENTRIES.items(), block.metrics[flight, len(METRICS) :], strict=True):
+        for (name, entry), found in zip(
+            ENTRIES.items(), block.metrics[flight, len(METRICS) :], strict=True
+        ):
             want = expected(entry, channels, settled)
             near = 2 if name == "turns" else 0  # of noise that float32 rounds away
-            assert np.isclose(found, want, rtol=2e-5, atol=2e-4 + near, equal_nan=True), (flight, name, found, want)
+            assert np.isclose(found, want, rtol=2e-5, atol=2e-4 + near, equal_nan=True), (
+                flight,
+                name,
+                found,
+                want,
+            )
 
 
 def test_a_declared_metric_that_repeats_a_built_in_one_gives_its_bits(plan, parameters):
-    counted = compile_metrics(METRICS, known_sources(NO_SOURCES))  # in the lean loop, and the repeated ones not
-    assert counted.lean.place.tolist() == list(range(len(METRICS))) and not counted.programs.place.size
+    counted = compile_metrics(
+        METRICS, known_sources(NO_SOURCES)
+    )  # in the lean loop, and the repeated ones not
+    assert (
+        counted.lean.place.tolist() == list(range(len(METRICS))) and not counted.programs.place.size
+    )
     entries = {f"own_{metric.name}": repeat(metric) for metric in METRICS}
-    entries |= {f"own_way_of_{name}": {"of": f"{name}_deg", "statistic": "travel"} for name in SURFACES}
+    entries |= {
+        f"own_way_of_{name}": {"of": f"{name}_deg", "statistic": "travel"} for name in SURFACES
+    }
     declared, plain = fly(declare(plan, **entries), parameters), fly(plan, parameters)
     assert np.array_equal(declared.metrics[:, : len(METRICS)], plain.metrics)
     for i, metric in enumerate(METRICS):
@@ -164,15 +196,27 @@ def test_a_declared_metric_that_repeats_a_built_in_one_gives_its_bits(plan, para
 def test_a_tick_that_is_not_a_number_makes_the_metric_not_a_number(plan, parameters):
     """GHAME-X names no nose radius: its heat flux was above no limit for 0 s, and the requirement passed."""
     entries = {}
-    for i, of in enumerate(("stagnation_heat_flux_w_m2", "sqrt(pitch_rate_dps)", "max(0, sqrt(pitch_rate_dps))")):
+    for i, of in enumerate(
+        ("stagnation_heat_flux_w_m2", "sqrt(pitch_rate_dps)", "max(0, sqrt(pitch_rate_dps))")
+    ):
         for statistic in Statistic:
             limit = {"limit": 1.0} if statistic in TAKES_LIMIT else {}
             limit |= {"share": 0.5} if statistic == Statistic.QUANTILE else {}
-            entries[f"m{i}_{statistic.word}"] = {"of": of, "statistic": statistic.word, "empty": 0.0, **limit}
-    some, every = {k: v for k, v in entries.items() if k < "m2"}, {k: v for k, v in entries.items() if k >= "m2"}
+            entries[f"m{i}_{statistic.word}"] = {
+                "of": of,
+                "statistic": statistic.word,
+                "empty": 0.0,
+                **limit,
+            }
+    some, every = (
+        {k: v for k, v in entries.items() if k < "m2"},
+        {k: v for k, v in entries.items() if k >= "m2"},
+    )
     for declared in (some, every):
         block = fly(declare(plan, **declared), parameters[2:4])
-        assert (block.outcome == Outcome.OK).all() and np.isnan(block.metrics[:, len(METRICS) :]).all()
+        assert (block.outcome == Outcome.OK).all() and np.isnan(
+            block.metrics[:, len(METRICS) :]
+        ).all()
     before = {"early": {"of": "sqrt(2.0 - altitude_error_m)", "statistic": "max", "to": "0.01 s"}}
     assert np.isfinite(fly(declare(plan, **before), parameters[2:4]).metrics[:, -1]).all()
 
@@ -183,13 +227,18 @@ def test_many_flights_with_quantiles_are_as_few():
     made, rows = declare(short_plan(50, "lqr_retuned"), low=entry), nominal_parameters(600)
     rows[:, PARAMETER_INDEX["aero.lift"]] = np.linspace(0.9, 1.1, 600)
     block = fly(made, rows)
-    assert np.array_equal(block.metrics[500:], fly(made, rows[500:]).metrics) and len(set(block.metrics[:, -1])) > 500
+    assert (
+        np.array_equal(block.metrics[500:], fly(made, rows[500:]).metrics)
+        and len(set(block.metrics[:, -1])) > 500
+    )
 
 
 def test_records_come_back_from_their_text(plan):
     made = declare(plan, **ENTRIES)
     again = unpack_metrics(made.declared)
-    assert [repr(metric) for metric in again] == [repr(metric) for metric in made.metrics[len(METRICS) :]]
+    assert [repr(metric) for metric in again] == [
+        repr(metric) for metric in made.metrics[len(METRICS) :]
+    ]
     assert {metric.bad for metric in again if metric.statistic.word == "min"} == {"low"}
 
 
@@ -198,6 +247,8 @@ def test_tables_name_everything_once_and_every_source_has_a_row():
         assert len({signal.name for signal in table}) == len(table)
     assert set(SENTENCES) == set(Outcome)
     lost = {Outcome.NOT_FINITE, Outcome.FAILED_TO_RUN, Outcome.LAW_FAILED, *LAW_LOST}
-    assert {limit.outcome for limit in LIMITS} == set(Outcome) - lost  # OK: the mission's own end by condition
+    assert {limit.outcome for limit in LIMITS} == set(
+        Outcome
+    ) - lost  # OK: the mission's own end by condition
     for entry in (*SOURCES.values(), *LIMITS):
         assert s.X <= find_row(entry.source) < Z_ROWS

@@ -20,7 +20,12 @@ def law(reference):
     return Command({aileron}, 0.0, reference.elevator, equivalence_ratio=reference.equivalence_ratio{effectors})
 """
 MIXED = {"left": {"aileron": -1, "elevator": 1}, "right": {"aileron": 1, "elevator": 1}}
-MOVING = {"rate": "400 deg/s", "bandwidth": "50 rad/s", "damping": 0.7, "limits": ["-20 deg", "20 deg"]}
+MOVING = {
+    "rate": "400 deg/s",
+    "bandwidth": "50 rad/s",
+    "damping": 0.7,
+    "limits": ["-20 deg", "20 deg"],
+}
 DRIVEN = {name: mix | MOVING for name, mix in MIXED.items()}
 
 
@@ -31,7 +36,12 @@ def write_own_law(folder, effectors="", aileron="0.0", compiled=False):
 
 def campaign_of(folder, effectors, controllers=None, **entries):
     vehicle = {"base": "ghame_x", "effectors": effectors}
-    content = {"name": "one", "vehicle": vehicle, "mission": "level", "controllers": controllers or "tlc"}
+    content = {
+        "name": "one",
+        "vehicle": vehicle,
+        "mission": "level",
+        "controllers": controllers or "tlc",
+    }
     return read_campaign(write_inputs(content | {"runs": 2, "dispersions": {}} | entries, folder))
 
 
@@ -46,10 +56,16 @@ def test_effectors_that_there_are_not_are_refused(tmp_path, given: str, words: s
         short_plan(5, law, "level", {"base": "ghame_x", "effectors": DRIVEN})
 
 
-def test_a_campaign_with_failures_of_axes_is_refused_where_effectors_move_themselves(tmp_path) -> None:
+def test_a_campaign_with_failures_of_axes_is_refused_where_effectors_move_themselves(
+    tmp_path,
+) -> None:
     weak = {"control.right_effectiveness": {"distribution": "uniform", "half_width": "20 %"}}
-    assert campaign_of(tmp_path, DRIVEN, dispersions=weak).names == ("control.effector_1_effectiveness",)
-    failing = {"failure.aileron.loss_time": {"distribution": "uniform", "low": "1 s", "high": "2 s"}}
+    assert campaign_of(tmp_path, DRIVEN, dispersions=weak).names == (
+        "control.effector_1_effectiveness",
+    )
+    failing = {
+        "failure.aileron.loss_time": {"distribution": "uniform", "low": "1 s", "high": "2 s"}
+    }
     with pytest.raises(InputError, match="failure of an effector: left"):
         make_plans(campaign_of(tmp_path, DRIVEN, dispersions=failing), ["tlc"], make_engine())
 
@@ -58,7 +74,9 @@ def test_all_laws_of_a_campaign_fly_one_list_of_actuators_whose_usage_is_counted
     entries = {
         "requirements": [{"metric": "left_max_deg", "below": 30, "probability": 0.5}],
         "keep": {"histories": {"channels": ["right_command_deg", "altitude_m", "left_deg"]}},
-        "metrics": {"swing_deg": {"of": "left_deg - right_command_deg", "statistic": "peak_to_peak"}},
+        "metrics": {
+            "swing_deg": {"of": "left_deg - right_command_deg", "statistic": "peak_to_peak"}
+        },
     }
     with pytest.raises(InputError, match="channel 'left_deg'"):
         campaign_of(tmp_path, MIXED, **entries)
@@ -66,11 +84,15 @@ def test_all_laws_of_a_campaign_fly_one_list_of_actuators_whose_usage_is_counted
     campaign = campaign_of(tmp_path, MIXED, laws, **entries)
     assert campaign.kept_channels == ("altitude_m", "left_deg", "right_command_deg")
     for plan in make_plans(campaign, laws, make_engine()).values():
-        assert [m.name for m in plan.metrics] == [m.name for m in campaign.measured] and "left" in plan.effectors
+        assert [m.name for m in plan.metrics] == [
+            m.name for m in campaign.measured
+        ] and "left" in plan.effectors
         block = fly(cut(plan, 60), nominal_parameters(1), 1)
         at = [channel.name for channel in plan.channels].index("left_deg")
         place = [metric.name for metric in plan.metrics].index("left_max_deg")
-        assert block.metrics[0, place] == pytest.approx(np.abs(block.history[0, :, at]).max(), rel=1e-6)
+        assert block.metrics[0, place] == pytest.approx(
+            np.abs(block.history[0, :, at]).max(), rel=1e-6
+        )
 
 
 ELEVONS = [(side, limit) for side in (-1, 1) for limit in (0, 1)]
@@ -91,18 +113,26 @@ def test_less_effectiveness_is_that_share_of_the_roll_rate(tmp_path, effectors, 
     """At every limit, by axes and by effectors: of the axes, and of all effectors one by one."""
     aerodynamics = make_document("vehicle", "ghame_x").data["aerodynamics"]
     for terms in aerodynamics.values():  # the effectors turn it, and about the x axis alone
-        terms[:] = [term | ({"scale": 0.0} if term.get("times") == "aileron" else {}) for term in terms]
+        terms[:] = [
+            term | ({"scale": 0.0} if term.get("times") == "aileron" else {}) for term in terms
+        ]
     flaps, given = {}, []
     for i, (side, limit) in enumerate(effectors):
         mix = {"aileron": side, "elevator": 1} if side else {"aileron": 1}
-        flaps[f"flap_{i}"] = mix | MOVING | {"limits": [f"-{limits[limit]} deg", f"{limits[limit]} deg"]}
+        flaps[f"flap_{i}"] = (
+            mix | MOVING | {"limits": [f"-{limits[limit]} deg", f"{limits[limit]} deg"]}
+        )
         share = (side or 1) / len(effectors)
-        aerodynamics["rolling_moment"].append({"table": "roll_aileron", "times": f"flap_{i}", "scale": share})
+        aerodynamics["rolling_moment"].append(
+            {"table": "roll_aileron", "times": f"flap_{i}", "scale": share}
+        )
         given.append(f'"flap_{i}": {{0}} * {side or 1} + reference.elevator * {abs(side)}')
     vehicle = {"base": "ghame_x", "effectors": flaps, "aerodynamics": aerodynamics}
     ks = (1.0, 0.8, 0.5, 0.2)
     cases = [{"control.aileron_effectiveness": k} for k in ks]
-    cases += [{f"control.effector_{i}_effectiveness": k for i in range(len(effectors))} for k in ks[1:]]
+    cases += [
+        {f"control.effector_{i}_effectiveness": k for i in range(len(effectors))} for k in ks[1:]
+    ]
     for by in ("axes", "effectors"):
         rates = []
         for aileron in ("0.0", "0.2967"):

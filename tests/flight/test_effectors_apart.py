@@ -47,10 +47,16 @@ def coefficients(air, controls, rates):
     roll = -0.06 * beta - 0.3 * rates.roll_rate + 0.05 * rates.yaw_rate
     return Coefficients(
         CL=alpha + 0.05 * pair + 0.1 * controls.flap,
-        CD=0.02 + 0.8 * alpha * alpha + 0.1 * (controls.left * controls.left + controls.right * controls.right),
+        CD=0.02
+        + 0.8 * alpha * alpha
+        + 0.1 * (controls.left * controls.left + controls.right * controls.right),
         CY=-0.6 * beta + 0.1 * controls.rudder,
         Cl=roll + 0.02 * split * (1.0 + alpha) + 0.004 * controls.rudder,
-        Cm=0.008 - 0.2 * alpha - 1.5 * rates.pitch_rate - 0.1 * pair - 0.05 * controls.flap * (1.0 + 2.0 * alpha),
+        Cm=0.008
+        - 0.2 * alpha
+        - 1.5 * rates.pitch_rate
+        - 0.1 * pair
+        - 0.05 * controls.flap * (1.0 + 2.0 * alpha),
         Cn=0.1 * beta - 0.25 * rates.yaw_rate - 0.05 * controls.rudder + 0.002 * split,
     )
 
@@ -62,18 +68,27 @@ def thrust(air, throttle):
 def law(measured, reference):
     path = clamp(2e-4 * (reference.altitude - measured.altitude), -0.02, 0.02)
     alpha = reference.angle_of_attack + 0.8 * (path - measured.flight_path_angle)
-    elevator = reference.elevator + 0.6 * (measured.angle_of_attack - alpha) + 0.4 * measured.pitch_rate
+    elevator = (
+        reference.elevator + 0.6 * (measured.angle_of_attack - alpha) + 0.4 * measured.pitch_rate
+    )
     aileron = -0.3 * (measured.bank - 0.2) - 0.15 * measured.roll_rate
     throttle = reference.equivalence_ratio + 0.02 * (reference.speed - measured.speed)
     flap = 0.02 - 0.4 * measured.pitch_rate
     rudder, right = 0.5 * measured.yaw_rate + 0.3 * measured.sideslip, elevator + 0.9 * aileron
     return Command(
-        9.0, rudder, 9.0, throttle=throttle, effectors={"left": elevator - aileron, "right": right, "flap": flap}
+        9.0,
+        rudder,
+        9.0,
+        throttle=throttle,
+        effectors={"left": elevator - aileron, "right": right, "flap": flap},
     )
 
 
 FUNCTIONS = "\n\n".join(
-    ["from abhv_mc.extend import Coefficients, Thrust\n", *map(inspect.getsource, (coefficients, thrust))]
+    [
+        "from abhv_mc.extend import Coefficients, Thrust\n",
+        *map(inspect.getsource, (coefficients, thrust)),
+    ]
 )
 LAW = f"from abhv_mc.extend import Command, clamp, controller\n\n\n@controller\n{inspect.getsource(law)}"
 CASES = (
@@ -94,11 +109,18 @@ CASES = (
     {"propulsion.thrust": 1.05},
     {"failure.effector_2.stuck_time": 3.0, "failure.effector_2.stuck_at": 0.03},
 )
-Air, Rates = namedtuple("Air", "angle_of_attack sideslip"), namedtuple("Rates", "roll_rate pitch_rate yaw_rate")
+Air, Rates = (
+    namedtuple("Air", "angle_of_attack sideslip"),
+    namedtuple("Rates", "roll_rate pitch_rate yaw_rate"),
+)
 Controls, Row = namedtuple("Controls", "left right flap rudder"), namedtuple("Row", REFERENCE)
-Seen = namedtuple("Seen", ("altitude", "speed", "flight_path_angle", *Air._fields, "bank", *Rates._fields))
+Seen = namedtuple(
+    "Seen", ("altitude", "speed", "flight_path_angle", *Air._fields, "bank", *Rates._fields)
+)
 STEPS = 2  # of a control tick
-MIX = np.array([[-1.0, 0.0, 1.0], [1.0, 0.0, 1.0], [0.0, 0.0, 0.5], [0.0, 1.0, 0.0]])  # left, right, flap, rudder
+MIX = np.array(
+    [[-1.0, 0.0, 1.0], [1.0, 0.0, 1.0], [0.0, 0.0, 0.5], [0.0, 1.0, 0.0]]
+)  # left, right, flap, rudder
 BANDWIDTH, DAMPING = np.array([50.0, 45.0, 20.0, 40.0, 20.0]), np.array([0.7, 0.6, 0.9, 0.8, 1.0])
 LIMIT = np.radians([20.0, 20.0, 10.0, 20.0])
 
@@ -171,7 +193,10 @@ class Flights:
         for i, name in ((0, "aero.lift"), (1, "aero.drag"), (4, "aero.pitching_moment")):
             c[i] *= value(name)
         pressure = 0.5 * density * speed**2 * 3.0
-        ahead, down = c[0] * np.sin(alpha) - c[1] * np.cos(alpha), -c[0] * np.cos(alpha) - c[1] * np.sin(alpha)
+        ahead, down = (
+            c[0] * np.sin(alpha) - c[1] * np.cos(alpha),
+            -c[0] * np.cos(alpha) - c[1] * np.sin(alpha),
+        )
         force = pressure * np.array([ahead, c[2], down])
         force[0] += 1.2e5 * x[26] * density * value("propulsion.thrust")
         moment = pressure * np.array([2.0 * c[3], 3.0 * c[4], 2.0 * c[5]])
@@ -180,14 +205,23 @@ class Flights:
         moment += np.cross(arm, force, axis=0)
         spin = np.einsum("ijf,jf->if", self.J, omega)
         zero = 0.0 * omega[0]
-        turning = np.array([[zero, -omega[2], omega[1]], [omega[2], zero, -omega[0]], [-omega[1], omega[0], zero]])
+        turning = np.array(
+            [[zero, -omega[2], omega[1]], [omega[2], zero, -omega[0]], [-omega[1], omega[0], zero]]
+        )
         found = np.empty_like(x)
-        found[:3], found[3:6] = x[3:6], self.world.gravity(x[:3]) + np.einsum("ijf,jf->if", body, force) / self.mass
+        found[:3], found[3:6] = (
+            x[3:6],
+            self.world.gravity(x[:3]) + np.einsum("ijf,jf->if", body, force) / self.mass,
+        )
         found[6:15] = np.einsum("ijf,jkf->ikf", body, turning).reshape(9, -1)
         found[15:18] = np.einsum("ijf,jf->if", self.inverse, moment - np.cross(omega, spin, axis=0))
-        bandwidth = BANDWIDTH[:, None] * np.where(np.arange(5)[:, None] < 4, value("actuator.bandwidth"), 1.0)
+        bandwidth = BANDWIDTH[:, None] * np.where(
+            np.arange(5)[:, None] < 4, value("actuator.bandwidth"), 1.0
+        )
         found[18::2] = x[19::2]
-        found[19::2] = bandwidth**2 * (command - x[18::2]) - 2.0 * DAMPING[:, None] * bandwidth * x[19::2]
+        found[19::2] = (
+            bandwidth**2 * (command - x[18::2]) - 2.0 * DAMPING[:, None] * bandwidth * x[19::2]
+        )
         return found
 
     def command(self, x, tick):
@@ -253,19 +287,33 @@ def test_the_flights_are_those_of_an_independent_integration(plan, ticks) -> Non
 def test_a_law_of_effectors_has_the_usage_of_the_axes_that_they_make(plan) -> None:
     plan = cut(plan, 300)
     block = fly(plan, rows_of({}), 1)
-    channels = {channel.name: block.history[0, :, i].astype(float) for i, channel in enumerate(plan.channels)}
+    channels = {
+        channel.name: block.history[0, :, i].astype(float)
+        for i, channel in enumerate(plan.channels)
+    }
     names = {metric.name: i for i, metric in enumerate(plan.metrics)}
-    at = np.array([channels[f"{name}_deg"] for name in ("left", "right", "flap", "rudder_effector")])
+    at = np.array(
+        [channels[f"{name}_deg"] for name in ("left", "right", "flap", "rudder_effector")]
+    )
     axes = np.linalg.pinv(MIX) @ at
     for name, deflection in zip(("aileron", "rudder", "elevator"), axes, strict=True):
         np.testing.assert_allclose(channels[f"{name}_deg"], deflection, atol=1e-5)
         rms = np.sqrt(np.mean((deflection - deflection[0]) ** 2))
-        assert block.metrics[0, METRIC_INDEX[f"{name}_rms_deg"]] == pytest.approx(rms, rel=1e-4, abs=1e-9)
+        assert block.metrics[0, METRIC_INDEX[f"{name}_rms_deg"]] == pytest.approx(
+            rms, rel=1e-4, abs=1e-9
+        )
     assert block.metrics[0, METRIC_INDEX["aileron_rms_deg"]] > 0.1
-    asked = np.array([channels[f"{name}_command_deg"] for name in ("left", "right", "flap", "rudder_effector")])
-    np.testing.assert_allclose(channels["elevator_command_deg"], (np.linalg.pinv(MIX) @ asked)[2], atol=1e-5)
+    asked = np.array(
+        [channels[f"{name}_command_deg"] for name in ("left", "right", "flap", "rudder_effector")]
+    )
+    np.testing.assert_allclose(
+        channels["elevator_command_deg"], (np.linalg.pinv(MIX) @ asked)[2], atol=1e-5
+    )
     for name, row in (("left", at[0]), ("flap", at[2])):
-        found = {end: block.metrics[0, names[f"{name}_{end}"]] for end in ("rms_deg", "max_deg", "travel_deg")}
+        found = {
+            end: block.metrics[0, names[f"{name}_{end}"]]
+            for end in ("rms_deg", "max_deg", "travel_deg")
+        }
         assert found["rms_deg"] == pytest.approx(np.sqrt(np.mean(row**2)), rel=1e-5)
         assert found["max_deg"] == pytest.approx(np.abs(row).max(), rel=1e-5)
         assert found["travel_deg"] == pytest.approx(np.abs(np.diff(row)).sum(), rel=1e-4)

@@ -24,14 +24,22 @@ def plans():
     """Some flights end on the way."""
     made = {name: short_plan(TICKS, name) for name in ("tlc", "lqr")}
     tight = {"altitude_max": 20_001.5}
-    return {name: dataclasses.replace(plan, limits=plan.limits._replace(**tight)) for name, plan in made.items()}
+    return {
+        name: dataclasses.replace(plan, limits=plan.limits._replace(**tight))
+        for name, plan in made.items()
+    }
 
 
 @pytest.fixture(scope="module")
 def dispersed():
     generator = np.random.default_rng(18)
     rows = nominal_parameters(FLIGHTS)
-    for name, width in (("aero.lift", 0.2), ("initial.sideslip", 0.003), ("wind.east", 8.0), ("initial.bank", 0.3)):
+    for name, width in (
+        ("aero.lift", 0.2),
+        ("initial.sideslip", 0.003),
+        ("wind.east", 8.0),
+        ("initial.bank", 0.3),
+    ):
         rows[:, PARAMETER_INDEX[name]] += generator.uniform(-width, width, FLIGHTS)
     rows[::13, PARAMETER_INDEX["failure.rudder.stuck_time"]] = 4.0
     rows[7, PARAMETER_INDEX["mass.total"]] = np.nan  # breaks before its first sample counts

@@ -45,7 +45,9 @@ def test_a_failure_after_the_end_changes_no_bit(plan):
 
 @pytest.mark.parametrize("time", [5.0, 5.004])
 def test_it_acts_from_the_first_control_tick_at_or_after_its_time(plan, time: float):
-    block = _fly(plan, {}, {"failure.elevator.loss_time": time, "failure.elevator.effectiveness": 0.5})
+    block = _fly(
+        plan, {}, {"failure.elevator.loss_time": time, "failure.elevator.effectiveness": 0.5}
+    )
     differs = (block.states[0] != block.states[1]).any(axis=1)
     acts = 500 if time == 5.0 else 501
     assert not differs[: acts + 1].any()
@@ -57,11 +59,20 @@ _UNSTART = {"failure.engine.time": 0.0, "failure.engine.thrust": 1.0}
 
 
 _EQUAL = [
-    ({f"failure.{name}.slow_time": 0.0 for name in ("aileron", "rudder", "elevator")}, {"actuator.rate_limit": 0.1}),
+    (
+        {f"failure.{name}.slow_time": 0.0 for name in ("aileron", "rudder", "elevator")},
+        {"actuator.rate_limit": 0.1},
+    ),
     (_UNSTART | {"failure.engine.drag_increment": 0.004}, {"aero.drag.increment": 0.004}),
-    (_UNSTART | {"failure.engine.pitching_moment_increment": 0.001}, {"aero.pitching_moment.increment": 0.001}),
+    (
+        _UNSTART | {"failure.engine.pitching_moment_increment": 0.001},
+        {"aero.pitching_moment.increment": 0.001},
+    ),
     *(
-        ({f"failure.{name}.loss_time": 0.0, f"failure.{name}.effectiveness": k}, {f"control.{name}_effectiveness": k})
+        (
+            {f"failure.{name}.loss_time": 0.0, f"failure.{name}.effectiveness": k},
+            {f"control.{name}_effectiveness": k},
+        )
         for name, k in (("elevator", 0.4), ("aileron", 0.7))
     ),
     (
@@ -100,14 +111,21 @@ def test_a_surface_sticks_where_it_is_or_is_driven_where_it_is_told(plan):
 def path_acceleration(plan, block, share):
     """Speed and its rate along the path flown, from the tables by numpy; the engine gives a share of its thrust."""
     x, vehicle = block.states[0].T, plan.vehicle
-    gamma, alpha = (np.deg2rad(_channel(block, 0, f"{name}_deg")) for name in ("flight_path_angle", "angle_of_attack"))
+    gamma, alpha = (
+        np.deg2rad(_channel(block, 0, f"{name}_deg"))
+        for name in ("flight_path_angle", "angle_of_attack")
+    )
     speed = np.sqrt(np.sum(x[s.U : s.W + 1] ** 2, axis=0))
     density, _, _, sound = np.array([atmosphere(altitude) for altitude in x[s.ALTITUDE]]).T
     variables = make_variables(
         vehicle, mach=speed / sound, angle_of_attack=alpha, elevator=x[s.ELEVATOR],
         equivalence_ratio=x[s.ETA], altitude=x[s.ALTITUDE], mass=x[s.MASS],
     )  # fmt: skip
-    c, q_bar, fixed = vehicle.constants, 0.5 * density * speed**2, evaluate_fixed(vehicle, variables)
+    c, q_bar, fixed = (
+        vehicle.constants,
+        0.5 * density * speed**2,
+        evaluate_fixed(vehicle, variables),
+    )
     drag = q_bar * c.area * evaluate_coefficients(vehicle, variables)[1]
     captured = c.capture_thrust * x[s.ETA] * density * speed * fixed["capture_area_ratio"]
     force = share * (captured * fixed["specific_impulse"] + q_bar * fixed["thrust_area"])
@@ -127,7 +145,9 @@ def path_acceleration(plan, block, share):
     ],
     ids=["a glide", "a second's lag, twice"],
 )
-def test_speed_while_thrust_leaves_and_comes_back_is_that_of_an_independent_integration(failure, windows, allowed):
+def test_speed_while_thrust_leaves_and_comes_back_is_that_of_an_independent_integration(
+    failure, windows, allowed
+):
     """The thrust a continuous first-order answer with the engine's lag."""
     ticks = windows[-1][1]
     level = short_plan(ticks, mission="level")
@@ -152,8 +172,14 @@ def test_a_measurement_freezes_at_its_last_value_or_is_off(plan):
     (frozen, true), (off, beside) = (
         [_channel(block, i, f"speed{end}_mps") for end in ("_measured", "")] for i in (0, 1)
     )
-    assert np.array_equal(frozen[:2], true[:2]) and (frozen[2:] == true[1]).all() and (true[2:] != true[1]).all()
-    assert off - beside == pytest.approx(7.0 * (np.arange(off.size) >= 2), abs=2e-4)  # histories are float32
+    assert (
+        np.array_equal(frozen[:2], true[:2])
+        and (frozen[2:] == true[1]).all()
+        and (true[2:] != true[1]).all()
+    )
+    assert off - beside == pytest.approx(
+        7.0 * (np.arange(off.size) >= 2), abs=2e-4
+    )  # histories are float32
 
 
 def test_an_inlet_out_of_its_range_is_an_engine_failure_from_the_next_tick(plan):
@@ -184,19 +210,38 @@ def test_the_vehicles_own_effectors_fail_as_the_axes_that_they_are_mixed_from():
     axes = {"control.aileron_effectiveness": 0.6, "control.elevator_effectiveness": 0.6}
     stuck = {"failure.aileron.stuck_time": 1.0, "failure.elevator.stuck_time": 1.0}
     block = _fly(cone, lost, axes, slow, stuck, {})
-    assert np.allclose(block.states[0], block.states[1], rtol=1e-7, atol=1e-8)  # the sums round otherwise
+    assert np.allclose(
+        block.states[0], block.states[1], rtol=1e-7, atol=1e-8
+    )  # the sums round otherwise
     # Stuck elevons hold the moment that a stuck aileron and elevator would; these stop a surface dead in its motion.
     assert np.allclose(block.states[2, :, s.ALTITUDE], block.states[3, :, s.ALTITUDE], atol=0.05)
-    assert not np.allclose(block.states[2, 200:, s.PITCH_RATE], block.states[4, 200:, s.PITCH_RATE], atol=1e-9)
+    assert not np.allclose(
+        block.states[2, 200:, s.PITCH_RATE], block.states[4, 200:, s.PITCH_RATE], atol=1e-9
+    )
 
 
 def test_cases_name_what_failed_before_the_missions_end():
-    names = ("aero.lift", "failure.engine.time", "failure.elevator.stuck_time", "failure.sensor.speed.time")
+    names = (
+        "aero.lift",
+        "failure.engine.time",
+        "failure.elevator.stuck_time",
+        "failure.sensor.speed.time",
+    )
     samples = np.array(
-        [[1.0, NEVER, NEVER, NEVER], [1.0, 5.0, 70.0, NEVER], [1.0, 5.0, 4.0, 9.0], [1.0, NEVER, NEVER, NEVER]]
+        [
+            [1.0, NEVER, NEVER, NEVER],
+            [1.0, 5.0, 70.0, NEVER],
+            [1.0, 5.0, 4.0, 9.0],
+            [1.0, NEVER, NEVER, NEVER],
+        ]
     )
     cases = failure_cases(names, samples, np.full(4, 60.0), np.array([0.0, 55.0, 55.0, 2.0]))
-    assert cases == ["none", "engine failed", "engine failed + elevator stuck + speed sensor", "engine unstart"]
+    assert cases == [
+        "none",
+        "engine failed",
+        "engine failed + elevator stuck + speed sensor",
+        "engine unstart",
+    ]
     assert failure_times(names, samples).tolist() == [NEVER, 5.0, 4.0, NEVER]
 
 
@@ -204,7 +249,9 @@ def test_cases_name_what_failed_before_the_missions_end():
 def several():
     left, right = ({"share": 0.4, "y": y, "z": "-0.1 m"} for y in ("-0.6 m", "0.6 m"))
     engines = {"left": left, "right": right, "below": {"share": 0.2, "z": "0.4 m"}}
-    return short_plan(100, mission="level", vehicle={"base": "ghame_x", "propulsion.engines": engines})
+    return short_plan(
+        100, mission="level", vehicle={"base": "ghame_x", "propulsion.engines": engines}
+    )
 
 
 def test_an_engine_out_takes_its_share_and_turns_the_vehicle(several):
@@ -225,7 +272,10 @@ def test_an_engine_out_takes_its_share_and_turns_the_vehicle(several):
         change = (block.states[flight, 1] - block.states[0, 1])[s.ROLL_RATE : s.YAW_RATE + 1] / 0.01
         line = vehicle.constants.thrust_offset_z - fixed["center_of_gravity_z"][0]
         force = -whole * share * lost
-        pitch, yaw = (line + z) * force / fixed["inertia_yy"][0], -y * force / fixed["inertia_zz"][0]
+        pitch, yaw = (
+            (line + z) * force / fixed["inertia_yy"][0],
+            -y * force / fixed["inertia_zz"][0],
+        )
         assert change[1] == pytest.approx(pitch, rel=2e-2)
         assert change[2] == pytest.approx(yaw, rel=2e-2, abs=1e-6)
 

@@ -31,7 +31,15 @@ from abhv_mc.simulators.make_plans import make_plans
 
 FLIGHTS = LANES
 FACTOR = 0.05
-HALF_WIDTH = {"-": 2e-4, "m": 0.02, "m/s": 3.0, "1/s": 1e-4, "rad": 0.005, "rad/s": 0.001, "s": 0.02}  # what adds
+HALF_WIDTH = {
+    "-": 2e-4,
+    "m": 0.02,
+    "m/s": 3.0,
+    "1/s": 1e-4,
+    "rad": 0.005,
+    "rad/s": 0.001,
+    "s": 0.02,
+}  # what adds
 NEVER_NEGATIVE = ("_noise", "turbulence", "delay", "gust_start")
 
 
@@ -45,7 +53,9 @@ def plans():
 def dispersed():
     """Every parameter dispersed in every flight."""
     generator = np.random.default_rng(16)
-    widths = [FACTOR if parameter.nominal else HALF_WIDTH[parameter.unit] for parameter in PARAMETERS]
+    widths = [
+        FACTOR if parameter.nominal else HALF_WIDTH[parameter.unit] for parameter in PARAMETERS
+    ]
     widths[PARAMETER_INDEX["one"]] = 0.0
     errors = generator.uniform(-1.0, 1.0, (FLIGHTS, len(PARAMETERS))) * widths
     for i, parameter in enumerate(PARAMETERS):
@@ -77,7 +87,9 @@ def test_packing_does_not_matter(plans, dispersed, law):
     assert_same(together, fly(plans[law], dispersed[few], 50, keep_states=True), few)
 
 
-@pytest.mark.parametrize("broken", [("atmosphere.density", np.nan), ("aero.lift", np.inf), ("mass.total", 0.0)])
+@pytest.mark.parametrize(
+    "broken", [("atmosphere.density", np.nan), ("aero.lift", np.inf), ("mass.total", 0.0)]
+)
 def test_a_neighbour_that_breaks_does_not_matter(plans, dispersed, broken):
     healthy = fly(plans["tlc"], dispersed, record_every=50, keep_states=True)
     name, value = broken
@@ -87,7 +99,10 @@ def test_a_neighbour_that_breaks_does_not_matter(plans, dispersed, broken):
     ends = Outcome.FUEL_OUT if name == "mass.total" else Outcome.NOT_FINITE
     assert (beside.outcome[[0, 5, 15]] == ends).all()
     assert (beside.end_time[[0, 5, 15]] < 0.1).all()
-    first = {"atmosphere.density": "dynamic pressure of the air (dynamic_pressure_pa) at 0 s", "aero.lift": "at 0"}
+    first = {
+        "atmosphere.density": "dynamic pressure of the air (dynamic_pressure_pa) at 0 s",
+        "aero.lift": "at 0",
+    }
     assert first.get(name, "") in describe_end(plans["tlc"], others[:1], ends)
     kept = np.setdiff1d(np.arange(FLIGHTS), [0, 5, 15])
     for part in ("outcome", "end_time", "metrics", "history", "states"):
@@ -121,7 +136,9 @@ def test_plain_python_flies_the_same(plans, dispersed, tmp_path):
     short = {law: cut(plan, 6) for law, plan in plans.items()}
     (tmp_path / "plans.pickle").write_bytes(pickle.dumps((short, dispersed)))
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
-    subprocess.run([sys.executable, "-c", PLAIN, str(tmp_path / "plans.pickle")], env=environment, check=True)
+    subprocess.run(
+        [sys.executable, "-c", PLAIN, str(tmp_path / "plans.pickle")], env=environment, check=True
+    )
     for law, plan in short.items():
         compiled = fly(plan, dispersed, record_every=1, keep_states=True)
         plain = np.load(tmp_path / f"{law}.npz")
@@ -148,7 +165,9 @@ def campaign_plans(name, repository):
     return campaign, make_plans(campaign, campaign.model.controllers, make_engine()).values()
 
 
-SLOW = [pytest.param(name, marks=pytest.mark.thorough) for name in ("harder_vehicle", "paper", "wide")]
+SLOW = [
+    pytest.param(name, marks=pytest.mark.thorough) for name in ("harder_vehicle", "paper", "wide")
+]
 
 
 @pytest.mark.parametrize("name", ["s_manoeuvre", "winged_cone", *SLOW])
@@ -160,7 +179,9 @@ def test_lean_flights_have_the_same_bits(name, repository, monkeypatch):
         assert plan.lean
         blocks = []
         for lean in (True, False):
-            monkeypatch.setattr(flying, "choose_flight", lambda lanes, _, lean=lean: make_fly_lanes(lanes, lean))
+            monkeypatch.setattr(
+                flying, "choose_flight", lambda lanes, _, lean=lean: make_fly_lanes(lanes, lean)
+            )
             blocks.append(flying.fly(plan, rows, 100))
         assert_same(*blocks)
 
@@ -195,7 +216,10 @@ def test_the_kernel_gets_only_arrays_it_can_rely_on(plans, change):
     tables = plan.vehicle.tables._replace(data=change(plan.vehicle.tables.data))
     changed = replace(plan, vehicle=plan.vehicle._replace(tables=tables), gains=change(plan.gains))
     made = make_kernel_plan(changed, nominal_parameters(), Recording(0))
-    for array, whole in ((made.vehicle.tables.data, plan.vehicle.tables.data), (made.gains, plan.gains)):
+    for array, whole in (
+        (made.vehicle.tables.data, plan.vehicle.tables.data),
+        (made.gains, plan.gains),
+    ):
         assert array.flags.aligned and array.flags.c_contiguous and array.flags.writeable
         assert np.array_equal(array, whole)
 
@@ -203,10 +227,16 @@ def test_the_kernel_gets_only_arrays_it_can_rely_on(plans, change):
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        ({"gains": np.zeros((301, 32), np.float32)}, "plan.gains is an array of float32, not an array of float64"),
+        (
+            {"gains": np.zeros((301, 32), np.float32)},
+            "plan.gains is an array of float32, not an array of float64",
+        ),
         ({"gains": np.zeros((301, 31))}, r"plan.gains has the shape \(301, 31\), not \(any, 32\)"),
         ({"gains": np.zeros((300, 32))}, "has 300 rows for control ticks 0 to 300"),
-        ({"initial_state": np.zeros((22, 1))}, r"initial_state has the shape \(22, 1\), not \(22\)"),
+        (
+            {"initial_state": np.zeros((22, 1))},
+            r"initial_state has the shape \(22, 1\), not \(22\)",
+        ),
         ({}, "parameters has the shape"),
     ],
 )

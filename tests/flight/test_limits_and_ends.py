@@ -37,7 +37,9 @@ def _ended(plan: FlightPlan):
 
 
 def test_no_limit_changes_no_bit(plan: FlightPlan) -> None:
-    free, limited = (fly(p, nominal_parameters()) for p in (plan, _limited(plan, load_factor=1e6, bank=3.2)))
+    free, limited = (
+        fly(p, nominal_parameters()) for p in (plan, _limited(plan, load_factor=1e6, bank=3.2))
+    )
     assert np.array_equal(free.metrics, limited.metrics)
 
 
@@ -52,7 +54,9 @@ def test_no_limit_changes_no_bit(plan: FlightPlan) -> None:
 def test_a_channel_ends_the_flight_at_the_first_tick_beyond(
     plan: FlightPlan, name: str, outcome: Outcome, channel: str, scale: float
 ) -> None:
-    whole = np.abs(fly(plan, nominal_parameters(), 1).history[0, :, CHANNEL_INDEX[channel]].astype(np.float64))
+    whole = np.abs(
+        fly(plan, nominal_parameters(), 1).history[0, :, CHANNEL_INDEX[channel]].astype(np.float64)
+    )
     limit = 0.5 * (whole[0] + whole.max())
     _, ended, last = _ended(_limited(plan, **{name: float(limit * scale)}))
     assert ended is outcome
@@ -69,7 +73,9 @@ def test_the_heat_flux_is_sutton_and_graves(plan: FlightPlan) -> None:
 
 
 def test_an_oscillation_ends_it_where_the_ripple_exceeds_the_limit() -> None:
-    lqr = make_flight_plan("s_manoeuvre", "ghame_x", controller="lqr")  # cycles by more than 10 deg of angle of attack
+    lqr = make_flight_plan(
+        "s_manoeuvre", "ghame_x", controller="lqr"
+    )  # cycles by more than 10 deg of angle of attack
     block, ended, last = _ended(_limited(lqr, angle_of_attack_ripple=math.radians(4.0)))
     assert ended is Outcome.OSCILLATION_LIMIT
     assert 4.0 < block.metrics[0, METRIC_INDEX["angle_of_attack_ripple_deg"]] < 12.0
@@ -80,25 +86,40 @@ def test_an_oscillation_ends_it_where_the_ripple_exceeds_the_limit() -> None:
     ("name", "value"),
     [("wind.turbulence", "1 m/s"), ("wind.gust_down", "1 m/s"), ("sensor.bank_noise", "0.1 deg")],
 )
-def test_an_oscillation_in_gusts_turbulence_or_noise_has_no_limit(name: str, value: str, tmp_path: Path) -> None:
+def test_an_oscillation_in_gusts_turbulence_or_noise_has_no_limit(
+    name: str, value: str, tmp_path: Path
+) -> None:
     mission = {"base": "level", "limits": {"oscillation": {"sideslip": "5 deg"}}}
-    content = {"name": "swings", "vehicle": "ghame_x", "mission": mission, "controllers": "tlc", "runs": 9}
+    content = {
+        "name": "swings",
+        "vehicle": "ghame_x",
+        "mission": mission,
+        "controllers": "tlc",
+        "runs": 9,
+    }
     dispersions = {name: {"distribution": "uniform", "half_width": value}}
     campaign = read_campaign(write_inputs(content | {"dispersions": dispersions}, tmp_path))
-    with pytest.raises(InputError, match=rf"campaign.yaml:\d.*'{name}' with 'limits: {{oscillation}}'.*still air"):
+    with pytest.raises(
+        InputError, match=rf"campaign.yaml:\d.*'{name}' with 'limits: {{oscillation}}'.*still air"
+    ):
         make_plans(campaign, ["tlc"], make_engine())
 
 
 def _loads(vehicle: dict[str, Any], mission: dict[str, Any]) -> LoadBounds:
     changes = {f"limits.{name}": value for name, value in vehicle.items()}
-    return make_flight_plan({"base": "level", "limits": mission}, {"base": "ghame_x", **changes}).limits.loads
+    return make_flight_plan(
+        {"base": "level", "limits": mission}, {"base": "ghame_x", **changes}
+    ).limits.loads
 
 
 def test_the_tighter_limit_of_vehicle_and_mission_holds() -> None:
     vehicle = {"dynamic_pressure": "95 kPa", "load_factor": 4, "oscillation": "2 deg"}
     found = _loads(vehicle, {"load_factor": 5, "bank": "80 deg", "oscillation": {"bank": "1 deg"}})
     assert found == LoadBounds(95e3, 4.0, math.inf, *np.radians([80.0, 1.0, 2.0, 2.0]).tolist())
-    for wrong, words in (({"heat_flux": "1 MW/m2"}, "nose radius"), ({"load_factor": 0}, "greater than 0")):
+    for wrong, words in (
+        ({"heat_flux": "1 MW/m2"}, "nose radius"),
+        ({"load_factor": 0}, "greater than 0"),
+    ):
         with pytest.raises(InputError, match=words):
             _loads({}, wrong)
 
@@ -128,14 +149,22 @@ def test_it_starts_in_a_bank_in_steady_turning_flight() -> None:
     assert history[0, CHANNEL_INDEX["sideslip_deg"]] == pytest.approx(0.0, abs=1e-9)
     # Over the first tick nothing but the law's next command disturbs the steady turn.
     turn = np.diff(history[:4, CHANNEL_INDEX["heading_deg"]])[0] / 0.01
-    assert turn == pytest.approx(math.degrees(9.7 * math.tan(math.radians(40.0)) / 1400.0), rel=0.05)
+    assert turn == pytest.approx(
+        math.degrees(9.7 * math.tan(math.radians(40.0)) / 1400.0), rel=0.05
+    )
     assert abs(np.diff(history[:2, CHANNEL_INDEX["angle_of_attack_deg"]])[0]) < 0.002
 
 
 def test_it_starts_in_a_climb_and_keeps_it() -> None:
-    plan = make_flight_plan({"base": "level", "start.flight_path_angle": "2 deg", "duration": "20 s"}, "ghame_x")
+    plan = make_flight_plan(
+        {"base": "level", "start.flight_path_angle": "2 deg", "duration": "20 s"}, "ghame_x"
+    )
     block = fly(plan, nominal_parameters(), record_every=1)
     height = block.history[0, :, CHANNEL_INDEX["altitude_m"]]
-    assert block.history[0, 0, CHANNEL_INDEX["flight_path_angle_deg"]] == pytest.approx(2.0, abs=1e-5)
-    assert height[-1] - height[0] == pytest.approx(20.0 * 1400.0 * math.sin(math.radians(2.0)), rel=0.02)
+    assert block.history[0, 0, CHANNEL_INDEX["flight_path_angle_deg"]] == pytest.approx(
+        2.0, abs=1e-5
+    )
+    assert height[-1] - height[0] == pytest.approx(
+        20.0 * 1400.0 * math.sin(math.radians(2.0)), rel=0.02
+    )
     assert block.metrics[0, METRIC_INDEX["altitude_error_max_m"]] < 10.0

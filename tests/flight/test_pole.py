@@ -27,12 +27,21 @@ def test_a_body_flies_past_the_pole_as_in_cartesian_coordinates() -> None:
     wanted = np.array(fly_sphere(World(), 0.0, velocity, latitude=89.99))[:, 1:7]
     vehicle = load_vehicle(CONFIGS / "vehicle" / "nesc" / "sphere.yaml")
     start = make_start(
-        0.0, tuple(FT * v for v in velocity), 0.0, (0.0, 0.0, 0.0), vehicle.constants.mass_start, math.radians(89.99)
+        0.0,
+        tuple(FT * v for v in velocity),
+        0.0,
+        (0.0, 0.0, 0.0),
+        vehicle.constants.mass_start,
+        math.radians(89.99),
     )
     timing = Timing(0.01, 1, 3000)
-    motion = make_motion(replay(make_replay_plan(vehicle, ELLIPSOID, start, np.zeros((3001, 4)), timing))[::10])
+    motion = make_motion(
+        replay(make_replay_plan(vehicle, ELLIPSOID, start, np.zeros((3001, 4)), timing))[::10]
+    )
     assert np.degrees(motion.latitude).max() > 89.992
-    assert np.abs(motion.altitude / FT - wanted[:, 0]).max() < 5e-3  # as at the equator: constants of the air
+    assert (
+        np.abs(motion.altitude / FT - wanted[:, 0]).max() < 5e-3
+    )  # as at the equator: constants of the air
     metres = np.radians(90.0 - wanted[:, 2]) * 6.4e6  # from the pole
     turned = (np.degrees(motion.longitude) - wanted[:, 1] + 180.0) % 360.0 - 180.0
     assert np.abs(np.radians(turned) * metres).max() < 1e-3
@@ -62,7 +71,9 @@ def test_a_mission_starts_up_to_89_99_deg() -> None:
 
 def test_the_date_line_changes_longitude_alone() -> None:
     here, there = (plan_from(90.0, 10.0, longitude) for longitude in (0.0, 179.9))
-    states = [fly(plan, nominal_parameters(), 100, keep_states=True).states[0] for plan in (here, there)]
+    states = [
+        fly(plan, nominal_parameters(), 100, keep_states=True).states[0] for plan in (here, there)
+    ]
     rest = [i for i in range(s.N_STATES) if i != s.LONGITUDE]
     assert np.array_equal(states[0][:, rest], states[1][:, rest])
     turned = states[1][:, s.LONGITUDE] - states[0][:, s.LONGITUDE] - math.radians(179.9)
@@ -86,9 +97,13 @@ def test_the_f16_circles_the_pole_and_the_crossing_of_equator_and_date_line(case
     turned = np.unwrap(angle) - angle[0]
     assert 60.0 * np.abs(away - 0.05).max() < 0.12  # nautical miles, from a start without bank
     assert 60.0 * np.ptp(away[-10_000:]) < 0.03  # then as far as a law without integrals holds it
-    assert np.argmax(turned >= math.tau) / RATE == pytest.approx(math.tau * 0.0513 * 111.7e3 / (563.6 * FT), abs=2.0)
+    assert np.argmax(turned >= math.tau) / RATE == pytest.approx(
+        math.tau * 0.0513 * 111.7e3 / (563.6 * FT), abs=2.0
+    )
     speed = np.hypot(motion.velocity_ned[:, 0], motion.velocity_ned[:, 1]) / FT
     assert np.abs(speed - 563.643).max() < 0.1
     assert np.abs(motion.altitude / FT - 10_000.0).max() < 7.0
     steps = np.diff(motion.velocity_ned, axis=0)
-    assert np.abs(steps).max() < 0.15  # m/s in 2 ms: north turns to east with the meridians, nothing jumps
+    assert (
+        np.abs(steps).max() < 0.15
+    )  # m/s in 2 ms: north turns to east with the meridians, nothing jumps

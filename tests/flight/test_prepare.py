@@ -19,13 +19,22 @@ VEHICLE = "vehicle/ghame_x"
     [
         ({}, ""),
         ({"start.altitude": "29 km"}, r"no angle of attack .* of 6001 points, first at 0\.00 s"),
-        ({"start.altitude": "20 km"}, r"takes -76\.6 deg of bank, which the controller limits, at 0\.00 s"),
+        (
+            {"start.altitude": "20 km"},
+            r"takes -76\.6 deg of bank, which the controller limits, at 0\.00 s",
+        ),
     ],
     ids=["the paper's", "beyond the vehicle", "beyond the controller's limit"],
 )
 def test_what_the_nominal_controls_do_not_fly_is_told_with_its_time(change, words):
-    wide = {"manoeuvre": {"kind": "s_manoeuvre", "offset": "20 km", "length": "50 s"}} if change else {}
-    warnings = make_flight_plan({"base": "s_manoeuvre", **change, **wide}, "ghame_x").warnings.tolist()
+    wide = (
+        {"manoeuvre": {"kind": "s_manoeuvre", "offset": "20 km", "length": "50 s"}}
+        if change
+        else {}
+    )
+    warnings = make_flight_plan(
+        {"base": "s_manoeuvre", **change, **wide}, "ghame_x"
+    ).warnings.tolist()
     assert any(re.search(words, each) for each in warnings) if words else not warnings
 
 
@@ -33,18 +42,36 @@ def test_what_the_nominal_controls_do_not_fly_is_told_with_its_time(change, word
     ("vehicle", "mission", "file", "words"),
     [
         ({"base": "nesc/sphere"}, {}, "vehicle/nesc/sphere", "without control surfaces or engine"),
-        ({"tables.roll_rudder": NOTHING, "tables.yaw_rudder": NOTHING}, {}, VEHICLE, "not turn .* about three axes"),
-        ({"tables.capture_area_ratio": {"constant": 0}}, {}, "mission/level", "no throttle within the engine's limits"),
+        (
+            {"tables.roll_rudder": NOTHING, "tables.yaw_rudder": NOTHING},
+            {},
+            VEHICLE,
+            "not turn .* about three axes",
+        ),
+        (
+            {"tables.capture_area_ratio": {"constant": 0}},
+            {},
+            "mission/level",
+            "no throttle within the engine's limits",
+        ),
         ({}, {"start.altitude": "39 km"}, "mission/level", r"no .* at 1?\d+ of \d+ points"),
         (GLIDER, {}, VEHICLE, "a law of your own"),
         ({}, {"start.latitude": "-89.995 deg"}, "mission/level", r"89\.995"),
-        ({"propulsion.engines": {"left": {"y": "-1 m"}, "right": {"y": "2 m"}}}, {}, VEHICLE, "acts"),
+        (
+            {"propulsion.engines": {"left": {"y": "-1 m"}, "right": {"y": "2 m"}}},
+            {},
+            VEHICLE,
+            "acts",
+        ),
         ({"propulsion.engines": {"left": {"share": 0.4}, "right": {}}}, {}, VEHICLE, "shares"),
     ],
     ids=lambda case: case if isinstance(case, str) else None,
 )
 def test_what_cannot_be_flown_is_refused(repository, vehicle, mission, file, words):
-    vehicle = {**vehicle, "base": repository / f"configs/vehicle/{vehicle.get('base', 'ghame_x')}.yaml"}
+    vehicle = {
+        **vehicle,
+        "base": repository / f"configs/vehicle/{vehicle.get('base', 'ghame_x')}.yaml",
+    }
     with pytest.raises(InputError, match=words) as caught:
         make_flight_plan({"base": repository / "configs/mission/level.yaml", **mission}, vehicle)
     assert caught.value.file == str(repository / f"configs/{file}.yaml")
@@ -52,17 +79,27 @@ def test_what_cannot_be_flown_is_refused(repository, vehicle, mission, file, wor
 
 def test_a_glide_balances_weight_lift_and_drag():
     table = abhv_mc.trim(GLIDER, "32 km", bank=["0 deg", "30 deg"])
-    assert table["trimmed"].all() and (table["equivalence_ratio"] == 0.0).all() and (table["thrust_n"] == 0.0).all()
+    assert (
+        table["trimmed"].all()
+        and (table["equivalence_ratio"] == 0.0).all()
+        and (table["thrust_n"] == 0.0).all()
+    )
     straight = table.iloc[0]
     # On a round Earth at rest V^2 / r carries part of the weight.
     lift, drag = straight["lift_n"], straight["drag_n"]
     carried = 1.0 - 1400.0**2 / (9.75 * 6.39e6)
-    assert np.tan(np.deg2rad(-straight["flight_path_angle_deg"])) == pytest.approx(drag / lift * carried, rel=0.01)
+    assert np.tan(np.deg2rad(-straight["flight_path_angle_deg"])) == pytest.approx(
+        drag / lift * carried, rel=0.01
+    )
     assert table["flight_path_angle_deg"].iloc[1] < straight["flight_path_angle_deg"]
 
 
 def test_an_own_law_flies_a_glider():
-    mission = {"base": "level", "duration": "8 s", "start.altitude": "32 km"}  # then the air is denser
+    mission = {
+        "base": "level",
+        "duration": "8 s",
+        "start.altitude": "32 km",
+    }  # then the air is denser
     flown = abhv_mc.fly(mission, GLIDER, "cascade", every=100)
     assert flown.attrs["outcome"] == "ok"
     angle = abhv_mc.trim(GLIDER, "32 km")["flight_path_angle_deg"].iloc[0]
@@ -74,7 +111,10 @@ def test_an_own_law_flies_a_glider():
 
 def test_where_no_glide_holds_the_speed_it_slows_down():
     """At 20 km the drag is above the weight."""
-    assert abhv_mc.trim(GLIDER)["fault"].iloc[0] == "no flight path angle within the vehicle's limits balances it"
+    assert (
+        abhv_mc.trim(GLIDER)["fault"].iloc[0]
+        == "no flight path angle within the vehicle's limits balances it"
+    )
     flown = abhv_mc.fly({"base": "level", "duration": "2 s"}, GLIDER, "cascade", every=100)
     assert flown["flight_path_angle_deg"].iloc[0] == pytest.approx(0.0, abs=1e-6)
     assert flown["speed_mps"].iloc[-1] < 1375.0

@@ -75,7 +75,9 @@ def zigzag(generator) -> np.ndarray:
     """Straight lines between turning points, each swing a tenth to ten times the one before."""
     swings = [generator.uniform(0.5, 2.0)]
     for factor in 10.0 ** generator.uniform(-1.0, 1.0, 14):
-        swings.append(np.clip(factor * swings[-1], max(0.01, 0.1 * swings[-1]), min(100.0, 10.0 * swings[-1])))
+        swings.append(
+            np.clip(factor * swings[-1], max(0.01, 0.1 * swings[-1]), min(100.0, 10.0 * swings[-1]))
+        )
     points = np.cumsum([generator.normal(), *swings * (-1.0) ** np.arange(len(swings))])
     return np.concatenate([np.linspace(a, b, 9)[:-1] for a, b in pairwise(points)])
 
@@ -87,11 +89,15 @@ def test_it_is_the_definition_on_any_signal(seed: int) -> None:
         zigzag(generator),
         np.cumsum(generator.normal(size=600)),
         np.round(generator.normal(size=600), 1),
-        np.sin(np.cumsum(generator.uniform(0.02, 0.06, 600))) * np.exp(generator.normal() * np.linspace(0.0, 2.0, 600)),
+        np.sin(np.cumsum(generator.uniform(0.02, 0.06, 600)))
+        * np.exp(generator.normal() * np.linspace(0.0, 2.0, 600)),
     )
     for error in signals:
         settled = np.repeat(generator.uniform(size=error.size // 8 + 1) < 0.95, 8)[: error.size]
-        (size, frequency), (largest, frequencies) = follow(error, settled), expected_ripple(error, settled)
+        (size, frequency), (largest, frequencies) = (
+            follow(error, settled),
+            expected_ripple(error, settled),
+        )
         assert size == pytest.approx(largest, rel=1e-12)
         assert any(frequency == pytest.approx(each, rel=1e-12) for each in frequencies)
 
@@ -118,9 +124,14 @@ def test_the_metrics_are_those_of_the_recorded_flight(name: str) -> None:
     settled = plan.reference[: plan.timing.ticks + 1, ref.SETTLED] > 0.0
     for row, metrics in zip(block.history.astype(np.float64), block.metrics, strict=True):
         for angle in ("bank", "angle_of_attack"):
-            error = row[:, CHANNEL_INDEX[f"{angle}_deg"]] - row[:, CHANNEL_INDEX[f"{angle}_command_deg"]]
+            error = (
+                row[:, CHANNEL_INDEX[f"{angle}_deg"]]
+                - row[:, CHANNEL_INDEX[f"{angle}_command_deg"]]
+            )
             wanted, frequencies = expected_ripple(error, settled)  # histories are float32
-            assert metrics[METRIC_INDEX[f"{angle}_ripple_deg"]] == pytest.approx(wanted, abs=2e-5, rel=1e-5)
+            assert metrics[METRIC_INDEX[f"{angle}_ripple_deg"]] == pytest.approx(
+                wanted, abs=2e-5, rel=1e-5
+            )
             frequency = metrics[METRIC_INDEX[f"{angle}_cycle_hz"]]
             assert any(frequency == pytest.approx(each, rel=0.05) for each in frequencies)
     if name == "lqr":  # it cycles in angle of attack, which nobody sees in its rms

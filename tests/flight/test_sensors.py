@@ -83,15 +83,25 @@ def test_what_is_sampled_is_scaled_off_and_then_held_and_delayed():
 def test_noise_of_what_user_laws_measure_besides_is_random_numbers_of_their_own():
     both = {"altitude_noise": 2.0, "noise_seed": 0.3}
     alone = measure(lanes_with(**both), "altitude", np.zeros(4000))
-    np.testing.assert_array_equal(measure(lanes_with(**both, mach_noise=0.1), "altitude", np.zeros(4000)), alone)
+    np.testing.assert_array_equal(
+        measure(lanes_with(**both, mach_noise=0.1), "altitude", np.zeros(4000)), alone
+    )
     mach = measure(lanes_with(mach_noise=0.1, noise_seed=0.3), "mach", np.zeros(4000))
     assert np.std(mach) == pytest.approx(0.1, rel=0.05) and abs(np.mean(mach)) < 0.01
     assert abs(np.corrcoef(mach, alone)[0, 1]) < 0.05
 
 
 SEEN = {  # in which channel of an eastbound flight with 30 m/s of tail wind, and how near
-    **{"airspeed": ("speed_mps", 0.014), "mach": ("mach", 5e-5), "load_factor": ("load_factor_g", 1e-3)},
-    **{"roll": ("bank_deg", 0.05), "yaw": ("heading_deg", 0.1), "pitch": ("angle_of_attack_deg", 0.1)},
+    **{
+        "airspeed": ("speed_mps", 0.014),
+        "mach": ("mach", 5e-5),
+        "load_factor": ("load_factor_g", 1e-3),
+    },
+    **{
+        "roll": ("bank_deg", 0.05),
+        "yaw": ("heading_deg", 0.1),
+        "pitch": ("angle_of_attack_deg", 0.1),
+    },
     **{"latitude": ("latitude_deg", 3e-5), "longitude": ("longitude_deg", 1e-6)},
     **{"north": ("north_m", 1e-3), "east": ("east_m", 4e-3)},
 }
@@ -101,7 +111,13 @@ SEEN = {  # in which channel of an eastbound flight with 30 m/s of tail wind, an
 def test_a_user_law_sees_what_it_measures_besides_and_its_errors(tmp_path, name):
     plan = short_plan(30, write_law(tmp_path, WATCH.format(name=name)), "level")
     wind = {"wind.east": 30.0}
-    block = fly(plan, rows_of(wind, wind | {f"sensor.{name}_bias": 0.25}, wind | {f"sensor.{name}_interval": 0.3}), 1)
+    block = fly(
+        plan,
+        rows_of(
+            wind, wind | {f"sensor.{name}_bias": 0.25}, wind | {f"sensor.{name}_interval": 0.3}
+        ),
+        1,
+    )
     history = block.history.astype(float)
     true, biased, held = np.deg2rad(history[:, :, CHANNEL_INDEX["bank_command_deg"]])
     if name in SEEN:

@@ -16,7 +16,11 @@ from abhv_mc.one_flight.given import make_flight_plan
 
 LEVEL = {"base": "level", "duration": "21 s"}
 AIR = {"angle_of_attack": "air", "sideslip": "air"}
-WATCHED = [*(f"{name}_deg" for name in ("aileron", "rudder", "elevator")), "angle_of_attack_deg", "sideslip_deg"]
+WATCHED = [
+    *(f"{name}_deg" for name in ("aileron", "rudder", "elevator")),
+    "angle_of_attack_deg",
+    "sideslip_deg",
+]
 
 
 @pytest.fixture(scope="module")
@@ -32,8 +36,12 @@ def test_with_air_data_a_uniform_crosswind_is_felt_as_still_air():
     )
     off = (air[WATCHED] - calm[WATCHED]).iloc[20].abs()
     assert off.max() < 0.05
-    assert (inertial[WATCHED] - calm[WATCHED]).iloc[20].abs().max() > 0.5  # the ground's angles hold a sideslip instead
-    np.testing.assert_array_equal(calm.to_numpy(), abhv_mc.fly(LEVEL, "ghame_x", every=100).to_numpy())
+    assert (inertial[WATCHED] - calm[WATCHED]).iloc[
+        20
+    ].abs().max() > 0.5  # the ground's angles hold a sideslip instead
+    np.testing.assert_array_equal(
+        calm.to_numpy(), abhv_mc.fly(LEVEL, "ghame_x", every=100).to_numpy()
+    )
 
 
 def test_the_speed_that_is_held_is_that_to_the_air_where_it_is_measured():
@@ -45,7 +53,9 @@ def test_the_speed_that_is_held_is_that_to_the_air_where_it_is_measured():
 
 def test_fuel_that_is_burnt_ends_a_flight_and_a_mission_may_let_it_fly_on():
     dry = {"base": "ghame_x", "mass.start": "1050 kg", "mass.empty": "1049.5 kg"}
-    found = [abhv_mc.fly(LEVEL | {"limits": {"fuel_out": on}}, dry, every=100) for on in (True, False)]
+    found = [
+        abhv_mc.fly(LEVEL | {"limits": {"fuel_out": on}}, dry, every=100) for on in (True, False)
+    ]
     assert found[0].attrs["outcome"] == "fuel_out" and 0.1 < found[0].attrs["end_time_s"] < 5.0
     assert found[1].attrs["end_time_s"] > 10.0 and (found[1]["thrust_n"].iloc[6:] == 0.0).all()
     assert any("fuel lasts" in words for words in found[0].attrs["warnings"])
@@ -64,12 +74,20 @@ def test_without_an_empty_mass_the_engine_runs_and_the_mass_stays():
 def test_late_measurements_are_refused_beyond_what_is_remembered():
     with pytest.raises(InputError, match=r"300 ms.*0 to 250 ms"):
         abhv_mc.fly(LEVEL, "ghame_x", dispersions={"sensor.delay": "300 ms"})
-    assert abhv_mc.fly(LEVEL, "ghame_x", dispersions={"sensor.delay": "250 ms"}, every=2000).attrs["end_time_s"] > 0.0
+    assert (
+        abhv_mc.fly(LEVEL, "ghame_x", dispersions={"sensor.delay": "250 ms"}, every=2000).attrs[
+            "end_time_s"
+        ]
+        > 0.0
+    )
 
 
 def test_a_flame_out_follows_the_engines_lag_and_it_relights_in_its_time():
     failure = {"failure.engine.time": "2 s", "failure.engine.duration": "1 s"}
-    relights = {"base": "ghame_x", "propulsion.relight": {"delay": "0.5 s", "time_constant": "0.2 s"}}
+    relights = {
+        "base": "ghame_x",
+        "propulsion.relight": {"delay": "0.5 s", "time_constant": "0.2 s"},
+    }
     nominal, plain, late = (
         abhv_mc.fly(LEVEL, craft, dispersions=case)["thrust_n"].to_numpy()
         for craft, case in (("ghame_x", {}), ("ghame_x", failure), (relights, failure))
@@ -77,13 +95,17 @@ def test_a_flame_out_follows_the_engines_lag_and_it_relights_in_its_time():
     share = late[:600] / nominal[:600]
     np.testing.assert_allclose(share[:200], 1.0)
     decay = np.exp(-0.1 * np.arange(11))  # 2 zeta / wn = 0.1 s
-    np.testing.assert_allclose(share[200:210], -np.diff(decay) / 0.1, rtol=0.03)  # its mean over each tick
+    np.testing.assert_allclose(
+        share[200:210], -np.diff(decay) / 0.1, rtol=0.03
+    )  # its mean over each tick
     assert np.abs(np.diff(late[:600])).max() < 0.15 * nominal[0]
     assert share[345] < 1e-3 and share[360] > 0.35  # half a second after the second is over
     assert plain[305] / nominal[305] > 0.3
 
 
-@pytest.mark.parametrize(("parameter", "ratio"), [("propulsion.thrust", 1.0), ("propulsion.specific_impulse", 1.05)])
+@pytest.mark.parametrize(
+    ("parameter", "ratio"), [("propulsion.thrust", 1.0), ("propulsion.specific_impulse", 1.05)]
+)
 def test_thrust_is_dispersed_at_the_same_fuel_flow(plan, parameter, ratio):
     """In the first control period the engine has not yet answered: both flights burn at the same equivalence ratio."""
     states = fly(cut(plan, 1), rows_of({}, {parameter: 1.05}), 1, keep_states=True).states
@@ -95,7 +117,11 @@ def test_thrust_is_dispersed_at_the_same_fuel_flow(plan, parameter, ratio):
 def test_rotary_gusts_have_the_rms_of_their_spectra():
     plan = make_flight_plan({"base": "level", "duration": "60 s"}, "ghame_x", "lqr_robust")
     rows = nominal_parameters(40)
-    for name, value in {"turbulence": 0.3, "turbulence_rotary": 1.0, "turbulence_length": 200.0}.items():
+    for name, value in {
+        "turbulence": 0.3,
+        "turbulence_rotary": 1.0,
+        "turbulence_length": 200.0,
+    }.items():
         rows[:, PARAMETER_INDEX[f"wind.{name}"]] = value
     rows[:, PARAMETER_INDEX["wind.turbulence_right"]] = 0.5
     rows[:, PARAMETER_INDEX["wind.turbulence_seed"]] = (np.arange(40) + 0.5) / 40
@@ -109,7 +135,13 @@ def test_rotary_gusts_have_the_rms_of_their_spectra():
     lag = lambda b: 1.0 + (b * span * omega / (np.pi * speed)) ** 2  # noqa: E731
     a = length * omega / speed
     vertical = sigma**2 * length / (np.pi * speed) * (1.0 + 3.0 * a**2) / (1.0 + a**2) ** 2
-    p = sigma**2 / (speed * length) * 0.8 * (np.pi * length / (4.0 * span)) ** (1.0 / 3.0) / lag(4.0)
+    p = (
+        sigma**2
+        / (speed * length)
+        * 0.8
+        * (np.pi * length / (4.0 * span)) ** (1.0 / 3.0)
+        / lag(4.0)
+    )
     q, r = ((omega / speed) ** 2 * vertical / lag(b) for b in (4.0, 3.0))
     expected = np.sqrt([np.trapezoid(each, omega) for each in (p, q, 0.25 * r)])
     # The tick holds a gust over 14 m: what is faster than that is not there.
@@ -119,8 +151,18 @@ def test_rotary_gusts_have_the_rms_of_their_spectra():
 
 def test_neighbours_do_not_matter(plan):
     """Beside turbulence and errors of sensors, each flight is the one that it is alone, bit for bit."""
-    rough = {"wind.turbulence": 3.0, "sensor.bank_noise": 0.01, "sensor.altitude_bias": 3.0, "sensor.delay": 0.03}
-    more = {"sensor.speed_lag": 0.1, "sensor.mach_noise": 0.1, "sensor.yaw_interval": 0.5, "sensor.altitude_scale": 1.1}
+    rough = {
+        "wind.turbulence": 3.0,
+        "sensor.bank_noise": 0.01,
+        "sensor.altitude_bias": 3.0,
+        "sensor.delay": 0.03,
+    }
+    more = {
+        "sensor.speed_lag": 0.1,
+        "sensor.mach_noise": 0.1,
+        "sensor.yaw_interval": 0.5,
+        "sensor.altitude_scale": 1.1,
+    }
     together = fly(plan, rows_of({}, rough, more))
     for i, case in enumerate(({}, rough, more)):
         assert np.array_equal(fly(plan, rows_of(case)).metrics[0], together.metrics[i])
@@ -142,23 +184,33 @@ def test_gust_pushes_the_way_it_blows(plan):
     """Flying east with body y to the south: air that moves north makes the sideslip positive."""
     gust = {"wind.gust_north": 20.0, "wind.gust_start": 0.02, "wind.gust_length": 1.0}
     block = fly(cut(plan, 4), rows_of({}, gust), 1)
-    beta = block.history[1, :, CHANNEL_INDEX["sideslip_deg"]] - block.history[0, :, CHANNEL_INDEX["sideslip_deg"]]
+    beta = (
+        block.history[1, :, CHANNEL_INDEX["sideslip_deg"]]
+        - block.history[0, :, CHANNEL_INDEX["sideslip_deg"]]
+    )
     assert (beta[:3] == 0.0).all()
     assert np.deg2rad(beta[3]) * 1400.0 == pytest.approx(20.0, rel=0.01)
 
 
 def test_profile_is_the_density_factor_at_its_knots(plan):
     """At 20 km the knot's factor is the factor on the whole density."""
-    block = fly(plan, rows_of({"atmosphere.density_at_20km": 1.1}, {"atmosphere.density": 1.1}), 100)
+    block = fly(
+        plan, rows_of({"atmosphere.density_at_20km": 1.1}, {"atmosphere.density": 1.1}), 100
+    )
     q_bar = block.history[:, 0, CHANNEL_INDEX["dynamic_pressure_pa"]]
     assert q_bar[0] == pytest.approx(q_bar[1], rel=1e-6)
 
 
 def test_a_wind_table_is_the_wind_that_a_parameter_would_make(tmp_path):
-    (tmp_path / "wind.csv").write_text("altitude_m,wind_north_mps,wind_east_mps\n0,0,5\n40000,40,5\n")
+    (tmp_path / "wind.csv").write_text(
+        "altitude_m,wind_north_mps,wind_east_mps\n0,0,5\n40000,40,5\n"
+    )
     (tmp_path / "air.csv").write_text("altitude_m,density_factor\n10000,1.03\n30000,1.03\n")
     turn = {"base": "turn", "duration": "15 s"}
-    air = {"wind": {"file": str(tmp_path / "wind.csv")}, "density": {"file": str(tmp_path / "air.csv")}}
+    air = {
+        "wind": {"file": str(tmp_path / "wind.csv")},
+        "density": {"file": str(tmp_path / "air.csv")},
+    }
     plan = make_flight_plan({**turn, **air}, "ghame_x")
     block = fly(plan, rows_of({}), 1)
     same = rows_of({"wind.shear_north": 1e-3, "wind.east": 5.0, "atmosphere.density": 1.03})

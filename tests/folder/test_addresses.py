@@ -44,7 +44,9 @@ def contents(system):
     """All objects by name."""
     found = system.get_file_info(fs.FileSelector("bucket", recursive=True, allow_not_found=True))
     files = [info.path for info in found if info.type == fs.FileType.File]
-    return {path.removeprefix("bucket/folder/"): system.open_input_stream(path).read() for path in files}
+    return {
+        path.removeprefix("bucket/folder/"): system.open_input_stream(path).read() for path in files
+    }
 
 
 @pytest.fixture
@@ -72,7 +74,9 @@ def test_a_lease_holds_while_it_is_renewed_and_until_it_is_dropped(store):
     take(store).drop()
 
 
-def test_a_lease_that_nobody_renews_is_taken_over_and_its_loser_writes_nothing_more(store, tmp_path):
+def test_a_lease_that_nobody_renews_is_taken_over_and_its_loser_writes_nothing_more(
+    store, tmp_path
+):
     first = take(store)
     store.wait(1.1 * LEASE)
     second = take(store)
@@ -104,7 +108,10 @@ def test_an_object_that_is_no_lease_is_somebodys(store, content):
 def test_the_holder_is_named(tmp_path):
     with hold_lock(tmp_path / ".lock"):
         assert "process" in lock_holder(tmp_path / ".lock")
-        with pytest.raises(InputError, match=r"process .* is flying"), hold_lock(tmp_path / ".lock"):
+        with (
+            pytest.raises(InputError, match=r"process .* is flying"),
+            hold_lock(tmp_path / ".lock"),
+        ):
             pass
     assert lock_holder(tmp_path / ".lock") is None
 
@@ -131,11 +138,15 @@ def test_a_look_at_the_lock_keeps_nobody_from_taking_it(tmp_path):
 def test_a_key_is_written_nowhere(store, fake_engine, abhv_mc, tmp_path, monkeypatch):
     at, opened = "s3://KEYID:SECRET@bucket/folder?region=x", []
     monkeypatch.setattr(remote, "PUSH_INTERVAL", 0.05)
-    opens = SimpleNamespace(from_uri=lambda uri: opened.append(uri) or (store.system, "bucket/folder"))
+    opens = SimpleNamespace(
+        from_uri=lambda uri: opened.append(uri) or (store.system, "bucket/folder")
+    )
     known = SimpleNamespace(FileSystem=opens, FileSelector=fs.FileSelector)
     monkeypatch.setattr("abhv_mc.folder.store.pyarrow_fs", known)
     campaign = write_campaign(tmp_path / "f")
-    said = [abhv_mc("run", campaign, "--runs", 64, f"--output={at}", "--json", tmp_path / "run.json")]
+    said = [
+        abhv_mc("run", campaign, "--runs", 64, f"--output={at}", "--json", tmp_path / "run.json")
+    ]
     held = contents(store.system)
     assert {"manifest.json", "report.html"} < set(held)
     said += [abhv_mc("status", at, "--json", "-"), abhv_mc("verify", "campaign", at)]
@@ -151,7 +162,9 @@ def test_a_key_is_written_nowhere(store, fake_engine, abhv_mc, tmp_path, monkeyp
     assert [code for code, *_ in said] == [0, 0, 0, 0, 3]
     kept = Path(re.search(r"What was flown is kept in (\S+):", said[-1][2])[1])
     assert '"runs_done": 96' in (kept / "manifest.json").read_text()
-    written = [path.read_bytes() for path in (*tmp_path.rglob("*"), *kept.rglob("*")) if path.is_file()]
+    written = [
+        path.read_bytes() for path in (*tmp_path.rglob("*"), *kept.rglob("*")) if path.is_file()
+    ]
     masked = "s3://...@bucket/folder?region=x"
     assert masked.encode() in held["manifest.json"] and masked in said[0][1]
     assert not any(b"SECRET" in content for content in [*held.values(), *written])

@@ -42,9 +42,13 @@ def test_rows_digest_resume_and_growth_are_as_before(campaign, tmp_path, capfd):
     out = tmp_path / "out"
     joined = run(file, out).manifest
     assert names(out) == ["one-000000000-000000192.parquet", "one-000000192-000000300.parquet"]
-    assert [name for name in joined.files if "flights" in name] == [f"flights/{name}" for name in names(out)]
+    assert [name for name in joined.files if "flights" in name] == [
+        f"flights/{name}" for name in names(out)
+    ]
     assert joined.digest == whole.digest and len(names(tmp_path / "whole")) == 5
-    one, other = (pq.read_table(place / "flights").sort_by("flight") for place in (out, tmp_path / "whole"))
+    one, other = (
+        pq.read_table(place / "flights").sort_by("flight") for place in (out, tmp_path / "whole")
+    )
     assert one.equals(other)
     assert [row.first for row in find_rows(CampaignFolder(out), "one", [150])] == [150]
     flown = [read_flown(place).flights["one"] for place in (out, tmp_path / "whole")]
@@ -110,14 +114,18 @@ COLUMNS = dict(zip("bac", np.random.default_rng(0).normal(size=(3, 50)), strict=
 
 def digest(rows=slice(None), controller="tlc", flights=FLIGHTS, outcome=OUTCOME, columns=COLUMNS):
     ends = tuple(np.array(outcome)[rows].tolist())
-    return digest_rows(controller, flights[rows], ends, {name: value[rows] for name, value in columns.items()})
+    return digest_rows(
+        controller, flights[rows], ends, {name: value[rows] for name, value in columns.items()}
+    )
 
 
 def test_neither_the_order_of_rows_nor_that_of_columns_counts_and_not_a_number_has_one_pattern():
     parts = [digest(slice(a, b)) for a, b in ((30, 50), (0, 1), (1, 30))]
     assert sum(parts, Digest()) == digest() == digest(columns=dict(sorted(COLUMNS.items())))
     assert digest(outcome=("failed_to_run", *OUTCOME[1:])) == digest(slice(1, None))
-    signs = [COLUMNS | {"a": np.where(FLIGHTS == 3, sign * np.nan, COLUMNS["a"])} for sign in (1, -1)]
+    signs = [
+        COLUMNS | {"a": np.where(FLIGHTS == 3, sign * np.nan, COLUMNS["a"])} for sign in (1, -1)
+    ]
     assert digest(columns=signs[0]) == digest(columns=signs[1])
 
 
@@ -137,5 +145,7 @@ def test_every_bit_counts():
 
 def test_pinned():
     """A change here would make digests of stored campaigns meaningless."""
-    found = digest_rows("tlc", np.array([3]), ("ok",), {"aero.lift": np.array([1.0]), "x_m": np.array([2.5])})
+    found = digest_rows(
+        "tlc", np.array([3]), ("ok",), {"aero.lift": np.array([1.0]), "x_m": np.array([2.5])}
+    )
     assert str(found) == PINNED

@@ -46,7 +46,11 @@ def test_a_shard_is_no_campaign_yet(tmp_path):
 
 def write_flights(path, flight, controller, outcome=None):
     table = {"flight": flight, "controller": controller, "outcome": outcome or ["ok"] * len(flight)}
-    values = {"aero.lift": np.ones(len(flight)), "a_m": np.asarray(flight, float), "end_time_s": np.ones(len(flight))}
+    values = {
+        "aero.lift": np.ones(len(flight)),
+        "a_m": np.asarray(flight, float),
+        "end_time_s": np.ones(len(flight)),
+    }
     pq.write_table(pa.table(table | values), path)
 
 

@@ -37,7 +37,9 @@ WORST = WorstSettings("altitude_error_max_m", flights=160)
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
     root = tmp_path_factory.mktemp("flown")
-    return run(write_campaign(root / "f", runs="60", keep=KEEP, execution="{batch: 20}"), root / "out").folder
+    return run(
+        write_campaign(root / "f", runs="60", keep=KEEP, execution="{batch: 20}"), root / "out"
+    ).folder
 
 
 @pytest.fixture
@@ -114,7 +116,11 @@ READERS = {
 
 
 def files_of(folder):
-    return sorted(path.relative_to(folder) for path in folder.rglob("*") if path.is_file() and path.name != ".lock")
+    return sorted(
+        path.relative_to(folder)
+        for path in folder.rglob("*")
+        if path.is_file() and path.name != ".lock"
+    )
 
 
 def flip(path, place, bit):
@@ -129,15 +135,21 @@ def flips(folder):
     for file in files_of(folder):
         size = (folder / file).stat().st_size
         places = {0, size - 1, chance.randrange(size)}
-        yield from ((file, place, chance.randrange(8)) for place in sorted(places) if 0 <= place < size)
+        yield from (
+            (file, place, chance.randrange(8)) for place in sorted(places) if 0 <= place < size
+        )
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(("made", "readers"), [("flown", [*READERS]), ("searched", ["query", "notebook", "export"])])
+@pytest.mark.parametrize(
+    ("made", "readers"), [("flown", [*READERS]), ("searched", ["query", "notebook", "export"])]
+)
 def test_readers_refuse_any_flipped_bit_and_name_the_file(made, readers, request):
     folder = request.getfixturevalue(made)
     listed = open_results(folder).manifest.files
-    assert sorted(listed) == [file.as_posix() for file in files_of(folder) if file.name != "manifest.json"]
+    assert sorted(listed) == [
+        file.as_posix() for file in files_of(folder) if file.name != "manifest.json"
+    ]
     for file, place, bit in flips(folder):
         flip(folder / file, place, bit)
         for name in readers:
@@ -156,9 +168,15 @@ def test_a_folder_in_which_somebody_flies_is_not_called_damaged(flown, tmp_path)
     folder = tmp_path / "out"
     shutil.copytree(flown, folder)
     flip(folder / "envelopes.parquet", 100, 1)
-    with hold_lock(folder / ".lock"), pytest.raises(InputError, match=r"while process .* flies .* the end of that run"):
+    with (
+        hold_lock(folder / ".lock"),
+        pytest.raises(InputError, match=r"while process .* flies .* the end of that run"),
+    ):
         read_flown(folder)
-    with hold_lock(folder / ".lock"), pytest.raises(InputError, match=r"campaign that process .* is flying"):
+    with (
+        hold_lock(folder / ".lock"),
+        pytest.raises(InputError, match=r"campaign that process .* is flying"),
+    ):
         list(verify_campaign(folder))
     with pytest.raises(InputError, match="damaged, or changed since"):
         read_flown(folder)
@@ -177,7 +195,11 @@ def test_replay_looks_at_what_it_reads(flown):
 
 @pytest.mark.thorough
 def test_the_search_flies_a_damaged_block_again(searched, tmp_path):
-    whole = {file: (searched / file).read_bytes() for file in files_of(searched) if file.name != "manifest.json"}
+    whole = {
+        file: (searched / file).read_bytes()
+        for file in files_of(searched)
+        if file.name != "manifest.json"
+    }
     request = SearchRequest(searched.parent / "f/campaign.yaml", tmp_path / "out")
     for file in (file for file in whole if file.parts[0] == "flights"):
         shutil.copytree(searched, request.out, dirs_exist_ok=True)

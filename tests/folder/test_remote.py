@@ -31,7 +31,9 @@ def bucket(monkeypatch):
     running = server.ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
     running.start()
     _, port = running.get_host_and_port()
-    store = fs.S3FileSystem(endpoint_override=f"127.0.0.1:{port}", scheme="http", allow_bucket_creation=True)
+    store = fs.S3FileSystem(
+        endpoint_override=f"127.0.0.1:{port}", scheme="http", allow_bucket_creation=True
+    )
     store.create_dir(f"campaigns-{port}")
     yield (
         store,
@@ -65,7 +67,10 @@ def test_run_resume_report_and_query(bucket, abhv_mc, tmp_path, monkeypatch):
     assert code == 0 and f"folder    {address}" in out
     held = names(store, base)
     assert kept < held and {"report.html", "envelopes.parquet", "samples.parquet"} < held
-    assert not any(name.startswith("envelope_states") or name.endswith((".temporary", ".lock")) for name in held)
+    assert not any(
+        name.startswith("envelope_states") or name.endswith((".temporary", ".lock"))
+        for name in held
+    )
     whole = json.loads((tmp_path / "whole/manifest.json").read_text())
     assert manifest_of(store, base)["digest"] == whole["digest"]
     code, out, _ = abhv_mc("query", address, "select count(*) as n from flights", "--json", "-")
@@ -75,12 +80,19 @@ def test_run_resume_report_and_query(bucket, abhv_mc, tmp_path, monkeypatch):
     assert (status["folder"], status["runs_done"], status["holder"]) == (address, 300, None)
     assert status["bytes"] > 50_000
     assert abhv_mc("verify", "campaign", address)[0] == 0
-    assert abhv_mc("export", address, "-o", tmp_path / "csv")[0] == 0 and (tmp_path / "csv/flights.csv").is_file()
+    assert (
+        abhv_mc("export", address, "-o", tmp_path / "csv")[0] == 0
+        and (tmp_path / "csv/flights.csv").is_file()
+    )
     assert abhv_mc("export", address)[0] == 2
     code, out, _ = abhv_mc("list", "campaigns", address.replace("/first", "/"), "--json", "-")
     assert [(one["folder"], one["runs_done"]) for one in json.loads(out)] == [("first", 300)]
     code, out, _ = abhv_mc("report", address, "-o", tmp_path / "here")
-    assert code == 0 and (tmp_path / "here/report.html").is_file() and list((tmp_path / "here/figures").iterdir())
+    assert (
+        code == 0
+        and (tmp_path / "here/report.html").is_file()
+        and list((tmp_path / "here/figures").iterdir())
+    )
 
 
 def test_shards_at_addresses_merge(bucket, abhv_mc, tmp_path):
@@ -88,7 +100,9 @@ def test_shards_at_addresses_merge(bucket, abhv_mc, tmp_path):
     campaign, (before, _, after) = write_campaign(tmp_path / "f"), address.partition("first")
     parts = [f"{before}part{i}{after}" for i in (1, 2)]
     for i, part in enumerate(parts, 1):
-        code, *_ = abhv_mc("run", campaign, "-o", part, "--shard", f"{i}/2", "--staging", tmp_path / "staging")
+        code, *_ = abhv_mc(
+            "run", campaign, "-o", part, "--shard", f"{i}/2", "--staging", tmp_path / "staging"
+        )
         assert code == 0 and not list((tmp_path / "staging").iterdir())
     assert abhv_mc("merge", *parts, "-o", tmp_path / "whole", "--no-report")[0] == 0
     assert json.loads((tmp_path / "whole/manifest.json").read_text())["runs_done"] == 300
@@ -109,7 +123,9 @@ def test_an_object_whose_name_leads_out_of_the_folder_is_refused(tmp_path, name)
 
     (tmp_path / "a/b").mkdir(parents=True)
     with pytest.raises(InputError, match="leads out"):
-        remote.Remote(Store(Address("s3://bucket/first"), System(), "bucket/first"), tmp_path / "a/b").pull()
+        remote.Remote(
+            Store(Address("s3://bucket/first"), System(), "bucket/first"), tmp_path / "a/b"
+        ).pull()
     assert [path.name for path in tmp_path.rglob("*")] == ["a", "b"]
 
 
@@ -136,7 +152,9 @@ def test_what_was_flown_is_there_while_it_flies(bucket, monkeypatch):
     assert names(store, base) == {"manifest.json"} and not folder.exists()
 
 
-def test_a_writer_that_lost_its_lease_stops_and_writes_nothing_more(bucket, tmp_path, monkeypatch, capfd):
+def test_a_writer_that_lost_its_lease_stops_and_writes_nothing_more(
+    bucket, tmp_path, monkeypatch, capfd
+):
     store, address, base = bucket
     monkeypatch.setattr(module, "RENEWAL", 0.1)
 

@@ -24,7 +24,9 @@ from abhv_mc.folder.tables import open_database
 def folder(tmp_path_factory):
     root = tmp_path_factory.mktemp("flown")
     keep = "{envelopes: {rate: 2 Hz, channels: [altitude_m]}}"
-    return run(write_campaign(root / "f", runs="40", keep=keep, execution="{batch: 20}"), root / "out").folder
+    return run(
+        write_campaign(root / "f", runs="40", keep=keep, execution="{batch: 20}"), root / "out"
+    ).folder
 
 
 @pytest.fixture
@@ -63,7 +65,9 @@ def test_nothing_leads_out(folder, tmp_path, statement):
         (np.zeros(68, np.float32), 64, False),
     ],
 )
-def test_of_the_values_of_envelopes_only_whole_blocks_of_this_campaign_are_taken(tmp_path, values, flights, taken):
+def test_of_the_values_of_envelopes_only_whole_blocks_of_this_campaign_are_taken(
+    tmp_path, values, flights, taken
+):
     write_array(tmp_path / "blocks/one-000000000-000000064.npy", values)
     cells = Cells(("altitude_m", "speed_mps"), (0, 1), 1, np.arange(3.0))
     covered = Collector(tmp_path, "one", np.ones(flights, bool), cells).covered
@@ -98,7 +102,10 @@ def pickle_a_plan(folder, evil):
 
 def tag_the_campaign(folder, evil):
     path = folder / "campaign.yaml"
-    path.write_text(path.read_text() + f"question: !!python/object/apply:os.mkdir ['{folder.parent / 'executed'}']\n")
+    path.write_text(
+        path.read_text()
+        + f"question: !!python/object/apply:os.mkdir ['{folder.parent / 'executed'}']\n"
+    )
 
 
 def pickle_a_state(folder, evil):

@@ -41,8 +41,8 @@ class Campaign(StrictModel):
     step: float = 1.0
     sampling: Literal["random", "lhs"] = "random"
     vehicle: File | None = None
-    dispersions: dict[str, Annotated[Uniform | Normal, Field(discriminator="distribution")]] = Field(
-        default_factory=dict
+    dispersions: dict[str, Annotated[Uniform | Normal, Field(discriminator="distribution")]] = (
+        Field(default_factory=dict)
     )
 
     @model_validator(mode="after")
@@ -62,8 +62,13 @@ GOOD = "name: a\nruns: 3\n"
 
 
 def test_values_and_places(tmp_path: Path) -> None:
-    read = document(tmp_path, "a: 1\nb:\n  - x: 2.5\n    y: [true, null, ~, 'no']\n  - no\n  - 2014-01-31\n")
-    assert read.data == {"a": 1, "b": [{"x": 2.5, "y": [True, None, None, "no"]}, "no", "2014-01-31"]}
+    read = document(
+        tmp_path, "a: 1\nb:\n  - x: 2.5\n    y: [true, null, ~, 'no']\n  - no\n  - 2014-01-31\n"
+    )
+    assert read.data == {
+        "a": 1,
+        "b": [{"x": 2.5, "y": [True, None, None, "no"]}, "no", "2014-01-31"],
+    }
     assert read.position("a") == (1, 4)
     assert read.key_position("a") == (1, 1)
     assert read.position("b", 0, "y", 3) == (4, 24)
@@ -90,10 +95,18 @@ def test_values_and_places(tmp_path: Path) -> None:
         ("", (1, 1), "empty"),
         ("[" * 50_000, (), "too many levels"),
         ("a: &a [*a]\n", (), "too many levels"),
-        ("a: &a [1, 2, 3, 4, 5, 6, 7, 8, 9]\nb: &b [*a, *a, *a, *a]\nc: [" + "*b, " * 500 + "1]\n", (1, 17), "10000"),
+        (
+            "a: &a [1, 2, 3, 4, 5, 6, 7, 8, 9]\nb: &b [*a, *a, *a, *a]\nc: ["
+            + "*b, " * 500
+            + "1]\n",
+            (1, 17),
+            "10000",
+        ),
     ],
 )
-def test_refused_text(tmp_path: Path, text: str | bytes, place: tuple[int, ...], found: str) -> None:
+def test_refused_text(
+    tmp_path: Path, text: str | bytes, place: tuple[int, ...], found: str
+) -> None:
     with pytest.raises(InputError) as caught:
         document(tmp_path, text)
     error = caught.value
@@ -103,7 +116,11 @@ def test_refused_text(tmp_path: Path, text: str | bytes, place: tuple[int, ...],
 
 def test_numbers_of_numpy_are_written_as_numbers(tmp_path: Path) -> None:
     """A sweep over np.linspace from a notebook ended in a RepresenterError."""
-    data = {"a": np.float64(0.1), "b": [np.int64(3), np.bool_(True), np.str_("c")], "d": np.array(2.5)}
+    data = {
+        "a": np.float64(0.1),
+        "b": [np.int64(3), np.bool_(True), np.str_("c")],
+        "d": np.array(2.5),
+    }
     write_document(tmp_path / "x.yaml", data)
     assert read_document(tmp_path / "x.yaml").data == {"a": 0.1, "b": [3, True, "c"], "d": 2.5}
     for odd in (np.zeros(2), object()):
@@ -113,7 +130,11 @@ def test_numbers_of_numpy_are_written_as_numbers(tmp_path: Path) -> None:
 
 
 def test_refused_paths(tmp_path: Path) -> None:
-    for path, found in ((tmp_path / "missing.yaml", "no such file"), (tmp_path, "directory"), ("a\0b", "null")):
+    for path, found in (
+        (tmp_path / "missing.yaml", "no such file"),
+        (tmp_path, "directory"),
+        ("a\0b", "null"),
+    ):
         with pytest.raises(InputError, match=rf"{found}.*; expected a YAML file"):
             read_document(path)
 
@@ -126,9 +147,24 @@ def test_refused_paths(tmp_path: Path) -> None:
         ("name: a\n", (1, 1), "no key 'runs'", "'runs' here"),
         ("name: a\nruns: 0\n", (2, 7), "0", "greater than 0"),
         (GOOD + "altitudes: [1 m, 20]\n", (3, 18), "20 without a unit", "a length such as '20 km'"),
-        (GOOD + "vehicle: missing.yaml\n", (3, 10), "'missing.yaml', which is not there", "the path of a file"),
-        (GOOD + "dispersions: {a: {distribution: unifrm}}\n", (3, 33), "'unifrm'", "did you mean 'uniform'?"),
-        (GOOD + "dispersions: {a: {half_width: 1}}\n", (3, 18), "no key 'distribution'", "a mapping with"),
+        (
+            GOOD + "vehicle: missing.yaml\n",
+            (3, 10),
+            "'missing.yaml', which is not there",
+            "the path of a file",
+        ),
+        (
+            GOOD + "dispersions: {a: {distribution: unifrm}}\n",
+            (3, 33),
+            "'unifrm'",
+            "did you mean 'uniform'?",
+        ),
+        (
+            GOOD + "dispersions: {a: {half_width: 1}}\n",
+            (3, 18),
+            "no key 'distribution'",
+            "a mapping with",
+        ),
         (
             GOOD + "dispersions: {normal: {distribution: normal, standard_deviation: 3 m}}\n",
             (3, 66),
@@ -139,7 +175,9 @@ def test_refused_paths(tmp_path: Path) -> None:
         ("- 1\n", (1, 1), "a list of 1", "a mapping"),
     ],
 )
-def test_refused_values(tmp_path: Path, text: str, place: tuple[int, int], found: str, wanted: str) -> None:
+def test_refused_values(
+    tmp_path: Path, text: str, place: tuple[int, int], found: str, wanted: str
+) -> None:
     with pytest.raises(InputErrors) as caught:
         validate(document(tmp_path, text), Campaign)
     (error,) = caught.value.errors
@@ -158,15 +196,23 @@ def test_errors_travel_between_processes() -> None:
 
 SHOWN = st.text(st.characters(exclude_categories=("C", "Zl", "Zp")))
 PLAIN = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | SHOWN,
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats(allow_nan=False, allow_infinity=False)
+    | SHOWN,
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(SHOWN, inner, max_size=4),
     max_leaves=12,
 )
 
 
 @settings(max_examples=60)
-@given(data=st.dictionaries(SHOWN, PLAIN, max_size=5), comment=st.text(alphabet="abc \n#", max_size=20))
-def test_what_is_written_reads_back(tmp_path_factory: pytest.TempPathFactory, data: dict, comment: str) -> None:
+@given(
+    data=st.dictionaries(SHOWN, PLAIN, max_size=5), comment=st.text(alphabet="abc \n#", max_size=20)
+)
+def test_what_is_written_reads_back(
+    tmp_path_factory: pytest.TempPathFactory, data: dict, comment: str
+) -> None:
     path = tmp_path_factory.getbasetemp() / "written.yaml"
     write_document(path, data, comment)
     assert read_document(path).data == data

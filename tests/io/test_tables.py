@@ -54,10 +54,18 @@ def test_numbers_that_do_not_rise_are_found_in_the_file(tmp_path):
     assert (caught.value.line, caught.value.column) == (5, 5)
 
 
-NUMBERS = [np.array([1.5, np.nan, -0.0]), np.arange(4), np.array([1.5, 2.5], np.float32), np.empty(0), np.eye(3)[:, 1]]
+NUMBERS = [
+    np.array([1.5, np.nan, -0.0]),
+    np.arange(4),
+    np.array([1.5, 2.5], np.float32),
+    np.empty(0),
+    np.eye(3)[:, 1],
+]
 
 
-@pytest.mark.parametrize("values", NUMBERS, ids=["floats", "integers", "singles", "empty", "strided"])
+@pytest.mark.parametrize(
+    "values", NUMBERS, ids=["floats", "integers", "singles", "empty", "strided"]
+)
 def test_numbers_become_a_column_and_come_back(values):
     column = number_column(values)
     column.validate(full=True)
@@ -67,7 +75,9 @@ def test_numbers_become_a_column_and_come_back(values):
         found = column_values(chunked)
         assert found.dtype == values.dtype
         assert np.array_equal(found, chunked.to_numpy(), equal_nan=values.dtype.kind == "f")
-    assert np.array_equal(column_values(pa.chunked_array([pa.array([1.5, None]), [2.0]])), [1.5, np.nan, 2.0], True)
+    assert np.array_equal(
+        column_values(pa.chunked_array([pa.array([1.5, None]), [2.0]])), [1.5, np.nan, 2.0], True
+    )
 
 
 @pytest.mark.parametrize("texts", [["ok", "", "ground", "ok"], ["größer", "α"], []])

@@ -11,7 +11,13 @@ import pytest
 from abhv_mc.kernel import cache, compiler_target, jit
 from abhv_mc.kernel.compiler_target import code_folder, find_features
 
-WORDS = ("flight/metrics.py", "flight/channels.py", "flight/outcome.py", "plant/parameters.py", "user_code/compiled.py")
+WORDS = (
+    "flight/metrics.py",
+    "flight/channels.py",
+    "flight/outcome.py",
+    "plant/parameters.py",
+    "user_code/compiled.py",
+)
 
 
 def test_any_change_to_what_is_compiled_changes_the_hash_and_no_other(source, monkeypatch):
@@ -19,14 +25,22 @@ def test_any_change_to_what_is_compiled_changes_the_hash_and_no_other(source, mo
     monkeypatch.setattr(cache, "_PACKAGE", source / "kernel")
     for name in WORDS:  # labels, messages, units, docs
         (source / name).write_bytes((source / name).read_bytes() + b"#")
-    assert cache.source_hash() == before and cache.source_unchanged()  # the place does not matter either
+    assert (
+        cache.source_hash() == before and cache.source_unchanged()
+    )  # the place does not matter either
     for changed in sorted((source / "kernel").rglob("*.py")):
         changed.write_bytes(changed.read_bytes() + b"#")
         assert cache.source_hash() != before and not cache.source_unchanged(), changed
         before = cache.source_hash()
 
 
-SETTINGS = {"BOUNDSCHECK": 1, "DEBUGINFO_DEFAULT": 1, "DISABLE_INTEL_SVML": 1, "LOOP_VECTORIZE": 0, "SLP_VECTORIZE": 1}
+SETTINGS = {
+    "BOUNDSCHECK": 1,
+    "DEBUGINFO_DEFAULT": 1,
+    "DISABLE_INTEL_SVML": 1,
+    "LOOP_VECTORIZE": 0,
+    "SLP_VECTORIZE": 1,
+}
 
 
 def test_what_changes_the_code_changes_its_folder(monkeypatch, tmp_path):
@@ -40,7 +54,9 @@ def test_what_changes_the_code_changes_its_folder(monkeypatch, tmp_path):
     with monkeypatch.context() as patch:
         patch.setattr(cache, "_SOURCE", "another")
         folders.add(code_folder("private"))
-    assert len(folders) == 3 + len(SETTINGS) and all(tmp_path in folder.parents for folder in folders)
+    assert len(folders) == 3 + len(SETTINGS) and all(
+        tmp_path in folder.parents for folder in folders
+    )
     assert code_folder("private") in folders
     before = cache.source_hash()
     monkeypatch.setattr(cache, "version", lambda name: "0")  # another numba
@@ -106,7 +122,9 @@ def test_a_processor_with_512_bit_vectors_uses_them(monkeypatch, features, chose
     assert find_features() == found
 
 
-@pytest.mark.skipif(not llvm.get_host_cpu_features().get("avx512f"), reason="no 512-bit vectors here")
+@pytest.mark.skipif(
+    not llvm.get_host_cpu_features().get("avx512f"), reason="no 512-bit vectors here"
+)
 def test_machine_code_has_them():
     @numba.njit  # not a kernel: of what comes from the cache, numba has no assembly code
     def add(a, b):

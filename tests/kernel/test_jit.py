@@ -28,7 +28,11 @@ PACKAGE = Path(abhv_mc.__file__).parent
 def run(code, source, cache, environment=os.environ):
     environment = {**environment, "PYTHONPATH": str(source.parent), "XDG_CACHE_HOME": str(cache)}
     done = subprocess.run(
-        [sys.executable, "-u", "-c", code], env=environment, capture_output=True, text=True, check=True
+        [sys.executable, "-u", "-c", code],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     return done.stdout.split()
 
@@ -55,7 +59,9 @@ def test_a_flipped_bit_in_the_cache_is_not_executed(source, tmp_path):
         content[place if place in (0, -1) else int(place * len(content))] ^= 0x10
         file.write_bytes(content)
         assert run(CALLER, source, tmp_path / "cache") == ["compiling", "2.0", "3.0"], suffix
-    other = CALLER.replace("call(1.0), call(2.0)", "call(1.0), call(1)")  # a kernel for other arguments joins the first
+    other = CALLER.replace(
+        "call(1.0), call(2.0)", "call(1.0), call(1)"
+    )  # a kernel for other arguments joins the first
     assert run(other, source, tmp_path / "cache") == ["compiling", "2.0", "2.0"]
     assert run(other, source, tmp_path / "cache") == ["2.0", "2.0"]
     assert run(CALLER, source, tmp_path / "cache") == ["2.0", "3.0"]
@@ -80,7 +86,11 @@ def test_code_of_a_source_edited_meanwhile_is_not_kept(source, tmp_path):
 
 def test_a_changed_table_changes_the_flight_without_compiling(repository, tmp_path):
     configs = shutil.copytree(repository / "configs", tmp_path / "configs")
-    files = configs / "vehicle/ghame_x.yaml", configs / "mission/level.yaml", configs / "control/tlc.yaml"
+    files = (
+        configs / "vehicle/ghame_x.yaml",
+        configs / "mission/level.yaml",
+        configs / "control/tlc.yaml",
+    )
 
     def fly_level():
         return fly(prepare(*files, "tlc"), nominal_parameters()).metrics
@@ -185,7 +195,9 @@ def test_a_full_disk_is_no_fault(monkeypatch):
         raise OSError(errno.ENOSPC, "no space left")
 
     for name in ("load_overload", "save_overload", "flush"):
-        monkeypatch.setattr(halve._cache, name, full if name != "load_overload" else lambda *_: None)
+        monkeypatch.setattr(
+            halve._cache, name, full if name != "load_overload" else lambda *_: None
+        )
     assert halve(3.0) == 1.5
 
 
@@ -204,7 +216,9 @@ def test_an_interrupt_while_numba_compiles_is_one(monkeypatch):
         raise RuntimeError("no compiled object yet")
 
     monkeypatch.setattr(numba.core.codegen.CPUCodeLibrary, "_finalize_final_module", lose)
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # what was started in the background ignores it
+    before = signal.signal(
+        signal.SIGINT, signal.default_int_handler
+    )  # what was started in the background ignores it
     try:
         with pytest.raises(KeyboardInterrupt):
             third(1.0)
@@ -230,7 +244,11 @@ subprocess.run([sys.executable, "-W", "error", "-c", code], check=True)
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     "change",
-    ["", "del numba.core.codegen.JITCodeLibrary", "numba.core.codegen.JITCodeLibrary = type('Another', (), dict())"],
+    [
+        "",
+        "del numba.core.codegen.JITCodeLibrary",
+        "numba.core.codegen.JITCodeLibrary = type('Another', (), dict())",
+    ],
     ids=["as it is", "does not import", "does not compile"],
 )
 def test_where_numba_has_changed_its_public_interface_compiles(tmp_path, change):

@@ -31,14 +31,22 @@ def _samples(name: str) -> list[tuple[np.ndarray, ...]]:
     g = np.random.default_rng(20240501)
     return {
         "exp": [(g.uniform(-1, 1, N),), (g.uniform(-708, 709.7, N),), (g.uniform(-745, -708, N),)],
-        "log": [(10 ** g.uniform(-308, 308, N),), (g.uniform(0.5, 2, N),), (1 + _signed_decades(g, -15, -3),)],
+        "log": [
+            (10 ** g.uniform(-308, 308, N),),
+            (g.uniform(0.5, 2, N),),
+            (1 + _signed_decades(g, -15, -3),),
+        ],
         "sin": [
             (g.uniform(-4, 4, N),),
             (g.uniform(-1e5, 1e5, N),),
             (_signed_decades(g, -300, 0),),
             (np.round(g.uniform(0, 63661, N)) * (math.pi / 2),),
         ],
-        "asin": [(g.uniform(-1, 1, N),), (_signed_decades(g, -20, 0),), (1 - 10 ** g.uniform(-16, 0, N),)],
+        "asin": [
+            (g.uniform(-1, 1, N),),
+            (_signed_decades(g, -20, 0),),
+            (1 - 10 ** g.uniform(-16, 0, N),),
+        ],
         "tan": [(g.uniform(-1.57, 1.57, N),)],
         "atan2": [
             (g.uniform(-1, 1, N), g.uniform(-1, 1, N)),
@@ -66,7 +74,11 @@ CASES: dict[str, tuple[Callable[..., float], Callable[..., mpmath.mpf], float]] 
     "atan2": (lane_math.atan2, mpmath.atan2, 2),
     "power": (lane_math.power, mpmath.power, 2.5),
     "reciprocals": (lambda x, y: lane_math.reciprocals(x, y)[1], lambda x, y: 1 / mpmath.mpf(y), 2),
-    "two_angles": (lambda *x: lane_math.two_angles(*x)[1], lambda y_1, x_1, y_2, x_2: mpmath.atan2(y_2, x_2), 4),
+    "two_angles": (
+        lambda *x: lane_math.two_angles(*x)[1],
+        lambda y_1, x_1, y_2, x_2: mpmath.atan2(y_2, x_2),
+        4,
+    ),
 }
 
 
@@ -87,7 +99,21 @@ def test_plain_python_gives_the_same_bits(name: str) -> None:
             assert repr(compiled(*x)) == repr(compiled.py_func(*x)), x
 
 
-SPECIAL = [0.0, -0.0, 5e-324, 1e-310, -1e-310, 1.0, -1.0, 1e22, -1e22, 1.7e308, math.inf, -math.inf, math.nan]
+SPECIAL = [
+    0.0,
+    -0.0,
+    5e-324,
+    1e-310,
+    -1e-310,
+    1.0,
+    -1.0,
+    1e22,
+    -1e22,
+    1.7e308,
+    math.inf,
+    -math.inf,
+    math.nan,
+]
 
 
 @pytest.mark.parametrize("x", SPECIAL)
@@ -115,16 +141,24 @@ def test_sine_and_arcs_at_and_beyond_the_ends_of_their_domains() -> None:
     for x in (math.inf, -math.inf, math.nan, 1.1e6, 1e300):
         assert all(math.isnan(value) for value in lane_math.sincos(x))
     above = math.nextafter(1.0, 2.0)
-    assert [lane_math.asin(x) for x in (-above, 1.0, above)] == [-math.pi / 2, math.pi / 2, math.pi / 2]
+    assert [lane_math.asin(x) for x in (-above, 1.0, above)] == [
+        -math.pi / 2,
+        math.pi / 2,
+        math.pi / 2,
+    ]
     assert [lane_math.acos(x) for x in (-above, 1.0, above)] == [math.pi, 0.0, 0.0]
     assert math.isnan(lane_math.asin(math.nan))
 
 
 @given(st.tuples(*[st.floats(0.5, 1.0), st.floats(-1.0, 1.0)] * 2))
 @example((1.0, -0.0, 1.0, 0.0))
-def test_shallow_angles_are_two_angles_bit_for_bit(points: tuple[float, float, float, float]) -> None:
+def test_shallow_angles_are_two_angles_bit_for_bit(
+    points: tuple[float, float, float, float],
+) -> None:
     x_1, slope_1, x_2, slope_2 = points
-    y_1, y_2 = (slope * lane_math.TAN_EIGHTH_PI * x for slope, x in ((slope_1, x_1), (slope_2, x_2)))
+    y_1, y_2 = (
+        slope * lane_math.TAN_EIGHTH_PI * x for slope, x in ((slope_1, x_1), (slope_2, x_2))
+    )
     if lane_math.is_shallow(y_1, x_1) and lane_math.is_shallow(y_2, x_2):
         shallow = lane_math.shallow_angles(y_1, x_1, y_2, x_2)
         assert repr(shallow) == repr(lane_math.two_angles(y_1, x_1, y_2, x_2))
@@ -139,7 +173,12 @@ def test_coefficients_are_the_fits() -> None:
 @numba.njit(forceinline=True, error_model="numpy")
 def _everything(x: float, y: float) -> float:
     sine, cosine = lane_math.sincos(x)
-    return lane_math.atan2(sine, cosine) + lane_math.power(y, x) + lane_math.asin(sine) + lane_math.tan(y)
+    return (
+        lane_math.atan2(sine, cosine)
+        + lane_math.power(y, x)
+        + lane_math.asin(sine)
+        + lane_math.tan(y)
+    )
 
 
 @numba.njit(error_model="numpy")

@@ -14,7 +14,13 @@ from scipy.spatial.transform import Rotation
 from abhv_mc.kernel.jit import kernel
 from abhv_mc.kernel.numerics import quaternion
 from abhv_mc.kernel.numerics.random_numbers import M1, M2, next_uniform, normal_pair, seed_word
-from abhv_mc.kernel.numerics.root_finding import CONVERGED, NO_SIGN_CHANGE, NOT_A_NUMBER, OUT_OF_ITERATIONS, brent
+from abhv_mc.kernel.numerics.root_finding import (
+    CONVERGED,
+    NO_SIGN_CHANGE,
+    NOT_A_NUMBER,
+    OUT_OF_ITERATIONS,
+    brent,
+)
 
 ANGLES = st.floats(-math.pi, math.pi)
 PITCHES = st.floats(-math.pi / 2, math.pi / 2)
@@ -22,10 +28,14 @@ COMPONENTS = st.floats(-1e3, 1e3)
 
 
 @given(ANGLES, PITCHES, ANGLES, COMPONENTS, COMPONENTS, COMPONENTS)
-def test_rotations_are_scipys(yaw: float, pitch: float, roll: float, x: float, y: float, z: float) -> None:
+def test_rotations_are_scipys(
+    yaw: float, pitch: float, roll: float, x: float, y: float, z: float
+) -> None:
     q = quaternion.from_euler(yaw, pitch, roll)
     ned = quaternion.rotate_to_ned(*q, x, y, z)
-    assert ned == pytest.approx(Rotation.from_euler("ZYX", [yaw, pitch, roll]).apply([x, y, z]), abs=1e-11)
+    assert ned == pytest.approx(
+        Rotation.from_euler("ZYX", [yaw, pitch, roll]).apply([x, y, z]), abs=1e-11
+    )
     assert quaternion.rotate_to_body(*q, *ned) == pytest.approx((x, y, z), abs=1e-11)
     assert quaternion.rotate_meridional(*q, x, z) == quaternion.rotate_to_body(*q, x, 0.0, z)
 
@@ -38,7 +48,8 @@ def test_rate_is_the_derivative_of_turning_about_body_axes(
     step = 1e-4
     attitude = Rotation.from_quat(q, scalar_first=True)
     ahead, behind = (
-        (attitude * Rotation.from_rotvec(sign * step * np.array(rate))).as_quat(scalar_first=True) for sign in (1, -1)
+        (attitude * Rotation.from_rotvec(sign * step * np.array(rate))).as_quat(scalar_first=True)
+        for sign in (1, -1)
     )
     ahead, behind = (value * np.sign(np.dot(value, q)) for value in (ahead, behind))
     derivative = quaternion.quaternion_rate(*q, *rate)
@@ -62,12 +73,21 @@ def kinked(x: float, a: float, b: float) -> float:
 
 
 @pytest.mark.parametrize("function", [cubic, flat, kinked])
-def test_same_root_as_scipy_in_as_many_iterations(function: numba.core.dispatcher.Dispatcher) -> None:
+def test_same_root_as_scipy_in_as_many_iterations(
+    function: numba.core.dispatcher.Dispatcher,
+) -> None:
     generator = np.random.default_rng(11)
     for a, b, low, high in generator.uniform((-2, -2, -9, 3), (2, 2, -3, 9), (600, 4)).tolist():
         tolerance = 1e-10
         expected, result = brentq(
-            function, low, high, args=(a, b), xtol=tolerance, rtol=1e-15, maxiter=500, full_output=True
+            function,
+            low,
+            high,
+            args=(a, b),
+            xtol=tolerance,
+            rtol=1e-15,
+            maxiter=500,
+            full_output=True,
         )
         root, iterations, status = brent(function, (a, b), low, high, tolerance, 500)
         assert status == CONVERGED
@@ -93,7 +113,9 @@ def holed(x: float, a: float, b: float) -> float:
         (holed, -1.0, 0.1, (-1.0, 0, NO_SIGN_CHANGE)),
     ],
 )
-def test_an_end_that_needs_no_search(function: numba.core.dispatcher.Dispatcher, low, high, found) -> None:
+def test_an_end_that_needs_no_search(
+    function: numba.core.dispatcher.Dispatcher, low, high, found
+) -> None:
     assert brent(function, (1.0, 0.0), low, high, 1e-9, 100) == found
 
 
@@ -117,7 +139,13 @@ def _words(seed: float) -> np.ndarray:
 
 def test_the_published_sequence_and_the_same_recurrence_in_whole_numbers() -> None:
     """L'Ecuyer's own first numbers for the seed 12345 in all six words (RngStreams' documentation)."""
-    published = [0.12701112204657714, 0.3185275653967945, 0.3091860155832701, 0.8258468629271136, 0.2216299157820229]
+    published = [
+        0.12701112204657714,
+        0.3185275653967945,
+        0.3091860155832701,
+        0.8258468629271136,
+        0.2216299157820229,
+    ]
     found = _stream(np.full(6, 12345.0), 2000)
     assert found[:5] == pytest.approx(published, abs=1e-15)
     s = [12345] * 6

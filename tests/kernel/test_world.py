@@ -13,7 +13,12 @@ from abhv_mc.kernel.jit import kernel
 from abhv_mc.kernel.world import atmosphere as module
 from abhv_mc.kernel.world.atmosphere import GAS_CONSTANT, GEOPOTENTIAL_RADIUS, atmosphere
 from abhv_mc.kernel.world.earth import WGS84, Earth, gravity_ned, radii
-from abhv_mc.kernel.world.turbulence import dryden_first, dryden_second, dryden_second_output, one_minus_cosine
+from abhv_mc.kernel.world.turbulence import (
+    dryden_first,
+    dryden_second,
+    dryden_second_output,
+    one_minus_cosine,
+)
 
 # NOAA-S/T 76-1562, table I: geometric altitude m, kinetic temperature K, pressure Pa, density kg/m3, sound m/s
 # (the printed digits; sound to 0.01).
@@ -38,7 +43,9 @@ def test_published_table() -> None:
     for altitude, temperature, pressure, density, sound in TABLE:
         got_density, got_pressure, got_temperature, got_sound = atmosphere(float(altitude))
         assert got_temperature == pytest.approx(temperature, abs=0.0006), altitude
-        assert got_pressure == pytest.approx(pressure, rel=5e-5), altitude  # half of the fifth printed digit
+        assert got_pressure == pytest.approx(pressure, rel=5e-5), (
+            altitude
+        )  # half of the fifth printed digit
         assert got_density == pytest.approx(density, rel=5e-5), altitude
         assert got_sound == pytest.approx(sound, abs=0.006), altitude
 
@@ -53,7 +60,9 @@ def test_layer_constants_follow_from_the_defining_ones() -> None:
     temperature, pressure = mpmath.mpf("288.15"), mpmath.mpf(101325)
     for i, step in enumerate(lapse):
         rate = -hydrostatic / (step or temperature)
-        assert module._LAYERS[i] == tuple(map(float, (base[i], temperature, step / temperature, rate, pressure)))
+        assert module._LAYERS[i] == tuple(
+            map(float, (base[i], temperature, step / temperature, rate, pressure))
+        )
         if i < 7:
             height = base[i + 1] - base[i]
             ratio = 1 + step / temperature * height
@@ -112,7 +121,11 @@ def test_gravity_is_the_gradient_of_the_potential(latitude: float) -> None:
         z = (n * (1 - e2) + altitude) * sine + north * cosine + up * sine
         r = mpmath.sqrt(rho**2 + z**2)
         p2 = (3 * (z / r) ** 2 - 1) / 2
-        attraction = WGS84.gravitational_parameter / r * (1 - WGS84.j2 * (WGS84.equatorial_radius / r) ** 2 * p2)
+        attraction = (
+            WGS84.gravitational_parameter
+            / r
+            * (1 - WGS84.j2 * (WGS84.equatorial_radius / r) ** 2 * p2)
+        )
         return attraction + (WGS84.rotation_rate * rho) ** 2 / 2
 
     north, down = gravity_ned(WGS84, altitude, math.sin(latitude), math.cos(latitude))
@@ -169,7 +182,9 @@ def test_turbulence_has_drydens_spectra_and_unit_variance() -> None:
 
 def test_turbulence_has_its_variance_from_the_start_and_at_any_step() -> None:
     draws = np.random.default_rng(3).standard_normal((20_000, 2)).tolist()
-    starts = [dryden_second_output(*dryden_second(0.0, 0.0, A, DT, *noise, True), A) for noise in draws]
+    starts = [
+        dryden_second_output(*dryden_second(0.0, 0.0, A, DT, *noise, True), A) for noise in draws
+    ]
     assert np.std(starts) == pytest.approx(1.0, rel=0.02)
     noise = np.random.default_rng(5).standard_normal((60_000, 3))
     for dt in (0.001, 0.1, 0.5):
@@ -177,7 +192,9 @@ def test_turbulence_has_its_variance_from_the_start_and_at_any_step() -> None:
 
 
 def test_one_minus_cosine() -> None:
-    assert [one_minus_cosine(x, 1000.0) for x in (-50.0, 0.0, 500.0, 1000.0, 5000.0)] == pytest.approx(
-        [0.0, 0.0, 0.5, 1.0, 1.0], abs=1e-12
+    assert [
+        one_minus_cosine(x, 1000.0) for x in (-50.0, 0.0, 500.0, 1000.0, 5000.0)
+    ] == pytest.approx([0.0, 0.0, 0.5, 1.0, 1.0], abs=1e-12)
+    assert one_minus_cosine(250.0, 1000.0) == pytest.approx(
+        0.5 * (1.0 - np.cos(np.pi / 4.0)), abs=1e-14
     )
-    assert one_minus_cosine(250.0, 1000.0) == pytest.approx(0.5 * (1.0 - np.cos(np.pi / 4.0)), abs=1e-14)

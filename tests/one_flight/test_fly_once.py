@@ -17,7 +17,9 @@ from abhv_mc.one_flight.given import make_parameters
 def test_a_flight_is_a_table_with_units_and_metrics():
     table = abhv_mc.fly("level", every=10)
     assert list(table.columns) == ["time", *(channel.name for channel in CHANNELS)]
-    assert table.attrs["units"] == {"time": "s"} | {channel.name: channel.unit for channel in CHANNELS}
+    assert table.attrs["units"] == {"time": "s"} | {
+        channel.name: channel.unit for channel in CHANNELS
+    }
     assert table.time.iloc[-1] == 60.0 and table.attrs["outcome"] == "ok"
     assert set(table.attrs["metrics"]) == {metric.name for metric in METRICS}
 
@@ -25,13 +27,19 @@ def test_a_flight_is_a_table_with_units_and_metrics():
 def test_dispersions_and_overrides_change_the_flight_as_their_files_would():
     nominal = abhv_mc.fly("level", every=100)
     draggy = abhv_mc.fly("level", dispersions={"aero.drag": "110 %"}, every=100)
-    same = abhv_mc.fly({"base": "level", "duration": "60 s"}, {"base": "abhv"}, {"base": "tlc"}, {}, every=100)
+    same = abhv_mc.fly(
+        {"base": "level", "duration": "60 s"}, {"base": "abhv"}, {"base": "tlc"}, {}, every=100
+    )
     pd.testing.assert_frame_equal(nominal, same)
     assert draggy.attrs["metrics"]["fuel_used_kg"] > 1.05 * nominal.attrs["metrics"]["fuel_used_kg"]
     heavy = abhv_mc.fly("level", {"base": "ghame_x", "mass.start": "1450 kg"}, every=100)
     assert heavy.mass_kg.iloc[0] == pytest.approx(1450.0)
-    short = abhv_mc.fly({"base": "level", "duration": "5 s"}, dispersions={"failure.engine.time": 1.0})
-    assert len(short) == 501 and short.attrs["metrics"]["engine_failed_s"] == pytest.approx(4.01)  # both ends count
+    short = abhv_mc.fly(
+        {"base": "level", "duration": "5 s"}, dispersions={"failure.engine.time": 1.0}
+    )
+    assert len(short) == 501 and short.attrs["metrics"]["engine_failed_s"] == pytest.approx(
+        4.01
+    )  # both ends count
 
 
 def test_a_dispersion_that_the_vehicle_does_not_feel_is_refused():
@@ -39,7 +47,10 @@ def test_a_dispersion_that_the_vehicle_does_not_feel_is_refused():
     short = {"base": "level", "duration": "2 s"}
     for given, unfelt in (
         ({"aero.drag.elevator": 1.5}, "'aero.drag.elevator', without"),
-        ({"wind.gust_start": 1.0, "failure.effector_3.stuck_time": 1.0}, "'wind.gust_start', 'failure.effector_3.st"),
+        (
+            {"wind.gust_start": 1.0, "failure.effector_3.stuck_time": 1.0},
+            "'wind.gust_start', 'failure.effector_3.st",
+        ),
     ):
         with pytest.raises(InputError, match=unfelt):
             abhv_mc.fly(short, dispersions=given)
@@ -63,7 +74,9 @@ def test_a_gain_sweep_needs_no_files(tmp_path):
         "name": "sweep",
         "vehicle": {"base": "ghame_x", "mass.start": "1400 kg"},
         "mission": {"base": "level", "duration": "3 s"},
-        "controllers": {f"bank_{bank}": {"base": "tlc", "limits.bank": f"{bank} deg"} for bank in (50, 70)},
+        "controllers": {
+            f"bank_{bank}": {"base": "tlc", "limits.bank": f"{bank} deg"} for bank in (50, 70)
+        },
         "dispersions": {"aero.drag": {"distribution": "uniform", "half_width": "10 %"}},
     }
     campaign = abhv_mc.Campaign.make(content | {"runs": 500}, runs=40)
@@ -82,12 +95,22 @@ def test_a_gain_sweep_needs_no_files(tmp_path):
 WRONG = [
     (abhv_mc.fly, {"dispersions": {"aero.darg": 1.1}}, r"parameter 'aero\.darg'.*aero\.drag"),
     (abhv_mc.fly, {"dispersions": {"wind.north": "10 kg"}}, r"wind\.north"),
-    *((abhv_mc.fly, {"dispersions": {"aero.lift": x}}, r"aero\.lift") for x in (math.nan, -math.inf, None, True)),
+    *(
+        (abhv_mc.fly, {"dispersions": {"aero.lift": x}}, r"aero\.lift")
+        for x in (math.nan, -math.inf, None, True)
+    ),
     (abhv_mc.fly, {"mission": "levle"}, "no such file"),
     (abhv_mc.fly, {"mission": "x" * 5000}, "no such file"),
     (abhv_mc.fly, {"controller": {"base": "tlc", "limit.bank": "60 deg"}}, "no entry 'limit'"),
-    *((abhv_mc.fly, {"every": x}, r"every: .*; expected a whole number, 1 or more") for x in (0, 1.5, "2")),
-    (abhv_mc.trim, {"speed": 0}, "speed: "),  # it was divided by; other numbers gave tables of nonsense
+    *(
+        (abhv_mc.fly, {"every": x}, r"every: .*; expected a whole number, 1 or more")
+        for x in (0, 1.5, "2")
+    ),
+    (
+        abhv_mc.trim,
+        {"speed": 0},
+        "speed: ",
+    ),  # it was divided by; other numbers gave tables of nonsense
     *((abhv_mc.trim, {"altitude": x}, "altitude: ") for x in (1e7, "20 kg")),
     *((abhv_mc.trim, {"bank": x}, "bank: ") for x in ([], math.pi)),
     (abhv_mc.margins, {"at": 90.0}, "at: 90 s; expected a time of the mission, 0 to 60 s"),
@@ -104,7 +127,9 @@ def test_what_is_wrong_is_said(call, arguments, words):
 
 def test_numbers_of_numpy_are_numbers():
     assert abhv_mc.trim(speed=np.float32(1400)).equals(abhv_mc.trim(speed=np.int64(1400)))
-    assert (make_parameters({"aero.lift": np.float32(1.5)}) == make_parameters({"aero.lift": "150 %"})).all()
+    assert (
+        make_parameters({"aero.lift": np.float32(1.5)}) == make_parameters({"aero.lift": "150 %"})
+    ).all()
 
 
 LOOPS = ["aileron", "rudder", "elevator", "equivalence_ratio", "all"]
@@ -114,44 +139,65 @@ def test_margins_are_a_table_by_loop_with_units():
     table = abhv_mc.margins("level", "ghame_x", "lqr_retuned")
     assert list(table.index) == LOOPS and table.index.name == "loop"
     assert list(table.attrs["units"]) == list(table.columns)
-    assert table.gain_margin_high_db["aileron"] == pytest.approx(5.65, abs=0.01)  # spec: an independent simulator
-    assert table.gain_margin_low_db["rudder"] == -np.inf and np.isnan(table.disk_margin["rudder"])  # nothing ends it
+    assert table.gain_margin_high_db["aileron"] == pytest.approx(
+        5.65, abs=0.01
+    )  # spec: an independent simulator
+    assert table.gain_margin_low_db["rudder"] == -np.inf and np.isnan(
+        table.disk_margin["rudder"]
+    )  # nothing ends it
     assert table.attrs["stable"] and table.attrs["poles"][0].real < 0.0
     assert any("near the node 1.0000" in words for words in table.attrs["warnings"])
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("controller", "pole", "end"), [("tlc", 8.55, 22.5), ("tlc_robust", 4.08, 25.0), ("lqr_robust", None, 60.0)]
+    ("controller", "pole", "end"),
+    [("tlc", 8.55, 22.5), ("tlc_robust", 4.08, 25.0), ("lqr_robust", None, 60.0)],
 )
 def test_a_stuck_aileron_is_lost_where_the_loop_without_it_grows(controller, pole, end):
     """The table of docs/how-to/failures.md."""
     without = abhv_mc.margins(
-        "level", "ghame_x", controller=controller, dispersions={"control.aileron_effectiveness": 0.001}
+        "level",
+        "ghame_x",
+        controller=controller,
+        dispersions={"control.aileron_effectiveness": 0.001},
     )
     fastest = without.attrs["poles"][0]
     assert without.attrs["stable"] == (pole is None)
     assert pole is None or (fastest.imag == 0.0 and fastest.real == pytest.approx(pole, abs=0.01))
     flight = abhv_mc.fly(
-        "level", "ghame_x", controller=controller, dispersions={"failure.aileron.stuck_time": 20.0}, every=10
+        "level",
+        "ghame_x",
+        controller=controller,
+        dispersions={"failure.aileron.stuck_time": 20.0},
+        every=10,
     )
     assert flight.attrs["end_time_s"] == pytest.approx(end, abs=0.1)
     plant = abhv_mc.linearize("level", "ghame_x", controller=controller).plant_continuous.A
     effect = plant.loc[["roll_rate", "yaw_rate"], ["aileron", "rudder"]].to_numpy()
     aileron, rudder = np.linalg.solve(effect, [0.0, 1.0])
-    np.testing.assert_allclose([rudder, aileron, effect[0, 1] * rudder], [-0.31, 0.16, -14.3], atol=0.05)
+    np.testing.assert_allclose(
+        [rudder, aileron, effect[0, 1] * rudder], [-0.31, 0.16, -14.3], atol=0.05
+    )
     assert np.linalg.cond(effect) == pytest.approx(36.0, abs=0.5)
 
 
 def test_a_linear_model_has_names_and_units_and_goes_to_python_control():
-    model = abhv_mc.linearize("level", "ghame_x", controller="lqr_retuned", dispersions={"sensor.delay": "10 ms"})
+    model = abhv_mc.linearize(
+        "level", "ghame_x", controller="lqr_retuned", dispersions={"sensor.delay": "10 ms"}
+    )
     assert model.period_s == 0.01 and model.measurement_delay_periods == 1
     assert model.plant.A.shape == (18, 18) and list(model.plant.B.columns) == LOOPS[:4]
-    assert model.plant.A.attrs["units"]["pitch_rate"] == "rad/s" and model.point.attrs["units"]["altitude"] == "m"
+    assert (
+        model.plant.A.attrs["units"]["pitch_rate"] == "rad/s"
+        and model.point.attrs["units"]["altitude"] == "m"
+    )
     assert model.point["altitude"] == pytest.approx(20_000.0) and model.loop.A.shape == (28, 28)
     poles = control.ss(*model.closed, model.period_s).poles()
     growing = np.log(poles[np.abs(poles) > 0.0].astype(complex)) / model.period_s
-    table = abhv_mc.margins("level", "ghame_x", controller="lqr_retuned", dispersions={"sensor.delay": 0.01})
+    table = abhv_mc.margins(
+        "level", "ghame_x", controller="lqr_retuned", dispersions={"sensor.delay": 0.01}
+    )
     np.testing.assert_allclose(growing.real.max(), table.attrs["poles"][0].real, rtol=1e-6)
     assert model.law.D.loc["elevator", "pitch_rate"] > 0.0
     assert isinstance(model.point, pd.Series) and model.warnings

@@ -21,7 +21,9 @@ def angles_of(velocities, angles):
     Z = np.zeros((LAW, width))
     for lane in range(width):
         u, v, w = velocities[lane, 0], velocities[lane, 1], velocities[lane, 2]
-        _, _, Z[SIN_ALPHA, lane], Z[COS_ALPHA, lane], Z[SIN_BETA, lane], Z[COS_BETA, lane] = flow_direction(u, v, w)
+        _, _, Z[SIN_ALPHA, lane], Z[COS_ALPHA, lane], Z[SIN_BETA, lane], Z[COS_BETA, lane] = (
+            flow_direction(u, v, w)
+        )
     flow_angles(Z, width, ALPHA, BETA)
     for lane in range(width):
         angles[0, lane] = Z[ALPHA, lane]
@@ -46,17 +48,24 @@ def draw_ahead(flights=200):
 def test_an_angle_does_not_depend_on_the_neighbours():
     ahead = draw_ahead()
     alone = np.column_stack([look(row[None]) for row in ahead])
-    beside = look(np.concatenate([ahead, [[0.0, 1400.0, 0.0]]]))[:, :-1]  # one in a flow from the side
+    beside = look(np.concatenate([ahead, [[0.0, 1400.0, 0.0]]]))[
+        :, :-1
+    ]  # one in a flow from the side
     assert [repr(a) for a in alone.ravel()] == [repr(a) for a in beside.ravel()]  # -0.0, too
 
 
 @pytest.mark.parametrize("turned", [1.0, -1.0])
 def test_angles_are_those_of_the_velocity(turned):
     anywhere = np.random.default_rng(3).normal(0.0, 500.0, (300, 3))
-    velocities = np.concatenate([draw_ahead(), anywhere, np.diag([0.0, 9.0, 9.0])])  # at rest and in vertical fall, too
+    velocities = np.concatenate(
+        [draw_ahead(), anywhere, np.diag([0.0, 9.0, 9.0])]
+    )  # at rest and in vertical fall, too
     velocities[:, 0] *= turned
     alpha, beta = look(velocities)
     for i, (u, v, w) in enumerate(velocities.tolist()):
-        exact = math.copysign(float(mpmath.atan2(w, u)), w), mpmath.atan2(v, mpmath.hypot(u, w))  # mpmath has no -0.0
+        exact = (
+            math.copysign(float(mpmath.atan2(w, u)), w),
+            mpmath.atan2(v, mpmath.hypot(u, w)),
+        )  # mpmath has no -0.0
         assert alpha[i] == pytest.approx(exact[0], abs=1e-15, rel=1e-15)
         assert beta[i] == pytest.approx(float(exact[1]), abs=1e-15, rel=1e-15)

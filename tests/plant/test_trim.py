@@ -43,7 +43,9 @@ def test_published_trims(name, bank, alpha, elevator, eta):
 @pytest.mark.parametrize(("bank", "c_tn"), [(0.0, 0.00626), (50.0, 0.00633)])
 def test_coupled_lift_is_as_chosen(bank, c_tn):
     """Values from the deck's constants file, which leaves the cosine of the angle of attack out."""
-    found = trim(vehicle("ghame_x_coupled"), STILL, FlightPoint(20e3, 1400.0, math.radians(bank), LATITUDE))
+    found = trim(
+        vehicle("ghame_x_coupled"), STILL, FlightPoint(20e3, 1400.0, math.radians(bank), LATITUDE)
+    )
     assert found.c_tn / math.cos(found.angle_of_attack) == pytest.approx(c_tn, abs=7e-6)
 
 
@@ -65,11 +67,18 @@ def test_forces_and_moment_balance(name):
     alpha, mass, c = found.angle_of_attack, v.constants.mass_start, v.constants
     radius = STILL.equatorial_radius + 22e3
     g = STILL.gravitational_parameter / radius**2
-    across_thrust = found.lift + found.thrust * (c.thrust_cos * math.sin(alpha) + c.thrust_sin * math.cos(alpha))
-    along_thrust = found.thrust * (c.thrust_cos * math.cos(alpha) - c.thrust_sin * math.sin(alpha)) - found.drag
+    across_thrust = found.lift + found.thrust * (
+        c.thrust_cos * math.sin(alpha) + c.thrust_sin * math.cos(alpha)
+    )
+    along_thrust = (
+        found.thrust * (c.thrust_cos * math.cos(alpha) - c.thrust_sin * math.sin(alpha))
+        - found.drag
+    )
     assert along_thrust == pytest.approx(mass * (0.5 + g * math.sin(gamma)), rel=1e-6)
     relief = 1500.0**2 / radius
-    assert across_thrust * math.cos(bank) == pytest.approx(mass * (g - relief) * math.cos(gamma), rel=1e-6)
+    assert across_thrust * math.cos(bank) == pytest.approx(
+        mass * (g - relief) * math.cos(gamma), rel=1e-6
+    )
 
     turn = across_thrust / mass * math.sin(bank) ** 2 / 1500.0  # the pitch rate of the turn
     variables = make_variables(
@@ -83,7 +92,9 @@ def test_forces_and_moment_balance(name):
         pitch_rate_hat=turn * c.chord / 3000.0,
     )
     cg_x = evaluate_fixed(v, variables)["center_of_gravity_x"][0]
-    down = -found.lift * math.cos(alpha) - found.drag * math.sin(alpha) - found.thrust * c.thrust_sin
+    down = (
+        -found.lift * math.cos(alpha) - found.drag * math.sin(alpha) - found.thrust * c.thrust_sin
+    )
     moment = found.dynamic_pressure * c.area * c.chord * evaluate_coefficients(v, variables)[4, 0]
     moment += found.thrust * c.thrust_cos * c.thrust_offset_z + cg_x * down
     assert abs(moment) < 1e-6 * mass * g * c.chord

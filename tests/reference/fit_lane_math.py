@@ -26,17 +26,39 @@ def of_root(series):
 
 S_MAX = (sqrt(2) - 1) / (sqrt(2) + 1)
 FITTED = {  # function, interval, degree
-    "EXP": (lambda r: (expm1(r) - r) / r**2, (-log(2) / 2, log(2) / 2), 9),  # e^r = 1 + r + r^2 P(r)
-    "LOG": (of_root(lambda s: 2 * (atanh(s) - s) / s**3), (0, S_MAX**2), 6),  # log((1+s)/(1-s)) = 2 s + s z R(z)
-    "SIN": (of_root(lambda r: (sin(r) - r) / r**3), (0, (pi / 4) ** 2), 5),  # sin r = r + r z S(z), z = r^2
-    "COS": (of_root(lambda r: (cos(r) - 1 + r**2 / 2) / r**4), (0, (pi / 4) ** 2), 5),  # cos r = 1 - z/2 + z^2 C(z)
-    "ATAN": (of_root(lambda u: (atan(u) - u) / u**3), (0, tan(pi / 8) ** 2), 10),  # atan u = u + u z A(z)
+    "EXP": (
+        lambda r: (expm1(r) - r) / r**2,
+        (-log(2) / 2, log(2) / 2),
+        9,
+    ),  # e^r = 1 + r + r^2 P(r)
+    "LOG": (
+        of_root(lambda s: 2 * (atanh(s) - s) / s**3),
+        (0, S_MAX**2),
+        6,
+    ),  # log((1+s)/(1-s)) = 2 s + s z R(z)
+    "SIN": (
+        of_root(lambda r: (sin(r) - r) / r**3),
+        (0, (pi / 4) ** 2),
+        5,
+    ),  # sin r = r + r z S(z), z = r^2
+    "COS": (
+        of_root(lambda r: (cos(r) - 1 + r**2 / 2) / r**4),
+        (0, (pi / 4) ** 2),
+        5,
+    ),  # cos r = 1 - z/2 + z^2 C(z)
+    "ATAN": (
+        of_root(lambda u: (atan(u) - u) / u**3),
+        (0, tan(pi / 8) ** 2),
+        10,
+    ),  # atan u = u + u z A(z)
 }
 
 
 def fit():
     """All fitted constants of the module by name; coefficients constant first, rounded to doubles."""
-    fitted = {name: chebyfit(f, ends, degree + 1)[::-1] for name, (f, ends, degree) in FITTED.items()}
+    fitted = {
+        name: chebyfit(f, ends, degree + 1)[::-1] for name, (f, ends, degree) in FITTED.items()
+    }
     return {
         **{name: tuple(map(float, coefficients)) for name, coefficients in fitted.items()},
         "LN2": split(log(2), (32,)),

@@ -9,7 +9,9 @@ import time
 
 import pytest
 
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+BROWSER = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
+)
 KEYS = {"Tab": (9, ""), "Enter": (13, "\r"), " ": (32, " "), "ArrowDown": (40, "")}
 
 
@@ -24,7 +26,9 @@ class Page:
 
     async def _call(self, method, parameters):
         self.number += 1
-        await self.socket.write_message(json.dumps({"id": self.number, "method": method, "params": parameters}))
+        await self.socket.write_message(
+            json.dumps({"id": self.number, "method": method, "params": parameters})
+        )
         while True:
             message = json.loads(await asyncio.wait_for(self.socket.read_message(), 180))
             if message.get("id") == self.number:
@@ -33,15 +37,29 @@ class Page:
 
     def ask(self, expression, wait=False):
         """The value of an expression; with ``wait``, of the promise that it is."""
-        found = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=wait)
+        found = self.call(
+            "Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=wait
+        )
         assert "exceptionDetails" not in found, found["exceptionDetails"]
         return found["result"].get("value")
 
     def show(self, path, width=1400, height=900, dark=False):
         """Load a report and wait until it is drawn."""
-        wishes = {"prefers-color-scheme": "dark" if dark else "light", "prefers-reduced-motion": "reduce"}
-        self.call("Emulation.setEmulatedMedia", features=[{"name": k, "value": v} for k, v in wishes.items()])
-        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        wishes = {
+            "prefers-color-scheme": "dark" if dark else "light",
+            "prefers-reduced-motion": "reduce",
+        }
+        self.call(
+            "Emulation.setEmulatedMedia",
+            features=[{"name": k, "value": v} for k, v in wishes.items()],
+        )
+        self.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
         self.call("Page.navigate", url=path.as_uri())
         drawn = "document.querySelectorAll('#plot .modebar-btn').length > 0"
         self.wait_for(f"location.href === {json.dumps(path.as_uri())} && {drawn}")
@@ -57,7 +75,9 @@ class Page:
     def press(self, key):
         code, text = KEYS[key]
         common = {"key": key, "code": "Space" if key == " " else key, "windowsVirtualKeyCode": code}
-        self.call("Input.dispatchKeyEvent", type="keyDown" if text else "rawKeyDown", text=text, **common)
+        self.call(
+            "Input.dispatchKeyEvent", type="keyDown" if text else "rawKeyDown", text=text, **common
+        )
         self.call("Input.dispatchKeyEvent", type="keyUp", **common)
 
     def move(self, x, y):
@@ -69,8 +89,20 @@ class Page:
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
     def drag(self, x0, y0, x1, y1):
-        for kind, x, y in (("mousePressed", x0, y0), ("mouseMoved", x1, y1), ("mouseReleased", x1, y1)):
-            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
+        for kind, x, y in (
+            ("mousePressed", x0, y0),
+            ("mouseMoved", x1, y1),
+            ("mouseReleased", x1, y1),
+        ):
+            self.call(
+                "Input.dispatchMouseEvent",
+                type=kind,
+                x=x,
+                y=y,
+                button="left",
+                buttons=1,
+                clickCount=1,
+            )
 
 
 @contextlib.contextmanager
@@ -78,7 +110,9 @@ def open_browser(profile):
     """A page of a browser of its own; skips where there is none."""
     if BROWSER is None:
         pytest.skip("no Chromium is installed")
-    client = pytest.importorskip("tornado.websocket", reason="needs the extra 'cluster' or 'notebook'")
+    client = pytest.importorskip(
+        "tornado.websocket", reason="needs the extra 'cluster' or 'notebook'"
+    )
     http = pytest.importorskip("tornado.httpclient")
     command = [
         BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-dev-shm-usage",
@@ -93,7 +127,9 @@ def open_browser(profile):
                 port = (profile / "DevToolsActivePort").read_text(encoding="utf-8").split()[0]
                 listed = await http.AsyncHTTPClient().fetch(f"http://127.0.0.1:{port}/json/list")
                 (target,) = [entry for entry in json.loads(listed.body) if entry["type"] == "page"]
-                return await client.websocket_connect(target["webSocketDebuggerUrl"], max_message_size=100_000_000)
+                return await client.websocket_connect(
+                    target["webSocketDebuggerUrl"], max_message_size=100_000_000
+                )
             except (OSError, ValueError, IndexError):
                 await asyncio.sleep(0.1)
 

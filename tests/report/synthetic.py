@@ -51,7 +51,9 @@ def prepare(vehicle, mission, controller, name):
         "north": np.where(flying, 2500.0 * (1.0 - np.cos(phase)), 5000.0),
         "east": 1400.0 * time,
     }
-    reference = np.stack([np.broadcast_to(columns.get(key, 0.0), time.shape) for key in REFERENCE], axis=1)
+    reference = np.stack(
+        [np.broadcast_to(columns.get(key, 0.0), time.shape) for key in REFERENCE], axis=1
+    )
     return replace(make_plan(name), timing=Timing(TICK / 2.0, 2, TICKS), reference=reference)
 
 
@@ -68,8 +70,10 @@ def histories_of(name, parameters, reference):
     bank_command = reference["bank_reference_deg"] * (1.0 - 0.6 * (density + lift))
     alpha_command = reference["angle_of_attack_reference_deg"] * (1.0 - 0.9 * (density + lift))
     channels = {
-        "altitude_m": 20000.0 + 110.0 * (density + lift + 0.004 * wobble) * (1.0 - np.exp(-time / 5.0)) * one,
-        "speed_mps": 1400.0 - 14.0 * (drag + 0.5 * density) * (1.0 + 2.0 * stray) * np.tanh(time / 20.0),
+        "altitude_m": 20000.0
+        + 110.0 * (density + lift + 0.004 * wobble) * (1.0 - np.exp(-time / 5.0)) * one,
+        "speed_mps": 1400.0
+        - 14.0 * (drag + 0.5 * density) * (1.0 + 2.0 * stray) * np.tanh(time / 20.0),
         "flight_path_angle_deg": 0.3 * (density + lift) * swing,
         "heading_deg": reference["heading_reference_deg"] + (0.2 * density + 0.1 * stray) * swing,
         "angle_of_attack_deg": alpha_command - stray * 2.0 * kick * load,
@@ -78,8 +82,11 @@ def histories_of(name, parameters, reference):
         "aileron_deg": usage * 1.2 * swing * kick * load,
         "rudder_deg": usage * 0.4 * swing * kick * load,
         "elevator_deg": 0.8 + usage * (1.5 * kick + 3.0 * (lift + density)) * one,
-        "equivalence_ratio": reference["equivalence_ratio_reference"] * (1.0 + drag + 0.3 * density),
-        "north_m": reference["north_reference_m"] + 900.0 * density * np.tanh(time / 40.0) + 20.0 * stray * time / 60.0,
+        "equivalence_ratio": reference["equivalence_ratio_reference"]
+        * (1.0 + drag + 0.3 * density),
+        "north_m": reference["north_reference_m"]
+        + 900.0 * density * np.tanh(time / 40.0)
+        + 20.0 * stray * time / 60.0,
         "east_m": reference["east_reference_m"] * one,
         "mass_kg": 120000.0 - 80.0 * time * (1.0 + drag),
         "flight_path_angle_command_deg": 0.2 * (density + lift) * swing,
@@ -90,7 +97,9 @@ def histories_of(name, parameters, reference):
         channels[f"{surface}_command_deg"] = channels[f"{surface}_deg"] * 1.02
     channels["equivalence_ratio_command"] = channels["equivalence_ratio"] * 1.001
     shape = (len(parameters), time.size)
-    channels = {key: np.broadcast_to(value, shape).astype(np.float32) for key, value in channels.items()}
+    channels = {
+        key: np.broadcast_to(value, shape).astype(np.float32) for key, value in channels.items()
+    }
     zeros = np.zeros(shape, np.float32)  # of what else a history holds
     return {signal.name: channels.get(signal.name, zeros) for signal in CHANNELS}
 
@@ -113,7 +122,10 @@ def metrics_of(channels, reference):
         f"{name}_error_{unit}": channels[f"{name}_{unit}"] - reference[f"{name}_reference_{unit}"]
         for name, unit in (("altitude", "m"), ("speed", "mps"), ("heading", "deg"))
     }
-    of |= {f"{k}_error_deg": channels[f"{k}_deg"] - channels[f"{k}_command_deg"] for k in ("angle_of_attack", "bank")}
+    of |= {
+        f"{k}_error_deg": channels[f"{k}_deg"] - channels[f"{k}_command_deg"]
+        for k in ("angle_of_attack", "bank")
+    }
     of["cross_track_m"] = channels["north_m"] - reference["north_reference_m"]
     for surface in ("aileron", "elevator", "rudder"):
         deflection = channels[f"{surface}_deg"]
@@ -122,11 +134,15 @@ def metrics_of(channels, reference):
     of["fuel_used_kg"] = channels["mass_kg"][:, :1] - channels["mass_kg"]
     of["load_factor_g"] = 1.0 / np.cos(np.radians(channels["bank_deg"]))
     of = {**channels, **of}
-    found = np.zeros((len(channels["bank_deg"]), len(METRICS)))  # zero: ripples, cycles and failures
+    found = np.zeros(
+        (len(channels["bank_deg"]), len(METRICS))
+    )  # zero: ripples, cycles and failures
     for k, metric in enumerate(METRICS):
         if metric.of in of:
             values = of[metric.of]
-            found[:, k] = COUNTED[metric.statistic](values[:, settled] if metric.settled else values)
+            found[:, k] = COUNTED[metric.statistic](
+                values[:, settled] if metric.settled else values
+            )
     return found
 
 
@@ -166,7 +182,9 @@ def write_campaign(
         history = np.stack([channels[signal.name] for signal in CHANNELS], axis=2)
         history[lost[:, None] & (reference["time"] > end)] = np.nan
         ends = np.where(lost, end, TICKS * TICK)
-        block = FlightBlock(outcome, ends, metrics_of(channels, reference), history, reference["time"])
+        block = FlightBlock(
+            outcome, ends, metrics_of(channels, reference), history, reference["time"]
+        )
         return record(block, recording_of(record_every, plan))
 
     return run(path, folder, Engine(prepare, fly, "synthetic"), workers=1).folder

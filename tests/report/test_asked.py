@@ -33,14 +33,19 @@ def flown(tmp_path_factory):
 aero.lift: {{distribution: normal, sigma: 5 %}}}}"
         keep = "{histories: {flights: worst 20, rate: 10 Hz}, envelopes: {rate: 5 Hz}}"
         out = run(
-            write_campaign(folder / "f", requirements=f"[{requirement}]", dispersions=dispersed, keep=keep),
+            write_campaign(
+                folder / "f", requirements=f"[{requirement}]", dispersions=dispersed, keep=keep
+            ),
             folder / "out",
         ).folder
         page = build_page(out).read_text(encoding="utf-8")
         numbers = json.loads((out / "report.json").read_text("utf-8"))
         table = pq.read_table(out / "flights").to_pandas()
         return SimpleNamespace(
-            out=out, page=page, numbers=numbers, one=table[table["controller"] == "one"].sort_values("flight")
+            out=out,
+            page=page,
+            numbers=numbers,
+            one=table[table["controller"] == "one"].sort_values("flight"),
         )
 
     return fly
@@ -56,7 +61,9 @@ def low(flown):
 def band(flown):
     found = flown(f"{{metric: {BAND}, above: {LEAST}, below: {MOST}, probability: 0.5}}", "10 %")
     values = found.one[BAND].to_numpy()
-    found.outside = np.where(found.one["outcome"] == "ok", np.maximum(LEAST - values, values - MOST), np.inf)
+    found.outside = np.where(
+        found.one["outcome"] == "ok", np.maximum(LEAST - values, values - MOST), np.inf
+    )
     assert (values <= LEAST).any() and (values >= MOST).any() and (found.outside < 0.0).any()
     return found
 
@@ -75,7 +82,9 @@ def test_what_is_bad_below_heads_the_answer_and_its_smallest_value_is_the_worst(
 
 def test_the_worst_flights_are_those_that_are_kept(low):
     for name, listed in low.numbers["flights"]["worst"].items():
-        kept = pq.read_table(low.out / "histories", filters=[("controller", "=", name)], partitioning=None)["flight"]
+        kept = pq.read_table(
+            low.out / "histories", filters=[("controller", "=", name)], partitioning=None
+        )["flight"]
         assert {entry["flight"] for entry in listed} == set(kept.to_pylist()) and len(listed) == 20
         values = [entry["metrics"][LOW] for entry in listed]
         assert values == sorted(values)
@@ -85,7 +94,11 @@ def test_the_worst_flights_are_those_that_are_kept(low):
 def test_the_folder_says_what_is_bad_and_a_gate_takes_it_on_its_bad_side(low):
     schema = pq.read_schema(next(iter((low.out / "flights").glob("*.parquet"))))
     words = schema.field(LOW).metadata
-    assert words[b"bad"] == b"low" and words[b"unit"] == b"deg" and words[b"label"] == b"Angle of attack, min"
+    assert (
+        words[b"bad"] == b"low"
+        and words[b"unit"] == b"deg"
+        and words[b"label"] == b"Angle of attack, min"
+    )
     assert b"bad" not in schema.field(END_TIME.name).metadata
     for crossed, shown in ((("two", "one"), True), (("one", "two"), False)):
         (pair,) = compare(low.out, low.out, crossed, {LOW: 1e-6})["paired"]
@@ -109,7 +122,11 @@ def test_margins_are_no_rare_event(tmp_path):
 
 def test_whoever_is_on_either_side_of_the_band_fails(band):
     (entry,) = json.loads((band.out / "manifest.json").read_text("utf-8"))["requirements"]
-    assert (entry["above"], entry["below"], entry["failures"]) == (LEAST, MOST, int((band.outside >= 0.0).sum()))
+    assert (entry["above"], entry["below"], entry["failures"]) == (
+        LEAST,
+        MOST,
+        int((band.outside >= 0.0).sum()),
+    )
     with (band.out / "verification_matrix.csv").open(newline="") as file:
         row = next(csv.DictReader(file))
     assert (row["above"], row["below"], row["failures"]) == ("0.4", "2.3", str(entry["failures"]))
@@ -119,7 +136,9 @@ def test_the_report_ranks_and_bounds_by_the_distance_outside(band):
     (entry,) = band.numbers["verdicts"]["requirements"]
     found, worst_first = entry["controllers"]["one"], np.sort(band.outside)[::-1]
     assert "between 0.4 and 2.3" in entry["words"]
-    assert found["tolerance_limit"] == pytest.approx(worst_first[most_failures(len(worst_first), 0.5, 0.1)])
+    assert found["tolerance_limit"] == pytest.approx(
+        worst_first[most_failures(len(worst_first), 0.5, 0.1)]
+    )
     assert found["room"] == pytest.approx(-found["tolerance_limit"] / 0.95)
     cell = band.numbers["verdicts"]["glance"][0]["cells"]["one"]
     assert cell["median"] == pytest.approx(np.percentile(band.outside, 50.0, method="nearest"))

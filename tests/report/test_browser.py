@@ -30,16 +30,23 @@ def test_switches_work_and_nothing_is_said_or_asked_for(page, report_folder):
     assert found["axis"] == "Sideslip (deg)" and "Sideslip" in found["words"]
     assert found["drawn"] == 2  # the medians of the two that are left
     assert {"Zoom in", "Reset axes"} <= set(found["tools"])
-    assert not any(part in title for title in found["tools"] for part in ("hare", "loud", "dit"))  # uploads the data
+    assert not any(
+        part in title for title in found["tools"] for part in ("hare", "loud", "dit")
+    )  # uploads the data
     page.wait_for("[...document.images].every((image) => image.complete && image.naturalWidth > 0)")
     assert [event for event in page.told if event[0] in SAID] == []
-    asked = {params["request"]["url"] for method, params in page.told if method == "Network.requestWillBeSent"}
+    asked = {
+        params["request"]["url"]
+        for method, params in page.told
+        if method == "Network.requestWillBeSent"
+    }
     assert {url for url in asked if not url.startswith("data:")} == {path.as_uri()}
 
 
 def test_no_other_script_runs(page, report_page, tmp_path):
     foreign = (
-        "<script>document.body.dataset.foreign = 1</script><img src=x onerror='document.body.dataset.foreign = 1'>"
+        "<script>document.body.dataset.foreign = 1</script><img src=x "
+        "onerror='document.body.dataset.foreign = 1'>"
     )
     path = tmp_path / "foreign.html"
     path.write_text(report_page.replace("</body>", foreign + "</body>"), encoding="utf-8")
@@ -80,11 +87,15 @@ def test_it_is_read_with_the_keyboard(page, report_folder):
     second = page.ask(FOCUS)[1]
     assert second.startswith("Show ") and second != first
     page.press("Enter")
-    assert page.ask("document.getElementById('flight-title').textContent").startswith(second.removeprefix("Show "))
+    assert page.ask("document.getElementById('flight-title').textContent").startswith(
+        second.removeprefix("Show ")
+    )
     assert page.ask(FOCUS)[1] == second  # the list was drawn anew
     passed += tab_to(page, "channel")
     assert all(visible for _, _, visible in passed), "a focus that is not seen"
-    assert "Requirements in full" in [name for _, name, _ in passed]  # a table that scrolls takes the focus
+    assert "Requirements in full" in [
+        name for _, name, _ in passed
+    ]  # a table that scrolls takes the focus
     before = page.ask("document.getElementById('plot-words').textContent")
     page.press("ArrowDown")
     assert page.ask("document.getElementById('plot-words').textContent") != before

@@ -22,7 +22,10 @@ def test_controllers_can_be_crossed(failing_folder, failing_numbers):
     inside = failing_numbers["comparison"]["pairs"]["tlc - lqr"]
     assert pair["requirements"] == inside["requirements"]
     metric = "bank_error_rms_deg"
-    assert pair["metrics"][metric]["quantile_differences"] == inside["metrics"][metric]["quantile_differences"]
+    assert (
+        pair["metrics"][metric]["quantile_differences"]
+        == inside["metrics"][metric]["quantile_differences"]
+    )
 
 
 def test_a_controller_that_loses_more_flights_fails_whatever_its_metric(failing_folder):
@@ -56,7 +59,9 @@ def test_what_cannot_be_compared_is_refused(failing_folder, asked, words):
 
 @pytest.fixture(scope="module")
 def before(tmp_path_factory):
-    return write_campaign(tmp_path_factory.mktemp("pair") / "before", runs=40, failing=2, controllers=("tlc", "lqr"))
+    return write_campaign(
+        tmp_path_factory.mktemp("pair") / "before", runs=40, failing=2, controllers=("tlc", "lqr")
+    )
 
 
 @pytest.fixture(scope="module")
@@ -77,18 +82,28 @@ def newly_failed(before, after):
     return failed[1] - failed[0]
 
 
-def test_two_campaigns_make_a_page_with_every_flight_that_only_one_loses(before, after, abhv_mc, tmp_path):
+def test_two_campaigns_make_a_page_with_every_flight_that_only_one_loses(
+    before, after, abhv_mc, tmp_path
+):
     gate = ["--fail-if-worse", "altitude_error_max_m=5%"]
-    code, told, _ = abhv_mc("compare", before, after, "-o", tmp_path / "page", "--controllers", "lqr,lqr", *gate)
+    code, told, _ = abhv_mc(
+        "compare", before, after, "-o", tmp_path / "page", "--controllers", "lqr,lqr", *gate
+    )
     assert code == 0 and f"report    {tmp_path / 'page' / 'report.html'}" in told
     page = (tmp_path / "page/report.html").read_text("utf-8")
     lost = newly_failed(before, after)
     ended = np.sort(np.argsort(read_flown(after).samples["atmosphere.density"])[-5:-2]).tolist()
-    assert f"<td>{', '.join(map(str, ended))}</td>" in page and f"abhv-mc replay {after} --controller NAME" in page
+    assert (
+        f"<td>{', '.join(map(str, ended))}</td>" in page
+        and f"abhv-mc replay {after} --controller NAME" in page
+    )
     assert lost <= set(ended)
     assert "after passes: shown to be at most 5 % worse" in page
     assert f"0 flights fail under before alone, {len(lost)} under after alone" in page
-    assert "<strong>No difference is shown.</strong>" in page and f"abhv-mc explain {after} --all" in page
+    assert (
+        "<strong>No difference is shown.</strong>" in page
+        and f"abhv-mc explain {after} --all" in page
+    )
     assert told.startswith("No difference is shown.\nNext: ")
     assert "<script" not in page and "http" not in page.replace("http-equiv", "").lower()
 
@@ -113,7 +128,9 @@ def test_the_first_screen_says_what_changed_against_the_baseline(with_baseline, 
     lost = len(newly_failed(before, with_baseline))
     page = (with_baseline / "report.html").read_text("utf-8")
     (line,) = re.findall(r'<p class="sure">(Against .*?)</p>', page)
-    assert line.startswith("Against before (40 flights paired): TLC no difference shown in 3 metrics; LQR")
+    assert line.startswith(
+        "Against before (40 flights paired): TLC no difference shown in 3 metrics; LQR"
+    )
     assert f"newly failed {lost}, no longer 0" in line
     numbers = json.loads((with_baseline / "report.json").read_text("utf-8"))["baseline"]
     assert numbers["folder"] == before.as_posix()
@@ -131,7 +148,9 @@ def test_a_report_with_a_baseline_is_verified_with_it(with_baseline, before):
     assert any("any_failure.only_a" in line for line in verify_campaign(with_baseline))
     numbers["baseline"]["folder"] = "no/such/folder"
     report.write_text(json.dumps(numbers), "utf-8")
-    assert list(verify_campaign(with_baseline)) == ["baseline: no/such/folder is no longer there to compare with"]
+    assert list(verify_campaign(with_baseline)) == [
+        "baseline: no/such/folder is no longer there to compare with"
+    ]
     report.write_text(held, "utf-8")
 
 

@@ -17,7 +17,14 @@ from abhv_mc.topics.metrics.figures import Spread, plot_distributions
 from abhv_mc.topics.registry import make_figures
 from abhv_mc.topics.topic import Models
 
-FILES = ["channels", "convergence", "distribution_asked", "drivers", "error_against_usage", "worst_flights"]
+FILES = [
+    "channels",
+    "convergence",
+    "distribution_asked",
+    "drivers",
+    "error_against_usage",
+    "worst_flights",
+]
 
 
 @pytest.fixture
@@ -33,13 +40,17 @@ def test_the_report_holds_every_figure_at_print_resolution(report_folder):
             assert image.width == 1440  # 7.2 in at 200 dpi
             assert image.convert("RGBA").getpixel((0, 0))[3] == 0  # the page's ground
             assert image.info["dpi"] == pytest.approx((200, 200), abs=0.1)
-        assert path.stat().st_size < 400_000  # in full colour: a palette took half of the report's time
+        assert (
+            path.stat().st_size < 400_000
+        )  # in full colour: a palette took half of the report's time
 
 
 def test_bands_are_drawn_where_they_say(panel):
     figure = plot_envelopes([EnvelopeRow("y", [panel])], ["A"], [BLUE])
     areas = figure.axes[0].collections
-    for area, (low, high) in zip(areas, [("min", "max"), ("q0.135", "q99.865"), ("q5", "q95")], strict=True):
+    for area, (low, high) in zip(
+        areas, [("min", "max"), ("q0.135", "q99.865"), ("q5", "q95")], strict=True
+    ):
         corners = area.get_paths()[0].vertices[:, 1]
         assert corners.min() == pytest.approx(panel.bands[low].min())
         assert corners.max() == pytest.approx(panel.bands[high].max())
@@ -54,7 +65,9 @@ def test_with_unknowns_the_median_has_two_lines(panel):
 def test_ink_and_colours_are_legible_on_white_and_on_a_dark_page():
     def luminance(color):
         channels = np.array(to_rgb(color))
-        linear = np.where(channels <= 0.03928, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4)
+        linear = np.where(
+            channels <= 0.03928, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4
+        )
         return linear @ [0.2126, 0.7152, 0.0722]
 
     for color in (INK, *CYCLE):
@@ -83,7 +96,9 @@ def test_nothing_is_cut_off_and_no_panel_reaches_into_another(figures):
         figure.canvas.draw()
         box = figure.get_tightbbox()
         assert min(box.x0, box.y0) >= -0.01, name
-        assert box.x1 <= figure.get_figwidth() + 0.01 and box.y1 <= figure.get_figheight() + 0.01, name
+        assert box.x1 <= figure.get_figwidth() + 0.01 and box.y1 <= figure.get_figheight() + 0.01, (
+            name
+        )
         shown = [axes.get_tightbbox() for axes in figure.axes if axes.get_visible()]
         shown += [legend.get_window_extent() for legend in figure.legends]
         for one, other in combinations(shown, 2):
@@ -94,8 +109,14 @@ def test_nothing_is_cut_off_and_no_panel_reaches_into_another(figures):
 
 def test_altitude_errors_are_in_metres_and_a_moving_reference_is_not_the_flights_spread(failing):
     """The band of all flights spans the ticks of a tenth of a second, in which the reference itself moves 15 m."""
-    figures = {text.name: figure for topic in (ENVELOPES, FLIGHTS) for text, figure in Models(failing).figures(topic)}
-    altitude = next(a for a in figures["channels"].axes if a.get_title(loc="left") == "altitude error (m)")
+    figures = {
+        text.name: figure
+        for topic in (ENVELOPES, FLIGHTS)
+        for text, figure in Models(failing).figures(topic)
+    }
+    altitude = next(
+        a for a in figures["channels"].axes if a.get_title(loc="left") == "altitude error (m)"
+    )
     assert "(m)" in figures["worst_flights"].axes[0].get_ylabel()
     low, high = altitude.get_ylim()
     assert -40.0 < low < 0.0 < high < 40.0

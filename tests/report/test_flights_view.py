@@ -58,14 +58,20 @@ def ranked(results):
     """All flights as the table names them, the worst first: label, number, controller, row."""
     pairs = zip(results.ranking.controller, results.ranking.row, strict=True)
     named = [(results.controllers[k], row) for k, row in pairs]
-    return [(LABELS[name], str(results.flights[name].flight[row]), name, row) for name, row in named]
+    return [
+        (LABELS[name], str(results.flights[name].flight[row]), name, row) for name, row in named
+    ]
 
 
 def test_a_click_on_a_head_sorts_and_the_third_restores_the_worst_first(shown, models):
     results, metric = models.results, "speed_error_max_mps"
     flights = ranked(results)
     values = np.array([results.flights[name].metrics[metric][row] for *_, name, row in flights])
-    orders = [np.argsort(-values, kind="stable"), np.argsort(values, kind="stable"), range(len(flights))]
+    orders = [
+        np.argsort(-values, kind="stable"),
+        np.argsort(values, kind="stable"),
+        range(len(flights)),
+    ]
     for order in orders:
         sort_by(shown, "Speed error, max (m/s)")
         assert [tuple(row) for row in shown.ask(ROWS)] == [flights[k][:2] for k in order][:100]
@@ -75,7 +81,9 @@ def test_a_click_on_a_head_sorts_and_the_third_restores_the_worst_first(shown, m
 def test_the_filter_and_a_choice_leave_their_flights_in_list_count_and_csv(shown, models):
     results = models.results
     item = results.campaign.requirements[1]
-    missed = {name: requirement_failures(results.flights[name], item) for name in results.controllers}
+    missed = {
+        name: requirement_failures(results.flights[name], item) for name in results.controllers
+    }
     choose(shown, "flights-outcome", "missed 1")
     choose(shown, "scatter-x", "aero.drag")
     shown.ask(FROM_ONE)
@@ -87,7 +95,9 @@ def test_the_filter_and_a_choice_leave_their_flights_in_list_count_and_csv(shown
         f"{len(wanted)} of {total} flights"
     )
     saved = list(csv.DictReader(io.StringIO(shown.ask(SAVED, wait=True))))
-    assert [(row["controller"], row["flight"]) for row in saved] == [(name, flight) for _, flight, name, _ in wanted]
+    assert [(row["controller"], row["flight"]) for row in saved] == [
+        (name, flight) for _, flight, name, _ in wanted
+    ]
     for row, (_, flight, name, k) in zip(saved, wanted, strict=True):
         assert float(row["aero.drag [factor]"]) == pytest.approx(drag[int(flight)], abs=1e-5)
         speed = results.flights[name].metrics["speed_error_max_mps"][k]
@@ -103,17 +113,26 @@ def test_a_clicked_flight_opens_at_the_channel_of_its_worst_metric(shown, models
     assert shown.ask("document.getElementById('flight-channel').value") == record.of
     traces = {trace["name"]: trace for trace in shown.ask(HISTORY)}
     limit = criterion.limits.high
-    assert {y for trace in shown.ask(HISTORY) if trace["name"].startswith("limit") for y in trace["y"]} == {
+    assert {
+        y for trace in shown.ask(HISTORY) if trace["name"].startswith("limit") for y in trace["y"]
+    } == {
         limit,
         -limit,
     }
     assert {f"{label}, nominal", f"{label}, 5\N{EN DASH}95 %", f"{label} {number}"} <= set(traces)
-    words = shown.ask("document.getElementById('flight-words').textContent").replace("\N{MINUS SIGN}", "-").split(", ")
+    words = (
+        shown.ask("document.getElementById('flight-words').textContent")
+        .replace("\N{MINUS SIGN}", "-")
+        .split(", ")
+    )
     drawn = {key: results.samples[key][int(number)] for key in results.dispersed}
     assert set(words) == {
-        f"{spoken_name(key)} {shown_value(key, value)}".replace("\N{MINUS SIGN}", "-") for key, value in drawn.items()
+        f"{spoken_name(key)} {shown_value(key, value)}".replace("\N{MINUS SIGN}", "-")
+        for key, value in drawn.items()
     }
-    beside = shown.ask("[...document.querySelectorAll('#flight-required tbody td')].map((cell) => cell.textContent)")
+    beside = shown.ask(
+        "[...document.querySelectorAll('#flight-required tbody td')].map((cell) => cell.textContent)"
+    )
     assert len(beside) == len(results.campaign.requirements)
     for cell, item in zip(beside, results.campaign.requirements, strict=True):
         value = results.flights[name].metrics[item.metric][row]
@@ -127,12 +146,20 @@ def test_the_band_behind_an_error_holds_the_flight(shown):
     choose(shown, "flight-channel", "speed_error_mps")
     traces = shown.ask(HISTORY)
     band = [trace for trace in traces if trace["name"].endswith(", all flights")]
-    (flown,) = [trace for trace in traces if "," not in trace["name"] and not trace["name"].startswith("limit")]
+    (flown,) = [
+        trace
+        for trace in traces
+        if "," not in trace["name"] and not trace["name"].startswith("limit")
+    ]
     low, high = (np.interp(flown["x"], trace["x"], trace["y"]) for trace in band)
-    assert np.all(np.array(flown["y"]) >= low - 0.05) and np.all(np.array(flown["y"]) <= high + 0.05)
+    assert np.all(np.array(flown["y"]) >= low - 0.05) and np.all(
+        np.array(flown["y"]) <= high + 0.05
+    )
 
 
-def test_two_flights_lie_over_one_another_and_a_link_restores_all_of_it(shown, report_folder, models):
+def test_two_flights_lie_over_one_another_and_a_link_restores_all_of_it(
+    shown, report_folder, models
+):
     number = ranked(models.results)[0][1]
     sort_by(shown, "Flight")
     choose(shown, "flights-outcome", "missed 1")
@@ -152,10 +179,15 @@ def test_two_flights_lie_over_one_another_and_a_link_restores_all_of_it(shown, r
     rows = shown.ask(ROWS)
     shown.call("Page.navigate", url="about:blank")
     shown.call("Page.navigate", url=address)
-    shown.wait_for("document.body?.dataset.opened && document.getElementById('flight-history').data")
+    shown.wait_for(
+        "document.body?.dataset.opened && document.getElementById('flight-history').data"
+    )
     assert shown.ask("document.getElementById('flight-title').textContent") == title
     assert shown.ask("document.getElementById('flight-channel').value") == "bank_deg"
-    assert shown.ask("document.getElementById('flights-outcome').value") == "missed 1" and shown.ask(ROWS) == rows
+    assert (
+        shown.ask("document.getElementById('flights-outcome').value") == "missed 1"
+        and shown.ask(ROWS) == rows
+    )
 
 
 PLACE = 'flightPath(document.createElement("div"), {}).attitude(%s)'
@@ -168,7 +200,13 @@ PIXELS = 'document.querySelector("#flight-path canvas").toDataURL()'
 @pytest.mark.parametrize("angles", [(90, 0, 0, 0, 0), (100, 5, -50, 3, 0), (-170, -20, 65, 12, -4)])
 def test_body_axes_are_those_of_the_angles(shown, angles):
     """Heading, path angle and bank turn north, east, down to the wind, sideslip and angle of attack to the body."""
-    names = ("heading_deg", "flight_path_angle_deg", "bank_deg", "angle_of_attack_deg", "sideslip_deg")
+    names = (
+        "heading_deg",
+        "flight_path_angle_deg",
+        "bank_deg",
+        "angle_of_attack_deg",
+        "sideslip_deg",
+    )
     heading, climb, bank, attack, slip = angles
     wind = Rotation.from_euler("ZYX", [heading, climb, bank], degrees=True)
     body = wind * Rotation.from_euler("ZY", [-slip, attack], degrees=True)
@@ -204,10 +242,18 @@ def test_flights_of_a_users_simulator_are_shown_in_its_words(page, tmp_path, mon
     name = results.controllers[results.ranking.controller[0]]
     row = results.ranking.row[0]
     number = results.flights[name].flight[row]
-    assert page.ask("document.getElementById('flight-title').textContent") == f"{name}, flight {number}: ground"
+    assert (
+        page.ask("document.getElementById('flight-title').textContent")
+        == f"{name}, flight {number}: ground"
+    )
     words = page.ask("document.getElementById('flight-words').textContent")
     assert f"speed {results.samples['speed'][number]:.3g}\N{NO-BREAK SPACE}ft/s" in words
     assert page.ask("document.getElementById('flight-plots').hidden")
-    beside = page.ask("document.querySelector('#flight-required tbody td').textContent").replace("\N{MINUS SIGN}", "-")
+    beside = page.ask("document.querySelector('#flight-required tbody td').textContent").replace(
+        "\N{MINUS SIGN}", "-"
+    )
     low = results.flights[name].metrics["altitude_min"][row]
-    assert float(beside.split("\N{NO-BREAK SPACE}")[0]) == pytest.approx(low, rel=1e-3) and "missed" in beside
+    assert (
+        float(beside.split("\N{NO-BREAK SPACE}")[0]) == pytest.approx(low, rel=1e-3)
+        and "missed" in beside
+    )

@@ -33,10 +33,14 @@ def report_folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def crowded(tmp_path_factory):
     """Eight controllers and twelve requirements, some of which most flights miss."""
-    requirements = [f"{{metric: {name}, below: 1.5, probability: 0.9, consumer_risk: 0.1}}" for name in METRICS]
+    requirements = [
+        f"{{metric: {name}, below: 1.5, probability: 0.9, consumer_risk: 0.1}}" for name in METRICS
+    ]
     names = ["tlc", *(f"lqr_{k}" for k in range(7))]
     folder = tmp_path_factory.mktemp("crowded") / "c"
-    build_report(write_campaign(folder, runs=40, failing=4, controllers=names, requirements=requirements))
+    build_report(
+        write_campaign(folder, runs=40, failing=4, controllers=names, requirements=requirements)
+    )
     return folder
 
 
@@ -107,8 +111,14 @@ def test_axe_finds_nothing(page, name, request):
     page.ask("for (const part of document.querySelectorAll('details')) part.open = true")
     page.ask("document.querySelector('#flight-rows button').click()")
     page.ask(axe.AXE_FILE_PATH.read_text(encoding="utf-8"))
-    found = json.loads(page.ask("axe.run().then((found) => JSON.stringify(found.violations))", wait=True))
-    assert [(rule["id"], node["target"], node["failureSummary"]) for rule in found for node in rule["nodes"]] == []
+    found = json.loads(
+        page.ask("axe.run().then((found) => JSON.stringify(found.violations))", wait=True)
+    )
+    assert [
+        (rule["id"], node["target"], node["failureSummary"])
+        for rule in found
+        for node in rule["nodes"]
+    ] == []
 
 
 LISTED = "[...document.querySelectorAll('#flights details [data-show]')].map((link) => link.dataset.show)"
@@ -121,15 +131,26 @@ SHOWN = """({ title: document.getElementById("flight-title").textContent,
 def test_a_click_on_a_worst_flight_draws_it(page, report_folder, report_json):
     page.show(report_folder / "report.html")
     listed = page.ask(LISTED)
-    worst = {name: [entry["flight"] for entry in flights] for name, flights in report_json["flights"]["worst"].items()}
+    worst = {
+        name: [entry["flight"] for entry in flights]
+        for name, flights in report_json["flights"]["worst"].items()
+    }
     assert listed == [f"{name} {flight}" for name, flights in worst.items() for flight in flights]
     for k, entry in enumerate(listed):
         page.ask(f"document.querySelectorAll('#flights details [data-show]')[{k}].click()")
         name, flight = entry.split()
         found = page.ask(SHOWN)
-        assert found["title"].startswith(f"{report_json['provenance']['labels'][name]}, flight {flight}:")
+        assert found["title"].startswith(
+            f"{report_json['provenance']['labels'][name]}, flight {flight}:"
+        )
         assert found["drawn"]
-        assert shlex.split(found["command"])[2:] == [str(report_folder), "--flight", flight, "--controller", name]
+        assert shlex.split(found["command"])[2:] == [
+            str(report_folder),
+            "--flight",
+            flight,
+            "--controller",
+            name,
+        ]
 
 
 SCATTER = """(() => { const scatter = document.getElementById("scatter"); scatter.scrollIntoView({ block: "center" });
@@ -143,7 +164,9 @@ def test_a_click_on_a_point_draws_its_flight(page, report_folder):
         left, top, width, height = page.ask(SCATTER)
         x, y = left + width * (k % 24 + 0.5) / 24, top + height * (k // 24 + 0.5) / 12
         page.move(x, y)
-        name = page.ask("document.getElementById('scatter-at').textContent").strip().rpartition(":")[0]
+        name = (
+            page.ask("document.getElementById('scatter-at').textContent").strip().rpartition(":")[0]
+        )
         if name:
             page.click(x, y)
             assert page.ask(SHOWN)["title"].startswith(f"{name}: ")
@@ -156,28 +179,47 @@ def test_paper_is_evidence(page, report_folder, report_json, size, tmp_path):
     page.show(report_folder / "report.html")
     target = tmp_path / "report.pdf"
     width, height = PAPER[size]
-    printed = page.call("Page.printToPDF", paperWidth=width, paperHeight=height, preferCSSPageSize=False)
+    printed = page.call(
+        "Page.printToPDF", paperWidth=width, paperHeight=height, preferCSSPageSize=False
+    )
     target.write_bytes(base64.b64decode(printed["data"]))
     if shutil.which("pdftotext") is None:
         pytest.skip("no pdftotext is installed")
-    text = subprocess.run(["pdftotext", "-layout", target, "-"], capture_output=True, text=True, check=True).stdout
+    text = subprocess.run(
+        ["pdftotext", "-layout", target, "-"], capture_output=True, text=True, check=True
+    ).stdout
     flat = "".join(text.split())
-    for words in (report_json["digest"], "seed2014", "abhvmc0.1.0", "abhv-mcrun", *report_json["files"].values()):
+    for words in (
+        report_json["digest"],
+        "seed2014",
+        "abhvmc0.1.0",
+        "abhv-mcrun",
+        *report_json["files"].values(),
+    ):
         assert words in flat, words
     assert 0 < text.count("\f") <= 10
     assert "Prepared Checked Approved Date" in " ".join(text.split())
     zoom = 3  # with it all sizes below are whole numbers
     words = ["pdftohtml", "-xml", "-i", "-stdout", "-zoom", str(zoom), target]
     told = subprocess.run(words, capture_output=True, text=True, check=True).stdout
-    sizes = {number: int(size) / zoom for number, size in re.findall(r'<fontspec id="(\d+)" size="(\d+)"', told)}
-    lines = [(sizes[number], line) for number, line in re.findall(r'font="(\d+)">(.*)</text>', told)]
+    sizes = {
+        number: int(size) / zoom
+        for number, size in re.findall(r'<fontspec id="(\d+)" size="(\d+)"', told)
+    }
+    lines = [
+        (sizes[number], line) for number, line in re.findall(r'font="(\d+)">(.*)</text>', told)
+    ]
     assert min(size for size, _ in lines) >= 8.0
-    assert max(size for size, line in lines if line.startswith("PASS: if the true")) >= 9.0  # running text
+    assert (
+        max(size for size, line in lines if line.startswith("PASS: if the true")) >= 9.0
+    )  # running text
 
 
 def test_no_figure_is_small_on_paper(page, report_folder):
     page.show(report_folder / "report.html", 794, 1100)  # A4 at 96 per inch
     page.call("Emulation.setEmulatedMedia", media="print")
-    widths = page.ask("[...document.images].map((image) => image.getBoundingClientRect().width * 25.4 / 96)")
+    widths = page.ask(
+        "[...document.images].map((image) => image.getBoundingClientRect().width * 25.4 / 96)"
+    )
     page.call("Emulation.setEmulatedMedia", media="")
     assert widths and min(widths) >= 160.0

@@ -23,10 +23,14 @@ def fly_line(plan, parameters, record_every=None):
     metrics[:, len(METRICS) - 1] = parameters[:, DENSITY]  # so that the trials see it matter
     ticks = plan.timing.ticks + 1
     history = (
-        np.zeros((len(lift), ticks, len(CHANNELS)), np.float32) + parameters[:, [DENSITY]].astype(np.float32)[:, None]
+        np.zeros((len(lift), ticks, len(CHANNELS)), np.float32)
+        + parameters[:, [DENSITY]].astype(np.float32)[:, None]
     )
     ended = np.full(len(lift), int(Outcome.OK)), np.full(len(lift), 2.0)
-    return record(FlightBlock(*ended, metrics, history, np.arange(ticks) * 0.1), recording_of(record_every, plan))
+    return record(
+        FlightBlock(*ended, metrics, history, np.arange(ticks) * 0.1),
+        recording_of(record_every, plan),
+    )
 
 
 LINE = Engine(prepare, fly_line, "line")
@@ -35,7 +39,8 @@ LIMIT = "[{metric: altitude_error_max_m, below: 4.0, probability: 0.9}]"
 
 def write_line(folder, **entries):
     dispersions = (
-        "{aero.lift: {distribution: normal, sigma: 5 %}, atmosphere.density: {distribution: uniform, half_width: 2 %}}"
+        "{aero.lift: {distribution: normal, sigma: 5 %}, atmosphere.density: "
+        "{distribution: uniform, half_width: 2 %}}"
     )
     return write_campaign(folder, **{"requirements": LIMIT, "dispersions": dispersions, **entries})
 
@@ -64,10 +69,18 @@ def fly_tuned(plan, parameters, record_every=None):
     damping, bandwidth = plan.gains[0, :2]
     lift = (parameters[:, LIFT] - 1.0) / 0.05
     metrics = np.zeros((len(lift), len(METRICS)))
-    metrics[:, ERROR] = 1.0 + np.log(damping / 3.0) ** 2 + np.log(bandwidth / 0.06) ** 2 + 0.2 * np.abs(lift)
+    metrics[:, ERROR] = (
+        1.0 + np.log(damping / 3.0) ** 2 + np.log(bandwidth / 0.06) ** 2 + 0.2 * np.abs(lift)
+    )
     metrics[:, TRAVEL] = 100.0 * bandwidth + np.zeros(len(lift))
     outcome = np.where(lift > 2.5, int(Outcome.SIDESLIP_LIMIT), int(Outcome.OK))
-    return FlightBlock(outcome, np.full(len(lift), 2.0), metrics, np.empty((len(lift), 0, 0), np.float32), np.empty(0))
+    return FlightBlock(
+        outcome,
+        np.full(len(lift), 2.0),
+        metrics,
+        np.empty((len(lift), 0, 0), np.float32),
+        np.empty(0),
+    )
 
 
 TUNED = Engine(prepare_tuned, fly_tuned, "tuned")
@@ -75,7 +88,9 @@ TUNED = Engine(prepare_tuned, fly_tuned, "tuned")
 
 def write_tuned(folder):
     """A campaign, its controller and a file with the block; the request to tune it."""
-    campaign = write_campaign(folder / "files", dispersions="{aero.lift: {distribution: normal, sigma: 5 %}}")
+    campaign = write_campaign(
+        folder / "files", dispersions="{aero.lift: {distribution: normal, sigma: 5 %}}"
+    )
     (folder / "files/one.yaml").write_text(CONTROLLER, encoding="utf-8")
     (folder / "block.yaml").write_text(BLOCK, encoding="utf-8")
     return TuneRequest(campaign, folder / "new.yaml", block=folder / "block.yaml", workers=2)

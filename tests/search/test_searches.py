@@ -27,9 +27,14 @@ def line(tmp_path):
 
 @pytest.mark.parametrize(
     "find, settings, last",
-    [(find_rare, RareSettings(METRIC, flights=8000), 20), (find_worst, WorstSettings(METRIC, flights=1000), 8)],
+    [
+        (find_rare, RareSettings(METRIC, flights=8000), 20),
+        (find_worst, WorstSettings(METRIC, flights=1000), 8),
+    ],
 )
-def test_an_interrupted_search_goes_on_to_the_same_for_any_number_of_workers(tmp_path, line, find, settings, last):
+def test_an_interrupted_search_goes_on_to_the_same_for_any_number_of_workers(
+    tmp_path, line, find, settings, last
+):
     whole = find(SearchRequest(line, tmp_path / "whole", workers=1), settings, LINE)
     cut = tmp_path / "cut"
     with pytest.raises(KeyboardInterrupt):
@@ -39,7 +44,10 @@ def test_an_interrupted_search_goes_on_to_the_same_for_any_number_of_workers(tmp
     assert stored
     again = find(SearchRequest(line, cut, workers=2), settings, LINE)
     assert again.numbers() == whole.numbers()
-    assert read_manifest(cut / "manifest.json").digest == read_manifest(tmp_path / "whole/manifest.json").digest
+    assert (
+        read_manifest(cut / "manifest.json").digest
+        == read_manifest(tmp_path / "whole/manifest.json").digest
+    )
     assert read_manifest(cut / "manifest.json").state == "complete"
     flown = []
 
@@ -47,9 +55,13 @@ def test_an_interrupted_search_goes_on_to_the_same_for_any_number_of_workers(tmp
         flown.append(len(parameters))
         return fly_line(plan, parameters, record_every)
 
-    once_more = find(SearchRequest(line, cut, workers=1), settings, Engine(prepare, fly_counted, "line"))
+    once_more = find(
+        SearchRequest(line, cut, workers=1), settings, Engine(prepare, fly_counted, "line")
+    )
     assert once_more.numbers() == whole.numbers()
-    assert sum(flown) <= 4  # of what is complete the nominal flight and the worst, for their histories
+    assert (
+        sum(flown) <= 4
+    )  # of what is complete the nominal flight and the worst, for their histories
 
 
 def test_early_ends_count_as_failures_where_the_requirement_says_so(tmp_path):
@@ -60,7 +72,11 @@ def test_early_ends_count_as_failures_where_the_requirement_says_so(tmp_path):
     for said, probability in (("failure", 0.005), ("as_measured", None)):
         limit = f"[{{metric: {METRIC}, below: 1000, probability: 0.9, ended_early: {said}}}]"
         campaign = write_campaign(tmp_path / said, dispersions=dispersions, requirements=limit)
-        found = find_rare(SearchRequest(campaign, tmp_path / f"{said}_out"), RareSettings(METRIC, flights=8000), ENGINE)
+        found = find_rare(
+            SearchRequest(campaign, tmp_path / f"{said}_out"),
+            RareSettings(METRIC, flights=8000),
+            ENGINE,
+        )
         if probability is None:
             assert found.estimate.refusal is not None
         else:
@@ -68,7 +84,9 @@ def test_early_ends_count_as_failures_where_the_requirement_says_so(tmp_path):
 
 
 def test_worst_finds_the_corner_and_its_folder_reads_like_a_campaigns(tmp_path, line):
-    found = find_worst(SearchRequest(line, tmp_path / "out"), WorstSettings(METRIC, flights=400, box=2.5), LINE)
+    found = find_worst(
+        SearchRequest(line, tmp_path / "out"), WorstSettings(METRIC, flights=400, box=2.5), LINE
+    )
     numbers = found.numbers()
     assert numbers["value"] == pytest.approx(2.5)
     assert "aero.lift" in numbers["at_bounds"]
@@ -78,13 +96,17 @@ def test_worst_finds_the_corner_and_its_folder_reads_like_a_campaigns(tmp_path, 
     reader = SampleReader(tmp_path / "out/samples.parquet")
     assert reader.flights == found.flights.stop
     np.testing.assert_array_equal(reader.rows(0, reader.flights), found.flights.samples)
-    smallest = find_worst(SearchRequest(line, tmp_path / "low"), WorstSettings(METRIC, "low", 400, 2.5), LINE)
+    smallest = find_worst(
+        SearchRequest(line, tmp_path / "low"), WorstSettings(METRIC, "low", 400, 2.5), LINE
+    )
     assert smallest.numbers()["value"] == pytest.approx(-2.5)
 
 
 def test_an_early_end_is_worse_than_any_value(tmp_path):
     campaign = write_campaign(tmp_path / "files")
-    found = find_worst(SearchRequest(campaign, tmp_path / "out"), WorstSettings(METRIC, flights=400), ENGINE)
+    found = find_worst(
+        SearchRequest(campaign, tmp_path / "out"), WorstSettings(METRIC, flights=400), ENGINE
+    )
     assert found.numbers()["outcome"] == Outcome.SIDESLIP_LIMIT.code
     assert found.numbers()["parameters"]["atmosphere.density"] < LOST_BELOW
 
@@ -95,7 +117,10 @@ def test_flights_that_cannot_be_computed_are_flown_again(tmp_path, line):
         block.outcome[parameters[:, LIFT] > 1.1] = int(Outcome.FAILED_TO_RUN)
         return block
 
-    request, settings = SearchRequest(line, tmp_path / "out"), WorstSettings(METRIC, flights=400, box=2.5)
+    request, settings = (
+        SearchRequest(line, tmp_path / "out"),
+        WorstSettings(METRIC, flights=400, box=2.5),
+    )
     weak = find_worst(request, settings, Engine(prepare, fly_weak, "line"))
     assert weak.failed_to_run > 0
     assert weak.numbers()["value"] <= 2.0 + 1e-9  # never the worst
@@ -115,12 +140,19 @@ def test_seeds_are_common_in_worst_and_each_flights_own_in_rare(tmp_path):
         return block
 
     engine = Engine(prepare, fly_turbulence, "line")
-    rare = find_rare(SearchRequest(campaign, tmp_path / "rare"), RareSettings(METRIC, flights=8000), engine)
+    rare = find_rare(
+        SearchRequest(campaign, tmp_path / "rare"), RareSettings(METRIC, flights=8000), engine
+    )
     seeds = rare.flights.samples[:, rare.flights.names.index("wind.turbulence_seed")]
     assert len(np.unique(seeds)) == len(seeds)
     assert stats.kstest(seeds, "uniform").pvalue > 1e-3
-    worst = find_worst(SearchRequest(campaign, tmp_path / "worst"), WorstSettings(METRIC, flights=400), engine)
-    assert len(np.unique(worst.flights.samples[:, worst.flights.names.index("wind.turbulence_seed")])) == 1
+    worst = find_worst(
+        SearchRequest(campaign, tmp_path / "worst"), WorstSettings(METRIC, flights=400), engine
+    )
+    assert (
+        len(np.unique(worst.flights.samples[:, worst.flights.names.index("wind.turbulence_seed")]))
+        == 1
+    )
     assert worst.names == ("aero.lift", "wind.turbulence")
 
 
@@ -128,7 +160,9 @@ def test_another_search_in_the_same_folder_is_refused(tmp_path, line):
     request = SearchRequest(line, tmp_path / "out")
     find_worst(request, WorstSettings(METRIC, flights=400), LINE)
     before = (tmp_path / "out/manifest.json").read_bytes()
-    with pytest.raises(InputError, match=r"flights: 400 -> 500; expected another folder .*from its beginning"):
+    with pytest.raises(
+        InputError, match=r"flights: 400 -> 500; expected another folder .*from its beginning"
+    ):
         find_worst(request, WorstSettings(METRIC, flights=500), LINE)
     with pytest.raises(InputError, match="another search"):
         find_rare(request, RareSettings(METRIC, flights=8000), LINE)
@@ -143,25 +177,42 @@ def test_a_metric_that_the_campaign_declares_is_searched_like_any_other(tmp_path
         metrics="{swing: {of: bank_deg, statistic: peak_to_peak}}",
         requirements="[{metric: swing, below: 3 deg, probability: 0.9}]",
     )
-    found = find_rare(SearchRequest(campaign, tmp_path / "out"), RareSettings("swing", flights=8000), LINE)
+    found = find_rare(
+        SearchRequest(campaign, tmp_path / "out"), RareSettings("swing", flights=8000), LINE
+    )
     assert found.estimate.low <= stats.norm.sf(3.0) <= found.estimate.high
-    worst = find_worst(SearchRequest(campaign, tmp_path / "worst"), WorstSettings("swing", flights=400, box=2.5), LINE)
+    worst = find_worst(
+        SearchRequest(campaign, tmp_path / "worst"),
+        WorstSettings("swing", flights=400, box=2.5),
+        LINE,
+    )
     assert worst.numbers()["value"] == pytest.approx(2.5)
 
 
 @pytest.mark.parametrize("kind", ["dispersions", "unknowns"])
-def test_a_hidden_corner_is_found_and_what_is_off_the_middle_is_named(repository, monkeypatch, tmp_path, kind):
+def test_a_hidden_corner_is_found_and_what_is_off_the_middle_is_named(
+    repository, monkeypatch, tmp_path, kind
+):
     """Margins of a made-up loop: least where density is at its top and lift at 0.94, drag without effect."""
-    text = (repository / "campaigns/s_manoeuvre.yaml").read_text().replace("../configs", str(repository / "configs"))
+    text = (
+        (repository / "campaigns/s_manoeuvre.yaml")
+        .read_text()
+        .replace("../configs", str(repository / "configs"))
+    )
     if kind == "unknowns":
         text = text.replace("dispersions:", "unknowns:")
-        text = re.sub(r"distribution: uniform, half_width: (\d+) %", r"low: -\1 %, high: \1 %", text)
+        text = re.sub(
+            r"distribution: uniform, half_width: (\d+) %", r"low: -\1 %, high: \1 %", text
+        )
     (tmp_path / "campaign.yaml").write_text(text)
     campaign = read_campaign(tmp_path / "campaign.yaml")
     assert bool(campaign.unknowns.names) == (kind == "unknowns")
 
     def margins(rows):
-        density, lift = rows[:, PARAMETER_INDEX["atmosphere.density"]], rows[:, PARAMETER_INDEX["aero.lift"]]
+        density, lift = (
+            rows[:, PARAMETER_INDEX["atmosphere.density"]],
+            rows[:, PARAMETER_INDEX["aero.lift"]],
+        )
         least = 10.0 - 20.0 * (density - 1.0) + 1000.0 * (lift - 0.94) ** 2
         return np.tile(least[:, None], 4), [""] * len(rows)
 
@@ -191,8 +242,14 @@ def test_searches_of_a_users_simulator_find_what_is_known_of_its_function(tmp_pa
     }
     path = tmp_path / "paraboloid.yaml"
     path.write_text(json.dumps(content))
-    worst = find_worst(SearchRequest(path, tmp_path / "worst"), WorstSettings("miss", flights=400)).numbers()
+    worst = find_worst(
+        SearchRequest(path, tmp_path / "worst"), WorstSettings("miss", flights=400)
+    ).numbers()
     assert worst["value"] == pytest.approx(3.0 + 0.5 * 9.0)
-    assert worst["parameters"]["a"] == pytest.approx(3.0) and abs(worst["parameters"]["b"]) == pytest.approx(3.0)
-    found = find_rare(SearchRequest(path, tmp_path / "rare"), RareSettings("miss", 0.2, 8000)).estimate
+    assert worst["parameters"]["a"] == pytest.approx(3.0) and abs(
+        worst["parameters"]["b"]
+    ) == pytest.approx(3.0)
+    found = find_rare(
+        SearchRequest(path, tmp_path / "rare"), RareSettings("miss", 0.2, 8000)
+    ).estimate
     assert found.refusal is None and found.low <= paraboloid(2, 7.0, 0.5).probability <= found.high

@@ -16,7 +16,9 @@ DISPERSIONS = """{failure.aileron.stuck_time: {distribution: uniform, low: 10 s,
 
 def test_what_comes_with_a_probability_has_the_box_of_what_it_is_when_it_comes(tmp_path):
     """A failure's box reached to infinity: no flight of the search had one, and the worst case was a survivable one."""
-    space = make_space(read_campaign(write_campaign(tmp_path, dispersions=DISPERSIONS, requirements="[]")))
+    space = make_space(
+        read_campaign(write_campaign(tmp_path, dispersions=DISPERSIONS, requirements="[]"))
+    )
     place = {name: i for i, name in enumerate(space.names)}
     time, drag = place["failure.aileron.stuck_time"], place["aero.drag"]
     bounds = space.bounds(3.0)
@@ -26,7 +28,9 @@ def test_what_comes_with_a_probability_has_the_box_of_what_it_is_when_it_comes(t
     np.testing.assert_allclose(space.from_box(corners, bounds)[:, time], [10.0, 25.0, 40.0])
     drawn = space.draw_in_box(bounds, 7, 4000)
     comes = np.isfinite(drawn[:, time])
-    assert abs(comes.mean() - 0.4) < 0.03, "the random flights are as a campaign's: most without a failure"
+    assert abs(comes.mean() - 0.4) < 0.03, (
+        "the random flights are as a campaign's: most without a failure"
+    )
     assert drawn[comes, time].min() >= 10.0 and drawn[comes, time].max() <= 40.0
     assert abs((drawn[:, drag] == 1.0).mean() - 0.7) < 0.03
 
@@ -35,30 +39,62 @@ def test_a_mixtures_box_has_the_ends_of_its_parts_however_rare(tmp_path):
     parts = "[{distribution: normal, sigma: 2 %}, {distribution: normal, mean: 1.5, sigma: 1 %},"
     parts += " {distribution: uniform, low: 0.9, high: 1}]"
     law = f"{{distribution: mixture, parts: {parts}, weights: [1, 1e-9, 1]}}"
-    space = make_space(read_campaign(write_campaign(tmp_path, dispersions=f"{{aero.drag: {law}}}", requirements="[]")))
+    space = make_space(
+        read_campaign(
+            write_campaign(tmp_path, dispersions=f"{{aero.drag: {law}}}", requirements="[]")
+        )
+    )
     np.testing.assert_allclose(space.bounds(3.0), [[0.9, 1.53]], rtol=1e-9)
     np.testing.assert_allclose(space.bounds(6.0), [[0.88, 1.56]], rtol=1e-9)
 
 
 def test_a_box_in_which_no_random_flight_lies_is_refused(tmp_path):
     """The search flew, and then drew for ever."""
-    names = ("aero.lift", "aero.drag", "aero.side_force", "mass.total", "mass.inertia_xx", "mass.inertia_yy")
+    names = (
+        "aero.lift",
+        "aero.drag",
+        "aero.side_force",
+        "mass.total",
+        "mass.inertia_xx",
+        "mass.inertia_yy",
+    )
     laws = ", ".join(f"{name}: {{distribution: normal, sigma: 2 %}}" for name in names)
-    space = make_space(read_campaign(write_campaign(tmp_path, dispersions=f"{{{laws}}}", requirements="[]")))
+    space = make_space(
+        read_campaign(write_campaign(tmp_path, dispersions=f"{{{laws}}}", requirements="[]"))
+    )
     assert len(space.draw_in_box(space.bounds(1.0), 1, 1000)) == 1000
     with pytest.raises(InputError, match=r"--box: a box with 0 of 66000"):
         space.draw_in_box(space.bounds(0.1), 1, 1000)
 
 
-SELDOM = [[np.inf, 1], [np.inf, 1.001], [np.inf, 2], [10, 1], [40, 1], [np.inf, 1]]  # times of a failure, and another
+SELDOM = [
+    [np.inf, 1],
+    [np.inf, 1.001],
+    [np.inf, 2],
+    [10, 1],
+    [40, 1],
+    [np.inf, 1],
+]  # times of a failure, and another
 
 
 @pytest.mark.parametrize(
     ("severities", "samples", "number", "apart", "ranked"),
     [
-        ([0, 5, 5, -np.inf, 2], [[0], [1], [1], [3], [4]], 5, 0.0, [1, 4, 0]),  # the same but once, uncomputed: never
+        (
+            [0, 5, 5, -np.inf, 2],
+            [[0], [1], [1], [3], [4]],
+            5,
+            0.0,
+            [1, 4, 0],
+        ),  # the same but once, uncomputed: never
         ([0, 5, 5, -np.inf, 2], [[0], [1], [1], [3], [4]], 2, 0.0, [1, 4]),
-        ([1, 4, 3, 2], [[0, 1e-3], [10, 0], [9.8, 0], [5, 0]], 4, 0.1, [1, 3, 0]),  # in parts of the range
+        (
+            [1, 4, 3, 2],
+            [[0, 1e-3], [10, 0], [9.8, 0], [5, 0]],
+            4,
+            0.1,
+            [1, 3, 0],
+        ),  # in parts of the range
         # With a worst flight without a failure it was the only one listed, with one that had it none was without.
         ([6, 5, 4, 3, 2, 1], SELDOM, 6, 0.05, [0, 2, 3, 4]),
         ([1, 2, 3, 4, 5, 6], SELDOM, 6, 0.05, [5, 4, 3, 2]),
@@ -66,4 +102,7 @@ SELDOM = [[np.inf, 1], [np.inf, 1.001], [np.inf, 2], [10, 1], [40, 1], [np.inf, 
 )
 def test_the_worst_flights_that_lie_apart(severities, samples, number, apart, ranked):
     with np.errstate(all="raise"):
-        assert rank_distinct(np.array(severities, float), np.array(samples, float), number, apart) == ranked
+        assert (
+            rank_distinct(np.array(severities, float), np.array(samples, float), number, apart)
+            == ranked
+        )

@@ -47,7 +47,9 @@ def test_goes_on_where_it_was_interrupted_with_the_same_result(request_, tmp_pat
     assert not request_.out.exists()
     stored = len(list((tmp_path / "new.tuning").glob("*.npy")))
     assert stored >= 50
-    found = tune_controller(replace(request_, workers=2), interrupted_after(113 - stored + 10, TUNED))
+    found = tune_controller(
+        replace(request_, workers=2), interrupted_after(113 - stored + 10, TUNED)
+    )
     assert found.as_json() == tuned[1].as_json()
 
 
@@ -64,7 +66,9 @@ def test_a_file_that_is_edited_meanwhile_changes_nothing(request_, tmp_path, tun
         return fly_tuned(plan, parameters, record_every)
 
     assert (
-        tune_controller(replace(request_, workers=1), Engine(prepare_tuned, edit, "tuned")).as_json()
+        tune_controller(
+            replace(request_, workers=1), Engine(prepare_tuned, edit, "tuned")
+        ).as_json()
         == tuned[1].as_json()
     )
     assert calls > 40
@@ -81,7 +85,9 @@ def test_what_is_kept_and_damaged_is_flown_again(tuned, tmp_path):
         file.write_bytes(content)
     kept[-1].write_bytes(kept[-1].read_bytes()[:50])
     kept[-2].write_bytes(b"")
-    for i, other in enumerate([np.zeros((2, 2)), np.zeros(0), np.array([["a"]]), np.zeros((64, 3), np.int64)]):
+    for i, other in enumerate(
+        [np.zeros((2, 2)), np.zeros(0), np.array([["a"]]), np.zeros((64, 3), np.int64)]
+    ):
         write_array(kept[-3 - i], other)  # whole, but nothing that tuning writes
     request.out.unlink()
     assert tune_controller(request, TUNED).as_json() == found.as_json()
@@ -90,14 +96,17 @@ def test_what_is_kept_and_damaged_is_flown_again(tuned, tmp_path):
 def test_what_is_no_better_is_not_written(request_, tmp_path):
     """The start is the best there is."""
     (tmp_path / "files/one.yaml").write_text(
-        CONTROLLER.replace("damping: 2.4, bandwidth: 0.03", "damping: 3.0, bandwidth: 0.06"), encoding="utf-8"
+        CONTROLLER.replace("damping: 2.4, bandwidth: 0.03", "damping: 3.0, bandwidth: 0.06"),
+        encoding="utf-8",
     )
     found = tune_controller(request_, TUNED)
     assert not found.shown
     assert not request_.out.exists()
 
 
-def test_a_stability_margin_is_a_limit_of_the_nominal_vehicle_or_of_all_corners(request_, monkeypatch):
+def test_a_stability_margin_is_a_limit_of_the_nominal_vehicle_or_of_all_corners(
+    request_, monkeypatch
+):
     """The fake margin falls with the bandwidth, and with the lift's distance from nominal."""
     seen = []
 
@@ -113,15 +122,25 @@ def test_a_stability_margin_is_a_limit_of_the_nominal_vehicle_or_of_all_corners(
     for vehicles, vehicle_count, wanted in (("", 1, 0.05), (", vehicles: corners", 3, 0.02)):
         request_.block.write_text(start + text % vehicles, encoding="utf-8")
         out = request_.out.with_name(f"new{vehicle_count}.yaml")
-        found = tune_controller(TuneRequest(request_.campaign, out, block=request_.block, workers=2), TUNED)
+        found = tune_controller(
+            TuneRequest(request_.campaign, out, block=request_.block, workers=2), TUNED
+        )
         assert set(seen) == {(vehicle_count, ("trim", 1.0))}
         seen.clear()
         assert read_controller(found.numbers.document.path).altitude.bandwidth == 0.03
         values = found.numbers.values(found.tuning.place)
-        assert float(str(values["altitude.bandwidth"]).split()[0]) == pytest.approx(wanted, rel=0.05)
+        assert float(str(values["altitude.bandwidth"]).split()[0]) == pytest.approx(
+            wanted, rel=0.05
+        )
         margin = found.sides[1]
-        assert margin.best == pytest.approx(7.0, abs=0.3) and margin.best >= 7.0 and margin.quantile is None
-        assert found.as_json()["fresh"][1]["vehicles"] == (vehicles.split()[-1] if vehicles else "nominal")
+        assert (
+            margin.best == pytest.approx(7.0, abs=0.3)
+            and margin.best >= 7.0
+            and margin.quantile is None
+        )
+        assert found.as_json()["fresh"][1]["vehicles"] == (
+            vehicles.split()[-1] if vehicles else "nominal"
+        )
 
 
 def test_numbers_that_make_no_controller_are_passed_over(request_):
@@ -135,7 +154,9 @@ def test_numbers_that_make_no_controller_are_passed_over(request_):
 
 def test_the_block_may_stand_in_the_campaign_or_below_its_key(request_, tmp_path):
     wrapped = tmp_path / "wrapped.yaml"
-    wrapped.write_text("tune:\n" + "".join(f"  {line}\n" for line in BLOCK.splitlines()), encoding="utf-8")
+    wrapped.write_text(
+        "tune:\n" + "".join(f"  {line}\n" for line in BLOCK.splitlines()), encoding="utf-8"
+    )
     campaign = read_campaign(request_.campaign)
     alone, _, _ = module.read_tune_block(campaign, request_.block)
     below, _, _ = module.read_tune_block(campaign, wrapped)
@@ -169,7 +190,8 @@ def test_a_block_that_is_wrong_is_refused_with_its_place(request_, old, new, mat
 
 
 @pytest.mark.parametrize(
-    ("name", "found"), [("new.tuning", "tuning'"), ("new.html", "html'"), ("block.yaml", "there already")]
+    ("name", "found"),
+    [("new.tuning", "tuning'"), ("new.html", "html'"), ("block.yaml", "there already")],
 )
 def test_a_name_that_is_taken_is_refused(request_, tmp_path, name, found):
     """The candidates' folder was in the result's way when all was flown, and the page was written over the result."""

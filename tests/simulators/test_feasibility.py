@@ -22,9 +22,15 @@ def disperse(law, name="atmosphere.density"):
 @pytest.mark.parametrize(
     ("entries", "words"),
     [
-        (dict(runs="400", requirements=RARE), "0.9999 that no outcome of 400 flights shows|at least 26"),
         (
-            dict(requirements="[{metric: altitude_error_max_m, below: 50, probability: 0.99}]", family="{risk: 0.001}"),
+            dict(runs="400", requirements=RARE),
+            "0.9999 that no outcome of 400 flights shows|at least 26",
+        ),
+        (
+            dict(
+                requirements="[{metric: altitude_error_max_m, below: 50, probability: 0.99}]",
+                family="{risk: 0.001}",
+            ),
             "shows at a risk of 0.0005",
         ),
         (ask("altitude_error_max_m", "below", "-50"), "below -50, which no flight meets"),
@@ -45,7 +51,10 @@ def test_what_cannot_come_out_is_found(tmp_path, entries, words):
     "entries",
     [
         {},
-        dict(runs="2700", requirements="[{metric: altitude_error_max_m, below: 50, probability: 0.999}]"),
+        dict(
+            runs="2700",
+            requirements="[{metric: altitude_error_max_m, below: 50, probability: 0.999}]",
+        ),
         ask("cross_track_error_final_m", "below", "-50"),
         disperse("lognormal, sigma: 50 %"),
         disperse("beta, a: 5, b: 5, low: 0, high: 2"),
@@ -71,7 +80,9 @@ ABSENT = "of a vehicle that has no such part"
         ("runs: 2100", "runs: 400", "no outcome of 400 flights"),
     ],
 )
-def test_validate_refuses_what_the_vehicle_lacks_and_what_cannot_be_shown(repository, tmp_path, old, new, words):
+def test_validate_refuses_what_the_vehicle_lacks_and_what_cannot_be_shown(
+    repository, tmp_path, old, new, words
+):
     text = (repository / "campaigns/s_manoeuvre.yaml").read_text().replace("../", f"{repository}/")
     (tmp_path / "c.yaml").write_text(text.replace(old, new))
     with pytest.raises(InputErrors, match=words):
@@ -80,5 +91,7 @@ def test_validate_refuses_what_the_vehicle_lacks_and_what_cannot_be_shown(reposi
 
 def test_run_warns_flies_and_shows_nothing(tmp_path):
     manifest = run(write_campaign(tmp_path / "f", requirements=RARE), tmp_path / "out").manifest
-    assert manifest.warnings[0].startswith("the campaign asks for a probability of 0.9999 that no outcome of 300 fl")
+    assert manifest.warnings[0].startswith(
+        "the campaign asks for a probability of 0.9999 that no outcome of 300 fl"
+    )
     assert manifest.requirements[0].verdict in ("NOT SHOWN", "FAIL")

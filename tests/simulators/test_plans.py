@@ -41,8 +41,16 @@ def test_every_part_comes_back_with_its_type(tmp_path):
 def test_index_arrays_are_never_read(tmp_path):
     """Compiled code follows them without a look at their bounds."""
     plan = make_plan("one")
-    assert not [name for name, value in stored_parts(plan).items() if value.ndim and value.dtype.kind in "iu"]
-    hostile = {name: np.full_like(v, 10**9) for name, v in flatten(plan).items() if v.ndim and v.dtype.kind in "iu"}
+    assert not [
+        name
+        for name, value in stored_parts(plan).items()
+        if value.ndim and value.dtype.kind in "iu"
+    ]
+    hostile = {
+        name: np.full_like(v, 10**9)
+        for name, v in flatten(plan).items()
+        if v.ndim and v.dtype.kind in "iu"
+    }
     np.savez(tmp_path / "one.npz", **{**stored_parts(plan), **hostile})
     back = flatten(read(tmp_path / "one.npz", plan))
     assert len(hostile) > 10
@@ -51,7 +59,14 @@ def test_index_arrays_are_never_read(tmp_path):
 
 @pytest.mark.parametrize(
     "name",
-    ["vehicle.tables.data", "trim_tables.grid", "gains", "initial_state", "profile", "vehicle.effector_mix"],
+    [
+        "vehicle.tables.data",
+        "trim_tables.grid",
+        "gains",
+        "initial_state",
+        "profile",
+        "vehicle.effector_mix",
+    ],
 )
 def test_arrays_of_another_shape_are_refused(tmp_path, name):
     plan = make_plan("one")
@@ -60,7 +75,10 @@ def test_arrays_of_another_shape_are_refused(tmp_path, name):
     np.savez(tmp_path / "one.npz", **{**parts, name: changed})
     with pytest.raises(InputError, match="damaged plan"):
         read(tmp_path / "one.npz", plan)
-    write_plan(tmp_path / "one.npz", replace(plan, timing=plan.timing._replace(ticks=plan.timing.ticks + 1)))
+    write_plan(
+        tmp_path / "one.npz",
+        replace(plan, timing=plan.timing._replace(ticks=plan.timing.ticks + 1)),
+    )
     with pytest.raises(InputError, match="reference: shape"):
         read(tmp_path / "one.npz", plan)
 
@@ -89,7 +107,9 @@ def test_mat_and_csv_hold_the_plans_gains(lqr, tmp_path):
     assert [name.item() for name in held["names"].ravel()] == list(LQR_GAINS)
     table = np.genfromtxt(tmp_path / "gains.csv", delimiter=",", names=True)
     assert table.dtype.names == ("time_s", *LQR_GAINS)
-    assert np.array_equal(table["elevator_by_pitch_rate"], lqr.gains[:, LQR_GAINS.index("elevator_by_pitch_rate")])
+    assert np.array_equal(
+        table["elevator_by_pitch_rate"], lqr.gains[:, LQR_GAINS.index("elevator_by_pitch_rate")]
+    )
     with pytest.raises(InputError, match=r"\.txt"):
         write_gains(tmp_path / "gains.txt", lqr)
 
@@ -98,7 +118,9 @@ def test_mat_and_csv_hold_the_plans_gains(lqr, tmp_path):
 def test_c_arrays_hold_the_plans_gains(lqr, tmp_path):
     write_gains(tmp_path / "gains.h", lqr)
     text = '#include "gains.h"\ndouble at(int tick) { return gain[tick][GAIN_RUDDER_BY_BANK]; }\n'
-    (tmp_path / "at.c").write_text(text + "double last(void) { return gain_time_s[GAIN_TICKS - 1]; }\n")
+    (tmp_path / "at.c").write_text(
+        text + "double last(void) { return gain_time_s[GAIN_TICKS - 1]; }\n"
+    )
     subprocess.run(["cc", "-shared", "-fPIC", "-o", "at.so", "at.c"], cwd=tmp_path, check=True)
     library = ctypes.CDLL(str(tmp_path / "at.so"))
     library.at.restype = library.last.restype = ctypes.c_double

@@ -22,7 +22,10 @@ WRONG = {  # by the delay that is asked for: what the flight returns, and what i
     2.0: ("os.abort()", "killed by SIGABRT"),
     3.0: ("time.sleep(60.0)", "not done in 0.5 s"),
     4.0: ("math.sqrt(-1.0)", "ValueError: math domain error (dive.py, line "),
-    5.0: ("found | {'load': math.nan, 'outcome': 'ok'}", "load is not a finite number, and the outcome is ok"),
+    5.0: (
+        "found | {'load': math.nan, 'outcome': 'ok'}",
+        "load is not a finite number, and the outcome is ok",
+    ),
     6.0: ("{'load': 1.0}", "it did not return altitude_min"),
     7.0: ("found | {'other': 1.0}", "it returned 'other', which the campaign does not declare"),
     8.0: ("found | {'outcome': 'elsewhere'}", "it returned the outcome 'elsewhere'"),
@@ -34,8 +37,14 @@ WRONG = {  # by the delay that is asked for: what the flight returns, and what i
     15.0: ("found | {'load': 10**400}", "a metric or an end_time that is no number"),
 }
 WRONG_HISTORIES = {  # what is done to the history
-    2.0: ("history.pop('time')", "its history holds altitude, sink_rate; declared are time, altitude, sink_rate"),
-    3.0: ("history['altitude'].pop()", "the columns of its history are no lists of numbers of one length"),
+    2.0: (
+        "history.pop('time')",
+        "its history holds altitude, sink_rate; declared are time, altitude, sink_rate",
+    ),
+    3.0: (
+        "history['altitude'].pop()",
+        "the columns of its history are no lists of numbers of one length",
+    ),
     4.0: ("history['time'].reverse()", "the time of its history does not ascend"),
     5.0: ("history['altitude'].append(math.nan)", "the columns of its history are no lists"),
     6.0: (
@@ -43,7 +52,10 @@ WRONG_HISTORIES = {  # what is done to the history
         "altitude of its history is not a finite number, and the outcome",
     ),
     7.0: ("found.pop('history')", "it did not return history"),
-    8.0: ("history.update(dict.fromkeys(history, []))", "the columns of its history are no lists of numbers"),
+    8.0: (
+        "history.update(dict.fromkeys(history, []))",
+        "the columns of its history are no lists of numbers",
+    ),
 }
 
 
@@ -65,26 +77,57 @@ def test_flights_are_those_of_the_function(tmp_path: Path) -> None:
     exec(DIVE, names)  # noqa: S102  the text above
     for system, settings in (("v1", {"pull": 5.0}), ("v2", {"pull": 6.0})):
         block = simulate(campaign, system, rows)
-        given = [dict(zip(campaign.parameters.index, row, strict=True)) for row in campaign.rows(rows).tolist()]
+        given = [
+            dict(zip(campaign.parameters.index, row, strict=True))
+            for row in campaign.rows(rows).tolist()
+        ]
         expected = [names["fly"](each, settings) for each in given]  # type: ignore[operator]
         assert block.metrics.tolist() == [[one["altitude_min"], one["load"]] for one in expected]
         assert set(block.outcome.tolist()) <= {0, 100}
         assert (block.outcome == 100).tolist() == ["outcome" in one for one in expected]
-        assert block.end_time[block.outcome == 100].tolist() == [12.5] * int((block.outcome == 100).sum())
+        assert block.end_time[block.outcome == 100].tolist() == [12.5] * int(
+            (block.outcome == 100).sum()
+        )
 
 
 def test_what_goes_wrong_costs_one_flight_and_none_is_flown_twice(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    source = DIVE + "\nwell = fly\n\ndef fly(inputs, settings):\n    print('a flight')\n    delay = inputs['delay']\n"
+    source = (
+        DIVE
+        + "\nwell = fly\n\ndef fly(inputs, settings):\n    print('a flight')\n    delay = inputs['delay']\n"
+    )
     source += "    open('flown', 'a').write(f'{delay}\\n')\n    found = well(inputs, settings)\n    if delay == 9.0:\n"
     source += "        return {'altitude_min': None, 'load': math.nan, 'outcome': 'ground'}\n"
-    source += "".join(f"    if delay == {delay}:\n        return {code}\n" for delay, (code, _) in WRONG.items())
+    source += "".join(
+        f"    if delay == {delay}:\n        return {code}\n" for delay, (code, _) in WRONG.items()
+    )
     path = dive_campaign(
-        tmp_path, f"{source}    return found\n", simulator={"python": "dive.py", "time_limit": "500 ms"}
+        tmp_path,
+        f"{source}    return found\n",
+        simulator={"python": "dive.py", "time_limit": "500 ms"},
     )
     (tmp_path / "secret.txt").write_text("42")
-    delays = [1.0, 2.0, 1.1, 3.0, 1.2, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0, 1.3]
+    delays = [
+        1.0,
+        2.0,
+        1.1,
+        3.0,
+        1.2,
+        4.0,
+        5.0,
+        6.0,
+        7.0,
+        8.0,
+        9.0,
+        10.0,
+        11.0,
+        12.0,
+        13.0,
+        14.0,
+        15.0,
+        1.3,
+    ]
     block = fly_delays(path, delays)
     lost = [delay in WRONG for delay in delays]
     assert (block.outcome == LOST).tolist() == lost
@@ -96,18 +139,27 @@ def test_what_goes_wrong_costs_one_flight_and_none_is_flown_twice(
     assert [words for _, words in WRONG.values() if words not in told] == []
 
 
-def test_a_history_that_is_none_costs_its_flight(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_history_that_is_none_costs_its_flight(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     source = (
         DIVE_HISTORY.replace("< 200.0", "< -1e9")
         + "\nwhole = fly\n\ndef fly(inputs, settings):\n    found = whole(inputs, settings)\n"
     )
-    source += "    history, delay, n = found['history'], inputs['delay'], len(found['history']['time'])\n"
-    source += "".join(f"    if delay == {delay}:\n        {code}\n" for delay, (code, _) in WRONG_HISTORIES.items())
+    source += (
+        "    history, delay, n = found['history'], inputs['delay'], len(found['history']['time'])\n"
+    )
+    source += "".join(
+        f"    if delay == {delay}:\n        {code}\n"
+        for delay, (code, _) in WRONG_HISTORIES.items()
+    )
     source += "    if delay == 9.0:\n        history['altitude'][2] = math.nan\n"
     source += "    return found | {'outcome': 'ground' if delay == 9.0 else 'ok'}\n"
     path = dive_campaign(tmp_path, source, histories=DIVE_CHANNELS)
     delays = [1.0, *WRONG_HISTORIES, 9.0]
-    assert (fly_delays(path, delays).outcome == LOST).tolist() == [delay in WRONG_HISTORIES for delay in delays]
+    assert (fly_delays(path, delays).outcome == LOST).tolist() == [
+        delay in WRONG_HISTORIES for delay in delays
+    ]
     told = capfd.readouterr().err
     assert [words for _, words in WRONG_HISTORIES.values() if words not in told] == []
     path = dive_campaign(tmp_path, source)
@@ -122,10 +174,14 @@ def test_declared_files_are_read_and_modules_imported_and_what_python_compiled_o
     source = DIVE.replace("import json", "import model\nimport json").replace(
         "return found", "return found | model.own()"
     )
-    (tmp_path / "model.py").write_text("def own():\n    return {'load': float(open('data/load.txt').read())}\n")
+    (tmp_path / "model.py").write_text(
+        "def own():\n    return {'load': float(open('data/load.txt').read())}\n"
+    )
     (tmp_path / "data").mkdir()
     (tmp_path / "data" / "load.txt").write_text("6.5")
-    path = dive_campaign(tmp_path, source, simulator={"python": "dive.py", "files": ["model.py", "data"]})
+    path = dive_campaign(
+        tmp_path, source, simulator={"python": "dive.py", "files": ["model.py", "data"]}
+    )
     for _ in range(2):  # written, by a temporary file beside it, then read
         end_processes()
         assert fly_delays(path, [1.0]).metrics[0, 1] == 6.5
@@ -157,7 +213,9 @@ def test_a_program_speaks_lines_and_what_is_no_answer_costs_its_flight_and_shift
 ) -> None:
     monkeypatch.setattr(process, "_ENDING", 0.1)
     (tmp_path / "program.py").write_text(PROGRAM)
-    path = dive_campaign(tmp_path, simulator={"command": [sys.executable, "./program.py"], "time_limit": "20 s"})
+    path = dive_campaign(
+        tmp_path, simulator={"command": [sys.executable, "./program.py"], "time_limit": "20 s"}
+    )
     assert dict(ready(path).systems["v1"].plan.files).keys() == {"program.py"}  # type: ignore[union-attr]
     delays = [1.0, 2.0, 1.1, 1.2, 3.0, 1.3, 4.0, 1.4, 5.0, *[1.5] * 200]
     expected = [delay if delay < 2.0 else np.nan for delay in delays]
@@ -167,7 +225,9 @@ def test_a_program_speaks_lines_and_what_is_no_answer_costs_its_flight_and_shift
     assert "no-such-program" in capfd.readouterr().err
 
 
-def test_packages_beside_the_simulator_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_packages_beside_the_simulator_are_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     package, other = tmp_path / ".venv/lib/package.py", tmp_path / "other.py"
     monkeypatch.setattr(sys, "prefix", str(tmp_path / ".venv"))
     for path in (package, other):

@@ -35,7 +35,8 @@ def plans_of(file, mission="level", vehicle="ghame_x", seconds=3.0):
     law, code = read_law(file)
     short = course.model_copy(update={"duration": seconds})
     return tuple(
-        make(craft, each, law, "own", user_code=code) for make, each in ((make_plan, short), (make_steady_plan, course))
+        make(craft, each, law, "own", user_code=code)
+        for make, each in ((make_plan, short), (make_steady_plan, course))
     )
 
 
@@ -107,11 +108,18 @@ def assert_predicted(plan, dispersions, first, ticks, every=1):
     change[[states.index(name) for name in CHANGE]] = list(CHANGE.values())
     flown = fly_disturbed(plan, dispersions, first, change, ticks)
     flown -= fly_disturbed(plan, dispersions, first, 0.0 * change, ticks)
-    sensors = len(sensor_states(plan, flown_points(plan, dispersions, first * plan.timing.tick).points))
+    sensors = len(
+        sensor_states(plan, flown_points(plan, dispersions, first * plan.timing.tick).points)
+    )
     expected = np.concatenate([change, np.zeros(sensors + 10 * delay)])
     for tick in range(first, first + ticks, every):
-        linear = linearize(plan, flown_points(plan, dispersions, (tick + every // 2) * plan.timing.tick).points)
+        linear = linearize(
+            plan, flown_points(plan, dispersions, (tick + every // 2) * plan.timing.tick).points
+        )
         expected = np.linalg.matrix_power(closed_loop(linear, 0), every) @ expected
     scale = np.abs(flown).max(axis=0)[:n]
-    scale[10:k:2], scale[11:k:2] = scale[10:k:2].max(), scale[11:k:2].max()  # surfaces are compared with each other
+    scale[10:k:2], scale[11:k:2] = (
+        scale[10:k:2].max(),
+        scale[11:k:2].max(),
+    )  # surfaces are compared with each other
     np.testing.assert_allclose(flown[-1, :n] / scale, expected[:n] / scale, rtol=0.0, atol=2e-3)

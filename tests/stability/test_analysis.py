@@ -2,7 +2,14 @@
 
 import numpy as np
 import pytest
-from stability.systems import flight_plan, linear_at_trim, parameters, read, stability_at_trim, steady_plan
+from stability.systems import (
+    flight_plan,
+    linear_at_trim,
+    parameters,
+    read,
+    stability_at_trim,
+    steady_plan,
+)
 
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.stability.analysis import analyse, make_rows, margins_of_flights
@@ -22,10 +29,14 @@ def test_the_least_margin_over_loops_and_times_counts():
 
 
 def test_200_frequencies_find_what_1000_find():
-    dispersions = parameters(3, aero__lift=np.array([1.0, 0.9, 1.1]), atmosphere__density=np.array([1.0, 0.9, 1.1]))
+    dispersions = parameters(
+        3, aero__lift=np.array([1.0, 0.9, 1.1]), atmosphere__density=np.array([1.0, 0.9, 1.1])
+    )
     for controller in ("tlc", "lqr_retuned"):
         plan = steady_plan(controller)
-        few, many = (margins_of_flights(plan, plan, dispersions, ["trim"], count) for count in (200, 1000))
+        few, many = (
+            margins_of_flights(plan, plan, dispersions, ["trim"], count) for count in (200, 1000)
+        )
         np.testing.assert_allclose(few.table, many.table, rtol=1e-5)
 
 
@@ -42,7 +53,9 @@ def test_flights_without_margins_count_as_zero():
 
 def test_a_command_behind_a_limit_counts_as_zero():
     vehicle, mission, law = read("tlc")
-    narrow = law.model_copy(update={"limits": law.limits.model_copy(update={"angle_of_attack": (0.0, 0.05)})})
+    narrow = law.model_copy(
+        update={"limits": law.limits.model_copy(update={"angle_of_attack": (0.0, 0.05)})}
+    )
     plan = make_plan(vehicle, mission.model_copy(update={"duration": 3.0}), narrow, "tlc")
     found = margins_of_flights(plan, steady_plan("tlc"), parameters(), [2.0])
     assert found.faults == [["a command stands at a limit"]]
@@ -51,17 +64,34 @@ def test_a_command_behind_a_limit_counts_as_zero():
 
 def test_a_delay_takes_what_the_delay_margin_says():
     plan = steady_plan("tlc")
-    found = margins_of_flights(plan, plan, parameters(3, sensor__delay=np.array([0.0, 0.08, 0.09])), ["trim"])
-    assert found.faults == [["", "", "unstable"]]  # 87 ms in all loops at once, which is what a late measurement is
+    found = margins_of_flights(
+        plan, plan, parameters(3, sensor__delay=np.array([0.0, 0.08, 0.09])), ["trim"]
+    )
+    assert found.faults == [
+        ["", "", "unstable"]
+    ]  # 87 ms in all loops at once, which is what a late measurement is
     assert found.table[1, 2] < found.table[0, 2]
 
 
 def test_rows_have_none_for_what_is_infinite():
     rows = make_rows("lqr_retuned", None, stability_at_trim("lqr_retuned"))
-    assert rows[1]["loop"] == "rudder" and rows[1]["gain_margin_low_db"] is None and rows[1]["stable"] is True
+    assert (
+        rows[1]["loop"] == "rudder"
+        and rows[1]["gain_margin_low_db"] is None
+        and rows[1]["stable"] is True
+    )
     together = rows[4]
-    assert (together.pop("controller"), together.pop("time_s"), together.pop("loop")) == ("lqr_retuned", None, "all")
-    expected = {"disk_margin": 0.1408, "disk_gain_db": 1.225, "disk_phase_deg": 8.05, "delay_margin_ms": 7.8}
+    assert (together.pop("controller"), together.pop("time_s"), together.pop("loop")) == (
+        "lqr_retuned",
+        None,
+        "all",
+    )
+    expected = {
+        "disk_margin": 0.1408,
+        "disk_gain_db": 1.225,
+        "disk_phase_deg": 8.05,
+        "delay_margin_ms": 7.8,
+    }
     assert together == pytest.approx(expected | {"stable": True}, rel=3e-3)
 
 

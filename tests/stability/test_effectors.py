@@ -30,7 +30,9 @@ def write(tmp_path):
     def written(law):
         for name, text in (("plank.yaml", VEHICLE), ("plank.py", FUNCTIONS), ("own.py", law)):
             (tmp_path / name).write_text(text, encoding="utf-8")
-        (tmp_path / "own.yaml").write_text("law: python\nfile: own.py\nrate: 100 Hz\n", encoding="utf-8")
+        (tmp_path / "own.yaml").write_text(
+            "law: python\nfile: own.py\nrate: 100 Hz\n", encoding="utf-8"
+        )
         return tmp_path / "plank.yaml", MISSION, tmp_path / "own.yaml"
 
     return written
@@ -38,12 +40,16 @@ def write(tmp_path):
 
 @pytest.mark.parametrize("law", [LEVEL, AXES], ids=["effectors", "axes"])
 def test_the_closed_loop_is_that_of_full_flights(write, law) -> None:
-    assert_predicted(cut(prepare(*write(law), "own"), 200), rows_of({"actuator.bandwidth": 0.9}), 100, 40, 10)
+    assert_predicted(
+        cut(prepare(*write(law), "own"), 200), rows_of({"actuator.bandwidth": 0.9}), 100, 40, 10
+    )
 
 
 def trimmed(files, **case):
     law, code = read_law(files[2])
-    plan = make_steady_plan(load_vehicle(files[0]), read_mission(files[1]), law, "own", user_code=code)
+    plan = make_steady_plan(
+        load_vehicle(files[0]), read_mission(files[1]), law, "own", user_code=code
+    )
     found = trim_points(plan, rows_of({name.replace("__", "."): x for name, x in case.items()}))
     assert found.faults == [""]
     return linearize(plan, found.points), found.points
@@ -55,12 +61,31 @@ def test_a_law_of_axes_counts_their_loops_and_shows_those_of_effectors(write) ->
     assert stability.stable[0] and linear.apart is not None
     assert_neutral(linear, stability.margins)
     assert_neutral(linear.apart, stability.apart.margins)
-    named = ("aileron", "rudder", "elevator", "equivalence_ratio", "left", "right", "flap", "rudder_effector", "all")
+    named = (
+        "aileron",
+        "rudder",
+        "elevator",
+        "equivalence_ratio",
+        "left",
+        "right",
+        "flap",
+        "rudder_effector",
+        "all",
+    )
     assert tuple(margin_values(stability)) == named
     rows = make_rows("own", None, stability)
-    assert [row["loop"] for row in rows if not row.get("counts", True)] == ["left", "right", "flap", "rudder_effector"]
-    np.testing.assert_allclose(np.sort(stability.poles[0]), np.sort(stability.apart.poles[0]), atol=1e-6)
-    assert points.controls[0, 2] == pytest.approx(0.25 * points.controls[0, :2].sum(), abs=1e-9)  # the mix
+    assert [row["loop"] for row in rows if not row.get("counts", True)] == [
+        "left",
+        "right",
+        "flap",
+        "rudder_effector",
+    ]
+    np.testing.assert_allclose(
+        np.sort(stability.poles[0]), np.sort(stability.apart.poles[0]), atol=1e-6
+    )
+    assert points.controls[0, 2] == pytest.approx(
+        0.25 * points.controls[0, :2].sum(), abs=1e-9
+    )  # the mix
 
 
 def test_a_law_of_effectors_counts_theirs_and_rests_where_it_puts_them(write) -> None:
@@ -81,5 +106,7 @@ def test_a_stuck_effector_has_no_loop(write) -> None:
     assert points.controls[0, 2] == pytest.approx(0.03, abs=1e-6)
     stability = analyse(linearize(plan, points), apart=True)
     assert cut_loops(stability) == {"flap": "stuck"}
-    _, points = trimmed(files, failure__effector_2__stuck_time=0.0, failure__effector_2__stuck_at=0.03)
+    _, points = trimmed(
+        files, failure__effector_2__stuck_time=0.0, failure__effector_2__stuck_at=0.03
+    )
     assert points.controls[0, 2] == pytest.approx(0.03, abs=1e-12)

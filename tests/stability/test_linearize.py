@@ -59,7 +59,12 @@ def _assert_worked(margins, controller, loop):
 
 @pytest.mark.parametrize(
     ("controller", "loop"),
-    [(name, loop) for name, loops in WORKED.items() for loop in loops if (name, loop) != ("tlc", "equivalence_ratio")],
+    [
+        (name, loop)
+        for name, loops in WORKED.items()
+        for loop in loops
+        if (name, loop) != ("tlc", "equivalence_ratio")
+    ],
 )
 def test_margins_are_those_of_an_independent_simulator(controller, loop):
     _assert_worked(stability_at_trim(controller).margins, controller, loop)
@@ -69,7 +74,9 @@ def test_tlcs_throttle_is_the_simulators_with_shorter_cells_of_its_trim_tables(m
     """Guidance divides by a secant over a cell of 1/16 in equivalence ratio, the simulator by the slope at the trim."""
     monkeypatch.setitem(LONGEST, "equivalence_ratio", 0.0625 / 8)
     for module in (steady, prepare):  # which keep what they found of the vehicle and mission
-        monkeypatch.setattr(module, "make_mission_trim_tables", make_mission_trim_tables.__wrapped__)
+        monkeypatch.setattr(
+            module, "make_mission_trim_tables", make_mission_trim_tables.__wrapped__
+        )
     plan = make_steady_plan(*read("tlc"), "tlc")
     margins = analyse(linearize(plan, trim_points(plan, parameters()).points), 1000).margins
     _assert_worked(margins, "tlc", "equivalence_ratio")
@@ -79,7 +86,9 @@ def test_tlcs_throttle_is_the_simulators_with_shorter_cells_of_its_trim_tables(m
     ("controller", "disk", "delay", "pole"),
     [("tlc", 0.0579, 87.0, -23.99 + 28.02j), ("lqr_retuned", 0.1408, 7.8, -1.09 + 16.3j)],
 )
-def test_all_loops_at_once_and_poles_are_those_of_an_independent_simulator(controller, disk, delay, pole):
+def test_all_loops_at_once_and_poles_are_those_of_an_independent_simulator(
+    controller, disk, delay, pole
+):
     found = stability_at_trim(controller)
     assert found.stable.all()
     np.testing.assert_allclose(found.margins.all_disk, disk, atol=6e-5)
@@ -119,7 +128,9 @@ def test_a_banked_trim_turns_as_its_reference_does():
     assert found.faults == [""]
     assert np.rad2deg(plan.reference[0, 9]) == pytest.approx(46.0, abs=1e-6)
     states = path.make_states(*found.points[:4])
-    rates = path.path_rates(states, ask_plant(plan, found.points.lane, 1, np.zeros(1, np.int64), states).rates)
+    rates = path.path_rates(
+        states, ask_plant(plan, found.points.lane, 1, np.zeros(1, np.int64), states).rates
+    )
     assert plan.reference[0, 7] == pytest.approx(9.8 / 1400.0, rel=0.1)
     np.testing.assert_allclose(rates[0, path.CHI], plan.reference[0, 7], atol=1e-10)
 
@@ -143,20 +154,30 @@ NEUTRAL = [
     ("ghame_x", "level", "lqr_retuned", "aileron", "gain_high"),
     # TLC's slope over its last deflections is nothing here: steps of any size must stay in the tables' cells.
     ("winged_cone", "level_mach15", "tlc", "rudder", "gain_low"),
-    pytest.param("winged_cone", "level_mach15", "tlc", "rudder", "gain_high", marks=pytest.mark.thorough),
-    pytest.param("winged_cone", "level_mach15", "tlc", "aileron", "gain_high", marks=pytest.mark.thorough),
+    pytest.param(
+        "winged_cone", "level_mach15", "tlc", "rudder", "gain_high", marks=pytest.mark.thorough
+    ),
+    pytest.param(
+        "winged_cone", "level_mach15", "tlc", "aileron", "gain_high", marks=pytest.mark.thorough
+    ),
 ]
 
 
 @pytest.mark.parametrize(("vehicle", "mission", "controller", "surface", "side"), NEUTRAL)
-def test_flights_begin_to_cycle_where_the_gain_margin_ends(vehicle, mission, controller, surface, side):
+def test_flights_begin_to_cycle_where_the_gain_margin_ends(
+    vehicle, mission, controller, surface, side
+):
     inputs = read(controller, mission, vehicle)
     steady = make_steady_plan(*inputs, controller)
     margins = analyse(linearize(steady, trim_points(steady, parameters()).points)).margins
     neutral = getattr(margins, side)[0, INPUTS.index(surface)]
     factors = neutral * np.array([0.97, 1.03])
-    dispersions = parameters(2, initial__bank=np.deg2rad(0.01), **{f"control__{surface}_effectiveness": factors})
-    plan = make_plan(inputs[0], inputs[1].model_copy(update={"duration": 60.0}), inputs[2], controller)
+    dispersions = parameters(
+        2, initial__bank=np.deg2rad(0.01), **{f"control__{surface}_effectiveness": factors}
+    )
+    plan = make_plan(
+        inputs[0], inputs[1].model_copy(update={"duration": 60.0}), inputs[2], controller
+    )
     rate = fly(plan, dispersions, record_every=2).history[:, :, CHANNEL_INDEX["roll_rate_dps"]]
     early, late = np.ptp(rate[:, 250:500], axis=1), np.ptp(rate[:, 2500:], axis=1)
     np.testing.assert_array_equal(late > 0.5 * early, [side == "gain_low", side == "gain_high"])
@@ -164,7 +185,10 @@ def test_flights_begin_to_cycle_where_the_gain_margin_ends(vehicle, mission, con
 
 def test_slopes_end_at_the_tables_nodes():
     """Beside a node and on either side of it, the slope is the cell's, not the mean over both."""
-    plan, point = steady_plan("lqr_retuned"), trim_points(steady_plan("lqr_retuned"), parameters()).points
+    plan, point = (
+        steady_plan("lqr_retuned"),
+        trim_points(steady_plan("lqr_retuned"), parameters()).points,
+    )
     eta = np.array([1.0 - 1e-6, 1.0 + 1e-6, 1.0 - 1e-3, 1.0 + 1e-3])
     points = point._replace(
         **{
@@ -186,7 +210,9 @@ def test_probes_that_are_lean_to_compile_have_the_same_bits(controller, monkeypa
     dispersions = parameters(3, aero__lift=np.array([0.9, 1.0, 1.1]), aero__drag=0.85)
     made, found = [], []
     for lean in (True, False):
-        monkeypatch.setattr(probe, "choose_probe", lambda make, _, lean=lean: made.append(lean) or make(lean))
+        monkeypatch.setattr(
+            probe, "choose_probe", lambda make, _, lean=lean: made.append(lean) or make(lean)
+        )
         found.append(linearize(plan, flown_points(plan, dispersions, 8.0).points))
     assert set(made) == {True, False}
     for name, ours, full in zip(found[0]._fields, *found, strict=True):

@@ -5,9 +5,18 @@ import numpy as np
 import pytest
 from stability.systems import decibels, linear_at_trim, stability_at_trim
 
-from abhv_mc.kernel.stability.structured import peak_of_structured_singular_values, structured_singular_values
+from abhv_mc.kernel.stability.structured import (
+    peak_of_structured_singular_values,
+    structured_singular_values,
+)
 from abhv_mc.stability.linearize import open_loop
-from abhv_mc.stability.margins import close, disk_gain_and_phase, find_margins, loop_gains, make_loops
+from abhv_mc.stability.margins import (
+    close,
+    disk_gain_and_phase,
+    find_margins,
+    loop_gains,
+    make_loops,
+)
 
 PERIOD = 0.01
 
@@ -40,9 +49,15 @@ def test_a_conditionally_stable_loop_has_a_margin_on_each_side():
 
 def test_a_loop_that_is_always_below_one_has_no_phase_or_delay_margin():
     found = _margins(1, lambda i, w: (-0.5 / (1j * w + 1.0))[:, None, None])
-    assert found.phase[0, 0] == np.inf and found.delay[0, 0] == np.inf and np.isnan(found.crossover[0, 0])
+    assert (
+        found.phase[0, 0] == np.inf
+        and found.delay[0, 0] == np.inf
+        and np.isnan(found.crossover[0, 0])
+    )
     np.testing.assert_allclose(found.gain_high[0, 0], 2.0, rtol=1e-12)  # at zero frequency
-    np.testing.assert_allclose(found.sensitivity[0, 0], 2.0, rtol=1e-6)  # there too, which the grid comes close to
+    np.testing.assert_allclose(
+        found.sensitivity[0, 0], 2.0, rtol=1e-6
+    )  # there too, which the grid comes close to
 
 
 def test_a_delay_common_to_two_loops_counts_in_both():
@@ -69,9 +84,19 @@ def test_single_loops_agree_with_python_control(controller):
     linear, found = linear_at_trim(controller), stability_at_trim(controller).margins
     for i in range(4):
         # python-control interpolates between frequencies: they stand dense about where its answers are.
-        places = [found.gain_low_frequency[0, i], found.gain_high_frequency[0, i], found.crossover[0, i]]
-        near = [p * np.linspace(1.0 - 1e-5, 1.0 + 1e-5, 31) for p in places if np.isfinite(p) and p > 0.0]
-        omega = np.unique(np.concatenate([np.geomspace(0.01, 0.999 * np.pi / linear.period, 2000), *near]))
+        places = [
+            found.gain_low_frequency[0, i],
+            found.gain_high_frequency[0, i],
+            found.crossover[0, i],
+        ]
+        near = [
+            p * np.linspace(1.0 - 1e-5, 1.0 + 1e-5, 31)
+            for p in places
+            if np.isfinite(p) and p > 0.0
+        ]
+        omega = np.unique(
+            np.concatenate([np.geomspace(0.01, 0.999 * np.pi / linear.period, 2000), *near])
+        )
         _, closed = close(loop_gains(make_loops(linear), np.zeros(omega.size, np.int64), omega))
         data = control.FrequencyResponseData(closed.L[:, i], omega, smooth=True)
         gains, phases, _, _, crossings, _ = control.stability_margins(data, returnall=True)
@@ -79,7 +104,9 @@ def test_single_loops_agree_with_python_control(controller):
         if found.gain_low_frequency[0, i] > 0.01:
             expected.append(found.gain_low[0, i])
         for gain in expected:
-            np.testing.assert_allclose(gains[np.abs(np.log(gains / gain)).argmin()], gain, rtol=1e-6)
+            np.testing.assert_allclose(
+                gains[np.abs(np.log(gains / gain)).argmin()], gain, rtol=1e-6
+            )
         np.testing.assert_allclose(np.deg2rad(np.abs(phases).min()), found.phase[0, i], rtol=1e-6)
         worst = crossings[np.abs(phases).argmin()]
         np.testing.assert_allclose(worst, found.crossover[0, i], rtol=1e-6)

@@ -57,7 +57,9 @@ HYSTERESIS = COUNTER + "; mode = 1.0 if speed > {0} else 0.0 if speed < -{0} els
 
 def plan_of(folder, rates, declared=0):
     (folder / "law.py").write_text(LAW.format(rates=rates))
-    (folder / "law.yaml").write_text(f"law: python\nfile: law.py\nrate: 100 Hz\nperiod: {declared}\n")
+    (folder / "law.yaml").write_text(
+        f"law: python\nfile: law.py\nrate: 100 Hz\nperiod: {declared}\n"
+    )
     return plans_of(folder / "law.yaml")[1]
 
 
@@ -74,7 +76,10 @@ def apart(linear, ticks):
             A[2] = -0.001, 0.0, 0.0
             B[2, 1] = -0.02
         C, D = np.zeros((4, 3)), np.zeros((4, len(sense)))
-        D[0, [6, 5, 7, 9]], D[1, [6, 5, 7, 9]] = (-0.26, -1.2, -0.08, 0.06), (-0.04, -0.2, -0.01, 0.04)
+        D[0, [6, 5, 7, 9]], D[1, [6, 5, 7, 9]] = (
+            (-0.26, -1.2, -0.08, 0.06),
+            (-0.04, -0.2, -0.01, 0.04),
+        )
         D[2, [4, 8]] = 2.0, 1.5
         C[2], D[2] = C[2] - 2.0 * A[1], D[2] - 2.0 * B[1]
         C[3], D[3] = A[2], B[2]
@@ -88,11 +93,22 @@ THREE = "path, throttle = clock % 4.0 == 0.0, clock % 10.0 == 0.0; clock = (cloc
 
 
 @pytest.mark.parametrize(
-    ("rates", "ticks", "path", "throttle"),  # of the period, and the ticks after which each is at work again
+    (
+        "rates",
+        "ticks",
+        "path",
+        "throttle",
+    ),  # of the period, and the ticks after which each is at work again
     [
         ("pass", 1, 1, 1),
         (COUNTER, 10, 10, 10),
-        pytest.param("path = throttle = clock % 10.0 == 0.0; clock += 1.0", 10, 10, 10, marks=pytest.mark.thorough),
+        pytest.param(
+            "path = throttle = clock % 10.0 == 0.0; clock += 1.0",
+            10,
+            10,
+            10,
+            marks=pytest.mark.thorough,
+        ),
         ("throttle = round(time / dt) % 3 == 0", 3, 1, 3),
         pytest.param(SUM, 11, 11, 11, marks=pytest.mark.thorough),
         pytest.param(THREE, 20, 4, 10, marks=pytest.mark.thorough),
@@ -111,7 +127,10 @@ def test_the_map_of_a_period_is_one_computed_apart(tmp_path, rates, ticks, path,
     for pole in others[np.abs(others) > 1e-6]:
         assert np.abs(poles - pole).min() < 1e-8
     slow, stability = others[np.abs(others) > np.exp(-10.0 * 0.01 * ticks)], analyse(linear)
-    assert max(np.abs(stability.poles[0] - np.log(pole) / (0.01 * ticks)).min() for pole in slow) < 1e-6
+    assert (
+        max(np.abs(stability.poles[0] - np.log(pole) / (0.01 * ticks)).min() for pole in slow)
+        < 1e-6
+    )
     assert_neutral(linear, stability.margins)
 
 
@@ -122,7 +141,11 @@ def test_a_mode_that_stays_is_named(tmp_path):
 @pytest.mark.parametrize(
     ("rates", "declared", "words"),
     [
-        ("path = throttle = clock == 0.0; clock = (clock + 1.0) % 150.0", 0, "does not repeat within 100 ticks"),
+        (
+            "path = throttle = clock == 0.0; clock = (clock + 1.0) % 150.0",
+            0,
+            "does not repeat within 100 ticks",
+        ),
         (SUM, 10, "after 11 ticks, not 10"),
     ],
 )
@@ -147,7 +170,9 @@ def test_a_law_of_one_rate_has_the_same_margins_over_ten_ticks(tmp_path):
     one, ten = (each.margins for each in found)
     assert np.isfinite(one.phase[0, [0, 2, 3]]).all() and len(linear.phases) == 10
     for name in ("gain_low", "gain_high"):
-        np.testing.assert_allclose(decibels(getattr(ten, name)), decibels(getattr(one, name)), atol=0.01)
+        np.testing.assert_allclose(
+            decibels(getattr(ten, name)), decibels(getattr(one, name)), atol=0.01
+        )
     for name, unit in (("phase", 180.0 / np.pi), ("delay", 1e3), ("all_delay", 1e3)):
         np.testing.assert_allclose(getattr(ten, name) * unit, getattr(one, name) * unit, atol=0.01)
     for name in ("sensitivity", "disk", "all_disk", "crossover", "gain_high_frequency"):
@@ -176,8 +201,16 @@ def of_all(what, value):
 
 
 def test_the_linear_models_predict_the_flight():
-    late = {"sensor__angle_of_attack_lag": 0.05, "sensor__pitch_rate_lag": 0.02, "sensor__bank_lag": 0.004}
-    held = {"sensor__speed_interval": 0.05, "sensor__sideslip_interval": 0.02, "sensor__angle_of_attack_interval": 0.03}
+    late = {
+        "sensor__angle_of_attack_lag": 0.05,
+        "sensor__pitch_rate_lag": 0.02,
+        "sensor__bank_lag": 0.004,
+    }
+    held = {
+        "sensor__speed_interval": 0.05,
+        "sensor__sideslip_interval": 0.02,
+        "sensor__angle_of_attack_interval": 0.03,
+    }
     rest = {"sensor__pitch_rate_scale": 1.3, "sensor__speed_scale": 0.98, "sensor__delay": 0.02}
     assert_predicted(flight_plan("tlc", 10.0), parameters(**late, **held, **rest), 301, 60)
 
@@ -188,9 +221,17 @@ def test_one_lag_of_all_that_is_measured_multiplies_every_loop(lag):
     without, with_lag = at_trim(plan)[0], at_trim(plan, **of_all("lag", lag))[0]
     assert not with_lag.phases
     omega = np.array([0.3, 3.0, 30.0])
-    z, stays, share = np.exp(0.01j * omega), np.exp(-0.01 / lag), (1.0 - np.exp(-0.01 / lag)) * lag / 0.01
-    answer = ((1.0 - share) * z + share - stays) / (z - stays)  # 1 / (lag s + 1) with a first-order hold
-    before, after = (loop_gains(make_loops(each), np.zeros(3, int), omega) for each in (without, with_lag))
+    z, stays, share = (
+        np.exp(0.01j * omega),
+        np.exp(-0.01 / lag),
+        (1.0 - np.exp(-0.01 / lag)) * lag / 0.01,
+    )
+    answer = ((1.0 - share) * z + share - stays) / (
+        z - stays
+    )  # 1 / (lag s + 1) with a first-order hold
+    before, after = (
+        loop_gains(make_loops(each), np.zeros(3, int), omega) for each in (without, with_lag)
+    )
     np.testing.assert_allclose(after, answer[:, None, None] * before, rtol=1e-8)
 
 

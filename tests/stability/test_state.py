@@ -12,11 +12,17 @@ from abhv_mc.stability.steady import trim_points
 
 # A difference of the throttle is one of the mass too, which is no state of the model: no fuel flow.
 CALM = {"propulsion__specific_impulse": 1e9}
-UNSTART = {"failure__engine__drag_increment": 1e-3, "failure__engine__pitching_moment_increment": 1e-5}
+UNSTART = {
+    "failure__engine__drag_increment": 1e-3,
+    "failure__engine__pitching_moment_increment": 1e-5,
+}
 CASES = {
     "aileron loss": {"failure__aileron__loss_time": 1.0, "failure__aileron__effectiveness": 0.8},
     "elevator stuck": {"failure__elevator__stuck_time": 1.99},
-    "rudder stuck elsewhere": {"failure__rudder__stuck_time": 1.95, "failure__rudder__stuck_at": 2e-4},
+    "rudder stuck elsewhere": {
+        "failure__rudder__stuck_time": 1.95,
+        "failure__rudder__stuck_at": 2e-4,
+    },
     "aileron slow": {"failure__aileron__slow_time": 1.0, "failure__aileron__rate_limit": 0.5},
     "pitch rate frozen": {"failure__sensor__pitch_rate__time": 1.9},
     "engine weak": {"failure__engine__time": 1.0, "failure__engine__thrust": 0.9, **UNSTART},
@@ -46,7 +52,9 @@ def test_the_thrust_of_a_flame_out_decays_tick_by_tick():
     """Under the paper's LQR, which comes to no limit of the throttle within the second."""
     vehicle, mission, law = read("lqr")
     start = mission.start.model_copy(update={"altitude": 24e3})
-    plan = make_plan(vehicle, mission.model_copy(update={"duration": 4.0, "start": start}), law, "lqr")
+    plan = make_plan(
+        vehicle, mission.model_copy(update={"duration": 4.0, "start": start}), law, "lqr"
+    )
     out = parameters(**CALM, failure__engine__time=2.0, failure__engine__thrust=0.0)
     assert_predicted(plan, out, 230, 100)
 
@@ -57,7 +65,8 @@ def test_each_ticks_map_is_the_next_ticks_along_the_s():
     plan = make_plan(vehicle, mission.model_copy(update={"duration": 12.0}), law, "tlc")
     for tick in (300, 1000):
         maps = [
-            closed_loop(linearize(plan, flown_points(plan, parameters(), t * 0.01).points), 0) for t in (tick, tick + 1)
+            closed_loop(linearize(plan, flown_points(plan, parameters(), t * 0.01).points), 0)
+            for t in (tick, tick + 1)
         ]
         np.testing.assert_allclose(maps[0], maps[1], rtol=0.0, atol=2e-3 * np.abs(maps[0]).max())
         assert_predicted(plan, parameters(**CALM), tick, 20)
@@ -85,8 +94,12 @@ def test_a_stuck_surface_and_an_engine_that_is_out_have_no_loop():
     linear = linearize(plan, flown_points(plan, failed, 2.9).points)
     np.testing.assert_array_equal(linear.cut, [[0, 0, STUCK, 0], [0, 0, 0, NO_EFFECT]])
     stability = analyse(linear)
-    for system, (loop, reason) in enumerate((("elevator", "stuck"), ("equivalence_ratio", "no effect"))):
-        row = next(row for row in make_rows("lqr_retuned", 2.9, stability, system) if row["loop"] == loop)
+    for system, (loop, reason) in enumerate(
+        (("elevator", "stuck"), ("equivalence_ratio", "no effect"))
+    ):
+        row = next(
+            row for row in make_rows("lqr_retuned", 2.9, stability, system) if row["loop"] == loop
+        )
         assert row["reason"] == reason and row["phase_margin_deg"] is None
 
 
@@ -102,7 +115,9 @@ def test_the_trim_is_that_of_the_failed_vehicle_in_its_wind():
     calm = trim_points(steady, parameters())
     assert found.points.path[0, 4] < calm.points.path[0, 4] - 1e-4
     assert found.points.controls[0, 2] < calm.points.controls[0, 2] - 1e-3
-    np.testing.assert_allclose(found.points.controls[1, 1], 2.0 * calm.points.controls[0, 1], rtol=1e-6)
+    np.testing.assert_allclose(
+        found.points.controls[1, 1], 2.0 * calm.points.controls[0, 1], rtol=1e-6
+    )
     # The crab angle is a sideslip to the ground, which the law does not leave alone.
     assert np.rad2deg(found.points.path[2, 5]) == pytest.approx(-0.82, abs=0.01)
     assert (

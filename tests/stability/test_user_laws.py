@@ -42,7 +42,9 @@ def law(measured, reference, memory, time, dt):
 
 
 def write_law(folder, compiled="", base="(NamedTuple)", pitch="1.5", altitude="1e-4"):
-    (folder / "law.py").write_text(FILTERED.format(compiled=compiled, base=base, pitch=pitch, altitude=altitude))
+    (folder / "law.py").write_text(
+        FILTERED.format(compiled=compiled, base=base, pitch=pitch, altitude=altitude)
+    )
     (folder / "law.yaml").write_text("law: python\nfile: law.py\nrate: 100 Hz\n")
     return folder / "law.yaml"
 
@@ -64,7 +66,9 @@ def test_the_memory_at_a_trim_rests_there(tmp_path):
     found = trim_points(steady, parameters(2, aero__drag=np.array([1.0, 1.1])))
     memory, controls, path = found.points.memory, found.points.controls, found.points.path
     assert list(law_memory_rows(steady)) == ["speed", "pitch_rate"]
-    np.testing.assert_allclose(memory[:, 1], path[:, 8], atol=1e-9)  # the filter has settled, though no loop asks it to
+    np.testing.assert_allclose(
+        memory[:, 1], path[:, 8], atol=1e-9
+    )  # the filter has settled, though no loop asks it to
     held = steady.reference[0, 10] - 0.001 * memory[:, 0]
     np.testing.assert_allclose(held, controls[:, 3], rtol=1e-6)  # the integral holds the throttle
     assert memory[1, 0] < memory[0, 0] - 10.0
@@ -75,19 +79,25 @@ def forget(file):
     law = file.with_suffix(".py")
     text = law.read_text().replace(", memory, time, dt", "").replace("- 0.001 * memory.speed", "")
     text = text.replace(
-        "memory.pitch_rate + dt / 0.02 * (measured.pitch_rate - memory.pitch_rate)", "measured.pitch_rate"
+        "memory.pitch_rate + dt / 0.02 * (measured.pitch_rate - memory.pitch_rate)",
+        "measured.pitch_rate",
     )
     law.write_text(text.replace(", Memory(memory.speed + dt * speed, pitch_rate)", ""))
     return file
 
 
-@pytest.mark.parametrize("write", [write_law, lambda *words: forget(write_law(*words))], ids=["memory", "none"])
+@pytest.mark.parametrize(
+    "write", [write_law, lambda *words: forget(write_law(*words))], ids=["memory", "none"]
+)
 def test_plain_python_has_the_margins_of_the_compiled_law(tmp_path, write):
     """A law without a memory was not called: margins were those of a constant command."""
     dispersions, found = parameters(), []
     for compiled in ("", "(compiled=False)"):
         plan, steady = plans_of(write(tmp_path, compiled))
-        for of, points in ((steady, trim_points(steady, dispersions)), (plan, flown_points(plan, dispersions, 1.0))):
+        for of, points in (
+            (steady, trim_points(steady, dispersions)),
+            (plan, flown_points(plan, dispersions, 1.0)),
+        ):
             found.append((points.points.memory, stability(of, points, dispersions).margins))
     for (memory, margins), (other_memory, others) in zip(found[:2], found[2:], strict=True):
         np.testing.assert_array_equal(memory, other_memory)
@@ -103,13 +113,17 @@ def test_a_memory_that_is_any_object_is_refused(tmp_path):
 
 def test_the_time_is_that_of_the_point(tmp_path):
     plan, _ = plans_of(write_law(tmp_path, pitch="(1.5 if time > 0.995 else 0.0)"))
-    slopes = [linearize(plan, flown_points(plan, parameters(), t).points).law_D[0, 2, 8] for t in (0.9, 1)]
+    slopes = [
+        linearize(plan, flown_points(plan, parameters(), t).points).law_D[0, 2, 8] for t in (0.9, 1)
+    ]
     np.testing.assert_allclose(slopes, [0.0, 1.5 * 0.01 / 0.02], rtol=1e-6, atol=1e-12)
 
 
 def test_a_law_without_slopes_has_no_margins(tmp_path):
     """The square root of what is zero at the reference's altitude is not a number on one side of it."""
-    plan, steady = plans_of(write_law(tmp_path, altitude="(1.0 + 1e-9 * sqrt(measured.altitude - reference.altitude))"))
+    plan, steady = plans_of(
+        write_law(tmp_path, altitude="(1.0 + 1e-9 * sqrt(measured.altitude - reference.altitude))")
+    )
     found = margins_of_flights(plan, steady, parameters(), ["trim"])
     assert found.faults == [[NO_SLOPES]] and found.table[0, 0] == 0.0
 
@@ -123,12 +137,17 @@ def test_a_law_behind_its_own_limit_at_the_trim_is_linearized_where_it_comes_to_
     assert stability(steady, points, dispersions).stable.all()
     flown = fly(plan, dispersions, record_every=100, keep_states=True).states[:, -1, s.ALTITUDE]
     np.testing.assert_allclose(points.points.path[:, 0], flown, atol=0.01)
-    assert np.all(np.abs(points.points.path[:, 0] - plan.initial_state[s.ALTITUDE]) > 2.0)  # an error of its own, in m
+    assert np.all(
+        np.abs(points.points.path[:, 0] - plan.initial_state[s.ALTITUDE]) > 2.0
+    )  # an error of its own, in m
 
 
 @pytest.mark.parametrize("law", ["cascade.yaml", "cascade_c/cascade_c.yaml"])
 def test_the_laws_that_new_writes_have_customary_margins_on_the_default_vehicle(law):
     _, plan = plans_of(CONFIGS / law, vehicle="abhv")
     margins = analyse(linearize(plan, trim_points(plan, parameters()).points)).margins
-    assert decibels(np.minimum(margins.gain_high, 1.0 / np.maximum(margins.gain_low, 1e-6))).min() > 6.0
+    assert (
+        decibels(np.minimum(margins.gain_high, 1.0 / np.maximum(margins.gain_low, 1e-6))).min()
+        > 6.0
+    )
     assert np.rad2deg(margins.phase).min() > 45.0

@@ -29,7 +29,10 @@ PROBABILITIES = st.sampled_from([0.5, 0.9, 0.95, 0.99, 0.9973, 0.99865])
         (lambda: [runs_needed(k, 0.99, 0.10) for k in range(3)], [230, 388, 531]),
         (lambda: [runs_needed(k, 0.9973, 0.10) for k in range(3)], [852, 1440, 1970]),
         (lambda: [quantile_upper_rank(n, 0.9973, 0.90) for n in (1000, 2000)], [1000, 1998]),
-        (lambda: [mcnemar_exact(*pair) for pair in ((3, 12), (0, 0), (5, 5))], [0.03515625, 1.0, 1.0]),
+        (
+            lambda: [mcnemar_exact(*pair) for pair in ((3, 12), (0, 0), (5, 5))],
+            [0.03515625, 1.0, 1.0],
+        ),
     ],
 )
 def test_oracles(found, expected):
@@ -49,14 +52,18 @@ def test_mcnemar_and_two_sided_intervals_are_scipys(b, c):
 def test_risks_are_binomial_tails(failures, runs, probability):
     failures = min(failures, runs)
     law = binom(runs, 1.0 - probability)
-    assert consumer_risk(failures, runs, probability) == pytest.approx(law.cdf(failures), rel=1e-7, abs=1e-12)
+    assert consumer_risk(failures, runs, probability) == pytest.approx(
+        law.cdf(failures), rel=1e-7, abs=1e-12
+    )
 
 
 @given(st.integers(0, 40), st.integers(1, 4000), st.sampled_from([0.01, 0.1, 0.5]))
 def test_lower_bound_is_scipys_one_sided_interval(failures, runs, risk):
     failures = min(failures, runs)
     bound = success_lower_bound(failures, runs, risk)
-    scipys = binomtest(runs - failures, runs, 0.5, alternative="greater").proportion_ci(1.0 - risk).low
+    scipys = (
+        binomtest(runs - failures, runs, 0.5, alternative="greater").proportion_ci(1.0 - risk).low
+    )
     assert bound == pytest.approx(scipys, abs=1e-10)
 
 

@@ -112,7 +112,9 @@ def test_a_corner_of_two_inputs_is_found_in_95_of_100_seeds():
     found = 0
     for seed in range(100):
         inputs = _inputs(seed)
-        rules = find_rules(bin_inputs(inputs.T), _corner(inputs, 0.9, 3000 + seed), list(inputs.T).__getitem__)
+        rules = find_rules(
+            bin_inputs(inputs.T), _corner(inputs, 0.9, 3000 + seed), list(inputs.T).__getitem__
+        )
         best = {(c.input, c.above) for c in rules[0].conditions} if rules else set()
         pairs = {frozenset(c.input for c in rule.conditions) for rule in rules}
         idle = any(not set(pair) <= {4, 9} for pair in pairs)
@@ -127,7 +129,10 @@ def test_both_ends_of_an_input_are_one_rule():
         failed = np.abs(inputs[:, 6]) > np.sort(np.abs(inputs[:, 6]))[-22]
         rules = find_rules(bin_inputs(inputs.T), failed, list(inputs.T).__getitem__)
         best = rules[0]
-        assert best.either and [(c.input, c.above) for c in best.conditions] == [(6, False), (6, True)]
+        assert best.either and [(c.input, c.above) for c in best.conditions] == [
+            (6, False),
+            (6, True),
+        ]
         assert (best.failures_inside, best.failures, best.others_inside) == (21, 21, 0)
         assert not any(len(rule.conditions) == 1 for rule in rules)
 
@@ -149,7 +154,9 @@ def test_a_difference_rides_on_no_real_input():
         inputs = _inputs(7200 + seed)
         for failed in (inputs[:, 4] > 0.7, _corner(inputs, 0.9, 7300 + seed)):
             rules = find_rules(bin_inputs(inputs.T), failed, list(inputs.T).__getitem__)
-            assert rules and not any(c.minus is not None for rule in rules[:1] for c in rule.conditions)
+            assert rules and not any(
+                c.minus is not None for rule in rules[:1] for c in rule.conditions
+            )
             assert {c.input for c in rules[0].conditions} <= {4, 9}
 
 
@@ -177,7 +184,9 @@ def test_thresholds_of_discrete_inputs_keep_equal_values_together():
 def test_an_input_that_is_infinite_in_some_flights_has_rules_but_no_differences(above):
     inputs = _inputs(3)
     inputs[::2, 0] = np.inf  # a failure that never comes
-    failed = (np.isinf(inputs[:, 0]) if above else inputs[:, 0] < 0.5) & (np.arange(len(inputs)) % 3 > 0)
+    failed = (np.isinf(inputs[:, 0]) if above else inputs[:, 0] < 0.5) & (
+        np.arange(len(inputs)) % 3 > 0
+    )
     rules = find_rules(bin_inputs(inputs.T), failed, lambda k: inputs[:, k])
     best = rules[0].conditions[0]
     assert best.input == 0 and best.above == above and np.isfinite(best.threshold)
@@ -190,9 +199,13 @@ def test_ranks_discoveries_and_tails_are_those_of_scipy():
     assert np.array_equal(average_ranks(values), stats.rankdata(values, axis=0))
     assert np.array_equal(average_ranks(values[:, 0]), stats.rankdata(values[:, 0]))
     p_values = draw.uniform(size=200) ** 4
-    np.testing.assert_allclose(false_discovery(p_values), stats.false_discovery_control(p_values), rtol=1e-14)
+    np.testing.assert_allclose(
+        false_discovery(p_values), stats.false_discovery_control(p_values), rtol=1e-14
+    )
     for bad, *table in ((3, 1000, 40, 100), (0, 50, 5, 5), (40, 100_000, 60, 9000), (5, 20, 5, 5)):
-        assert hypergeometric_tail(bad, *table) == pytest.approx(stats.hypergeom.sf(bad - 1, *table), rel=1e-8)
+        assert hypergeometric_tail(bad, *table) == pytest.approx(
+            stats.hypergeom.sf(bad - 1, *table), rel=1e-8
+        )
 
 
 @pytest.mark.parametrize(("law", "arguments"), [("uniform", (-0.3, 1.7)), ("norm", (0.2, 3.1))])
@@ -201,5 +214,7 @@ def test_plain_distributions_have_the_bits_of_scipy(law, arguments):
     p = np.concatenate([[0.0, 1.0, 2.0**-53], np.random.default_rng(2).uniform(size=1000)])
     x = np.concatenate([theirs.ppf(p[3:]), [-0.3, 1.4, -9.0, 9.0]])
     assert np.array_equal(ours.ppf(p), theirs.ppf(p))
-    assert np.array_equal(ours.cdf(x), theirs.cdf(x)) and np.array_equal(ours.density(x), theirs.pdf(x))
+    assert np.array_equal(ours.cdf(x), theirs.cdf(x)) and np.array_equal(
+        ours.density(x), theirs.pdf(x)
+    )
     assert ours.frozen.support() == theirs.support()

@@ -18,7 +18,10 @@ from abhv_mc.statistics.estimates import (
 )
 
 
-@given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=60), st.sampled_from([0.0, 0.05, 0.5, 0.9973, 1.0]))
+@given(
+    st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=60),
+    st.sampled_from([0.0, 0.05, 0.5, 0.9973, 1.0]),
+)
 def test_sorted_quantile_is_numpys_linear(values, probability):
     ascending = np.sort(np.array(values))
     expected = np.quantile(ascending, probability, method="linear")
@@ -59,7 +62,13 @@ def test_the_last_look_is_the_whole_campaign():
 
 def test_early_ends_come_first_and_equals_keep_their_order():
     lost_at = np.array([np.inf, 9.0, np.inf, 3.0, np.inf])
-    assert worst_first(lost_at, np.array([0.5, np.inf, 0.7, np.inf, 0.5])).tolist() == [3, 1, 2, 0, 4]
+    assert worst_first(lost_at, np.array([0.5, np.inf, 0.7, np.inf, 0.5])).tolist() == [
+        3,
+        1,
+        2,
+        0,
+        4,
+    ]
 
 
 def test_distances_are_in_units_of_the_limit_or_of_the_span_where_it_is_zero():
@@ -67,7 +76,9 @@ def test_distances_are_in_units_of_the_limit_or_of_the_span_where_it_is_zero():
     assert Criterion("m", "high", Bounds(high=-5.0)).scale(values) == (0.0, 5.0)
     assert Criterion("m", "high", Bounds(1.0, 2.0)).scale(values) == (0.0, 0.5)
     assert np.allclose(Criterion("m", "low", Bounds(low=0.0)).scale(values), (0.0, 0.9 * 4.0))
-    assert np.allclose(Criterion("m", "low").scale(values), (-1.0, 1.0))  # without limits: from the median, in its size
+    assert np.allclose(
+        Criterion("m", "low").scale(values), (-1.0, 1.0)
+    )  # without limits: from the median, in its size
     assert Criterion("m", "high").scale(np.array([])) == (0.0, 1.0)
 
 

@@ -22,7 +22,9 @@ def test_what_is_much_worse_is_stopped_and_the_same_law_passes(name, flights):
     stopped = count_stopped(CHANGES[name], flights, 20)
     assert stopped <= 1 if name == "identical" or "noise" in name else stopped >= 19
     if flights == 1000:
-        assert count_stopped(CHANGES[name], flights, 5, required=False) in (range(2) if stopped <= 1 else range(4, 6))
+        assert count_stopped(CHANGES[name], flights, 5, required=False) in (
+            range(2) if stopped <= 1 else range(4, 6)
+        )
 
 
 def test_a_little_worse_is_not_worse_by_more():
@@ -49,8 +51,12 @@ def test_the_worst_flight_that_is_not_lost():
     assert judge(a, np.where(outlier, 3.9, a)).shown
     found = judge(a, np.where(outlier, 4.1, a))
     assert found.worst_doubled and not found.shown and not found.worse_tails
-    assert judge(a, np.where(outlier, np.inf, a), lost=(NONE, outlier)).shown  # one lost flight shows nothing
-    assert judge(-a[::-1], np.where(outlier, 0.1, -a[::-1])).worst_doubled  # at least -1 before: small is bad
+    assert judge(
+        a, np.where(outlier, np.inf, a), lost=(NONE, outlier)
+    ).shown  # one lost flight shows nothing
+    assert judge(
+        -a[::-1], np.where(outlier, 0.1, -a[::-1])
+    ).worst_doubled  # at least -1 before: small is bad
 
 
 @pytest.mark.parametrize(("only_b", "more"), [(4, ()), (5, (1,))])

@@ -16,7 +16,9 @@ def test_a_wave_is_found_and_a_product_by_its_pair():
     """sin(6x): no rank correlation, all of the variance; x0 x2: neither has a share of its own."""
     for seed in range(20):
         inputs = draw_inputs(seed, 20)
-        found = given_data_indices(inputs, np.column_stack([np.sin(6.0 * inputs[:, 4]), inputs[:, 0] * inputs[:, 2]]))
+        found = given_data_indices(
+            inputs, np.column_stack([np.sin(6.0 * inputs[:, 4]), inputs[:, 0] * inputs[:, 2]])
+        )
         assert [np.flatnonzero(each).tolist() for each in found.found.T] == [[4], [0, 2]]
         assert found.first[4, 0] > 0.9 and found.partner[[0, 2], 1].tolist() == [2, 0]
         assert found.first[[0, 2], 1].max() < 0.15 and found.total[[0, 2], 1].min() > 0.5

@@ -40,7 +40,12 @@ def test_quantiles_are_covered(law, size):
 
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize(
-    "size", [30, pytest.param(100, marks=pytest.mark.thorough), pytest.param(1000, marks=pytest.mark.thorough)]
+    "size",
+    [
+        30,
+        pytest.param(100, marks=pytest.mark.thorough),
+        pytest.param(1000, marks=pytest.mark.thorough),
+    ],
 )
 @pytest.mark.parametrize(("together", "scale"), [(0.0, 1.0), (0.8, 3.0), (-1.0, 1.0)])
 def test_differences_of_quantiles_are_covered(law, size, together, scale):

@@ -20,7 +20,11 @@ from benchmarks import interval_coverage
 LEVELS = (0.5, 0.95, 0.9973)
 
 
-@given(arrays(float, st.integers(2, 60), elements=st.floats(-5, 5)), st.sampled_from(LEVELS), st.floats(0.1, 9.0))
+@given(
+    arrays(float, st.integers(2, 60), elements=st.floats(-5, 5)),
+    st.sampled_from(LEVELS),
+    st.floats(0.1, 9.0),
+)
 def test_equal_weights_give_numpys_quantile(values, level, weight):
     found = weighted_quantile(values, np.full(values.size, weight), level)
     assert found.value == pytest.approx(np.quantile(values, level), rel=1e-9, abs=1e-9)
@@ -37,8 +41,12 @@ def test_integer_weights_are_repetitions():
     draw = np.random.default_rng(2)
     values, weights = draw.normal(size=300), draw.integers(0, 4, 300).astype(float)
     found = weighted_quantile(values, weights, 0.9).value
-    assert found == pytest.approx(np.quantile(np.repeat(values, weights.astype(int)), 0.9), abs=0.05)
-    assert weighted_share(values > 1.0, weights).value == pytest.approx(weights[values > 1.0].sum() / weights.sum())
+    assert found == pytest.approx(
+        np.quantile(np.repeat(values, weights.astype(int)), 0.9), abs=0.05
+    )
+    assert weighted_share(values > 1.0, weights).value == pytest.approx(
+        weights[values > 1.0].sum() / weights.sum()
+    )
     assert effective_size(np.array([1.0, 1.0, 0.0, 0.0])) == 2.0
 
 
@@ -68,7 +76,10 @@ def test_intervals_hold_what_a_fresh_campaign_would_find(old, new):
 
 def test_what_no_flight_reaches_widens_the_interval():
     values, weights = np.linspace(0.0, 1.0, 1000), np.ones(1000)
-    narrow, wide = weighted_quantile(values, weights, 0.95), weighted_quantile(values, weights, 0.95, unseen=0.01)
+    narrow, wide = (
+        weighted_quantile(values, weights, 0.95),
+        weighted_quantile(values, weights, 0.95, unseen=0.01),
+    )
     assert wide.high == pytest.approx(narrow.high + 0.01, abs=2e-3) and wide.low == narrow.low
     assert weighted_quantile(values, weights, 0.95, unseen=0.05).high == np.inf
     assert weighted_share(values > 2.0, weights, unseen=0.01).high == pytest.approx(
@@ -78,7 +89,9 @@ def test_what_no_flight_reaches_widens_the_interval():
 
 def test_discrete_values_that_no_flight_had_are_unseen():
     """Were ignored: 'worth 300 flights', where the true share of failures was 30 %."""
-    part = unseen_of_values(np.array([0.0, 1.0, 2.0]), np.array([0.5, 0.2, 0.3]), np.array([0.0, 1.0, 1.0]))
+    part = unseen_of_values(
+        np.array([0.0, 1.0, 2.0]), np.array([0.5, 0.2, 0.3]), np.array([0.0, 1.0, 1.0])
+    )
     assert part == pytest.approx((0.3, 0.3))
     assert join_unseen([part, (0.004, 0.0)]).joint == pytest.approx(0.3)
     assert join_unseen([]).single == 0.0
@@ -87,7 +100,10 @@ def test_discrete_values_that_no_flight_had_are_unseen():
 @pytest.mark.parametrize(
     ("case", "widened"),
     [
-        (("sum", 5, 1.1, 1000, 0.02), True),  # were refused: each of ten tails lies a little beyond the flights
+        (
+            ("sum", 5, 1.1, 1000, 0.02),
+            True,
+        ),  # were refused: each of ten tails lies a little beyond the flights
         # The truth lay above the upper end in 21 % (outside of a ball in 47 %).
         (("sum", 3, 1.2, 2000, 3.8e-3), False),
         (("one", 3, 1.2, 2000, 3.8e-3), False),

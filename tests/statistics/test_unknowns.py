@@ -16,7 +16,9 @@ AT = 0.9973, 0.10
 def test_corners_are_full_or_of_resolution_four(unknowns):
     found = corners(unknowns)
     assert found.shape == (2 ** min(unknowns, 7), unknowns)
-    assert np.array_equal(found.T @ found, len(found) * np.eye(unknowns))  # balanced, and no effect hides another
+    assert np.array_equal(
+        found.T @ found, len(found) * np.eye(unknowns)
+    )  # balanced, and no effect hides another
     rows = set(map(tuple, found))
     assert len(rows) == len(found) and all(tuple(-row) in rows for row in found)
     for i, j in combinations(range(unknowns), 2):  # nor does a product of two
@@ -41,7 +43,9 @@ def test_points_are_corners_center_and_the_worst_of_each_requirement():
 
 def test_beyond_four_unknowns_the_worst_corner_and_its_opposite_stand_for_all():
     worst = np.array([1.0, 1.0, -1.0, 1.0, -1.0])
-    tried, found = search_worst(lambda points: quadratic(0.5 * worst)(points)[:, None], 5, np.random.default_rng(2))
+    tried, found = search_worst(
+        lambda points: quadratic(0.5 * worst)(points)[:, None], 5, np.random.default_rng(2)
+    )
     points = points_flown(tried.shape[1], [(tried, found)])
     assert np.array_equal(points[:3], [np.zeros(5), worst, -worst])
     assert len(points) == 4 and points[3] == pytest.approx(0.5 * worst, abs=0.35)
@@ -59,7 +63,9 @@ def test_beyond_four_unknowns_the_worst_corner_and_its_opposite_stand_for_all():
 )
 def test_verdict_over_points(failures, uncomputed, status):
     flights = 1000
-    each = [judge(k, flights, *AT, uncomputed=uncomputed if k == max(failures) else 0) for k in failures]
+    each = [
+        judge(k, flights, *AT, uncomputed=uncomputed if k == max(failures) else 0) for k in failures
+    ]
     found, worst = judge_points(each)
     assert found.status == status
     assert worst == (1 if max(failures) else 0) and found.failures == max(failures) + uncomputed
@@ -71,7 +77,11 @@ def test_verdict_over_points(failures, uncomputed, status):
     [
         (("", 3, 3.0, "ramp", 0.0, 0.8), (0.0, 0.0), (0.9, 1.0)),
         (("", 3, 0.2, "ramp", 0.0, 0.8), (0.7, 1.0), (0.0, 0.0)),
-        (("", 3, 3.0, "bump", 0.4, 1.2), (0.0, 0.0), (0.7, 1.0)),  # the corners alone pass in half of them
+        (
+            ("", 3, 3.0, "bump", 0.4, 1.2),
+            (0.0, 0.0),
+            (0.7, 1.0),
+        ),  # the corners alone pass in half of them
         (("", 5, 3.0, "interaction", 0.0, 0.8), (0.0, 0.0), (0.8, 1.0)),
         (("", 3, 0.2, "corners"), (0.1, 0.6), (0.0, 0.0)),
     ],

@@ -25,10 +25,16 @@ def test_worked_thresholds():
     assert [flights_to_pass(k, *AT) for k in range(6)] == [981, 2235, 3086, 3831, 4520, 5172]
     assert [flights_to_fail(k, *AT) for k in (2, 3, 5, 10)] == [53, 145, 410, 1318]
     for failures, flights in [(0, 981), (1, 2235), (5, 5172)]:
-        assert [judge(failures, flights - less, *AT).status for less in (0, 1)] == ["PASS", "NOT SHOWN"]
+        assert [judge(failures, flights - less, *AT).status for less in (0, 1)] == [
+            "PASS",
+            "NOT SHOWN",
+        ]
         assert [most_failures(flights - less, *AT) for less in (0, 1)] == [failures, failures - 1]
     for failures, flights in [(2, 53), (10, 1318)]:
-        assert [judge(failures, flights + more, *AT).status for more in (0, 1)] == ["FAIL", "NOT SHOWN"]
+        assert [judge(failures, flights + more, *AT).status for more in (0, 1)] == [
+            "FAIL",
+            "NOT SHOWN",
+        ]
 
 
 @pytest.mark.parametrize(
@@ -56,7 +62,9 @@ def test_the_advice_passes_and_says_how_likely():
     close = advise(judge(10, 5000, *AT))  # none of the added flights failing has a chance of 0.4 %
     assert close.failures > 0 and close.chance >= 0.25
     assert judge(10 + close.failures, close.flights, *AT).status == "PASS"
-    assert advise(judge(29, 8000, *AT)) is None and advise(judge(0, 981, *AT)) is None  # more than is allowed; PASS
+    assert (
+        advise(judge(29, 8000, *AT)) is None and advise(judge(0, 981, *AT)) is None
+    )  # more than is allowed; PASS
 
 
 @pytest.mark.parametrize("uncomputed", [0, 1, 3])
@@ -66,7 +74,10 @@ def test_pass_is_a_tolerance_limit_within_the_requirement(uncomputed):
         values = np.append(draw.exponential(1.0, flights - uncomputed - 1), np.inf)  # one was lost
         limit = tolerance_limit(values, uncomputed, *AT)
         for required in np.quantile(values[:-1], [0.9, 0.998, 0.9995, 1.0]) * (1.0 + 1e-9):
-            passed = judge(int(np.sum(~(values < required))), flights, *AT, uncomputed=uncomputed).status == "PASS"
+            passed = (
+                judge(int(np.sum(~(values < required))), flights, *AT, uncomputed=uncomputed).status
+                == "PASS"
+            )
             assert passed == (limit is not None and limit < required)
 
 
@@ -78,7 +89,9 @@ def test_at_the_limit_hardly_any_system_ever_passes_or_fails():
     needed = np.array([flights_to_pass(k, *AT) for k in range(300)])
     enough = np.array([flights_to_fail(k, *AT) for k in range(1, 400)])
     for _ in range(systems):
-        fails_at = np.cumsum(draw.geometric(1.0 - AT[0], 400))  # number of the flight of each failure
+        fails_at = np.cumsum(
+            draw.geometric(1.0 - AT[0], 400)
+        )  # number of the flight of each failure
         passed += bool(np.any((fails_at[:300] > needed) & (needed <= 100_000)))
         failed += bool(np.any((fails_at[:399] <= enough) & (fails_at[:399] <= 100_000)))
     assert 0.07 < passed / systems <= 0.105 + 0.02 and 0.03 < failed / systems <= 0.105
@@ -105,7 +118,9 @@ def log_integral(failures, flights, a, allowed, low, high):
     points = sorted({low, high, *(min(max(peak + step, low), high) for step in steps)})
     top = height(peak)
     area = mp.quad(lambda q: mp.exp(height(q) - top), points)
-    return top + mp.log(area) - failures * mp.log(allowed) - (flights - failures) * mp.log1p(-allowed)
+    return (
+        top + mp.log(area) - failures * mp.log(allowed) - (flights - failures) * mp.log1p(-allowed)
+    )
 
 
 @pytest.mark.parametrize(
@@ -127,8 +142,12 @@ def test_evidence_is_the_integral(failures, flights, probability):
         met -= quarter * mp.log(allowed) + mp.log(4)
         missed = log_integral(failures, flights, failures - quarter, allowed, allowed, mpf(1))
         missed -= mp.log(4 * (allowed**-quarter - 1))
-        assert log_pass_evidence(failures, flights, probability) == pytest.approx(float(met), abs=1e-7)
-        assert log_fail_evidence(failures, flights, probability) == pytest.approx(float(missed), abs=1e-7)
+        assert log_pass_evidence(failures, flights, probability) == pytest.approx(
+            float(met), abs=1e-7
+        )
+        assert log_fail_evidence(failures, flights, probability) == pytest.approx(
+            float(missed), abs=1e-7
+        )
 
 
 def test_holm_passes_more_than_bonferroni():
@@ -182,7 +201,11 @@ def test_chances_are_those_of_flown_campaigns():
     assert ever_chance(1500, 0.99, 0.10, rates)[0] == pytest.approx(np.mean(reached), abs=0.02)
     at = failures[:, -1] <= np.sum(needed <= 1500) - 1
     assert pass_chance(1500, 0.99, 0.10, rates)[0] == pytest.approx(np.mean(at), abs=0.02)
-    assert pass_chance(400, 0.9999, 0.10, rates).tolist() == ever_chance(400, 0.9999, 0.10, rates).tolist() == [0.0]
+    assert (
+        pass_chance(400, 0.9999, 0.10, rates).tolist()
+        == ever_chance(400, 0.9999, 0.10, rates).tolist()
+        == [0.0]
+    )
 
 
 def test_all_together_lies_between_the_bounds():

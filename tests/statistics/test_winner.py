@@ -81,7 +81,9 @@ def test_ties_are_left_out():
 
 @pytest.mark.parametrize(("heads", "tails"), [(10, 0), (7, 3), (600, 400), (3, 9)])
 def test_evidence_of_a_coin_is_the_integral(heads, tails):
-    ratio, _ = integrate.quad(lambda p: 2.0 * (2.0 * p) ** heads * (2.0 * (1.0 - p)) ** tails, 0.5, 1.0, limit=200)
+    ratio, _ = integrate.quad(
+        lambda p: 2.0 * (2.0 * p) ** heads * (2.0 * (1.0 - p)) ** tails, 0.5, 1.0, limit=200
+    )
     assert log_coin_evidence(heads, tails) == pytest.approx(np.log(ratio), rel=1e-6)
 
 

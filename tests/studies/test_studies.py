@@ -22,7 +22,9 @@ from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make
 
 VALUES = box.first_mean(np.random.default_rng(5))
 GHAMES = dict.fromkeys(box.FREE, 1.0) | {
-    **dict.fromkeys(("lift_offset", "pitch_offset", "pitch_slope", "drag_offset", "drag_rise"), 0.0),
+    **dict.fromkeys(
+        ("lift_offset", "pitch_offset", "pitch_slope", "drag_offset", "drag_rise"), 0.0
+    ),
     "roll_rudder": 0.4843949,
     "yaw_rudder": 0.0354146,
 }
@@ -35,13 +37,17 @@ def coefficients(values: dict[str, float], **at: float) -> Any:
 
 
 def test_factors_of_one_are_ghame() -> None:
-    np.testing.assert_allclose(box.make_vehicle(GHAMES).tables.data, box.BASE.tables.data, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(
+        box.make_vehicle(GHAMES).tables.data, box.BASE.tables.data, rtol=1e-6, atol=1e-12
+    )
 
 
 def test_each_factor_changes_its_own_coefficient() -> None:
     at = {"angle_of_attack": np.deg2rad(5.0), "sideslip": 0.01}
     plain, _ = coefficients(GHAMES, **at)
-    changed, fixed = coefficients(GHAMES | {"yaw_sideslip": 0.5, "drag_rise": 0.002, "inertia_xx": 1.5}, **at)
+    changed, fixed = coefficients(
+        GHAMES | {"yaw_sideslip": 0.5, "drag_rise": 0.002, "inertia_xx": 1.5}, **at
+    )
     assert changed[5] == pytest.approx(0.5 * plain[5])
     # Between the nodes at 3 and 6 deg: two thirds of 0.002 (6 - 3)^2.
     assert changed[1] == pytest.approx(plain[1] + 0.012)
@@ -75,15 +81,23 @@ def test_quick_gains_are_the_product_s() -> None:
     controller = flights.CONTROLLERS["lqr"]
     theirs = make_lqr_gains(controller, mission, exact, vehicle, trim_tables)  # type: ignore[arg-type]
     for tick in (0, 1000, 6000):
-        np.testing.assert_allclose(gains[tick], theirs[tick], rtol=1e-3, atol=1e-4 * np.abs(theirs).max())
+        np.testing.assert_allclose(
+            gains[tick], theirs[tick], rtol=1e-3, atol=1e-4 * np.abs(theirs).max()
+        )
     slopes = attitude_slopes(vehicle, make_nominal(mission, exact[0]))
-    traits = dict(zip(flights.TRAITS, flights.find_traits(vehicle, trim_tables, quick), strict=True))
+    traits = dict(
+        zip(flights.TRAITS, flights.find_traits(vehicle, trim_tables, quick), strict=True)
+    )
     wanted = slopes[3, 6], slopes[5, 7], slopes[4, 8], slopes[5, 1], slopes[4, 0], slopes[4, 4]
     assert list(traits.values())[:6] == pytest.approx(wanted, rel=1e-3)
 
 
-@pytest.mark.parametrize(("amplitude", "cycles", "swings"), [(1.0, 4, 8), (0.2, 9, 0), (0.26, 3, 6)])
-def test_swings_are_counted_where_they_are_large(amplitude: float, cycles: int, swings: int) -> None:
+@pytest.mark.parametrize(
+    ("amplitude", "cycles", "swings"), [(1.0, 4, 8), (0.2, 9, 0), (0.26, 3, 6)]
+)
+def test_swings_are_counted_where_they_are_large(
+    amplitude: float, cycles: int, swings: int
+) -> None:
     """Neither chatter nor a drift is a swing."""
     times = np.linspace(0.0, 1.0, 2001)
     wave = amplitude * np.sin(2.0 * np.pi * cycles * times)
@@ -106,6 +120,11 @@ def test_a_front_is_of_designs_within_limits_that_none_beats() -> None:
     usage = np.tile(np.array([[0.5], [0.6], [0.7], [0.8], [0.4]]), 6)
     limits = np.full((5, fronts.LIMITS), -0.1)
     limits[4, 1] = 0.1  # broken
-    tried = fronts.Tried(np.zeros((5, 14)), np.tile(np.array([[1.0], [1.1], [0.9], [0.8], [0.5]]), 6), usage, limits)
+    tried = fronts.Tried(
+        np.zeros((5, 14)), np.tile(np.array([[1.0], [1.1], [0.9], [0.8], [0.5]]), 6), usage, limits
+    )
     np.testing.assert_allclose(tried.front.mean_usage, [0.5, 0.7, 0.8])
-    assert [int(np.argmin(tried.kept.within(budget).rank())) for budget in (0.75, 0.3)] == [2, 0]  # none: the nearest
+    assert [int(np.argmin(tried.kept.within(budget).rank())) for budget in (0.75, 0.3)] == [
+        2,
+        0,
+    ]  # none: the nearest

@@ -11,4 +11,6 @@ from abhv_mc.folder.flown_campaign import read_flown
 @pytest.fixture(scope="session")
 def flown(tmp_path_factory):
     """Results of so many flights of three controllers."""
-    return cache(lambda runs: read_flown(write_campaign(tmp_path_factory.mktemp("topics") / "c", runs=runs)))
+    return cache(
+        lambda runs: read_flown(write_campaign(tmp_path_factory.mktemp("topics") / "c", runs=runs))
+    )

@@ -33,7 +33,10 @@ def unknown(results):
 def compared(results, errors):
     """The comparison where controllers have these errors in one metric, and equal ones in the others."""
     equal = dict.fromkeys(EQUAL, np.ones(200))
-    flights = {name: replace(results.flights[name], metrics={METRIC: errors[name], **equal}) for name in errors}
+    flights = {
+        name: replace(results.flights[name], metrics={METRIC: errors[name], **equal})
+        for name in errors
+    }
     return compute_comparison(replace(results, flights=flights)).pairs
 
 
@@ -52,7 +55,11 @@ def test_winners_allow_for_all_metrics_and_rivals_of_the_first_screen(results, c
     ("worse_at_second", "winner", "words"),
     [
         (0.5, "tlc", "sideslip"),
-        (1.5, None, "TLC at 1 of the 2 values"),  # closer at the first value, no better at the second
+        (
+            1.5,
+            None,
+            "TLC at 1 of the 2 values",
+        ),  # closer at the first value, no better at the second
         (2.5, None, "TLC at 1 and LQR at 1 of the 2 values"),
     ],
 )
@@ -98,7 +105,10 @@ def said(models, changes):
     found = models[COMPARISON]
     pairs = {
         name: replace(
-            pair, metrics={m: replace(e, **changes.get(name, {}).get(m, {})) for m, e in pair.metrics.items()}
+            pair,
+            metrics={
+                m: replace(e, **changes.get(name, {}).get(m, {})) for m, e in pair.metrics.items()
+            },
         )
         for name, pair in found.pairs.items()
     }
@@ -107,17 +117,28 @@ def said(models, changes):
 
 def test_tails_and_lost_flights_that_contradict_the_median_make_no_winner(models):
     contradicted = {"winner": None, "mixed": True, "closer": "tlc", "loses_more": True}
-    first = said(models, {key: {"sideslip_max_deg": contradicted} for key in models[COMPARISON].pairs})[0]
+    first = said(
+        models, {key: {"sideslip_max_deg": contradicted} for key in models[COMPARISON].pairs}
+    )[0]
     assert first.startswith("Mixed: ")
-    assert "undecided in max sideslip (TLC is closer on more flights but has more flights lost)" in first
+    assert (
+        "undecided in max sideslip (TLC is closer on more flights but has more flights lost)"
+        in first
+    )
     assert "no difference is shown in max altitude error" in first
 
 
 def test_the_strongest_rival_comes_first(models):
     """The page began with the weakest rival: 'TLC is better', where a tuned LQR beats it in some errors."""
-    won = {key: {"winner": "lqr_retuned", "mixed": False} for key in ("sideslip_max_deg", "speed_error_max_mps")}
+    won = {
+        key: {"winner": "lqr_retuned", "mixed": False}
+        for key in ("sideslip_max_deg", "speed_error_max_mps")
+    }
     sentences = said(models, {"tlc - lqr_retuned": won})
-    assert sentences[0].startswith("Mixed: against LQR retuned") and "worse on more flights in" in sentences[0]
+    assert (
+        sentences[0].startswith("Mixed: against LQR retuned")
+        and "worse on more flights in" in sentences[0]
+    )
     assert any(text.startswith("Against LQR, on the same") for text in sentences[1:])
 
 
@@ -129,8 +150,12 @@ def test_each_angle_is_told_with_and_without_the_ramps():
         "late": replace(settled["bank_error_own"], start=10.0),
         "early": replace(whole["bank_error_rms_deg"], end=9.0),
     }
-    pair = SimpleNamespace(metrics={name: SimpleNamespace(a_better=9, b_better=1) for name in {**whole, **settled}})
-    pair.metrics["bank_error_rms_deg"] = pair.metrics["late"] = SimpleNamespace(a_better=3, b_better=7)
+    pair = SimpleNamespace(
+        metrics={name: SimpleNamespace(a_better=9, b_better=1) for name in {**whole, **settled}}
+    )
+    pair.metrics["bank_error_rms_deg"] = pair.metrics["late"] = SimpleNamespace(
+        a_better=3, b_better=7
+    )
     pair.metrics["early"] = pair.metrics["bank_error_own"]
     found = closer_in(pair, SimpleNamespace(metrics={**whole, **settled, **windowed}))
     assert found == {(True, True): ["angle of attack", "sideslip"], (False, True): ["bank"]}

@@ -23,7 +23,9 @@ def told_of(results, error):
     values = {name: (column - 1.0) / 0.1 for name, column in results.samples.items()}
     flights = results.flights["tlc"]
     metrics = {name: flights.metrics[name] for name in results.metrics} | {METRIC: error(values)}
-    changed = replace(results, flights={**results.flights, "tlc": replace(flights, metrics=metrics)})
+    changed = replace(
+        results, flights={**results.flights, "tlc": replace(flights, metrics=metrics)}
+    )
     entry = compute_drivers(changed).controllers["tlc"].metrics[METRIC]
     return [e.parameter for e in entry.parameters if e.driver], otherwise_words(entry.otherwise)
 
@@ -42,7 +44,9 @@ def test_what_the_regression_tells_is_not_told_twice(results):
 def test_designs_that_are_no_random_draws_have_no_such_indices(results):
     model = results.campaign.model.model_copy(update={"sampling": Sampling(design="corners")})
     facts = replace(results.campaign, model=model)
-    assert told_of(replace(results, campaign=facts), lambda x: 2.0 + np.sin(6.0 * x["aero.lift"])) == ([], [])
+    assert told_of(
+        replace(results, campaign=facts), lambda x: 2.0 + np.sin(6.0 * x["aero.lift"])
+    ) == ([], [])
 
 
 def test_each_parameter_is_named_once():
@@ -50,11 +54,16 @@ def test_each_parameter_is_named_once():
         return Share(name, first, 0.6, partner)
 
     density, lift, drag = "atmosphere.density", "aero.lift", "aero.drag"
-    assert otherwise_words([entry(density, lift, 0.1), entry(lift, density, 0.1), entry(drag, density, 0.0)]) == [
+    assert otherwise_words(
+        [entry(density, lift, 0.1), entry(lift, density, 0.1), entry(drag, density, 0.0)]
+    ) == [
         "density together with lift",
         "drag",
     ]
-    assert otherwise_words([entry(density, lift, 0.5), entry(lift, density, 0.1)]) == ["density", "lift"]
+    assert otherwise_words([entry(density, lift, 0.5), entry(lift, density, 0.1)]) == [
+        "density",
+        "lift",
+    ]
 
 
 def test_a_tornado_has_the_largest_drivers_of_any_controller_first(results):
@@ -66,8 +75,12 @@ def test_a_tornado_has_the_largest_drivers_of_any_controller_first(results):
     labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
     for metric in names.asked:
         assert names.metrics[metric].label in labels
-    entry = MetricDrivers(0.2, False, (Share("aero.lift", 0.1, 0.9, None), Share("aero.drag", 0.3, 0.4, None)), ())
-    density = Driver("atmosphere.density", True, (-0.95, -1.0, -0.9), (0.0, 0.0, 0.0), 0.0, True, None)
+    entry = MetricDrivers(
+        0.2, False, (Share("aero.lift", 0.1, 0.9, None), Share("aero.drag", 0.3, 0.4, None)), ()
+    )
+    density = Driver(
+        "atmosphere.density", True, (-0.95, -1.0, -0.9), (0.0, 0.0, 0.0), 0.0, True, None
+    )
     bars = _bars([entry, MetricDrivers(0.9, True, (), (density,)), None])
     assert [(bar.label, bar.effects) for bar in bars] == [
         ("density, high or low", [None, (-0.95, -1.0, -0.9), None]),

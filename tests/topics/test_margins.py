@@ -20,7 +20,13 @@ def _row(loop, *values, stable=True):
 
 
 def _all(stable=True, **more):
-    row = {"loop": "all", "stable": stable, "disk_margin": 0.5, "disk_gain_db": 4.4, "disk_phase_deg": 28.0}
+    row = {
+        "loop": "all",
+        "stable": stable,
+        "disk_margin": 0.5,
+        "disk_gain_db": 4.4,
+        "disk_phase_deg": 28.0,
+    }
     return row | {"delay_margin_ms": 40.0} | more
 
 
@@ -38,7 +44,12 @@ def _steady():
         "all_corners": True,
         "controllers": {
             "tlc": {"nominal": [*weak, _all()], **entry},
-            "lqr": {"nominal": [*lost, _all(stable=False, poles=poles)], **entry, "corners": [], "corners_unstable": 8},
+            "lqr": {
+                "nominal": [*lost, _all(stable=False, poles=poles)],
+                **entry,
+                "corners": [],
+                "corners_unstable": 8,
+            },
             "lqr_retuned": {"nominal": [*sound, _all()], **entry},
         },
     }
@@ -52,15 +63,29 @@ def models(tmp_path_factory):
 
 
 def test_the_answer_names_the_unstable_controller_with_its_poles_and_the_weak_one(models):
-    tlc, lqr, retuned = (margin_words(models[MARGINS], name) for name in ("tlc", "lqr", "lqr_retuned"))
+    tlc, lqr, retuned = (
+        margin_words(models[MARGINS], name) for name in ("tlc", "lqr", "lqr_retuned")
+    )
     assert tlc.startswith("little margin in steady, level flight: 0.8 dB (rudder)")
-    assert lqr == "unstable in steady, level flight (poles at +0.120 \N{PLUS-MINUS SIGN} 2.78j per second)"
+    assert (
+        lqr
+        == "unstable in steady, level flight (poles at +0.120 \N{PLUS-MINUS SIGN} 2.78j per second)"
+    )
     assert retuned.startswith("least margins in steady, level flight 12.0 dB")
 
 
 def test_the_section_has_each_loop(models):
     rows = models.section(MARGINS).tables()[0].plain_rows()
-    assert ["TLC", "rudder", "\N{MINUS SIGN}20.0 / 0.8", "\N{MINUS SIGN}9.0 / 0.7", "40", "33", "50", "44"] in rows
+    assert [
+        "TLC",
+        "rudder",
+        "\N{MINUS SIGN}20.0 / 0.8",
+        "\N{MINUS SIGN}9.0 / 0.7",
+        "40",
+        "33",
+        "50",
+        "44",
+    ] in rows
     assert any(row[1:3] == ["left_elevon", "none / 3.0"] for row in rows)
     assert any(row[0] == "LQR" and row[1].startswith("unstable in steady") for row in rows)
     assert [row[0] for row in rows if row[1] == "throttle"] == ["TLC", "LQR retuned"]

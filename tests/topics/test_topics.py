@@ -35,14 +35,20 @@ from abhv_mc.topics.verdicts.model import GlanceCell
 
 def test_quantiles_count_failed_flights_as_worst(failing):
     table = Models(failing)[METRICS].table
-    found = {name: each.quantiles for name, each in table["altitude_error_max_m"].controllers.items()}
+    found = {
+        name: each.quantiles for name, each in table["altitude_error_max_m"].controllers.items()
+    }
     values = failing.flights["tlc"].metrics["altitude_error_max_m"]
     assert found["tlc"]["q95"].value == pytest.approx(np.quantile(values, 0.95))
     assert np.isinf(found["lqr"]["q95"].value)  # 12 of 100 failed
     assert np.isfinite(found["lqr"]["q50"].value)
-    values = failing.flights["tlc"].metrics["angle_of_attack_min_deg"]  # of which small ones are bad
+    values = failing.flights["tlc"].metrics[
+        "angle_of_attack_min_deg"
+    ]  # of which small ones are bad
     least = table["angle_of_attack_min_deg"].controllers["tlc"]
-    assert least.worst == values.min() and least.quantiles["q95"].value == pytest.approx(np.quantile(values, 0.05))
+    assert least.worst == values.min() and least.quantiles["q95"].value == pytest.approx(
+        np.quantile(values, 0.05)
+    )
 
 
 def test_a_flight_that_ended_early_misses_every_requirement(failing):
@@ -61,8 +67,14 @@ def test_the_chart_prints_the_tolerance_limit_and_its_room(failing):
         "lqr_retuned": GlanceCell(0.5, lost, lost),
     }
     names = dict.fromkeys(cells, "")
-    ((_, bars),) = chart_rows([replace(Models(failing)[VERDICTS].glance[2], cells=cells)], names, names)
-    assert [bar.edge for bar in bars] == ["0.650 deg, 7.1\u202f% to spare", "1.57 deg, 124\u202f% over", "lost"]
+    ((_, bars),) = chart_rows(
+        [replace(Models(failing)[VERDICTS].glance[2], cells=cells)], names, names
+    )
+    assert [bar.edge for bar in bars] == [
+        "0.650 deg, 7.1\u202f% to spare",
+        "1.57 deg, 124\u202f% over",
+        "lost",
+    ]
     assert [(bar.median is None, bar.tolerance is None, bar.beyond) for bar in bars] == [
         (False, False, False), (True, True, True), (True, True, True)]  # fmt: skip
 
@@ -84,20 +96,30 @@ def test_the_planted_driver_and_rule_are_found(failing_numbers):
     assert early["rules"][0]["conditions"][0]["parameter"] == "atmosphere.density"
     assert early["rules"][0]["rule"].startswith("density > +")
     speed = part["metrics"]["angle_of_attack_error_rms_deg"]["parameters"]
-    assert {entry["parameter"] for entry in speed if entry["driver"]} >= {"atmosphere.density", "aero.lift"}
+    assert {entry["parameter"] for entry in speed if entry["driver"]} >= {
+        "atmosphere.density",
+        "aero.lift",
+    }
 
 
 def test_dependent_designs_get_estimates(tmp_path):
     models = Models(read_flown(write_campaign(tmp_path / "c", runs=16, sampling="lhs")))
     assert {models[VERDICTS].statuses(name)[0] for name in models.names.controllers} == {"ESTIMATE"}
-    assert plain(models[FLIGHTS].counts["tlc"].failure_share) == {"value": 0.0, "low": None, "high": None}
+    assert plain(models[FLIGHTS].counts["tlc"].failure_share) == {
+        "value": 0.0,
+        "low": None,
+        "high": None,
+    }
 
 
 def test_convergence_ends_with_the_table(failing_numbers):
     trace = failing_numbers["convergence"]["controllers"]["tlc"]
     assert trace["flights"][-1] == 100
     found = failing_numbers["metrics"]["table"]["speed_error_max_mps"]["controllers"]["tlc"]
-    assert trace["metrics"]["speed_error_max_mps"]["q95"]["value"][-1] == found["quantiles"]["q95"]["value"]
+    assert (
+        trace["metrics"]["speed_error_max_mps"]["q95"]["value"][-1]
+        == found["quantiles"]["q95"]["value"]
+    )
 
 
 def test_a_report_is_valid_and_one_with_a_number_more_is_not(failing_numbers):
@@ -121,7 +143,9 @@ def test_worst_flights_have_their_three_largest_dispersions_in_sigma(flown):
             column = samples[each.parameter]
             assert each.sigma == pytest.approx((each.value - column.mean()) / column.std())
             assert abs(each.value - 1.0) <= widths[each.parameter]
-    table = next(table for table in models.section(FLIGHTS).tables() if table.title.startswith("Worst"))
+    table = next(
+        table for table in models.section(FLIGHTS).tables() if table.title.startswith("Worst")
+    )
     assert table.plain_rows()[0][-1].count(" sigma)") == 3
 
 
@@ -135,7 +159,11 @@ def test_a_settled_error_of_a_flight_lost_before_anything_settled_is_none(flown,
     monkeypatch.setattr(Experiment, "asked", (metric,))
 
     def found(outcome):
-        each = replace(flights, metrics={**flights.metrics, metric: values}, outcome=np.full(values.size, outcome))
+        each = replace(
+            flights,
+            metrics={**flights.metrics, metric: values},
+            outcome=np.full(values.size, outcome),
+        )
         (entries, *_) = worst_flights(replace(results, flights={"tlc": each})).values()
         return {(entry.flight % 2, entry.metrics[metric]) for entry in entries}
 
@@ -160,10 +188,18 @@ def topic():
 def test_it_stands_everywhere(topic, tmp_path):
     folder = write_campaign(tmp_path / "c", runs=40)
     page = build_page(folder).read_text(encoding="utf-8")
-    assert '<section id="correlate"' in page and '<a href="#correlate">Rank correlations</a>' in page
-    held = json.loads((folder / "report.json").read_text(encoding="utf-8"))["topics"]["correlate"]["controllers"]
+    assert (
+        '<section id="correlate"' in page and '<a href="#correlate">Rank correlations</a>' in page
+    )
+    held = json.loads((folder / "report.json").read_text(encoding="utf-8"))["topics"]["correlate"][
+        "controllers"
+    ]
     told = abhv_mc.open_results(folder).correlate.controllers
-    assert told["lqr"]["sideslip_max_deg"]["aero.lift"] == held["lqr"]["sideslip_max_deg"]["aero.lift"] > 0.3
+    assert (
+        told["lqr"]["sideslip_max_deg"]["aero.lift"]
+        == held["lqr"]["sideslip_max_deg"]["aero.lift"]
+        > 0.3
+    )
     shown = CliRunner().invoke(app, ["show", "correlate", str(folder)])
     assert shown.exit_code == 0 and "Speed error, max" in shown.stdout
     assert list(verify_campaign(folder)) == []
@@ -175,12 +211,16 @@ def test_one_that_raises_is_left_out_and_named(topic, tmp_path, capsys):
     register(Topic("broken", topic.model, lambda results: 1 / 0, topic.section))
     folder = write_campaign(tmp_path / "c", runs=40)
     build_page(folder)
-    assert list(json.loads((folder / "report.json").read_text(encoding="utf-8"))["topics"]) == ["correlate"]
+    assert list(json.loads((folder / "report.json").read_text(encoding="utf-8"))["topics"]) == [
+        "correlate"
+    ]
     said = capsys.readouterr().err
     assert said.count("the topic broken is left out") == 1 and "ZeroDivisionError" in said
 
 
-@pytest.mark.parametrize(("name", "words"), [("margins", "built in"), ("x-y", "a name as Python's are")])
+@pytest.mark.parametrize(
+    ("name", "words"), [("margins", "built in"), ("x-y", "a name as Python's are")]
+)
 def test_a_name_that_it_cannot_have_is_refused(topic, name, words):
     with pytest.raises(InputError, match=words):
         register(Topic(name, topic.model, topic.compute, topic.section))

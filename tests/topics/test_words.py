@@ -92,5 +92,14 @@ def test_columns_that_are_empty_or_zero_throughout_are_not_drawn():
     (found,) = fold.items
     assert found.heads == ("Requirement", "Controller", "Room")
     lost = (*GROUP[1][:1], Cell("3"), *GROUP[1][2:])
-    assert table((GROUP[0], lost)).without_idle().heads == ("Requirement", "Controller", "Ended early", "Room")
-    assert found.plain_rows() == [["altitude", "TLC", "1 %"], ["altitude", "LQR", "2 %"], ["speed", "none", "none"]]
+    assert table((GROUP[0], lost)).without_idle().heads == (
+        "Requirement",
+        "Controller",
+        "Ended early",
+        "Room",
+    )
+    assert found.plain_rows() == [
+        ["altitude", "TLC", "1 %"],
+        ["altitude", "LQR", "2 %"],
+        ["speed", "none", "none"],
+    ]

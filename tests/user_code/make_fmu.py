@@ -19,14 +19,22 @@ from abhv_mc.user_code.law_interface import COMMAND_FIELDS, Measured
 HERE = Path(__file__).parent
 GAINS = (*LQR_GAINS, "earth_radius", "gravitational_parameter")
 PARAMS = {"alpha_min": "-1 deg", "alpha_max": "12 deg", "bank_limit": "70 deg"}
-INPUTS = [f"measured.{name}" for name in Measured._fields] + [f"reference.{name}" for name in REFERENCE]
+INPUTS = [f"measured.{name}" for name in Measured._fields] + [
+    f"reference.{name}" for name in REFERENCE
+]
 INPUTS += [f"gains.{name}" for name in GAINS]
 OUTPUTS = [f"command.{name}" for name in COMMAND_FIELDS]
 SEEN, ELEVONS = ("onboard.moment.pitch", "onboard.last.rudder"), ("right", "left")
 LAYOUT = [("angle_of_attack", 2), ("bank_limit", 0)]
 
 
-def make_fmu(file: Path, version: int, repository: Path, units: dict[str, str] | None = None, memory: str = "") -> None:
+def make_fmu(
+    file: Path,
+    version: int,
+    repository: Path,
+    units: dict[str, str] | None = None,
+    memory: str = "",
+) -> None:
     """``units``: of some variables, ``deg`` or any other that is then not defined.
 
     ``memory``: ``named``, of an integral of the speed error that is a state, or ``hidden``, of one that is not.
@@ -42,7 +50,15 @@ def make_fmu(file: Path, version: int, repository: Path, units: dict[str, str] |
         binaries = folder / "binaries" / platform
         binaries.mkdir(parents=True)
         library = binaries / f"lqr{fmpy.sharedLibraryExtension}"
-        command = ["cc", "-shared", "-fPIC", "-O2", "-ffp-contract=off", f"-DFMI_VERSION={version}", f"-I{headers}"]
+        command = [
+            "cc",
+            "-shared",
+            "-fPIC",
+            "-O2",
+            "-ffp-contract=off",
+            f"-DFMI_VERSION={version}",
+            f"-I{headers}",
+        ]
         command += ["-DREMEMBERS"] if memory else []
         subprocess.run([*command, "-I.", "-o", str(library), "lqr_fmu.c"], cwd=folder, check=True)
         (folder / "modelDescription.xml").write_text(describe(version, units or {}, memory))
@@ -53,7 +69,11 @@ def make_fmu(file: Path, version: int, repository: Path, units: dict[str, str] |
 
 def describe(version: int, units: dict[str, str], memory: str) -> str:
     end = len(INPUTS) + len(PARAMS) + len(OUTPUTS)  # a state and its rate
-    kinds = [("input", 0, INPUTS), ("parameter", len(INPUTS), PARAMS), ("output", end - len(OUTPUTS), OUTPUTS)]
+    kinds = [
+        ("input", 0, INPUTS),
+        ("parameter", len(INPUTS), PARAMS),
+        ("output", end - len(OUTPUTS), OUTPUTS),
+    ]
     kinds += [("input", end + 2, SEEN), ("output", end + 4, ELEVONS)]
     lines = []
     for causality, first, names in kinds:
@@ -69,16 +89,22 @@ def describe(version: int, units: dict[str, str], memory: str) -> str:
     structure = ""
     if memory == "named":
         of = len(lines) + 1 if version == 2 else end
-        local = {"speed_integral": ('initial="exact"', 'start="0"'), "rate": ("", f'derivative="{of}"')}
+        local = {
+            "speed_integral": ('initial="exact"', 'start="0"'),
+            "rate": ("", f'derivative="{of}"'),
+        }
         for i, (name, (more, start)) in enumerate(local.items()):
             head = f'name="{name}" valueReference="{end + i}" causality="local" {more}'
             two = f"<ScalarVariable {head}><Real {start}/></ScalarVariable>"
             lines.append(two if version == 2 else f"<Float64 {head} {start}/>")
         two = f'<Derivatives><Unknown index="{len(lines)}"/></Derivatives>'
-        structure = two if version == 2 else f'<ContinuousStateDerivative valueReference="{end + 1}"/>'
+        structure = (
+            two if version == 2 else f'<ContinuousStateDerivative valueReference="{end + 1}"/>'
+        )
     token = 'guid="{lqr}"' if version == 2 else 'instantiationToken="{lqr}"'
     degree = (
-        '<UnitDefinitions><Unit name="deg"><BaseUnit rad="1" factor="0.017453292519943295"/></Unit></UnitDefinitions>'
+        '<UnitDefinitions><Unit name="deg"><BaseUnit rad="1" '
+        'factor="0.017453292519943295"/></Unit></UnitDefinitions>'
     )
     return f"""<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="{version}.0" modelName="lqr" {token}>
@@ -93,7 +119,13 @@ def describe(version: int, units: dict[str, str], memory: str) -> str:
 def write_controller(file: Path, fmu: str, repository: Path) -> None:
     """The controller file of such an FMU, its design beside it."""
     shutil.copy(repository / "configs" / "control" / "lqr_c" / "lqr_design.py", file.parent)
-    lines = ["law: fmu", f"file: {fmu}", "design: lqr_design.py", "inputs:", *(f"  {n}: {n}" for n in INPUTS)]
+    lines = [
+        "law: fmu",
+        f"file: {fmu}",
+        "design: lqr_design.py",
+        "inputs:",
+        *(f"  {n}: {n}" for n in INPUTS),
+    ]
     lines += ["outputs:", *(f"  {name}: command.{name}" for name in COMMAND_FIELDS)]
     lines += ["params:", *(f"  {name}: {value}" for name, value in PARAMS.items())]
     file.write_text("\n".join(lines) + "\n")

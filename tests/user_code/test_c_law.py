@@ -88,7 +88,9 @@ def make(tmp_path):
         else:
             (tmp_path / "law.c").write_text(text)
             settings = "settings: {path: [0.5, 90 %], limit: 60 deg}"
-            (tmp_path / "law.yaml").write_text(f'law: c\nsources: [law.c, gain.c]\nfiles: ["*.h"]\n{settings}\n')
+            (tmp_path / "law.yaml").write_text(
+                f'law: c\nsources: [law.c, gain.c]\nfiles: ["*.h"]\n{settings}\n'
+            )
         return short_plan(round(seconds * 100), tmp_path / "law.yaml", "level")
 
     return make_plan
@@ -101,7 +103,9 @@ def test_lqr_in_c_is_the_built_in_lqr_to_the_bit_and_has_its_margins(repository)
     assert_same(fly(mine, parameters, 50), fly(built_in, parameters, 50))
     some = nominal_parameters(2)
     some[1, PARAMETER_INDEX["aero.lift"]] = 1.05
-    ours, theirs = (linearize(plan, flown_points(plan, some, 40.0).points) for plan in (mine, built_in))
+    ours, theirs = (
+        linearize(plan, flown_points(plan, some, 40.0).points) for plan in (mine, built_in)
+    )
     assert np.abs(ours.law_D[..., :10] - theirs.law_D).max() < 1e-6 * np.abs(theirs.law_D).max()
     assert np.array_equal(ours.A, theirs.A) and np.abs(ours.law_D[..., 10:]).max(initial=0.0) < 1e-9
     margins, expected = (analyse(linear).margins for linear in (ours, theirs))
@@ -118,14 +122,22 @@ def test_a_law_with_a_state_does_not_depend_on_lanes_company_or_compaction_and_i
     assert 0 < (abreast.outcome != Outcome.OK).sum() < len(parameters)
     assert_same(abreast, fly(python, parameters, 100))
     order = np.random.default_rng(1).permutation(len(parameters))
-    assert np.array_equal(abreast.metrics[order], fly(plan, parameters[order]).metrics, equal_nan=True)
+    assert np.array_equal(
+        abreast.metrics[order], fly(plan, parameters[order]).metrics, equal_nan=True
+    )
     some = [0, 40, 299]
-    assert np.array_equal(abreast.metrics[some], fly(plan, parameters[some]).metrics, equal_nan=True)
-    ours, theirs = (linearize(each, flown_points(each, parameters[1:3], 1.0).points) for each in (plan, python))
+    assert np.array_equal(
+        abreast.metrics[some], fly(plan, parameters[some]).metrics, equal_nan=True
+    )
+    ours, theirs = (
+        linearize(each, flown_points(each, parameters[1:3], 1.0).points) for each in (plan, python)
+    )
     assert np.abs(ours.law_D[..., 10:]).max() > 1e-3
     np.testing.assert_allclose(ours.law_D, theirs.law_D, rtol=0, atol=1e-9)
     np.testing.assert_allclose(ours.law_C, theirs.law_C, rtol=0, atol=1e-9)
-    assert np.array_equal(ours.law_A[..., :1, :1], theirs.law_A[..., :1, :1])  # of the speed; ticks are whole in C
+    assert np.array_equal(
+        ours.law_A[..., :1, :1], theirs.law_A[..., :1, :1]
+    )  # of the speed; ticks are whole in C
 
 
 def test_memory_that_is_not_given_is_refused_by_name_where_slopes_are_taken(make):
@@ -150,7 +162,9 @@ def test_a_law_that_returns_an_error_or_no_number_ends_its_flight(make):
 
 
 REFUSED = {
-    "memory of its own": PLAIN.replace("double alpha =", "static double x; x += m->bank;\n    double alpha = x +"),
+    "memory of its own": PLAIN.replace(
+        "double alpha =", "static double x; x += m->bank;\n    double alpha = x +"
+    ),
     "SIGSEGV, at 0.31 s (tick 31), measured: altitude 20": PLAIN.replace(
         "own->ticks += 1;", "own->ticks += 1; if (own->ticks == 32) *(volatile int *)0 = 1;"
     ),
@@ -167,7 +181,10 @@ def test_what_is_no_law_is_refused_in_words(make, words):
         make(REFUSED[words])
     assert words in refused.value.found, refused.value
     if words.startswith("'expected"):
-        assert refused.value.line == REFUSED[words][: REFUSED[words].index("return 2\n")].count("\n") + 1
+        assert (
+            refused.value.line
+            == REFUSED[words][: REFUSED[words].index("return 2\n")].count("\n") + 1
+        )
     if "No such file" in words:
         assert refused.value.expected.startswith("files: [helper.h]")
 
@@ -198,7 +215,18 @@ def build(folder: Path, text: str, layout, name: str, *flags: str) -> None:
     (folder / "abhv_law.h").write_text(make_header())
     (folder / "abhv_settings.h").write_text(make_settings_header(layout))
     (folder / f"{name}.c").write_text(text)
-    command = ["cc", "-shared", "-fPIC", "-O2", "-ffp-contract=off", "-I.", "-o", f"{name}.so", f"{name}.c", *flags]
+    command = [
+        "cc",
+        "-shared",
+        "-fPIC",
+        "-O2",
+        "-ffp-contract=off",
+        "-I.",
+        "-o",
+        f"{name}.so",
+        f"{name}.c",
+        *flags,
+    ]
     subprocess.run(command, cwd=folder, check=True)
 
 
@@ -217,8 +245,12 @@ def test_a_library_flies_and_what_it_links_to_is_declared(make, tmp_path):
         short_plan(100, tmp_path / "own.yaml", "level")
     (tmp_path / "own.yaml").write_text(head + "files: [libhelp.so]\n")
     short = short_plan(100, tmp_path / "own.yaml", "level")
-    assert np.array_equal(fly(short, disperse(2)).metrics, fly(make(PLAIN), disperse(2)).metrics, equal_nan=True)
-    (tmp_path / "own.yaml").write_text(head.replace("limit", "bank_limit") + "files: [libhelp.so]\n")
+    assert np.array_equal(
+        fly(short, disperse(2)).metrics, fly(make(PLAIN), disperse(2)).metrics, equal_nan=True
+    )
+    (tmp_path / "own.yaml").write_text(
+        head.replace("limit", "bank_limit") + "files: [libhelp.so]\n"
+    )
     with pytest.raises(InputError, match="built with other headers"):
         short_plan(100, tmp_path / "own.yaml", "level")
     build(far, GAIN, layout, "libfar")
@@ -234,10 +266,18 @@ def test_the_headers_functions_have_the_kernels_bits(tmp_path):
     text += "y[4 * i + 3] = abhv_clamp(x[i], -1.5, 2.5); } }\n"
     build(tmp_path, text, [], "all")
     generator = np.random.default_rng(3)
-    x = np.concatenate([generator.uniform(-9.0, 9.0, 20_000), generator.uniform(-1e6, 1e6, 2000), [np.nan, 2e6, 0.0]])
+    x = np.concatenate(
+        [
+            generator.uniform(-9.0, 9.0, 20_000),
+            generator.uniform(-1e6, 1e6, 2000),
+            [np.nan, 2e6, 0.0],
+        ]
+    )
     y = np.empty((len(x), 4))
     ctypes.CDLL(str(tmp_path / "all.so")).all(
         ctypes.c_void_p(x.ctypes.data), ctypes.c_void_p(y.ctypes.data), ctypes.c_long(len(x))
     )
-    expected = np.array([(*sincos.py_func(v), wrap.py_func(v), clamp.py_func(v, -1.5, 2.5)) for v in x.tolist()])
+    expected = np.array(
+        [(*sincos.py_func(v), wrap.py_func(v), clamp.py_func(v, -1.5, 2.5)) for v in x.tolist()]
+    )
     assert np.array_equal(y, expected, equal_nan=True)

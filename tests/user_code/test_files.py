@@ -19,7 +19,9 @@ from abhv_mc.user_code.module import check_closure
 from abhv_mc.user_code.source import UserSource, find_package_versions
 from abhv_mc.user_code.unpack import unpack
 
-HEAD = "from pathlib import Path\nimport numpy as np\nfrom abhv_mc.extend import Command, controller\n"
+HEAD = (
+    "from pathlib import Path\nimport numpy as np\nfrom abhv_mc.extend import Command, controller\n"
+)
 LAW = """
 @controller
 def law(measured):
@@ -34,7 +36,9 @@ def write(tmp_path, monkeypatch):
     (tmp_path / "tables").mkdir()
     (tmp_path / "gains.csv").write_text("2.0\n")
     (tmp_path / "tables" / "more.csv").write_text("3.0\n")
-    (tmp_path / "helper.py").write_text("from constants import TWO\n\ndef twice(x):\n    return TWO * x\n")
+    (tmp_path / "helper.py").write_text(
+        "from constants import TWO\n\ndef twice(x):\n    return TWO * x\n"
+    )
     (tmp_path / "constants.py").write_text("TWO = 2.0\n")
 
     def write_law(text, files="[]"):
@@ -55,7 +59,10 @@ def aileron(source, bank=0.25):
     return Z[s.CMD_AILERON, 0]
 
 
-READS = "K = float(np.loadtxt('gains.csv')) + float(np.loadtxt(Path(__file__).parent / 'tables' / 'more.csv'))\n" + LAW
+READS = (
+    "K = float(np.loadtxt('gains.csv')) + float(np.loadtxt(Path(__file__).parent / 'tables' / 'more.csv'))\n"
+    + LAW
+)
 
 
 def test_declared_files_are_read_as_they_were_hashed(write, tmp_path):
@@ -93,10 +100,20 @@ def test_modules_of_its_own_compile_with_it_and_are_no_other_laws(write, tmp_pat
 
 UNDECLARED = [
     ("K = float(np.loadtxt('gains.csv'))\n", 4, "opens 'gains.csv'", "files: [gains.csv]"),
-    ("try:\n    K = open('gains.csv')\nexcept Exception:\n    K = 1.0\n", 5, "opens 'gains.csv'", "gains"),
+    (
+        "try:\n    K = open('gains.csv')\nexcept Exception:\n    K = 1.0\n",
+        5,
+        "opens 'gains.csv'",
+        "gains",
+    ),
     ("import undeclared\nK = 1.0\n", 4, "imports 'undeclared'", "files: [undeclared.py]"),
     ("from reads import K\n", 1, "opens '/nowhere/at/all.txt'", "nowhere"),
-    ("import ctypes\nK = 1.0\nctypes.CDLL('./libmine.so')\n", 6, "loads 'libmine.so'", "files: [libmine.so]"),
+    (
+        "import ctypes\nK = 1.0\nctypes.CDLL('./libmine.so')\n",
+        6,
+        "loads 'libmine.so'",
+        "files: [libmine.so]",
+    ),
     ("import ctypes\nK = 1.0\nctypes.string_at(0)\n", None, "SIGSEGV", ""),
 ]
 
@@ -140,7 +157,10 @@ def design(model, settings):
 def test_packages_are_found_in_the_law_and_in_the_modules_that_it_declares():
     more = b"import yaml\nfrom . import more\n"
     files = ("law.py", IMPORTS.encode()), ("mylaw/gains.py", more), ("odd.py", b"print 1")
-    sources = UserSource(IMPORTS, "law.py", files), UserSource('{"law": "c", "library": null}', "law.c")
+    sources = (
+        UserSource(IMPORTS, "law.py", files),
+        UserSource('{"law": "c", "library": null}', "law.c"),
+    )
     found = find_package_versions(sources)
     assert found == {name: metadata.version(name) for name in ("numpy", "scipy", "PyYAML")}
 

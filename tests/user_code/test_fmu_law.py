@@ -52,9 +52,13 @@ def test_units_of_the_model_description_are_heeded(make):
         make(2, units={"bank_limit": "deg"}),
         make(2, change=("bank_limit: 70 deg", "bank_limit: 70 rad")),
     )
-    assert np.array_equal(fly(wired, parameters).metrics, fly(unlimited, parameters).metrics, equal_nan=True)
+    assert np.array_equal(
+        fly(wired, parameters).metrics, fly(unlimited, parameters).metrics, equal_nan=True
+    )
     plain, seen = make(2), make(3, units={"measured.bank": "deg"})
-    assert not np.array_equal(fly(plain, parameters).metrics, fly(seen, parameters).metrics, equal_nan=True)
+    assert not np.array_equal(
+        fly(plain, parameters).metrics, fly(seen, parameters).metrics, equal_nan=True
+    )
 
 
 @pytest.mark.parametrize(
@@ -62,9 +66,17 @@ def test_units_of_the_model_description_are_heeded(make):
     [
         (("measured.bank: measured.bank", "measured.bank: measured.banc"), None, "measured.banc"),
         (("  rudder: command.rudder\n", ""), None, "rudder"),
-        (("gains.earth_radius: gains.earth_radius", "gains.earth_radius: gains.k"), None, "gains.k"),
+        (
+            ("gains.earth_radius: gains.earth_radius", "gains.earth_radius: gains.k"),
+            None,
+            "gains.k",
+        ),
         (None, {"measured.altitude": "deg"}, "measured.altitude"),
-        (("bank_limit: 70 deg", "bank_limit: 70 m"), {"bank_limit": "deg"}, "'bank_limit: 70 m' of a parameter in deg"),
+        (
+            ("bank_limit: 70 deg", "bank_limit: 70 m"),
+            {"bank_limit": "deg"},
+            "'bank_limit: 70 m' of a parameter in deg",
+        ),
     ],
 )
 def test_a_wrong_wiring_is_refused_by_name(make, change, units, words):
@@ -77,7 +89,10 @@ def test_an_error_of_a_step_ends_the_flight(make):
     parameters = nominal_parameters(3)
     parameters[1, PARAMETER_INDEX["initial.bank"]] = 1.6
     outcomes = [Outcome(code) for code in fly(make(3), parameters).outcome]
-    assert outcomes[1] == Outcome.LAW_FAILED and Outcome.LAW_FAILED not in (outcomes[0], outcomes[2])
+    assert outcomes[1] == Outcome.LAW_FAILED and Outcome.LAW_FAILED not in (
+        outcomes[0],
+        outcomes[2],
+    )
 
 
 @pytest.mark.parametrize("version", [pytest.param(2, marks=pytest.mark.thorough), 3])
@@ -89,7 +104,9 @@ def test_slopes_are_those_of_the_built_in_lqr_and_of_the_states_that_it_names(ma
     plain, remembering = make(version), make(version, memory="named")
     ours = linearize(plain, flown_points(plain, parameters, at).points)
     assert ours.law_A.size == 0
-    np.testing.assert_allclose(ours.law_D[..., :10], theirs.law_D, rtol=0, atol=1e-6 * np.abs(theirs.law_D).max())
+    np.testing.assert_allclose(
+        ours.law_D[..., :10], theirs.law_D, rtol=0, atol=1e-6 * np.abs(theirs.law_D).max()
+    )
     assert list(law_memory_rows(remembering)) == ["speed_integral"]
     found = linearize(remembering, flown_points(remembering, parameters, at).points)
     np.testing.assert_allclose(found.law_A, 1.0, rtol=1e-9)
@@ -103,7 +120,9 @@ def test_slopes_of_an_fmu_that_hides_what_it_remembers_are_refused_by_name(make)
         flown_points(make(2, 3.0, memory="hidden"), nominal_parameters(), 0.5)
 
 
-def test_it_commands_effectors_by_name_and_sees_the_nominal_vehicle_and_its_last_command(make, repository, tmp_path):
+def test_it_commands_effectors_by_name_and_sees_the_nominal_vehicle_and_its_last_command(
+    make, repository, tmp_path
+):
     """As the LQR in C with elevons does, which is refused where its file says less."""
     ways = dict(zip(ELEVONS, (1, -1), strict=True))
     elevons = "".join(f"\n  {name}: {{aileron: {way}, elevator: 1}}" for name, way in ways.items())
@@ -115,12 +134,17 @@ def test_it_commands_effectors_by_name_and_sees_the_nominal_vehicle_and_its_last
     )
     make(3)
     text = (tmp_path / "mine.yaml").read_text()
-    text = text.replace("outputs:\n", "".join(f"  {name}: {name}\n" for name in SEEN) + "outputs:\n")
-    text = text.replace("params:\n", "".join(f"  {name}: {name}\n" for name in ELEVONS) + "params:\n")
+    text = text.replace(
+        "outputs:\n", "".join(f"  {name}: {name}\n" for name in SEEN) + "outputs:\n"
+    )
+    text = text.replace(
+        "params:\n", "".join(f"  {name}: {name}\n" for name in ELEVONS) + "params:\n"
+    )
     (tmp_path / "mine.yaml").write_text(text)
     shipped = repository / "configs" / "control" / "lqr_c"
     commands = (
-        "command->effectors[0] = command->elevator + 0.9 * command->aileron + 1e-7 * measured->onboard.moment.pitch;"
+        "command->effectors[0] = command->elevator + 0.9 * command->aileron + 1e-7 * "
+        "measured->onboard.moment.pitch;"
     )
     commands += "command->effectors[1] = command->elevator - command->aileron + 0.1 * measured->onboard.last.rudder;"
     head, _, tail = (shipped / "lqr.c").read_text().rpartition("return 0;")
@@ -128,13 +152,22 @@ def test_it_commands_effectors_by_name_and_sees_the_nominal_vehicle_and_its_last
     text = (shipped / "lqr_c.yaml").read_text()
     text += f"effectors: [{', '.join(ELEVONS)}]\nonboard: true\n"
     (tmp_path / "law.yaml").write_text(text)
-    plans = [short_plan(100, tmp_path / f"{name}.yaml", vehicle=vehicle) for name in ("mine", "law")]
+    plans = [
+        short_plan(100, tmp_path / f"{name}.yaml", vehicle=vehicle) for name in ("mine", "law")
+    ]
     assert_same(*(fly(plan, disperse(4), 10) for plan in plans))
-    found, expected = (linearize(plan, flown_points(plan, disperse(2)[1:], 0.5).points) for plan in plans)
+    found, expected = (
+        linearize(plan, flown_points(plan, disperse(2)[1:], 0.5).points) for plan in plans
+    )
     assert found.inputs == expected.inputs and set(found.inputs) >= {"right", "left", "fin"}
     scale = np.abs(expected.law_D).max()
-    np.testing.assert_allclose(found.law_D[..., :10], expected.law_D[..., :10], rtol=0, atol=1e-6 * scale)
-    for change, words in ((("onboard: true", ""), r"lqr.c:\d+.*onboard"), (("left", "lift"), "lift")):
+    np.testing.assert_allclose(
+        found.law_D[..., :10], expected.law_D[..., :10], rtol=0, atol=1e-6 * scale
+    )
+    for change, words in (
+        (("onboard: true", ""), r"lqr.c:\d+.*onboard"),
+        (("left", "lift"), "lift"),
+    ):
         (tmp_path / "law.yaml").write_text(text.replace(*change))
         with pytest.raises((InputError, InputErrors), match=words):
             short_plan(100, tmp_path / "law.yaml", vehicle=vehicle)

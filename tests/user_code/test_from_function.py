@@ -69,7 +69,9 @@ def cells(monkeypatch):
     import sys
 
     name = "<cell>"
-    monkeypatch.setitem(linecache.cache, name, (len(CELLS), None, CELLS.splitlines(keepends=True), name))
+    monkeypatch.setitem(
+        linecache.cache, name, (len(CELLS), None, CELLS.splitlines(keepends=True), name)
+    )
     module = types.ModuleType("a_notebook")
     monkeypatch.setitem(sys.modules, module.__name__, module)
     exec(compile(CELLS, name, "exec"), module.__dict__)  # noqa: S102
@@ -79,12 +81,18 @@ def cells(monkeypatch):
 def test_a_law_of_a_cell_is_taken_with_what_it_names(cells):
     text = make_law_text(cells.law)
     law = load_law(UserSource(text, "law.py"))
-    assert law.mark.units == {"bank_limit": "rad"} and law.settings._field_defaults == {"path": 0.9, "bank_limit": 1.2}
+    assert law.mark.units == {"bank_limit": "rad"} and law.settings._field_defaults == {
+        "path": 0.9,
+        "bank_limit": 1.2,
+    }
     assert law.design is not None and law.memory._fields == ("speed",)
     assert "bare" not in text
     bare = load_law(UserSource(make_law_text(cells.bare), "bare.py"))
     assert bare.arguments == ("measured", "reference")
-    measured, reference = types.SimpleNamespace(bank=0.5), types.SimpleNamespace(elevator=0.0, equivalence_ratio=1.0)
+    measured, reference = (
+        types.SimpleNamespace(bank=0.5),
+        types.SimpleNamespace(elevator=0.0, equivalence_ratio=1.0),
+    )
     assert bare.function(measured, reference)[0] == -0.2 * np.pi
 
 
@@ -99,8 +107,13 @@ def test_what_has_no_text_is_refused_by_name(cells):
 def test_a_law_of_a_cell_flies_alone_and_in_a_campaign(cells, tmp_path, capfd):
     (tmp_path / "law.py").write_text(make_law_text(cells.law))
     (tmp_path / "law.yaml").write_text("law: python\nfile: law.py\n")
-    flight = {"mission": {"base": "level", "duration": "1 s"}, "dispersions": {"initial.bank": "5 deg"}}
-    cell, file = (abhv_mc.fly(**flight, controller=law) for law in (cells.law, str(tmp_path / "law.yaml")))
+    flight = {
+        "mission": {"base": "level", "duration": "1 s"},
+        "dispersions": {"initial.bank": "5 deg"},
+    }
+    cell, file = (
+        abhv_mc.fly(**flight, controller=law) for law in (cells.law, str(tmp_path / "law.yaml"))
+    )
     assert cell.aileron_command_deg.abs().max() > 1.0
     pd.testing.assert_frame_equal(cell, file)
     data = {"name": "cells", "vehicle": "ghame_x", "mission": "level", "runs": 4, "seed": 1}

@@ -61,7 +61,9 @@ def make(tmp_path):
 
     def make_plan(text, settings="{}", seconds=3.0):
         (tmp_path / "law.py").write_text(text)
-        (tmp_path / "law.yaml").write_text(f"law: python\nfile: law.py\nrate: 100 Hz\nsettings: {settings}\n")
+        (tmp_path / "law.yaml").write_text(
+            f"law: python\nfile: law.py\nrate: 100 Hz\nsettings: {settings}\n"
+        )
         return short_plan(round(seconds * 100), tmp_path / "law.yaml", "level")
 
     return make_plan
@@ -103,7 +105,8 @@ NO_MEMORY += "@controller(compiled=False)\ndef law(memory):\n    return Command(
 
 
 @pytest.mark.parametrize(
-    ("law", "line"), [(RAISES.format("    return Command(0.0, 0.0, 0.0, 0.5)\n"), 6), (NO_MEMORY, 5)]
+    ("law", "line"),
+    [(RAISES.format("    return Command(0.0, 0.0, 0.0, 0.5)\n"), 6), (NO_MEMORY, 5)],
 )
 def test_an_exception_in_plain_python_ends_the_flight_and_is_told_once(make, capsys, law, line):
     block = fly(make(HEAD + law), nominal_parameters(3))
@@ -116,7 +119,8 @@ def test_an_exception_in_plain_python_ends_the_flight_and_is_told_once(make, cap
 def test_memory_of_any_kind_in_plain_python(make):
     text = HEAD + "class Memory:\n    def __init__(self):\n        self.seen = []\n\n"
     text += (
-        "@controller(compiled=False)\ndef law(measured, memory, reference):\n    memory.seen.append(measured.bank)\n"
+        "@controller(compiled=False)\ndef law(measured, memory, reference):\n    "
+        "memory.seen.append(measured.bank)\n"
     )
     text += "    return Command(-memory.seen[0], 0.0, reference.elevator, 1.0), memory\n"
     plan = make(text, seconds=0.1)
@@ -133,7 +137,9 @@ def test_commands_are_clamped_and_missing_ones_are_the_references(make):
     history = fly(plan, nominal_parameters(), 1).history[0, 1]
     limit = np.rad2deg(plan.vehicle.constants.surface_limit)
     names = ("aileron", "rudder", "elevator")
-    assert np.allclose([history[CHANNEL_INDEX[f"{n}_command_deg"]] for n in names], [limit, -limit, limit])
+    assert np.allclose(
+        [history[CHANNEL_INDEX[f"{n}_command_deg"]] for n in names], [limit, -limit, limit]
+    )
     assert history[CHANNEL_INDEX["equivalence_ratio_command"]] == np.float32(
         plan.vehicle.constants.equivalence_ratio_min
     )
@@ -145,7 +151,9 @@ def test_a_stored_plan_holds_no_source_and_does_not_fly_without(make, tmp_path, 
     plan = make(CASCADE.format(compiled=""))
     write_plan(tmp_path / "plan.npz", plan)
     assert b"NamedTuple" not in (tmp_path / "plan.npz").read_bytes()
-    stored = read_plan(tmp_path / "plan.npz", load_vehicle(repository / "configs/vehicle/ghame_x.yaml"))
+    stored = read_plan(
+        tmp_path / "plan.npz", load_vehicle(repository / "configs/vehicle/ghame_x.yaml")
+    )
     assert stored.source is None
     assert stored.source_hash == plan.source.hash
     with pytest.raises(ValueError, match="without its source"):
@@ -160,7 +168,10 @@ def test_onboard_is_the_nominal_vehicle(make, capsys):
              "thrust_by_equivalence_ratio", "lift_by_angle_of_attack", "inertia.yy"]  # fmt: skip
     text = HEAD + "@controller(compiled=False)\ndef law(onboard, reference):\n"
     text += f"    print([{', '.join(f'onboard.{name}' for name in names)}])\n"
-    plan = make(text + "    return Command(0.0, 0.01, reference.elevator, reference.equivalence_ratio)\n", seconds=0.01)
+    plan = make(
+        text + "    return Command(0.0, 0.01, reference.elevator, reference.equivalence_ratio)\n",
+        seconds=0.01,
+    )
     fly(plan, nominal_parameters())
     found = dict(zip(names, json.loads(capsys.readouterr().out.splitlines()[0]), strict=True))
     state = plan.initial_state
@@ -170,8 +181,12 @@ def test_onboard_is_the_nominal_vehicle(make, capsys):
     speed, mass = float(np.hypot(state[3], state[5])), nominal.mass
 
     def wrench(alpha=alpha, aileron=0.0, rudder=0.0, elevator=elevator, eta=eta):
-        alpha, beta, eta, *deflections = (np.array([x]) for x in (alpha, 0.0, eta, aileron, rudder, elevator))
-        return wrench_at(plan.vehicle, nominal.around, mass, speed, alpha, beta, 3 * [beta], deflections, eta)
+        alpha, beta, eta, *deflections = (
+            np.array([x]) for x in (alpha, 0.0, eta, aileron, rudder, elevator)
+        )
+        return wrench_at(
+            plan.vehicle, nominal.around, mass, speed, alpha, beta, 3 * [beta], deflections, eta
+        )
 
     h, here = 1e-6, wrench()
 
@@ -185,7 +200,10 @@ def test_onboard_is_the_nominal_vehicle(make, capsys):
         "moment_by_elevator.pitch": (slope(lambda at: at.moment[1], elevator=elevator + h), 1e-4),
         "moment_by_aileron.roll": (slope(lambda at: at.moment[0], aileron=h), 1e-4),
         "moment_by_rudder.yaw": (slope(lambda at: at.moment[2], rudder=h), 1e-4),
-        "thrust_by_equivalence_ratio": (np.hypot(*slope(lambda at: at.force[[0, 2]], eta=eta + h)), 0.05),
+        "thrust_by_equivalence_ratio": (
+            np.hypot(*slope(lambda at: at.force[[0, 2]], eta=eta + h)),
+            0.05,
+        ),
         "lift_by_angle_of_attack": (lift, 0.1),
     }
     for name, (value, tolerance) in expected.items():
@@ -223,9 +241,19 @@ LINE = "    return Command(0.0, 0.0, 0.0, 1.0)\n"
 MUTE = "class Mute(Exception):\n    def __str__(self):\n        raise RuntimeError\nraise Mute\n"
 WRONG = [
     ("def law(measured):\n    x = [measured.bank]\n" + LINE, 5, "lists", "lists are not allowed"),
-    ("def law(measured):\n    x = measured.alttitude\n" + LINE, 5, "measured.alttitude", "did you mean 'altitude'"),
+    (
+        "def law(measured):\n    x = measured.alttitude\n" + LINE,
+        5,
+        "measured.alttitude",
+        "did you mean 'altitude'",
+    ),
     ("def law(measured):\n    global n\n    n = 1\n" + LINE, 5, "a global that changes", "Memory"),
-    ("def law(measured):\n    if measured.bank > 0.0:\n    " + LINE, 5, "without 'return'", "return Command"),
+    (
+        "def law(measured):\n    if measured.bank > 0.0:\n    " + LINE,
+        5,
+        "without 'return'",
+        "return Command",
+    ),
     ("def law(measured):\n    return 1.0\n", 5, "'return 1.0'", "return Command"),
     ("def law(measured):\n" + LINE + MUTE, 9, "a file that raises Mute", "runs on its own"),
     ("def law(measurd):\n" + LINE, 4, "the argument 'measurd'", "did you mean 'measured'"),
@@ -234,8 +262,12 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize(("text", "line", "found", "wanted"), WRONG, ids=[entry[2] for entry in WRONG])
-def test_what_cannot_be_compiled_is_said_in_the_users_terms(make, tmp_path, text, line, found, wanted):
+@pytest.mark.parametrize(
+    ("text", "line", "found", "wanted"), WRONG, ids=[entry[2] for entry in WRONG]
+)
+def test_what_cannot_be_compiled_is_said_in_the_users_terms(
+    make, tmp_path, text, line, found, wanted
+):
     with pytest.raises(InputError) as caught:
         make(HEAD + "@controller\n" + text)
     error = caught.value
@@ -248,7 +280,10 @@ def test_what_cannot_be_compiled_is_said_in_the_users_terms(make, tmp_path, text
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ("{pth: 1.0}", "4:12: unknown key 'pth'; expected one of path, bank_limit (did you mean 'path'?)"),
+        (
+            "{pth: 1.0}",
+            "4:12: unknown key 'pth'; expected one of path, bank_limit (did you mean 'path'?)",
+        ),
         ("{bank_limit: 60 m}", "4:24: '60 m', a length; expected an angle"),
         ("{path: fast}", "4:18: 'fast'"),
     ],

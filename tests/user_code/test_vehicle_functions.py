@@ -36,12 +36,18 @@ _NAMES = {
 }
 
 
-def write_ghame_x(folder: Path, frame: str = "stability", point: tuple[float, float] = (0.0, 0.0)) -> Path:
+def write_ghame_x(
+    folder: Path, frame: str = "stability", point: tuple[float, float] = (0.0, 0.0)
+) -> Path:
     """``ghame_x`` with its coefficients, and its thrust, as Python functions."""
     file = read_vehicle_file(CONFIGS / "vehicle" / "ghame_x.yaml")
     content = file.content
     lines = ["from abhv_mc.extend import Coefficients, Thrust, sincos, table", ""]
-    nodes: dict[str, set[float]] = {"mach": set(), "angle_of_attack": set(), "equivalence_ratio": set()}
+    nodes: dict[str, set[float]] = {
+        "mach": set(),
+        "angle_of_attack": set(),
+        "equivalence_ratio": set(),
+    }
     calls = {}
     for name, held in file.tables.items():
         if not held.axes:
@@ -56,15 +62,21 @@ def write_ghame_x(folder: Path, frame: str = "stability", point: tuple[float, fl
     lines += ["", "", "def coefficients(air, controls, rates):"]
     for coefficient, short in _NAMES.items():
         terms = [
-            f"{term.scale!r} * {calls[term.table]}" + _FACTOR.get(term.times, f" * controls.{term.times}")
+            f"{term.scale!r} * {calls[term.table]}"
+            + _FACTOR.get(term.times, f" * controls.{term.times}")
             for term in getattr(content.aerodynamics, coefficient)
         ]
         lines.append(f"    {short} = {' + '.join(terms)}")
     if frame == "body":
-        lines += ["    s, c = sincos(air.angle_of_attack)", "    CX, CZ = CL * s - CD * c, -CL * c - CD * s"]
+        lines += [
+            "    s, c = sincos(air.angle_of_attack)",
+            "    CX, CZ = CL * s - CD * c, -CL * c - CD * s",
+        ]
         x, z, b, d = *point, content.reference.span, content.reference.chord
         # Moments about a point at (x, 0, z) of the same forces at the moment reference.
-        lines += [f"    Cl, Cm, Cn = Cl + {z / b!r} * CY, Cm - ({z / d!r} * CX - {x / d!r} * CZ), Cn - {x / b!r} * CY"]
+        lines += [
+            f"    Cl, Cm, Cn = Cl + {z / b!r} * CY, Cm - ({z / d!r} * CX - {x / d!r} * CZ), Cn - {x / b!r} * CY"
+        ]
         lines.append("    return Coefficients(CX=CX, CY=CY, CZ=CZ, Cl=Cl, Cm=Cm, Cn=Cn)")
     else:
         lines.append("    return Coefficients(CL=CL, CD=CD, CY=CY, Cl=Cl, Cm=Cm, Cn=Cn)")
@@ -108,11 +120,17 @@ def test_coefficients_and_trims_are_those_of_the_tables(tmp_path: Path) -> None:
     )
     rng = np.random.default_rng(1)
     values = {"mach": rng.uniform(2, 8, 50), "angle_of_attack": rng.uniform(-0.1, 0.3, 50)}
-    values |= {name: rng.uniform(-0.2, 0.2, 50) for name in ("sideslip", "aileron", "rudder", "elevator")}
-    values |= {f"{name}_rate_hat": rng.uniform(-0.01, 0.01, 50) for name in ("roll", "pitch", "yaw")}
+    values |= {
+        name: rng.uniform(-0.2, 0.2, 50) for name in ("sideslip", "aileron", "rudder", "elevator")
+    }
+    values |= {
+        f"{name}_rate_hat": rng.uniform(-0.01, 0.01, 50) for name in ("roll", "pitch", "yaw")
+    }
     ours = evaluate_coefficients(functions, make_variables(functions, **values))
     theirs = evaluate_coefficients(tables, make_variables(tables, **values))
-    np.testing.assert_allclose(ours[:3], theirs[:3], rtol=1e-12, atol=1e-14)  # moments are about another point
+    np.testing.assert_allclose(
+        ours[:3], theirs[:3], rtol=1e-12, atol=1e-14
+    )  # moments are about another point
     for bank in (0.0, 0.9):
         here = FlightPoint(20e3, 1400.0, bank, 0.5)
         a, b = trim(tables, WGS84, here), trim(functions, WGS84, here)
@@ -133,8 +151,13 @@ def test_dispersed_flights_are_those_of_the_tables(tmp_path: Path) -> None:
     }
     parameters = rows_of({}, *({name: value} for name, value in cases.items()))
     made = {}
-    for name, vehicle in (("tables", "ghame_x"), ("functions", str(write_ghame_x(tmp_path, "body")))):
-        made[name] = fly(make_flight_plan("s_manoeuvre", vehicle), parameters, 100, keep_states=True)
+    for name, vehicle in (
+        ("tables", "ghame_x"),
+        ("functions", str(write_ghame_x(tmp_path, "body"))),
+    ):
+        made[name] = fly(
+            make_flight_plan("s_manoeuvre", vehicle), parameters, 100, keep_states=True
+        )
     assert (made["tables"].outcome == made["functions"].outcome).all()
     altitude = [made[name].states[:, :, 0] for name in ("tables", "functions")]
     assert np.nanmax(np.abs(altitude[0] - altitude[1])) < 1e-6
@@ -146,14 +169,17 @@ def test_a_function_that_does_not_fit_is_said_with_its_line(tmp_path: Path) -> N
     own = tmp_path / "own.py"
     text = own.read_text(encoding="utf-8")
     own.write_text(
-        text.replace("def coefficients(air, controls, rates)", "def coefficients(air, weather)"), encoding="utf-8"
+        text.replace("def coefficients(air, controls, rates)", "def coefficients(air, weather)"),
+        encoding="utf-8",
     )
     with pytest.raises(InputError, match=r"own\.py:\d+:23: the argument 'weather'"):
         load_vehicle(path)
     own.write_text(text.replace("def coefficients", "def others"), encoding="utf-8")
     with pytest.raises(InputError, match="no function 'coefficients'"):
         load_vehicle(path)
-    settings = "from typing import NamedTuple\nclass Settings(NamedTuple):\n    a: float = float('nan')\n"
+    settings = (
+        "from typing import NamedTuple\nclass Settings(NamedTuple):\n    a: float = float('nan')\n"
+    )
     own.write_text(text + settings, encoding="utf-8")
     with pytest.raises(InputError, match="no number for the setting 'a'"):
         load_vehicle(path)
@@ -161,7 +187,14 @@ def test_a_function_that_does_not_fit_is_said_with_its_line(tmp_path: Path) -> N
 
 @pytest.mark.thorough
 def test_margins_are_those_of_the_tables(tmp_path: Path) -> None:
-    plans = [make_flight_plan("s_manoeuvre", each, "lqr_retuned") for each in ("ghame_x", str(write_ghame_x(tmp_path)))]
-    tables, functions = (analyse(linearize(p, flown_points(p, nominal_parameters(), 45.0).points)) for p in plans)
-    for name, one, other in zip(tables.margins._fields, tables.margins, functions.margins, strict=True):
+    plans = [
+        make_flight_plan("s_manoeuvre", each, "lqr_retuned")
+        for each in ("ghame_x", str(write_ghame_x(tmp_path)))
+    ]
+    tables, functions = (
+        analyse(linearize(p, flown_points(p, nominal_parameters(), 45.0).points)) for p in plans
+    )
+    for name, one, other in zip(
+        tables.margins._fields, tables.margins, functions.margins, strict=True
+    ):
         np.testing.assert_allclose(one, other, rtol=1e-5, err_msg=name)

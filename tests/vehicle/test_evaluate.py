@@ -42,7 +42,10 @@ def draw_state(mach, alpha_deg, seed=3):
 def test_ghame_is_its_deck(name):
     vehicle = load_vehicle(CONFIGS / f"{name}.yaml")
     s = draw_state((0.3, 26.0), (-5.0, 23.0))  # beyond the tables too, where they hold
-    deg = {key: np.degrees(s[key]) for key in ("angle_of_attack", "sideslip", "aileron", "rudder", "elevator")}
+    deg = {
+        key: np.degrees(s[key])
+        for key in ("angle_of_attack", "sideslip", "aileron", "rudder", "elevator")
+    }
 
     def t(table):
         return look_up("ghame", table, s["mach"], deg["angle_of_attack"])
@@ -62,7 +65,9 @@ def test_ghame_is_its_deck(name):
     assert found == pytest.approx(np.array(expected), rel=1e-11, abs=1e-14)
     engine = evaluate_fixed(vehicle, variables)
     assert engine["capture_area_ratio"] == pytest.approx(t("ca"), rel=1e-12)
-    assert engine["specific_impulse"] == pytest.approx(look_up("ghame", "spi", s["mach"], s["equivalence_ratio"]))
+    assert engine["specific_impulse"] == pytest.approx(
+        look_up("ghame", "spi", s["mach"], s["equivalence_ratio"])
+    )
     assert not engine["thrust_area"].any()
 
 
@@ -78,7 +83,9 @@ def test_winged_cone_is_the_sum_of_its_surfaces():
         return look_up("winged_cone", table, s["mach"], alpha, *more)
 
     def surfaces(c):
-        return t(f"{c}_re", right) + t(f"{c}_le", left) + (t(f"{c}_rud", rudder) if c != "cl" else 0.0)
+        return (
+            t(f"{c}_re", right) + t(f"{c}_le", left) + (t(f"{c}_rud", rudder) if c != "cl" else 0.0)
+        )
 
     beta, p, q, r = s["sideslip"], s["roll_rate_hat"], s["pitch_rate_hat"], s["yaw_rate_hat"]
     expected = [
@@ -90,18 +97,27 @@ def test_winged_cone_is_the_sum_of_its_surfaces():
         t("cnb") * beta + surfaces("cn") + t("cnp") * p + t("cnr") * r,
     ]
     variables = make_variables(vehicle, **s)
-    assert evaluate_coefficients(vehicle, variables) == pytest.approx(np.array(expected), rel=1e-11, abs=1e-14)
-    thrust_area = look_up("winged_cone", "thrust_area", s["mach"], s["equivalence_ratio"]) * 0.09290304
+    assert evaluate_coefficients(vehicle, variables) == pytest.approx(
+        np.array(expected), rel=1e-11, abs=1e-14
+    )
+    thrust_area = (
+        look_up("winged_cone", "thrust_area", s["mach"], s["equivalence_ratio"]) * 0.09290304
+    )
     assert evaluate_fixed(vehicle, variables)["thrust_area"] == pytest.approx(thrust_area)
 
 
-@pytest.mark.parametrize(("name", "mach"), [("ghame", 4.7), ("ghame", 8.0), ("winged_cone", 4.7), ("winged_cone", 15)])
+@pytest.mark.parametrize(
+    ("name", "mach"), [("ghame", 4.7), ("ghame", 8.0), ("winged_cone", 4.7), ("winged_cone", 15)]
+)
 def test_deflections_turn_every_vehicle_the_same_way(name, mach):
     vehicle = load_vehicle(CONFIGS / f"{name}.yaml")
 
     def turn(**deflection):
         at = {"mach": mach, "angle_of_attack": np.radians(3.0)}
-        moved, rest = (evaluate_coefficients(vehicle, make_variables(vehicle, **at, **d)) for d in (deflection, {}))
+        moved, rest = (
+            evaluate_coefficients(vehicle, make_variables(vehicle, **at, **d))
+            for d in (deflection, {})
+        )
         return dict(zip(COEFFICIENTS, (moved - rest)[:, 0], strict=True))
 
     assert turn(aileron=0.1)["rolling_moment"] > 0.0  # rolls right

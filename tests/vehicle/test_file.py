@@ -71,7 +71,9 @@ def test_everything_becomes_si_and_radians(write):
     c = vehicle.constants
     assert (c.area, c.span, c.chord) == (2.0, 0.3048, 3.0)
     assert (c.mass_start, c.mass_empty, c.capture_thrust) == (100.0, 60.0, 0.0)
-    assert (c.thrust_cos, c.thrust_sin, c.thrust_offset_z) == pytest.approx((np.sqrt(0.75), 0.5, 2.0))
+    assert (c.thrust_cos, c.thrust_sin, c.thrust_offset_z) == pytest.approx(
+        (np.sqrt(0.75), 0.5, 2.0)
+    )
     assert c.surface_rate_limit == pytest.approx(np.radians(400.0))
     assert c.angle_of_attack_min == pytest.approx(np.radians(-3.0))
     assert vehicle.effector_mix.tolist() == [[0.5, 0.0, 2.0]]
@@ -80,7 +82,12 @@ def test_everything_becomes_si_and_radians(write):
 def test_terms_scales_and_effectors(write):
     vehicle = load_vehicle(write(SMALL))
     variables = make_variables(
-        vehicle, angle_of_attack=0.1, elevator=[0.03, 0.0], aileron=[0.0, 0.04], equivalence_ratio=0.5, mass=75.0
+        vehicle,
+        angle_of_attack=0.1,
+        elevator=[0.03, 0.0],
+        aileron=[0.0, 0.04],
+        equivalence_ratio=0.5,
+        mass=75.0,
     )
     per_rad = 0.03 * 180.0 / np.pi
     expected = per_rad * (0.1 - 2.0 * np.array([2.0 * 0.03, 0.5 * 0.04])) + 0.003
@@ -98,20 +105,50 @@ def test_terms_scales_and_effectors(write):
     [
         pytest.param("area: 2 m2", "area: 2 m", (2, 19), "an area", id="unit of another dimension"),
         pytest.param("area: 2 m2", "area: 1e-300 m2", (2, 19), "0.000001", id="no size"),
-        pytest.param("start: 100 kg", "start: 200 kg", (4, 10), "50 to 150 kg", id="start outside the points"),
-        pytest.param("mass: 150 kg", "mass: 40 kg", (8, 14), "rising masses", id="falling masses"),
-        pytest.param("inertia_zz: 25", "inertia_zz: 31", (7, 7), "no body", id="impossible inertia"),
-        pytest.param("[0.1, 1.5]", "[1.5, 0.1]", (17, 22), "least and greatest", id="empty engine range"),
-        pytest.param("area: push", "area: pull", (14, 9), "of push", id="unknown table"),
-        pytest.param("unit: 1/deg, ", "", (25, 10), "1/deg or 1/rad", id="derivative without a unit"),
-        pytest.param("constant: 1000", "constant: 30000", (24, 12), "is its unit right?", id="exhaust velocity"),
         pytest.param(
-            "constant: 1000, unit: s", "file: slow.csv, unit: s", (24, 12), "-1 to 900 s", id="negative impulse"
+            "start: 100 kg", "start: 200 kg", (4, 10), "50 to 150 kg", id="start outside the points"
         ),
-        pytest.param("file: coupling.csv", "file: tons.csv", (26, 13), "0.05 to 0.15 kg", id="tonnes as kilograms"),
+        pytest.param("mass: 150 kg", "mass: 40 kg", (8, 14), "rising masses", id="falling masses"),
+        pytest.param(
+            "inertia_zz: 25", "inertia_zz: 31", (7, 7), "no body", id="impossible inertia"
+        ),
+        pytest.param(
+            "[0.1, 1.5]", "[1.5, 0.1]", (17, 22), "least and greatest", id="empty engine range"
+        ),
+        pytest.param("area: push", "area: pull", (14, 9), "of push", id="unknown table"),
+        pytest.param(
+            "unit: 1/deg, ", "", (25, 10), "1/deg or 1/rad", id="derivative without a unit"
+        ),
+        pytest.param(
+            "constant: 1000",
+            "constant: 30000",
+            (24, 12),
+            "is its unit right?",
+            id="exhaust velocity",
+        ),
+        pytest.param(
+            "constant: 1000, unit: s",
+            "file: slow.csv, unit: s",
+            (24, 12),
+            "-1 to 900 s",
+            id="negative impulse",
+        ),
+        pytest.param(
+            "file: coupling.csv",
+            "file: tons.csv",
+            (26, 13),
+            "0.05 to 0.15 kg",
+            id="tonnes as kilograms",
+        ),
         pytest.param("constant: 1000", "constant: .nan", (24, 23), "nan", id="nan"),
         pytest.param("times: flap", "times: flop", (30, 29), "'flap'", id="unknown variable"),
-        pytest.param("{file: push.csv", "{file: push.csv, columns: {phi: etta}", (23, 41), "'etta'", id="unknown role"),
+        pytest.param(
+            "{file: push.csv",
+            "{file: push.csv, columns: {phi: etta}",
+            (23, 41),
+            "'etta'",
+            id="unknown role",
+        ),
     ],
 )
 def test_refuses_with_the_place(write, old, new, place, words):
@@ -125,7 +162,8 @@ def test_refuses_with_the_place(write, old, new, place, words):
 def with_tables(tables):
     """SMALL with more lift terms: each table ``name: entry`` under ``tables``."""
     text = SMALL.replace(
-        "aerodynamics:\n", "".join(f"  {name}: {entry}\n" for name, entry in tables) + "aerodynamics:\n"
+        "aerodynamics:\n",
+        "".join(f"  {name}: {entry}\n" for name, entry in tables) + "aerodynamics:\n",
     )
     return text + "".join(f"    - {{table: {name}}}\n" for name, _ in tables)
 
@@ -133,11 +171,16 @@ def with_tables(tables):
 def test_more_tables_than_a_lane_holds_and_more_grids_than_fly_are_refused(write, tmp_path):
     """Each table on its own Mach grid, as decks come; SMALL itself has three grids."""
     with pytest.raises(InputError, match=f"at most {MAX_TABLE_ROWS}"):
-        load_vehicle(write(with_tables([(f"t{i}", f"{{constant: {i}}}") for i in range(MAX_TABLE_ROWS)])))
+        load_vehicle(
+            write(with_tables([(f"t{i}", f"{{constant: {i}}}") for i in range(MAX_TABLE_ROWS)]))
+        )
     for i in range(MAX_AXES):
         (tmp_path / f"t{i}.csv").write_text(f"mach,value\n{i / 10},{i}\n40,1\n")
     tables = [(f"t{i}", f"{{file: t{i}.csv}}") for i in range(MAX_AXES)]
-    assert load_vehicle(write(with_tables(tables[: MAX_AXES // 2]))).tables.axis_variable.size == MAX_AXES // 2 + 3
+    assert (
+        load_vehicle(write(with_tables(tables[: MAX_AXES // 2]))).tables.axis_variable.size
+        == MAX_AXES // 2 + 3
+    )
     with pytest.raises(InputError, match="different grids"):
         load_vehicle(write(with_tables(tables)))
 
@@ -162,9 +205,19 @@ def test_the_demonstrator_is_ghame_at_scale(repository, name):
     k = 0.12
     full = load_vehicle(repository / "configs/vehicle/ghame.yaml")
     small = load_vehicle(repository / f"configs/vehicle/{name}.yaml")
-    for field, power in {"area": 2, "span": 1, "chord": 1, "mass_start": 2, "mass_empty": 2}.items():
-        assert getattr(small.constants, field) == pytest.approx(getattr(full.constants, field) * k**power, rel=1e-9)
-    assert small.constants.capture_thrust == pytest.approx(full.constants.capture_thrust * 17.0 / 27.87 * k**2)
+    for field, power in {
+        "area": 2,
+        "span": 1,
+        "chord": 1,
+        "mass_start": 2,
+        "mass_empty": 2,
+    }.items():
+        assert getattr(small.constants, field) == pytest.approx(
+            getattr(full.constants, field) * k**power, rel=1e-9
+        )
+    assert small.constants.capture_thrust == pytest.approx(
+        full.constants.capture_thrust * 17.0 / 27.87 * k**2
+    )
     mass = np.linspace(54431.0, 136077.0, 7)
     ours = evaluate_fixed(small, make_variables(small, mass=mass * k**2))
     theirs = evaluate_fixed(full, make_variables(full, mass=mass))
@@ -185,14 +238,23 @@ def test_no_shipped_vehicle_is_doubted(repository, name):
     [
         ("yawing_moment", "sideslip", 180 / np.pi, "radians for degrees, would make it 0.30"),
         ("side_force", "sideslip", np.pi / 180, "would make it -0.9"),
-        ("pitching_moment", "pitch_rate", -1.0, "2.81 per unit of pitch rate.*pitching drives itself"),
+        (
+            "pitching_moment",
+            "pitch_rate",
+            -1.0,
+            "2.81 per unit of pitch rate.*pitching drives itself",
+        ),
         ("yawing_moment", "sideslip", -1.0, "-0.30.* statically unstable in yaw"),
         ("rolling_moment", "roll_rate", 180 / np.pi, "would make it -0.1"),
     ],
 )
-def test_a_derivative_of_another_unit_or_sign_is_said_with_its_number(repository, coefficient, times, factor, words):
+def test_a_derivative_of_another_unit_or_sign_is_said_with_its_number(
+    repository, coefficient, times, factor, words
+):
     file = read_vehicle_file(repository / "configs/vehicle/ghame_x.yaml")
-    terms = [term for term in getattr(file.content.aerodynamics, coefficient) if term.times == times]
+    terms = [
+        term for term in getattr(file.content.aerodynamics, coefficient) if term.times == times
+    ]
     scaled = {term.table: file.tables[term.table].scaled(factor) for term in terms}
     vehicle = pack_vehicle(replace(file, tables={**file.tables, **scaled}), PARAMETER_INDEX)
     (warning,) = find_vehicle_warnings(vehicle)

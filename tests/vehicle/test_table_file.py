@@ -11,7 +11,11 @@ GOOD = "mach,alpha_deg,value\n4,-1,1\n4,0,2\n4,2,3\n6,-1,4\n6,0,5\n6,2,6\n"
 def read(tmp_path, text, columns=None, effectors=()):
     path = tmp_path / "table.csv"
     path.write_bytes(text.encode() if isinstance(text, str) else text)
-    return read_table(path, {name: parse_role(role, effectors) for name, role in (columns or {}).items()}, effectors)
+    return read_table(
+        path,
+        {name: parse_role(role, effectors) for name, role in (columns or {}).items()},
+        effectors,
+    )
 
 
 def test_axes_become_radians_and_values_stay(tmp_path):
@@ -40,7 +44,12 @@ def test_columns_by_the_vehicle_file_comments_and_blank_lines(tmp_path):
         ("alpha_deg,value\n0,1\n30,2\n", {"alpha_deg": "angle_of_attack"}, [0.0, np.pi / 6.0]),
         ("altitude_m,value\n0,1\n50,2\n", {"altitude_m": "altitude m"}, [0.0, 50.0]),
     ],
-    ids=["a byte order mark", "the vehicle file says otherwise", "the unit of the name", "few metres, insisted on"],
+    ids=[
+        "a byte order mark",
+        "the vehicle file says otherwise",
+        "the unit of the name",
+        "few metres, insisted on",
+    ],
 )
 def test_axes_in_other_units(tmp_path, text, columns, grid):
     assert read(tmp_path, text, columns).axes[0].grid == pytest.approx(grid)
@@ -49,19 +58,41 @@ def test_axes_in_other_units(tmp_path, text, columns, grid):
 @pytest.mark.parametrize(
     ("text", "line", "column", "words"),
     [
-        pytest.param(GOOD.replace("6,0,5\n", ""), 6, None, "no row for mach 6, alpha_deg 0", id="hole"),
+        pytest.param(
+            GOOD.replace("6,0,5\n", ""), 6, None, "no row for mach 6, alpha_deg 0", id="hole"
+        ),
         pytest.param(GOOD.replace("4,2,3", "4,-2,3"), 4, 3, "falling", id="falling axis"),
-        pytest.param(GOOD.replace("4,2,3", "4,0,3"), 4, None, "a second time", id="duplicate point"),
+        pytest.param(
+            GOOD.replace("4,2,3", "4,0,3"), 4, None, "a second time", id="duplicate point"
+        ),
         pytest.param(GOOD.replace("6,0,5", "6,0,nan"), 6, 5, "'nan'", id="nan"),
         pytest.param(GOOD.replace("6,0,5", "6,0"), 6, None, "2 cells", id="short row"),
-        pytest.param(GOOD.replace("alpha_deg", "alhpa_deg"), 1, 6, "'alhpa_deg'", id="unknown column"),
-        pytest.param(GOOD.replace("alpha_deg", "alpha"), 1, 6, "without a unit", id="angle without unit"),
-        pytest.param(GOOD.replace("value", "mach"), 1, 16, "a second column of mach", id="axis twice"),
-        pytest.param("mach,alpha_deg,value\n4,0,1\n4,1,2\n", 2, 1, "one value of mach", id="axis of one"),
         pytest.param(
-            "mach,alpha_rad,value\n4,0,1\n4,12,2\n6,0,1\n6,12,2\n", 3, 3, "angle_of_attack 12", id="deg as rad"
+            GOOD.replace("alpha_deg", "alhpa_deg"), 1, 6, "'alhpa_deg'", id="unknown column"
         ),
-        pytest.param("mach,alpha_deg,value\n4,0,1\n4,.2,2\n6,0,1\n6,.2,2\n", 2, 3, "over 0.2 deg", id="rad as deg"),
+        pytest.param(
+            GOOD.replace("alpha_deg", "alpha"), 1, 6, "without a unit", id="angle without unit"
+        ),
+        pytest.param(
+            GOOD.replace("value", "mach"), 1, 16, "a second column of mach", id="axis twice"
+        ),
+        pytest.param(
+            "mach,alpha_deg,value\n4,0,1\n4,1,2\n", 2, 1, "one value of mach", id="axis of one"
+        ),
+        pytest.param(
+            "mach,alpha_rad,value\n4,0,1\n4,12,2\n6,0,1\n6,12,2\n",
+            3,
+            3,
+            "angle_of_attack 12",
+            id="deg as rad",
+        ),
+        pytest.param(
+            "mach,alpha_deg,value\n4,0,1\n4,.2,2\n6,0,1\n6,.2,2\n",
+            2,
+            3,
+            "over 0.2 deg",
+            id="rad as deg",
+        ),
         pytest.param("mach,value\n1200,1\n1800,2\n", 2, 1, "mach 1200", id="speed as mach"),
         pytest.param("altitude_m,value\n20,1\n30,2\n", 2, 1, "over 10 m only", id="km as metres"),
         pytest.param(GOOD, 1, None, "no column 'delta'", id="a description of no column"),

@@ -21,7 +21,14 @@ HEADER = [
 
 
 class World:
-    def __init__(self, a=6378137.0, f=1 / 298.257223563, gm=3.986004418e14, j2=0.00108262982, omega=7.292115e-5):
+    def __init__(
+        self,
+        a=6378137.0,
+        f=1 / 298.257223563,
+        gm=3.986004418e14,
+        j2=0.00108262982,
+        omega=7.292115e-5,
+    ):
         self.a, self.f, self.gm, self.j2 = a, f, gm, j2
         self.omega = np.array([0.0, 0.0, omega])
 
@@ -30,14 +37,21 @@ class World:
         d = np.linalg.norm(r, axis=0)
         k = 1.5 * self.j2 * (self.a / d) ** 2
         s2 = 5.0 * (r[2] / d) ** 2
-        return -self.gm / d**3 * r * (1.0 + k * (np.array([1.0, 1.0, 3.0]).reshape(3, *[1] * np.ndim(d)) - s2))
+        return (
+            -self.gm
+            / d**3
+            * r
+            * (1.0 + k * (np.array([1.0, 1.0, 3.0]).reshape(3, *[1] * np.ndim(d)) - s2))
+        )
 
     def place(self, lat, lon, h):
         """Earth-centred coordinates."""
         e2 = self.f * (2.0 - self.f)
         n = self.a / np.sqrt(1.0 - e2 * np.sin(lat) ** 2)
         across = (n + h) * np.cos(lat)
-        return np.array([across * np.cos(lon), across * np.sin(lon), (n * (1.0 - e2) + h) * np.sin(lat)])
+        return np.array(
+            [across * np.cos(lon), across * np.sin(lon), (n * (1.0 - e2) + h) * np.sin(lat)]
+        )
 
     def geodetic(self, r):
         """Latitude and altitude by fixed-point iteration."""
@@ -85,7 +99,9 @@ def fly_sphere(
         return np.concatenate([v, world.gravity(r) + drag / SLUG])
 
     times = np.linspace(0.0, 30.0, 301)
-    flown = solve_ivp(rate, (0.0, 30.0), np.concatenate([r0, v0]), "DOP853", times, rtol=1e-11, atol=1e-9)
+    flown = solve_ivp(
+        rate, (0.0, 30.0), np.concatenate([r0, v0]), "DOP853", times, rtol=1e-11, atol=1e-9
+    )
     rows = []
     for t, x in zip(times, flown.y.T, strict=True):
         r, v = x[:3], x[3:]
@@ -96,7 +112,20 @@ def fly_sphere(
         body = body0 @ Rotation.from_rotvec(rates * t).as_matrix()
         yaw, pitch, roll = Rotation.from_matrix(local @ body).as_euler("ZYX", degrees=True)
         turned = np.degrees((lon - world.omega[2] * t + np.pi) % (2 * np.pi) - np.pi)
-        rows.append([t, h / FT, turned, np.degrees(lat), *to_earth / FT, yaw % 360.0, pitch, roll, *rates_dps, 0.0])
+        rows.append(
+            [
+                t,
+                h / FT,
+                turned,
+                np.degrees(lat),
+                *to_earth / FT,
+                yaw % 360.0,
+                pitch,
+                roll,
+                *rates_dps,
+                0.0,
+            ]
+        )
     return rows
 
 

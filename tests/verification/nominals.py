@@ -73,14 +73,19 @@ def make_design() -> Design:
     mission = read_mission(configs / "mission" / "s_manoeuvre.yaml")
     trim_tables = make_mission_trim_tables(mission, vehicle)
     reference, _ = solve_reference(mission, vehicle, trim_tables, 0.1, 600)
-    return Design(vehicle, reference, trim_tables, read_controller(configs / "control" / "tlc.yaml"))
+    return Design(
+        vehicle, reference, trim_tables, read_controller(configs / "control" / "tlc.yaml")
+    )
 
 
 def draw_nominals(design: Design, count: int, seed: int = 2014) -> list[Nominal]:
     """Random nominals over _RANGES."""
     low, high = np.array(list(_RANGES.values())).T
     draws = np.random.default_rng(seed).uniform(low, high, (count, low.size))
-    return [_make_nominal(design.vehicle, dict(zip(_RANGES, draw.tolist(), strict=True))) for draw in draws]
+    return [
+        _make_nominal(design.vehicle, dict(zip(_RANGES, draw.tolist(), strict=True)))
+        for draw in draws
+    ]
 
 
 def _make_nominal(vehicle: Vehicle, values: dict[str, float]) -> Nominal:
@@ -96,7 +101,9 @@ def _make_nominal(vehicle: Vehicle, values: dict[str, float]) -> Nominal:
 
         def force(eta: float) -> Numbers:
             deflections = (0.0, 0.0, elevator)
-            return wrench_at(vehicle, around, values["mass"], speed, x[0], x[1], _STILL, deflections, eta).force
+            return wrench_at(
+                vehicle, around, values["mass"], speed, x[0], x[1], _STILL, deflections, eta
+            ).force
 
         full, idle = force(values["equivalence_ratio"]), force(0.0)
         sa, ca = np.sin(x[0]), np.cos(x[0])
@@ -129,11 +136,21 @@ def _make_nominal(vehicle: Vehicle, values: dict[str, float]) -> Nominal:
 
 def velocity_jacobian(design: Design, nominal: Nominal) -> Floats:
     """[4, 7]: rates of altitude, gamma, chi, V over these and alpha, bank, eta, from (1)."""
-    names = ("altitude", "flight_path_angle", "heading", "speed", "angle_of_attack", "bank", "equivalence_ratio")
+    names = (
+        "altitude",
+        "flight_path_angle",
+        "heading",
+        "speed",
+        "angle_of_attack",
+        "bank",
+        "equivalence_ratio",
+    )
 
     def rates_of(x: Numbers) -> Numbers:
         mass = nominal.values["mass"]
-        return guidance_rates(design.vehicle, design.trim_tables, nominal.around, mass, x[:4], x[4:])
+        return guidance_rates(
+            design.vehicle, design.trim_tables, nominal.around, mass, x[:4], x[4:]
+        )
 
     return slope(rates_of, [nominal.values[name] for name in names])
 
@@ -147,7 +164,9 @@ def attitude_jacobian(design: Design, nominal: Nominal) -> Floats:
         deflections, eta = (0.0, 0.0, nominal.elevator), values["equivalence_ratio"]
         flow = mass, speed, x[0], x[1], _STILL
         force = wrench_at(design.vehicle, around, *flow, deflections, eta).force
-        return attitude_rates(force, mass, speed, around.gravity, values["flight_path_angle"], x[:3], x[3:])
+        return attitude_rates(
+            force, mass, speed, around.gravity, values["flight_path_angle"], x[:3], x[3:]
+        )
 
     return slope(rates_of, [values["angle_of_attack"], 0.0, values["bank"], *nominal.rates])
 
@@ -156,7 +175,9 @@ def inertia_of(design: Design, nominal: Nominal) -> Floats:
     """The inertia matrix [3, 3] at the nominal's mass, kg m2."""
     at = np.array([nominal.values["angle_of_attack"]])
     mass, speed = nominal.values["mass"], nominal.values["speed"]
-    wrench = wrench_at(design.vehicle, nominal.around, mass, speed, at, 0.0 * at, _STILL, _STILL, 0.0 * at)
+    wrench = wrench_at(
+        design.vehicle, nominal.around, mass, speed, at, 0.0 * at, _STILL, _STILL, 0.0 * at
+    )
     return np.asarray(np.real(wrench.inertia[..., 0]))
 
 
@@ -164,6 +185,8 @@ def rate_jacobian(inertia: Floats, rates: tuple[float, ...], moment: tuple[float
     """[3, 6]: rates of p, q, r over these and the moments, from (3)."""
 
     def rates_of(x: Numbers) -> Numbers:
-        return body_rate_rates(np.broadcast_to(inertia[..., None], (3, 3, x.shape[1])), x[3:], x[:3])
+        return body_rate_rates(
+            np.broadcast_to(inertia[..., None], (3, 3, x.shape[1])), x[3:], x[:3]
+        )
 
     return slope(rates_of, [*rates, *moment])

@@ -11,7 +11,12 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.world.earth import WGS84, gravity_ned
 from abhv_mc.verification.fly_recording import check_times, read_columns
-from abhv_mc.verification.ghame6 import CADAC_EARTH, geodetic_from_ecef, read_recording, verify_ghame6
+from abhv_mc.verification.ghame6 import (
+    CADAC_EARTH,
+    geodetic_from_ecef,
+    read_recording,
+    verify_ghame6,
+)
 
 NAME = "sturn50_total_h1e-4.csv.gz"
 
@@ -44,13 +49,21 @@ def test_it_is_met_as_well_as_by_an_integration_a_thousand_times_finer(rows):
 def test_the_start_is_the_first_row(path, frame):
     recording = read_recording(path)
     first, start = frame.iloc[0], recording.states[0]
-    assert np.degrees(start[s.LONGITUDE]) == pytest.approx(first["lonx"], abs=1e-6)  # a step of 1e-4 s behind
-    assert np.degrees(start[s.LATITUDE]) == pytest.approx(first["latx"], abs=3e-4)  # CADAC++'s own series
+    assert np.degrees(start[s.LONGITUDE]) == pytest.approx(
+        first["lonx"], abs=1e-6
+    )  # a step of 1e-4 s behind
+    assert np.degrees(start[s.LATITUDE]) == pytest.approx(
+        first["latx"], abs=3e-4
+    )  # CADAC++'s own series
     assert start[s.ALTITUDE] == pytest.approx(first["alt"] + 0.1834, abs=1e-3)
     assert np.linalg.norm(start[s.U : s.W + 1]) == pytest.approx(first["dvbe"], abs=1e-6)
-    assert np.degrees(np.arctan2(start[s.W], start[s.U])) == pytest.approx(first["alphax"], abs=1e-6)
+    assert np.degrees(np.arctan2(start[s.W], start[s.U])) == pytest.approx(
+        first["alphax"], abs=1e-6
+    )
     assert start[s.MASS] == pytest.approx(first["vmass"], rel=1e-12)
-    assert recording.controls[0] == pytest.approx([*np.radians(first[["delax", "delrx", "delex"]]), first["throttle"]])
+    assert recording.controls[0] == pytest.approx(
+        [*np.radians(first[["delax", "delrx", "delex"]]), first["throttle"]]
+    )
 
 
 def test_the_meridional_gravity_of_the_reference_has_the_other_sign(frame):
@@ -71,19 +84,30 @@ def test_the_meridional_gravity_of_the_reference_has_the_other_sign(frame):
     j2_pull = 3.0 * CADAC_EARTH.j2 * CADAC_EARTH.gravitational_parameter / radius**2
     j2_pull *= (CADAC_EARTH.equatorial_radius / radius) ** 2 * sine * cosine
     along = np.einsum("ti,ti->t", field, north)
-    assert np.median(along) == pytest.approx(np.median(j2_pull), rel=0.01)  # northward; J2 pulls to the south
-    assert gravity_ned(WGS84._replace(rotation_rate=0.0, flattening=0.0), 0.0, 0.5, np.sqrt(0.75))[0] < 0.0
+    assert np.median(along) == pytest.approx(
+        np.median(j2_pull), rel=0.01
+    )  # northward; J2 pulls to the south
+    assert (
+        gravity_ned(WGS84._replace(rotation_rate=0.0, flattening=0.0), 0.0, 0.5, np.sqrt(0.75))[0]
+        < 0.0
+    )
 
 
 def test_columns_that_are_not_needed_may_go_and_come(frame, tmp_path, rows):
-    few = ["time", *frame.columns[frame.columns.str.match(r"sbii|vbii|tbi|wbib|dela|dele|delr")], "throttle"]
+    few = [
+        "time",
+        *frame.columns[frame.columns.str.match(r"sbii|vbii|tbi|wbib|dela|dele|delr")],
+        "throttle",
+    ]
     slim = frame[[*few, "fmasse", "alt", "dvbe", "thtvdx", "alphax", "betax"]].assign(note="a word")
     file = tmp_path / "slim.csv"
     slim.to_csv(file, index=False)
     again = verify_ghame6(file)
     assert [row.ok for row in again] == [True] * 10
     # without vmass the mass comes from the fuel expended
-    assert [row.difference for row in again] == pytest.approx([row.difference for row in rows], abs=1e-5)
+    assert [row.difference for row in again] == pytest.approx(
+        [row.difference for row in rows], abs=1e-5
+    )
 
 
 def test_a_later_start_and_a_coarser_grid(frame, tmp_path):
@@ -129,4 +153,6 @@ def test_published_point() -> None:
     longitude = math.radians(2 + 7 / 60 + 46.380 / 3600)
     position = ecef_from_geodetic(WGS84, latitude, longitude, 73.0)
     assert position == pytest.approx([3771793.968, 140253.342, 5124304.349], abs=0.02)
-    assert geodetic_from_ecef(WGS84, position) == pytest.approx((latitude, longitude, 73.0), abs=2e-9)
+    assert geodetic_from_ecef(WGS84, position) == pytest.approx(
+        (latitude, longitude, 73.0), abs=2e-9
+    )

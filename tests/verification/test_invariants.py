@@ -50,14 +50,18 @@ def test_invariants() -> None:
 
 def fly_in_vacuum(vehicle: Vehicle, step: float, ticks: int) -> Floats:
     """States ``[tick, state]`` without air or engine, from 20 km, 1400 m/s, tumbling."""
-    start = make_start(20e3, (600.0, 1200.0, -300.0), 1.0, _RATES, vehicle.constants.mass_start, 0.5)
+    start = make_start(
+        20e3, (600.0, 1200.0, -300.0), 1.0, _RATES, vehicle.constants.mass_start, 0.5
+    )
     parameters = nominal_parameters()[0]
     parameters[PARAMETER_INDEX["atmosphere.density"]] = 0.0
     plan = make_replay_plan(vehicle, WGS84, start, np.zeros((ticks + 1, 4)), Timing(step, 1, ticks))
     return replay(plan, parameters)
 
 
-def ecef_from_geodetic(earth: Earth, latitude: ArrayLike, longitude: ArrayLike, altitude: ArrayLike) -> Floats:
+def ecef_from_geodetic(
+    earth: Earth, latitude: ArrayLike, longitude: ArrayLike, altitude: ArrayLike
+) -> Floats:
     """Position ``[..., 3]``, m, in E of a geodetic latitude, longitude and altitude."""
     latitude, longitude, altitude = np.broadcast_arrays(latitude, longitude, altitude)
     sin_lat, cos_lat = np.sin(latitude), np.cos(latitude)
@@ -85,7 +89,11 @@ def orbital_energy(position: Floats, velocity: Floats) -> Floats:
     """Kinetic and potential energy of the central and J2 field, J/kg, from inertial motion ``[time, 3]``."""
     r = np.linalg.norm(position, axis=1)
     p2 = 1.5 * (position[:, 2] / r) ** 2 - 0.5
-    potential = -WGS84.gravitational_parameter / r * (1.0 - WGS84.j2 * (WGS84.equatorial_radius / r) ** 2 * p2)
+    potential = (
+        -WGS84.gravitational_parameter
+        / r
+        * (1.0 - WGS84.j2 * (WGS84.equatorial_radius / r) ** 2 * p2)
+    )
     return np.asarray(0.5 * np.einsum("ti,ti->t", velocity, velocity) + potential)
 
 

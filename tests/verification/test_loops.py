@@ -49,9 +49,22 @@ EARTH_RATE = 7.3e-5  # rad/s
 # Of the two inner loops: all different, so that no two channels can be swapped.
 _DIFFERENT = Spectrum(0.09, 2.04, 0.16, 1.9, 0.25, 1.7)
 _EXACT = 1e-9  # relative to the largest term of what is summed
-_COORDINATES = [path.GAMMA, path.CHI, path.SPEED, path.ALPHA, path.BETA, path.BANK, path.P, path.Q, path.R]
+_COORDINATES = [
+    path.GAMMA,
+    path.CHI,
+    path.SPEED,
+    path.ALPHA,
+    path.BETA,
+    path.BANK,
+    path.P,
+    path.Q,
+    path.R,
+]
 _MOVED = [*_COORDINATES, len(path.COORDINATES) + 2]  # and the elevator
-_STEPS = np.eye(len(path.COORDINATES) + 4)[_MOVED] * np.where(np.array(_MOVED) == path.SPEED, 1e-2, 1e-5)[:, np.newaxis]
+_STEPS = (
+    np.eye(len(path.COORDINATES) + 4)[_MOVED]
+    * np.where(np.array(_MOVED) == path.SPEED, 1e-2, 1e-5)[:, np.newaxis]
+)
 
 
 def closed_loop(A: Floats, B: Floats, K: Floats) -> Floats:
@@ -67,7 +80,9 @@ def closed_loop(A: Floats, B: Floats, K: Floats) -> Floats:
 def off(J: Floats, K: Floats, spectrum: Spectrum) -> float:
     """Largest difference of ``A - B K`` from A_c of (10), relative to the largest term of the sum."""
     A, B = J[:, :3], J[:, 3:]
-    wanted = closed_loop(np.zeros((3, 3)), -np.eye(3), -np.kron(np.eye(3), np.ones((1, 2))) * np.array(spectrum))
+    wanted = closed_loop(
+        np.zeros((3, 3)), -np.eye(3), -np.kron(np.eye(3), np.ones((1, 2))) * np.array(spectrum)
+    )
     scale = max(np.abs(A).max(), np.abs(B @ K).max())
     return float(np.abs(closed_loop(A, B, K) - wanted).max() / scale)
 
@@ -76,24 +91,42 @@ def outer_gains(design: Design, nominal: Nominal) -> Floats:
     """The gains that the product's own design gives altitude and velocity at a nominal."""
     row = dict(zip(REFERENCE, design.reference[0].tolist(), strict=True))
     row |= {name: nominal.values[name] for name in REFERENCE if name in nominal.values}
-    row |= {name: getattr(nominal.around, name) for name in ("density", "sound_speed", "gravity", "radius")}
-    return make_tlc_gains(design.tlc, np.array([list(row.values())] * 2), design.vehicle, design.trim_tables)[0]
+    row |= {
+        name: getattr(nominal.around, name)
+        for name in ("density", "sound_speed", "gravity", "radius")
+    }
+    return make_tlc_gains(
+        design.tlc, np.array([list(row.values())] * 2), design.vehicle, design.trim_tables
+    )[0]
 
 
 def loops_off(design: Design, nominal: Nominal) -> dict[str, float]:
     """How far each sub-loop, and the moment that (3) is inverted for, is from what was promised."""
     tlc, rates, matrix = design.tlc, nominal.rates, inertia_of(design, nominal)
     inertia = Inertia(matrix[0, 0], matrix[1, 1], matrix[2, 2], matrix[0, 2])
-    channels = tlc.velocity.flight_path_angle, tlc.velocity.heading, tlc.velocity.speed, tlc.altitude
-    *velocity, altitude = [[float(a[0]) for a in pd_spectrum(each, np.zeros(2), np.ones(2))] for each in channels]
+    channels = (
+        tlc.velocity.flight_path_angle,
+        tlc.velocity.heading,
+        tlc.velocity.speed,
+        tlc.altitude,
+    )
+    *velocity, altitude = [
+        [float(a[0]) for a in pd_spectrum(each, np.zeros(2), np.ones(2))] for each in channels
+    ]
     outer, J = outer_gains(design, nominal), velocity_jacobian(design, nominal)
-    attitude = np.array(attitude_gains(nominal.attitude, rates[0], rates[2], _DIFFERENT)).reshape(3, 6)
+    attitude = np.array(attitude_gains(nominal.attitude, rates[0], rates[2], _DIFFERENT)).reshape(
+        3, 6
+    )
     acceleration = (0.3, -0.2, 0.1)
     moment = moment_inverse(inertia, *rates, *acceleration)
     found = np.real(body_rate_rates(matrix, np.array(moment), np.array(rates)))
     return {
         "1 altitude": float(np.abs(J[0, 1] * outer[TLC_K1 : TLC_K1 + 2] / altitude - 1.0).max()),
-        "2 velocity": off(J[1:, 1:], outer[TLC_K2 : TLC_K2 + 18].reshape(3, 6), Spectrum(*np.concatenate(velocity))),
+        "2 velocity": off(
+            J[1:, 1:],
+            outer[TLC_K2 : TLC_K2 + 18].reshape(3, 6),
+            Spectrum(*np.concatenate(velocity)),
+        ),
         "3 attitude": off(attitude_jacobian(design, nominal), attitude, _DIFFERENT),
         "4 body rates": off(
             rate_jacobian(matrix, rates, moment),
@@ -108,7 +141,10 @@ def test_the_loops_are_exact() -> None:
     design = make_design()
     each = [loops_off(design, nominal) for nominal in draw_nominals(design, NOMINALS)]
     case, against = f"TLC, {NOMINALS} nominals", "A_c of (10), complex step"
-    rows = [Row(case, against, name, "relative", max(one[name] for one in each), _EXACT) for name in each[0]]
+    rows = [
+        Row(case, against, name, "relative", max(one[name] for one in each), _EXACT)
+        for name in each[0]
+    ]
     check([*rows[:-1], replace(rows[-1], unit="rad/s2", tolerance=1e-12)])
 
 
@@ -124,11 +160,24 @@ def test_the_differentiator() -> None:
                 u = 1.0 if k == 0 else 0.0
                 response.append(differentiator_output(bandwidth, state, u))
                 state = differentiator_next(decay, state, u)
-            found = np.sum(np.array(response) * np.exp(-1j * omega * tick * np.arange(len(response))))
+            found = np.sum(
+                np.array(response) * np.exp(-1j * omega * tick * np.arange(len(response)))
+            )
             expected = bandwidth * 1j * omega / (1j * omega + bandwidth)
             # Holding the input delays the filtered part by half a tick.
             worst = max(worst, float(abs(found - expected)) / (0.5 * omega * tick * bandwidth))
-    check([Row("differentiator, 100 Hz", "(21)", "frequency response", "of half a tick's delay", worst, 1.1)])
+    check(
+        [
+            Row(
+                "differentiator, 100 Hz",
+                "(21)",
+                "frequency response",
+                "of half a tick's delay",
+                worst,
+                1.1,
+            )
+        ]
+    )
 
 
 def without_damping(vehicle: Vehicle) -> Vehicle:
@@ -148,21 +197,30 @@ def plant_off(design: Design, nominal: Nominal, vehicle: Vehicle, earth: Earth) 
     velocity = np.column_stack([J[:3, :2], by_speed]) - velocity_jacobian(design, nominal)[1:, 1:4]
     velocity *= scale / scale[:, None]
     attitude = J[3:6, 3:9] - attitude_jacobian(design, nominal)
-    rates = J[6:, 6:9] - rate_jacobian(inertia_of(design, nominal), nominal.rates, (0.0, 0.0, 0.0))[:, :3]
+    rates = (
+        J[6:, 6:9]
+        - rate_jacobian(inertia_of(design, nominal), nominal.rates, (0.0, 0.0, 0.0))[:, :3]
+    )
     return [float(np.abs(each).max()) for each in (velocity, attitude, rates)]
 
 
 def plant_jacobian(nominal: Nominal, vehicle: Vehicle, earth: Earth) -> Floats:
     """[9, 10]: rates of _COORDINATES over these and the elevator at a nominal."""
-    values = nominal.values | dict(zip(("roll_rate", "pitch_rate", "yaw_rate"), nominal.rates, strict=True))
+    values = nominal.values | dict(
+        zip(("roll_rate", "pitch_rate", "yaw_rate"), nominal.rates, strict=True)
+    )
     at = [values.get(name, 0.0) for name in path.COORDINATES]  # without sideslip
     controls = [0.0, 0.0, nominal.elevator, values["equivalence_ratio"]]
     points = np.array([*at, *controls]) + np.concatenate([_STEPS, -_STEPS])
     latitude, mass = (np.full(len(points), values[name]) for name in ("latitude", "mass"))
     states = path.make_states(points[:, : len(at)], points[:, len(at) :], latitude, mass)
-    plan = make_replay_plan(vehicle, earth, states[0], np.tile(controls, (2, 1)), Timing(0.01, 1, 1))
+    plan = make_replay_plan(
+        vehicle, earth, states[0], np.tile(controls, (2, 1)), Timing(0.01, 1, 1)
+    )
     lane, _ = begin(plan, fly_until(plan, nominal_parameters(), 0))
-    rates = path.path_rates(states, ask_plant(plan, lane, 0, np.zeros(len(states), np.int64), states).rates)
+    rates = path.path_rates(
+        states, ask_plant(plan, lane, 0, np.zeros(len(states), np.int64), states).rates
+    )
     upward, downward = np.split(rates[:, _COORDINATES], 2)
     return ((upward - downward) / (2.0 * _STEPS.sum(axis=1)[:, np.newaxis])).T
 
@@ -191,7 +249,11 @@ def test_without_damping_on_a_still_sphere_the_plant_is_the_design_model() -> No
         for name, plant in plants.items()
     }
     for name, each in worst.items():
-        print(" | ".join([name, *(f"{loop} {entry:.1e}" for loop, entry in zip(LOOPS, each, strict=True))]))
+        print(
+            " | ".join(
+                [name, *(f"{loop} {entry:.1e}" for loop, entry in zip(LOOPS, each, strict=True))]
+            )
+        )
     assert (worst["both"][1:] < 1e-9).all()
     # Damping and the Earth are seen where they act.
     assert worst["on a still sphere"][2] > 0.1

@@ -26,7 +26,11 @@ SYNTHETIC = {
     "08": ("WindShear", {"wind": lambda h: -20.0 + 0.003 * h}),
     "10": (
         "Northward",
-        {"altitude": 0.0, "velocity_ned": (1000.0, 0.0, -1000.0), "rates_dps": (0.004178073, 0.0, 0.0)},
+        {
+            "altitude": 0.0,
+            "velocity_ned": (1000.0, 0.0, -1000.0),
+            "rates_dps": (0.004178073, 0.0, 0.0),
+        },
     ),
 }
 
@@ -47,8 +51,16 @@ def rows(given):
 
 
 def test_every_published_simulator_is_met(rows):
-    bodies = {(f"nesc {case}", f"sim {sim}") for case in ("01", "02", "03", "06", "09") for sim in ("04", "06")}
-    aircraft = {(f"nesc {case}", f"sim {sim}") for case in ("11", "12", "13.1", "13.2") for sim in ("04", "05")}
+    bodies = {
+        (f"nesc {case}", f"sim {sim}")
+        for case in ("01", "02", "03", "06", "09")
+        for sim in ("04", "06")
+    }
+    aircraft = {
+        (f"nesc {case}", f"sim {sim}")
+        for case in ("11", "12", "13.1", "13.2")
+        for sim in ("04", "05")
+    }
     assert {(row.case, row.simulator) for row in rows} == bodies | aircraft
     assert [row for row in rows if not row.ok] == []
     assert len(rows) == 60 + 48
@@ -86,7 +98,10 @@ def test_the_wrong_case_is_outside(tmp_path, given):
     # Case 6 under the name of case 7: no wind where 20 ft/s is wanted.
     (tmp_path / "Atmos_07_SteadyWind").mkdir()
     published = given / "Atmos_06_DroppedSphereEllipsoidalNoWind" / "Atmos_06_sim_04.csv.gz"
-    with gzip.open(published) as source, (tmp_path / "Atmos_07_SteadyWind" / "Atmos_07_sim_04.csv").open("wb") as copy:
+    with (
+        gzip.open(published) as source,
+        (tmp_path / "Atmos_07_SteadyWind" / "Atmos_07_sim_04.csv").open("wb") as copy,
+    ):
         shutil.copyfileobj(source, copy)
     outside = {row.quantity for row in verify_nesc(tmp_path) if not row.ok}
     assert {"velocity", "longitude"} <= outside
@@ -123,7 +138,16 @@ def write_published(folder, case: str, name: str, simulator: str, times, turn) -
     altitude, velocity, longitude, latitude, euler, rates = _flown(
         at_times(1.0 / RATE, fly_aircraft(case, float(times[-1])), times)
     )
-    columns = [times, altitude, turn(longitude), latitude, *velocity.T, *turn(euler).T, *rates.T, 0.0 * times]
+    columns = [
+        times,
+        altitude,
+        turn(longitude),
+        latitude,
+        *velocity.T,
+        *turn(euler).T,
+        *rates.T,
+        0.0 * times,
+    ]
     write_case(folder, case, name, simulator, np.column_stack(columns).tolist())
 
 
@@ -137,8 +161,12 @@ def write_published(folder, case: str, name: str, simulator: str, times, turn) -
 )
 def test_files_named_as_the_publishers_are_found_and_compared(tmp_path, case, name, end) -> None:
     """At times of their own, and with angles that go round otherwise: a difference of 360 deg is none."""
-    write_published(tmp_path, case, name, "04", np.arange(0.0, end, 0.1), lambda a: (a + 180.0) % 360.0 - 180.0)
-    write_published(tmp_path, case, name, "05", np.arange(0.0, end, 1.0 / 30.0), lambda a: a % 360.0)
+    write_published(
+        tmp_path, case, name, "04", np.arange(0.0, end, 0.1), lambda a: (a + 180.0) % 360.0 - 180.0
+    )
+    write_published(
+        tmp_path, case, name, "05", np.arange(0.0, end, 1.0 / 30.0), lambda a: a % 360.0
+    )
     rows = verify_nesc(tmp_path)
     title = f"nesc {case.replace('p', '.')}"
     assert {(row.case, row.simulator) for row in rows} == {(title, "sim 04"), (title, "sim 05")}

@@ -40,12 +40,17 @@ def errors() -> dict[str, Floats]:
 
     def fly(step: float) -> Floats:
         ticks = round(DURATION / step)
-        plan = make_replay_plan(vehicle, WGS84, start, np.zeros((ticks + 1, 4)), Timing(step, 1, ticks))
+        plan = make_replay_plan(
+            vehicle, WGS84, start, np.zeros((ticks + 1, 4)), Timing(step, 1, ticks)
+        )
         return replay(plan, nominal_parameters()[0])[:: round(STEPS[0] / step)]
 
     exact = fly(EXACT)
     flown = [np.abs(fly(step) - exact) for step in STEPS]
-    return {name: np.array([error[:, group].max() for error in flown]) for name, group in _GROUPS.items()}
+    return {
+        name: np.array([error[:, group].max() for error in flown])
+        for name, group in _GROUPS.items()
+    }
 
 
 def test_order() -> None:
@@ -54,7 +59,14 @@ def test_order() -> None:
     slopes = {name: np.polyfit(np.log(STEPS), np.log(error), 1)[0] for name, error in found.items()}
     check(
         [
-            Row("step halving", "order 4", f"slope of the {name} error", "-", abs(float(slope) - ORDER), 0.2)
+            Row(
+                "step halving",
+                "order 4",
+                f"slope of the {name} error",
+                "-",
+                abs(float(slope) - ORDER),
+                0.2,
+            )
             for name, slope in slopes.items()
         ]
     )
@@ -67,10 +79,16 @@ def test_half_the_default_step_moves_every_metric_by_less_than_one_percent_of_it
     """TLC's S manoeuvre under the paper's dispersions (Zhu & Shen 2014, section 7): uniform, half widths."""
     flights, generator = 304, np.random.default_rng(2014)
     parameters = nominal_parameters(flights)
-    for name, half_width in {"atmosphere.density": 0.10, "aero.lift": 0.10, "aero.drag": 0.15}.items():
+    for name, half_width in {
+        "atmosphere.density": 0.10,
+        "aero.lift": 0.10,
+        "aero.drag": 0.15,
+    }.items():
         parameters[:, PARAMETER_INDEX[name]] += generator.uniform(-half_width, half_width, flights)
     coarse = make_flight_plan("s_manoeuvre", "ghame_x")
-    fine = make_flight_plan({"base": "s_manoeuvre", "step": f"{0.5 * coarse.timing.step} s"}, "ghame_x")
+    fine = make_flight_plan(
+        {"base": "s_manoeuvre", "step": f"{0.5 * coarse.timing.step} s"}, "ghame_x"
+    )
     one, other = (fly(plan, parameters) for plan in (coarse, fine))
     flown = f"tlc, {flights} flights"
     changed = float((one.outcome != other.outcome).sum())

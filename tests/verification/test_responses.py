@@ -71,7 +71,9 @@ def without_sideslip_terms(vehicle: Vehicle) -> Vehicle:
 
 def slowed(loop: str) -> TlcController:
     """Table 1 with this loop slowed to SLOWED and all loops outside it practically off."""
-    data: dict[str, Any] = read_controller(shipped_configs() / "control" / "tlc.yaml").model_dump(mode="json")
+    data: dict[str, Any] = read_controller(shipped_configs() / "control" / "tlc.yaml").model_dump(
+        mode="json"
+    )
     for outer in LOOPS[LOOPS.index(loop) :]:
         bandwidth = SLOWED[outer] if outer == loop else _OFF
         channels = [data[outer]] if outer == "altitude" else data[outer].values()
@@ -80,9 +82,13 @@ def slowed(loop: str) -> TlcController:
     return TlcController.model_validate_json(json.dumps(data))
 
 
-def response(vehicle: Vehicle, controller: TlcController, duration: float, case: Case) -> tuple[Floats, Floats]:
+def response(
+    vehicle: Vehicle, controller: TlcController, duration: float, case: Case
+) -> tuple[Floats, Floats]:
     """Times ``[time]`` (s) and the error's share of its initial value ``[time]``, in level flight."""
-    mission = read_mission(shipped_configs() / "mission" / "level.yaml").model_copy(update={"duration": duration})
+    mission = read_mission(shipped_configs() / "mission" / "level.yaml").model_copy(
+        update={"duration": duration}
+    )
     parameters = nominal_parameters(2)
     parameters[1, PARAMETER_INDEX[f"initial.{case.name}"]] = case.size
     block = fly(make_plan(vehicle, mission, controller, "tlc"), parameters, record_every=2)
@@ -105,4 +111,6 @@ def test_the_response_is_the_promised_one(case: Case) -> None:
     vehicle = ghame_x if case.weathercock else without_sideslip_terms(ghame_x)
     times, found = response(vehicle, slowed(case.loop), round(3.0 / fast, 1), case)
     off = float(np.abs(found - promised(damping, bandwidth, times)).max())
-    check([Row("response, loops apart", "promised poles", case.name, "of the error", off, _TOLERANCE)])
+    check(
+        [Row("response, loops apart", "promised poles", case.name, "of the error", off, _TOLERANCE)]
+    )

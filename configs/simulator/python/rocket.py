@@ -23,7 +23,12 @@ def fly(inputs, settings):
         height += speed * STEP
         time += STEP
         load = max(load, abs(force / mass) / GRAVITY)
-    return {"apogee": height, "apogee_miss": abs(height - TARGET), "load_max": load, "end_time": time}
+    return {
+        "apogee": height,
+        "apogee_miss": abs(height - TARGET),
+        "load_max": load,
+        "end_time": time,
+    }
 
 
 def brakes_open(time, height, speed, mass, settings):

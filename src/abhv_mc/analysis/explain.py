@@ -98,7 +98,10 @@ def explain_flight(
         wish = "the version of the program that flew it (see manifest.json)"
         raise InputError(root, f"a flight {flight} that does not fail when flown again", wish)
     names = campaign.dimensions
-    nominal, values, seeds = campaign.parameters.nominal_of(names), *np.split(row.samples[0], [len(names)])
+    nominal, values, seeds = (
+        campaign.parameters.nominal_of(names),
+        *np.split(row.samples[0], [len(names)]),
+    )
     sets = [tuple(names[i] for i in members) for members in found.sets]
     alone = np.isin(names, sets[0])
     flown = campaign.outcomes.numbers[row.outcome[0]]
@@ -114,12 +117,21 @@ def explain_flight(
         found.smallest,
         found.tried,
         rows,
-        simulate(campaign, controller, np.column_stack([rows, np.tile(seeds, (3, 1))]), every, fly, margins),
+        simulate(
+            campaign,
+            controller,
+            np.column_stack([rows, np.tile(seeds, (3, 1))]),
+            every,
+            fly,
+            margins,
+        ),
         campaign.parameters,
     )
 
 
-def with_margins(campaign: Experiment, controller: str, failures: Sequence[Failure]) -> tuple[Experiment, bool]:
+def with_margins(
+    campaign: Experiment, controller: str, failures: Sequence[Failure]
+) -> tuple[Experiment, bool]:
     """The campaign ready to fly such failures again, and whether with the margins of each flight."""
     if not any(failure.of_margin for failure in failures):
         return campaign, False
@@ -138,15 +150,22 @@ def smallest_sets(
 ) -> list[Shrunk | None]:
     """The smallest sets of dispersions with which each flight ``[failure, parameter]`` still fails as it did."""
     names = campaign.dimensions
-    nominal, values, seeds = campaign.parameters.nominal_of(names), *np.split(samples, [len(names)], axis=1)
+    nominal, values, seeds = (
+        campaign.parameters.nominal_of(names),
+        *np.split(samples, [len(names)], axis=1),
+    )
 
     def severity(owners: NDArray[np.intp], keep: Mask) -> Floats:
-        rows = np.column_stack([np.where(keep, values[owners], nominal), seeds[owners]])  # the noise is as it was flown
+        rows = np.column_stack(
+            [np.where(keep, values[owners], nominal), seeds[owners]]
+        )  # the noise is as it was flown
         block = simulate(campaign, controller, rows, None, fly, margins)
         found = np.full(owners.size, -np.inf)
         for who in np.unique(owners).tolist():
             its = owners == who
-            found[its] = failures[who].severity(block.outcome[its], block.end_time[its], block.metrics[its])
+            found[its] = failures[who].severity(
+                block.outcome[its], block.end_time[its], block.metrics[its]
+            )
         return np.where(block.outcome == Outcome.FAILED_TO_RUN, -np.inf, found)
 
     drawn = SampleReader(folder.samples)
@@ -165,15 +184,23 @@ def find_failure(root: Path, campaign: Experiment, row: FlightRows, asked: str |
     metrics = [item.metric for item in campaign.requirements]
     if asked is not None and asked not in metrics:
         found = f"no requirement on '{asked}'"
-        raise InputError("--requirement", found, one_of(metrics, asked) if metrics else "no requirement")
+        raise InputError(
+            "--requirement", found, one_of(metrics, asked) if metrics else "no requirement"
+        )
     failures = [
-        Failure(item, columns.index(item.metric)) for item in campaign.requirements if asked in (None, item.metric)
+        Failure(item, columns.index(item.metric))
+        for item in campaign.requirements
+        if asked in (None, item.metric)
     ]
     for failure in failures if asked is not None else [Failure(None), *failures]:
         if failure.severity(*state)[0] > -np.inf:
             return failure
     found = f"flight {row.first} of {row.controller}, which {f'kept {asked}' if asked else 'did not fail'}"
-    raise InputError(root, found, "a flight that ended early or missed a requirement, of the controller that you name")
+    raise InputError(
+        root,
+        found,
+        "a flight that ended early or missed a requirement, of the controller that you name",
+    )
 
 
 def mildest_first(samples: SampleReader, values: Floats) -> NDArray[np.intp]:

@@ -19,7 +19,9 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.simulators.engine import Engine, Fly, engine_of
 from abhv_mc.simulators.stored_plans import open_flown
 
-MOST_CAUSES = 3  # of a set that explains a flight, none of which can be left out; larger ones say little
+MOST_CAUSES = (
+    3  # of a set that explains a flight, none of which can be left out; larger ones say little
+)
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,11 @@ class ControllerFailures:
     @property
     def looked_at(self) -> int:
         """Flights that were shrunk."""
-        return sum(len(group.flights) for group in self.groups) + len(self.nominal) + len(self.unexplained)
+        return (
+            sum(len(group.flights) for group in self.groups)
+            + len(self.nominal)
+            + len(self.unexplained)
+        )
 
 
 @dataclass(frozen=True)
@@ -122,9 +128,13 @@ def map_failures(
     folder = CampaignFolder(root)
     campaign = open_flown(folder, failed, trust_code)
     found = {}
-    with open_executor(engine_of(campaign, engine), campaign.model.execution, None, None) as executor:
+    with open_executor(
+        engine_of(campaign, engine), campaign.model.execution, None, None
+    ) as executor:
         for name, flights in failed.items():
-            found[name] = _map_controller(folder, campaign, name, flights, executor.fly_side_by_side)
+            found[name] = _map_controller(
+                folder, campaign, name, flights, executor.fly_side_by_side
+            )
     return FailureMap(str(read_manifest(folder.manifest).digest), found)
 
 
@@ -146,9 +156,15 @@ def _map_controller(
     found = smallest_sets(folder, campaign, controller, samples, failures, fly, margins, _BUDGET)
     values = samples[:, : len(names)]
     groups, told = _group(names, flights, failures, values, values > nominal, found)
-    bare = tuple(flight for flight, each in zip(flights, found, strict=True) if each is not None and () in each.sets)
+    bare = tuple(
+        flight
+        for flight, each in zip(flights, found, strict=True)
+        if each is not None and () in each.sets
+    )
     rest = tuple(flight for flight in flights if flight not in told and flight not in bare)
-    return ControllerFailures(len(failed), groups, bare, rest, sum(each.tried for each in found if each))
+    return ControllerFailures(
+        len(failed), groups, bare, rest, sum(each.tried for each in found if each)
+    )
 
 
 def _group(
@@ -165,7 +181,9 @@ def _group(
         members = [k for k, failure in enumerate(failures) if failure.words == words]
         for cause in group_failures([found[k] for k in members], high[members]):
             rows = [members[k] for k in cause.failures]
-            low, middle, top = np.quantile(values[np.ix_(rows, cause.inputs)], (0.0, 0.5, 1.0), axis=0).tolist()
+            low, middle, top = np.quantile(
+                values[np.ix_(rows, cause.inputs)], (0.0, 0.5, 1.0), axis=0
+            ).tolist()
             ends = zip(low, middle, top, strict=True)
             held = zip((names[i] for i in cause.inputs), cause.high, ends, strict=True)
             dispersions = tuple(Dispersed(name, side, *three) for name, side, three in held)

@@ -50,8 +50,11 @@ def replay_flight(
     values = np.append(block.metrics[0], block.end_time[0])
     differences = [
         f"{name}: {new!r} instead of {old!r}"
-        for name, new, old in zip(row.columns, values.tolist(), row.values[0].tolist(), strict=False)  # margins follow
-        if np.float64(new).tobytes() != np.float64(old).tobytes() and not (np.isnan(new) and np.isnan(old))
+        for name, new, old in zip(
+            row.columns, values.tolist(), row.values[0].tolist(), strict=False
+        )  # margins follow
+        if np.float64(new).tobytes() != np.float64(old).tobytes()
+        and not (np.isnan(new) and np.isnan(old))
     ]
     outcome, ends = int(block.outcome[0]), experiment.outcomes
     if ends.codes[outcome] != row.outcome[0]:
@@ -59,7 +62,17 @@ def replay_flight(
     samples = dict(zip(experiment.inputs, row.samples[0].tolist(), strict=True))
     metrics = dict(zip(row.columns, values.tolist(), strict=False))
     end = end_of(experiment, controller, row.samples, outcome)
-    return Replay(controller, flight, block, samples, metrics, tuple(differences), end, ends, experiment.channels)
+    return Replay(
+        controller,
+        flight,
+        block,
+        samples,
+        metrics,
+        tuple(differences),
+        end,
+        ends,
+        experiment.channels,
+    )
 
 
 def find_rows(folder: CampaignFolder, controller: str, flights: Sequence[int]) -> list[FlightRows]:
@@ -70,18 +83,25 @@ def find_rows(folder: CampaignFolder, controller: str, flights: Sequence[int]) -
     for path in folder.flights.glob("*.parquet"):
         try:
             name, first, stop = parse_block_name(path)
-            expected = [flight for flight in flights if name == controller and first <= flight < stop]
+            expected = [
+                flight for flight in flights if name == controller and first <= flight < stop
+            ]
             if expected:
                 read_checked(folder, [path])
                 for rows, _ in read_pieces(path, names):
                     for flight in expected:
                         if rows.first <= flight < rows.stop:
                             at = slice(flight - rows.first, flight - rows.first + 1)
-                            parts = {part: getattr(rows, part)[at] for part in ("samples", "outcome", "values")}
+                            parts = {
+                                part: getattr(rows, part)[at]
+                                for part in ("samples", "outcome", "values")
+                            }
                             found[flight] = replace(rows, first=flight, **parts)
         except DamagedFileError as error:
             raise InputError(path, str(error), "a whole file: run the campaign again") from None
     for flight in flights:
         if flight not in found:
-            raise InputError(folder.root, f"no flight {flight} of '{controller}'", "the number of a flown flight")
+            raise InputError(
+                folder.root, f"no flight {flight} of '{controller}'", "the number of a flown flight"
+            )
     return [found[flight] for flight in flights]

@@ -41,7 +41,9 @@ def parse_settings(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
         key, sign, value = text.partition("=")
         name, _, entry = key.strip().rpartition(".")
         if not (sign and name and entry and value.strip()):
-            raise InputError(_SET, f"'{text}'", "PARAMETER.KEY=VALUE, such as aero.drag.half_width=12%")
+            raise InputError(
+                _SET, f"'{text}'", "PARAMETER.KEY=VALUE, such as aero.drag.half_width=12%"
+            )
         if entry in settings.get(name, {}):
             raise InputError(_SET, f"'{key.strip()}' a second time", "each setting once")
         data = compose(Path(_SET), f"value: {value.strip()}\n".encode())[0]
@@ -67,7 +69,9 @@ def make_change(campaign: Experiment, settings: Mapping[str, Mapping[str, Any]])
     document = replace(campaign.document, data={**data, "dispersions": {**entries, **after}})
     try:
         model = validate(document, type(campaign.model))
-        marginals = {name: model.dispersions[name].make_marginal(campaign.parameters[name]) for name in after}
+        marginals = {
+            name: model.dispersions[name].make_marginal(campaign.parameters[name]) for name in after
+        }
     except (InputError, Refusal) as error:
         raise InputError(_SET, error.found, error.expected) from None
     mixed = [campaign.names[column] for column in campaign.copula.columns]
@@ -97,7 +101,10 @@ def _unsupported(name: str, old: Marginal, new: Marginal) -> tuple[str, str] | N
         return found, "a probability below 1 in both, or in none"
     if isinstance(old, MixtureMarginal) or isinstance(new, MixtureMarginal):
         if _has_choice(old) or _has_choice(new):
-            return f"{name} as a mixture with a discrete choice", "continuous parts, or a fresh campaign"
+            return (
+                f"{name} as a mixture with a discrete choice",
+                "continuous parts, or a fresh campaign",
+            )
         for part in _parts(new):  # each within what one part has flown
             faults = [_unsupported(name, flown, part) for flown in _parts(old)]
             if all(faults):
@@ -106,7 +113,11 @@ def _unsupported(name: str, old: Marginal, new: Marginal) -> tuple[str, str] | N
     if isinstance(old, DiscreteMarginal) and isinstance(new, DiscreteMarginal):
         missing = np.setdiff1d(new.values, old.values)
         expected = f"some of {', '.join(f'{value:g}' for value in old.values)}"
-        return (f"{name} at {missing[0]:g}, where nothing was flown", expected) if missing.size else None
+        return (
+            (f"{name} at {missing[0]:g}, where nothing was flown", expected)
+            if missing.size
+            else None
+        )
     if not (isinstance(old, ContinuousMarginal) and isinstance(new, ContinuousMarginal)):
         found = f"a change of {name} between a discrete choice and a continuous distribution"
         return found, "a distribution of the same kind"
@@ -129,8 +140,12 @@ def weigh_flights(campaign: Experiment, change: Change, samples: Floats) -> Floa
     if any(name in change.marginals for name in mixed):
         columns = samples[:, list(campaign.copula.columns)]
         old = [campaign.marginals[name] for name in mixed]
-        new = [change.marginals.get(name, marginal) for name, marginal in zip(mixed, old, strict=True)]
-        weights *= np.exp(_log_copula(campaign.copula, new, columns) - _log_copula(campaign.copula, old, columns))
+        new = [
+            change.marginals.get(name, marginal) for name, marginal in zip(mixed, old, strict=True)
+        ]
+        weights *= np.exp(
+            _log_copula(campaign.copula, new, columns) - _log_copula(campaign.copula, old, columns)
+        )
     return np.nan_to_num(weights, nan=0.0, posinf=0.0)
 
 
@@ -139,7 +154,9 @@ def _log_copula(copula: Copula, marginals: Sequence[Marginal], columns: Floats) 
     from scipy.linalg import solve_triangular
     from scipy.special import ndtri
 
-    uniform = np.column_stack([marginal.cdf(column) for marginal, column in zip(marginals, columns.T, strict=True)])
+    uniform = np.column_stack(
+        [marginal.cdf(column) for marginal, column in zip(marginals, columns.T, strict=True)]
+    )
     normal = ndtri(np.clip(uniform, 2.0**-53, 1.0 - 2.0**-53))
     mixed = solve_triangular(copula.factor, normal.T, lower=True)
     return np.asarray(0.5 * (np.sum(normal**2, axis=1) - np.sum(mixed**2, axis=0)))
@@ -149,17 +166,32 @@ def unseen_probability(campaign: Experiment, change: Change, samples: Floats) ->
     """Probability, under the changed distributions, of values that no flight ``[flight, parameter]`` stands for."""
     parts = []
     for name, marginal in change.marginals.items():
-        values, share, drawn, before = samples[:, campaign.names.index(name)], 1.0, marginal, campaign.marginals[name]
+        values, share, drawn, before = (
+            samples[:, campaign.names.index(name)],
+            1.0,
+            marginal,
+            campaign.marginals[name],
+        )
         if isinstance(marginal, SometimesMarginal):
-            values, share, drawn = values[values != marginal.nominal], marginal.probability, marginal.drawn
+            values, share, drawn = (
+                values[values != marginal.nominal],
+                marginal.probability,
+                marginal.drawn,
+            )
             before = before.drawn if isinstance(before, SometimesMarginal) else before
         if isinstance(drawn, DiscreteMarginal):
-            parts.append(unseen_of_values(drawn.values, share * drawn.density(drawn.values), values))
+            parts.append(
+                unseen_of_values(drawn.values, share * drawn.density(drawn.values), values)
+            )
         elif values.size:
             ends = np.array([values.min(), values.max()])
             low, high = drawn.cdf(ends).tolist()
             weights = np.nan_to_num(drawn.density(ends) / before.density(ends), posinf=0.0)
-            parts.append(unseen_of_range((share * low, share * (1.0 - high)), (weights[0], weights[1]), values.size))
+            parts.append(
+                unseen_of_range(
+                    (share * low, share * (1.0 - high)), (weights[0], weights[1]), values.size
+                )
+            )
         else:
             parts.append((share, share))
     return join_unseen(parts)

@@ -48,8 +48,12 @@ def shrink(
     asked = {who: next(search) for who, search in enumerate(searches)}
     while asked:
         turn, asked = asked, {}
-        owners = np.repeat(np.array(list(turn), dtype=np.intp), [len(sets) for sets in turn.values()])
-        severity = test(owners, _masks([members for sets in turn.values() for members in sets], count))
+        owners = np.repeat(
+            np.array(list(turn), dtype=np.intp), [len(sets) for sets in turn.values()]
+        )
+        severity = test(
+            owners, _masks([members for sets in turn.values() for members in sets], count)
+        )
         for who in turn:
             try:
                 asked[who] = searches[who].send(severity[owners == who])
@@ -64,7 +68,9 @@ def _shrink(count: int, order: NDArray[np.intp], budget: int) -> Shrinking:
         sets = list(combinations(range(count), size))
         severity = yield sets
         tried += len(sets)
-        failing = sorted((k for k in range(len(sets)) if severity[k] > -np.inf), key=lambda k: -severity[k])
+        failing = sorted(
+            (k for k in range(len(sets)) if severity[k] > -np.inf), key=lambda k: -severity[k]
+        )
         if failing:
             return Shrunk(tuple(sets[k] for k in failing), True, tried)
         size += 1
@@ -85,7 +91,9 @@ def _shrink(count: int, order: NDArray[np.intp], budget: int) -> Shrinking:
         fewer = [tuple(k for k in kept if k not in spare[: n + 1]) for n in range(len(spare))]
         severity = yield fewer
         tried += len(fewer)
-        kept = list(fewer[int(np.flatnonzero(severity > -np.inf).max())])  # the first fails: it left alone
+        kept = list(
+            fewer[int(np.flatnonzero(severity > -np.inf).max())]
+        )  # the first fails: it left alone
     return Shrunk((tuple(sorted(kept)),), len(kept) == size, tried)
 
 

@@ -41,7 +41,10 @@ def multiply_and_add(x, factor, addend, sweeps):  # type: ignore[no-untyped-def]
     half = x.size // 2
     for _ in range(sweeps):
         for i in range(half):
-            v, w = x[i], x[i + half]  # two vectors at a time: one after another, a core waits for the results
+            v, w = (
+                x[i],
+                x[i + half],
+            )  # two vectors at a time: one after another, a core waits for the results
             for _ in range(8):
                 v = v * factor + addend
                 w = w * factor + addend
@@ -101,7 +104,9 @@ def measure_speed(repetitions: int, flights: int = 64) -> dict[str, Any]:
     }
 
 
-def compare_speeds(seconds: float, alone: float, peak: float, operations: dict[str, float]) -> dict[str, float]:
+def compare_speeds(
+    seconds: float, alone: float, peak: float, operations: dict[str, float]
+) -> dict[str, float]:
     """Figures of a flight in a batch, and one at a time, beside its operations at ``peak`` a second."""
     flops = sum(operations.values())
     return {
@@ -118,7 +123,10 @@ def make_work(flights: int) -> tuple[dict[str, FlightPlan], Floats]:
     """Plans of `harder_vehicle`, the campaign that speed is recorded of, and the parameters of its first flights."""
     campaign = read_campaign(shipped_campaigns() / "harder_vehicle.yaml")
     model = campaign.model
-    plans = {name: prepare(model.vehicle, model.mission, model.controllers[name], name) for name in CONTROLLERS}
+    plans = {
+        name: prepare(model.vehicle, model.mission, model.controllers[name], name)
+        for name in CONTROLLERS
+    }
     samples = campaign.make_samples()
     return plans, campaign.rows(samples.draw(0, flights))
 
@@ -147,7 +155,14 @@ def find_simd() -> str:
     from llvmlite import binding
 
     features = binding.get_host_cpu_features()
-    known = {"avx512f": "AVX-512", "avx2": "AVX2", "avx": "AVX", "sse2": "SSE2", "sve": "SVE", "neon": "NEON"}
+    known = {
+        "avx512f": "AVX-512",
+        "avx2": "AVX2",
+        "avx": "AVX",
+        "sse2": "SSE2",
+        "sve": "SVE",
+        "neon": "NEON",
+    }
     return next((name for feature, name in known.items() if features.get(feature)), "none")
 
 
@@ -161,7 +176,11 @@ def measure_start(repetitions: int) -> dict[str, float]:
         cold, _ = _run(_FIRST_FLIGHT, fresh)
         warm = [_run(_FIRST_FLIGHT, fresh)[0] for _ in range(repetitions)]
         imports = [float(_run(_IMPORT, {})[1]) for _ in range(repetitions)]
-        campaign = [str(shipped_campaigns() / "s_manoeuvre.yaml"), "-o", str(Path(folder) / "campaign")]
+        campaign = [
+            str(shipped_campaigns() / "s_manoeuvre.yaml"),
+            "-o",
+            str(Path(folder) / "campaign"),
+        ]
         memory = _peak_memory(["-m", "abhv_mc", "run", *campaign])
     return {
         "cold_start_s": round(cold, 2),
@@ -172,12 +191,18 @@ def measure_start(repetitions: int) -> dict[str, float]:
 
 
 _FIRST_FLIGHT = ["-m", "abhv_mc", "fly", "s_manoeuvre", "--controllers", "tlc"]
-_IMPORT = ["-c", "import time; t = time.perf_counter(); import abhv_mc; print(time.perf_counter() - t)"]
+_IMPORT = [
+    "-c",
+    "import time; t = time.perf_counter(); import abhv_mc; print(time.perf_counter() - t)",
+]
 
 
 def _run(arguments: list[str], changes: dict[str, str]) -> tuple[float, str]:
     """Wall time, s, and standard output of a Python process."""
-    searched = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "PYTHONSAFEPATH": "1"}  # not the working folder
+    searched = {
+        "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+        "PYTHONSAFEPATH": "1",
+    }  # not the working folder
     environment = {**os.environ, **searched, **changes}
     start = time.perf_counter()
     done = subprocess.run(  # noqa: S603

@@ -14,7 +14,17 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from abhv_mc import __version__
-from abhv_mc.cli import flying, linearizing, proving, querying, replaying, reporting, running, searching, starting
+from abhv_mc.cli import (
+    flying,
+    linearizing,
+    proving,
+    querying,
+    replaying,
+    reporting,
+    running,
+    searching,
+    starting,
+)
 from abhv_mc.cli.errors import exit_code_of, settle_output
 from abhv_mc.cli.printing import say
 from abhv_mc.execution.interrupts import sigterm_as_interrupt
@@ -30,9 +40,15 @@ class _Short:
         """The parameters, an option's type by ``_SHORT``."""
         parameters: list[Any] = super().get_params(ctx)  # type: ignore[misc]
         for each in parameters:
-            if each.param_type_name == "option" and each.metavar is None and not each.type_descriptor.is_choice:
+            if (
+                each.param_type_name == "option"
+                and each.metavar is None
+                and not each.type_descriptor.is_choice
+            ):
                 each.metavar = _SHORT.get(each.bare_type())
-                each._get_number_range_help_str = lambda: None  # beside it an option's own name was cut
+                each._get_number_range_help_str = lambda: (
+                    None
+                )  # beside it an option's own name was cut
         return parameters
 
 
@@ -42,7 +58,9 @@ class Command(_Short, TyperCommand):
     def __init__(self, *args: Any, **options: Any) -> None:
         parts = cleandoc(options.get("help") or "").split("\n\n")
         flowed = "\n\n".join(" ".join(part.split()) for part in parts)
-        super().__init__(*args, **options | {"help": flowed.replace("[", r"\[")})  # no markup: units stand in brackets
+        super().__init__(
+            *args, **options | {"help": flowed.replace("[", r"\[")}
+        )  # no markup: units stand in brackets
 
 
 class Group(_Short, TyperGroup):
@@ -54,13 +72,29 @@ _PANELS: dict[str, tuple[Any, ...]] = {
     "Fly": (running.run, running.adopt, running.merge, flying.fly, replaying.replay),
     "Search": (searching.worst, searching.rare, searching.tune),
     "Look": (
-        *(reporting.report, reporting.show, replaying.explore, reporting.compare, replaying.explain),
+        *(
+            reporting.report,
+            reporting.show,
+            replaying.explore,
+            reporting.compare,
+            replaying.explain,
+        ),
         *(reporting.whatif, reporting.status, querying.query, querying.export, flying.trim),
     ),
     "Analyse": (linearizing.margins, linearizing.linearize),
     "Prove": (proving.verify, proving.bench),
 }
-_LIBRARIES = ("numba", "llvmlite", "numpy", "scipy", "pandas", "pyarrow", "joblib", "pydantic", "duckdb")
+_LIBRARIES = (
+    "numba",
+    "llvmlite",
+    "numpy",
+    "scipy",
+    "pandas",
+    "pyarrow",
+    "joblib",
+    "pydantic",
+    "duckdb",
+)
 
 app = typer.Typer(
     name="abhv-mc",
@@ -90,7 +124,11 @@ def _print_versions(expected: bool) -> None:
 @app.callback()
 def _options(
     version: bool = typer.Option(
-        False, "--version", callback=_print_versions, is_eager=True, help="Print the versions and exit."
+        False,
+        "--version",
+        callback=_print_versions,
+        is_eager=True,
+        help="Print the versions and exit.",
     ),
 ) -> None:
     pass
@@ -110,13 +148,19 @@ def main() -> None:
     """Run the command line and exit with its code."""
     # Before numpy is loaded, here and in the processes started from here: further threads spin on matrices of 9 x 9.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    gc.set_threshold(100_000, 10, 10)  # libraries being loaded are no garbage: a tenth of a cached start
+    gc.set_threshold(
+        100_000, 10, 10
+    )  # libraries being loaded are no garbage: a tenth of a cached start
     sys.argv[1:] = map(hide_key, sys.argv[1:])
     with sigterm_as_interrupt():
         try:
             app(prog_name="abhv-mc")  # so that completion knows it, however it was started
-        except BaseException as error:  # every way out passes here, so that each has the promised code
+        except (
+            BaseException
+        ) as error:  # every way out passes here, so that each has the promised code
             code = settle_output(exit_code_of(error))
-            if "duckdb" not in sys.modules:  # it takes what is left at the end for a leak, and says so
+            if (
+                "duckdb" not in sys.modules
+            ):  # it takes what is left at the end for a leak, and says so
                 gc.freeze()  # what goes with the process is not searched for garbage again: a fifth of a start
             sys.exit(code)

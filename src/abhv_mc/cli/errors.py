@@ -28,18 +28,28 @@ _TYPER_INTERRUPTED = 130
 def exit_code_of(error: BaseException) -> int | str | None:
     """Tell standard error what ended the program, and give the code to exit with."""
     if isinstance(error, SystemExit) and isinstance(error.__context__, BrokenPipeError):
-        return ExitCode.INCOMPLETE  # whoever read the output has ended; typer would exit as a failed requirement does
+        return (
+            ExitCode.INCOMPLETE
+        )  # whoever read the output has ended; typer would exit as a failed requirement does
     if isinstance(error, SystemExit) and error.code != _TYPER_INTERRUPTED:
         return error.code
     if isinstance(error, OSError):
         error = _explain(error)
     code, words = ExitCode.INCOMPLETE, str(error)
-    if isinstance(error, (SystemExit, KeyboardInterrupt)) or words == "Query interrupted":  # the last is DuckDB's
+    if (
+        isinstance(error, (SystemExit, KeyboardInterrupt)) or words == "Query interrupted"
+    ):  # the last is DuckDB's
         eval("0")  # noqa: S307  # after an interrupt inside of exec Python would die by its signal: this makes it forget
-        words = "interrupted: what a campaign or search has flown is kept, and the same command goes on"
+        words = (
+            "interrupted: what a campaign or search has flown is kept, and the same command goes on"
+        )
     elif isinstance(error, MemoryError):
-        words = "not enough memory: what was flown is kept; fewer workers or smaller blocks need less"
-    elif type(error).__module__.partition(".")[0] == "distributed":  # of many kinds, as a scheduler or its host dies
+        words = (
+            "not enough memory: what was flown is kept; fewer workers or smaller blocks need less"
+        )
+    elif (
+        type(error).__module__.partition(".")[0] == "distributed"
+    ):  # of many kinds, as a scheduler or its host dies
         reason = words.partition("\n")[0] or type(error).__name__
         words = f"the cluster does not answer ({reason}): what was flown is kept"
     elif isinstance(error, (InputError, Refusal)):
@@ -47,7 +57,10 @@ def exit_code_of(error: BaseException) -> int | str | None:
     elif not isinstance(error, StorageFullError):
         with contextlib.suppress(OSError):
             traceback.print_exception(error)
-        code, words = ExitCode.DEFECT, "This is a defect of abhv-mc; please report it with the lines above."
+        code, words = (
+            ExitCode.DEFECT,
+            "This is a defect of abhv-mc; please report it with the lines above.",
+        )
     _tell(words)
     return code
 
@@ -58,7 +71,9 @@ def settle_output(code: int | str | None) -> int | str | None:
         try:
             stream.flush()
         except OSError as error:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())  # so that Python does not try again
+            os.dup2(
+                os.open(os.devnull, os.O_WRONLY), stream.fileno()
+            )  # so that Python does not try again
             if not isinstance(error, BrokenPipeError):
                 _tell(_explain(error))
             code = code or ExitCode.INCOMPLETE

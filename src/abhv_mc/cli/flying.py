@@ -5,9 +5,25 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from abhv_mc.cli.options import ControllerFiles, Json, MissionFile, Vehicle, VehicleFile, find_controllers, parse_option
+from abhv_mc.cli.options import (
+    ControllerFiles,
+    Json,
+    MissionFile,
+    Vehicle,
+    VehicleFile,
+    find_controllers,
+    parse_option,
+)
 from abhv_mc.cli.outputs import output, output_folder
-from abhv_mc.cli.printing import announce_compiling, announce_warnings, answer, beside, new_table, print_table, say
+from abhv_mc.cli.printing import (
+    announce_compiling,
+    announce_warnings,
+    answer,
+    beside,
+    new_table,
+    print_table,
+    say,
+)
 from abhv_mc.io.input_error import InputError
 from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
 from abhv_mc.user_code.child import run_in_thread
@@ -20,7 +36,9 @@ def fly(
     mission: MissionFile,
     vehicle: Vehicle = None,
     controllers: ControllerFiles = None,
-    out: Annotated[Path | None, output(output_folder, "DIR", "Write history and figures here.")] = None,
+    out: Annotated[
+        Path | None, output(output_folder, "DIR", "Write history and figures here.")
+    ] = None,
     json: Json = None,
 ) -> None:
     """Fly a mission once with each controller, nothing dispersed, and print how it went."""
@@ -31,8 +49,12 @@ def fly(
     files = find_controllers(controllers)
     craft = vehicle or find_input(DEFAULT_VEHICLE, "vehicle")
     announce_compiling()
-    flights = {name: run_in_thread(partial(fly_once, mission, craft, file)) for name, file in files.items()}
-    announce_warnings(warning for flight in flights.values() for warning in flight.plan.warnings.tolist())
+    flights = {
+        name: run_in_thread(partial(fly_once, mission, craft, file)) for name, file in files.items()
+    }
+    announce_warnings(
+        warning for flight in flights.values() for warning in flight.plan.warnings.tolist()
+    )
     if out is not None and len({flight.plan.timing.tick for flight in flights.values()}) > 1:
         raise InputError("--output", "controllers of different rates", "one folder for each rate")
     figures = {
@@ -40,19 +62,25 @@ def fly(
         for name, flight in flights.items()
     }
     about = {"mission": mission.stem, "vehicle": craft.stem, "controllers": figures}
-    answer(about, json, lambda: _print_flights(f"{mission.stem} with {craft.stem}, nominal", flights))
+    answer(
+        about, json, lambda: _print_flights(f"{mission.stem} with {craft.stem}, nominal", flights)
+    )
     if out is not None:
         from abhv_mc.report.pages.single_flights import write_nominal_report
 
         plans = {name: flight.plan for name, flight in flights.items()}
-        for path in write_nominal_report(out, plans, {name: one.block.history[0] for name, one in flights.items()}):
+        for path in write_nominal_report(
+            out, plans, {name: one.block.history[0] for name, one in flights.items()}
+        ):
             say(path, file=beside(json))
 
 
 def _print_flights(title: str, flights: "dict[str, OneFlight]") -> None:
     table = new_table(("metric",), flights, title, padding=(0, 1, 0, 0))
     table.add_row("outcome", *(flight.outcome for flight in flights.values()))
-    table.add_row("end_time_s", *(f"{flight.end_time:g}" for flight in flights.values()), end_section=True)
+    table.add_row(
+        "end_time_s", *(f"{flight.end_time:g}" for flight in flights.values()), end_section=True
+    )
     for name in next(iter(flights.values())).metrics:
         table.add_row(name, *(f"{flight.metrics[name]:.4g}" for flight in flights.values()))
     print_table(table)
@@ -81,7 +109,9 @@ def trim(
     speed: Annotated[str, typer.Option(help="Speed, m/s or with a unit.")] = "1400 m/s",
     bank: Annotated[str, typer.Option(help="Bank angles, deg, separated by commas.")] = "0",
     flight_path_angle: Annotated[str, typer.Option(help="Climb angle, deg.")] = "0",
-    mass: Annotated[str | None, typer.Option(help="Mass, kg or with a unit.", show_default="at the start")] = None,
+    mass: Annotated[
+        str | None, typer.Option(help="Mass, kg or with a unit.", show_default="at the start")
+    ] = None,
     latitude: Annotated[str, typer.Option(help="Geodetic latitude, deg.")] = "29.3",
     heading: Annotated[str, typer.Option(help="Heading clockwise from north, deg.")] = "90",
     rotating: Annotated[bool, typer.Option("--rotating", help="Let the Earth turn.")] = False,
@@ -97,7 +127,10 @@ def trim(
     def in_degrees(name: str, text: str) -> float:
         return parse_option(f"--{name}", text, ANGLE, "deg")
 
-    height, pace = parse_option("--altitude", altitude, LENGTH, "m"), parse_option("--speed", speed, SPEED, "m/s")
+    height, pace = (
+        parse_option("--altitude", altitude, LENGTH, "m"),
+        parse_option("--speed", speed, SPEED, "m/s"),
+    )
     table = trim(
         vehicle,
         height,
@@ -110,19 +143,28 @@ def trim(
         rotating=rotating,
     )
     points = table.reset_index().to_dict("records")
-    head = {"vehicle": str(vehicle), "altitude_m": height, "speed_mps": pace, "mass_kg": table.attrs["mass_kg"]}
+    head = {
+        "vehicle": str(vehicle),
+        "altitude_m": height,
+        "speed_mps": pace,
+        "mass_kg": table.attrs["mass_kg"],
+    }
     answer(head | {"points": points}, json, lambda: _print_trims(vehicle, height, pace, points))
     if not table["trimmed"].all():
         raise typer.Exit(1)
 
 
-def _print_trims(vehicle: Path, altitude: float, speed: float, points: list[dict[str, Any]]) -> None:
+def _print_trims(
+    vehicle: Path, altitude: float, speed: float, points: list[dict[str, Any]]
+) -> None:
     mach, pressure = points[0]["mach"], points[0]["dynamic_pressure_pa"]
     title = f"{vehicle.stem}: {altitude / 1e3:g} km, {speed:g} m/s, Mach {mach:.3f}, {pressure / 1e3:.2f} kPa"
     headings = [f"{heading}\n{unit}" for _, heading, unit, _, _ in _COLUMNS]
     table = new_table((), headings, title, padding=(0, 1, 0, 0))
     for point in points:
-        table.add_row(*(f"{point[name] / divisor:.{digits}f}" for name, _, _, divisor, digits in _COLUMNS))
+        table.add_row(
+            *(f"{point[name] / divisor:.{digits}f}" for name, _, _, divisor, digits in _COLUMNS)
+        )
     print_table(table)
     for point in points:
         if point["fault"]:

@@ -18,7 +18,14 @@ from abhv_mc.cli.options import (
     parse_option,
 )
 from abhv_mc.cli.outputs import output, output_file, output_folder
-from abhv_mc.cli.printing import announce_compiling, announce_warnings, answer, new_table, print_table, say
+from abhv_mc.cli.printing import (
+    announce_compiling,
+    announce_warnings,
+    answer,
+    new_table,
+    print_table,
+    say,
+)
 from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
 
@@ -42,13 +49,23 @@ def margins(
     vehicle: Vehicle = None,
     controllers: ControllerFiles = None,
     at: Annotated[
-        str, typer.Option(metavar="POINTS", help="trim, or times of the nominal flight such as 0s,30s,48s.")
+        str,
+        typer.Option(
+            metavar="POINTS", help="trim, or times of the nominal flight such as 0s,30s,48s."
+        ),
     ] = "trim",
-    bank: Annotated[str, typer.Option(help="Bank of the steady turn to trim for, deg or with a unit.")] = "0",
+    bank: Annotated[
+        str, typer.Option(help="Bank of the steady turn to trim for, deg or with a unit.")
+    ] = "0",
     json: Json = None,
-    out: Annotated[Path | None, output(output_folder, "DIR", "Write Bode and Nichols figures here.")] = None,
+    out: Annotated[
+        Path | None, output(output_folder, "DIR", "Write Bode and Nichols figures here.")
+    ] = None,
     worst: Annotated[
-        bool, typer.Option("--worst", help="Search the box of a campaign's dispersions for the least margins.")
+        bool,
+        typer.Option(
+            "--worst", help="Search the box of a campaign's dispersions for the least margins."
+        ),
     ] = False,
     trust_code: TrustCode = False,
 ) -> None:
@@ -59,7 +76,9 @@ def margins(
     """
     if worst:
         if vehicle is not None or at != "trim" or bank != "0" or out is not None:
-            raise InputError("--worst", "with --vehicle, --at, --bank or --output", "a campaign alone")
+            raise InputError(
+                "--worst", "with --vehicle, --at, --bank or --output", "a campaign alone"
+            )
         _show_worst(mission, controllers, json, trust_code)
         return
     from abhv_mc.one_flight.linear_models import analyse_place
@@ -79,7 +98,9 @@ def margins(
         if out is not None:
             from abhv_mc.report.figures.loops import write_loop_figures
 
-            figures += write_loop_figures(out, f"{name}_{time if time == 'trim' else f'{time:g}s'}", linear)
+            figures += write_loop_figures(
+                out, f"{name}_{time if time == 'trim' else f'{time:g}s'}", linear
+            )
 
     def in_words() -> None:
         for part in shown:
@@ -103,11 +124,22 @@ def _show_worst(file: Path, controllers: str | None, json: Path | None, trust_co
         table.add_column("at")
         for one in found:
             metric = BUILT_IN[one.metric]
-            at = [f"{spoken_name(name)} {shown_value(name, one.parameters[name])}" for name in one.moved]
+            at = [
+                f"{spoken_name(name)} {shown_value(name, one.parameters[name])}"
+                for name in one.moved
+            ]
             more = [f"and {len(at) - _NAMED} more"] if len(at) > _NAMED else []
             where = ", ".join(at[:_NAMED] + more) or "the nominal vehicle"
-            values = (f"{value:.3g} {metric.unit}".removesuffix(" -") for value in (one.nominal, one.found))
-            table.add_row(one.controller, metric.label, *values, f"{one.fault}: {where}" if one.fault else where)
+            values = (
+                f"{value:.3g} {metric.unit}".removesuffix(" -")
+                for value in (one.nominal, one.found)
+            )
+            table.add_row(
+                one.controller,
+                metric.label,
+                *values,
+                f"{one.fault}: {where}" if one.fault else where,
+            )
         print_table(table)
         points = f"{MARGIN_EVALUATIONS} points a margin"
         say(f"Found by the linear analysis at the trim, {points}: the true least is no greater.")
@@ -130,12 +162,16 @@ def _read_times(at: str) -> "list[Time]":
         parts = [parse_option("--at", part, TIME, "s") for part in each.split(":")]
         first, last, step = (*parts, 0.0)[:3] if len(parts) > 1 else (parts[0], parts[0], 1.0)
         if len(parts) > 3 or step <= 0.0 or last < first or last - first > MOST_TIMES * step:
-            raise InputError("--at", f"'{each}'", f"at most {MOST_TIMES} rising times such as 0s:60s:1s")
+            raise InputError(
+                "--at", f"'{each}'", f"at most {MOST_TIMES} rising times such as 0s:60s:1s"
+            )
         times += [first + i * step for i in range(int((last - first) / step + 1e-9) + 1)]
     return times
 
 
-def _take(mission: Path, vehicle: Path, controller: Path, time: "Time", bank: str, times: "list[Time]") -> "Place":
+def _take(
+    mission: Path, vehicle: Path, controller: Path, time: "Time", bank: str, times: "list[Time]"
+) -> "Place":
     """The point of the nominal flight; a warning where it is doubtful. A bank belongs to the trim alone."""
     from abhv_mc.io.units import ANGLE
     from abhv_mc.one_flight.linear_models import take_point
@@ -161,7 +197,9 @@ def _find_flown(
         campaign = read_campaign(mission)
         if campaign.user_model is not None:
             found = "a user's simulator, which has no plant to linearize"
-            raise campaign.document.error((), found, "a campaign of our own: with vehicle, mission and controllers")
+            raise campaign.document.error(
+                (), found, "a campaign of our own: with vehicle, mission and controllers"
+            )
         check_user_code(campaign, trust_code)
         model = campaign.model
         known = {name: Path(file) for name, file in model.controllers.items()}
@@ -187,23 +225,36 @@ def _print_rows(title: str, rows: list[dict[str, Any]], stability: "Stability") 
         return
     poles = [pole for pole in stability.poles[0] if pole.imag >= 0.0]
     if not rows[0]["stable"]:
-        growing = ", ".join(f"{p.real:+.3f}{f' +- {p.imag:.2f}j' if p.imag else ''}" for p in poles if p.real >= 0.0)
+        growing = ", ".join(
+            f"{p.real:+.3f}{f' +- {p.imag:.2f}j' if p.imag else ''}" for p in poles if p.real >= 0.0
+        )
         say(f"{title}: unstable, no margins; poles {growing} per second")
         return
-    table = new_table(("loop",), (heading for _, heading, _ in _COLUMNS), title, padding=(0, 1, 0, 0))
+    table = new_table(
+        ("loop",), (heading for _, heading, _ in _COLUMNS), title, padding=(0, 1, 0, 0)
+    )
     for row in rows[:-1]:
         none = row.get("reason", "none")
-        values = (f"{row[key]:.{digits}f}" if row[key] is not None else none for key, _, digits in _COLUMNS)
+        values = (
+            f"{row[key]:.{digits}f}" if row[key] is not None else none
+            for key, _, digits in _COLUMNS
+        )
         table.add_row(loop_name(row["loop"]), *values)
     print_table(table)
     everything = rows[-1]
     gain = "any" if everything["disk_gain_db"] is None else f"{everything['disk_gain_db']:.2f} dB"
-    delay = "any" if everything["delay_margin_ms"] is None else f"{everything['delay_margin_ms']:.1f} ms"
+    delay = (
+        "any"
+        if everything["delay_margin_ms"] is None
+        else f"{everything['delay_margin_ms']:.1f} ms"
+    )
     say(
         f"all loops at once: disk margin {everything['disk_margin']:.4f} (gain {gain} up and down or phase "
         f"{everything['disk_phase_deg']:.1f} deg in each at the same time), the same delay in all {delay}"
     )
-    damped = min((p for p in poles if p.imag > 0.0), key=lambda p: abs(p.real) / abs(p), default=None)
+    damped = min(
+        (p for p in poles if p.imag > 0.0), key=lambda p: abs(p.real) / abs(p), default=None
+    )
     if damped is not None:
         say(f"least damped pole {damped.real:.3f} +- {damped.imag:.2f}j per second")
 
@@ -211,14 +262,20 @@ def _print_rows(title: str, rows: list[dict[str, Any]], stability: "Stability") 
 def linearize(
     mission: MissionOrCampaign,
     out: Annotated[
-        Path | None, output(output_file, "FILE", "Required; ends in .npz, .mat or .json.", default=False)
+        Path | None,
+        output(output_file, "FILE", "Required; ends in .npz, .mat or .json.", default=False),
     ] = None,
     vehicle: Vehicle = None,
     controller: Annotated[str, controller_option("Controller file or shipped name.")] = "tlc",
     at: Annotated[
-        str, typer.Option(metavar="POINT", help="trim, a time of the nominal flight such as 30s, or 0s:60s:1s.")
+        str,
+        typer.Option(
+            metavar="POINT", help="trim, a time of the nominal flight such as 30s, or 0s:60s:1s."
+        ),
     ] = "trim",
-    bank: Annotated[str, typer.Option(help="Bank of the steady turn to trim for, deg or with a unit.")] = "0",
+    bank: Annotated[
+        str, typer.Option(help="Bank of the steady turn to trim for, deg or with a unit.")
+    ] = "0",
     trust_code: TrustCode = False,
 ) -> None:
     """Write plant, law, open and closed loop about the trim or a time of the nominal flight.
@@ -244,5 +301,8 @@ def linearize(
     for time in times:
         plan, points, _ = _take(flight, craft, file, time, bank, times)
         models.append(make_model(plan, points, linearize(plan, points)))
-    write_model(out, stack_models(models, [t for t in times if t != "trim"]) if len(models) > 1 else models[0])
+    write_model(
+        out,
+        stack_models(models, [t for t in times if t != "trim"]) if len(models) > 1 else models[0],
+    )
     say(out)

@@ -18,7 +18,9 @@ def _of_kinds(*kinds: str) -> dict[str, Any]:
     """How a file of these kinds is found, and what a shell offers: shipped names, without one its own files."""
 
     def complete(incomplete: str) -> list[str]:
-        return [name for kind in kinds for name in shipped_files(kind) if name.startswith(incomplete)]
+        return [
+            name for kind in kinds for name in shipped_files(kind) if name.startswith(incomplete)
+        ]
 
     def find(name: str) -> Path:
         return find_input(name, *kinds)
@@ -49,7 +51,9 @@ def _complete_controllers(incomplete: str) -> list[str]:
 def controllers_option(words: str, **options: Any) -> Any:
     """An option that names several controllers."""
     names = "--controllers", "--controller"
-    return typer.Option(*names, metavar="A,B", help=words, autocompletion=_complete_controllers, **options)
+    return typer.Option(
+        *names, metavar="A,B", help=words, autocompletion=_complete_controllers, **options
+    )
 
 
 def metric_option(words: str, **options: Any) -> Any:
@@ -64,15 +68,24 @@ def controller_option(words: str, metavar: str = "C", **options: Any) -> Any:
 
 CampaignFile = Annotated[Path, typer.Argument(metavar="CAMPAIGN", **_of_kinds("campaign"))]
 MissionFile = Annotated[Path, typer.Argument(metavar="MISSION", **_of_kinds("mission"))]
-MissionOrCampaign = Annotated[Path, typer.Argument(metavar="MISSION", **_of_kinds("mission", "campaign"))]
+MissionOrCampaign = Annotated[
+    Path, typer.Argument(metavar="MISSION", **_of_kinds("mission", "campaign"))
+]
 VehicleFile = Annotated[Path, typer.Argument(metavar="VEHICLE", **_of_kinds("vehicle"))]
 _DEFAULT = f"{DEFAULT_VEHICLE}, or the campaign's"
-Vehicle = Annotated[Path | None, typer.Option(metavar="V", show_default=_DEFAULT, **_of_kinds("vehicle"))]
+Vehicle = Annotated[
+    Path | None, typer.Option(metavar="V", show_default=_DEFAULT, **_of_kinds("vehicle"))
+]
 ControllerFiles = Annotated[
-    str | None, controllers_option("Controller files or shipped names.", show_default="tlc,lqr, or the campaign's")
+    str | None,
+    controllers_option(
+        "Controller files or shipped names.", show_default="tlc,lqr, or the campaign's"
+    ),
 ]
 Controllers = Annotated[str | None, controllers_option("Only these of its controllers.")]
-Controller = Annotated[str | None, controller_option("Controller.", "NAME", show_default="the first")]
+Controller = Annotated[
+    str | None, controller_option("Controller.", "NAME", show_default="the first")
+]
 
 
 def folder_argument(words: str = "A campaign's folder.", metavar: str = "DIR") -> Any:
@@ -82,12 +95,18 @@ def folder_argument(words: str = "A campaign's folder.", metavar: str = "DIR") -
 
 Folder = Annotated[Path, folder_argument()]
 Seed = Annotated[int | None, typer.Option(min=0, help="Seed.", show_default="the campaign's")]
-Runs = Annotated[int | None, typer.Option(min=1, help="Flights of each controller.", show_default="the campaign's")]
+Runs = Annotated[
+    int | None,
+    typer.Option(min=1, help="Flights of each controller.", show_default="the campaign's"),
+]
 Workers = Annotated[
-    int | None, typer.Option(min=1, max=MOST_WORKERS, help="Flights in parallel.", show_default="cores")
+    int | None,
+    typer.Option(min=1, max=MOST_WORKERS, help="Flights in parallel.", show_default="cores"),
 ]
 Scheduler = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Fly on this Dask cluster.")]
-Fresh = Annotated[bool, typer.Option("--fresh", help="Delete what the folder holds of a campaign first.")]
+Fresh = Annotated[
+    bool, typer.Option("--fresh", help="Delete what the folder holds of a campaign first.")
+]
 Baseline = Annotated[
     Path | None,
     typer.Option(
@@ -98,18 +117,26 @@ Baseline = Annotated[
 ]
 NoReport = Annotated[bool, typer.Option("--no-report", help="Make no report.")]
 TrustCode = Annotated[
-    bool, typer.Option("--trust-code", help="Run Python code of a campaign's folder that you have not flown.")
+    bool,
+    typer.Option(
+        "--trust-code", help="Run Python code of a campaign's folder that you have not flown."
+    ),
 ]
 Json = Annotated[
     Path | None,
     typer.Option(
-        "--json", callback=json_file, metavar="FILE", help="Write the figures as JSON; - for standard output."
+        "--json",
+        callback=json_file,
+        metavar="FILE",
+        help="Write the figures as JSON; - for standard output.",
     ),
 ]
 
 Junit = Annotated[
     Path | None,
-    typer.Option("--junit", callback=output_file, metavar="FILE.xml", help="Write the verdicts as JUnit XML."),
+    typer.Option(
+        "--junit", callback=output_file, metavar="FILE.xml", help="Write the verdicts as JUnit XML."
+    ),
 ]
 
 
@@ -119,7 +146,9 @@ def parse_names(text: str | None) -> tuple[str, ...] | None:
         return None
     names = tuple(name.strip() for name in text.split(","))
     if not all(names):
-        raise InputError("--controllers", f"'{text}', which holds an empty name", "names such as tlc,lqr")
+        raise InputError(
+            "--controllers", f"'{text}', which holds an empty name", "names such as tlc,lqr"
+        )
     return names
 
 

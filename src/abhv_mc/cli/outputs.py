@@ -13,16 +13,25 @@ from abhv_mc.io.input_error import InputError
 _INPUTS = (".yaml", ".yml", ".py", ".csv", ".parquet")
 
 
-def output(judge: Callable[[Path | None], Path | None], metavar: str, words: str, default: str | bool = True) -> Any:
+def output(
+    judge: Callable[[Path | None], Path | None],
+    metavar: str,
+    words: str,
+    default: str | bool = True,
+) -> Any:
     """The option ``--output`` of a command; ``default``: where it writes without, in words."""
-    return typer.Option("--output", "-o", callback=judge, metavar=metavar, help=words, show_default=default)
+    return typer.Option(
+        "--output", "-o", callback=judge, metavar=metavar, help=words, show_default=default
+    )
 
 
 def output_file(path: Path | None) -> Path | None:
     """The path of a file to write. Raises InputError, as all of these."""
     if path is None:
         return None
-    if path.exists() and not path.is_file():  # root's --json /dev/null would be renamed over the device
+    if (
+        path.exists() and not path.is_file()
+    ):  # root's --json /dev/null would be renamed over the device
         raise InputError(path, "a folder or a device", "the name of a file")
     return _check(path, path.absolute().parent)
 
@@ -67,10 +76,14 @@ def _check(path: Path, home: Path, campaign: bool = False) -> Path:
         raise InputError(path, "an address", "a place on this machine")
     place = find_user_place(path)
     if place is not None and not (campaign and place == Path()):
-        raise InputError(path, "a place of the campaign's own files", "another name, or a place elsewhere")
+        raise InputError(
+            path, "a place of the campaign's own files", "another name, or a place elsewhere"
+        )
     there = next(folder for folder in (home, *home.parents) if folder.exists())
     if not there.is_dir() or not os.access(there, os.W_OK):
-        raise InputError(path, f"a place in {there}, which cannot be written", "a folder that can be")
+        raise InputError(
+            path, f"a place in {there}, which cannot be written", "a folder that can be"
+        )
     return path
 
 

@@ -25,14 +25,23 @@ if TYPE_CHECKING:
 
 _COLORS = {"PASS": 32, "FAIL": 31, "NOT SHOWN": 33, "warning:": 33}  # ANSI, of words on a terminal
 _TIMES = "compiled.json"  # beside the folders of compiled code: seconds that each took last time on this machine
-_PARTS = {"flight": "the flight", "stability": "a part of the stability margins", "laws": "the reference"}
+_PARTS = {
+    "flight": "the flight",
+    "stability": "a part of the stability margins",
+    "laws": "the reference",
+}
 _COLORED = re.compile(r"\b(?:PASS|FAIL|NOT SHOWN)\b|^warning:")
 
 
 def say(*words: Any, sep: str = " ", **options: Any) -> None:
     """Print, as Python's own ``print``, but nothing that steers the terminal but our own colours of verdicts."""
     text, file = printable(sep.join(map(str, words))), options.get("file") or sys.stdout
-    if file is not None and file.isatty() and "NO_COLOR" not in os.environ and os.environ.get("TERM") != "dumb":
+    if (
+        file is not None
+        and file.isatty()
+        and "NO_COLOR" not in os.environ
+        and os.environ.get("TERM") != "dumb"
+    ):
         text = _COLORED.sub(lambda found: f"\x1b[{_COLORS[found[0]]}m{found[0]}\x1b[0m", text)
     print(text, **options)
 
@@ -60,7 +69,9 @@ def answer(figures: Any, file: Path | None, in_words: Callable[[], None]) -> Non
         write_text(file, text)
 
 
-def new_table(left: Iterable[str], right: Iterable[str], title: str | None = None, **options: Any) -> "Table":
+def new_table(
+    left: Iterable[str], right: Iterable[str], title: str | None = None, **options: Any
+) -> "Table":
     """An empty table: headings of columns of words, then of columns of numbers. ``options`` are those of rich."""
     from rich.box import SIMPLE
     from rich.table import Table
@@ -83,7 +94,9 @@ def print_table(table: "Table", **options: Any) -> None:
     console = Console()
     width = Measurement.get(console, console.options.update(width=1000), table).maximum
     text = io.StringIO()
-    Console(width=width, file=text, color_system=None, markup=False, emoji=False, highlight=False).print(table)
+    Console(
+        width=width, file=text, color_system=None, markup=False, emoji=False, highlight=False
+    ).print(table)
     say(text.getvalue(), end="", **options)
 
 
@@ -137,13 +150,18 @@ def _tell(function: Any, elsewhere: bool) -> Iterator[None]:
         with Waiting(f"waiting for another process, which compiles {part}"):
             yield
         return
-    file, name = user_folder("XDG_CACHE_HOME", ".cache") / _TIMES, f"{function.__module__}.{function.__name__}"
+    file, name = (
+        user_folder("XDG_CACHE_HOME", ".cache") / _TIMES,
+        f"{function.__module__}.{function.__name__}",
+    )
     try:
         times = json.loads(file.read_text())
         before = f"; {times[name]:.0f} s last time" if name in times else ""
     except (OSError, ValueError):
         times, before = {}, ""
-    with Waiting(f"compiling {part} for this machine (once per kind of campaign{before})") as waiting:
+    with Waiting(
+        f"compiling {part} for this machine (once per kind of campaign{before})"
+    ) as waiting:
         yield
     with suppress(OSError):
         file.write_text(json.dumps(times | {name: round(waiting.seconds, 1)}))

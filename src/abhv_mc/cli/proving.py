@@ -21,7 +21,9 @@ verify = typer.Typer(
     help="Check flights against published data, and a results folder against itself.",
     no_args_is_help=True,
 )
-_Scale = Annotated[float, typer.Option("--tolerance-scale", metavar="X", help="Multiply every tolerance.")]
+_Scale = Annotated[
+    float, typer.Option("--tolerance-scale", metavar="X", help="Multiply every tolerance.")
+]
 
 _REFERENCES = Path("tests/reference")
 
@@ -44,17 +46,23 @@ def campaign(folder: Folder) -> None:
         manifest = read_manifest(CampaignFolder(source).manifest)
         skipped = skipped_topics(source)
     if manifest.search:
-        say(f"{folder}: every file is as the search wrote it; this makes its page again from its flights:")
+        say(
+            f"{folder}: every file is as the search wrote it; this makes its page again from its flights:"
+        )
         say(search_command(folder, manifest))
         return
-    say(f"{folder}: every file is as it was written, and every number of the report follows from the flights")
+    say(
+        f"{folder}: every file is as it was written, and every number of the report follows from the flights"
+    )
     if skipped:
         say(f"not checked, as they are not installed here: the topics {', '.join(skipped)}")
 
 
 @verify.command("nesc")
 def nesc(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Holds Atmos_NN_Name/Atmos_NN_sim_MM.csv[.gz].")],
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="Holds Atmos_NN_Name/Atmos_NN_sim_MM.csv[.gz].")
+    ],
     json: Json = None,
     tolerance_scale: _Scale = 1.0,
     junit: Junit = None,
@@ -70,7 +78,9 @@ def nesc(
 
 @verify.command("ghame6")
 def ghame6(
-    file: Annotated[Path, typer.Argument(metavar="FILE.csv[.gz]", help="A flight of CADAC++ GHAME6.")],
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE.csv[.gz]", help="A flight of CADAC++ GHAME6.")
+    ],
     json: Json = None,
     tolerance_scale: _Scale = 1.0,
     junit: Junit = None,
@@ -105,7 +115,9 @@ def everything(
     _verify(lambda scale: verify_everything(folder, scale), tolerance_scale, json, junit)
 
 
-def _verify(make_rows: "Callable[[float], list[Row]]", scale: float, json: Path | None, junit: Path | None) -> None:
+def _verify(
+    make_rows: "Callable[[float], list[Row]]", scale: float, json: Path | None, junit: Path | None
+) -> None:
     """Print one table, write JSON and JUnit XML, and exit 1 where a row is not as it should be."""
     from abhv_mc.verification.check_rows import all_ok, rows_record
 
@@ -136,12 +148,22 @@ def _print_rows(rows: "list[Row]") -> None:
     table.add_column()
     for row in rows:
         word = "OUTSIDE" if not row.ok else "ok" if row.judged else "not judged"
-        table.add_row(row.case, row.simulator, row.quantity, f"{row.difference:.2e}", _tolerance(row), row.unit, word)
+        table.add_row(
+            row.case,
+            row.simulator,
+            row.quantity,
+            f"{row.difference:.2e}",
+            _tolerance(row),
+            row.unit,
+            word,
+        )
     print_table(table)
     say(f"{len(rows)} differences, {sum(not row.ok for row in rows)} outside their tolerance")
     alone = sum(not row.judged for row in rows)
     if alone:
-        say(f"{alone} not judged: their tolerance is what two simulators differ by, and there is a file of one alone")
+        say(
+            f"{alone} not judged: their tolerance is what two simulators differ by, and there is a file of one alone"
+        )
 
 
 def _tolerance(row: "Row") -> str:
@@ -150,7 +172,9 @@ def _tolerance(row: "Row") -> str:
 
 def bench(
     json: Json = None,
-    repetitions: Annotated[int, typer.Option(min=1, help="Of each measurement; medians are shown.")] = 9,
+    repetitions: Annotated[
+        int, typer.Option(min=1, help="Of each measurement; medians are shown.")
+    ] = 9,
 ) -> None:
     """Measure flights per second and core, starts and memory, with the default campaign; takes a minute or two."""
     from abhv_mc.bench.speed import measure_speed, measure_start, read_operations
@@ -168,16 +192,26 @@ def _print_figures(figures: dict[str, Any], operations: dict[str, dict[str, floa
     machine = figures["machine"]
     peak = figures["peak_gflops_per_core"]
     say(f"{machine['cpu']}, {machine['cores']} cores, {machine['simd']}")
-    say(f"{peak:.1f} GFLOP/s of one core: additions and multiplications, not fused, vectors in registers")
-    say(f"steps of {1e3 * figures['step_s']:g} ms (RK4), control at {figures['control_rate_hz']:g} Hz")
+    say(
+        f"{peak:.1f} GFLOP/s of one core: additions and multiplications, not fused, vectors in registers"
+    )
+    say(
+        f"steps of {1e3 * figures['step_s']:g} ms (RK4), control at {figures['control_rate_hz']:g} Hz"
+    )
     for name, one in figures["controllers"].items():
-        counts = ", ".join(f"{n / 1e6:.2f} M {kind.replace('_', ' ')}" for kind, n in operations[name].items())
+        counts = ", ".join(
+            f"{n / 1e6:.2f} M {kind.replace('_', ' ')}" for kind, n in operations[name].items()
+        )
         rate, floor = one["flights_per_second_per_core"], one["flops_per_flight"] / 1e6
         say(f"\n{name}")
         say(f"  {rate:.0f} flights per second and core, {one['ms_per_flight']:.2f} ms each")
-        say(f"  {one['one_at_a_time_ms']:.2f} ms one at a time: batched {one['batched_over_one']:.2f} times as fast")
+        say(
+            f"  {one['one_at_a_time_ms']:.2f} ms one at a time: batched {one['batched_over_one']:.2f} times as fast"
+        )
         say(f"  {one['times_the_floor']:.2f} times the floor of {floor:.1f} M operations: {counts}")
     say(f"\ntwo workers fly {figures['two_workers_over_one']:.2f} times as many as one")
-    say(f"start to first flight {figures['cold_start_s']:.1f} s cold, {figures['warm_start_s']:.2f} s from the cache")
+    say(
+        f"start to first flight {figures['cold_start_s']:.1f} s cold, {figures['warm_start_s']:.2f} s from the cache"
+    )
     say(f"import abhv_mc {1e3 * figures['import_s']:.0f} ms")
     say(f"default campaign with its report: {figures['peak_memory_mb']:.0f} MB")

@@ -20,13 +20,19 @@ from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
 if TYPE_CHECKING:
     from duckdb import DuckDBPyRelation
 
-lists = typer.Typer(name="list", help="List campaigns, parameters, channels, metrics or schemas.", no_args_is_help=True)
+lists = typer.Typer(
+    name="list",
+    help="List campaigns, parameters, channels, metrics or schemas.",
+    no_args_is_help=True,
+)
 _DEFAULT = Path("reports")
 
 
 @lists.command()
 def campaigns(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that holds campaigns' folders.")] = _DEFAULT,
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="Folder that holds campaigns' folders.")
+    ] = _DEFAULT,
     json: Json = None,
 ) -> None:
     """List the campaigns in a folder: state, flights, controllers, when, and the digest's first digits."""
@@ -46,7 +52,9 @@ def campaigns(
         for one in found:
             held = one.manifest
             flights, names = f"{held.runs_done}/{held.runs_planned}", ",".join(held.controllers)
-            table.add_row(one.folder, held.state, flights, names, held.started, str(held.digest)[:12])
+            table.add_row(
+                one.folder, held.state, flights, names, held.started, str(held.digest)[:12]
+            )
         print_table(table) if found else say(f"no campaigns in {folder}")
 
     answer([one.as_entries() for one in found], json, in_words)
@@ -59,7 +67,9 @@ def parameters(json: Json = None) -> None:
 
     from abhv_mc.plant.parameters import PARAMETERS
 
-    _show_records([asdict(parameter) for parameter in PARAMETERS[1:]], json)  # the first is no parameter of a vehicle
+    _show_records(
+        [asdict(parameter) for parameter in PARAMETERS[1:]], json
+    )  # the first is no parameter of a vehicle
 
 
 @lists.command()
@@ -67,14 +77,18 @@ def channels(json: Json = None) -> None:
     """List what histories, envelopes and replays record."""
     from abhv_mc.flight.channels import CHANNELS
 
-    _show_records([{"name": each.name, "unit": each.unit, "doc": each.doc} for each in CHANNELS], json)
+    _show_records(
+        [{"name": each.name, "unit": each.unit, "doc": each.doc} for each in CHANNELS], json
+    )
 
 
 @lists.command()
 def metrics(
     campaign: Annotated[
         str | None,
-        typer.Argument(metavar="[CAMPAIGN]", help="Its file, or a shipped name: list what it declares, too."),
+        typer.Argument(
+            metavar="[CAMPAIGN]", help="Its file, or a shipped name: list what it declares, too."
+        ),
     ] = None,
     json: Json = None,
 ) -> None:
@@ -100,7 +114,9 @@ def metrics(
 
 @lists.command()
 def schemas(
-    kind: Annotated[str | None, typer.Argument(metavar="[KIND]", help="Print the schema of this kind of file.")] = None,
+    kind: Annotated[
+        str | None, typer.Argument(metavar="[KIND]", help="Print the schema of this kind of file.")
+    ] = None,
     json: Json = None,
 ) -> None:
     """List the kinds of input file, the report and the manifest, or print the JSON Schema of one of them."""
@@ -116,7 +132,9 @@ def schemas(
         "manifest": manifest_schema,
     }
     if kind is None:
-        _show_records([{"name": name, "doc": f"JSON Schema of a {name} file"} for name in known], json)
+        _show_records(
+            [{"name": name, "doc": f"JSON Schema of a {name} file"} for name in known], json
+        )
         return
     if kind not in known:
         raise InputError("list schemas", f"'{kind}'", one_of(known, kind))
@@ -127,9 +145,13 @@ def _show_records(records: list[dict[str, Any]], json: Path | None) -> None:
     def in_words() -> None:
         table = new_table((), (), show_header=False, padding=(0, 1, 0, 0))
         for key in records[0]:
-            table.add_column(justify="right" if key in ("unit", "nominal") else "left", no_wrap=True)
+            table.add_column(
+                justify="right" if key in ("unit", "nominal") else "left", no_wrap=True
+            )
         for record in records:
-            table.add_row(*(f"{cell:g}" if isinstance(cell, float) else str(cell) for cell in record.values()))
+            table.add_row(
+                *(f"{cell:g}" if isinstance(cell, float) else str(cell) for cell in record.values())
+            )
         print_table(table)
 
     answer(records, json, in_words)
@@ -137,11 +159,18 @@ def _show_records(records: list[dict[str, Any]], json: Path | None) -> None:
 
 def query(
     folder: Annotated[Path, folder_argument("A campaign's folder, or its address.")],
-    sql: Annotated[str, typer.Argument(metavar="SQL", help="For example: select count(*) from flights")],
+    sql: Annotated[
+        str, typer.Argument(metavar="SQL", help="For example: select count(*) from flights")
+    ],
     json: Json = None,
     csv: Annotated[
         Path | None,
-        typer.Option("--csv", callback=output_file_or_stream, metavar="FILE", help="Write CSV; - for standard output."),
+        typer.Option(
+            "--csv",
+            callback=output_file_or_stream,
+            metavar="FILE",
+            help="Write CSV; - for standard output.",
+        ),
     ] = None,
 ) -> None:
     """Ask with SQL (duckdb); tables: flights, samples, histories, envelopes, nominal, reference.
@@ -197,14 +226,24 @@ def _as_records(columns: list[str], rows: list[tuple[object, ...]]) -> list[dict
 def export(
     folder: Folder,
     mission: Annotated[
-        str | None, typer.Argument(metavar="[MISSION]", help="After gains: mission file, or a shipped one's name.")
+        str | None,
+        typer.Argument(
+            metavar="[MISSION]", help="After gains: mission file, or a shipped one's name."
+        ),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="PATH", help="Where to: a folder; of gains, a .mat, .csv or .h file."),
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="PATH",
+            help="Where to: a folder; of gains, a .mat, .csv or .h file.",
+        ),
     ] = None,
     controller: Annotated[str, controller_option("Of gains: file or shipped name.")] = "tlc",
-    vehicle: Annotated[str, typer.Option(metavar="V", help="Of gains: file or shipped name.")] = DEFAULT_VEHICLE,
+    vehicle: Annotated[
+        str, typer.Option(metavar="V", help="Of gains: file or shipped name.")
+    ] = DEFAULT_VEHICLE,
 ) -> None:
     """Write every table as a CSV file; numbers read back to the same bits.
 
@@ -217,7 +256,11 @@ def export(
         if out is None:
             raise InputError("--output", "no file", "a file that ends in .mat, .csv or .h")
         check_gain_format(out)
-        files = find_input(mission, "mission"), find_input(vehicle, "vehicle"), find_input(controller, "control")
+        files = (
+            find_input(mission, "mission"),
+            find_input(vehicle, "vehicle"),
+            find_input(controller, "control"),
+        )
         write_gains(output_file(out) or out, make_flight_plan(*files))
         say(out)
         return
@@ -225,7 +268,9 @@ def export(
     from abhv_mc.folder.tables import export_csv
 
     if mission is not None:
-        raise InputError(mission, "a second argument", "nothing after the folder, or 'gains' before it")
+        raise InputError(
+            mission, "a second argument", "nothing after the folder, or 'gains' before it"
+        )
     out = output_folder(out)
     if out is None and local_path(folder) is None:
         raise InputError("--output", "nothing, for a campaign at an address", "-o DIR: where to")

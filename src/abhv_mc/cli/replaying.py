@@ -19,7 +19,9 @@ def replay(
     folder: Folder,
     flight: Annotated[int, typer.Option(min=0, help="Number of the flight.")],
     controller: Controller = None,
-    out: Annotated[Path | None, output(output_file, "FILE.parquet", "Write its history at full rate.")] = None,
+    out: Annotated[
+        Path | None, output(output_file, "FILE.parquet", "Write its history at full rate.")
+    ] = None,
     json: Json = None,
     trust_code: TrustCode = False,
 ) -> None:
@@ -32,21 +34,29 @@ def replay(
     from abhv_mc.folder.inputs import first_controller
     from abhv_mc.simulators.engine import make_engine
 
-    if out is not None and out.suffix != ".parquet":  # the only kind it writes, whatever the name promises
+    if (
+        out is not None and out.suffix != ".parquet"
+    ):  # the only kind it writes, whatever the name promises
         raise InputError("--output", f"'{out.name}'", "a name that ends in .parquet")
     controller = controller or first_controller(folder)
     announce_compiling()
     fly = make_engine().fly
-    replay = run_in_thread(lambda: replay_flight(folder, controller, flight, fly, trust_code=trust_code))
+    replay = run_in_thread(
+        lambda: replay_flight(folder, controller, flight, fly, trust_code=trust_code)
+    )
     block = replay.block
     if out is not None and not block.history.size:
         raise InputError("--output", "flights that return no history", "no --output")
     if out is not None:
         names = [channel.name for channel in replay.channels]
-        write_histories(out, controller, [flight], block.times, block.history, names, known=replay.channels)
+        write_histories(
+            out, controller, [flight], block.times, block.history, names, known=replay.channels
+        )
 
     def in_words() -> None:
-        end = replay.outcome + ("" if isnan(block.end_time[0]) else f" after {block.end_time[0]:g} s")
+        end = replay.outcome + (
+            "" if isnan(block.end_time[0]) else f" after {block.end_time[0]:g} s"
+        )
         say(f"flight {flight} of {controller}: {end}. {replay.sentence}")
         for name, value in replay.samples.items():
             say(f"  {name:<40} {value:.10g}")
@@ -60,7 +70,11 @@ def replay(
             say("metrics equal the stored ones bit for bit")
 
     figures = {"flight": flight, "controller": controller, "outcome": replay.outcome}
-    figures |= {"end_time_s": block.end_time[0], "samples": replay.samples, "metrics": replay.metrics}
+    figures |= {
+        "end_time_s": block.end_time[0],
+        "samples": replay.samples,
+        "metrics": replay.metrics,
+    }
     answer(figures | {"differences": list(replay.differences)}, json, in_words)
     if replay.differences:
         raise typer.Exit(ExitCode.FAILED)
@@ -68,13 +82,20 @@ def replay(
 
 def explain(
     folder: Folder,
-    flight: Annotated[int | None, typer.Option(min=0, help="Number of a flight that failed.")] = None,
-    every: Annotated[bool, typer.Option("--all", help="Map the failed flights: the 50 worst of a controller.")] = False,
+    flight: Annotated[
+        int | None, typer.Option(min=0, help="Number of a flight that failed.")
+    ] = None,
+    every: Annotated[
+        bool, typer.Option("--all", help="Map the failed flights: the 50 worst of a controller.")
+    ] = False,
     controller: Controller = None,
     requirement: Annotated[
-        str | None, metric_option("Explain why it missed this requirement.", show_default="what it failed")
+        str | None,
+        metric_option("Explain why it missed this requirement.", show_default="what it failed"),
     ] = None,
-    out: Annotated[Path | None, output(output_file, "FILE.png", "Where the figure goes.", default="in DIR")] = None,
+    out: Annotated[
+        Path | None, output(output_file, "FILE.png", "Where the figure goes.", default="in DIR")
+    ] = None,
     json: Json = None,
     trust_code: TrustCode = False,
 ) -> None:
@@ -92,11 +113,17 @@ def explain(
         return
     from abhv_mc.analysis.explain import explain_flight
     from abhv_mc.folder.inputs import first_controller
-    from abhv_mc.report.pages.single_flights import explanation_numbers, explanation_words, make_explained_figure
+    from abhv_mc.report.pages.single_flights import (
+        explanation_numbers,
+        explanation_words,
+        make_explained_figure,
+    )
     from abhv_mc.simulators.engine import make_engine
 
     name, fly = controller or first_controller(folder), make_engine().fly
-    found = run_in_thread(lambda: explain_flight(folder, name, flight, fly, requirement, trust_code=trust_code))
+    found = run_in_thread(
+        lambda: explain_flight(folder, name, flight, fly, requirement, trust_code=trust_code)
+    )
     path = out or CampaignFolder(folder).explained / f"{name}-{flight}.png"
     words, numbers = explanation_words(found), explanation_numbers(found)
     if found.block.history.size:
@@ -117,7 +144,9 @@ def _map_all(folder: Path, controller: str | None, json: Path | None, trust_code
 
     results = read_flown(folder)
     if controller is not None and controller not in results.controllers:
-        raise InputError(folder, f"no controller '{controller}'", one_of(results.controllers, controller))
+        raise InputError(
+            folder, f"no controller '{controller}'", one_of(results.controllers, controller)
+        )
     names = results.controllers if controller is None else (controller,)
     failed = {name: rank_failed(results, name) for name in names}
     if not any(failed.values()):
@@ -137,7 +166,9 @@ def _map_all(folder: Path, controller: str | None, json: Path | None, trust_code
 
 def explore(
     folder: Folder,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port on this machine.", show_default="a free one")] = 0,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port on this machine.", show_default="a free one")
+    ] = 0,
     browser: Annotated[bool, typer.Option(help="Open the browser.")] = True,
     trust_code: TrustCode = False,
 ) -> None:

@@ -7,9 +7,24 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from abhv_mc.cli.errors import ExitCode
-from abhv_mc.cli.options import Baseline, Folder, Json, controllers_option, folder_argument, parse_names
+from abhv_mc.cli.options import (
+    Baseline,
+    Folder,
+    Json,
+    controllers_option,
+    folder_argument,
+    parse_names,
+)
 from abhv_mc.cli.outputs import output, output_folder
-from abhv_mc.cli.printing import answer, beside, new_table, print_section, print_section_table, print_table, say
+from abhv_mc.cli.printing import (
+    answer,
+    beside,
+    new_table,
+    print_section,
+    print_section_table,
+    print_table,
+    say,
+)
 from abhv_mc.cli.running import describe_outcomes, print_judgement, print_requirements
 from abhv_mc.execution.progress import Waiting
 from abhv_mc.folder.layout import CampaignFolder, write_whole
@@ -24,10 +39,14 @@ if TYPE_CHECKING:
 
 def report(
     folder: Annotated[Path, folder_argument("Folder of a campaign, or its address.")],
-    out: Annotated[Path | None, output(output_folder, "DIR", "Where to.", "DIR; reports/NAME for an address")] = None,
+    out: Annotated[
+        Path | None, output(output_folder, "DIR", "Where to.", "DIR; reports/NAME for an address")
+    ] = None,
     baseline: Baseline = None,
     svg: Annotated[bool, typer.Option("--svg", help="Write each figure as SVG, too.")] = False,
-    pdf: Annotated[bool, typer.Option("--pdf", help="Print report.pdf (A4), where a Chromium is found.")] = False,
+    pdf: Annotated[
+        bool, typer.Option("--pdf", help="Print report.pdf (A4), where a Chromium is found.")
+    ] = False,
     letter: Annotated[bool, typer.Option("--letter", help="Print it on US letter.")] = False,
 ) -> None:
     """Make the page, the figures and report.json from a campaign's Parquet alone."""
@@ -44,7 +63,9 @@ def report(
     with fetched(folder) as source:
         page = build_report(source, baseline, svg, stage=Waiting)
         if out is None and local_path(folder) is None:
-            out = output_folder(Path("reports") / read_manifest(CampaignFolder(source).manifest).name)
+            out = output_folder(
+                Path("reports") / read_manifest(CampaignFolder(source).manifest).name
+            )
         if out is not None:
             figures = (f"figures/{path.name}" for path in (source / "figures").iterdir())
             for name in (page.name, "report.json", *figures):
@@ -58,7 +79,9 @@ def report(
 
 
 def show(
-    topic: Annotated[str, typer.Argument(metavar="TOPIC", help="A topic of the report, such as margins.")],
+    topic: Annotated[
+        str, typer.Argument(metavar="TOPIC", help="A topic of the report, such as margins.")
+    ],
     folder: Annotated[Path, folder_argument("Folder of a campaign.")],
     json: Json = None,
 ) -> None:
@@ -82,7 +105,9 @@ def show(
         tables = section.tables() if section else ()
         for table in tables:
             print_section_table(table)
-        for item in section.items if section and not tables else ():  # its words then stand in no table
+        for item in (
+            section.items if section and not tables else ()
+        ):  # its words then stand in no table
             words = getattr(item, "sentences", (getattr(item, "text", ""),))
             say("\n".join(words))
 
@@ -91,10 +116,15 @@ def show(
 
 def compare(
     folder_a: Annotated[Path, folder_argument("Folder of a campaign.", "DIR_A")],
-    folder_b: Annotated[Path, folder_argument("Folder of a campaign on the same samples.", "DIR_B")],
-    controllers: Annotated[str | None, controllers_option("Compare A of DIR_A with B of DIR_B.")] = None,
+    folder_b: Annotated[
+        Path, folder_argument("Folder of a campaign on the same samples.", "DIR_B")
+    ],
+    controllers: Annotated[
+        str | None, controllers_option("Compare A of DIR_A with B of DIR_B.")
+    ] = None,
     fail_if_worse: Annotated[
-        list[str] | None, typer.Option(metavar="METRIC=5%", help="Exit 1 where B is worse than that; repeatable.")
+        list[str] | None,
+        typer.Option(metavar="METRIC=5%", help="Exit 1 where B is worse than that; repeatable."),
     ] = None,
     out: Annotated[Path | None, output(output_folder, "DIR", "Write a page there.")] = None,
     json: Json = None,
@@ -109,7 +139,9 @@ def compare(
     from abhv_mc.report.pages.compare_page import compare_folders
 
     margins = parse_margins(fail_if_worse or [])
-    found, section, page = compare_folders(folder_a, folder_b, parse_names(controllers) or (), margins, out)
+    found, section, page = compare_folders(
+        folder_a, folder_b, parse_names(controllers) or (), margins, out
+    )
     answer(found, json, lambda: print_section(section))
     if page is not None:
         say(f"report    {page}", file=beside(json))
@@ -121,7 +153,10 @@ def compare(
 def whatif(
     folder: Annotated[Path, folder_argument("Folder of a campaign with sampling: random.")],
     settings: Annotated[
-        list[str], typer.Option("--set", metavar="K=V", help="For example aero.drag.half_width=12%; may be repeated.")
+        list[str],
+        typer.Option(
+            "--set", metavar="K=V", help="For example aero.drag.half_width=12%; may be repeated."
+        ),
     ],
     json: Json = None,
 ) -> None:
@@ -151,11 +186,17 @@ def _print_whatif(found: "Whatif") -> None:
         for metric in found.asked:
             for level, pair in part.metrics.get(metric, {}).items():
                 label = found.words[metric]["label"] if level == "q50" else ""
-                cells = [f"{estimate(cell)} ({bounds(cell) or 'no bounds'})" for cell in (pair.before, pair.after)]
+                cells = [
+                    f"{estimate(cell)} ({bounds(cell) or 'no bounds'})"
+                    for cell in (pair.before, pair.after)
+                ]
                 table.add_row(label, f"{level[1:]} %", *cells)
         for entry in part.requirements:
             shares = entry.failure_share.before, entry.failure_share.after
-            cells = [f"{percent(cell.value)} ({percent(cell.low)} to {percent(cell.high)})" for cell in shares]
+            cells = [
+                f"{percent(cell.value)} ({percent(cell.low)} to {percent(cell.high)})"
+                for cell in shares
+            ]
             table.add_row(f"Failed: {entry.words}", "", *cells)
         print_table(table)
 
@@ -170,14 +211,18 @@ def status(folder: Folder, json: Json = None) -> None:
     from abhv_mc.folder.status import read_status
 
     with fetched_manifests(folder, "*.json") as (here, describe):
-        found = replace(read_status(here, describe and describe("")), folder=str(read_address(folder) or folder))
+        found = replace(
+            read_status(here, describe and describe("")), folder=str(read_address(folder) or folder)
+        )
         answer(found.as_entries(), json, lambda: _print_status(found, here))
 
 
 def _print_status(found: "Status", here: Path) -> None:
     manifest = found.manifest
     print_judgement(here, manifest, found.folder)
-    say(f"{manifest.name}: {manifest.state}, {manifest.runs_done} of {manifest.runs_planned} flights")
+    say(
+        f"{manifest.name}: {manifest.state}, {manifest.runs_done} of {manifest.runs_planned} flights"
+    )
     if found.holder:
         say(f"  flown now by {found.holder}")
     for name, each in manifest.controllers.items():

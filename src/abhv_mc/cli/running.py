@@ -26,7 +26,15 @@ from abhv_mc.cli.options import (
     parse_names,
 )
 from abhv_mc.cli.outputs import campaign_folder, campaign_folder_or_address, output, output_folder
-from abhv_mc.cli.printing import announce_compiling, announce_warnings, answer, beside, new_table, print_table, say
+from abhv_mc.cli.printing import (
+    announce_compiling,
+    announce_warnings,
+    answer,
+    beside,
+    new_table,
+    print_table,
+    say,
+)
 from abhv_mc.execution.progress import Waiting
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.address import read_address
@@ -54,9 +62,14 @@ def run(
     controllers: Controllers = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
-    shard: Annotated[str | None, typer.Option(metavar="I/N", help="Only part I of N; merge joins them.")] = None,
+    shard: Annotated[
+        str | None, typer.Option(metavar="I/N", help="Only part I of N; merge joins them.")
+    ] = None,
     plans: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Fly the plans of this campaign's folder.", show_default="new")
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Fly the plans of this campaign's folder.", show_default="new"
+        ),
     ] = None,
     no_report: NoReport = False,
     baseline: Baseline = None,
@@ -67,11 +80,17 @@ def run(
     staging: Annotated[
         Path | None,
         typer.Option(
-            callback=output_folder, metavar="DIR", help="Where the copy of an address lies.", show_default="temporary"
+            callback=output_folder,
+            metavar="DIR",
+            help="Where the copy of an address lies.",
+            show_default="temporary",
         ),
     ] = None,
     check_workers: Annotated[
-        bool, typer.Option("--check-workers", help="Fly one flight of each worker again here; compare its bits.")
+        bool,
+        typer.Option(
+            "--check-workers", help="Fly one flight of each worker again here; compare its bits."
+        ),
     ] = False,
 ) -> None:
     """Fly a campaign, resuming what its folder already holds, and make the report.
@@ -97,7 +116,18 @@ def run(
     try:
         with mirrored(out, staging) if out else nullcontext() as folder:
             request = Request(
-                campaign, folder, runs, seed, names, workers, fresh, scheduler, part, plans, trust_code, check_workers
+                campaign,
+                folder,
+                runs,
+                seed,
+                names,
+                workers,
+                fresh,
+                scheduler,
+                part,
+                plans,
+                trust_code,
+                check_workers,
             )
             finish(run_campaign(request), no_report or part is not None, json, out, junit, baseline)
     except UnusableError as error:
@@ -125,12 +155,22 @@ def finish(
     entries = result.manifest.requirements
     outcomes = [ended.outcomes for ended in result.manifest.controllers.values()]
     page = ""
-    if result.complete and not no_report and any(set(ended) - {"failed_to_run"} for ended in outcomes):
+    if (
+        result.complete
+        and not no_report
+        and any(set(ended) - {"failed_to_run"} for ended in outcomes)
+    ):
         from abhv_mc.report.pages.build import build_report, is_up_to_date
 
         made = is_up_to_date(result.folder, baseline)
-        page = "report.html, up to date" if made else build_report(result.folder, baseline, stage=Waiting).name
-    answer(result.manifest.as_entries() | {"folder": named}, json, lambda: _print_result(result, named))
+        page = (
+            "report.html, up to date"
+            if made
+            else build_report(result.folder, baseline, stage=Waiting).name
+        )
+    answer(
+        result.manifest.as_entries() | {"folder": named}, json, lambda: _print_result(result, named)
+    )
     if junit is not None:
         from abhv_mc.report.pages.matrix import make_junit, verdict_cases
 
@@ -191,11 +231,19 @@ def print_requirements(manifest: "Manifest") -> None:
     """A table of the requirements: what each asks of whom, what was counted, the verdict and what it rests on."""
     if not manifest.requirements:
         return
-    table = new_table(("of whom", "requirement", "in", "verdict", "counted"), (), padding=(0, 1, 0, 0))
+    table = new_table(
+        ("of whom", "requirement", "in", "verdict", "counted"), (), padding=(0, 1, 0, 0)
+    )
     for entries, mark in ((manifest.requirements, " (binding)"), (manifest.requirements_shown, "")):
         for entry in entries:
             verdict, _, words = entry.words.partition(": ")
-            table.add_row(entry.controller + mark, entry.asked, f"{100 * entry.probability:g} %", verdict, words)
+            table.add_row(
+                entry.controller + mark,
+                entry.asked,
+                f"{100 * entry.probability:g} %",
+                verdict,
+                words,
+            )
     print_table(table)
 
 
@@ -214,9 +262,14 @@ def describe_verdicts(manifest: "Manifest") -> str:
 def adopt(
     table: Annotated[Path, typer.Argument(metavar="TABLE", help="CSV or Parquet: a row a flight.")],
     campaign: Annotated[
-        Path, typer.Option("--campaign", metavar="FILE", help="Says 'inputs' and 'metrics', and no simulator.")
+        Path,
+        typer.Option(
+            "--campaign", metavar="FILE", help="Says 'inputs' and 'metrics', and no simulator."
+        ),
     ],
-    out: Annotated[Path | None, output(campaign_folder, "DIR", "Folder.", default="reports/NAME")] = None,
+    out: Annotated[
+        Path | None, output(campaign_folder, "DIR", "Folder.", default="reports/NAME")
+    ] = None,
     no_report: NoReport = False,
     fresh: Fresh = False,
     json: Json = None,
@@ -234,8 +287,12 @@ def adopt(
 
 
 def merge(
-    parts: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Folders of all shards, or of campaigns.")],
-    out: Annotated[Path | None, output(campaign_folder, "DIR", "New folder.", default="reports/NAME")] = None,
+    parts: Annotated[
+        list[Path], typer.Argument(metavar="DIR...", help="Folders of all shards, or of campaigns.")
+    ],
+    out: Annotated[
+        Path | None, output(campaign_folder, "DIR", "New folder.", default="reports/NAME")
+    ] = None,
     no_report: NoReport = False,
     json: Json = None,
     trust_code: TrustCode = False,

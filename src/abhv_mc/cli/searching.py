@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from abhv_mc.cli.errors import ExitCode
-from abhv_mc.cli.options import CampaignFile, Controller, Fresh, Json, Scheduler, Seed, Workers, metric_option
+from abhv_mc.cli.options import (
+    CampaignFile,
+    Controller,
+    Fresh,
+    Json,
+    Scheduler,
+    Seed,
+    Workers,
+    metric_option,
+)
 from abhv_mc.cli.outputs import campaign_folder, output, output_file
 from abhv_mc.cli.printing import announce_compiling, answer, beside, print_section, say
 from abhv_mc.io.input_error import InputError
@@ -22,9 +31,15 @@ def worst(
     out: Annotated[Path, output(campaign_folder, "DIR", "For flights and page.")],
     controller: Controller = None,
     above: Annotated[bool, typer.Option("--above", help="Large values are bad.")] = False,
-    below: Annotated[bool, typer.Option("--below", help="Small values are bad; by default as the campaign.")] = False,
-    flights: Annotated[int, typer.Option(min=1, help="Flights of the search; as many random ones follow.")] = 2000,
-    box: Annotated[float, typer.Option(min=0.1, max=8.0, help="Box of unbounded distributions, sigma.")] = 3.0,
+    below: Annotated[
+        bool, typer.Option("--below", help="Small values are bad; by default as the campaign.")
+    ] = False,
+    flights: Annotated[
+        int, typer.Option(min=1, help="Flights of the search; as many random ones follow.")
+    ] = 2000,
+    box: Annotated[
+        float, typer.Option(min=0.1, max=8.0, help="Box of unbounded distributions, sigma.")
+    ] = 3.0,
     seed: Seed = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
@@ -43,7 +58,9 @@ def worst(
     from abhv_mc.report.pages.worst_page import make_worst_answer
 
     bad: Literal["high", "low"] | None = "high" if above else "low" if below else None
-    found = worst(campaign, out, metric, controller, bad, flights, box, seed, workers, fresh, scheduler)
+    found = worst(
+        campaign, out, metric, controller, bad, flights, box, seed, workers, fresh, scheduler
+    )
     answer(found.numbers(), json, lambda: print_section(make_worst_answer(found, out).section))
     say(f"report    {out / 'report.html'}", file=beside(json))
     if found.failed_to_run:
@@ -74,7 +91,9 @@ def rare(
     from abhv_mc.report.pages.rare_page import make_rare_answer
 
     announce_compiling()
-    found = rare(campaign, out, requirement, controller, target_cov, flights, seed, workers, fresh, scheduler)
+    found = rare(
+        campaign, out, requirement, controller, target_cov, flights, seed, workers, fresh, scheduler
+    )
     answer(found.numbers(), json, lambda: print_section(make_rare_answer(found, out).section))
     say(f"report    {out / 'report.html'}", file=beside(json))
     refusal = found.estimate.refusal
@@ -91,7 +110,10 @@ def tune(
     out: Annotated[Path, output(output_file, "NEW.yaml", "Controller file to write.")],
     controller: Controller = None,
     block: Annotated[
-        Path | None, typer.Option("--tune", metavar="FILE", help="File with the block 'tune'.", show_default="CAMPAIGN")
+        Path | None,
+        typer.Option(
+            "--tune", metavar="FILE", help="File with the block 'tune'.", show_default="CAMPAIGN"
+        ),
     ] = None,
     seed: Seed = None,
     workers: Workers = None,

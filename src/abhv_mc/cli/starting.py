@@ -7,7 +7,15 @@ import typer
 
 from abhv_mc.cli.options import CampaignFile, Json, Runs
 from abhv_mc.cli.outputs import output, output_folder
-from abhv_mc.cli.printing import announce_compiling, announce_warnings, answer, beside, new_table, print_table, say
+from abhv_mc.cli.printing import (
+    announce_compiling,
+    announce_warnings,
+    answer,
+    beside,
+    new_table,
+    print_table,
+    say,
+)
 from abhv_mc.io.input_error import InputError
 from abhv_mc.shipped import find_input
 
@@ -17,17 +25,32 @@ if TYPE_CHECKING:
 
 
 def new(
-    folder: Annotated[Path, typer.Argument(callback=output_folder, metavar="DIR", help="A new or an empty folder.")],
+    folder: Annotated[
+        Path,
+        typer.Argument(callback=output_folder, metavar="DIR", help="A new or an empty folder."),
+    ],
     source: Annotated[
-        str, typer.Option("--from", metavar="NAME", help="Name of a shipped campaign, such as wide or failures.")
+        str,
+        typer.Option(
+            "--from", metavar="NAME", help="Name of a shipped campaign, such as wide or failures."
+        ),
     ] = "s_manoeuvre",
-    law: Annotated[bool, typer.Option("--law", help="Add a commented control law of your own.")] = False,
+    law: Annotated[
+        bool, typer.Option("--law", help="Add a commented control law of your own.")
+    ] = False,
     language: Annotated[
-        str | None, typer.Argument(metavar="[LANGUAGE]", help="Of the law: python or c.", show_default="python")
+        str | None,
+        typer.Argument(
+            metavar="[LANGUAGE]", help="Of the law: python or c.", show_default="python"
+        ),
     ] = None,
     simulator: Annotated[
         str | None,
-        typer.Option("--simulator", metavar="KIND", help="A simulator of your own instead: python or command."),
+        typer.Option(
+            "--simulator",
+            metavar="KIND",
+            help="A simulator of your own instead: python or command.",
+        ),
     ] = None,
 ) -> None:
     """Write a commented campaign with its vehicle, mission and control files to start from."""
@@ -43,7 +66,9 @@ def new(
     say(f"{campaign} and {len(others)} files that it needs. Next:")
     if law:
         file = "my_law.c" if chosen == "c" else "my_law.py"
-        say(f"  cd {folder} && abhv-mc fly level --controllers control/my_law.yaml   # after each edit of {file}")
+        say(
+            f"  cd {folder} && abhv-mc fly level --controllers control/my_law.yaml   # after each edit of {file}"
+        )
     say(f"  cd {folder} && abhv-mc run {campaign.name}")
 
 
@@ -51,7 +76,9 @@ def _begin_simulator(folder: Path, kind: str, law: bool) -> None:
     from abhv_mc.simulators.new_campaign import write_new_simulator
 
     if law:
-        raise InputError("--simulator", "it beside --law", "one of both: a law flies this program's vehicles")
+        raise InputError(
+            "--simulator", "it beside --law", "one of both: a law flies this program's vehicles"
+        )
     campaign, *others = write_new_simulator(folder, kind)
     names = [file.name for file in others if file.suffix != ".json"]
     say(f"{campaign} and {', '.join(names)}. Next:")
@@ -60,7 +87,9 @@ def _begin_simulator(folder: Path, kind: str, law: bool) -> None:
     say(f"  cd {folder} && abhv-mc run {campaign.name}")
 
 
-imports = typer.Typer(name="import", help="Make files of your own from other people's models.", no_args_is_help=True)
+imports = typer.Typer(
+    name="import", help="Make files of your own from other people's models.", no_args_is_help=True
+)
 
 
 @imports.callback()
@@ -70,7 +99,9 @@ def _family() -> None:
 
 @imports.command("daveml")
 def daveml(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE.dml...", help="DAVE-ML files of one vehicle.")],
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILE.dml...", help="DAVE-ML files of one vehicle.")
+    ],
     out: Annotated[Path, output(output_folder, "DIR", "Folder for the vehicle.")],
 ) -> None:
     """Write DAVE-ML files (ANSI/AIAA S-119) as readable Python functions; their check shots must pass.
@@ -86,10 +117,15 @@ def daveml(
 def validate(
     files: Annotated[
         list[str],
-        typer.Argument(metavar="FILE...", help="Campaign, vehicle, mission, controller; or a shipped name."),
+        typer.Argument(
+            metavar="FILE...", help="Campaign, vehicle, mission, controller; or a shipped name."
+        ),
     ],
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Fly a few flights of each campaign; say what all of them will cost.")
+        bool,
+        typer.Option(
+            "--dry-run", help="Fly a few flights of each campaign; say what all of them will cost."
+        ),
     ] = False,
     json: Json = None,
 ) -> None:
@@ -132,19 +168,26 @@ def _estimate(file: Path) -> "Estimate | None":
 
 def _print_costs(costs: "dict[str, Estimate]") -> None:
     for file, cost in costs.items():
-        say(f"{file}: {cost.flights} flights of {cost.controllers} {cost.kind}s, blocks of {cost.batch}")
+        say(
+            f"{file}: {cost.flights} flights of {cost.controllers} {cost.kind}s, blocks of {cost.batch}"
+        )
         if cost.searched:
             say(f"  search  {cost.searched} flights of each, for the worst values of the unknowns")
         each = f"{1e3 * cost.flight_s:.2f} ms a flight and core"
         say(f"  time    {cost.flying_s:.0f} s with {cost.workers} workers ({each})")
-        kept, flying = f"{cost.kept} histories {cost.histories_bytes / 1e6:.1f}", f"{cost.envelope_bytes / 1e6:.1f}"
+        kept, flying = (
+            f"{cost.kept} histories {cost.histories_bytes / 1e6:.1f}",
+            f"{cost.envelope_bytes / 1e6:.1f}",
+        )
         say(f"  disk    {cost.disk_bytes / 1e6:.1f} MB at most", end="")
         say(f" (rows {cost.rows_bytes / 1e6:.1f}, {kept}, envelopes while flying {flying})")
 
 
 def plan(
     campaign: CampaignFile,
-    out: Annotated[Path | None, output(output_folder, "DIR", "Write the figure plan.png there.")] = None,
+    out: Annotated[
+        Path | None, output(output_folder, "DIR", "Write the figure plan.png there.")
+    ] = None,
     runs: Runs = None,
     json: Json = None,
 ) -> None:
@@ -154,7 +197,9 @@ def plan(
 
     checked = read_campaign(campaign, runs)
     if not checked.model.requirements:
-        raise checked.document.error((), "a campaign without requirements", "requirements that can PASS or FAIL")
+        raise checked.document.error(
+            (), "a campaign without requirements", "requirements that can PASS or FAIL"
+        )
     planned = plan_campaign(checked)
     answer(planned, json, lambda: _print_plan(planned))
     announce_warnings(planned.problems)
@@ -170,7 +215,10 @@ def _print_plan(planned: "Planned") -> None:
     from abhv_mc.topics.words import percent
 
     share = 0.2
-    place = min(range(len(planned.rates_over_allowed)), key=lambda k: abs(planned.rates_over_allowed[k] - share))
+    place = min(
+        range(len(planned.rates_over_allowed)),
+        key=lambda k: abs(planned.rates_over_allowed[k] - share),
+    )
 
     def both(chance: "PassChance") -> str:
         return f"{percent(chance.at_some_flight[place], 2)} ({percent(chance.at_runs[place], 2)})"
@@ -185,10 +233,16 @@ def _print_plan(planned: "Planned") -> None:
             *map(both, entry.pass_chance),
         )
     print_table(table)
-    say("*  chance where a fifth of the allowed failures is true: at some flight (and at that number itself)")
+    say(
+        "*  chance where a fifth of the allowed failures is true: at some flight (and at that number itself)"
+    )
     if len(planned.requirements) > 1:
-        low, high = (percent(end[place], 2) for end in vars(planned.together[0].at_some_flight).values())
-        say(f"All of them PASS at some flight up to {planned.runs} with a chance between {low} and {high} then.")
+        low, high = (
+            percent(end[place], 2) for end in vars(planned.together[0].at_some_flight).values()
+        )
+        say(
+            f"All of them PASS at some flight up to {planned.runs} with a chance between {low} and {high} then."
+        )
     if planned.most_points > 1:
         say(f"Each controller flies {planned.runs} flights at each of at most {planned.most_points} values of the "
             f"unknowns: {planned.runs * planned.most_points} flights; {planned.search_flights} of all controllers "
@@ -197,4 +251,6 @@ def _print_plan(planned: "Planned") -> None:
         say(f"The chance of any false PASS among all {planned.verdicts} verdicts is at most "
             f"{percent(planned.family_risk, 2)}.")  # fmt: skip
     if not planned.independent_flights:
-        say("Its flights are not independent draws: it gets estimates and no verdict. These numbers are for random.")
+        say(
+            "Its flights are not independent draws: it gets estimates and no verdict. These numbers are for random."
+        )

@@ -6,8 +6,22 @@ from typing import Annotated, Any, Generic, Literal, TypeVar
 
 from pydantic import Discriminator, Field, RootModel, Tag, model_validator
 
-from abhv_mc.control.law_file import CController, ControllerModel, FmuController, PythonController, UserController
-from abhv_mc.io.documents import Document, Refusal, StrictModel, describe, one_of, read_document, validate
+from abhv_mc.control.law_file import (
+    CController,
+    ControllerModel,
+    FmuController,
+    PythonController,
+    UserController,
+)
+from abhv_mc.io.documents import (
+    Document,
+    Refusal,
+    StrictModel,
+    describe,
+    one_of,
+    read_document,
+    validate,
+)
 from abhv_mc.io.units import Angle, AngularRate, Frequency, Pressure, Time
 from abhv_mc.vehicle.shared_keys import AngleRange, Positive
 
@@ -21,20 +35,28 @@ class TimePoint(StrictModel):
     """Bandwidth at a time."""
 
     time: Annotated[Time, Field(ge=0.0)] = Field(description="time since the start of the flight")
-    bandwidth: Annotated[AngularRate, Positive] = Field(description="natural frequency at that time")
+    bandwidth: Annotated[AngularRate, Positive] = Field(
+        description="natural frequency at that time"
+    )
 
 
 class PressurePoint(StrictModel):
     """Bandwidth at a dynamic pressure of the reference."""
 
-    dynamic_pressure: Annotated[Pressure, Positive] = Field(description="dynamic pressure of the reference")
-    bandwidth: Annotated[AngularRate, Positive] = Field(description="natural frequency at that dynamic pressure")
+    dynamic_pressure: Annotated[Pressure, Positive] = Field(
+        description="dynamic pressure of the reference"
+    )
+    bandwidth: Annotated[AngularRate, Positive] = Field(
+        description="natural frequency at that dynamic pressure"
+    )
 
 
 class Schedule(StrictModel):
     """A bandwidth that changes: linear between points, held outside."""
 
-    over_time: list[TimePoint] | None = Field(None, min_length=2, description="points by rising time")
+    over_time: list[TimePoint] | None = Field(
+        None, min_length=2, description="points by rising time"
+    )
     over_dynamic_pressure: list[PressurePoint] | None = Field(
         None, min_length=2, description="points by rising dynamic pressure; in place of over_time"
     )
@@ -53,7 +75,9 @@ class Schedule(StrictModel):
         """(time or dynamic pressure, bandwidth), SI."""
         if self.over_time is not None:
             return [(point.time, point.bandwidth) for point in self.over_time]
-        return [(point.dynamic_pressure, point.bandwidth) for point in self.over_dynamic_pressure or []]
+        return [
+            (point.dynamic_pressure, point.bandwidth) for point in self.over_dynamic_pressure or []
+        ]
 
 
 def _bandwidth_kind(value: Any) -> str:
@@ -103,15 +127,20 @@ class RateLoop(StrictModel):
 class Differentiators(StrictModel):
     """Bandwidths of the pseudo-differentiators (21)."""
 
-    attitude: Annotated[AngularRate, Positive] = Field(0.3, description="bandwidth for the commands to sub-loop 3")
-    rates: Annotated[AngularRate, Positive] = Field(1.5, description="bandwidth for the commands to sub-loop 4")
+    attitude: Annotated[AngularRate, Positive] = Field(
+        0.3, description="bandwidth for the commands to sub-loop 3"
+    )
+    rates: Annotated[AngularRate, Positive] = Field(
+        1.5, description="bandwidth for the commands to sub-loop 4"
+    )
 
 
 class CommandLimits(StrictModel):
     """Limits of the guidance's commands; those of the surfaces and the engine are the vehicle's."""
 
     angle_of_attack: AngleRange = Field(
-        (-0.017453292519943295, 0.20943951023931956), description="least and greatest that is commanded"
+        (-0.017453292519943295, 0.20943951023931956),
+        description="least and greatest that is commanded",
     )
     bank: Annotated[Angle, Field(gt=0.0, lt=1.5)] = Field(
         1.2217304763960306, description="greatest that is commanded, to either side"
@@ -137,14 +166,19 @@ class TlcController(ControllerModel):
     velocity: VelocityLoop = Field(description="sub-loop 2: flight path angle, heading, speed")
     attitude: AttitudeLoop = Field(description="sub-loop 3: angle of attack, sideslip, bank")
     rates: RateLoop = Field(description="sub-loop 4: roll, pitch and yaw rate")
-    differentiators: Differentiators = Field(Differentiators(), description="bandwidths of the pseudo-differentiators")
+    differentiators: Differentiators = Field(
+        Differentiators(), description="bandwidths of the pseudo-differentiators"
+    )
     limits: CommandLimits = Field(CommandLimits(), description="limits of the guidance's commands")
 
     def warnings(self) -> list[str]:
         """Sentences on outer loops that are not slower than the inner loop that they rely on."""
         found = []
         for outer, inner in _OUTER_AND_INNER:
-            slow, fast = max(attrgetter(outer)(self).bandwidths()), min(attrgetter(inner)(self).bandwidths())
+            slow, fast = (
+                max(attrgetter(outer)(self).bandwidths()),
+                min(attrgetter(inner)(self).bandwidths()),
+            )
             if slow >= fast:
                 found.append(
                     f"the bandwidth of {outer} ({slow:g} rad/s) is not below that of {inner} ({fast:g} rad/s): "
@@ -164,7 +198,9 @@ class GuidanceStates(StrictModel):
     """Weights of the deviations, SI and radians."""
 
     altitude: Weight = Field(description="weight of the squared deviation of the altitude, 1/m2")
-    flight_path_angle: Weight = Field(description="weight of the squared deviation of the flight path angle, 1/rad2")
+    flight_path_angle: Weight = Field(
+        description="weight of the squared deviation of the flight path angle, 1/rad2"
+    )
     heading: Weight = Field(description="weight of the squared deviation of the heading, 1/rad2")
     speed: Weight = Field(description="weight of the squared deviation of the speed, s2/m2")
 
@@ -172,7 +208,9 @@ class GuidanceStates(StrictModel):
 class GuidanceInputs(StrictModel):
     """Weights of the inputs, radians."""
 
-    angle_of_attack: InputWeight = Field(description="weight of the squared angle of attack, 1/rad2")
+    angle_of_attack: InputWeight = Field(
+        description="weight of the squared angle of attack, 1/rad2"
+    )
     bank: InputWeight = Field(description="weight of the squared bank, 1/rad2")
     equivalence_ratio: InputWeight = Field(description="weight of the squared equivalence ratio")
 
@@ -180,8 +218,12 @@ class GuidanceInputs(StrictModel):
 class LongitudinalStates(StrictModel):
     """Weights of the deviations, radians."""
 
-    angle_of_attack: Weight = Field(description="weight of the squared deviation of the angle of attack, 1/rad2")
-    pitch_rate: Weight = Field(description="weight of the squared deviation of the pitch rate, s2/rad2")
+    angle_of_attack: Weight = Field(
+        description="weight of the squared deviation of the angle of attack, 1/rad2"
+    )
+    pitch_rate: Weight = Field(
+        description="weight of the squared deviation of the pitch rate, s2/rad2"
+    )
 
 
 class LongitudinalInputs(StrictModel):
@@ -195,7 +237,9 @@ class LateralStates(StrictModel):
 
     bank: Weight = Field(description="weight of the squared deviation of the bank, 1/rad2")
     sideslip: Weight = Field(description="weight of the squared deviation of the sideslip, 1/rad2")
-    roll_rate: Weight = Field(description="weight of the squared deviation of the roll rate, s2/rad2")
+    roll_rate: Weight = Field(
+        description="weight of the squared deviation of the roll rate, s2/rad2"
+    )
     yaw_rate: Weight = Field(description="weight of the squared deviation of the yaw rate, s2/rad2")
 
 
@@ -211,12 +255,18 @@ class LqrController(ControllerModel):
 
     law: Literal["lqr"] = Field(description="the control law")
     rate: Annotated[Frequency, Positive] = Field(100.0, description="control ticks per second")
-    guidance: Weights[GuidanceStates, GuidanceInputs] = Field(description="weights of the guidance regulator (22)")
+    guidance: Weights[GuidanceStates, GuidanceInputs] = Field(
+        description="weights of the guidance regulator (22)"
+    )
     longitudinal: Weights[LongitudinalStates, LongitudinalInputs] = Field(
         description="weights of the pitch regulator (23)"
     )
-    lateral: Weights[LateralStates, LateralInputs] = Field(description="weights of the roll and yaw regulator (23)")
-    spacing: Annotated[Time, Field(gt=0.0)] = Field(1.0, description="time between the points where gains are computed")
+    lateral: Weights[LateralStates, LateralInputs] = Field(
+        description="weights of the roll and yaw regulator (23)"
+    )
+    spacing: Annotated[Time, Field(gt=0.0)] = Field(
+        1.0, description="time between the points where gains are computed"
+    )
     limits: CommandLimits = Field(CommandLimits(), description="limits of the guidance's commands")
 
 

@@ -15,8 +15,12 @@ from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
 
 Rate = Annotated[Frequency, Field(gt=0.0)]
 _RATE = "control ticks per second"
-_PERIOD = "control ticks after which the law does the same again, for margins: checked; 0 has them found"
-_FILES = "data and modules beside the law that it reads: names, patterns such as tables/*.csv, folders"
+_PERIOD = (
+    "control ticks after which the law does the same again, for margins: checked; 0 has them found"
+)
+_FILES = (
+    "data and modules beside the law that it reads: names, patterns such as tables/*.csv, folders"
+)
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
@@ -36,9 +40,12 @@ class PythonController(ControllerModel):
     files: tuple[str, ...] = Field((), description=_FILES)
     rate: Rate = Field(100.0, description=_RATE)
     period: Annotated[int, Field(ge=0, le=100)] = Field(0, description=_PERIOD)
-    settings: dict[str, Any] = Field({}, description="of the file's class Settings; with units where the file says so")
+    settings: dict[str, Any] = Field(
+        {}, description="of the file's class Settings; with units where the file says so"
+    )
     commands: dict[str, Any] = Field(
-        {}, description="of the file's class Commands: a value, or values from times on, as {0 s: 100 m, 5 s: 130 m}"
+        {},
+        description="of the file's class Commands: a value, or values from times on, as {0 s: 100 m, 5 s: 130 m}",
     )
 
     @model_validator(mode="after")
@@ -52,9 +59,15 @@ class CController(ControllerModel):
 
     law: Literal["c"] = Field(description="the control law")
     library: File | None = Field(None, description="the law as a shared library")
-    sources: tuple[File, ...] = Field((), description="the law's C sources, in place of a library: built by cc")
-    flags: tuple[str, ...] = Field(("-O2",), description="what cc is given besides -ffp-contract=off")
-    design: File | None = Field(None, description="gains: a Python file with design(), or a CSV file over time")
+    sources: tuple[File, ...] = Field(
+        (), description="the law's C sources, in place of a library: built by cc"
+    )
+    flags: tuple[str, ...] = Field(
+        ("-O2",), description="what cc is given besides -ffp-contract=off"
+    )
+    design: File | None = Field(
+        None, description="gains: a Python file with design(), or a CSV file over time"
+    )
     files: tuple[str, ...] = Field((), description=_FILES)
     rate: Rate = Field(100.0, description=_RATE)
     period: Annotated[int, Field(ge=0, le=100)] = Field(0, description=_PERIOD)
@@ -62,7 +75,8 @@ class CController(ControllerModel):
         {}, description="numbers or lists of numbers, with units: the struct abhv_settings"
     )
     units: dict[str, str] = Field(
-        {}, description="SI units of settings, as {bank_limit: rad}: these are refused without a unit, or in another"
+        {},
+        description="SI units of settings, as {bank_limit: rad}: these are refused without a unit, or in another",
     )
     effectors: tuple[str, ...] = Field(
         (),
@@ -70,7 +84,8 @@ class CController(ControllerModel):
         description="the vehicle's effectors that it commands, in their order in the struct",
     )
     onboard: bool = Field(
-        False, description="whether measured->onboard is the nominal vehicle, as laws in Python see it"
+        False,
+        description="whether measured->onboard is the nominal vehicle, as laws in Python see it",
     )
 
     @model_validator(mode="after")
@@ -82,7 +97,9 @@ class CController(ControllerModel):
                 raise Refusal(f"a unit of '{name}'", one_of(self.settings, name), ("units", name))
             with _placed("units", name):
                 if parse_unit(unit)[0] != 1.0:
-                    raise Refusal(f"'{unit}'", "a unit of SI, in which the struct holds it, such as rad")
+                    raise Refusal(
+                        f"'{unit}'", "a unit of SI, in which the struct holds it, such as rad"
+                    )
         for name, value in self.settings.items():
             if not _NAME.fullmatch(name):
                 raise Refusal(f"the setting '{name}'", "a name that C allows", ("settings", name))
@@ -93,12 +110,19 @@ class CController(ControllerModel):
     @property
     def layout(self) -> "Layout":
         """Name and length of each setting, 0 for a number by itself, in the file's order."""
-        return [(name, len(value) if isinstance(value, list) else 0) for name, value in self.settings.items()]
+        return [
+            (name, len(value) if isinstance(value, list) else 0)
+            for name, value in self.settings.items()
+        ]
 
     @property
     def numbers(self) -> list[float]:
         """The settings one after another, SI."""
-        return [n for name, value in self.settings.items() for n in parse_numbers(value, (), self.units.get(name))]
+        return [
+            n
+            for name, value in self.settings.items()
+            for n in parse_numbers(value, (), self.units.get(name))
+        ]
 
 
 class FmuController(ControllerModel):
@@ -112,8 +136,12 @@ class FmuController(ControllerModel):
     outputs: dict[str, str] = Field(
         description="the command's fields, such as elevator, or the vehicle's effectors, and the outputs that give them"
     )
-    params: dict[str, Any] = Field({}, description="start values of its parameters, with units where it has them")
-    design: File | None = Field(None, description="gains: a Python file with design(), or a CSV file over time")
+    params: dict[str, Any] = Field(
+        {}, description="start values of its parameters, with units where it has them"
+    )
+    design: File | None = Field(
+        None, description="gains: a Python file with design(), or a CSV file over time"
+    )
     files: tuple[str, ...] = Field((), description=_FILES)
     rate: Rate = Field(100.0, description=_RATE)
     period: Annotated[int, Field(ge=0, le=100)] = Field(0, description=_PERIOD)
@@ -151,7 +179,12 @@ def _placed(*keys: str | int) -> Iterator[None]:
 Layout = list[tuple[str, int]]  # of settings: name and length, 0 for a number by itself
 UserController = PythonController | CController | FmuController
 USER_LAWS = ("python", "c", "fmu")
-NAMING_KEYS = ("file", "library", "design", "sources")  # of controller files: paths from the file's own folder
+NAMING_KEYS = (
+    "file",
+    "library",
+    "design",
+    "sources",
+)  # of controller files: paths from the file's own folder
 
 
 def find_files(law: UserController) -> dict[str, Path]:
@@ -162,7 +195,10 @@ def find_files(law: UserController) -> dict[str, Path]:
         named = [law.file]
     beside = expand(named[0].parent, law.files)
     design = getattr(law, "design", None)
-    paths = [Path(os.path.abspath(path)) for path in (*named, *([design] if design is not None else []), *beside)]  # noqa: PTH100
+    paths = [
+        Path(os.path.abspath(path))  # noqa: PTH100
+        for path in (*named, *([design] if design is not None else []), *beside)
+    ]
     root = Path(os.path.commonpath([path.parent for path in paths]))
     return {path.relative_to(root).as_posix(): path for path in paths}
 
@@ -173,12 +209,16 @@ def expand(folder: Path, patterns: Sequence[str]) -> list[Path]:
     for i, pattern in enumerate(patterns):
         parts = Path(pattern).parts
         if not parts or Path(pattern).is_absolute() or ".." in parts:
-            raise Refusal(f"'{pattern}'", "a plain path to a file or folder beside it", ("files", i))
+            raise Refusal(
+                f"'{pattern}'", "a plain path to a file or folder beside it", ("files", i)
+            )
         inside = "**/*" if (folder / pattern).is_dir() else ""
         paths = sorted((folder / pattern).glob(inside) if inside else folder.glob(pattern))
         files = [path for path in paths if path.is_file() and "__pycache__" not in path.parts]
         if not files:
-            raise Refusal(f"'{pattern}', which names no file beside it", "files beside it", ("files", i))
+            raise Refusal(
+                f"'{pattern}', which names no file beside it", "files beside it", ("files", i)
+            )
         for path in files:
             if not path.resolve().is_relative_to(folder.resolve()):
                 found_words = f"'{pattern}', which leads out of its folder to {path.resolve()}"

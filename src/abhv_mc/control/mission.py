@@ -6,7 +6,15 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Discriminator, Field, PlainSerializer, Tag, WithJsonSchema, model_validator
+from pydantic import (
+    BeforeValidator,
+    Discriminator,
+    Field,
+    PlainSerializer,
+    Tag,
+    WithJsonSchema,
+    model_validator,
+)
 
 from abhv_mc.array_types import Floats
 from abhv_mc.control.mission_tables import DENSITY, WIND, join_air, read_air_table, read_trajectory
@@ -45,7 +53,9 @@ class Start(StrictModel):
     flight_path_angle: Annotated[Angle, Field(gt=-1.0, lt=1.0)] = Field(
         0.0, description="of a start in a climb or a descent"
     )
-    bank: Annotated[Angle, Field(gt=-1.4, lt=1.4)] = Field(0.0, description="about the velocity, positive to the right")
+    bank: Annotated[Angle, Field(gt=-1.4, lt=1.4)] = Field(
+        0.0, description="about the velocity, positive to the right"
+    )
 
 
 class Level(StrictModel):
@@ -57,7 +67,9 @@ class Level(StrictModel):
 class Phase(StrictModel):
     """What a manoeuvre of a mission may say besides."""
 
-    name: str | None = Field(None, description="by which 'phase' of a campaign's metric means its window")
+    name: str | None = Field(
+        None, description="by which 'phase' of a campaign's metric means its window"
+    )
 
 
 class Climb(Phase):
@@ -73,7 +85,9 @@ class PullUp(Phase):
     """Another flight path angle, held afterwards; smooth."""
 
     kind: Literal["pull_up"] = Field(description=_KIND)
-    flight_path_angle: Annotated[Angle, Field(gt=-1.0, lt=1.0)] = Field(description="at its end, positive upwards")
+    flight_path_angle: Annotated[Angle, Field(gt=-1.0, lt=1.0)] = Field(
+        description="at its end, positive upwards"
+    )
     length: Annotated[Time, Positive] = Field(description=_LENGTH)
 
 
@@ -94,19 +108,27 @@ class SManoeuvre(Phase):
     """
 
     kind: Literal["s_manoeuvre"] = Field(description=_KIND)
-    offset: Length = Field(description="positive to the left of the start's heading (to the north, flying east)")
+    offset: Length = Field(
+        description="positive to the left of the start's heading (to the north, flying east)"
+    )
     length: Annotated[Time, Positive] = Field(description=_LENGTH)
     bank_time: Annotated[Time, Field(ge=0.0)] = Field(
-        0.0, description="in which the bank is established, and left at the end; at most half the length"
+        0.0,
+        description="in which the bank is established, and left at the end; at most half the length",
     )
     sharpness: Annotated[float, Field(ge=1.0, le=10.0)] = Field(
-        1.0, description="exponent of the acceleration: the larger, the longer the flight between the turns is straight"
+        1.0,
+        description="exponent of the acceleration: the larger, the longer the flight between the turns is straight",
     )
 
     @model_validator(mode="after")
     def _check(self) -> "SManoeuvre":
         if self.bank_time > 0.5 * self.length:
-            raise Refusal(f"{self.bank_time:g} s", f"at most half the length, {0.5 * self.length:g} s", ("bank_time",))
+            raise Refusal(
+                f"{self.bank_time:g} s",
+                f"at most half the length, {0.5 * self.length:g} s",
+                ("bank_time",),
+            )
         return self
 
     def lateral_motion(self, since: Floats) -> tuple[Floats, Floats]:
@@ -117,7 +139,9 @@ class SManoeuvre(Phase):
 class WaypointTurn(StrictModel):
     """One heading change among several."""
 
-    at: Annotated[Time, Field(ge=0.0)] = Field(description="when it begins, counted from start_time")
+    at: Annotated[Time, Field(ge=0.0)] = Field(
+        description="when it begins, counted from start_time"
+    )
     heading_change: Angle = Field(description="positive to the right")
     length: Annotated[Time, Positive] = Field(description=_LENGTH)
 
@@ -150,19 +174,26 @@ class Phases(StrictModel):
     """Manoeuvres one after another: each begins where the last one ends, and what the last one leaves is held."""
 
     kind: Literal["phases"] = Field(description=_KIND)
-    phases: Annotated[tuple[InPhases, ...], Field(min_length=1)] = Field(description="the manoeuvres in their order")
+    phases: Annotated[tuple[InPhases, ...], Field(min_length=1)] = Field(
+        description="the manoeuvres in their order"
+    )
 
 
 Manoeuvre = Annotated[
-    Level | Climb | PullUp | Turn | SManoeuvre | Waypoints | Phases | Recorded, Field(discriminator="kind")
+    Level | Climb | PullUp | Turn | SManoeuvre | Waypoints | Phases | Recorded,
+    Field(discriminator="kind"),
 ]
 
 
 class MissionLimits(LoadLimits):
     """A flight ends outside."""
 
-    altitude: Annotated[tuple[Length, Length], Rising] = Field((10e3, 40e3), description="lowest and highest")
-    fuel_out: bool = Field(True, description="whether a flight ends where its fuel is burnt; false: it flies on")
+    altitude: Annotated[tuple[Length, Length], Rising] = Field(
+        (10e3, 40e3), description="lowest and highest"
+    )
+    fuel_out: bool = Field(
+        True, description="whether a flight ends where its fuel is burnt; false: it flies on"
+    )
 
 
 class End(StrictModel):
@@ -174,10 +205,18 @@ class End(StrictModel):
     speed_below: Speed | None = Field(None, description="done where the speed is below it")
     mach_above: float | None = Field(None, description="done where the Mach number is above it")
     mach_below: float | None = Field(None, description="done where the Mach number is below it")
-    dynamic_pressure_above: Pressure | None = Field(None, description="done where the dynamic pressure is above it")
-    dynamic_pressure_below: Pressure | None = Field(None, description="done where the dynamic pressure is below it")
-    flight_path_angle_above: Angle | None = Field(None, description="done where the flight path angle is above it")
-    flight_path_angle_below: Angle | None = Field(None, description="done where the flight path angle is below it")
+    dynamic_pressure_above: Pressure | None = Field(
+        None, description="done where the dynamic pressure is above it"
+    )
+    dynamic_pressure_below: Pressure | None = Field(
+        None, description="done where the dynamic pressure is below it"
+    )
+    flight_path_angle_above: Angle | None = Field(
+        None, description="done where the flight path angle is above it"
+    )
+    flight_path_angle_below: Angle | None = Field(
+        None, description="done where the flight path angle is below it"
+    )
     mass_below: Mass | None = Field(None, description="done where the mass is below it")
 
     def range_of(self, name: str) -> tuple[float, float]:
@@ -208,7 +247,8 @@ class EarthNumbers(StrictModel):
         WGS84.flattening, description="flattening of the ellipsoid; 0: a sphere"
     )
     gravitational_parameter: Annotated[GravitationalParameter, Positive] = Field(
-        WGS84.gravitational_parameter, description="gravitational constant times the mass of the Earth"
+        WGS84.gravitational_parameter,
+        description="gravitational constant times the mass of the Earth",
     )
     j2: Annotated[float, Field(ge=0.0, lt=0.01)] = Field(
         WGS84.j2, description="second zonal harmonic; 0: a central field"
@@ -226,7 +266,9 @@ class Mission(StrictModel):
 
     name: str = Field(description="name of the mission")
     start: Start = Field(description="where and how fast a flight starts")
-    duration: Annotated[Time, Field(gt=0.0, le=3600.0)] = Field(60.0, description="how long a flight lasts")
+    duration: Annotated[Time, Field(gt=0.0, le=3600.0)] = Field(
+        60.0, description="how long a flight lasts"
+    )
     start_time: Annotated[Time, Field(ge=0.0)] = Field(0.0, description="when the manoeuvre begins")
     manoeuvre: Manoeuvre = Field(description="what is flown")
     limits: MissionLimits = Field(MissionLimits(), description="a flight ends outside")
@@ -235,21 +277,31 @@ class Mission(StrictModel):
         _BY_NAME,
     ] = Field("wgs84", description="wgs84, or numbers of its own")
     end: End = Field(End(), description="conditions that end a flight before its duration")
-    wind: Annotated[Annotated[Literal["none"], Tag("name")] | Annotated[WindTable, Tag("given")], _BY_NAME] = Field(
-        "none", description="of the nominal flight, added to wind.north and so on; nominal controls know none"
+    wind: Annotated[
+        Annotated[Literal["none"], Tag("name")] | Annotated[WindTable, Tag("given")], _BY_NAME
+    ] = Field(
+        "none",
+        description="of the nominal flight, added to wind.north and so on; nominal controls know none",
     )
     density: Annotated[
-        Annotated[Literal["standard"], Tag("name")] | Annotated[DensityTable, Tag("given")], _BY_NAME
+        Annotated[Literal["standard"], Tag("name")] | Annotated[DensityTable, Tag("given")],
+        _BY_NAME,
     ] = Field("standard", description="density of the nominal air")
-    sensing: SensingKeys = Field(SensingKeys(), description="what instruments measure; left out: what the vehicle's do")
-    step: Annotated[Time, Field(ge=1e-4, le=0.1)] = Field(0.01, description="time step of the integrator")
+    sensing: SensingKeys = Field(
+        SensingKeys(), description="what instruments measure; left out: what the vehicle's do"
+    )
+    step: Annotated[Time, Field(ge=1e-4, le=0.1)] = Field(
+        0.01, description="time step of the integrator"
+    )
 
     @model_validator(mode="after")
     def _check(self) -> "Mission":
         low, high = self.limits.altitude
         if not low <= self.start.altitude <= high:
             raise Refusal(
-                f"{self.start.altitude:g} m", f"an altitude in the limits, {low:g}..{high:g} m", ("start", "altitude")
+                f"{self.start.altitude:g} m",
+                f"an altitude in the limits, {low:g}..{high:g} m",
+                ("start", "altitude"),
             )
         altitude, speed = self.start.altitude, self.start.speed
         names: set[str] = set()
@@ -267,7 +319,10 @@ class Mission(StrictModel):
                         (*place, "offset"),
                     )
             if isinstance(manoeuvre, Climb):
-                altitude, speed = altitude + manoeuvre.altitude_change, speed + manoeuvre.speed_change
+                altitude, speed = (
+                    altitude + manoeuvre.altitude_change,
+                    speed + manoeuvre.speed_change,
+                )
                 if not low <= altitude <= high:
                     raise Refusal(
                         f"a climb to {altitude:g} m",
@@ -275,7 +330,9 @@ class Mission(StrictModel):
                         (*place, "altitude_change"),
                     )
                 if speed <= 0.0:
-                    raise Refusal("a speed of zero or less", "a positive one", (*place, "speed_change"))
+                    raise Refusal(
+                        "a speed of zero or less", "a positive one", (*place, "speed_change")
+                    )
         if isinstance(self.manoeuvre, Recorded) and self.start.flight_path_angle:
             raise Refusal(
                 "a flight path angle beside a recorded trajectory",
@@ -297,13 +354,19 @@ class Mission(StrictModel):
 
     def windows(self) -> dict[str, tuple[float, float]]:
         """Begin and end (s) of the phases that have names."""
-        named = [(begin, move) for _, begin, move in self.moves() if getattr(move, "name", None) is not None]
+        named = [
+            (begin, move)
+            for _, begin, move in self.moves()
+            if getattr(move, "name", None) is not None
+        ]
         return {move.name: (begin, begin + move.length) for begin, move in named}
 
     def make_air(self) -> NDArray[np.float64]:
         """The nominal air ``[knot, column]``, see :mod:`abhv_mc.kernel.plant.air_data`. Raises InputError."""
         wind = None if isinstance(self.wind, str) else read_air_table(self.wind.file, WIND)
-        density = None if isinstance(self.density, str) else read_air_table(self.density.file, DENSITY)
+        density = (
+            None if isinstance(self.density, str) else read_air_table(self.density.file, DENSITY)
+        )
         return join_air(wind, density)
 
     def make_earth(self) -> Earth:

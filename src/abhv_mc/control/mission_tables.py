@@ -19,7 +19,9 @@ def read_trajectory(path: str | Path, duration: float) -> NDArray[np.float64]:
     samples = table.values
     table.check_rising("time_s", "s")
     for row in np.flatnonzero(samples[:, 2] <= 0.0)[:1]:
-        raise table.error(int(row), "speed_mps", f"the speed {samples[row, 2]:g} m/s", "a positive one")
+        raise table.error(
+            int(row), "speed_mps", f"the speed {samples[row, 2]:g} m/s", "a positive one"
+        )
     if len(samples) < 4:
         raise InputError(path, f"{len(samples)} samples", "at least 4")
     first, last = samples[0, 0], samples[-1, 0]
@@ -43,18 +45,28 @@ def read_air_table(path: Path, columns: tuple[str, ...]) -> NDArray[np.float64]:
     rows = table.values
     if columns == DENSITY:
         for row in np.flatnonzero(rows[:, 1] <= 0.0)[:1]:
-            raise table.error(int(row), DENSITY[0], f"a factor {rows[row, 1]:g}", "a factor above zero")
+            raise table.error(
+                int(row), DENSITY[0], f"a factor {rows[row, 1]:g}", "a factor above zero"
+            )
     if not 2 <= len(rows) <= _MAX_ROWS:
         raise InputError(path, f"{len(rows)} rows", f"2 to {_MAX_ROWS}")
     return rows
 
 
-def join_air(wind: NDArray[np.float64] | None, density: NDArray[np.float64] | None) -> NDArray[np.float64]:
+def join_air(
+    wind: NDArray[np.float64] | None, density: NDArray[np.float64] | None
+) -> NDArray[np.float64]:
     """The columns of :mod:`abhv_mc.kernel.plant.air_data` on the altitudes of both tables, exact between them."""
     if wind is None and density is None:
         return np.empty((0, 4))
-    knots = np.unique(np.concatenate([table[:, 0] for table in (wind, density) if table is not None]))
+    knots = np.unique(
+        np.concatenate([table[:, 0] for table in (wind, density) if table is not None])
+    )
     still = np.zeros_like(knots)
-    north, east = (np.interp(knots, wind[:, 0], wind[:, i]) for i in (1, 2)) if wind is not None else (still, still)
+    north, east = (
+        (np.interp(knots, wind[:, 0], wind[:, i]) for i in (1, 2))
+        if wind is not None
+        else (still, still)
+    )
     factor = np.interp(knots, density[:, 0], density[:, 1]) if density is not None else still + 1.0
     return np.ascontiguousarray(np.stack([knots, north, east, factor], axis=1))

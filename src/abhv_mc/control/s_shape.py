@@ -8,7 +8,9 @@ _CELLS = 4096  # of the integral, over half the S
 _SAME_TIME = 1e-9  # s: a tick that close to an end of the S is on it
 
 
-def s_shape(since: Floats, offset: float, length: float, bank_time: float, sharpness: float) -> tuple[Floats, Floats]:
+def s_shape(
+    since: Floats, offset: float, length: float, bank_time: float, sharpness: float
+) -> tuple[Floats, Floats]:
     """Lateral speed (m/s) and acceleration (m/s2), along the offset (m), at times (s) since the S began; 0 outside.
 
     The acceleration goes as ``sign(c) |c|^sharpness``, ``c = cos(pi t / length)``, times a smooth step of order 5 over
@@ -17,16 +19,27 @@ def s_shape(since: Floats, offset: float, length: float, bank_time: float, sharp
     inside = (since >= -_SAME_TIME) & (since < length - _SAME_TIME)
     if bank_time == 0.0 and sharpness == 1.0:
         wave = np.pi / length
-        speed, acceleration = 0.5 * offset * wave * np.sin(wave * since), 0.5 * offset * wave**2 * np.cos(wave * since)
+        speed, acceleration = (
+            0.5 * offset * wave * np.sin(wave * since),
+            0.5 * offset * wave**2 * np.cos(wave * since),
+        )
         return np.where(inside, speed, 0.0), np.where(inside, acceleration, 0.0)
     nodes = np.linspace(0.0, 0.5 * length, _CELLS + 1)
     h = nodes[1]
-    at_nodes, at_middles = (_growth(x, length, bank_time, sharpness) for x in (nodes, nodes[:-1] + 0.5 * h))
-    gained = np.concatenate([[0.0], np.cumsum(h / 6.0 * (at_nodes[:-1] + 4.0 * at_middles + at_nodes[1:]))])
-    half = h / 3.0 * (gained[0] + 4.0 * gained[1::2].sum() + 2.0 * gained[2:-1:2].sum() + gained[-1])
+    at_nodes, at_middles = (
+        _growth(x, length, bank_time, sharpness) for x in (nodes, nodes[:-1] + 0.5 * h)
+    )
+    gained = np.concatenate(
+        [[0.0], np.cumsum(h / 6.0 * (at_nodes[:-1] + 4.0 * at_middles + at_nodes[1:]))]
+    )
+    half = (
+        h / 3.0 * (gained[0] + 4.0 * gained[1::2].sum() + 2.0 * gained[2:-1:2].sum() + gained[-1])
+    )
     size = 0.5 * offset / half
     folded = np.clip(np.minimum(since, length - since), 0.0, 0.5 * length)
-    acceleration = np.where(since < 0.5 * length, size, -size) * _growth(folded, length, bank_time, sharpness)
+    acceleration = np.where(since < 0.5 * length, size, -size) * _growth(
+        folded, length, bank_time, sharpness
+    )
     speed = size * _between(folded, h, gained, at_nodes)
     return np.where(inside, speed, 0.0), np.where(inside, acceleration, 0.0)
 
@@ -34,7 +47,9 @@ def s_shape(since: Floats, offset: float, length: float, bank_time: float, sharp
 def _growth(since: Floats, length: float, bank_time: float, sharpness: float) -> Floats:
     """The acceleration in the first half, at most 1."""
     x = np.clip(since / bank_time, 0.0, 1.0) if bank_time else 1.0
-    return np.cos(np.pi * since / length).clip(0.0) ** sharpness * (x**3 * (10.0 - 15.0 * x + 6.0 * x**2))
+    return np.cos(np.pi * since / length).clip(0.0) ** sharpness * (
+        x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
+    )
 
 
 def _between(x: Floats, h: float, values: Floats, slopes: Floats) -> Floats:

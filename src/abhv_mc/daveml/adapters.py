@@ -11,7 +11,9 @@ from abhv_mc.daveml.writer import Line, call, declare, define, names_in
 from abhv_mc.io.input_error import InputError, Refusal
 from abhv_mc.io.units import parse_unit
 
-Answer = float | str | None  # a number in the file's units, a quantity of the program, or nothing yet
+Answer = (
+    float | str | None
+)  # a number in the file's units, a quantity of the program, or nothing yet
 
 _AIR = {
     name: f"air.{name}"
@@ -45,7 +47,9 @@ def find_questions(model: Model) -> list[Variable]:
     """Inputs that no signal of the program gives. What a control law lacks are its commands."""
     kinds = kinds_of(model)
     known = {name for kind in kinds for name in SOURCES[kind]}
-    open_ones = [v for v in model.inputs if (of := quantity_of(v)) not in known or sign_of(of, v) is None]
+    open_ones = [
+        v for v in model.inputs if (of := quantity_of(v)) not in known or sign_of(of, v) is None
+    ]
     return [] if "control" in kinds else open_ones
 
 
@@ -54,7 +58,9 @@ def factor_to_si(model: Model, variable: Variable, quantity: str) -> float:
     try:
         factor, exponents = parse_s119_unit(variable.units)
     except Refusal as refusal:
-        raise InputError(model.path, refusal.found, f"a unit of {quantity}", variable.line) from None
+        raise InputError(
+            model.path, refusal.found, f"a unit of {quantity}", variable.line
+        ) from None
     if exponents != parse_unit(SI[quantity])[1]:
         found = f"'{variable.identifier}', the {quantity}, in '{variable.units}'"
         raise InputError(model.path, found, f"a unit such as {SI[quantity]}", variable.line)
@@ -103,7 +109,9 @@ def _return(kind: str, model: Model, expected: tuple[str, ...]) -> Line:
     return Line(f"return {call(kind, given)}")
 
 
-def write_coefficients(model: Model, answers: Mapping[str, Answer], span: float, chord: float) -> list[Line]:
+def write_coefficients(
+    model: Model, answers: Mapping[str, Answer], span: float, chord: float
+) -> list[Line]:
     """The function that the vehicle file names under ``aerodynamics``."""
     frame = frame_of(model)
     called = _call(model, "aerodynamics", answers)
@@ -111,7 +119,11 @@ def write_coefficients(model: Model, answers: Mapping[str, Answer], span: float,
     body = [called, _return("Coefficients", model, (*FORCES[frame], *MOMENTS))]
     lengths = (("SPAN", span), ("CHORD", chord))
     read = names_in([called])
-    used = [Line(f"{key} = {number(value)}", "m, of the reduced rates") for key, value in lengths if key in read]
+    used = [
+        Line(f"{key} = {number(value)}", "m, of the reduced rates")
+        for key, value in lengths
+        if key in read
+    ]
     return [*used, *define("def coefficients(air, controls, rates, settings):", about, body)]
 
 
@@ -127,7 +139,9 @@ def frame_of(model: Model) -> str:
 def write_thrust(model: Model, answers: Mapping[str, Answer]) -> list[Line]:
     """The function that the vehicle file names under ``propulsion``."""
     body = [_call(model, "propulsion", answers), _return("Thrust", model, THRUST)]
-    return define("def thrust(air, throttle, settings):", "Thrust in body axes at the moment reference.", body)
+    return define(
+        "def thrust(air, throttle, settings):", "Thrust in body axes at the moment reference.", body
+    )
 
 
 def command_inputs(model: Model) -> list[Variable]:
@@ -141,7 +155,9 @@ def command_unit(variable: Variable) -> tuple[str, float]:
         factor, exponents = parse_s119_unit(variable.units)
     except Refusal:
         return "-", 1.0
-    known = (unit for unit in ("m", "m/s", "rad", "rad/s", "kg", "s") if parse_unit(unit)[1] == exponents)
+    known = (
+        unit for unit in ("m", "m/s", "rad", "rad/s", "kg", "s") if parse_unit(unit)[1] == exponents
+    )
     return next(known, "-"), factor
 
 
@@ -153,10 +169,19 @@ def write_law(model: Model, answers: Mapping[str, Answer]) -> list[Line]:
         about = variable.name if unit == "-" else f"{variable.name}, {unit}"
         fields.append(declare(key, about, (variable.initial or 0.0) * factor))
         if quantity_of(variable) == "cross_track":
-            fields.append(declare(f"{key}{MEASURED}", "1: from the measured cross-track, 0: as commanded alone", 1.0))
+            fields.append(
+                declare(
+                    f"{key}{MEASURED}",
+                    "1: from the measured cross-track, 0: as commanded alone",
+                    1.0,
+                )
+            )
         if unit != "-":
             units[key] = unit
-    body = [_call(model, "control", answers), _return("Command", model, ("aileron", "rudder", "elevator", "throttle"))]
+    body = [
+        _call(model, "control", answers),
+        _return("Command", model, ("aileron", "rudder", "elevator", "throttle")),
+    ]
     head = f"def law({'measured, commands' if fields else 'measured'}):"
     law = define(head, "Deflections and throttle from the measured motion.", body)
     about = "What the pilot and the autopilot are told, SI and radians."

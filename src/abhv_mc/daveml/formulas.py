@@ -17,13 +17,31 @@ from abhv_mc.io.input_error import one_of
 
 FROM_MATH = ("ceil", "floor", "fmod", "trunc")
 OUTPUTS, MODEL = "Outputs", "model"
-_OWN = (OUTPUTS, MODEL, "NamedTuple", "DEGREE", "SPAN", "CHORD", "Commands", "coefficients", "thrust", "law", "out")
+_OWN = (
+    OUTPUTS,
+    MODEL,
+    "NamedTuple",
+    "DEGREE",
+    "SPAN",
+    "CHORD",
+    "Commands",
+    "coefficients",
+    "thrust",
+    "law",
+    "out",
+)
 _TAKEN = {*dir(builtins), *extend.__all__, *FROM_MATH, *_OWN}
 _LONGEST = 60  # letters of a name
 
 _LOGIC = ("and", "or", "xor", "not")  # of truths
 _RELATIONS = {"gt": ">", "lt": "<", "geq": ">=", "leq": "<=", "eq": "==", "neq": "!="}
-_BETWEEN = {"plus": "+", "times": "*", "and": "and", "or": "or", **_RELATIONS}  # of any number of operands
+_BETWEEN = {
+    "plus": "+",
+    "times": "*",
+    "and": "and",
+    "or": "or",
+    **_RELATIONS,
+}  # of any number of operands
 _ONE = {
     "not": "(not {})",
     **{name: f"{name}({{}})" for name in ("abs", "exp", "floor", "sin", "cos", "tan")},
@@ -61,7 +79,12 @@ def free_name(text: str, taken: Iterable[str] = ()) -> str:
     """A Python name for a text, its own where that is possible."""
     found = re.sub(r"\W", "_", text, flags=re.ASCII)[:_LONGEST]
     found = found if found[:1].isalpha() else f"x{found}"
-    while found in _TAKEN or keyword.iskeyword(found) or keyword.issoftkeyword(found) or found in taken:
+    while (
+        found in _TAKEN
+        or keyword.iskeyword(found)
+        or keyword.issoftkeyword(found)
+        or found in taken
+    ):
         found += "_"
     return found
 
@@ -80,7 +103,9 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
         if kind == "rational":
             parts = [at.number(part) for part in text.split()]
             if len(parts) != 2 or parts[1] == 0.0:
-                raise at.refuse(f"'{' / '.join(text.split())}'", "a numerator and a denominator that is not 0")
+                raise at.refuse(
+                    f"'{' / '.join(text.split())}'", "a numerator and a denominator that is not 0"
+                )
             return f"({number(parts[0] / parts[1])})"
         if at.children:
             text = ("e" if kind == "e-notation" else "").join(text.split())
@@ -88,8 +113,12 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
 
     def piecewise(at: Node) -> str:
         pieces, rest = at.all("piece"), at.first("otherwise")
-        if rest is None or [len(each.children) for each in (*pieces, rest)] != [2] * len(pieces) + [1]:
-            raise at.refuse("a piecewise", "pieces of a value and its condition, and 'otherwise' with a value")
+        if rest is None or [len(each.children) for each in (*pieces, rest)] != [2] * len(pieces) + [
+            1
+        ]:
+            raise at.refuse(
+                "a piecewise", "pieces of a value and its condition, and 'otherwise' with a value"
+            )
         found = value(rest.children[0])
         for piece in reversed(pieces):
             found = f"{value(piece.children[0])} if {truth(piece.children[1])} else {found}"
@@ -139,7 +168,9 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
         """The Python, and whether it is true or false and no number."""
         if at.name == "ci":
             if at.text not in names:
-                raise at.refuse(f"a value computed of '{at.text}', which there is not", one_of(names, at.text))
+                raise at.refuse(
+                    f"a value computed of '{at.text}', which there is not", one_of(names, at.text)
+                )
             needs.append(at.text)
             return names[at.text], False
         if at.name == "cn":
@@ -152,7 +183,10 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
             return piecewise(at), False
         if at.name == "apply":
             return apply(at)
-        raise at.refuse(f"the element '{at.name}'", one_of(("apply", "ci", "cn", "piecewise", *_CONSTANTS), at.name))
+        raise at.refuse(
+            f"the element '{at.name}'",
+            one_of(("apply", "ci", "cn", "piecewise", *_CONSTANTS), at.name),
+        )
 
     def value(at: Node) -> str:
         text, is_truth = read(at)
@@ -165,4 +199,6 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
     try:
         return ast.unparse(ast.parse(value(node), mode="eval")), needs
     except (SyntaxError, RecursionError, MemoryError):  # as Python's parser says it
-        raise node.refuse("a calculation too deep for Python", "parts of it as variables of their own") from None
+        raise node.refuse(
+            "a calculation too deep for Python", "parts of it as variables of their own"
+        ) from None

@@ -43,7 +43,9 @@ class Variable:
     def words(self) -> str:
         """Its name, units, sign and description."""
         sign = f" ({self.sign})" if self.sign else ""
-        return f"{self.name}, {self.units}{sign}" + (f": {self.description}" if self.description else "")
+        return f"{self.name}, {self.units}{sign}" + (
+            f": {self.description}" if self.description else ""
+        )
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,11 @@ class Model:
         """What the file marks as outputs; without marks whatever nothing else is computed of."""
         everything = self.variables.values()
         needed = {name for variable in everything for name in variable.needs}
-        left = [variable for variable in everything if variable.identifier not in needed and not variable.is_input]
+        left = [
+            variable
+            for variable in everything
+            if variable.identifier not in needed and not variable.is_input
+        ]
         return [variable for variable in everything if variable.is_output] or left
 
 
@@ -116,7 +122,11 @@ def read_model(path: Path) -> Model:
         header.words("description"),
         hashlib.sha256(content).hexdigest(),
         _in_order(path, variables),
-        tuple(_read_shot(shot, variables) for data in root.all("checkData") for shot in data.all("staticShot")),
+        tuple(
+            _read_shot(shot, variables)
+            for data in root.all("checkData")
+            for shot in data.all("staticShot")
+        ),
     )
 
 
@@ -139,9 +149,14 @@ def _read_variable(node: Node, look_ups: dict[str, LookUp], names: dict[str, str
         maths = calculation.first("math")
         if maths is None or len(maths.children) != 1 or look_up is not None:
             found = "a calculation and a function" if look_up else "a calculation"
-            raise calculation.refuse(f"{found} of '{identifier}'", "one function, or one MathML element in 'math'")
+            raise calculation.refuse(
+                f"{found} of '{identifier}'", "one function, or one MathML element in 'math'"
+            )
         formula, needs = read_formula(maths.children[0], names)
-    marked = any(node.first(name) is not None for name in ("isInput", "isControl", "isDisturbance", "isState"))
+    marked = any(
+        node.first(name) is not None
+        for name in ("isInput", "isControl", "isDisturbance", "isState")
+    )
     initial = node.bound("initialValue")
     return Variable(
         identifier,
@@ -175,7 +190,9 @@ def _in_order(path: Path, variables: dict[str, Variable]) -> dict[str, Variable]
                 pending.pop()
             elif waiting[0] in pending:
                 circle = " of ".join([*pending[pending.index(waiting[0]) :], waiting[0]])
-                raise InputError(path, f"{circle}: a circle", "variables without one", variables[name].line)
+                raise InputError(
+                    path, f"{circle}: a circle", "variables without one", variables[name].line
+                )
             else:
                 pending.append(waiting[0])
     return done
@@ -187,19 +204,32 @@ def _read_shot(shot: Node, variables: dict[str, Variable]) -> CheckShot:
     def read(group: str) -> Iterator[tuple[Node, str, float]]:
         """Each signal, its variable and the factor to the variable's units."""
         for signal in (signal for part in shot.all(group) for signal in part.all("signal")):
-            name, identified = signal.words("signalName"), signal.words("varID") or signal.words("signalID")
+            name, identified = (
+                signal.words("signalName"),
+                signal.words("varID") or signal.words("signalID"),
+            )
             identifier = identified if identified in variables else by_name.get(name, name)
             if identifier not in variables:
                 given = name or identified
                 raise signal.refuse(f"the signal '{given}'", one_of((*by_name, *variables), given))
             yield signal, identifier, _conversion(signal, variables[identifier])
 
-    inputs = {of: factor * signal.number(signal.words("signalValue")) for signal, of, factor in read("checkInputs")}
+    inputs = {
+        of: factor * signal.number(signal.words("signalValue"))
+        for signal, of, factor in read("checkInputs")
+    }
     outputs = []
     for group in ("internalValues", "checkOutputs"):
         for signal, identifier, factor in read(group):
-            value, tolerance = factor * signal.number(signal.words("signalValue")), signal.words("tol")
-            allowed = abs(factor) * signal.number(tolerance) if tolerance else _WITHOUT_TOLERANCE * max(1.0, abs(value))
+            value, tolerance = (
+                factor * signal.number(signal.words("signalValue")),
+                signal.words("tol"),
+            )
+            allowed = (
+                abs(factor) * signal.number(tolerance)
+                if tolerance
+                else _WITHOUT_TOLERANCE * max(1.0, abs(value))
+            )
             if tolerance or group == "checkOutputs":
                 outputs.append(CheckValue(identifier, value, allowed, signal.line))
     return CheckShot(shot.attributes.get("name", "shot"), inputs, tuple(outputs), shot.line)
@@ -211,9 +241,14 @@ def _conversion(signal: Node, variable: Variable) -> float:
     if not units or units == variable.units:
         return 1.0
     try:
-        (given, dimension), (own, own_dimension) = parse_s119_unit(units), parse_s119_unit(variable.units)
+        (given, dimension), (own, own_dimension) = (
+            parse_s119_unit(units),
+            parse_s119_unit(variable.units),
+        )
     except Refusal:
         dimension, own_dimension = (1, 0, 0, 0), (0, 0, 0, 0)
     if dimension != own_dimension:
-        raise signal.refuse(f"'{variable.name}' in '{units}'", f"'{variable.units}', as the variable is")
+        raise signal.refuse(
+            f"'{variable.name}' in '{units}'", f"'{variable.units}', as the variable is"
+        )
     return given / own

@@ -44,17 +44,26 @@ def import_daveml(files: Sequence[Path], folder: Path) -> list[Path]:
     ]
     for model in models:
         name, asked = model.path.name, find_questions(model)
-        answers[name] = {v.identifier: told.get(name, {}).get(v.identifier, v.initial) for v in asked}
+        answers[name] = {
+            v.identifier: told.get(name, {}).get(v.identifier, v.initial) for v in asked
+        }
         lines += [f"{json.dumps(name, ensure_ascii=False)}:"] if asked else []
         for variable in asked:
             value = answers[name][variable.identifier]
             line = f"  {json.dumps(variable.identifier, ensure_ascii=False)}: {'' if value is None else value}"
             lines += [f"  # {variable.words}", line.rstrip()]
     texts = {ANSWERS: "\n".join(lines) + "\n"} if any(answers.values()) else {}
-    left = [f"{name}: {key}" for name, given in answers.items() for key, value in given.items() if value is None]
+    left = [
+        f"{name}: {key}"
+        for name, given in answers.items()
+        for key, value in given.items()
+        if value is None
+    ]
     if left:
         (path,) = _write(folder, texts)
-        raise InputError(path, f"no value for {', '.join(left)}", "numbers there, then the same command again")
+        raise InputError(
+            path, f"no value for {', '.join(left)}", "numbers there, then the same command again"
+        )
     return _write(folder, texts | _write_parts(models, answers))
 
 
@@ -92,10 +101,14 @@ def _write_parts(models: Sequence[Model], answers: Answers) -> dict[str, str]:
         for kind in kinds_of(model):
             if kind == "aerodynamics":
                 extra += write_coefficients(model, given, span, chord)
-                sections[kind] = f"  python: {module}\n  function: coefficients\n  frame: {frame_of(model)}"
+                sections[kind] = (
+                    f"  python: {module}\n  function: coefficients\n  frame: {frame_of(model)}"
+                )
             elif kind == "propulsion":
                 extra += write_thrust(model, given)
-                sections[kind] = f"  python: {module}\n  function: thrust\n  throttle: [0, 1]\n  ideal: true"
+                sections[kind] = (
+                    f"  python: {module}\n  function: thrust\n  throttle: [0, 1]\n  ideal: true"
+                )
             elif kind == "control":
                 extra += write_law(model, given)
                 texts[f"{Path(module).stem}.yaml"] = _controller(model, module)
@@ -111,19 +124,29 @@ def _constants(models: Sequence[Model], answers: Answers) -> dict[str, float]:
               "inertia_yz", "center_of_gravity_x", "center_of_gravity_y", "center_of_gravity_z")  # fmt: skip
     found: dict[str, float] = {}
     for model in models:
-        outputs = {name: variable for name, variable in find_signals(model.outputs).items() if name in expected}
+        outputs = {
+            name: variable
+            for name, variable in find_signals(model.outputs).items()
+            if name in expected
+        }
         if not outputs:
             continue
         given = {v.key: answers[model.path.name].get(v.identifier, v.initial) for v in model.inputs}
-        numbers = {key: value if isinstance(value, float | int) else 0.0 for key, value in given.items()}
-        made: Any = make_function(model)(**numbers) if any(v.computed for v in outputs.values()) else None
+        numbers = {
+            key: value if isinstance(value, float | int) else 0.0 for key, value in given.items()
+        }
+        made: Any = (
+            make_function(model)(**numbers) if any(v.computed for v in outputs.values()) else None
+        )
         for name, variable in outputs.items():
             value = getattr(made, variable.key) if variable.computed else variable.initial
             found.setdefault(name, float(value or 0.0) * factor_to_si(model, variable, name))
     return found
 
 
-def _vehicle(models: Sequence[Model], values: Mapping[str, float], sections: Mapping[str, str]) -> str:
+def _vehicle(
+    models: Sequence[Model], values: Mapping[str, float], sections: Mapping[str, str]
+) -> str:
     for name in ("inertia_xy", "inertia_yz", "center_of_gravity_y"):
         if abs(values.get(name, 0.0)) > 1e-9 * values["mass"]:
             found = f"a vehicle whose {name.replace('_', ' ')} is {values[name]:g}"
@@ -141,9 +164,15 @@ def _vehicle(models: Sequence[Model], values: Mapping[str, float], sections: Map
         f"  start: {values['mass']!r} kg",
         "  points:",
         f"    - mass: {values['mass']!r} kg",
-        *(f"      inertia_{axis}: {values[f'inertia_{axis}']!r} kg m2" for axis in ("xx", "yy", "zz")),
+        *(
+            f"      inertia_{axis}: {values[f'inertia_{axis}']!r} kg m2"
+            for axis in ("xx", "yy", "zz")
+        ),
         f"      inertia_matrix_element_13: {-values.get('inertia_zx', 0.0)!r} kg m2 # minus the product of inertia",
-        *(f"      center_of_gravity_{axis}: {values.get(f'center_of_gravity_{axis}', 0.0)!r} m" for axis in ("x", "z")),
+        *(
+            f"      center_of_gravity_{axis}: {values.get(f'center_of_gravity_{axis}', 0.0)!r} m"
+            for axis in ("x", "z")
+        ),
         "",
         "surfaces: # the files say nothing about actuators",
         "  ideal: true",
@@ -159,7 +188,9 @@ def _limits(models: Sequence[Model]) -> list[str]:
     """Limits where the last of the tables over the angle of attack and the sideslip ends."""
     ends: dict[str, list[float]] = {"angle_of_attack": [], "sideslip": []}
     for model in models:
-        for look_up in (variable.look_up for variable in model.variables.values() if variable.look_up):
+        for look_up in (
+            variable.look_up for variable in model.variables.values() if variable.look_up
+        ):
             for axis, argument in enumerate(look_up.arguments):
                 given = model.variables[argument.variable]
                 quantity = quantity_of(given)
@@ -170,7 +201,9 @@ def _limits(models: Sequence[Model]) -> list[str]:
                 ends[quantity] += [degree * float(points.min()), degree * float(points.max())]
     lines = []
     if ends["angle_of_attack"]:
-        lines.append(f"  angle_of_attack: [{min(ends['angle_of_attack']):g} deg, {max(ends['angle_of_attack']):g} deg]")
+        lines.append(
+            f"  angle_of_attack: [{min(ends['angle_of_attack']):g} deg, {max(ends['angle_of_attack']):g} deg]"
+        )
     if min(ends["sideslip"], default=0.0) < 0.0:
         lines.append(f"  sideslip: {max(map(abs, ends['sideslip'])):g} deg")
     return ["", "limits: # the tables end there", *lines] if lines else []
@@ -188,8 +221,14 @@ def _controller(model: Model, module: str) -> str:
     for variable in commands:
         unit, _ = command_unit(variable)
         value = f"{variable.initial or 0.0!r}"
-        written = {"m": "ft", "m/s": "kt", "rad": "deg"}.get(unit) if variable.units in ("ft", "nmi_h", "deg") else unit
-        lines.append(f"  {variable.key}: {value}{'' if unit == '-' else f' {written}'} # {variable.name}")
+        written = (
+            {"m": "ft", "m/s": "kt", "rad": "deg"}.get(unit)
+            if variable.units in ("ft", "nmi_h", "deg")
+            else unit
+        )
+        lines.append(
+            f"  {variable.key}: {value}{'' if unit == '-' else f' {written}'} # {variable.name}"
+        )
     return "\n".join(lines) + "\n"
 
 

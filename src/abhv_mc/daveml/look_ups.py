@@ -10,8 +10,12 @@ from abhv_mc.array_types import Floats
 from abhv_mc.daveml.xml_reader import Node
 from abhv_mc.io.input_error import one_of
 
-Grids = tuple[tuple[str, Floats], ...]  # breakpoints of each axis: their name, and numbers that rise
-_Held = tuple[str, str, Grids, Floats | None, Floats]  # name, description, grids, scattered points, values
+Grids = tuple[
+    tuple[str, Floats], ...
+]  # breakpoints of each axis: their name, and numbers that rise
+_Held = tuple[
+    str, str, Grids, Floats | None, Floats
+]  # name, description, grids, scattered points, values
 _EXTRAPOLATE = ("neither", "min", "max", "both")
 _GRIDDED, _UNGRIDDED = ("griddedTableDef", "griddedTable"), ("ungriddedTableDef", "ungriddedTable")
 
@@ -48,7 +52,9 @@ def read_look_ups(root: Node) -> dict[str, LookUp]:
     """Every function by the variable that it gives (varID). Raises InputError."""
     grids = {node.attributes.get("bpID", ""): _rising(node, node.first("bpVals") or node)
              for node in root.all("breakpointDef")}  # fmt: skip
-    tables = {_key(node): node for node in _descendants(root) if node.name in (*_GRIDDED, *_UNGRIDDED)}
+    tables = {
+        _key(node): node for node in _descendants(root) if node.name in (*_GRIDDED, *_UNGRIDDED)
+    }
     found: dict[str, LookUp] = {}
     for node in root.all("function"):
         given = node.first("dependentVarPts") or node.first("dependentVarRef")
@@ -105,7 +111,10 @@ def _read_table(node: Node, grids: Mapping[str, Floats], arguments: int) -> _Hel
     """Name, description, grids, scattered points and values; points that fill a grid are a table like any other."""
     name, title = node.attributes.get("name") or _key(node) or "table", node.words("description")
     if node.name in _GRIDDED:
-        keys = [part.attributes.get("bpID", "") for part in (node.first("breakpointRefs") or node).all("bpRef")]
+        keys = [
+            part.attributes.get("bpID", "")
+            for part in (node.first("breakpointRefs") or node).all("bpRef")
+        ]
         for key in keys:
             if key not in grids:
                 raise node.refuse(f"the breakpoints '{key}'", one_of(grids, key))
@@ -113,12 +122,16 @@ def _read_table(node: Node, grids: Mapping[str, Floats], arguments: int) -> _Hel
         return name, title, axes, None, _shaped(node.first("dataTable") or node, axes)
     rows = [_numbers(point) for point in node.all("dataPoint")]
     if len(rows) < 2 or any(row.size != arguments + 1 for row in rows):
-        raise node.refuse("an ungridded table", f"points of {arguments} coordinates and a value each")
+        raise node.refuse(
+            "an ungridded table", f"points of {arguments} coordinates and a value each"
+        )
     points, values = np.split(np.array(rows), [-1], axis=1)
     order = np.lexsort(points.T[::-1])
     along = [np.unique(column) for column in points.T]
     shape = [axis.size for axis in along]
-    if len(rows) == np.prod(shape) and np.array_equal(points[order], np.array(list(itertools.product(*along)))):
+    if len(rows) == np.prod(shape) and np.array_equal(
+        points[order], np.array(list(itertools.product(*along)))
+    ):
         axes = tuple((f"{name}_{i}", axis) for i, axis in enumerate(along))
         return name, title, axes, None, values[order].reshape(shape)
     if len(np.unique(points, axis=0)) != len(points):
@@ -127,7 +140,9 @@ def _read_table(node: Node, grids: Mapping[str, Floats], arguments: int) -> _Hel
 
 
 def _numbers(node: Node) -> Floats:
-    return np.array([node.number(word) for word in node.text.replace(",", " ").replace(";", " ").split()])
+    return np.array(
+        [node.number(word) for word in node.text.replace(",", " ").replace(";", " ").split()]
+    )
 
 
 def _rising(node: Node, held: Node) -> Floats:

@@ -5,13 +5,24 @@ import re
 from abhv_mc.io.input_error import Refusal
 from abhv_mc.io.units import Exponents, parse_unit
 
-_SPELLINGS = {"r": "rad", "sec": "s", "d": "deg", "hr": "h", "lbm": "lb", "nim": "nmi", "kn": "kt", "knot": "kt"}
+_SPELLINGS = {
+    "r": "rad",
+    "sec": "s",
+    "d": "deg",
+    "hr": "h",
+    "lbm": "lb",
+    "nim": "nmi",
+    "kn": "kt",
+    "knot": "kt",
+}
 _SYMBOLS = (
     "slug", "kPa", "nmi", "nim", "knot", "lbm", "lbf", "rad", "deg", "min", "sec", "kg", "km", "cm", "mm", "ft", "in",
     "kt", "kn", "Pa", "hr", "lb", "Hz", "N", "W", "m", "s", "h", "r", "d",
 )  # fmt: skip  # longest first
 _TOKEN = re.compile(f"({'|'.join(_SYMBOLS)})([0-9]?)")
-_ANY_CASE = re.compile(_TOKEN.pattern, re.IGNORECASE)  # FT, Deg, LBF: where the exact spelling is none
+_ANY_CASE = re.compile(
+    _TOKEN.pattern, re.IGNORECASE
+)  # FT, Deg, LBF: where the exact spelling is none
 _EXACT = {symbol.lower(): symbol for symbol in reversed(_SYMBOLS)}
 _NUMBERS = {"nd": 1.0, "frac": 1.0, "pct": 0.01, "": 1.0}
 
@@ -31,7 +42,9 @@ def _words(part: str, whole: str) -> str:
     while place < len(part):
         match = _TOKEN.match(part, place) or _ANY_CASE.match(part, place)
         if match is None:
-            raise Refusal(f"unknown unit '{whole}'", "a unit of S-119 such as ft_s, slugft2, _deg, pct or nd")
+            raise Refusal(
+                f"unknown unit '{whole}'", "a unit of S-119 such as ft_s, slugft2, _deg, pct or nd"
+            )
         symbol = match[1] if match[1] in _SYMBOLS else _EXACT[match[1].lower()]
         found.append(_SPELLINGS.get(symbol, symbol) + match[2])
         place = match.end()

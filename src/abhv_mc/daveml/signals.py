@@ -69,9 +69,18 @@ SI = {quantity: unit for quantity, (unit, *_) in _QUANTITIES.items()}
 
 # Words of the attribute ``sign`` that say where a positive deflection turns the vehicle: +1 as here, -1 the other way.
 _SIGNS = {
-    "aileron": ({"rwd", "rightroll", "rightwingdown", "rollsright"}, {"lwd", "leftroll", "leftwingdown", "rollsleft"}),
-    "rudder": ({"tel", "trailingedgeleft", "anl", "noseleft"}, {"ter", "trailingedgeright", "anr", "noseright"}),
-    "elevator": ({"ted", "trailingedgedown", "and", "nosedown"}, {"teu", "trailingedgeup", "anu", "noseup"}),
+    "aileron": (
+        {"rwd", "rightroll", "rightwingdown", "rollsright"},
+        {"lwd", "leftroll", "leftwingdown", "rollsleft"},
+    ),
+    "rudder": (
+        {"tel", "trailingedgeleft", "anl", "noseleft"},
+        {"ter", "trailingedgeright", "anr", "noseright"},
+    ),
+    "elevator": (
+        {"ted", "trailingedgedown", "and", "nosedown"},
+        {"teu", "trailingedgeup", "anu", "noseup"},
+    ),
 }
 
 
@@ -79,13 +88,19 @@ def _plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]", "", name.lower())
 
 
-_QUANTITY_OF = {_plain(name): quantity for quantity, (_, *names) in _QUANTITIES.items() for name in names}
+_QUANTITY_OF = {
+    _plain(name): quantity for quantity, (_, *names) in _QUANTITIES.items() for name in names
+}
 
 
 def quantity_of(variable: Variable) -> str | None:
     """What a variable is by its name, else by its identifier; None for what no synonym names."""
     by_name = _QUANTITY_OF.get(_plain(variable.name))
-    return by_name or _QUANTITY_OF.get(_plain(variable.identifier)) if len(variable.identifier) > 5 else by_name
+    return (
+        by_name or _QUANTITY_OF.get(_plain(variable.identifier))
+        if len(variable.identifier) > 5
+        else by_name
+    )
 
 
 def sign_of(quantity: str, variable: Variable) -> int | None:

@@ -87,7 +87,11 @@ def _head(model: Model) -> str:
 
 
 def _imports(used: set[str]) -> Iterator[Line]:
-    for module, known in (("math", FROM_MATH), ("typing", ("NamedTuple",)), ("abhv_mc.extend", extend.__all__)):
+    for module, known in (
+        ("math", FROM_MATH),
+        ("typing", ("NamedTuple",)),
+        ("abhv_mc.extend", extend.__all__),
+    ):
         if found := sorted(used & set(known)):
             yield Line(f"from {module} import {', '.join(found)}")
     if "DEGREE" in used:
@@ -100,7 +104,9 @@ def _value(variable: Variable, model: Model, functions: dict[str, str]) -> str |
     if variable.formula is not None:
         value = variable.formula
     elif variable.look_up is not None:
-        arguments = (_held(model, variable.look_up, axis) for axis in range(len(variable.look_up.arguments)))
+        arguments = (
+            _held(model, variable.look_up, axis) for axis in range(len(variable.look_up.arguments))
+        )
         value = call(functions[variable.identifier], arguments)
     elif not variable.is_input:
         return number(variable.initial or 0.0)
@@ -122,10 +128,16 @@ def _limited(value: str, low: float | None, high: float | None) -> str:
 def _held(model: Model, look_up: LookUp, axis: int) -> str:
     """An argument within the function's range, where that is narrower than the table."""
     argument = look_up.arguments[axis]
-    ends = look_up.coordinates(axis)[[0, -1]] if look_up.points is None else np.array([-np.inf, np.inf])
+    ends = (
+        look_up.coordinates(axis)[[0, -1]]
+        if look_up.points is None
+        else np.array([-np.inf, np.inf])
+    )
     low = argument.low if argument.extrapolate in ("neither", "max") else None
     high = argument.high if argument.extrapolate in ("neither", "min") else None
-    value = _limited(model.variables[argument.variable].key, None if low is None or low <= ends[0] else low, None)
+    value = _limited(
+        model.variables[argument.variable].key, None if low is None or low <= ends[0] else low, None
+    )
     return _limited(value, None, None if high is None or high >= ends[1] else high)
 
 
@@ -146,7 +158,9 @@ def _tables(model: Model) -> tuple[list[Line], dict[str, str]]:
         look_up = variable.look_up
         if look_up is None:
             continue
-        name = look_up.table if look_up.table.lower().endswith("table") else f"{look_up.table}_table"
+        name = (
+            look_up.table if look_up.table.lower().endswith("table") else f"{look_up.table}_table"
+        )
         if look_up.points is None:
             arguments = [add(f"GRID_{grid}", _sequence(points)) for grid, points in look_up.grids]
             arguments.append(_sequence(look_up.values))
@@ -163,7 +177,9 @@ def _tables(model: Model) -> tuple[list[Line], dict[str, str]]:
 
 def _sequence(values: Any) -> str:
     """Numbers, however nested, as tuples."""
-    return str(tuple(map(_sequence, values))).replace("'", "") if np.ndim(values) else number(values)
+    return (
+        str(tuple(map(_sequence, values))).replace("'", "") if np.ndim(values) else number(values)
+    )
 
 
 def _docstring(model: Model) -> str:
@@ -180,10 +196,14 @@ def _lay_out(docstring: str, statements: Iterable[Line]) -> str:
     """The text of a module, in lines of at most ``WIDTH`` where that is possible."""
     lines, before = [f'"""{docstring}\n"""'], ""
     for text, words, indent in statements:
-        kind = next((kind for kind in ("from", "@", "class", "def") if text.startswith(kind)), "name")
+        kind = next(
+            (kind for kind in ("from", "@", "class", "def") if text.startswith(kind)), "name"
+        )
         broken = [indent + text] if text.startswith('"""') else _break(text, indent)
         beside = f"{broken[0]}  # {words}" if words else broken[0]
-        above = textwrap.wrap(words, WIDTH, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}# ")
+        above = textwrap.wrap(
+            words, WIDTH, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}# "
+        )
         if len(broken) == 1 and len(beside) <= WIDTH:
             broken, above = [beside], []
         if not indent and kind in ("@", "class", "def"):
@@ -202,21 +222,34 @@ def _break(text: str, indent: str) -> list[str]:
     first, last, inner = text.index("(") + 1, text.rindex(")"), indent + _INDENT
     parts = text[first:last].replace(", (", ",\n(").split("\n")
     wrapper = textwrap.TextWrapper(
-        WIDTH, initial_indent=inner, subsequent_indent=inner, break_long_words=False, break_on_hyphens=False
+        WIDTH,
+        initial_indent=inner,
+        subsequent_indent=inner,
+        break_long_words=False,
+        break_on_hyphens=False,
     )
-    return [indent + text[:first], *(line for part in parts for line in wrapper.wrap(part)), indent + text[last:]]
+    return [
+        indent + text[:first],
+        *(line for part in parts for line in wrapper.wrap(part)),
+        indent + text[last:],
+    ]
 
 
 def make_function(model: Model) -> Callable[..., Any]:
     """The written model as a function of its inputs by their Python names; it gives a named tuple of outputs."""
-    function: Callable[..., Any] = run_module(UserSource(write_module(model), str(model.path))).names[MODEL]
+    function: Callable[..., Any] = run_module(
+        UserSource(write_module(model), str(model.path))
+    ).names[MODEL]
     return function
 
 
 def run_shots(model: Model) -> None:
     """Run every check shot, with what internal values have a tolerance. Raises InputErrors with all that is off."""
     checked = {signal.identifier for shot in model.shots for signal in shot.outputs}
-    seen = {key: replace(v, is_output=v.is_output or key in checked) for key, v in model.variables.items()}
+    seen = {
+        key: replace(v, is_output=v.is_output or key in checked)
+        for key, v in model.variables.items()
+    }
     errors = list(_differences(replace(model, variables=seen))) if model.shots else []
     if errors:
         raise InputErrors(errors)
@@ -225,7 +258,9 @@ def run_shots(model: Model) -> None:
 def _differences(model: Model) -> Iterator[InputError]:
     function = make_function(model)
     for shot in model.shots:
-        given = {v.key: shot.inputs[v.identifier] for v in model.inputs if v.identifier in shot.inputs}
+        given = {
+            v.key: shot.inputs[v.identifier] for v in model.inputs if v.identifier in shot.inputs
+        }
         missing = [v.name for v in model.inputs if v.initial is None and v.key not in given]
         if missing:
             found = f"the check shot '{shot.name}' without {', '.join(missing)}"
@@ -236,4 +271,6 @@ def _differences(model: Model) -> Iterator[InputError]:
             value = float(getattr(found_values, model.variables[signal.identifier].key))
             if not abs(value - signal.value) <= signal.tolerance:  # of no number, too
                 found = f"{value!r} for '{signal.identifier}' in the check shot '{shot.name}'"
-                yield InputError(model.path, found, f"{signal.value!r} within {signal.tolerance!r}", signal.line)
+                yield InputError(
+                    model.path, found, f"{signal.value!r} within {signal.tolerance!r}", signal.line
+                )

@@ -72,7 +72,9 @@ def read_xml(path: Path) -> tuple[Node, bytes]:
     try:
         content = path.read_bytes()
     except OSError as error:
-        raise InputError(path, f"a file that cannot be read ({error.strerror})", "a DAVE-ML file") from None
+        raise InputError(
+            path, f"a file that cannot be read ({error.strerror})", "a DAVE-ML file"
+        ) from None
     return _Reader(path).read(content), content
 
 
@@ -86,15 +88,21 @@ class _Reader:
         self._parser.StartElementHandler = self._start
         self._parser.EndElementHandler = self._end
         self._parser.CharacterDataHandler = self._characters
-        self._parser.EntityDeclHandler = lambda name, *rest: self._refuse(f"the entity declaration '{name}'")
-        self._parser.SkippedEntityHandler = lambda name, _: self._refuse(f"the entity '{name}', nowhere declared")
+        self._parser.EntityDeclHandler = lambda name, *rest: self._refuse(
+            f"the entity declaration '{name}'"
+        )
+        self._parser.SkippedEntityHandler = lambda name, _: self._refuse(
+            f"the entity '{name}', nowhere declared"
+        )
 
     def read(self, content: bytes) -> Node:
         try:
             self._parser.Parse(content, True)
         except expat.ExpatError as error:
             found = f"what is no XML ({expat.ErrorString(error.code)})"
-            raise InputError(self._path, found, "a DAVE-ML file", error.lineno, error.offset + 1) from None
+            raise InputError(
+                self._path, found, "a DAVE-ML file", error.lineno, error.offset + 1
+            ) from None
         return self._root
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:

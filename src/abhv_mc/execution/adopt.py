@@ -39,10 +39,14 @@ _OTHERS = {
     "end": ("end_time", END_TIME.name),
     "flight": ("flight",),
 }
-_Piece = tuple[FlightRows, NDArray[np.int64]]  # flights of one system one after another, and their lines in the table
+_Piece = tuple[
+    FlightRows, NDArray[np.int64]
+]  # flights of one system one after another, and their lines in the table
 
 
-def adopt_table(table: Path, campaign_file: Path, out: Path | None = None, fresh: bool = False) -> RunResult:
+def adopt_table(
+    table: Path, campaign_file: Path, out: Path | None = None, fresh: bool = False
+) -> RunResult:
     """Make a folder of the flights of ``table`` by a campaign without a simulator. Raises InputError, with the row."""
     campaign = read_campaign(campaign_file, runs=1)
     if not campaign.adopted:
@@ -55,16 +59,27 @@ def adopt_table(table: Path, campaign_file: Path, out: Path | None = None, fresh
     with ExitStack() as stack:
         folder = CampaignFolder(out or Path("reports") / campaign.name)
         if open_folder(folder, fresh, stack) is not None:
-            raise InputError(folder.root, "a folder that holds flights", "another one (-o DIR), or --fresh")
+            raise InputError(
+                folder.root, "a folder that holds flights", "another one (-o DIR), or --fresh"
+            )
         inputs, engine = collect_inputs(campaign), engine_of(campaign)
         files = begin_folder(folder, inputs, {}, stack)
         write_samples(
-            folder.samples, campaign.inputs, len(samples), lambda first, stop: samples[first:stop], source, table=known
+            folder.samples,
+            campaign.inputs,
+            len(samples),
+            lambda first, stop: samples[first:stop],
+            source,
+            table=known,
         )
-        schema = flights_schema(campaign.inputs, source, (*campaign.measured, END_TIME), known, campaign.outcomes)
+        schema = flights_schema(
+            campaign.inputs, source, (*campaign.measured, END_TIME), known, campaign.outcomes
+        )
         while pieces:
             write_block(folder.flights, pieces.pop()[0], schema)
-        manifest = replace(make_manifest(campaign, inputs, engine, {}, ()), state=INTERRUPTED, files=files.listed())
+        manifest = replace(
+            make_manifest(campaign, inputs, engine, {}, ()), state=INTERRUPTED, files=files.listed()
+        )
         write_manifest(folder.manifest, manifest)
         opened = OpenCampaign(folder, campaign, manifest, campaign.controllers, files)
         return fly_opened(opened, engine, Executor(engine.fly, 1))
@@ -93,39 +108,67 @@ def _find_columns(path: Path, campaign: Experiment) -> _Columns:
     if len(found) < len(heads):
         twice = [split[head][0] for head in heads]
         name = next(name for name in twice if twice.count(name) > 1)
-        raise InputError(path, f"{twice.count(name)} columns '{name}'", "one of each name, its unit aside", 1)
+        raise InputError(
+            path, f"{twice.count(name)} columns '{name}'", "one of each name, its unit aside", 1
+        )
     units = {name: campaign.parameters[name].unit for name in campaign.inputs}
     units |= {metric.name: metric.unit for metric in campaign.measured}
     names, factors = [], []
     for name, unit in units.items():
         if name not in found:
-            raise InputError(path, f"no column '{name}'", f"one for each input and metric ({one_of(found, name)})", 1)
+            raise InputError(
+                path,
+                f"no column '{name}'",
+                f"one for each input and metric ({one_of(found, name)})",
+                1,
+            )
         head, given = found[name]
         try:
-            factors.append(parse_in_any_unit(f"1 {given}", unit) if given and given != unit else 1.0)
+            factors.append(
+                parse_in_any_unit(f"1 {given}", unit) if given and given != unit else 1.0
+            )
         except Refusal as refusal:
             raise InputError(path, f"'{head}': {refusal.found}", refusal.expected, 1) from None
         names.append(head)
-    others = {key: found[name][0] for key, several in _OTHERS.items() for name in several[::-1] if name in found}
+    others = {
+        key: found[name][0]
+        for key, several in _OTHERS.items()
+        for name in several[::-1]
+        if name in found
+    }
     if "system" not in others and len(campaign.controllers) > 1:
-        raise InputError(path, "no column 'system'", f"the system of each flight: {', '.join(campaign.controllers)}", 1)
+        raise InputError(
+            path,
+            "no column 'system'",
+            f"the system of each flight: {', '.join(campaign.controllers)}",
+            1,
+        )
     return _Columns(tuple(names), np.array(factors), others)
 
 
 def _batches(path: Path, columns: _Columns) -> Iterator[dict[str, Any]]:
     """The table's columns by their heads, some rows at a time: numbers, nan where there is none, and words."""
     words = [columns.others[key] for key in ("system", "outcome") if key in columns.others]
-    kinds = dict.fromkeys((*columns.names, *columns.others.values()), pa.float64()) | dict.fromkeys(words, pa.string())
+    kinds = dict.fromkeys((*columns.names, *columns.others.values()), pa.float64()) | dict.fromkeys(
+        words, pa.string()
+    )
     try:
         if _is_parquet(path):
             batches = pq.ParquetFile(path).iter_batches(_ROWS, columns=list(kinds))
         else:
-            options = pc.ConvertOptions(column_types=kinds, include_columns=list(kinds), strings_can_be_null=True)
+            options = pc.ConvertOptions(
+                column_types=kinds, include_columns=list(kinds), strings_can_be_null=True
+            )
             batches = pc.open_csv(path, pc.ReadOptions(block_size=1 << 22), convert_options=options)
         for batch in batches:
             held = zip(batch.schema.names, batch.columns, strict=True)
-            filled = {name: each.cast(kinds[name]).fill_null("" if name in words else np.nan) for name, each in held}
-            yield {name: np.array(each.to_numpy(zero_copy_only=False)) for name, each in filled.items()}
+            filled = {
+                name: each.cast(kinds[name]).fill_null("" if name in words else np.nan)
+                for name, each in held
+            }
+            yield {
+                name: np.array(each.to_numpy(zero_copy_only=False)) for name, each in filled.items()
+            }
     except (pa.ArrowException, OSError, ValueError) as error:
         raise InputError(path, str(error).splitlines()[0], "a table of numbers") from None
 
@@ -142,13 +185,20 @@ def _read(path: Path, columns: _Columns, campaign: Experiment) -> Iterator[_Piec
         line += len(values)
         system = given.get("system", np.full(len(values), campaign.controllers[0], object))
         outcome = given.get("outcome", np.full(len(values), ok, object))
-        for key, words, choices in (("system", system, done), ("outcome", outcome, campaign.outcomes.numbers)):
+        for key, words, choices in (
+            ("system", system, done),
+            ("outcome", outcome, campaign.outcomes.numbers),
+        ):
             if (at := _first(~np.isin(words, list(choices)))) is not None:
                 head = columns.others[key]
-                raise InputError(path, f"{head} '{words[at]}'", one_of(choices, words[at]), int(rows[at]))
+                raise InputError(
+                    path, f"{head} '{words[at]}'", one_of(choices, words[at]), int(rows[at])
+                )
         samples, metrics = values[:, :width], values[:, width:]
         if (at := _first(~np.isfinite(samples).all(axis=1))) is not None:
-            raise InputError(path, "an input that is no number", "a number in each cell", int(rows[at]))
+            raise InputError(
+                path, "an input that is no number", "a number in each cell", int(rows[at])
+            )
         for name, marginal in campaign.marginals.items():
             drawn = samples[:, campaign.inputs.index(name)]
             if (at := _first(outside(marginal, drawn))) is not None:
@@ -167,7 +217,15 @@ def _read(path: Path, columns: _Columns, campaign: Experiment) -> Iterator[_Piec
                 wish = f"flight {first + at}: those of a system from 0 on, in their order"
                 raise InputError(path, f"another flight of '{name}'", wish, int(rows[own[at]]))
             if own.size:
-                flown = name, first, campaign.inputs, samples[own], tuple(outcome[own].tolist()), table[own], names
+                flown = (
+                    name,
+                    first,
+                    campaign.inputs,
+                    samples[own],
+                    tuple(outcome[own].tolist()),
+                    table[own],
+                    names,
+                )
                 yield FlightRows(*flown), rows[own]
 
 
@@ -179,14 +237,19 @@ def _first(wrong: Any) -> int | None:
 def _join_samples(path: Path, campaign: Experiment, pieces: list[_Piece]) -> Floats:
     """Samples [flight, input], equal for all systems. Raises InputError."""
     counts = {
-        name: sum(len(each.samples) for each, _ in pieces if each.controller == name) for name in campaign.controllers
+        name: sum(len(each.samples) for each, _ in pieces if each.controller == name)
+        for name in campaign.controllers
     }
     if len(set(counts.values())) > 1 or not pieces:
         words = ", ".join(f"{count} of '{name}'" for name, count in counts.items())
         raise InputError(path, f"flights: {words}", "as many of each system, one at least")
-    samples = np.concatenate([each.samples for each, _ in pieces if each.controller == campaign.controllers[0]])
+    samples = np.concatenate(
+        [each.samples for each, _ in pieces if each.controller == campaign.controllers[0]]
+    )
     for each, rows in pieces:
-        if (at := _first((samples[each.first : each.stop] != each.samples).any(axis=1))) is not None:
+        if (
+            at := _first((samples[each.first : each.stop] != each.samples).any(axis=1))
+        ) is not None:
             found = f"flight {each.first + at} of '{each.controller}' with other inputs than of another system"
             wish = "the same inputs for all systems, or a folder for each"
             raise InputError(path, found, wish, int(rows[at]))

@@ -36,23 +36,37 @@ class Attestation:
     def check(self, plan: FlightPlan, parameters: Floats, block: FlightBlock) -> FlightBlock:
         """The block. Raises UnusableError, which names the flyer, for other code and for other bits."""
         if self._engine.checked and not block.flown_by:
-            raise UnusableError("a worker does not say which code it has: start it anew from the campaign's")
+            raise UnusableError(
+                "a worker does not say which code it has: start it anew from the campaign's"
+            )
         for flyer in block.flown_by:
             if self._engine.checked and flyer.code != self._engine.source:
                 found = f"another version of the program (source {flyer.code}, the campaign's is {self._engine.source})"
-                raise UnusableError(f"the worker at {flyer.name} has {found}: start it anew from the same code")
+                raise UnusableError(
+                    f"the worker at {flyer.name} has {found}: start it anew from the same code"
+                )
             with self._lock:
                 mark = flyer if self._every else flyer._replace(process=0)
-                new = mark not in self._seen and (self._every or flyer.features != this_flyer().features)
+                new = mark not in self._seen and (
+                    self._every or flyer.features != this_flyer().features
+                )
                 self._seen.add(mark)
             if new and len(parameters):
                 self._fly_again(plan, parameters[:1], block, flyer)
         return block
 
-    def _fly_again(self, plan: FlightPlan, parameters: Floats, block: FlightBlock, flyer: Flyer) -> None:
+    def _fly_again(
+        self, plan: FlightPlan, parameters: Floats, block: FlightBlock, flyer: Flyer
+    ) -> None:
         here = self._engine.fly(plan, parameters, None)
         for name in ("outcome", "end_time", "metrics"):
-            if not np.array_equal(getattr(here, name)[0], getattr(block, name)[0], equal_nan=name != "outcome"):
+            if not np.array_equal(
+                getattr(here, name)[0], getattr(block, name)[0], equal_nan=name != "outcome"
+            ):
                 found = f"other bits than this machine ({name} of one flight of {plan.controller})"
                 raise UnusableError(f"the worker at {flyer.name} ({flyer.processor}) flies {found}")
-        print(f"worker at {flyer.name}: a flight is the same here, bit for bit", file=sys.stderr, flush=True)
+        print(
+            f"worker at {flyer.name}: a flight is the same here, bit for bit",
+            file=sys.stderr,
+            flush=True,
+        )

@@ -8,7 +8,9 @@ from typing import Any, TypeVar
 T = TypeVar("T")
 
 
-def work_ahead(workers: int, work: Callable[..., T], calls: Iterable[tuple[Any, ...]]) -> Generator[T, None, None]:
+def work_ahead(
+    workers: int, work: Callable[..., T], calls: Iterable[tuple[Any, ...]]
+) -> Generator[T, None, None]:
     """What ``work`` gives for each of ``calls``, its arguments, as soon as it is finished: in any order.
 
     At most two results for each worker are being made or wait to be taken. Without this limit, workers that are
@@ -26,7 +28,12 @@ def work_ahead(workers: int, work: Callable[..., T], calls: Iterable[tuple[Any, 
             raise RuntimeError("nobody waits for this block")
         return work(*arguments)
 
-    pool = Parallel(n_jobs=workers, backend="threading", return_as="generator_unordered", pre_dispatch="2*n_jobs")
+    pool = Parallel(
+        n_jobs=workers,
+        backend="threading",
+        return_as="generator_unordered",
+        pre_dispatch="2*n_jobs",
+    )
     results = pool(delayed(call)(arguments) for arguments in calls)
     try:
         for result in results:
@@ -36,5 +43,7 @@ def work_ahead(workers: int, work: Callable[..., T], calls: Iterable[tuple[Any, 
         closed.set()
         room.release()
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # joblib's, that not all was used: an interrupt means that
+            warnings.simplefilter(
+                "ignore", UserWarning
+            )  # joblib's, that not all was used: an interrupt means that
             results.close()

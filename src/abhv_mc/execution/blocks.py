@@ -47,14 +47,20 @@ def choose_timed(flights: int, workers: int, seconds: float) -> int:
 
 
 def cut_blocks(
-    missing: dict[str, tuple[Mask, Mask]], size: int, cut: int = 0, plain: tuple[int, int] | None = None
+    missing: dict[str, tuple[Mask, Mask]],
+    size: int,
+    cut: int = 0,
+    plain: tuple[int, int] | None = None,
 ) -> Iterator[Block]:
     """Blocks of at most ``size`` flights, controllers in turn; ``missing`` holds masks of rows and envelopes.
 
     Block ends lie on multiples of ``size``, and within a block the same is missing of every flight; no block holds
     flights of both sides of ``cut``. ``plain``: the flight from which on none records anything, and the size there.
     """
-    runs = {name: list(_uniform_runs(rows, envelope, size, cut, plain)) for name, (rows, envelope) in missing.items()}
+    runs = {
+        name: list(_uniform_runs(rows, envelope, size, cut, plain))
+        for name, (rows, envelope) in missing.items()
+    }
     for turn in range(max(map(len, runs.values()), default=0)):
         for name, pieces in runs.items():
             if turn < len(pieces):

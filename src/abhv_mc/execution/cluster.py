@@ -19,7 +19,13 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.execution.attest import Attestation, Check, sign
 from abhv_mc.execution.fly_batches import AT_ONCE, fly_in_batches
-from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries, make_failed, time_limit
+from abhv_mc.execution.retry import (
+    FlightLostError,
+    UnusableError,
+    fly_with_retries,
+    make_failed,
+    time_limit,
+)
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.folder.plan_file import flatten
@@ -36,7 +42,9 @@ if TYPE_CHECKING:
 Arrays = dict[str, np.ndarray]
 
 _CONNECT = 10.0  # s to find the scheduler
-_PER_THREAD = 2  # blocks under way for each thread of the cluster, so that none waits for the next one
+_PER_THREAD = (
+    2  # blocks under way for each thread of the cluster, so that none waits for the next one
+)
 _MOST_PLANS = 32  # held on the cluster: `tune` has one for each candidate
 _FEWEST = 16  # blocks under way at least: room for workers that join later
 _warm: set[tuple[str, str, str]] = set()
@@ -49,7 +57,13 @@ def hold_plan(arrays: Arrays) -> Arrays:
 
 
 def fly_remote(
-    fly: Fly, source: str, arrays: Arrays, code: Code, parameters: Floats, recorded: Recorded, limit: float
+    fly: Fly,
+    source: str,
+    arrays: Arrays,
+    code: Code,
+    parameters: Floats,
+    recorded: Recorded,
+    limit: float,
 ) -> FlightBlock:
     """What a worker of the cluster does: the block, signed.
 
@@ -77,10 +91,14 @@ def fly_remote(
         watch.end()
 
 
-def fly_user_remote(fly: Fly, source: str, plan: FlightPlan, parameters: Floats, recorded: Recorded) -> FlightBlock:
+def fly_user_remote(
+    fly: Fly, source: str, plan: FlightPlan, parameters: Floats, recorded: Recorded
+) -> FlightBlock:
     """What a worker of the cluster does with a user's simulator, which lies there as here: the block, signed."""
     if source and code_hash() != source:
-        raise UnusableError("a worker of the cluster has another version of the program: start it anew")
+        raise UnusableError(
+            "a worker of the cluster has another version of the program: start it anew"
+        )
     try:
         return sign(fly(plan, parameters, recorded))
     except InputError as error:
@@ -132,7 +150,9 @@ class Cluster:
         with self._lock:
             held, _ = self._plans.get(id(plan), (None, plan))
             if held is None or held.status == "error":
-                while len(self._plans) >= _MOST_PLANS:  # the oldest; flights under way hold it on their own
+                while (
+                    len(self._plans) >= _MOST_PLANS
+                ):  # the oldest; flights under way hold it on their own
                     del self._plans[next(iter(self._plans))]
                 held = self._client.submit(hold_plan, flatten(plan), pure=False)
                 self._plans[id(plan)] = held, plan
@@ -144,7 +164,9 @@ class Cluster:
         engine, limit = self.engine, time_limit(min(len(parameters), AT_ONCE), self.limit)
         source = engine.source if engine.checked else ""
         if engine.close is not None:
-            future = self._client.submit(fly_user_remote, engine.fly, source, plan, parameters, recorded, pure=False)
+            future = self._client.submit(
+                fly_user_remote, engine.fly, source, plan, parameters, recorded, pure=False
+            )
         else:
             given = self._hold(plan), code_of(plan), parameters, recorded, limit
             future = self._client.submit(fly_remote, engine.fly, source, *given, pure=False)
@@ -173,9 +195,13 @@ def connect_cluster(address: str, engine: Engine) -> Iterator[Cluster]:
     try:
         client: Any = Client(address, timeout=_CONNECT, set_as_default=False)
     except Exception as error:  # of any kind, as whatever listens there may say anything
-        found = f"no scheduler at '{address}' ({(str(error) or type(error).__name__).splitlines()[0]})"
+        found = (
+            f"no scheduler at '{address}' ({(str(error) or type(error).__name__).splitlines()[0]})"
+        )
         raise InputError("--scheduler", found, "an address such as tcp://host:8786") from None
-    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # the command says in words what went wrong
+    logging.getLogger("distributed.client").setLevel(
+        logging.CRITICAL
+    )  # the command says in words what went wrong
     with client:
         told = False
         while not client.nthreads():

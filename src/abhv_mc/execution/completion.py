@@ -9,13 +9,17 @@ from abhv_mc.folder.envelope_states import Collector
 from abhv_mc.folder.flights import Digest, FlightRows
 from abhv_mc.statistics.evidence import flights_to_pass
 
-_FIRST_JUDGED = 64  # flights after which a campaign that stops when proven is judged for the first time
+_FIRST_JUDGED = (
+    64  # flights after which a campaign that stops when proven is judged for the first time
+)
 
 
 class Completion:
     """The flights that a folder holds, counted; what is not among them is missing."""
 
-    def __init__(self, campaign: Experiment, part: tuple[int, int], to_fly: tuple[str, ...]) -> None:
+    def __init__(
+        self, campaign: Experiment, part: tuple[int, int], to_fly: tuple[str, ...]
+    ) -> None:
         """``part``: first flight of this folder's shard and the one after its last; ``to_fly``: controllers to fly."""
         self.campaign, self.to_fly = campaign, to_fly
         self.first, self.stop = part
@@ -38,11 +42,17 @@ class Completion:
         there = int(min(np.argmin(np.append(mask, False)) for mask in self.done.values()))
         goal = min(points * _FIRST_JUDGED, self.stop)
         while goal <= there and goal < self.stop:
-            verdicts = [v for _, count, v, _ in judge_counts(self.all_counts, self.campaign, goal) if count.binds]
+            verdicts = [
+                v
+                for _, count, v, _ in judge_counts(self.all_counts, self.campaign, goal)
+                if count.binds
+            ]
             left = [verdict for verdict in verdicts if verdict.status == "NOT SHOWN"]
             if not left:
                 return max(goal, there)
-            next_pass = min(points * flights_to_pass(v.failures, v.probability, v.consumer_risk) for v in left)
+            next_pass = min(
+                points * flights_to_pass(v.failures, v.probability, v.consumer_risk) for v in left
+            )
             goal = min(max(next_pass, goal + goal // (10 * points) * points), 2 * goal, self.stop)
         return goal
 
@@ -56,8 +66,12 @@ class Completion:
         numbers = np.arange(self.campaign.runs)
         below = (numbers >= self.first) & (numbers < self.goal())
         for name, done in self.done.items():
-            expected = ~done & below & (name in self.to_fly)  # what was flown and is in no envelope is wanted anyhow
-            computed = ~self.all_counts[name].uncomputed  # the others have nothing for the envelopes
+            expected = (
+                ~done & below & (name in self.to_fly)
+            )  # what was flown and is in no envelope is wanted anyhow
+            computed = ~self.all_counts[
+                name
+            ].uncomputed  # the others have nothing for the envelopes
             wanted = ~collectors[name].covered if name in collectors else np.zeros(len(done), bool)
             missing[name] = expected, wanted & (done & computed | expected)
         return missing if any(mask.any() for masks in missing.values() for mask in masks) else {}

@@ -64,7 +64,9 @@ def estimate_campaign(campaign: Experiment, engine: Engine, workers: int | None 
     else:
         first = next(iter(plans.values()))
         every = record_every(campaign.document, first, model.keep.envelopes.rate, "envelopes")
-        history_every = record_every(campaign.document, first, model.keep.histories.rate, "histories")
+        history_every = record_every(
+            campaign.document, first, model.keep.histories.rate, "histories"
+        )
         cells = (first.timing.ticks // every + 1) * len(model.keep.envelopes.channels)
         fly_probes(campaign, engine.fly, every)
     source = campaign.make_samples()
@@ -91,7 +93,9 @@ def estimate_campaign(campaign: Experiment, engine: Engine, workers: int | None 
             of = path, name, range(len(block.outcome)), block.times, block.history
             write_histories(*of, campaign.kept_channels, known=campaign.channels)
             if campaign.user_model and campaign.has_bands:
-                cells = round(block.times.size * model.keep.envelopes.rate / model.keep.histories.rate)
+                cells = round(
+                    block.times.size * model.keep.envelopes.rate / model.keep.histories.rate
+                )
                 cells *= len(campaign.channels)
             histories_size += path.stat().st_size // len(block.outcome)
     searched = 0
@@ -100,7 +104,11 @@ def estimate_campaign(campaign: Experiment, engine: Engine, workers: int | None 
     workers = workers or model.execution.workers or count_cores()
     counts: FlightCounts = next(iter(make_flight_counts(campaign).values()))
     worst = range(min(campaign.worst, campaign.runs))
-    kept = len(choose_kept(model.keep.histories.flights, campaign.runs, counts, worst)) if campaign.channels else 0
+    kept = (
+        len(choose_kept(model.keep.histories.flights, campaign.runs, counts, worst))
+        if campaign.channels
+        else 0
+    )
     return Estimate(
         flights=campaign.runs,
         controllers=len(plans),

@@ -26,15 +26,21 @@ from abhv_mc.simulators.engine import Engine, Fly, Recorded
 class Executor:
     """Flies blocks in parallel."""
 
-    fly: Fly  # threads may call it side by side; gives ``failed_to_run`` for what cannot be computed
+    fly: (
+        Fly  # threads may call it side by side; gives ``failed_to_run`` for what cannot be computed
+    )
     workers: int  # calls to have under way
 
-    def fly_side_by_side(self, plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
+    def fly_side_by_side(
+        self, plan: FlightPlan, parameters: Floats, recorded: Recorded = None
+    ) -> FlightBlock:
         """Flights ``[flight, parameter]``, a share of them with each worker."""
         share = choose_batch(len(parameters), self.workers)
         pieces = [parameters[start : start + share] for start in range(0, len(parameters), share)]
         with open_threads(self.workers) as threads:
-            return join_blocks(list(threads.map(lambda piece: self.fly(plan, piece, recorded), pieces)))
+            return join_blocks(
+                list(threads.map(lambda piece: self.fly(plan, piece, recorded), pieces))
+            )
 
 
 @contextlib.contextmanager
@@ -67,7 +73,9 @@ def open_executor(
     isolation = engine.isolation if execution.isolation == "auto" else execution.isolation
     if cluster is not None:
         cluster.engine, cluster.limit = engine, limit or cluster.limit
-        cluster.check = check if engine.close is None else lambda _plan, _rows, block: block  # its bits are its own
+        cluster.check = (
+            check if engine.close is None else lambda _plan, _rows, block: block
+        )  # its bits are its own
         yield Executor(cluster.fly, workers or cluster.room)
     elif isolation == PROCESSES:
         with contextlib.closing(WorkerPool(engine.fly, number, limit, check)) as pool:

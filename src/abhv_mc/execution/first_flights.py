@@ -27,7 +27,8 @@ def fly_first(campaign: Experiment, engine: Engine, workers: int | None) -> list
     Raises InputError where no flight of a system can be computed.
     """
     checks = {
-        name: each._replace(plan=replace(cast("Any", each.plan), check=True)) for name, each in campaign.systems.items()
+        name: each._replace(plan=replace(cast("Any", each.plan), check=True))
+        for name, each in campaign.systems.items()
     }
     campaign = replace(campaign, systems=checks)
     rows = campaign.make_samples().draw(0, min(2, campaign.runs))
@@ -42,7 +43,9 @@ def fly_first(campaign: Experiment, engine: Engine, workers: int | None) -> list
                 open_threads(executor.workers) as threads,
             ):
                 blocks = []
-                for block in threads.map(lambda job: simulate(campaign, job[0], job[1], None, executor.fly), jobs):
+                for block in threads.map(
+                    lambda job: simulate(campaign, job[0], job[1], None, executor.fly), jobs
+                ):
                     progress.add(len(block.outcome))
                     blocks.append(block)
                 return blocks
@@ -51,7 +54,9 @@ def fly_first(campaign: Experiment, engine: Engine, workers: int | None) -> list
         for name, there, back in zip(systems, pairs[::2], pairs[1::2], strict=True):
             if (np.append(there.outcome, back.outcome) == Outcome.FAILED_TO_RUN).all():
                 found = f"no flight of '{name}' that can be computed (why stands above)"
-                raise campaign.document.key_error(("simulator",), found, "a simulator that flies the first rows")
+                raise campaign.document.key_error(
+                    ("simulator",), found, "a simulator that flies the first rows"
+                )
             told += _not_repeatable(campaign, name, there, back)
         if seconds_of_a_flight(plans) < _LONG and campaign.dimensions:
             trials = make_trials(campaign)
@@ -63,7 +68,9 @@ def fly_first(campaign: Experiment, engine: Engine, workers: int | None) -> list
     return told
 
 
-def _not_repeatable(campaign: Experiment, name: str, there: FlightBlock, back: FlightBlock) -> list[str]:
+def _not_repeatable(
+    campaign: Experiment, name: str, there: FlightBlock, back: FlightBlock
+) -> list[str]:
     """What differs of flights that were flown twice, in swapped order; of those that were computed twice."""
     for row, other in enumerate(reversed(range(len(there.outcome)))):
         if Outcome.FAILED_TO_RUN in (there.outcome[row], back.outcome[other]):
@@ -72,5 +79,7 @@ def _not_repeatable(campaign: Experiment, name: str, there: FlightBlock, back: F
             values = there.metrics[row, i], back.metrics[other, i]
             if not np.array_equal(*values, equal_nan=True):
                 words = f"{metric.name} {values[0]:g} and {values[1]:g}"
-                return [f"not repeatable: flight {row} of '{name}' gives {words} of the same inputs"]
+                return [
+                    f"not repeatable: flight {row} of '{name}' gives {words} of the same inputs"
+                ]
     return []

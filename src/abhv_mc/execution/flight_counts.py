@@ -29,7 +29,9 @@ class RequirementCount:
     missed: Mask  # [flight]
     flights: NDArray[np.int64]  # [point] of the unknowns
     ended_early: NDArray[np.int64]  # [point] failures that are such because the flight ended early
-    measured: NDArray[np.int64]  # [point] failures by the metric alone, up to wherever the flight came
+    measured: NDArray[
+        np.int64
+    ]  # [point] failures by the metric alone, up to wherever the flight came
 
     def add(self, values: np.ndarray, early: np.ndarray, flights: np.ndarray) -> None:
         """Count flights by their metric; not-a-number fails."""
@@ -51,7 +53,9 @@ class FlightCounts:
     uncomputed: Mask  # [flight] that the machine could not compute
     digest: Digest = field(default_factory=Digest)
     outcomes: Counter[str] = field(default_factory=Counter)
-    failed: "array[int]" = field(default_factory=lambda: array("q"))  # flights that ended early; perhaps a million
+    failed: "array[int]" = field(
+        default_factory=lambda: array("q")
+    )  # flights that ended early; perhaps a million
 
     def add(self, rows: FlightRows, digest: Digest) -> None:
         """Count one block."""
@@ -79,7 +83,10 @@ def make_flight_counts(campaign: Experiment) -> dict[str, FlightCounts]:
     for name in campaign.controllers:
         counts = [
             RequirementCount(
-                item, name in item.controllers, np.zeros(campaign.runs, bool), *np.zeros((3, points), np.int64)
+                item,
+                name in item.controllers,
+                np.zeros(campaign.runs, bool),
+                *np.zeros((3, points), np.int64),
             )
             for item in campaign.requirements
         ]
@@ -106,7 +113,9 @@ def count_flights(
         digests={name: str(counts.digest) for name, counts in all_counts.items()},
         controllers={
             name: ControllerCount(
-                dict(sorted(counts.outcomes.items())), int(done[name].sum()), tuple(counts.not_computed) or None
+                dict(sorted(counts.outcomes.items())),
+                int(done[name].sum()),
+                tuple(counts.not_computed) or None,
             )
             for name, counts in all_counts.items()
         },
@@ -129,13 +138,19 @@ def judge_counts(
         for point in range(points):
             rows = slice(point, flights, points)
             failures, uncomputed = int(count.missed[rows].sum()), int(counts.uncomputed[rows].sum())
-            number = int(count.flights[point]) + uncomputed if flights is None else len(range(point, flights, points))
+            number = (
+                int(count.flights[point]) + uncomputed
+                if flights is None
+                else len(range(point, flights, points))
+            )
             group.append(count.requirement.judge(failures, number, uncomputed))
         groups.append(group)
     return [(*pair, *found) for pair, found in zip(counted, campaign.judge(groups), strict=True)]
 
 
-def judge_requirements(manifest: Manifest, all_counts: Mapping[str, FlightCounts], campaign: Experiment) -> Manifest:
+def judge_requirements(
+    manifest: Manifest, all_counts: Mapping[str, FlightCounts], campaign: Experiment
+) -> Manifest:
     """The manifest with failure counts and verdicts of the requirements: those that bind, and those that are shown."""
     judged: dict[bool, list[RequirementVerdict]] = {True: [], False: []}
     for counts, count, verdict, point in judge_counts(all_counts, campaign):
@@ -161,4 +176,6 @@ def judge_requirements(manifest: Manifest, all_counts: Mapping[str, FlightCounts
             words=verdict_words(verdict, not campaign.adopted),
         )
         judged[count.binds].append(entry)
-    return replace(manifest, requirements=tuple(judged[True]), requirements_shown=tuple(judged[False]))
+    return replace(
+        manifest, requirements=tuple(judged[True]), requirements_shown=tuple(judged[False])
+    )

@@ -13,7 +13,11 @@ AT_ONCE = 256  # flights of one call: enough for every lane, few enough to lose
 
 
 def fly_in_batches(
-    fly: "Fly", plan: FlightPlan, parameters: Floats, recorded: "Recorded", begin: Callable[[], None] = lambda: None
+    fly: "Fly",
+    plan: FlightPlan,
+    parameters: Floats,
+    recorded: "Recorded",
+    begin: Callable[[], None] = lambda: None,
 ) -> FlightBlock:
     """Fly all rows; ``begin`` is called before each call of ``fly``."""
     blocks = []

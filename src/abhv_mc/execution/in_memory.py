@@ -33,7 +33,11 @@ def simulate_table(
     except ImportError:
         raise InputError("simulate", "no xarray here", "pip install 'abhv-mc[xarray]'") from None
     names = tuple(map(str, inputs.columns))
-    places = {} if experiment.user_model else {channel.name: i for i, channel in enumerate(experiment.channels)}
+    places = (
+        {}
+        if experiment.user_model
+        else {channel.name: i for i, channel in enumerate(experiment.channels)}
+    )
     flying = experiment.controllers if controllers is None else tuple(controllers)
     for kind, given, known in (
         ("inputs", names, experiment.parameters.dispersible),
@@ -42,13 +46,21 @@ def simulate_table(
     ):
         for name in given:
             if name not in known or list(given).count(name) > 1:
-                raise InputError(kind, f"'{name}'" + " twice" * (name in known), one_of(known, name))
+                raise InputError(
+                    kind, f"'{name}'" + " twice" * (name in known), one_of(known, name)
+                )
     try:
         rows = inputs.to_numpy(np.float64)
     except (TypeError, ValueError):
-        raise InputError("inputs", "entries that are no numbers", "numbers, SI or as the inputs say") from None
+        raise InputError(
+            "inputs", "entries that are no numbers", "numbers, SI or as the inputs say"
+        ) from None
     if np.isnan(rows).any() or not (rows.size or len(rows)) or not flying:
-        raise InputError("inputs", "an empty table, or cells without a number", "a number for each flight and input")
+        raise InputError(
+            "inputs",
+            "an empty table, or cells without a number",
+            "a number for each flight and input",
+        )
     engine = engine_of(experiment, engine)
     plans = make_plans(experiment, flying, engine)
     recording = None
@@ -61,16 +73,30 @@ def simulate_table(
         recording = Recording(every, tuple(places[name] for name in channels))
     ready = replace(make_ready(experiment, plans), columns=names)
     with open_executor(engine, experiment.model.execution, None, None) as executor:
-        blocks = [simulate(ready, name, rows, recording, executor.fly_side_by_side) for name in flying]
+        blocks = [
+            simulate(ready, name, rows, recording, executor.fly_side_by_side) for name in flying
+        ]
     flown = ("controller", "flight")
     variables: dict[str, Any] = {
-        metric.name: (flown, np.stack([block.metrics[:, i] for block in blocks]), {"units": metric.unit})
+        metric.name: (
+            flown,
+            np.stack([block.metrics[:, i] for block in blocks]),
+            {"units": metric.unit},
+        )
         for i, metric in enumerate(experiment.measured)
     }
-    variables[END_TIME.name] = flown, np.stack([block.end_time for block in blocks]), {"units": END_TIME.unit}
+    variables[END_TIME.name] = (
+        flown,
+        np.stack([block.end_time for block in blocks]),
+        {"units": END_TIME.unit},
+    )
     for i, name in enumerate(channels):
         history = np.stack([block.history[:, :, i] for block in blocks])
-        variables[name] = (*flown, "time"), history, {"units": experiment.channels[places[name]].unit}
+        variables[name] = (
+            (*flown, "time"),
+            history,
+            {"units": experiment.channels[places[name]].unit},
+        )
     outcomes = [experiment.outcomes.of(block.outcome) for block in blocks]
     coordinates = {"controller": list(flying), "flight": inputs.index.to_numpy()}
     if channels:

@@ -33,7 +33,8 @@ def interrupts_deferred() -> Iterator[None]:
     before = {
         number: signal.signal(number, lambda got, frame: arrived.append(got))
         for number in (signal.SIGINT, signal.SIGTERM)
-        if signal.getsignal(number) is not signal.SIG_IGN  # a shell's background job, which Ctrl-C does not mean
+        if signal.getsignal(number)
+        is not signal.SIG_IGN  # a shell's background job, which Ctrl-C does not mean
     }
     try:
         yield

@@ -28,6 +28,8 @@ def merge_campaign(
     sharded = read_manifest(CampaignFolder(parts[0]).manifest).shard is not None
     folders = order_shards(parts) if sharded else check_pool(parts)
     check_source(folders[0], read_manifest(folders[0].manifest), engine)
-    check_user_code(read_campaign(folders[0].campaign), trust_code)  # flights are flown again for their histories
+    check_user_code(
+        read_campaign(folders[0].campaign), trust_code
+    )  # flights are flown again for their histories
     (join_shards if sharded else join_seeds)(folders, out)
     return run_campaign(Request(CampaignFolder(out).campaign, out, trust_code=trust_code), engine)

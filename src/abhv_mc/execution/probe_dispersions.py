@@ -31,11 +31,19 @@ def make_trials(campaign: Experiment) -> Floats:
     """
     names = campaign.dimensions
     nominal = campaign.parameters.nominal_of(names)
-    quantiles = np.stack([campaign.ends_of(i) for i in range(len(names))]) if names else np.empty((0, _ROWS))
+    quantiles = (
+        np.stack([campaign.ends_of(i) for i in range(len(names))])
+        if names
+        else np.empty((0, _ROWS))
+    )
     values = np.tile(quantiles[:, 1], (1 + _ROWS * len(names), 1))
     values[0] = nominal
     for i in range(len(names)):
-        values[1 + _ROWS * i : 1 + _ROWS * (i + 1), i] = nominal[i], quantiles[i, 0], quantiles[i, 2]
+        values[1 + _ROWS * i : 1 + _ROWS * (i + 1), i] = (
+            nominal[i],
+            quantiles[i, 0],
+            quantiles[i, 2],
+        )
     seeds = campaign.parameters.nominal_of(campaign.inputs[len(names) :])
     return np.column_stack([values, np.tile(seeds, (len(values), 1))])
 
@@ -47,14 +55,20 @@ def fly_probes(campaign: Experiment, fly: Fly, every: int) -> dict[str, FlightBl
     nominal flight that ends as planned, and where flights do not end.
     """
     trials = make_trials(campaign)
-    limit = _COMPILING + time_limit(len(trials), campaign.model.execution.flight_time_limit or _USUAL)
-    flown = {name: _fly_temporary(campaign, name, trials, every, fly, limit) for name in campaign.systems}
+    limit = _COMPILING + time_limit(
+        len(trials), campaign.model.execution.flight_time_limit or _USUAL
+    )
+    flown = {
+        name: _fly_temporary(campaign, name, trials, every, fly, limit) for name in campaign.systems
+    }
     errors = list(_find_not_finite(campaign, flown))
     for name, low, high in unchanging(campaign, trials, flown.values()):
         key = "unknowns" if name in campaign.unknowns.names else "dispersions"
         where = ("sampling",) if campaign.sample_file is not None else (key, name)
         found = f"'{name}' from {low:g} to {high:g}, which changes no controller's flight"
-        errors.append(campaign.document.key_error(where, found, "a dispersion that matters to this vehicle"))
+        errors.append(
+            campaign.document.key_error(where, found, "a dispersion that matters to this vehicle")
+        )
     if errors:
         raise InputErrors(errors)
     return flown
@@ -70,7 +84,9 @@ def unchanging(
             yield name, *trials[rows, i].tolist()
 
 
-def _fly_temporary(campaign: Experiment, name: str, trials: Floats, every: int, fly: Fly, limit: float) -> FlightBlock:
+def _fly_temporary(
+    campaign: Experiment, name: str, trials: Floats, every: int, fly: Fly, limit: float
+) -> FlightBlock:
     try:
         return run_in_thread(lambda: simulate(campaign, name, trials, every, fly), limit)
     except TimeoutError:
@@ -88,10 +104,14 @@ def _find_not_finite(campaign: Experiment, flown: dict[str, FlightBlock]) -> Ite
                 continue
             told.add(name)
             found = (
-                f"'{name}', which is {'not a number' if math.isnan(value) else value} in {controller}'s nominal flight"
+                f"'{name}', which is {'not a number' if math.isnan(value) else value} in "
+                f"{controller}'s nominal flight"
             )
             wish = "a number at each tick of its window ('empty' says what it is without one)"
-            if "heat_flux" in metric.of and campaign.systems[controller].plan.vehicle.constants.nose_radius == 0.0:
+            if (
+                "heat_flux" in metric.of
+                and campaign.systems[controller].plan.vehicle.constants.nose_radius == 0.0
+            ):
                 wish = "reference.nose_radius in the vehicle's file"
             yield campaign.document.key_error(("metrics", name), found, wish)
 
@@ -99,4 +119,7 @@ def _find_not_finite(campaign: Experiment, flown: dict[str, FlightBlock]) -> Ite
 def differs(block: FlightBlock, a: int, b: int) -> bool:
     """Whether two flights of a block differ in any bit of what was measured."""
     values = np.column_stack([block.metrics, block.end_time])
-    return not (np.array_equal(values[a], values[b], equal_nan=True) and block.outcome[a] == block.outcome[b])
+    return not (
+        np.array_equal(values[a], values[b], equal_nan=True)
+        and block.outcome[a] == block.outcome[b]
+    )

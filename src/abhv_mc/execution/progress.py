@@ -49,7 +49,10 @@ class Progress:
             self._print(now)
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         if self._bar is not None:
             self._bar.stop()
@@ -61,10 +64,14 @@ class Progress:
 
     def _print(self, now: float) -> None:
         rate = self._rate(now)
-        left = f"{(self._total - self._done) / rate:.0f} s left" if rate > 0.0 else "time left unknown"
+        left = (
+            f"{(self._total - self._done) / rate:.0f} s left" if rate > 0.0 else "time left unknown"
+        )
         share = 100 * self._done // self._total
         line = f"{self._label}: {self._done} of {self._total} ({share} %), {rate:.0f}/s, {left}"
-        with contextlib.suppress(OSError):  # a log that is full or whose reader has ended stops no campaign
+        with contextlib.suppress(
+            OSError
+        ):  # a log that is full or whose reader has ended stops no campaign
             print(line, file=self._stream, flush=True)
 
 

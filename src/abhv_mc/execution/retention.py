@@ -64,7 +64,10 @@ class HistoryFile:
 
 
 def list_histories(
-    folder: CampaignFolder, campaign: Experiment, all_counts: Mapping[str, FlightCounts], hashes: FileHashes
+    folder: CampaignFolder,
+    campaign: Experiment,
+    all_counts: Mapping[str, FlightCounts],
+    hashes: FileHashes,
 ) -> list[HistoryFile]:
     """The files that the histories of all flights, which have flown, are kept in."""
     keep = campaign.model.keep.histories
@@ -81,8 +84,14 @@ def list_histories(
         kept = choose_kept(keep.flights, campaign.runs, counts, worst.get(name, ()))
         for part, first in enumerate(range(0, len(kept), _FLIGHTS_PER_FILE)):
             flights = kept[first : first + _FLIGHTS_PER_FILE]
-            mark = hashlib.sha256(repr((flights, campaign.kept_channels, keep.rate)).encode()).hexdigest()
-            files.append(HistoryFile(folder.histories / f"{name}-{part:06d}.parquet", name, flights, mark, hashes))
+            mark = hashlib.sha256(
+                repr((flights, campaign.kept_channels, keep.rate)).encode()
+            ).hexdigest()
+            files.append(
+                HistoryFile(
+                    folder.histories / f"{name}-{part:06d}.parquet", name, flights, mark, hashes
+                )
+            )
     return files
 
 
@@ -102,7 +111,11 @@ def write_kept_histories(
 
     def fly_again(file: HistoryFile) -> tuple[HistoryFile, FlightBlock]:
         name = file.controller
-        every = 1 if campaign.user_model else round(1.0 / (keep.rate * campaign.systems[name].plan.timing.tick))
+        every = (
+            1
+            if campaign.user_model
+            else round(1.0 / (keep.rate * campaign.systems[name].plan.timing.tick))
+        )
         rows = np.concatenate([samples.rows(flight, flight + 1) for flight in file.flights])
         return file, simulate(campaign, name, rows, every, fly)
 
@@ -112,7 +125,10 @@ def write_kept_histories(
     with Progress("histories", total) as progress, closing(landed):
         for file, block in landed:
             lost = block.outcome == Outcome.FAILED_TO_RUN  # it flew the first time
-            failed += [f"no history of flight {k} of {file.controller}" for k in np.array(file.flights)[lost]]
+            failed += [
+                f"no history of flight {k} of {file.controller}"
+                for k in np.array(file.flights)[lost]
+            ]
             metadata = {} if lost.any() else {"kept": file.mark}
             of = file.path, file.controller, file.flights, block.times, block.history
             write_histories(*of, campaign.kept_channels, metadata, campaign.channels)

@@ -25,7 +25,11 @@ Attempt = Callable[[Floats, "Recorded"], FlightBlock]
 
 PIECE = 16  # flights of the first smaller pieces, and those that one time limit holds for
 _told: set[str] = set()  # losses that were said already
-_PIECES = (PIECE, 1, 1)  # a single flight is tried twice: its process may have been killed from outside
+_PIECES = (
+    PIECE,
+    1,
+    1,
+)  # a single flight is tried twice: its process may have been killed from outside
 
 
 class FlightLostError(Exception):
@@ -45,7 +49,9 @@ def time_limit(flights: int, one: float) -> float:
     return one * math.ceil(flights / PIECE)
 
 
-def fly_with_retries(attempt: Attempt, plan: FlightPlan, parameters: Floats, recorded: "Recorded") -> FlightBlock:
+def fly_with_retries(
+    attempt: Attempt, plan: FlightPlan, parameters: Floats, recorded: "Recorded"
+) -> FlightBlock:
     """What ``attempt`` makes of the rows, with ``failed_to_run`` for those that are lost alone, too.
 
     A block of several batches is flown batch by batch then. Raises UnusableError where not one of
@@ -55,14 +61,22 @@ def fly_with_retries(attempt: Attempt, plan: FlightPlan, parameters: Floats, rec
         try:
             return attempt(parameters, recorded)
         except FlightLostError:
-            return fly_in_batches(lambda _, *rest: fly_with_retries(attempt, plan, *rest), plan, parameters, recorded)
+            return fly_in_batches(
+                lambda _, *rest: fly_with_retries(attempt, plan, *rest), plan, parameters, recorded
+            )
     reasons: list[str] = []
     block = _fly(attempt, plan, parameters, recorded, _PIECES, reasons)
     if reasons:
         if len(parameters) >= PIECE and (block.outcome == Outcome.FAILED_TO_RUN).all():
-            raise UnusableError(f"none of {len(parameters)} flights could be computed here: {reasons[-1]}")
+            raise UnusableError(
+                f"none of {len(parameters)} flights could be computed here: {reasons[-1]}"
+            )
         for reason in reasons:
-            print(f"{plan.controller}: a flight could not be computed: {reason}", file=sys.stderr, flush=True)
+            print(
+                f"{plan.controller}: a flight could not be computed: {reason}",
+                file=sys.stderr,
+                flush=True,
+            )
     return block
 
 
@@ -83,10 +97,14 @@ def _fly(
             print(f"{plan.controller}: {words}", file=sys.stderr, flush=True)
         if not sizes:
             reasons.append(str(error))
-            outcome = find_lost_outcome(plan.law, error.hung) if error.process else Outcome.FAILED_TO_RUN
+            outcome = (
+                find_lost_outcome(plan.law, error.hung) if error.process else Outcome.FAILED_TO_RUN
+            )
             return make_lost(plan, outcome, recording_of(recorded, plan), count_metrics(plan))
         pieces = np.split(parameters, range(sizes[0], len(parameters), sizes[0]))
-        return join_blocks([_fly(attempt, plan, piece, recorded, sizes[1:], reasons) for piece in pieces])
+        return join_blocks(
+            [_fly(attempt, plan, piece, recorded, sizes[1:], reasons) for piece in pieces]
+        )
 
 
 def make_failed(plan: FlightPlan, recorded: "Recorded") -> FlightBlock:

@@ -31,7 +31,14 @@ from abhv_mc.folder.flights import FlightRows, flights_schema, write_block
 from abhv_mc.folder.flown_blocks import find_joins, join_files, read_flown_blocks
 from abhv_mc.folder.histories import write_envelopes
 from abhv_mc.folder.layout import write_text
-from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, RUNNING, Manifest, note_flyers, write_manifest
+from abhv_mc.folder.manifest import (
+    COMPLETE,
+    INTERRUPTED,
+    RUNNING,
+    Manifest,
+    note_flyers,
+    write_manifest,
+)
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.simulators.engine import Engine, check_source, engine_of, make_engine, simulate
 from abhv_mc.simulators.make_plans import record_every
@@ -103,7 +110,12 @@ class _Run:
         """Fly and finish."""
         runs = dict.fromkeys(self.completion.done, self.campaign.runs)
         for rows, digest in read_flown_blocks(
-            self.folder, runs, self.samples, self.columns, self.files, keep_lost=self.campaign.adopted
+            self.folder,
+            runs,
+            self.samples,
+            self.columns,
+            self.files,
+            keep_lost=self.campaign.adopted,
         ):
             self.completion.add(rows, digest)
         if self.manifest.complete and self.completion.whole() and self._has_products():
@@ -146,13 +158,23 @@ class _Run:
             return Cells(names, tuple(range(len(names))), 1, points=points)
         plan = next(iter(self.plans.values()))
         every = record_every(self.campaign.document, plan, keep.rate, "envelopes")
-        times = np.arange(plan.timing.ticks // every + 1).astype(np.float64) * (every * plan.timing.tick)
-        return Cells(keep.channels, tuple(CHANNEL_INDEX[name] for name in keep.channels), every, times, points)
+        times = np.arange(plan.timing.ticks // every + 1).astype(np.float64) * (
+            every * plan.timing.tick
+        )
+        return Cells(
+            keep.channels,
+            tuple(CHANNEL_INDEX[name] for name in keep.channels),
+            every,
+            times,
+            points,
+        )
 
     def _has_envelopes(self) -> bool:
         """Whether they are there, of flights that are all there: later ones change nothing of them."""
         last = min(self.completion.goal(), envelope_states.ENVELOPE_FLIGHTS)
-        whole = all(mask[self.completion.first : last].all() for mask in self.completion.done.values())
+        whole = all(
+            mask[self.completion.first : last].all() for mask in self.completion.done.values()
+        )
         return whole and self._knows_envelopes()
 
     def _fly(self) -> None:
@@ -163,7 +185,9 @@ class _Run:
             self.recording = self.cells.recording
         if self.campaign.has_bands and not self._has_envelopes():
             states, done = self.folder.envelope_states, self.completion.done
-            self.collectors = {name: Collector(states, name, done[name], self.cells) for name in self.plans}
+            self.collectors = {
+                name: Collector(states, name, done[name], self.cells) for name in self.plans
+            }
         if self.campaign.user_model is not None:
             self._time_flights()
         while missing := self.completion.find_missing(self.collectors):
@@ -178,7 +202,9 @@ class _Run:
                 block = Block(name, first, first + 1, True, bool(envelope[first]))
                 self._keep(*self._fly_block(block, self.samples.rows(first, first + 1)))
         chosen = choose_timed(self.campaign.runs, self.workers, seconds_of_a_flight(plans))
-        self.batch = self.campaign.model.execution.batch or min(chosen, AT_ONCE if self.collectors else chosen)
+        self.batch = self.campaign.model.execution.batch or min(
+            chosen, AT_ONCE if self.collectors else chosen
+        )
 
     def _fly_missing(self, missing: dict[str, tuple[Mask, Mask]]) -> None:
         total = sum(int((rows | envelope).sum()) for rows, envelope in missing.values())
@@ -191,7 +217,9 @@ class _Run:
         calls = ((block, self.samples.rows(block.first, block.stop)) for block in blocks)
         saved = time.monotonic()
         with (
-            Progress(f"flights ({again} again for bands over time)" if again else "flights", total) as progress,
+            Progress(
+                f"flights ({again} again for bands over time)" if again else "flights", total
+            ) as progress,
             closing(work_ahead(self.workers, self._fly_block, calls)) as landed,
         ):
             for block, flown in landed:
@@ -205,7 +233,9 @@ class _Run:
     def _fly_block(self, block: Block, samples: Floats) -> tuple[Block, FlightBlock]:
         recorded = self.recording if block.envelope else None
         margins = block.rows and block.first < self.with_margins
-        return block, simulate(self.campaign, block.controller, samples, recorded, self.fly, margins)
+        return block, simulate(
+            self.campaign, block.controller, samples, recorded, self.fly, margins
+        )
 
     def _keep(self, block: Block, flown: FlightBlock) -> None:
         """Write a finished block and count it."""
@@ -222,7 +252,9 @@ class _Run:
                 self.campaign.outcomes.of(flown.outcome),
                 self._make_values(flown),
                 self.columns,
-                np.inf if self.campaign.user_model else self.plans[block.controller].timing.duration,
+                np.inf
+                if self.campaign.user_model
+                else self.plans[block.controller].timing.duration,
             )
             digest = write_block(self.folder.flights, rows, self.schema)
             self.manifest = replace(self.manifest, flown_by=note_flyers(
@@ -230,7 +262,11 @@ class _Run:
             ))  # fmt: skip
             self.completion.add(rows, digest)
             for flight in rows.flights[flown.outcome == Outcome.FAILED_TO_RUN]:
-                print(f"flight {flight} of {block.controller} failed to run", file=sys.stderr, flush=True)
+                print(
+                    f"flight {flight} of {block.controller} failed to run",
+                    file=sys.stderr,
+                    flush=True,
+                )
 
     def _make_values(self, flown: FlightBlock) -> Floats:
         """Values ``[flight, value]``; margins come last, nan where they were not asked for."""
@@ -249,21 +285,36 @@ class _Run:
         # Whoever goes on after a kill makes anew what may be replaced from here on.
         histories = self._list_histories()
         whole = {file.path for file in histories if file.whole}
-        self.files.forget(self.folder.margins, *(set(self.folder.histories.glob("*.parquet")) - whole))
+        self.files.forget(
+            self.folder.margins, *(set(self.folder.histories.glob("*.parquet")) - whole)
+        )
         if self.collectors:
             self.files.forget(self.folder.envelopes)
         self._write_manifest(RUNNING)
         if self.collectors:
-            times = np.unique(np.concatenate([collector.times for collector in self.collectors.values()]))
+            times = np.unique(
+                np.concatenate([collector.times for collector in self.collectors.values()])
+            )
             tables = {name: self.collectors[name].table(times) for name in self.plans}
             if self.cells.times is None:  # those of a user's blocks reach beyond their flights
                 flown = np.any([table.count.any(axis=1) for table in tables.values()], axis=0)
-                times, tables = times[flown], {name: table.at(flown) for name, table in tables.items()}
+                times, tables = (
+                    times[flown],
+                    {name: table.at(flown) for name, table in tables.items()},
+                )
             number = min(self.completion.goal(), envelope_states.ENVELOPE_FLIGHTS)
-            write_envelopes(self.folder.envelopes, times, self.cells.channels, tables, number, self.cells.points)
+            write_envelopes(
+                self.folder.envelopes, times, self.cells.channels, tables, number, self.cells.points
+            )
         try:
             failed = write_kept_histories(
-                self.folder, self.campaign, histories, self.samples, self.fly, self.workers, self.files
+                self.folder,
+                self.campaign,
+                histories,
+                self.samples,
+                self.fly,
+                self.workers,
+                self.files,
             )
         except (ArithmeticError, LookupError, TypeError, ValueError) as error:
             failed = [f"not all histories are kept ({type(error).__name__}: {error})"]
@@ -273,7 +324,10 @@ class _Run:
         self._write_stability()
         for name, collector in self.collectors.items():
             # Else the next run tries these flights again; or more of a user's, which take their time, are flown.
-            if self.campaign.user_model is None and not self.completion.all_counts[name].uncomputed.any():
+            if (
+                self.campaign.user_model is None
+                and not self.completion.all_counts[name].uncomputed.any()
+            ):
                 collector.finish()
         self._join_files()
 
@@ -282,7 +336,9 @@ class _Run:
 
         A kill in between leaves files that the manifest does not name, which whoever goes on deletes.
         """
-        joins = find_joins([path for path in self.files.paths() if path.parent == self.folder.flights])
+        joins = find_joins(
+            [path for path in self.files.paths() if path.parent == self.folder.flights]
+        )
         for paths in joins:
             join_files(paths)
         small = [path for paths in joins for path in paths]
@@ -301,7 +357,10 @@ class _Run:
 
     def _list_histories(self) -> list[HistoryFile]:
         return list_histories(
-            self.folder, replace(self.campaign, runs=self.completion.goal()), self.completion.all_counts, self.files
+            self.folder,
+            replace(self.campaign, runs=self.completion.goal()),
+            self.completion.all_counts,
+            self.files,
         )
 
     def _judge(self) -> Manifest:
@@ -311,7 +370,9 @@ class _Run:
         return judge_requirements(self.manifest, self.completion.all_counts, self.campaign)
 
     def _write_manifest(self, state: str) -> None:
-        counted, gapless = count_flights(self.manifest, self.completion.all_counts, self.completion.done)
+        counted, gapless = count_flights(
+            self.manifest, self.completion.all_counts, self.completion.done
+        )
         self.manifest = replace(
             counted,
             state=state,

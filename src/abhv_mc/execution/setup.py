@@ -20,7 +20,13 @@ from abhv_mc.execution.worker_processes import start_fork_server
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.folder.hashes import FileHashes
 from abhv_mc.folder.histories import write_nominal, write_reference
-from abhv_mc.folder.inputs import FolderInputs, collect_inputs, describe_changes, merge_inputs, read_folder_inputs
+from abhv_mc.folder.inputs import (
+    FolderInputs,
+    collect_inputs,
+    describe_changes,
+    merge_inputs,
+    read_folder_inputs,
+)
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import RUNNING, Manifest, write_manifest
 from abhv_mc.folder.opening import FlownFolder, begin_folder, grow_folder, open_folder
@@ -31,7 +37,13 @@ from abhv_mc.io.input_files import reading_once
 from abhv_mc.simulators.campaign_code import check_user_code
 from abhv_mc.simulators.corner_margins import is_compiled
 from abhv_mc.simulators.engine import Engine, check_source, engine_of, make_ready
-from abhv_mc.simulators.make_plans import find_warnings, make_plans, record_every, reference_of, take_plans
+from abhv_mc.simulators.make_plans import (
+    find_warnings,
+    make_plans,
+    record_every,
+    reference_of,
+    take_plans,
+)
 from abhv_mc.simulators.stored_plans import read_trusted_plan
 from abhv_mc.user_code.child import called_beside
 from abhv_mc.user_code.source import find_package_versions
@@ -104,7 +116,11 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     if request.shard is None:
         _compile_margins(requested, plans, engine, stack)
     nominal = _fly_nominal(requested, plans, engine)
-    told = fly_first(make_ready(requested, plans), engine, request.workers) if requested.user_model else ()
+    told = (
+        fly_first(make_ready(requested, plans), engine, request.workers)
+        if requested.user_model
+        else ()
+    )
     if requested.unknowns.names:
         requested = name_points(requested, plans, engine, request.workers)
         inputs = collect_inputs(requested)
@@ -112,7 +128,11 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     files = begin_folder(folder, inputs, plans, stack)
     _write_samples(folder, requested)
     _write_nominal(folder, requested, plans, nominal)
-    manifest = replace(make_manifest(requested, inputs, engine, plans, told), shard=request.shard, files=files.listed())
+    manifest = replace(
+        make_manifest(requested, inputs, engine, plans, told),
+        shard=request.shard,
+        files=files.listed(),
+    )
     write_manifest(folder.manifest, manifest)
     return OpenCampaign(folder, ready, manifest, tuple(plans), files)
 
@@ -123,7 +143,9 @@ def _start_workers(request: Request, engine: Engine) -> None:
         start_fork_server(engine.fly)
 
 
-def _compile_margins(campaign: Experiment, plans: dict[str, FlightPlan], engine: Engine, stack: ExitStack) -> None:
+def _compile_margins(
+    campaign: Experiment, plans: dict[str, FlightPlan], engine: Engine, stack: ExitStack
+) -> None:
     """Have another process compile what finds margins, where it never was, while this one goes on and flies."""
     if engine.find_stability is not None and engine.isolation == PROCESSES and not is_compiled():
         stack.enter_context(called_beside(engine.find_stability, campaign, plans))
@@ -142,7 +164,11 @@ def _check_shard(request: Request, campaign: Experiment) -> None:
 
 
 def _resume(
-    flown: FlownFolder, requested: Experiment, inputs: FolderInputs, engine: Engine, request: Request
+    flown: FlownFolder,
+    requested: Experiment,
+    inputs: FolderInputs,
+    engine: Engine,
+    request: Request,
 ) -> OpenCampaign:
     """Go on with a folder that holds the same campaign, perhaps with fewer flights or controllers."""
     folder, manifest, files = flown.folder, flown.manifest, flown.files
@@ -155,7 +181,9 @@ def _resume(
     longer = requested.runs_at_point > before.data["runs"]
     merged = merge_inputs(before, inputs, selected=request.controllers is not None)
     judged_anew = next(iter(merged.systems)) != next(iter(before.systems))
-    changed = added or longer or judged_anew or not files.knows(folder.campaign)  # the last: killed while it grew
+    changed = (
+        added or longer or judged_anew or not files.knows(folder.campaign)
+    )  # the last: killed while it grew
     with_nominal = not added and all(map(files.knows, (folder.nominal, folder.reference)))
     with_nominal = with_nominal or requested.user_model is not None
     if added or longer or not with_nominal or not manifest.complete:
@@ -177,10 +205,15 @@ def _resume(
         plans = make_plans(replace(requested, model=held), campaign.controllers, engine)
     else:
         names, trusted = campaign.controllers, request.trust_code
-        plans = {name: new.get(name) or read_trusted_plan(folder, campaign, name, trusted) for name in names}
+        plans = {
+            name: new.get(name) or read_trusted_plan(folder, campaign, name, trusted)
+            for name in names
+        }
     if changed:
         first = () if campaign.user_model is None else manifest.warnings
-        manifest = replace(manifest, warnings=tuple(dict.fromkeys([*first, *find_warnings(plans, campaign)])))
+        manifest = replace(
+            manifest, warnings=tuple(dict.fromkeys([*first, *find_warnings(plans, campaign)]))
+        )
     if not with_nominal:
         _write_nominal(folder, campaign, plans, _fly_nominal(campaign, plans, engine))
     if manifest.files != files.listed():
@@ -195,11 +228,17 @@ def _join(requested: Experiment, inputs: FolderInputs, merged: FolderInputs) -> 
     if (merged.data, list(merged.systems)) == (inputs.data, list(inputs.systems)):
         return requested
     campaign = check_campaign(merged.document)
-    return replace(campaign, model=campaign.model.model_copy(update={"execution": requested.model.execution}))
+    return replace(
+        campaign, model=campaign.model.model_copy(update={"execution": requested.model.execution})
+    )
 
 
 def _check_same(
-    flown: FlownFolder, before: FolderInputs, requested: Experiment, inputs: FolderInputs, request: Request
+    flown: FlownFolder,
+    before: FolderInputs,
+    requested: Experiment,
+    inputs: FolderInputs,
+    request: Request,
 ) -> None:
     """Raises InputError for a folder that holds something else than the beginning of what is asked for."""
     root, shard = flown.folder.root, flown.manifest.shard
@@ -214,7 +253,9 @@ def _check_same(
         wish = "the same campaign, another folder (-o DIR), or --fresh to delete what was flown"
         raise InputError(root, found, wish)
     if shard and requested.runs_at_point > before.data["runs"]:
-        raise InputError(root, "a shard of fewer flights", "another folder (-o DIR): shards do not grow")
+        raise InputError(
+            root, "a shard of fewer flights", "another folder (-o DIR): shards do not grow"
+        )
 
 
 def _fly_nominal(
@@ -261,11 +302,17 @@ def _check_drawn(folder: CampaignFolder, campaign: Experiment) -> None:
         part = first, min(first + ROW_GROUP, flown.flights)
         if not np.array_equal(flown.rows(*part), source.draw(*part)):
             found = "samples that this version of the program does not draw"
-            raise InputError(folder.samples, found, "the versions that the manifest names, or --fresh")
+            raise InputError(
+                folder.samples, found, "the versions that the manifest names, or --fresh"
+            )
 
 
 def make_manifest(
-    campaign: Experiment, inputs: FolderInputs, engine: Engine, plans: dict[str, FlightPlan], told: Sequence[str]
+    campaign: Experiment,
+    inputs: FolderInputs,
+    engine: Engine,
+    plans: dict[str, FlightPlan],
+    told: Sequence[str],
 ) -> Manifest:
     """Of a campaign that is about to fly; ``told``: what its first flights say."""
     from datetime import UTC, datetime

@@ -18,7 +18,10 @@ from abhv_mc.user_code.child import allow_here
 if TYPE_CHECKING:  # which a worker process need not import
     from abhv_mc.simulators.engine import Fly
 
-_LEAST, _TIMES = 30.0, 20.0  # s for 16 flights, and times the processor time of 16 flights like the nominal one
+_LEAST, _TIMES = (
+    30.0,
+    20.0,
+)  # s for 16 flights, and times the processor time of 16 flights like the nominal one
 
 
 def serve(connection: Connection, fly: "Fly") -> None:
@@ -29,7 +32,9 @@ def serve(connection: Connection, fly: "Fly") -> None:
     """
     allow_here()
     signal.signal(signal.SIGPROF, signal.SIG_DFL)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches everyone in the terminal; the parent decides
+    signal.signal(
+        signal.SIGINT, signal.SIG_IGN
+    )  # Ctrl-C reaches everyone in the terminal; the parent decides
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     plans: dict[int, FlightPlan] = {}
@@ -44,13 +49,17 @@ def serve(connection: Connection, fly: "Fly") -> None:
                 plans[key] = plan
             if key not in usual:
                 usual[key] = _usual_limit(fly, plans[key])
-            allowed = time_limit(min(len(parameters), AT_ONCE), usual[key] if limit is None else limit)
+            allowed = time_limit(
+                min(len(parameters), AT_ONCE), usual[key] if limit is None else limit
+            )
 
             def begin(allowed: float = allowed) -> None:
                 connection.send(allowed)
                 signal.setitimer(signal.ITIMER_PROF, allowed)
 
-            answer: FlightBlock | str = sign(fly_in_batches(fly, plans[key], parameters, recorded, begin))
+            answer: FlightBlock | str = sign(
+                fly_in_batches(fly, plans[key], parameters, recorded, begin)
+            )
         except BrokenPipeError:
             return
         except Exception as error:

@@ -34,7 +34,10 @@ _CRASH = 4
 _PAUSE = 0.05  # s of waiting before a start, times the failed starts so far
 _COMPILE_LIMIT = 600.0  # s for a process to start and to load or compile a flight
 _RESPONSE_LIMIT = 60.0  # s for one that has done so to say that it begins the next block
-_ASLEEP, _WALL = 600.0, 20.0  # s, and times the processor time: how long it may take, however busy the machine is
+_ASLEEP, _WALL = (
+    600.0,
+    20.0,
+)  # s, and times the processor time: how long it may take, however busy the machine is
 _start_lock = threading.Lock()
 
 
@@ -62,7 +65,9 @@ class _Worker:
         with theirs:
             try:
                 with _starting_processes():
-                    self.process: BaseProcess = context.Process(target=serve, args=(theirs, fly), daemon=True)
+                    self.process: BaseProcess = context.Process(
+                        target=serve, args=(theirs, fly), daemon=True
+                    )
                     self.process.start()
             except (OSError, EOFError):
                 self._connection.close()
@@ -71,7 +76,12 @@ class _Worker:
         self.has_flown = False
 
     def fly(
-        self, key: int, plan: FlightPlan, parameters: Floats, recorded: Recorded, limit: float | None
+        self,
+        key: int,
+        plan: FlightPlan,
+        parameters: Floats,
+        recorded: Recorded,
+        limit: float | None,
     ) -> FlightBlock:
         """Raises FlightLostError, and _NotBegunError where the process ended before these flights began."""
         known = key in self._plans
@@ -102,8 +112,14 @@ class _Worker:
             self.kill()
             end = self.process.exitcode
             hung = end == -signal.SIGPROF
-            words = f"not done in {processor:g} s" if hung else f"its process ended: {describe_exit(end)}"
-            raise FlightLostError(words + describe_last_tick(self.process.pid), process=True, hung=hung) from None
+            words = (
+                f"not done in {processor:g} s"
+                if hung
+                else f"its process ended: {describe_exit(end)}"
+            )
+            raise FlightLostError(
+                words + describe_last_tick(self.process.pid), process=True, hung=hung
+            ) from None
 
     def kill(self) -> None:
         """End the process, whatever it does."""
@@ -115,14 +131,18 @@ class _Worker:
 class WorkerPool:
     """Flies in worker processes, each started when first needed; threads may call :meth:`fly` side by side."""
 
-    def __init__(self, fly: Fly, workers: int, limit: float | None, check: Check | None = None) -> None:
+    def __init__(
+        self, fly: Fly, workers: int, limit: float | None, check: Check | None = None
+    ) -> None:
         """``limit``: processor time for one flight, or for 16 in a batch, s; ``check``: of each block."""
         self._fly, self._limit, self._check = fly, limit, check
         self._idle: queue.LifoQueue[_Worker | None] = queue.LifoQueue()
         for _ in range(workers):
             self._idle.put(None)
         self._workers: set[_Worker] = set()
-        self._plans: dict[int, tuple[int, FlightPlan]] = {}  # by id; held, so that no id comes twice
+        self._plans: dict[
+            int, tuple[int, FlightPlan]
+        ] = {}  # by id; held, so that no id comes twice
         self._lock = threading.Lock()
         self._most_failed_starts = _FAILED_STARTS + workers
         self._failed_starts = 0  # consecutive, weighed
@@ -140,7 +160,9 @@ class WorkerPool:
 
         return fly_with_retries(attempt, plan, parameters, recorded)
 
-    def _attempt(self, key: int, plan: FlightPlan, parameters: Floats, recorded: Recorded) -> FlightBlock:
+    def _attempt(
+        self, key: int, plan: FlightPlan, parameters: Floats, recorded: Recorded
+    ) -> FlightBlock:
         worker = self._idle.get()
         try:
             while True:
@@ -171,8 +193,13 @@ class WorkerPool:
             time.sleep(_PAUSE * self._failed_starts)
             try:
                 worker = _Worker(self._fly)
-            except (OSError, EOFError) as error:  # the server is dying and not known to be dead, or cannot fork
-                self._count_failed_start(1, f"not started: {error or 'the server they are forked from ended'}")
+            except (
+                OSError,
+                EOFError,
+            ) as error:  # the server is dying and not known to be dead, or cannot fork
+                self._count_failed_start(
+                    1, f"not started: {error or 'the server they are forked from ended'}"
+                )
                 continue
             with self._lock:
                 self._workers.add(worker)
@@ -186,7 +213,9 @@ class WorkerPool:
         with self._lock:
             self._workers.discard(worker)
         if not worker.has_flown:
-            self._count_failed_start(1 if worker.process.exitcode == -signal.SIGKILL else _CRASH, end)
+            self._count_failed_start(
+                1 if worker.process.exitcode == -signal.SIGKILL else _CRASH, end
+            )
 
     def _count_failed_start(self, weight: int, end: str) -> None:
         with self._lock:
@@ -214,7 +243,9 @@ def _starting_processes() -> Iterator[None]:
     searched = os.pathsep.join(map(os.path.abspath, sys.path))
     with _start_lock:
         main, before = sys.modules["__main__"], dict(os.environ)
-        threads = before.get("OPENBLAS_NUM_THREADS", "1")  # further ones would spin on small matrices
+        threads = before.get(
+            "OPENBLAS_NUM_THREADS", "1"
+        )  # further ones would spin on small matrices
         changed = {"PYTHONPATH": searched, "PYTHONSAFEPATH": "1", "OPENBLAS_NUM_THREADS": threads}
         os.environ.update(changed)
         resource_tracker.ensure_running()  # which unblocks signals when it starts

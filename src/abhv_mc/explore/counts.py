@@ -25,8 +25,17 @@ if TYPE_CHECKING:
 
 MOST_POINTS = 4000  # drawn one by one; more are counted in cells
 _ROWS = 10_000  # fetched at once
-_SHARES = {"all": "", "failed": "and outcome <> 'ok'", "ok": "and outcome = 'ok'"}  # beside requirements missed
-_OWN = ("rank", "flight", "controller", "outcome")  # columns of the list that are no numbers of flights
+_SHARES = {
+    "all": "",
+    "failed": "and outcome <> 'ok'",
+    "ok": "and outcome = 'ok'",
+}  # beside requirements missed
+_OWN = (
+    "rank",
+    "flight",
+    "controller",
+    "outcome",
+)  # columns of the list that are no numbers of flights
 _RANK, _BY = '"its rank"', "worst in"  # no metric has a name with a space
 
 
@@ -70,24 +79,41 @@ def open_flights(root: Path) -> Iterator[FlightTable]:
     names, columns = results.controllers, [*results.metrics, *results.dispersed]
     with open_database(root) as connection:
         connection.register("ranks", _ranks(results))
-        scales = {name: axis_unit(name, results.campaign.parameters)[1] for name in results.dispersed}
-        listed = ", ".join(f"{_quoted(name)} * {scales.get(name, 1.0)!r} as {_quoted(name)}" for name in columns)
+        scales = {
+            name: axis_unit(name, results.campaign.parameters)[1] for name in results.dispersed
+        }
+        listed = ", ".join(
+            f"{_quoted(name)} * {scales.get(name, 1.0)!r} as {_quoted(name)}" for name in columns
+        )
         known = ", ".join("'" + name.replace("'", "''") + "'" for name in names)
-        connection.execute(f"create type controllers as enum ({known})")  # thrice as fast, in the campaign's order
+        connection.execute(
+            f"create type controllers as enum ({known})"
+        )  # thrice as fast, in the campaign's order
         connection.execute(
             "create table shown as select controller::controllers as controller, flight, "
             "replace(outcome::varchar, '_', ' ') as outcome, "
             f"ranks.* exclude (controller, flight), {listed} from flights join ranks using (controller, flight)"
         )
         connection.unregister("ranks")
-        found = connection.execute(f"select {', '.join(map(_ends, columns))} from shown").fetchone() or ()
-        ends = {name: (float(found[2 * i]), float(found[2 * i + 1])) for i, name in enumerate(columns)}
+        found = (
+            connection.execute(f"select {', '.join(map(_ends, columns))} from shown").fetchone()
+            or ()
+        )
+        ends = {
+            name: (float(found[2 * i]), float(found[2 * i + 1])) for i, name in enumerate(columns)
+        }
         labels, colors = full_labels(results.folder, names), controller_colors(names)
         channels = [channel.name for channel in results.campaign.channels]
         view = describe_flights(results, labels, colors, ends, channels)
         (total,) = connection.execute("select count(*) from shown").fetchone() or (0,)
-        view |= {"total": total, "left": "", "histories": False}  # every flight has one: it is flown again
-        yield FlightTable(connection, {each["name"]: each["ends"] for each in view["columns"]}, view, results)
+        view |= {
+            "total": total,
+            "left": "",
+            "histories": False,
+        }  # every flight has one: it is flown again
+        yield FlightTable(
+            connection, {each["name"]: each["ends"] for each in view["columns"]}, view, results
+        )
 
 
 def _ranks(results: FlownCampaign) -> Any:
@@ -100,7 +126,9 @@ def _ranks(results: FlownCampaign) -> Any:
         flights, ranking = results.flights[name], results.ranking
         columns: dict[str, Any] = {"flight": flights.flight, _RANK[1:-1]: ranking.places_of(name)}
         columns[_BY] = ranking.by[name]
-        columns |= {f"missed {k}": requirement_failures(flights, item) for k, item in enumerate(required)}
+        columns |= {
+            f"missed {k}": requirement_failures(flights, item) for k, item in enumerate(required)
+        }
         parts.append(pa.table({"controller": [name] * flights.flight.size, **columns}))
     return pa.concat_tables(parts)
 
@@ -110,10 +138,16 @@ def parse_asked(data: Any, table: FlightTable) -> Asked:
     asked = TypeAdapter(Asked).validate_python(data)
     for name in (asked.x, asked.y, *asked.brushes, *({asked.sort} - set(_OWN))):
         if name not in table.ranges:
-            raise InputError("request", f"no column {describe(name)}", one_of(list(table.ranges), name))
+            raise InputError(
+                "request", f"no column {describe(name)}", one_of(list(table.ranges), name)
+            )
     shares = [*_SHARES, *(f"missed {k}" for k in range(len(table.view["requirements"])))]
     if asked.outcome not in shares or not set(asked.controllers) <= set(table.order):
-        raise InputError("request", "an unknown outcome or controller", f"{', '.join(shares)}; {list(table.order)}")
+        raise InputError(
+            "request",
+            "an unknown outcome or controller",
+            f"{', '.join(shares)}; {list(table.order)}",
+        )
     return asked
 
 
@@ -126,7 +160,9 @@ def count_flights(table: FlightTable, asked: Asked) -> dict[str, Any]:
     cursor, order = table.cursor(), table.order
     where, values = _condition(table, asked)
     both = f"{where} and isfinite({_quoted(asked.x)}) and isfinite({_quoted(asked.y)})"
-    (count,) = cursor.execute(f"select count(*) from shown where {where}", values).fetchone() or (0,)
+    (count,) = cursor.execute(f"select count(*) from shown where {where}", values).fetchone() or (
+        0,
+    )
     ends = [table.ranges[asked.x], table.ranges[asked.y]]
     if asked.fit:
         query = f"select {_ends(asked.x)}, {_ends(asked.y)} from shown where {both}"
@@ -156,7 +192,8 @@ def count_flights(table: FlightTable, asked: Asked) -> dict[str, Any]:
         found["strips"][name] = cursor.execute(query, [*given, *values]).fetchall()
     headed = "".join(f", {_finite(name)}" for name in table.view["headed"])
     listed = cursor.execute(
-        f"select controller, flight, outcome{headed} from shown where {where} {_order(asked)} limit {LISTED}", values
+        f"select controller, flight, outcome{headed} from shown where {where} {_order(asked)} limit {LISTED}",
+        values,
     ).fetchall()
     found["rows"] = [[order[name], *rest] for name, *rest in listed]
     return found
@@ -186,11 +223,18 @@ def find_flight(table: FlightTable, controller: str, flight: int) -> dict[str, A
     names = [column[0] for column in cursor.description or ()]
     row = cursor.fetchone()
     if row is None:
-        raise InputError("request", f"no flight {flight} of {describe(controller)}", "one that was computed")
+        raise InputError(
+            "request", f"no flight {flight} of {describe(controller)}", "one that was computed"
+        )
     held = dict(zip(names, row, strict=True))
     missed = [held[f"missed {k}"] for k in range(len(table.view["requirements"]))]
     values = {name: held[name] for name in table.ranges}
-    found = {"controller": table.order[controller], "flight": flight, "outcome": held["outcome"], "by": held[_BY]}
+    found = {
+        "controller": table.order[controller],
+        "flight": flight,
+        "outcome": held["outcome"],
+        "by": held[_BY],
+    }
     return {**found, "missed": missed, "values": values}
 
 
@@ -219,14 +263,19 @@ def _condition(table: FlightTable, asked: Asked) -> tuple[str, list[Any]]:
 
 def _order(asked: Asked) -> str:
     """The SQL of the order in which flights are listed; equal ones the worst first."""
-    by = _RANK if asked.sort == "rank" else asked.sort if asked.sort in _OWN else _finite(asked.sort)
+    by = (
+        _RANK if asked.sort == "rank" else asked.sort if asked.sort in _OWN else _finite(asked.sort)
+    )
     return f"order by {by} {'desc' if asked.down else 'asc'} nulls last, {_RANK}"
 
 
 def _bin(ends: Sequence[float], name: str, bins: int) -> tuple[str, list[float]]:
     """The SQL of a column's bin, 0 to ``bins`` - 1 between two ends, and its parameters."""
     low, high = ends
-    return f"least(floor(({_quoted(name)} - ?) / ?), {bins - 1})::integer", [low, ((high - low) or 1.0) / bins]
+    return f"least(floor(({_quoted(name)} - ?) / ?), {bins - 1})::integer", [
+        low,
+        ((high - low) or 1.0) / bins,
+    ]
 
 
 def _finite(name: str) -> str:

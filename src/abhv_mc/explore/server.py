@@ -17,7 +17,14 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from abhv_mc.analysis.replay import replay_flight
-from abhv_mc.explore.counts import FlightTable, count_flights, find_flight, find_nearest, list_flights, parse_asked
+from abhv_mc.explore.counts import (
+    FlightTable,
+    count_flights,
+    find_flight,
+    find_nearest,
+    list_flights,
+    parse_asked,
+)
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder.flown_campaign import read_histories
 from abhv_mc.io.input_error import InputError
@@ -44,7 +51,9 @@ def _page(place: str, token: str) -> tuple[str, str] | None:
         frame = make_environment().from_string((own / "explore.html.j2").read_text("utf-8"))
         return frame.render(token=token), "text/html"
     if place == "/view.js":
-        return "".join(map(template_text, SCRIPTS)) + (own / "explore.js").read_text("utf-8"), "text/javascript"
+        return "".join(map(template_text, SCRIPTS)) + (own / "explore.js").read_text(
+            "utf-8"
+        ), "text/javascript"
     if place == "/plotly.js":
         packed = files("abhv_mc") / "report/pages/template/plotly-basic.min.js.gz"
         return gzip.decompress(packed.read_bytes()).decode(), "text/javascript"
@@ -56,7 +65,14 @@ class ExploreServer(ThreadingHTTPServer):
 
     daemon_threads = True
 
-    def __init__(self, root: Path, table: FlightTable, engine: Engine, port: int = 0, trust_code: bool = False) -> None:
+    def __init__(
+        self,
+        root: Path,
+        table: FlightTable,
+        engine: Engine,
+        port: int = 0,
+        trust_code: bool = False,
+    ) -> None:
         super().__init__((_HOST, port), _Handler)
         self.root, self.table, self.engine, self.trust_code = root, table, engine, trust_code
         self.token = secrets.token_urlsafe(24)
@@ -81,14 +97,24 @@ class ExploreServer(ThreadingHTTPServer):
         try:
             with self.one_flight:
                 again = run_in_thread(
-                    lambda: replay_flight(self.root, controller, flight, self.engine.fly, trust_code=self.trust_code)
+                    lambda: replay_flight(
+                        self.root, controller, flight, self.engine.fly, trust_code=self.trust_code
+                    )
                 )
         except InputError as error:
             kept = read_histories(self.root, controller).get(flight, {})
             history = {"time": kept.pop("time"), "channels": kept} if kept else None
             return {**found, "note": str(error), "history": history}
-        same = "equal the stored ones bit for bit." if not again.differences else "differ from the stored ones!"
-        return {**found, "note": f"{again.sentence} Its metrics {same}", "history": self._history(again.block)}
+        same = (
+            "equal the stored ones bit for bit."
+            if not again.differences
+            else "differ from the stored ones!"
+        )
+        return {
+            **found,
+            "note": f"{again.sentence} Its metrics {same}",
+            "history": self._history(again.block),
+        }
 
     def _history(self, block: FlightBlock) -> dict[str, Any] | None:
         """What a flight's record says of each channel, thinned; None without a record."""
@@ -133,12 +159,16 @@ class _Handler(BaseHTTPRequestHandler):
                 raise InputError("request", f"{length} bytes", f"1 to {_MOST_BYTES}")
             data = json.loads(self.rfile.read(length))
             if place.path == "/counts":
-                self._send_json(count_flights(self.server.table, parse_asked(data, self.server.table)))
+                self._send_json(
+                    count_flights(self.server.table, parse_asked(data, self.server.table))
+                )
             elif place.path == "/nearest":
                 asked = parse_asked(data, self.server.table)
                 self._send_json(find_nearest(self.server.table, asked, *map(float, data["at"])))
             elif place.path == "/flight":
-                self._send_json(self.server.open_flight(str(data["controller"]), int(data["flight"])))
+                self._send_json(
+                    self.server.open_flight(str(data["controller"]), int(data["flight"]))
+                )
             elif place.path == "/behind":
                 self._send_json(self.server.behind(str(data["controller"]), str(data["channel"])))
             else:
@@ -168,7 +198,9 @@ class _Handler(BaseHTTPRequestHandler):
         except (InputError, ValueError, RecursionError) as error:
             self._refuse(HTTPStatus.BAD_REQUEST, str(error))
             return
-        self._send_head("text/csv; charset=utf-8", {"Content-Disposition": 'attachment; filename="flights.csv"'})
+        self._send_head(
+            "text/csv; charset=utf-8", {"Content-Disposition": 'attachment; filename="flights.csv"'}
+        )
         for part in chain([[heads]], flights):
             text = io.StringIO()
             csv.writer(text, lineterminator="\n").writerows(part)
@@ -181,7 +213,9 @@ class _Handler(BaseHTTPRequestHandler):
         self._send_head(kind, {"Content-Length": str(len(content))}, status)
         self.wfile.write(content)
 
-    def _send_head(self, kind: str, more: dict[str, str], status: HTTPStatus = HTTPStatus.OK) -> None:
+    def _send_head(
+        self, kind: str, more: dict[str, str], status: HTTPStatus = HTTPStatus.OK
+    ) -> None:
         self.send_response(status)
         for name, value in {
             "Content-Type": kind,

@@ -13,10 +13,25 @@ from abhv_mc.flight.compile_metrics import Known, compile_metrics, known_sources
 from abhv_mc.flight.outcome import LIMITS, Limits
 from abhv_mc.flight.plan import FlightPlan, Recording
 from abhv_mc.kernel.flight.counting import Statistic
-from abhv_mc.kernel.flight.interface import LQR, PYTHON, RECORDED, TLC, KernelPlan, KernelResults, Observed
+from abhv_mc.kernel.flight.interface import (
+    LQR,
+    PYTHON,
+    RECORDED,
+    TLC,
+    KernelPlan,
+    KernelResults,
+    Observed,
+)
 from abhv_mc.kernel.flight.memory import SAVED_ROWS
 from abhv_mc.kernel.flight.observe import find_row
-from abhv_mc.kernel.laws.columns import LQR_GAINS, LQR_SETTINGS, RECORDED_GAINS, REFERENCE, TLC_GAINS, TLC_SETTINGS
+from abhv_mc.kernel.laws.columns import (
+    LQR_GAINS,
+    LQR_SETTINGS,
+    RECORDED_GAINS,
+    REFERENCE,
+    TLC_GAINS,
+    TLC_SETTINGS,
+)
 from abhv_mc.kernel.plant.air_data import PROFILE
 from abhv_mc.kernel.plant.state import N_PARAMETERS, N_STATES
 
@@ -52,7 +67,11 @@ def make_results(
         np.full(bins, -np.inf),
         np.zeros((flights, SAVED_ROWS if keep else 0)),
         np.full(
-            (sum(metric.statistic == Statistic.QUANTILE for metric in plan.metrics), flights, plan.timing.ticks + 1),
+            (
+                sum(metric.statistic == Statistic.QUANTILE for metric in plan.metrics),
+                flights,
+                plan.timing.ticks + 1,
+            ),
             np.nan,
         ),
     )
@@ -98,13 +117,17 @@ def make_kernel_plan(
     check_shape(made.profile, (None, len(PROFILE)), "plan.profile")
     rows = min(len(made.reference), len(made.gains))
     if rows <= plan.timing.ticks:
-        raise ValueError(f"plan.reference or plan.gains has {rows} rows for control ticks 0 to {plan.timing.ticks}")
+        raise ValueError(
+            f"plan.reference or plan.gains has {rows} rows for control ticks 0 to {plan.timing.ticks}"
+        )
     return made
 
 
 def make_observed(limits: Limits, recorded: Sequence[Known]) -> Observed:
     """What a flight observes at each tick: its limits, and what it records."""
-    bounded = [limit for limit in LIMITS if any(map(math.isfinite, limit.bounds(limits)))]  # perhaps none
+    bounded = [
+        limit for limit in LIMITS if any(map(math.isfinite, limit.bounds(limits)))
+    ]  # perhaps none
     bounds = np.array([limit.bounds(limits) for limit in bounded], np.float64).reshape(-1, 2)
     return Observed(
         np.array([find_row(limit.source) for limit in bounded], np.int64),
@@ -123,21 +146,29 @@ def conform(value: Any, kind: Any, name: str) -> Any:
     """
     if hasattr(kind, "_fields"):
         members = zip(_hints(kind).items(), value, strict=True)
-        return kind(*(conform(member, hint, f"{name}.{field}") for (field, hint), member in members))
+        return kind(
+            *(conform(member, hint, f"{name}.{field}") for (field, hint), member in members)
+        )
     if kind in (int, float):
         if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
             raise ValueError(f"{name} is {value!r:.60}, not a number")
         return kind(value)
     expected = np.dtype(get_args(get_args(kind)[1])[0])
     if not isinstance(value, np.ndarray) or value.dtype != expected:
-        found = f"an array of {value.dtype}" if isinstance(value, np.ndarray) else f"a {type(value).__name__}"
+        found = (
+            f"an array of {value.dtype}"
+            if isinstance(value, np.ndarray)
+            else f"a {type(value).__name__}"
+        )
         raise ValueError(f"{name} is {found}, not an array of {expected}")
     return np.require(value, requirements=["C", "A", "O", "W"])
 
 
 def check_shape(array: NDArray[Any], shape: tuple[int | None, ...], name: str) -> None:
     """Raise ValueError unless an array has a shape; None stands for any length."""
-    if array.ndim != len(shape) or any(want not in (None, have) for have, want in zip(array.shape, shape, strict=True)):
+    if array.ndim != len(shape) or any(
+        want not in (None, have) for have, want in zip(array.shape, shape, strict=True)
+    ):
         words = ", ".join("any" if want is None else str(want) for want in shape)
         raise ValueError(f"{name} has the shape {array.shape}, not ({words})")
 

@@ -52,32 +52,61 @@ CHANNELS: tuple[Channel, ...] = (
     Channel("aileron_deg", "deg", "aileron deflection", "aileron"),
     Channel("rudder_deg", "deg", "rudder deflection", "rudder"),
     Channel("elevator_deg", "deg", "elevator deflection", "elevator"),
-    Channel("equivalence_ratio", "-", "throttle; of a scramjet its fuel equivalence ratio", "equivalence_ratio"),
+    Channel(
+        "equivalence_ratio",
+        "-",
+        "throttle; of a scramjet its fuel equivalence ratio",
+        "equivalence_ratio",
+    ),
     Channel("north_m", "m", "integral of the north ground speed at altitude", "north"),
     Channel("east_m", "m", "integral of the east ground speed at altitude", "east"),
     Channel("latitude_deg", "deg", "geodetic latitude", "latitude"),
     Channel("longitude_deg", "deg", "longitude", "longitude"),
     Channel("mass_kg", "kg", "mass", "mass", nonnegative=True),
     Channel("dynamic_pressure_pa", "Pa", "dynamic pressure of the air", "q_bar", nonnegative=True),
-    Channel("flight_path_angle_command_deg", "deg", "flight path angle asked for by the altitude loop", "gamma_cmd"),
-    Channel("angle_of_attack_command_deg", "deg", "angle of attack asked for by the guidance", "alpha_cmd"),
+    Channel(
+        "flight_path_angle_command_deg",
+        "deg",
+        "flight path angle asked for by the altitude loop",
+        "gamma_cmd",
+    ),
+    Channel(
+        "angle_of_attack_command_deg",
+        "deg",
+        "angle of attack asked for by the guidance",
+        "alpha_cmd",
+    ),
     Channel("bank_command_deg", "deg", "bank asked for by the guidance", "bank_cmd"),
     Channel("aileron_command_deg", "deg", "aileron command", "cmd_aileron"),
     Channel("rudder_command_deg", "deg", "rudder command", "cmd_rudder"),
     Channel("elevator_command_deg", "deg", "elevator command", "cmd_elevator"),
     Channel("equivalence_ratio_command", "-", "throttle command", "cmd_eta"),
 )
-STANDARD_CHANNELS = tuple(channel.name for channel in CHANNELS)  # what envelopes cover unless told otherwise
+STANDARD_CHANNELS = tuple(
+    channel.name for channel in CHANNELS
+)  # what envelopes cover unless told otherwise
 CHANNELS += (
     Channel("mach", "-", "Mach number of the air", "mach", nonnegative=True),
-    Channel("load_factor_g", "g", "magnitude of the specific force", "load_factor_g", nonnegative=True),
+    Channel(
+        "load_factor_g", "g", "magnitude of the specific force", "load_factor_g", nonnegative=True
+    ),
     Channel("thrust_n", "N", "thrust", "thrust"),
-    Channel("stagnation_heat_flux_w_m2", "W/m2", "heat flux at the stagnation point", "stagnation_heat_flux_w_m2"),
+    Channel(
+        "stagnation_heat_flux_w_m2",
+        "W/m2",
+        "heat flux at the stagnation point",
+        "stagnation_heat_flux_w_m2",
+    ),
     Channel("altitude_error_m", "m", "altitude minus reference", "altitude_error_m"),
     Channel("speed_error_mps", "m/s", "speed minus reference", "speed_error_mps"),
     Channel("heading_error_deg", "deg", "heading minus reference", "heading_error_deg"),
     Channel("cross_track_m", "m", "distance to the left of the reference", "cross_track_m"),
-    Channel("angle_of_attack_error_deg", "deg", "angle of attack minus its command", "angle_of_attack_error_deg"),
+    Channel(
+        "angle_of_attack_error_deg",
+        "deg",
+        "angle of attack minus its command",
+        "angle_of_attack_error_deg",
+    ),
     Channel("bank_error_deg", "deg", "bank minus its command", "bank_error_deg"),
     Channel("altitude_measured_m", "m", "altitude as measured", "m_altitude"),
     Channel("speed_measured_mps", "m/s", "speed as measured", "m_speed"),
@@ -110,30 +139,62 @@ REFERENCE_CHANNELS: tuple[Signal, ...] = (
 CHANNEL_INDEX: dict[str, int] = {signal.name: i for i, signal in enumerate(CHANNELS)}
 
 SURFACES = ("aileron", "elevator", "rudder")
-SWINGS = {"bank": "bank error", "angle_of_attack": "angle-of-attack error", "sideslip": "sideslip"}  # that cycle
+SWINGS = {
+    "bank": "bank error",
+    "angle_of_attack": "angle-of-attack error",
+    "sideslip": "sideslip",
+}  # that cycle
 # Sources that no history records.
 _SOURCES: tuple[Source, ...] = (
     *(
-        Source(f"{name}_from_trim_deg", "deg", f"{name} deflection minus that at the start", f"{name}_from_trim_deg")
+        Source(
+            f"{name}_from_trim_deg",
+            "deg",
+            f"{name} deflection minus that at the start",
+            f"{name}_from_trim_deg",
+        )
         for name in SURFACES
     ),
     *(
-        Source(f"{name}_moved_deg", "deg", f"way of the {name} since the last tick", f"{name}_moved_deg", True)
+        Source(
+            f"{name}_moved_deg",
+            "deg",
+            f"way of the {name} since the last tick",
+            f"{name}_moved_deg",
+            True,
+        )
         for name in SURFACES
     ),
     *(
         Source(f"{name}{end}", unit, doc.format(words), f"{name}{end}", True)
         for end, unit, doc in (
-            ("_ripple_deg", "deg", "largest cycle of the {} in settled stretches so far, from side to side"),
+            (
+                "_ripple_deg",
+                "deg",
+                "largest cycle of the {} in settled stretches so far, from side to side",
+            ),
             ("_cycle_hz", "Hz", "frequency of the largest cycle of the {}"),
         )
         for name, words in SWINGS.items()
     ),
-    Source("fuel_left_kg", "kg", "mass above the empty one, infinite where no fuel burns", "fuel_left_kg"),
+    Source(
+        "fuel_left_kg",
+        "kg",
+        "mass above the empty one, infinite where no fuel burns",
+        "fuel_left_kg",
+    ),
     Source("fuel_used_kg", "kg", "mass at the start minus mass", "fuel_used_kg"),
-    Source("surface_saturated", "-", "1 with a surface or its command at the limit", "surface_saturated", True),
+    Source(
+        "surface_saturated",
+        "-",
+        "1 with a surface or its command at the limit",
+        "surface_saturated",
+        True,
+    ),
     *(
-        Source(f"effector_{i}_deg", "deg", f"deflection of the vehicle's effector {i}", f"effector_{i}")
+        Source(
+            f"effector_{i}_deg", "deg", f"deflection of the vehicle's effector {i}", f"effector_{i}"
+        )
         for i in range(MAX_EFFECTORS)
     ),
     Source("engine_failed", "-", "1 with a failed or unstarted engine", "engine_failed", True),
@@ -149,7 +210,13 @@ def effector_sources(names: Sequence[str]) -> tuple[Source, ...]:
         for kind, end, unit, words, block in (
             (Channel, "deg", "deg", "deflection of the effector", "effector_at"),
             (Channel, "command_deg", "deg", "command of the effector", "effector_asked"),
-            (Source, "saturated", "-", "1 with the deflection or command at its limit of", "effector_saturated"),
+            (
+                Source,
+                "saturated",
+                "-",
+                "1 with the deflection or command at its limit of",
+                "effector_saturated",
+            ),
         )
         for i, name in enumerate(effector_words(names))
     )

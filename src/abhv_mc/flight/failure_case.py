@@ -22,7 +22,9 @@ def failure_words(name: str) -> str:
     return f"{what} {_KINDS[parts[-1]]}"
 
 
-def failure_cases(names: Sequence[str], samples: Floats, end_time: Floats, engine_failed: Floats) -> list[str]:
+def failure_cases(
+    names: Sequence[str], samples: Floats, end_time: Floats, engine_failed: Floats
+) -> list[str]:
     """The case of each flight: every failure before the mission's end (s, [flight]), joined by ' + ', or ``none``.
 
     A failure that was to come after the flight was lost counts too, so that all controllers have the same flights in
@@ -38,7 +40,10 @@ def failure_cases(names: Sequence[str], samples: Floats, end_time: Floats, engin
                 cases.setdefault(flight, []).append(failure_words(name))
     for flight in np.flatnonzero((engine_failed > 0.0) & ~timed).tolist():
         cases.setdefault(flight, []).append(UNSTART)
-    return [" + ".join(cases[flight]) if flight in cases else NO_FAILURE for flight in range(len(end_time))]
+    return [
+        " + ".join(cases[flight]) if flight in cases else NO_FAILURE
+        for flight in range(len(end_time))
+    ]
 
 
 def failure_times(names: Sequence[str], samples: Floats) -> Floats:

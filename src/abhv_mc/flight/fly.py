@@ -10,7 +10,14 @@ import numpy as np
 from abhv_mc.array_types import Floats, Singles
 from abhv_mc.flight.arguments import Kept, make_kernel_plan, make_results
 from abhv_mc.flight.lost import fly_in_child, open_memory
-from abhv_mc.flight.plan import NOT_LEAN, FlightBlock, FlightPlan, Recording, join_blocks, recording_of
+from abhv_mc.flight.plan import (
+    NOT_LEAN,
+    FlightBlock,
+    FlightPlan,
+    Recording,
+    join_blocks,
+    recording_of,
+)
 from abhv_mc.flight.user_law import must_fly_elsewhere, open_law
 from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.kernel.flight.fly_lanes import make_fly_lanes
@@ -43,8 +50,12 @@ def make_block(plan: FlightPlan, results: KernelResults, recording: Recording) -
     """Filled results as what :func:`fly` returns."""
     tick = plan.timing.tick
     end_time = np.asarray(results.end_tick * tick, dtype=np.float64)
-    times = np.asarray(np.arange(results.history.shape[1]) * recording.every * tick, dtype=np.float64)
-    block = FlightBlock(results.outcome, end_time, results.metrics, results.history, times, results.states)
+    times = np.asarray(
+        np.arange(results.history.shape[1]) * recording.every * tick, dtype=np.float64
+    )
+    block = FlightBlock(
+        results.outcome, end_time, results.metrics, results.history, times, results.states
+    )
     if not recording.extremes:
         return block
     low, high = join_bins(results.low, results.high, results.history)
@@ -71,7 +82,9 @@ def fly(
     sampled = any(metric.statistic == Statistic.QUANTILE for metric in plan.metrics)
     if sampled and len(parameters) > _SAMPLED and not keep_states and start is None:
         starts = range(0, len(parameters), _SAMPLED)
-        return join_blocks([fly(plan, parameters[i : i + _SAMPLED], recording, lanes) for i in starts])
+        return join_blocks(
+            [fly(plan, parameters[i : i + _SAMPLED], recording, lanes) for i in starts]
+        )
     results = make_results(plan, len(parameters), recording, keep_states)
     with open_memory(lanes, len(parameters), plan.timing.tick) as memory:
         fly_in_memory(plan, parameters, results, recording, memory, start)
@@ -88,7 +101,9 @@ def fly_until(plan: FlightPlan, parameters: Floats, tick: int, start: Kept | Non
         return in_child(fly_until, plan, parameters, tick, start, limit=_LONGEST)
     shorter = replace(plan, timing=plan.timing._replace(ticks=tick))
     results = make_results(shorter, len(parameters), Recording(0), False, keep=True)
-    fly_in_memory(shorter, parameters, results, Recording(0), make_memory(LANES), start, memory_in_rows=True)
+    fly_in_memory(
+        shorter, parameters, results, Recording(0), make_memory(LANES), start, memory_in_rows=True
+    )
     return Kept(tick, results.kept)
 
 
@@ -102,7 +117,9 @@ def fly_in_memory(
     memory_in_rows: bool = False,
 ) -> None:
     """Fill the results. Raises ValueError, see :mod:`abhv_mc.flight.arguments`; ``memory_in_rows``: of a user law."""
-    if plan.lean and not np.array_equal(parameters[:, _NOT_LEAN], nominal_parameters(len(parameters))[:, _NOT_LEAN]):
+    if plan.lean and not np.array_equal(
+        parameters[:, _NOT_LEAN], nominal_parameters(len(parameters))[:, _NOT_LEAN]
+    ):
         raise ValueError("parameters of a lean flight disperse what it does not know")
     kernel_plan = make_kernel_plan(plan, parameters, recording, start)
     width = memory.Z.shape[1]
@@ -114,7 +131,11 @@ def fly_in_memory(
 
 def fill_quantiles(plan: FlightPlan, results: KernelResults, complete: bool) -> None:
     """Fill in metrics that are quantiles over the ticks that counted (numpy's ``linear``), where there are any."""
-    quantiles = [(i, metric.limit) for i, metric in enumerate(plan.metrics) if metric.statistic == Statistic.QUANTILE]
+    quantiles = [
+        (i, metric.limit)
+        for i, metric in enumerate(plan.metrics)
+        if metric.statistic == Statistic.QUANTILE
+    ]
     for (place, share), samples in zip(quantiles, results.samples, strict=True):
         values = results.metrics[:, place]
         for flight in np.flatnonzero(np.isfinite(values)):
@@ -129,7 +150,9 @@ def join_bins(low: Floats, high: Floats, history: Singles) -> tuple[Singles, Sin
     low, high: of each bin, the first above the second where there was no value; history: [flight, sample, channel].
     """
     seen = low <= high
-    return _join(np.where(seen, low, np.nan), history, np.fmin), _join(np.where(seen, high, np.nan), history, np.fmax)
+    return _join(np.where(seen, low, np.nan), history, np.fmin), _join(
+        np.where(seen, high, np.nan), history, np.fmax
+    )
 
 
 def _join(bins: Floats, history: Singles, extreme: np.ufunc) -> Singles:

@@ -56,18 +56,28 @@ def fly_in_child(
             raise
         if len(parameters) > 1:
             rows = (row[None] for row in parameters)
-            return join_blocks([fly_in_child(fly, plan, row, recording, lanes, keep_states) for row in rows])
+            return join_blocks(
+                [fly_in_child(fly, plan, row, recording, lanes, keep_states) for row in rows]
+            )
     try:
         return attempt(parameters)
     except LostError as lost:
         words = f"{lost.words}{describe_last_tick(lost.process)}"
-        print(f"{plan.controller}: the law was lost with a flight: {words}", file=sys.stderr, flush=True)
+        print(
+            f"{plan.controller}: the law was lost with a flight: {words}",
+            file=sys.stderr,
+            flush=True,
+        )
         outcome = find_lost_outcome(plan.law, lost.hung)
         return make_lost(plan, outcome, recording, len(plan.metrics), keep_states)
 
 
 def make_lost(
-    plan: FlightPlan, outcome: Outcome, recording: Recording, metrics: int, keep_states: bool = False
+    plan: FlightPlan,
+    outcome: Outcome,
+    recording: Recording,
+    metrics: int,
+    keep_states: bool = False,
 ) -> FlightBlock:
     """The row of one flight of which nothing is known."""
     times = np.arange(recording.count_samples(plan.timing)) * (recording.every * plan.timing.tick)
@@ -110,6 +120,9 @@ def describe_last_tick(process: int | None) -> str:
         tick = int(lane[Z_ROWS + observe.SAMPLES])
         names = Measured._fields[: s.N_MEASURED]
         values = lane[s.MEASURED : s.MEASURED + s.N_MEASURED].tolist()
-        measured = [f"{name} {v:.9g} {find_unit(f'measured.{name}')}" for name, v in zip(names, values, strict=True)]
+        measured = [
+            f"{name} {v:.9g} {find_unit(f'measured.{name}')}"
+            for name, v in zip(names, values, strict=True)
+        ]
         words = f", at {tick * lane[-1]:g} s (tick {tick}), measured: {', '.join(measured)}"
     return words

@@ -44,7 +44,9 @@ class Metric(Signal):
     leads: bool = False  # whether it stands first in a report where the campaign requires nothing
     customary: float = 0.0  # least that is customary of a margin
     plateaus: tuple[float, ...] = ()  # values that many flights share
-    finding: Literal["", "saturates", "cycles", "leaves_tables"] = ""  # what a report says of flights with much of it
+    finding: Literal["", "saturates", "cycles", "leaves_tables"] = (
+        ""  # what a report says of flights with much of it
+    )
     band: Bounds | None = None  # where a campaign requires it on both sides
 
     @property
@@ -82,8 +84,14 @@ class Metric(Signal):
 
     def as_entry(self) -> dict[str, Any]:
         """The record with the keys by which a campaign declares a metric."""
-        words = {key: getattr(self, key) for key in ("name", "label", "unit", "doc", "bad", "group", "of", "settled")}
-        words |= {"statistic": self.statistic.word, "limit": self.limit if self.statistic in TAKES_LIMIT else None}
+        words = {
+            key: getattr(self, key)
+            for key in ("name", "label", "unit", "doc", "bad", "group", "of", "settled")
+        }
+        words |= {
+            "statistic": self.statistic.word,
+            "limit": self.limit if self.statistic in TAKES_LIMIT else None,
+        }
         words["share"] = self.limit if self.statistic == Statistic.QUANTILE else None
         return words | {"from": self.start, "to": self.end if self.end < math.inf else None}
 
@@ -124,12 +132,30 @@ def _count(
 ) -> Metric:
     """What is bad of a metric, and what it is where nothing was flown, follow from how it is counted."""
     never = is_never_negative(statistic, nonnegative)
-    empty = {Statistic.MIN: math.inf, Statistic.MAX: -math.inf}.get(statistic, 0.0) if not never else 0.0
+    empty = (
+        {Statistic.MIN: math.inf, Statistic.MAX: -math.inf}.get(statistic, 0.0)
+        if not never
+        else 0.0
+    )
     bad = bad or default_bad(statistic)
-    return Metric(name, unit, doc, label, bad, group, of, statistic, empty=empty, never_negative=never, **others)
+    return Metric(
+        name,
+        unit,
+        doc,
+        label,
+        bad,
+        group,
+        of,
+        statistic,
+        empty=empty,
+        never_negative=never,
+        **others,
+    )
 
 
-def _error(name: str, unit: str, words: str, label: str, of: str, leads: str = "") -> tuple[Metric, ...]:
+def _error(
+    name: str, unit: str, words: str, label: str, of: str, leads: str = ""
+) -> tuple[Metric, ...]:
     end = name_end(unit)
     return tuple(
         _count(f"{name}_{kind}_{end}", unit, f"{words}, {doc}", f"{label}, {kind}", "tracking", of, statistic,
@@ -144,7 +170,16 @@ def _error(name: str, unit: str, words: str, label: str, of: str, leads: str = "
 def _settled(name: str, label: str) -> Metric:
     doc = "the same, largest, leaving out 5 s after each step of the reference"
     label, of = f"{label}, settled, max", f"{name}_deg"
-    return _count(f"{name}_settled_max_deg", "deg", doc, label, "tracking", of, Statistic.MAX_ABS, settled=True)
+    return _count(
+        f"{name}_settled_max_deg",
+        "deg",
+        doc,
+        label,
+        "tracking",
+        of,
+        Statistic.MAX_ABS,
+        settled=True,
+    )
 
 
 def _surface(name: str) -> tuple[Metric, ...]:
@@ -207,7 +242,9 @@ METRICS: tuple[Metric, ...] = (
 )  # fmt: skip
 
 
-def _margin(name: str, unit: str, doc: str, label: str, plateaus: tuple[float, ...], customary: float = 0.0) -> Metric:
+def _margin(
+    name: str, unit: str, doc: str, label: str, plateaus: tuple[float, ...], customary: float = 0.0
+) -> Metric:
     return Metric(name, unit, doc, label, "low", "stability", "", Statistic.MIN, never_negative=True,
                   plateaus=plateaus, customary=customary)  # fmt: skip
 
@@ -227,7 +264,11 @@ GAIN_MARGIN, PHASE_MARGIN = MARGINS[:2]
 # Why there is none, which counts as a margin of zero.
 MARGIN_FAULTS: tuple[Signal, ...] = (
     Signal("margin_points_unstable", "-", "points at which the closed loop is unstable"),
-    Signal("margin_points_at_limit", "-", "points at which a command, a surface or the engine stands at a limit"),
+    Signal(
+        "margin_points_at_limit",
+        "-",
+        "points at which a command, a surface or the engine stands at a limit",
+    ),
 )
 MARGIN_VALUES: tuple[Signal, ...] = (*MARGINS, *MARGIN_FAULTS)
 MARGIN_NAMES = tuple(metric.name for metric in MARGINS)
@@ -250,13 +291,18 @@ def effector_metrics(names: Iterable[str]) -> tuple[Metric, ...]:
 
 METRIC_INDEX: dict[str, int] = {metric.name: i for i, metric in enumerate(METRICS)}
 BUILT_IN: dict[str, Metric] = {metric.name: metric for metric in (*METRICS, *MARGINS)}
-SURFACE_USAGE = tuple(m.name for m in METRICS if m.group == "usage" and m.statistic == Statistic.RMS)
+SURFACE_USAGE = tuple(
+    m.name for m in METRICS if m.group == "usage" and m.statistic == Statistic.RMS
+)
 ENGINE_FAILED, ELEVATOR_TRAVEL = (
-    next(m.name for m in METRICS if m.of == source) for source in ("engine_failed", "elevator_moved_deg")
+    next(m.name for m in METRICS if m.of == source)
+    for source in ("engine_failed", "elevator_moved_deg")
 )
 
 _TEXT = tuple(
-    field.name for field in fields(Metric) if field.name not in ("customary", "plateaus", "leads", "band", "finding")
+    field.name
+    for field in fields(Metric)
+    if field.name not in ("customary", "plateaus", "leads", "band", "finding")
 )
 NO_METRICS: NDArray[np.str_] = np.empty((0, len(_TEXT)), dtype=np.str_)
 
@@ -268,7 +314,13 @@ def pack_metrics(metrics: Iterable[Metric]) -> NDArray[np.str_]:
 
 
 def _as_text(value: Any) -> str:
-    return value.name if isinstance(value, Statistic) else str(int(value)) if isinstance(value, bool) else str(value)
+    return (
+        value.name
+        if isinstance(value, Statistic)
+        else str(int(value))
+        if isinstance(value, bool)
+        else str(value)
+    )
 
 
 def unpack_metrics(rows: NDArray[np.str_]) -> tuple[Metric, ...]:
@@ -283,5 +335,7 @@ def _record(text: dict[str, Any]) -> Metric:
     text |= {name: float(text[name]) for name in ("limit", "start", "end", "empty")}
     text |= {name: text[name] == "1" for name in ("settled", "never_negative")}
     if text["bad"] not in ("high", "low", "size") or text["group"] not in ("user", "usage"):
-        raise ValueError(f"a declared metric that is bad when {text['bad']}, of the group {text['group']}")
+        raise ValueError(
+            f"a declared metric that is bad when {text['bad']}, of the group {text['group']}"
+        )
     return Metric(**text)

@@ -32,7 +32,9 @@ def check_native(plan: FlightPlan) -> None:
         found = f"a law that does not fly the first {_TICKS} ticks of a nominal flight: {words}"
         raise InputError(file, found, "a law that returns") from None
     if not same:
-        found = "a law that keeps memory of its own: a flight depends on those beside it or before it"
+        found = (
+            "a law that keeps memory of its own: a flight depends on those beside it or before it"
+        )
         expected = "all memory in the flight's state, and nothing in statics"
         raise InputError(file, found, expected)
 
@@ -45,7 +47,9 @@ def check_states(plan: FlightPlan) -> None:
 
 def _try_once(is_right: Callable[[FlightPlan], bool], plan: FlightPlan, ticks: int) -> bool:
     """What a check of a plan's law says in the child; what was found right is noted by the law's content."""
-    key = hashlib.sha256(f"{plan_source(plan).hash} {plan.settings.tolist()}".encode()).hexdigest()[:24]
+    key = hashlib.sha256(f"{plan_source(plan).hash} {plan.settings.tolist()}".encode()).hexdigest()[
+        :24
+    ]
     note = laws_folder() / f"{is_right.__name__.strip('_')}_{key}"
     if note.exists():
         return True
@@ -61,13 +65,17 @@ def _is_same(plan: FlightPlan) -> bool:
     apart = [fly(plan, row[None], 1).history[0] for row in parameters]
     together = fly(plan, parameters, 1).history
     swapped = fly(plan, parameters[::-1], 1).history[::-1]
-    return all(np.array_equal(each, np.stack(apart), equal_nan=True) for each in (together, swapped))
+    return all(
+        np.array_equal(each, np.stack(apart), equal_nan=True) for each in (together, swapped)
+    )
 
 
 def _has_all_states(plan: FlightPlan) -> bool:
     parameters = _two_flights()
     alone = fly(plan, parameters, 1, keep_states=True).states[:, 1:]
-    anew = fly(plan, parameters, 1, keep_states=True, start=fly_until(plan, parameters, 0)).states[:, 1:]
+    anew = fly(plan, parameters, 1, keep_states=True, start=fly_until(plan, parameters, 0)).states[
+        :, 1:
+    ]
     return np.allclose(anew, alone, rtol=_ALIKE, atol=_ALIKE, equal_nan=True)
 
 

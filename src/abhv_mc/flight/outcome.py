@@ -56,7 +56,10 @@ class Outcomes:
         return tuple(map(self.codes.__getitem__, numbers.tolist()))
 
 
-LAW_LOST = (Outcome.LAW_CRASHED, Outcome.LAW_HUNG)  # they count as a failed law does, and have no metrics
+LAW_LOST = (
+    Outcome.LAW_CRASHED,
+    Outcome.LAW_HUNG,
+)  # they count as a failed law does, and have no metrics
 
 
 def find_lost_outcome(law: str, hung: bool) -> Outcome:
@@ -91,7 +94,9 @@ _OF_A_SIMULATOR = {
     Outcome.FAILED_TO_RUN: "The flight could not be computed (a crash, the time limit, or no answer that counts).",
 }
 _FIRST_DECLARED = 100  # number of the first outcome that a user's simulator declares
-OUTCOMES = Outcomes({int(o): o.code for o in Outcome}, {o.code: words for o, words in SENTENCES.items()})
+OUTCOMES = Outcomes(
+    {int(o): o.code for o in Outcome}, {o.code: words for o, words in SENTENCES.items()}
+)
 
 
 def simulator_outcomes(declared: Mapping[str, str]) -> Outcomes:
@@ -133,7 +138,10 @@ class Limit:
     bounds: Callable[[Limits], tuple[float, float]]
 
 
-_SOURCES = {"dynamic_pressure": "q_bar", "flight_path_angle": "gamma"}  # where the lane memory calls it so
+_SOURCES = {
+    "dynamic_pressure": "q_bar",
+    "flight_path_angle": "gamma",
+}  # where the lane memory calls it so
 
 
 def _end(name: str) -> Limit:
@@ -141,7 +149,9 @@ def _end(name: str) -> Limit:
     return Limit(Outcome.OK, _SOURCES.get(name, name), lambda limits: getattr(limits.end, name))
 
 
-NEAREST_POLE = math.radians(89.995)  # latitude; 560 m from the pole Mach 10 turns 0.05 rad a step about it
+NEAREST_POLE = math.radians(
+    89.995
+)  # latitude; 560 m from the pole Mach 10 turns 0.05 rad a step about it
 _RIPPLES = ("bank_ripple", "angle_of_attack_ripple", "sideslip_ripple")
 _DEG = 180.0 / math.pi
 
@@ -161,11 +171,19 @@ LIMITS: tuple[Limit, ...] = (
     _above(Outcome.HEAT_FLUX_LIMIT, "stagnation_heat_flux_w_m2", "heat_flux"),
     _above(Outcome.LOAD_FACTOR_LIMIT, "load_factor_g", "load_factor"),
     _above(Outcome.DYNAMIC_PRESSURE_LIMIT, "q_bar", "dynamic_pressure"),
-    Limit(Outcome.SIDESLIP_LIMIT, "sideslip", lambda limits: (-limits.sideslip_max, limits.sideslip_max)),
+    Limit(
+        Outcome.SIDESLIP_LIMIT,
+        "sideslip",
+        lambda limits: (-limits.sideslip_max, limits.sideslip_max),
+    ),
     Limit(
         Outcome.ANGLE_OF_ATTACK_LIMIT,
         "angle_of_attack",
         lambda limits: (limits.angle_of_attack_min, limits.angle_of_attack_max),
     ),
-    Limit(Outcome.ALTITUDE_LIMIT, "altitude", lambda limits: (limits.altitude_min, limits.altitude_max)),
+    Limit(
+        Outcome.ALTITUDE_LIMIT,
+        "altitude",
+        lambda limits: (limits.altitude_min, limits.altitude_max),
+    ),
 )

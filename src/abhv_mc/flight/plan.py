@@ -40,14 +40,21 @@ class Recording(NamedTuple):
 
 def recording_of(asked: Recording | int | None, plan: "FlightPlan") -> Recording:
     """What is asked for; a number stands for samples of every channel so many control ticks apart, None for nothing."""
-    return asked if isinstance(asked, Recording) else Recording(asked or 0, tuple(range(len(plan.channels))))
+    return (
+        asked
+        if isinstance(asked, Recording)
+        else Recording(asked or 0, tuple(range(len(plan.channels))))
+    )
 
 
 # Beginnings of the names of dispersions that a lean flight does not know.
 NOT_LEAN = ("wind.", "sensor.", "failure.", "atmosphere.density_at_", "control.effector_")
 
 
-SENSOR_TIMES = ("sensor.delay", *(f"sensor.{name}_{what}" for name in ALL_SENSORS for what in ("lag", "interval")))
+SENSOR_TIMES = (
+    "sensor.delay",
+    *(f"sensor.{name}_{what}" for name in ALL_SENSORS for what in ("lag", "interval")),
+)
 
 
 def find_late(parameters: Floats, tick: float) -> tuple[str, str] | None:
@@ -78,23 +85,43 @@ class FlightPlan:
     reference: Floats  # [tick, column] see abhv_mc.kernel.laws.columns
     gains: Floats  # [tick, gain] columns as the law names them
     settings: Floats  # the law's constants (differentiator bandwidths, command limits)
-    profile: Floats = field(default_factory=no_profile)  # [knot, column] nominal air, see abhv_mc.kernel.plant.air_data
-    warnings: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))  # sentences for the user
-    gain_names: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))  # of a user law
-    declared: NDArray[np.str_] = field(default_factory=NO_METRICS.copy)  # metrics of a campaign, as pack_metrics gives
-    user_sources: NDArray[np.str_] = field(default_factory=NO_SOURCES.copy)  # [channel, 2] name and unit
-    period: int = 0  # ticks after which a user law says that it does the same again; 0 where it does not say
+    profile: Floats = field(
+        default_factory=no_profile
+    )  # [knot, column] nominal air, see abhv_mc.kernel.plant.air_data
+    warnings: NDArray[np.str_] = field(
+        default_factory=lambda: np.empty(0, dtype=np.str_)
+    )  # sentences for the user
+    gain_names: NDArray[np.str_] = field(
+        default_factory=lambda: np.empty(0, dtype=np.str_)
+    )  # of a user law
+    declared: NDArray[np.str_] = field(
+        default_factory=NO_METRICS.copy
+    )  # metrics of a campaign, as pack_metrics gives
+    user_sources: NDArray[np.str_] = field(
+        default_factory=NO_SOURCES.copy
+    )  # [channel, 2] name and unit
+    period: int = (
+        0  # ticks after which a user law says that it does the same again; 0 where it does not say
+    )
     source_hash: str = ""  # of its text, "" for the laws of the program
     channels_hash: str = ""  # of the text of user channels
-    source: UserSource | None = field(default=None, metadata={"stored": False})  # its text: travels, is not stored
+    source: UserSource | None = field(
+        default=None, metadata={"stored": False}
+    )  # its text: travels, is not stored
     channels_source: UserSource | None = field(default=None, metadata={"stored": False})
-    vehicle_code: VehicleCode | None = field(default=None, metadata={"stored": False})  # of vehicle.foreign's digest
-    lean: bool = field(default=False, metadata={"stored": False})  # flown by less code with the same bits, see lean_for
+    vehicle_code: VehicleCode | None = field(
+        default=None, metadata={"stored": False}
+    )  # of vehicle.foreign's digest
+    lean: bool = field(
+        default=False, metadata={"stored": False}
+    )  # flown by less code with the same bits, see lean_for
 
     def lean_for(self, names: Collection[str]) -> "Self":
         """The plan for flights with dispersions of these names, whatever their values: processes compile the same."""
         vehicle, foreign = self.vehicle, self.vehicle.foreign
-        plain = self.law in ("tlc", "lqr") and not (self.channels_hash or foreign.aerodynamics or foreign.propulsion)
+        plain = self.law in ("tlc", "lqr") and not (
+            self.channels_hash or foreign.aerodynamics or foreign.propulsion
+        )
         whole = not (vehicle.constants.inlet.unstarts or vehicle.constants.driven)
         calm = len(self.profile) == 0 and not any(name.startswith(NOT_LEAN) for name in names)
         return replace(self, lean=bool(plain and whole and calm))
@@ -124,9 +151,15 @@ class FlightBlock:
     metrics: Floats  # [flight, metric] in the order of the plan's metrics
     history: Singles  # [flight, time, channel] the recorded channels; NaN after the end
     times: Floats  # [time] s
-    states: Floats = field(default_factory=lambda: np.empty((0, 0, 0)))  # [flight, time, state], where asked for
-    low: Singles | None = None  # [time, channel] least and greatest value of these flights at any control tick from
-    high: Singles | None = None  # the time before to the one after, NaN where nobody flew; None where not asked for
+    states: Floats = field(
+        default_factory=lambda: np.empty((0, 0, 0))
+    )  # [flight, time, state], where asked for
+    low: Singles | None = (
+        None  # [time, channel] least and greatest value of these flights at any control tick from
+    )
+    high: Singles | None = (
+        None  # the time before to the one after, NaN where nobody flew; None where not asked for
+    )
     flown_by: tuple[Flyer, ...] = ()  # processes, where it has been signed
 
     @property

@@ -15,7 +15,12 @@ from abhv_mc.control.controller_file import (
 from abhv_mc.control.design.design_model import make_environment, slope, wrench_at
 from abhv_mc.control.design.guidance_trim import trim_faults
 from abhv_mc.control.design.lqr_design import make_lqr_gains, make_lqr_settings
-from abhv_mc.control.design.reference import make_mission_trim_tables, make_start_trim, on_glide_path, solve_reference
+from abhv_mc.control.design.reference import (
+    make_mission_trim_tables,
+    make_start_trim,
+    on_glide_path,
+    solve_reference,
+)
 from abhv_mc.control.design.tlc_design import make_tlc_gains, make_tlc_settings
 from abhv_mc.control.law_file import USER_LAWS, CController, PythonController, UserController
 from abhv_mc.control.mission import Mission, read_mission
@@ -60,7 +65,8 @@ def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> Flight
     if packed.constants.surface_limit == 0.0 or (glides and user_code is None):
         found = "a vehicle without control surfaces or engine"
         expected = (
-            "one with both, to fly a mission with this controller (a law of your own flies one without an engine)"
+            "one with both, to fly a mission with this controller (a law of your own flies "
+            "one without an engine)"
         )
         raise InputError(vehicle, found, expected)
     if isinstance(law, TlcController) and not has_authority(packed, asked):
@@ -69,7 +75,9 @@ def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> Flight
     try:
         plan = make_plan(packed, asked, law, name, mission, user_code)
     except np.linalg.LinAlgError as error:
-        found = f"a mission along which {law.law} has no gains for this vehicle ({str(error).lower()})"
+        found = (
+            f"a mission along which {law.law} has no gains for this vehicle ({str(error).lower()})"
+        )
         expected = "one where the controls rule the flight"
         raise InputError(mission, found, expected) from None
     if plan.law in NATIVE:
@@ -110,19 +118,27 @@ def user_parts_of(plan: FlightPlan) -> UserParts | None:
     columns = plan.gains[:, len(gains) :]
     times = np.arange(len(columns), dtype=np.float64) * plan.timing.tick
     names = tuple(name.removeprefix(COMMANDS) for name in commands)
-    return UserParts(plan_source(plan), plan.settings, CommandSteps(names, (times,) * len(names), tuple(columns.T)))
+    return UserParts(
+        plan_source(plan),
+        plan.settings,
+        CommandSteps(names, (times,) * len(names), tuple(columns.T)),
+    )
 
 
 def has_authority(vehicle: Vehicle, mission: Mission) -> bool:
     """Whether the deflections' moments at the start can be solved for the deflections, as control allocation does."""
     start = mission.start
-    around = make_environment(mission.make_earth(), start.altitude, start.latitude, mission.make_air())
+    around = make_environment(
+        mission.make_earth(), start.altitude, start.latitude, mission.make_air()
+    )
 
     def moment(deflections: Numbers) -> Numbers:
         nothing = 0.0 * deflections[0]
         alpha, rates = nothing + _ALPHA_OF_AUTHORITY, (nothing, nothing, nothing)
         mass, eta = vehicle.constants.mass_start, nothing + vehicle.constants.equivalence_ratio_min
-        return wrench_at(vehicle, around, mass, start.speed, alpha, nothing, rates, deflections, eta).moment
+        return wrench_at(
+            vehicle, around, mass, start.speed, alpha, nothing, rates, deflections, eta
+        ).moment
 
     return bool(np.linalg.cond(slope(moment, np.full(3, _ALPHA_OF_AUTHORITY))) < 1e12)
 
@@ -157,16 +173,22 @@ def make_plan(
     dry = np.flatnonzero(reference[:, MASS] <= vehicle.constants.mass_empty + _LEAST_FUEL)
     if vehicle.constants.burns_fuel and dry.size:
         lasts = reference[dry[0], TIME]
-        warnings.append(f"the nominal fuel lasts {lasts:.0f} s of the mission's {reference[-1, TIME]:.0f} s")
+        warnings.append(
+            f"the nominal fuel lasts {lasts:.0f} s of the mission's {reference[-1, TIME]:.0f} s"
+        )
     start = make_start_trim(mission, vehicle)
     if start.fault:
         warnings.append(f"at the start {start.fault}")
-    names, gains, settings = make_gains(controller, user_code, DesignModel(vehicle, mission, reference, trim_tables))
+    names, gains, settings = make_gains(
+        controller, user_code, DesignModel(vehicle, mission, reference, trim_tables)
+    )
     constants = vehicle.constants
     loads = tighter(mission.limits.bounds(), constants.bounds)
     if loads.heat_flux < np.inf and constants.nose_radius == 0.0:
         found = "a limit on the heat flux for a vehicle whose file gives no nose radius"
-        raise InputError(mission_file or mission.name, found, "reference.nose_radius in the vehicle's file")
+        raise InputError(
+            mission_file or mission.name, found, "reference.nose_radius in the vehicle's file"
+        )
     return FlightPlan(
         controller=name,
         law=controller.law,
@@ -195,7 +217,9 @@ def make_plan(
         source_hash=user_code.source.hash if user_code else "",
         source=user_code.source if user_code else None,
         vehicle_code=find_code(vehicle),
-        declared=pack_metrics(effector_metrics(name_effectors(vehicle)) if constants.driven else ()),
+        declared=pack_metrics(
+            effector_metrics(name_effectors(vehicle)) if constants.driven else ()
+        ),
     )
 
 
@@ -207,7 +231,9 @@ def make_gains(
         gains = make_tlc_gains(controller, model.table, model.vehicle, model.trim_tables)
         return (), gains, make_tlc_settings(controller)
     if isinstance(controller, LqrController):
-        gains = make_lqr_gains(controller, model.mission, model.table, model.vehicle, model.trim_tables)
+        gains = make_lqr_gains(
+            controller, model.mission, model.table, model.vehicle, model.trim_tables
+        )
         return (), gains, make_lqr_settings(controller)
     if user_code is None:
         raise ValueError("a controller of the user's own without its law")
@@ -251,7 +277,9 @@ def make_initial_state(mission: Mission, vehicle: Vehicle, trim: TrimPoint) -> F
     x[s.U], x[s.W] = start.speed * np.cos(alpha), start.speed * np.sin(alpha)
     attitude = from_euler(start.heading, start.flight_path_angle + alpha, 0.0)
     if start.bank:
-        half = 0.5 * start.bank  # about the velocity, which in body axes is (cos alpha, 0, sin alpha)
+        half = (
+            0.5 * start.bank
+        )  # about the velocity, which in body axes is (cos alpha, 0, sin alpha)
         turned = np.cos(half), np.sin(half) * np.cos(alpha), 0.0, np.sin(half) * np.sin(alpha)
         attitude = multiply(*attitude, *turned)
     x[s.Q0 : s.Q3 + 1] = attitude

@@ -46,7 +46,9 @@ def open_vehicle(plan: FlightPlan, width: int) -> Iterator[UserCode]:
 
 
 @contextlib.contextmanager
-def open_law(plan: FlightPlan, width: int, memory_in_rows: bool = False, flights: int = TOGETHER) -> Iterator[UserCode]:
+def open_law(
+    plan: FlightPlan, width: int, memory_in_rows: bool = False, flights: int = TOGETHER
+) -> Iterator[UserCode]:
     """The law and the channels of a plan for ``width`` lanes and so many flights; nothing for a plan without its own.
 
     ``memory_in_rows``: a law in plain Python or native code has its memory where a compiled one has it, see
@@ -68,14 +70,22 @@ def open_law(plan: FlightPlan, width: int, memory_in_rows: bool = False, flights
         memory = len(native_memory(plan)) if memory_in_rows else None
         gains, seen = tuple(plan.gain_names.tolist()), measured_count(plan)
         open_native = open_c_law if plan.law == "c" else open_fmu
-        made = open_native(plan_source(plan), gains, width, places, memory, seen, name_effectors(plan.vehicle))
+        made = open_native(
+            plan_source(plan), gains, width, places, memory, seen, name_effectors(plan.vehicle)
+        )
         address, context = made.address, made.context
     if plan.channels_hash:
-        channels = int(compile_channels(_checked(plan.channels_source, plan.channels_hash), width).address)
+        channels = int(
+            compile_channels(_checked(plan.channels_source, plan.channels_hash), width).address
+        )
     try:
         with open_vehicle(plan, width) as vehicle:
             yield vehicle._replace(
-                address=address, onboard=onboard, channels=channels, more=int(asks_for_more(plan)), context=context
+                address=address,
+                onboard=onboard,
+                channels=channels,
+                more=int(asks_for_more(plan)),
+                context=context,
             )
     finally:
         if plan.law in NATIVE:
@@ -89,11 +99,18 @@ def asks_for_more(plan: FlightPlan) -> bool:
     source = plan_source(plan)
     files = {name: content.decode(errors="replace") for name, content in source.files}
     if plan.law == "c":
-        unknown = (source.recipe or {})["library"] is not None  # a library does not say, nor a struct copied whole
-        return unknown or any(re.search(rf"\b({_MORE}|memcpy|memmove)\b", text) for text in files.values())
+        unknown = (source.recipe or {})[
+            "library"
+        ] is not None  # a library does not say, nor a struct copied whole
+        return unknown or any(
+            re.search(rf"\b({_MORE}|memcpy|memmove)\b", text) for text in files.values()
+        )
     if plan.law == PYTHON and "measured" not in load_plan_law(plan).arguments:
         return False
-    texts = source.text, *(text for name, text in files.items() if plan.law == PYTHON and name.endswith(".py"))
+    texts = (
+        source.text,
+        *(text for name, text in files.items() if plan.law == PYTHON and name.endswith(".py")),
+    )
     return any(re.search(rf"\.({_MORE})\b", text) for text in texts)
 
 
@@ -139,7 +156,10 @@ def native_memory(plan: FlightPlan) -> dict[str, float]:
 
 def hidden_memory(plan: FlightPlan) -> InputError:
     """What to raise where slopes are asked of a law whose memory is not known."""
-    words = {"c": "a law whose memory is not known", "fmu": "an FMU that remembers more than states that can be set"}
+    words = {
+        "c": "a law whose memory is not known",
+        "fmu": "an FMU that remembers more than states that can be set",
+    }
     needed = {
         "c": "abhv_law_state_get and abhv_law_state_set",
         "fmu": "all that it remembers in its modelDescription's Derivatives, with start values that can be set",
@@ -157,7 +177,11 @@ def _python_memory(law: Law) -> dict[str, float]:
         return {}
     names = getattr(law.memory, "_fields", ())
     defaults = getattr(law.memory, "_field_defaults", {})
-    if not names or len(names) > MAX_MEMORY or not all(is_number(defaults.get(name)) for name in names):
+    if (
+        not names
+        or len(names) > MAX_MEMORY
+        or not all(is_number(defaults.get(name)) for name in names)
+    ):
         found = "a law in plain Python whose memory is no NamedTuple of numbers"
         raise InputError(law.source.file, found, "such a Memory, of which slopes can be taken")
     return {name: float(defaults[name]) for name in names}
@@ -177,5 +201,7 @@ def law_memory(plan: FlightPlan) -> dict[str, tuple[int, float]]:
             "onboard.last.elevator": (s.CMD_ELEVATOR, s.ELEVATOR),
             "onboard.last.equivalence_ratio": (s.CMD_ETA, s.ETA),
         }
-        rows |= {name: (row, float(plan.initial_state[state])) for name, (row, state) in last.items()}
+        rows |= {
+            name: (row, float(plan.initial_state[state])) for name, (row, state) in last.items()
+        }
     return rows

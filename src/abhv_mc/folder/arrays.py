@@ -16,10 +16,19 @@ def write_array(path: Path, *parts: NDArray[Any]) -> None:
     """Write an array whole that comes in parts [row, ...]. Raises StorageFullError or InputError where it cannot."""
     header = io.BytesIO()
     shape = (sum(map(len, parts)), *parts[0].shape[1:])
-    np.lib.format.write_array_header_1_0(header, {"descr": parts[0].dtype.str, "fortran_order": False, "shape": shape})
-    pieces = [header.getbuffer(), *(np.ascontiguousarray(part).data.cast("B") for part in parts if part.size)]
+    np.lib.format.write_array_header_1_0(
+        header, {"descr": parts[0].dtype.str, "fortran_order": False, "shape": shape}
+    )
+    pieces = [
+        header.getbuffer(),
+        *(np.ascontiguousarray(part).data.cast("B") for part in parts if part.size),
+    ]
     checksum = 0
-    with explain_os_error(path, writing=True), atomic_write(path) as temporary, temporary.open("wb") as file:
+    with (
+        explain_os_error(path, writing=True),
+        atomic_write(path) as temporary,
+        temporary.open("wb") as file,
+    ):
         for piece in pieces:
             checksum = zlib.crc32(piece, checksum)
             file.write(piece)

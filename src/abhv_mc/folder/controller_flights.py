@@ -33,7 +33,9 @@ class ControllerFlights:
     outcome: NDArray[np.uint8]  # [flight], of `Outcome`
     metrics: Mapping[str, Floats]  # name -> [flight], copied anew each time
     absent: NDArray[np.int64]  # numbers of the flights that could not be computed, ascending
-    records: Mapping[str, Metric] = field(default_factory=lambda: BUILT_IN)  # of the metrics, with what is bad
+    records: Mapping[str, Metric] = field(
+        default_factory=lambda: BUILT_IN
+    )  # of the metrics, with what is bad
     ends: Outcomes = OUTCOMES  # how they may end
 
     @property
@@ -54,7 +56,11 @@ class ControllerFlights:
     def count_outcomes(self) -> dict[str, int]:
         """How many flights ended in each way that occurred, by its code."""
         counts = np.bincount(self.outcome, minlength=max(self.ends.codes) + 1).tolist()
-        return {code: counts[number] for code, number in sorted(self.ends.numbers.items()) if counts[number]}
+        return {
+            code: counts[number]
+            for code, number in sorted(self.ends.numbers.items())
+            if counts[number]
+        }
 
 
 def severities(flights: ControllerFlights, metric: str, rows: Any = slice(None)) -> Floats:
@@ -62,7 +68,9 @@ def severities(flights: ControllerFlights, metric: str, rows: Any = slice(None))
 
     Of all flights, or of those in `rows`.
     """
-    return severity(flights.metrics[metric][rows], flights.records[metric].bad, flights.failed[rows])
+    return severity(
+        flights.metrics[metric][rows], flights.records[metric].bad, flights.failed[rows]
+    )
 
 
 def distances(flights: ControllerFlights, metric: str, rows: Any = slice(None)) -> Floats:
@@ -104,7 +112,9 @@ class _Collected:
             order = np.argsort(flight, kind="stable")
             flight, outcome = flight[order], outcome[order]
             self.metrics.put_in_order(order)
-        return ControllerFlights(flight, outcome, self.metrics, np.sort(np.concatenate(self.absent)), records, ends)
+        return ControllerFlights(
+            flight, outcome, self.metrics, np.sort(np.concatenate(self.absent)), records, ends
+        )
 
 
 def read_flights(
@@ -137,7 +147,9 @@ def read_flights(
         outcome = np.array([ends.numbers[code] for code in codes], dtype=np.uint8)[which]
         for k, name in enumerate(names):
             rows = owner == k
-            collected.setdefault(name, _Collected(metrics)).add(flight[rows], outcome[rows], values[:, rows])
+            collected.setdefault(name, _Collected(metrics)).add(
+                flight[rows], outcome[rows], values[:, rows]
+            )
     flown = {name: found.finish(records, ends) for name, found in collected.items()}
     flown = {name: flights for name, flights in flown.items() if flights.flight.size}
     if not flown:
@@ -147,7 +159,9 @@ def read_flights(
 
 def _find_metrics(schema: pa.Schema) -> list[str]:
     """Columns of numbers that are no samples, whose names have a point, or a mark."""
-    floats = [field for field in schema if "." not in field.name and pa.types.is_floating(field.type)]
+    floats = [
+        field for field in schema if "." not in field.name and pa.types.is_floating(field.type)
+    ]
     return [field.name for field in floats if INPUT not in (field.metadata or {})]
 
 
@@ -158,7 +172,9 @@ class Ranking:
     controllers: tuple[str, ...]
     controller: NDArray[np.intp]  # [place] index of the controller
     row: NDArray[np.intp]  # [place] row among its flights
-    beyond: Mapping[str, Floats]  # controller -> [row] largest distance, in its limit's unit; infinite where lost
+    beyond: Mapping[
+        str, Floats
+    ]  # controller -> [row] largest distance, in its limit's unit; infinite where lost
     by: Mapping[str, NDArray[np.intp]]  # controller -> [row] the criterion of that distance
 
     def rows_of(self, name: str) -> NDArray[np.intp]:
@@ -167,13 +183,19 @@ class Ranking:
 
     def places_of(self, name: str) -> NDArray[np.intp]:
         """The place of each row [flight] of a controller among the flights of all."""
-        return np.flatnonzero(self.controller == self.controllers.index(name))[np.argsort(self.rows_of(name))]
+        return np.flatnonzero(self.controller == self.controllers.index(name))[
+            np.argsort(self.rows_of(name))
+        ]
 
 
-def rank_flights(flights: Mapping[str, ControllerFlights], criteria: Sequence[Criterion]) -> Ranking:
+def rank_flights(
+    flights: Mapping[str, ControllerFlights], criteria: Sequence[Criterion]
+) -> Ranking:
     """Rank the flights of each controller; where a limit has no size, the first one's flights give the unit."""
     first = next(iter(flights.values()))
-    scales = [criterion.scale(first.metrics[criterion.metric][~first.failed]) for criterion in criteria]
+    scales = [
+        criterion.scale(first.metrics[criterion.metric][~first.failed]) for criterion in criteria
+    ]
     beyond, by = {}, {}
     for name, each in flights.items():
         table = np.zeros((max(1, len(criteria)), each.flight.size))
@@ -193,7 +215,11 @@ def read_worst(folder: CampaignFolder, campaign: Experiment, number: int) -> dic
     """Numbers of the worst flights of each controller, of those in the folder. Raises InputError without a flight."""
     criteria = campaign.criteria
     columns = {criterion.metric for criterion in criteria} | {END_TIME.name}
-    held = read_flights(folder.flights, records=campaign.metrics, columns=columns, ends=campaign.outcomes)
+    held = read_flights(
+        folder.flights, records=campaign.metrics, columns=columns, ends=campaign.outcomes
+    )
     flights = {name: held[name] for name in campaign.controllers if name in held}
     ranking = rank_flights(flights, criteria)
-    return {name: each.flight[ranking.rows_of(name)[:number]].tolist() for name, each in flights.items()}
+    return {
+        name: each.flight[ranking.rows_of(name)[:number]].tolist() for name, each in flights.items()
+    }

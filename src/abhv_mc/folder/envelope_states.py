@@ -55,8 +55,12 @@ class Collector:
         """``flown`` [flight]: which of the campaign's flights have their row."""
         self._folder, self._controller, self._cells = folder / "blocks", controller, cells
         self.recorded = cells.recording
-        self.covered = np.arange(len(flown)) >= ENVELOPE_FLIGHTS  # [flight] which are in, or not wanted
-        self._blocks: dict[Path, tuple[int, int, Floats]] = {}  # those that are whole, with their flights and times
+        self.covered = (
+            np.arange(len(flown)) >= ENVELOPE_FLIGHTS
+        )  # [flight] which are in, or not wanted
+        self._blocks: dict[
+            Path, tuple[int, int, Floats]
+        ] = {}  # those that are whole, with their flights and times
         for path in self._folder.glob(f"{controller}-*.npy"):
             with contextlib.suppress(DamagedFileError):
                 name, first, stop = parse_block_name(path)
@@ -73,7 +77,9 @@ class Collector:
     def _is_block(self, values: NDArray[Any], flights: int) -> bool:
         width, times = len(self._cells.channels), self._cells.times
         whole = values.dtype == np.float32 and values.ndim == 2 and len(values) == flights + _MORE
-        return whole and (values.shape[1] % width == 0 if times is None else values.shape[1] == width * len(times))
+        return whole and (
+            values.shape[1] % width == 0 if times is None else values.shape[1] == width * len(times)
+        )
 
     def add(self, first: int, block: FlightBlock) -> None:
         flights, times, channels = block.history.shape
@@ -82,7 +88,12 @@ class Collector:
         if cells:
             path = self._folder / f"{self._controller}-{first:09d}-{stop:09d}.npy"
             clock = np.repeat(block.times, channels).view(np.float32).reshape(2, cells)
-            write_array(path, block.history.reshape(-1, cells), np.stack(block.extremes).reshape(2, cells), clock)
+            write_array(
+                path,
+                block.history.reshape(-1, cells),
+                np.stack(block.extremes).reshape(2, cells),
+                clock,
+            )
             self._blocks[path] = first, stop, block.times
 
     @property
@@ -90,7 +101,9 @@ class Collector:
         """Those at which any flight was, s."""
         if self._cells.times is not None:
             return self._cells.times
-        return np.unique(np.concatenate([np.empty(0), *(times for *_, times in self._blocks.values())]))
+        return np.unique(
+            np.concatenate([np.empty(0), *(times for *_, times in self._blocks.values())])
+        )
 
     def table(self, times: Floats) -> EnvelopeTable:
         """The envelopes at ``times``, which are those of all controllers."""
@@ -101,12 +114,16 @@ class Collector:
         for path, (first, stop, clock) in sorted(self._blocks.items()):
             block = read_array(path)
             if block is None:
-                raise InputError(path, "damaged or deleted meanwhile", "the same command, which makes it anew")
+                raise InputError(
+                    path, "damaged or deleted meanwhile", "the same command, which makes it anew"
+                )
             values, ends = block[:-_MORE], block[-_MORE:-2]
             begin = shape[1] * int(np.searchsorted(times, clock[0]))
             own = slice(begin, begin + block.shape[1])
             seen[:, own] = np.fmin(seen[0, own], ends[0]), np.fmax(seen[1, own], ends[1])
-            fresh = ~taken[first:stop] & _computed(values)  # blocks of two sizes may overlap after a resume
+            fresh = ~taken[first:stop] & _computed(
+                values
+            )  # blocks of two sizes may overlap after a resume
             taken[first:stop] |= fresh
             blocks.append((values, fresh, begin))
             numbers.append(np.arange(first, stop)[fresh])
@@ -144,7 +161,9 @@ def _times_of(block: Singles, channels: int) -> Floats:
 
 def _ends(seen: Singles, count: NDArray[np.int64], shape: tuple[int, int]) -> tuple[Floats, Floats]:
     """Smallest and largest values ``[time, channel]``; none where no flight flies any more."""
-    low, high = (np.where(count > 0, side.astype(np.float64), np.nan).reshape(shape) for side in seen)
+    low, high = (
+        np.where(count > 0, side.astype(np.float64), np.nan).reshape(shape) for side in seen
+    )
     return low, high
 
 

@@ -42,7 +42,9 @@ def read_table(path: Path, expected: str, columns: Sequence[str] | None = None) 
         return file.read(columns=columns, use_threads=file.num_row_groups > 1)
 
 
-def read_pieces(path: Path, expected: str, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
+def read_pieces(
+    path: Path, expected: str, columns: Sequence[str] | None = None
+) -> Iterator[pa.Table]:
     """The same, a row group at a time."""
     with _open(path, expected) as file:
         for group in range(file.num_row_groups):
@@ -77,7 +79,9 @@ class FileColumns(_Columns):
     def __getitem__(self, name: str) -> Floats:
         if name not in self._places:
             raise KeyError(name)
-        return column_values(read_table(self._path, self._expected, [name])[name]).astype(np.float64)
+        return column_values(read_table(self._path, self._expected, [name])[name]).astype(
+            np.float64
+        )
 
 
 class SpooledColumns(_Columns):

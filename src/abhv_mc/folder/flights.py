@@ -27,7 +27,10 @@ from abhv_mc.io.parquet_columns import column_values, number_column, text_column
 from abhv_mc.plant.parameters import OURS, Parameter, Parameters
 
 END_TIME = Signal("end_time_s", "s", "time at which the flight ended")
-VALUES = (*METRICS, END_TIME)  # the columns after the samples, and before them a campaign's own metrics
+VALUES = (
+    *METRICS,
+    END_TIME,
+)  # the columns after the samples, and before them a campaign's own metrics
 _VALUE_NAMES = tuple(signal.name for signal in VALUES)
 CASE = "failure.case"
 INPUT = b"input"  # marks columns of samples whose names have no point
@@ -60,15 +63,25 @@ def digest_rows(
 ) -> Digest:
     """Digest of rows; ``columns`` are all samples and metrics by name, in any order."""
     names = sorted(columns)
-    key = hashlib.blake2b("|".join(["abhv-mc flights 1", controller, *names]).encode(), digest_size=32).digest()
-    values = np.stack([columns[name] for name in names], axis=1).astype("<f8") if names else np.empty((len(flight), 0))
+    key = hashlib.blake2b(
+        "|".join(["abhv-mc flights 1", controller, *names]).encode(), digest_size=32
+    ).digest()
+    values = (
+        np.stack([columns[name] for name in names], axis=1).astype("<f8")
+        if names
+        else np.empty((len(flight), 0))
+    )
     values[np.isnan(values)] = np.nan  # one bit pattern for every not-a-number
     failed = Outcome.FAILED_TO_RUN.code
     total = 0
-    for number, word, row in zip(flight.astype("<i8"), outcome, np.ascontiguousarray(values), strict=True):
+    for number, word, row in zip(
+        flight.astype("<i8"), outcome, np.ascontiguousarray(values), strict=True
+    ):
         if word != failed:
             text = number.tobytes() + word.encode() + b"|" + row.tobytes()
-            total += int.from_bytes(hashlib.blake2b(text, digest_size=32, key=key).digest(), "little")
+            total += int.from_bytes(
+                hashlib.blake2b(text, digest_size=32, key=key).digest(), "little"
+            )
     return Digest(total % _MODULUS)
 
 
@@ -129,7 +142,11 @@ def make_input_field(parameter: Parameter) -> pa.Field:
 
 def _value_field(signal: Signal) -> pa.Field:
     """A column of a metric, with what is bad of it, or of another number."""
-    words = {"label": signal.label, "bad": signal.bad, "group": signal.group} if isinstance(signal, Metric) else {}
+    words = (
+        {"label": signal.label, "bad": signal.bad, "group": signal.group}
+        if isinstance(signal, Metric)
+        else {}
+    )
     return make_field(signal.name, pa.float64(), signal.unit, signal.doc, **words)
 
 
@@ -146,27 +163,41 @@ def flights_schema(
         make_field("flight", pa.int64(), "-", "number of the flight"),
         make_field("controller", pa.string(), "-", "name of the controller"),
         make_field("outcome", pa.string(), "-", outcomes),
-        make_field(CASE, pa.string(), "-", "what failed, or was to fail before the mission's end; or 'none'"),
+        make_field(
+            CASE,
+            pa.string(),
+            "-",
+            "what failed, or was to fail before the mission's end; or 'none'",
+        ),
         *(make_input_field(table[name]) for name in names),
         *map(_value_field, values),
     ]
     return pa.schema(fields, metadata={f"abhv_mc.{key}": text for key, text in provenance.items()})
 
 
-def write_parquet(path: Path, table: pa.Table, floats: Sequence[str], words: list[str], **more: Any) -> None:
+def write_parquet(
+    path: Path, table: pa.Table, floats: Sequence[str], words: list[str], **more: Any
+) -> None:
     """Floats byte by byte, dictionaries of words only, light compression: half the size of Parquet's defaults."""
     write_pieces(path, table.schema, [table], floats, words, **more)
 
 
 def write_pieces(
-    path: Path, schema: pa.Schema, pieces: Iterable[pa.Table], floats: Sequence[str], words: list[str], **more: Any
+    path: Path,
+    schema: pa.Schema,
+    pieces: Iterable[pa.Table],
+    floats: Sequence[str],
+    words: list[str],
+    **more: Any,
 ) -> None:
     """The same for a table that comes in pieces, each of them a row group."""
     encoding = dict.fromkeys(floats, "BYTE_STREAM_SPLIT")
     options = {"compression": "zstd", "compression_level": 1, "write_page_checksum": True, **more}
 
     def write(temporary: Path) -> None:
-        with pq.ParquetWriter(temporary, schema, use_dictionary=words, column_encoding=encoding, **options) as writer:
+        with pq.ParquetWriter(
+            temporary, schema, use_dictionary=words, column_encoding=encoding, **options
+        ) as writer:
             for piece in pieces:
                 writer.write_table(piece)
 
@@ -203,7 +234,9 @@ def write_rows(path: Path, schema: pa.Schema, pieces: Iterable[pa.Table], digest
     schema = schema.with_metadata({**(schema.metadata or {}), _DIGEST: str(digest)})
     floats = [field.name for field in schema if pa.types.is_floating(field.type)]
     cast = (piece.replace_schema_metadata(schema.metadata) for piece in pieces)
-    write_pieces(path, schema, cast, floats, ["controller", "outcome", CASE], write_statistics=["flight"])
+    write_pieces(
+        path, schema, cast, floats, ["controller", "outcome", CASE], write_statistics=["flight"]
+    )
 
 
 def read_digest(path: Path) -> Digest:
@@ -241,4 +274,12 @@ def _take_rows(table: pa.Table, controller: str, first: int, names: Sequence[str
     held = table.column_names
     columns = tuple(name for name in held[held.index(CASE) + 1 :] if name not in names)
     values = np.stack([column_values(table[name]) for name in columns], axis=1)
-    return FlightRows(controller, first, tuple(names), samples, tuple(table["outcome"].to_pylist()), values, columns)
+    return FlightRows(
+        controller,
+        first,
+        tuple(names),
+        samples,
+        tuple(table["outcome"].to_pylist()),
+        values,
+        columns,
+    )

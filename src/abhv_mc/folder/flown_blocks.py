@@ -44,7 +44,9 @@ def read_flown_blocks(
     that the manifest names come first: where a kill left a joined file beside those that it is made of, they count.
     """
     flown = {name: np.zeros(number, bool) for name, number in runs.items()}
-    for path in sorted(folder.flights.glob("*.parquet"), key=lambda path: (not files.knows(path), path)):
+    for path in sorted(
+        folder.flights.glob("*.parquet"), key=lambda path: (not files.knows(path), path)
+    ):
         pieces = 0
         try:
             controller, first, stop = parse_block_name(path)
@@ -53,7 +55,9 @@ def read_flown_blocks(
                 raise DamagedFileError(f"{path.name} belongs to no part of this campaign")
             for rows, digest in read_own_block(path, samples.names, files):
                 pieces, held = pieces + 1, (rows, digest)
-                if rows.columns != columns or not np.array_equal(rows.samples, samples.rows(rows.first, rows.stop)):
+                if rows.columns != columns or not np.array_equal(
+                    rows.samples, samples.rows(rows.first, rows.stop)
+                ):
                     raise DamagedFileError(f"{path.name} belongs to no part of this campaign")
                 if not keep_lost and Outcome.FAILED_TO_RUN.code in rows.outcome:
                     raise DamagedFileError(f"{path.name} has flights that could not be computed")
@@ -68,7 +72,9 @@ def read_flown_blocks(
             yield from read_pieces(path, samples.names)
 
 
-def read_own_block(path: Path, names: tuple[str, ...], files: FileHashes) -> Iterator[tuple[FlightRows, Digest]]:
+def read_own_block(
+    path: Path, names: tuple[str, ...], files: FileHashes
+) -> Iterator[tuple[FlightRows, Digest]]:
     """A block as this folder's campaign wrote it, listed in the manifest or not, in pieces with their digests.
 
     Raises DamagedFileError, at the end at the latest.

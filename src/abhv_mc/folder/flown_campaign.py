@@ -41,7 +41,9 @@ class Envelope:
     @property
     def median(self) -> Floats:
         """[time]; with unknowns midway between the least and the most one."""
-        return np.asarray((self.bands["q50"] + self.bands.get(MOST_MEDIAN, self.bands["q50"])) / 2.0)
+        return np.asarray(
+            (self.bands["q50"] + self.bands.get(MOST_MEDIAN, self.bands["q50"])) / 2.0
+        )
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,9 @@ class FlownCampaign:
     @cached_property
     def ranking(self) -> Ranking:
         """Its flights, the worst first."""
-        return rank_flights({name: self.flights[name] for name in self.controllers}, self.campaign.criteria)
+        return rank_flights(
+            {name: self.flights[name] for name in self.controllers}, self.campaign.criteria
+        )
 
     @property
     def dispersed(self) -> tuple[str, ...]:
@@ -81,7 +85,9 @@ class FlownCampaign:
     @property
     def metrics(self) -> tuple[str, ...]:
         """Metrics that the flights hold: those that the campaign asks for first, then in the order of the records."""
-        held = [name for name in next(iter(self.flights.values())).metrics if name not in self._apart]
+        held = [
+            name for name in next(iter(self.flights.values())).metrics if name not in self._apart
+        ]
         known = [name for name in (*self.asked, *self.campaign.metrics) if name in held]
         return tuple(dict.fromkeys(known))
 
@@ -89,7 +95,9 @@ class FlownCampaign:
     def asked(self) -> tuple[str, ...]:
         """The metrics that stand first."""
         held = next(iter(self.flights.values())).metrics
-        return tuple(name for name in self.campaign.asked if name in held and name not in self._apart)
+        return tuple(
+            name for name in self.campaign.asked if name in held and name not in self._apart
+        )
 
     @property
     def compared(self) -> tuple[str, ...]:
@@ -101,7 +109,11 @@ class FlownCampaign:
     def _apart(self) -> tuple[str, ...]:
         """What is no metric; and margins that not every flight has, which only the section on stability shows."""
         faults = (END_TIME.name, *(signal.name for signal in MARGIN_FAULTS))
-        return faults if self.campaign.margin_flights >= self.campaign.runs else (*faults, *MARGIN_NAMES)
+        return (
+            faults
+            if self.campaign.margin_flights >= self.campaign.runs
+            else (*faults, *MARGIN_NAMES)
+        )
 
     @property
     def pairs(self) -> Iterator[tuple[str, str]]:
@@ -130,7 +142,9 @@ def _read_envelopes(path: Path) -> dict[tuple[str, str], Envelope]:
         rows = rows[np.argsort(columns["time"][rows], kind="stable")]
         held = [name for name in (*BANDS, MOST_MEDIAN) if name != MOST_MEDIAN or name in columns]
         bands = {name: columns[name][rows].astype(np.float64) for name in held}
-        cells[key] = Envelope(columns["time"][rows].astype(np.float64), columns["count"][rows].astype(np.int64), bands)
+        cells[key] = Envelope(
+            columns["time"][rows].astype(np.float64), columns["count"][rows].astype(np.int64), bands
+        )
     return cells
 
 
@@ -177,14 +191,18 @@ def read_histories(root: Path, controller: str) -> dict[int, dict[str, Floats]]:
         numbers = columns.pop("flight")
         for number in np.unique(numbers):
             rows = np.flatnonzero(numbers == number)
-            kept[int(number)] = {key: value[rows].astype(np.float64) for key, value in columns.items()}
+            kept[int(number)] = {
+                key: value[rows].astype(np.float64) for key, value in columns.items()
+            }
     return kept
 
 
 def kept_flights(root: Path, controller: str) -> set[int]:
     """The flights of one controller whose histories are kept."""
     tables = (read_table(path, _HISTORIES, ["flight"]) for path in _history_files(root, controller))
-    return {number for table in tables for number in np.unique(column_values(table["flight"])).tolist()}
+    return {
+        number for table in tables for number in np.unique(column_values(table["flight"])).tolist()
+    }
 
 
 def _history_files(root: Path, controller: str) -> Iterator[Path]:

@@ -23,7 +23,9 @@ class FileHashes:
     def note(self, path: Path, digest: str) -> None:
         """A file was written, or proven to be what was written. States of envelopes prove themselves."""
         folder = self._folder
-        inside = path.is_relative_to(folder.root) and not path.is_relative_to(folder.envelope_states)
+        inside = path.is_relative_to(folder.root) and not path.is_relative_to(
+            folder.envelope_states
+        )
         if inside and path != folder.manifest:
             self._known[self._name(path)] = digest
 
@@ -80,7 +82,9 @@ def read_checked(folder: CampaignFolder, paths: Iterable[Path] | None = None) ->
     manifest = read_manifest(folder.manifest)
     for path, words in find_damage(folder, manifest, paths):
         if holder := lock_holder(folder.lock):
-            found = f"a file that is not as the manifest says, while {holder} flies a campaign there"
+            found = (
+                f"a file that is not as the manifest says, while {holder} flies a campaign there"
+            )
             raise InputError(path, found, "the end of that run, and the same command once more")
         raise damage_error(path, words)
     return manifest
@@ -112,4 +116,8 @@ def data_files(folder: CampaignFolder, manifest: Manifest) -> list[Path]:
     """The data files that the manifest names, in the order of their names."""
     single = {folder.samples, folder.envelopes, folder.nominal, folder.reference, folder.margins}
     paths = FileHashes(folder, manifest.files).paths()
-    return [path for path in paths if path in single or path.parent in (folder.flights, folder.histories)]
+    return [
+        path
+        for path in paths
+        if path in single or path.parent in (folder.flights, folder.histories)
+    ]

@@ -24,7 +24,10 @@ MOST_MEDIAN = "q50_most"  # with unknowns the median, too, has two edges
 _DOCS = {
     "min": "smallest value at any control tick, or returned sample, from the time before to the time after",
     "max": "largest value at any control tick, or returned sample, from the time before to the time after",
-} | {name: f"{name[1:]} % quantile over the flights, linear between order statistics" for name in QUANTILE_COLUMNS}
+} | {
+    name: f"{name[1:]} % quantile over the flights, linear between order statistics"
+    for name in QUANTILE_COLUMNS
+}
 
 
 def write_histories(
@@ -46,7 +49,12 @@ def write_histories(
     places = {signal.name: i for i, signal in enumerate(known)}
     fields = [known[places[name]] for name in channels]
     schema = pa.schema(
-        [_FLIGHT, _CONTROLLER, _TIME, *(make_field(f.name, pa.float32(), f.unit, f.doc) for f in fields)],
+        [
+            _FLIGHT,
+            _CONTROLLER,
+            _TIME,
+            *(make_field(f.name, pa.float32(), f.unit, f.doc) for f in fields),
+        ],
         metadata={f"abhv_mc.{key}": text for key, text in (metadata or {}).items()},
     )
     columns = [
@@ -55,19 +63,32 @@ def write_histories(
         number_column(times[time]),
         *(number_column(history[:, :, places[name]][rows]) for name in channels),
     ]
-    write_parquet(path, pa.Table.from_arrays(columns, schema=schema), ["time", *channels], ["flight", "controller"])
+    write_parquet(
+        path,
+        pa.Table.from_arrays(columns, schema=schema),
+        ["time", *channels],
+        ["flight", "controller"],
+    )
 
 
 def history_metadata(path: Path) -> dict[str, str]:
     """What :func:`write_histories` was given as metadata."""
     metadata = pq.read_schema(path).metadata or {}
     prefix = b"abhv_mc."
-    return {k.removeprefix(prefix).decode(): v.decode() for k, v in metadata.items() if k.startswith(prefix)}
+    return {
+        k.removeprefix(prefix).decode(): v.decode()
+        for k, v in metadata.items()
+        if k.startswith(prefix)
+    }
 
 
 def write_nominal(path: Path, times: Floats, nominal: dict[str, NDArray[np.float32]]) -> None:
     """Write each controller's nominal flight ``[time, channel]``."""
-    fields = [_CONTROLLER, _TIME, *(make_field(s.name, pa.float32(), s.unit, s.doc) for s in CHANNELS)]
+    fields = [
+        _CONTROLLER,
+        _TIME,
+        *(make_field(s.name, pa.float32(), s.unit, s.doc) for s in CHANNELS),
+    ]
     tables = []
     for controller, history in nominal.items():
         rows = ~np.isnan(history[:, CHANNEL_INDEX["altitude_m"]])
@@ -79,9 +100,17 @@ def write_nominal(path: Path, times: Floats, nominal: dict[str, NDArray[np.float
 
 def write_reference(path: Path, reference: Mapping[str, Floats]) -> None:
     """Write the mission's reference: ``time`` and REFERENCE_CHANNELS [time], in their units."""
-    fields = [_TIME, *(make_field(signal.name, pa.float64(), signal.unit, signal.doc) for signal in REFERENCE_CHANNELS)]
+    fields = [
+        _TIME,
+        *(
+            make_field(signal.name, pa.float64(), signal.unit, signal.doc)
+            for signal in REFERENCE_CHANNELS
+        ),
+    ]
     schema = pa.schema(fields)
-    table = pa.Table.from_arrays([number_column(reference[name]) for name in schema.names], schema=schema)
+    table = pa.Table.from_arrays(
+        [number_column(reference[name]) for name in schema.names], schema=schema
+    )
     write_parquet(path, table, table.column_names, [])
 
 
@@ -98,14 +127,22 @@ class EnvelopeTable:
     def at(self, times: Mask) -> "EnvelopeTable":
         """Some of its times."""
         return EnvelopeTable(
-            self.count[times], self.low[times], self.high[times], self.least[:, times], self.most[:, times]
+            self.count[times],
+            self.low[times],
+            self.high[times],
+            self.least[:, times],
+            self.most[:, times],
         )
 
     def columns(self, points: int) -> dict[str, Floats]:
         """What a file has of them: the lower edge of what is below the median, the upper edge of what is above."""
         middle = len(QUANTILES) // 2
         edges = [*self.least[: middle + 1], *self.most[middle + 1 :]]
-        named = {"min": self.low, **dict(zip(QUANTILE_COLUMNS, edges, strict=True)), "max": self.high}
+        named = {
+            "min": self.low,
+            **dict(zip(QUANTILE_COLUMNS, edges, strict=True)),
+            "max": self.high,
+        }
         return named | ({MOST_MEDIAN: self.most[middle]} if points > 1 else {})
 
 
@@ -117,7 +154,12 @@ def _doc(column: str, points: int) -> str:
 
 
 def write_envelopes(
-    path: Path, times: Floats, channels: Sequence[str], tables: dict[str, EnvelopeTable], flights: int, points: int = 1
+    path: Path,
+    times: Floats,
+    channels: Sequence[str],
+    tables: dict[str, EnvelopeTable],
+    flights: int,
+    points: int = 1,
 ) -> None:
     """Write the envelopes of every controller over its first ``flights`` flights, which the file's metadata say.
 
@@ -136,7 +178,9 @@ def write_envelopes(
         _TIME,
         make_field("count", pa.int64(), "-", "flights still flying"),
         *(
-            pa.field(name, pa.float64(), metadata={"unit": "of the channel", "doc": _doc(name, points)})
+            pa.field(
+                name, pa.float64(), metadata={"unit": "of the channel", "doc": _doc(name, points)}
+            )
             for name in columns
         ),
     ]

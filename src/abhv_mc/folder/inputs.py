@@ -52,7 +52,9 @@ class FolderInputs:
     def question(self) -> str:
         """Hash of what is asked: the identity without the seed and the number of flights. With unknowns the seed finds
         the points, so that flights of different seeds are not counted together."""
-        return self._hash_without("execution", "runs", "pooled", *(() if self.data.get("unknowns") else ("seed",)))
+        return self._hash_without(
+            "execution", "runs", "pooled", *(() if self.data.get("unknowns") else ("seed",))
+        )
 
     def _hash_without(self, *left_out: str) -> str:
         data = {key: value for key, value in self.data.items() if key not in left_out}
@@ -65,7 +67,11 @@ class FolderInputs:
 
     def write_campaign(self, folder: CampaignFolder) -> None:
         """Write the campaign file into the folder."""
-        write_whole(folder.campaign, lambda temporary: write_document(temporary, self.data, _HEAD), durable=True)
+        write_whole(
+            folder.campaign,
+            lambda temporary: write_document(temporary, self.data, _HEAD),
+            durable=True,
+        )
 
 
 def collect_inputs(campaign: Experiment) -> FolderInputs:
@@ -77,12 +83,16 @@ def collect_inputs(campaign: Experiment) -> FolderInputs:
         data["vehicle"] = _take(model.vehicle, "inputs/vehicle", copies)
         data["mission"] = _take(model.mission, "inputs/mission", copies)
         data["controllers"] = {
-            name: _take(path, f"inputs/controllers/{name}", copies) for name, path in model.controllers.items()
+            name: _take(path, f"inputs/controllers/{name}", copies)
+            for name, path in model.controllers.items()
         }
     else:
         if simulator := campaign.user_model.simulator:
             base, place = campaign.document.path.parent / simulator.folder, "inputs/simulator"
-            copies |= {f"{place}/{name}": read_input(path) for name, path in simulator.find_files(base).items()}
+            copies |= {
+                f"{place}/{name}": read_input(path)
+                for name, path in simulator.find_files(base).items()
+            }
             data["simulator"] = {**data["simulator"], "folder": place}
         data[SYSTEMS] = campaign.user_model.systems
     if model.channels is not None:
@@ -105,7 +115,9 @@ def _take(path: Path, place: str, copies: dict[str, bytes]) -> str:
     for file in files:
         copy = f"{place}/{file.relative_to(root).as_posix()}"
         if not is_inside(copy):
-            raise InputError(file, "characters in the file's name that nothing shows", "another name")
+            raise InputError(
+                file, "characters in the file's name that nothing shows", "another name"
+            )
         copies[copy] = read_input(file)
     return f"{place}/{path.resolve().relative_to(root).as_posix()}"
 
@@ -125,9 +137,18 @@ def describe_changes(flown: FolderInputs, asked: FolderInputs, extensible: bool)
         if key == "runs" and extensible and (before or 0) < (after or 0):
             continue
         changes.append(f"{key}: {_words(before)} -> {_words(after)}")
-    for part in ("vehicle", "mission", "samples", "channels", "simulator", *(f"controllers/{name}" for name in shared)):
+    for part in (
+        "vehicle",
+        "mission",
+        "samples",
+        "channels",
+        "simulator",
+        *(f"controllers/{name}" for name in shared),
+    ):
         for name in sorted(flown.hashes.keys() | asked.hashes.keys()):
-            if name.startswith(f"inputs/{part}/") and flown.hashes.get(name) != asked.hashes.get(name):
+            if name.startswith(f"inputs/{part}/") and flown.hashes.get(name) != asked.hashes.get(
+                name
+            ):
                 changes.append(f"{name}: other content")
     return changes
 
@@ -143,12 +164,16 @@ def merge_inputs(flown: FolderInputs, asked: FolderInputs, selected: bool = Fals
     new, old = (part.data.get("requirements") or [] for part in (asked, flown))
     requirements = join_requirements(new, old, controllers)
     data = {**asked.data, systems_key(asked.data): controllers, "requirements": requirements}
-    return FolderInputs(replace(flown.document, data=data), asked.copies, flown.hashes | asked.hashes)
+    return FolderInputs(
+        replace(flown.document, data=data), asked.copies, flown.hashes | asked.hashes
+    )
 
 
 def _for_controllers(data: dict[str, Any], names: list[str]) -> dict[str, Any]:
     """The data with the requirements that apply to these, whatever entries they are written in, in one order."""
-    selected = join_requirements(select_requirements(data.get("requirements") or [], names), (), names)
+    selected = join_requirements(
+        select_requirements(data.get("requirements") or [], names), (), names
+    )
     systems = {SYSTEMS: {name: data[SYSTEMS][name] for name in names}} if is_own(data) else {}
     ordered = sorted(selected, key=lambda entry: json.dumps(entry, sort_keys=True))
     return {**data, **systems, "requirements": ordered}

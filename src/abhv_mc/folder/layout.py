@@ -12,7 +12,15 @@ from abhv_mc.io.atomic_write import TEMPORARY, atomic_write
 from abhv_mc.io.input_error import InputError, is_printable
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # the last: a limit on a file's size (ulimit -f)
-_CLOSED = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST, errno.ENAMETOOLONG, errno.ELOOP)
+_CLOSED = (
+    errno.EACCES,
+    errno.EPERM,
+    errno.EROFS,
+    errno.ENOTDIR,
+    errno.EEXIST,
+    errno.ENAMETOOLONG,
+    errno.ELOOP,
+)
 _UNWRITABLE = (
     *_CLOSED, errno.EISDIR, errno.ENOTEMPTY, errno.ENOENT, errno.EINVAL, errno.EBUSY, errno.ENOLCK, errno.EOPNOTSUPP,
 )  # fmt: skip
@@ -63,8 +71,23 @@ class CampaignFolder:
     @property
     def parts(self) -> tuple[Path, ...]:
         """Everything that a campaign writes, apart from the lock."""
-        files = (self.campaign, self.manifest, self.samples, self.envelopes, self.nominal, self.reference, self.margins)
-        folders = (self.inputs, self.plans, self.flights, self.histories, self.envelope_states, self.explained)
+        files = (
+            self.campaign,
+            self.manifest,
+            self.samples,
+            self.envelopes,
+            self.nominal,
+            self.reference,
+            self.margins,
+        )
+        folders = (
+            self.inputs,
+            self.plans,
+            self.flights,
+            self.histories,
+            self.envelope_states,
+            self.explained,
+        )
         return (*files, *self.report, *folders)
 
     def refuse_strange(self, fresh: bool) -> None:
@@ -93,7 +116,9 @@ class CampaignFolder:
     def sweep(self) -> None:
         """Delete what a killed process was writing."""
         folders = [part for part in self.parts if part.is_dir()]
-        for path in chain(self.root.glob(f"*{TEMPORARY}"), *(folder.rglob(f"*{TEMPORARY}") for folder in folders)):
+        for path in chain(
+            self.root.glob(f"*{TEMPORARY}"), *(folder.rglob(f"*{TEMPORARY}") for folder in folders)
+        ):
             path.unlink(missing_ok=True)
 
 
@@ -102,7 +127,10 @@ def find_user_place(path: Path) -> Path | None:
     target = Path(os.path.realpath(path))
     for root in (target, *target.parents):
         folder = CampaignFolder(root)
-        others, parts = (folder.campaign, folder.samples, folder.flights), (*folder.parts, folder.lock)
+        others, parts = (
+            (folder.campaign, folder.samples, folder.flights),
+            (*folder.parts, folder.lock),
+        )
         is_campaigns = folder.manifest.exists() and any(part.exists() for part in others)
         if is_campaigns and (target == root or any(map(target.is_relative_to, parts))):
             return target.relative_to(root)
@@ -112,7 +140,12 @@ def find_user_place(path: Path) -> Path | None:
 def is_inside(name: str) -> bool:
     """Whether a path names something below the folder that it starts from, and can be one."""
     path = Path(name)
-    return bool(path.parts) and not path.is_absolute() and ".." not in path.parts and is_printable(name)
+    return (
+        bool(path.parts)
+        and not path.is_absolute()
+        and ".." not in path.parts
+        and is_printable(name)
+    )
 
 
 @contextlib.contextmanager
@@ -130,7 +163,10 @@ def explain_os_error(path: Path, writing: bool = False) -> Iterator[None]:
             ) from error
         if error.errno in (_UNWRITABLE if writing else _CLOSED):
             what = "written" if writing else "written or read"
-            found, expected = f"a place that cannot be {what} ({error.strerror})", f"a place that can be {what}"
+            found, expected = (
+                f"a place that cannot be {what} ({error.strerror})",
+                f"a place that can be {what}",
+            )
             raise InputError(path, found, expected) from error
         raise
 

@@ -152,14 +152,18 @@ def read_manifest(path: Path) -> Manifest:
     held = manifest.get("format") if isinstance(manifest, dict) else None
     if held != FORMAT:
         found = "a folder without a format number" if held is None else f"a folder of format {held}"
-        raise InputError(path, found, f"format {FORMAT}: the version that wrote it, or the campaign anew")
+        raise InputError(
+            path, found, f"format {FORMAT}: the version that wrote it, or the campaign anew"
+        )
     if manifest.pop(_HASH, None) != _hash(manifest):
         raise InputError(path, "a damaged manifest (its entries have another hash)", _WISH)
     try:
         return _FILE.validate_python(manifest)
     except ValidationError as error:
         first = error.errors()[0]
-        raise InputError(path, f"{'.'.join(map(str, first['loc']))}: {first['msg']}", _WISH) from None
+        raise InputError(
+            path, f"{'.'.join(map(str, first['loc']))}: {first['msg']}", _WISH
+        ) from None
 
 
 def _hash(content: dict[str, Any]) -> str:
@@ -186,7 +190,10 @@ def shift_flyers(entries: Iterable[FlownBy], flights: int) -> list[FlownBy]:
     return [
         replace(
             entry,
-            blocks={name: tuple((a + flights, b + flights) for a, b in part) for name, part in entry.blocks.items()},
+            blocks={
+                name: tuple((a + flights, b + flights) for a, b in part)
+                for name, part in entry.blocks.items()
+            },
         )
         for entry in entries
     ]
@@ -196,7 +203,9 @@ def join_flyers(entries: Iterable[FlownBy]) -> tuple[FlownBy, ...]:
     """The entries of each process as one."""
     joined: dict[tuple[str, str, str, str, str], dict[str, Ranges]] = {}
     for entry in entries:
-        blocks = joined.setdefault((entry.code, entry.versions, entry.processor, entry.features, entry.host), {})
+        blocks = joined.setdefault(
+            (entry.code, entry.versions, entry.processor, entry.features, entry.host), {}
+        )
         for controller, ranges in entry.blocks.items():
             blocks[controller] = _join((*blocks.get(controller, ()), *ranges))
     return tuple(FlownBy(*who, blocks=blocks) for who, blocks in joined.items())

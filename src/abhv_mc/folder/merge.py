@@ -12,7 +12,13 @@ import numpy as np
 from abhv_mc.folder.envelope_states import merge_states
 from abhv_mc.folder.hashes import FileHashes, damage_error, find_damage, record_hashes
 from abhv_mc.folder.layout import CampaignFolder, write_whole
-from abhv_mc.folder.manifest import INTERRUPTED, Manifest, join_flyers, read_manifest, write_manifest
+from abhv_mc.folder.manifest import (
+    INTERRUPTED,
+    Manifest,
+    join_flyers,
+    read_manifest,
+    write_manifest,
+)
 from abhv_mc.folder.plan_file import read_stored_parts
 from abhv_mc.folder.samples import ROW_GROUP, SampleReader
 from abhv_mc.folder.status import hold_lock
@@ -27,10 +33,14 @@ def order_shards(parts: Sequence[Path]) -> list[CampaignFolder]:
     manifests = [read_manifest(folder.manifest) for folder in folders]
     for folder, manifest in zip(folders, manifests, strict=True):
         if manifest.shard is None:
-            raise InputError(folder.root, "no shard of a campaign", "a folder flown with --shard i/n")
+            raise InputError(
+                folder.root, "no shard of a campaign", "a folder flown with --shard i/n"
+            )
         if not manifest.complete:
             raise InputError(folder.root, f"a shard that is {manifest.state}", "a complete one")
-        if list(manifest.controllers) != list(manifests[0].controllers):  # requirements bind the first
+        if list(manifest.controllers) != list(
+            manifests[0].controllers
+        ):  # requirements bind the first
             found = f"controllers in another order than in {folders[0].root}"
             raise InputError(folder.root, found, "shards of one campaign file")
         refuse_other(folder, manifest, folders[0], manifests[0], _SAME, "shards of one campaign")
@@ -43,7 +53,9 @@ def order_shards(parts: Sequence[Path]) -> list[CampaignFolder]:
     missing = [str(k) for k in range(1, count + 1) if (k, count) not in numbers]
     if missing:
         raise InputError("merge", f"no shard {', '.join(missing)} of {count}", "all shards")
-    return [folder for _, folder in sorted(zip(numbers, folders, strict=True), key=lambda pair: pair[0])]
+    return [
+        folder for _, folder in sorted(zip(numbers, folders, strict=True), key=lambda pair: pair[0])
+    ]
 
 
 def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
@@ -78,20 +90,31 @@ def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
 
 def _check_content(first: CampaignFolder, other: CampaignFolder, controllers: list[str]) -> None:
     """Raises InputError where two shards do not have the same plans and the same samples, to the bit."""
-    refuse_other_plans(first, other, controllers, "shards flown with the first one's plans (run --plans DIR)")
+    refuse_other_plans(
+        first, other, controllers, "shards flown with the first one's plans (run --plans DIR)"
+    )
     readers = SampleReader(first.samples), SampleReader(other.samples)
     if not _same_samples(*readers):
-        raise InputError(other.root, f"other samples than in {first.root}", "shards of one campaign")
+        raise InputError(
+            other.root, f"other samples than in {first.root}", "shards of one campaign"
+        )
 
 
 def _same_samples(a: SampleReader, b: SampleReader) -> bool:
-    pieces = [(start, min(start + ROW_GROUP, a.flights)) for start in range(0, a.flights, ROW_GROUP)]
+    pieces = [
+        (start, min(start + ROW_GROUP, a.flights)) for start in range(0, a.flights, ROW_GROUP)
+    ]
     same = (a.names, a.flights) == (b.names, b.flights)
     return same and all(np.array_equal(a.rows(*piece), b.rows(*piece)) for piece in pieces)
 
 
 def refuse_other(
-    folder: CampaignFolder, manifest: Manifest, first: CampaignFolder, held: Manifest, keys: Sequence[str], wish: str
+    folder: CampaignFolder,
+    manifest: Manifest,
+    first: CampaignFolder,
+    held: Manifest,
+    keys: Sequence[str],
+    wish: str,
 ) -> None:
     """Raises InputError where a manifest differs from that of the first folder in an entry of ``keys``."""
     for key in keys:
@@ -101,7 +124,9 @@ def refuse_other(
             raise InputError(folder.root, found, f"{wish}, flown by the same code")
 
 
-def refuse_other_plans(first: CampaignFolder, other: CampaignFolder, controllers: Sequence[str], wish: str) -> None:
+def refuse_other_plans(
+    first: CampaignFolder, other: CampaignFolder, controllers: Sequence[str], wish: str
+) -> None:
     """Raises InputError where two folders do not have the same plans, to the bit; a user's simulator has none."""
     for name in controllers if first.plans.exists() else ():
         ours, theirs = (read_stored_parts(folder.plan(name)) for folder in (first, other))

@@ -72,7 +72,11 @@ def _write_plans(folder: CampaignFolder, plans: dict[str, FlightPlan]) -> None:
 
 
 def grow_folder(
-    flown: FlownFolder, inputs: FolderInputs, merged: FolderInputs, plans: dict[str, FlightPlan], longer: bool
+    flown: FlownFolder,
+    inputs: FolderInputs,
+    merged: FolderInputs,
+    plans: dict[str, FlightPlan],
+    longer: bool,
 ) -> Manifest:
     """Make room for more flights (``longer``), for the controllers of ``plans``, or for another order of controllers;
     the manifest from now on.
@@ -93,7 +97,9 @@ def grow_folder(
     if longer or plans:
         files.forget(folder.margins)
         manifest = replace(manifest, state=RUNNING, runs_planned=merged.data["runs"])
-    manifest = replace(manifest, inputs=merged.hashes, campaign_hash=merged.identity, question=merged.question)
+    manifest = replace(
+        manifest, inputs=merged.hashes, campaign_hash=merged.identity, question=merged.question
+    )
     manifest = replace(manifest, files=files.listed())
     write_manifest(folder.manifest, manifest)
     merged.write_campaign(folder)

@@ -19,7 +19,9 @@ from abhv_mc.folder.layout import write_bytes
 from abhv_mc.io.input_error import InputError
 
 T = TypeVar("T")
-WISH = "a copy of the plan as it was, or the campaign flown anew: another folder (-o DIR), or --fresh"
+WISH = (
+    "a copy of the plan as it was, or the campaign flown anew: another folder (-o DIR), or --fresh"
+)
 REBUILT = "effectiveness."  # follows from the vehicle
 
 
@@ -40,7 +42,10 @@ def rebuild(kind: type[T], flat: Mapping[str, np.ndarray], prefix: str = "") -> 
     """
     if _is_record(kind):
         hints = typing.get_type_hints(kind)
-        parts = {name: rebuild(hints[name], flat, f"{prefix}.{name}" if prefix else name) for name in _fields(kind)}
+        parts = {
+            name: rebuild(hints[name], flat, f"{prefix}.{name}" if prefix else name)
+            for name in _fields(kind)
+        }
         return kind(**parts)
     value = flat[prefix]
     if kind in (bool, int, float, str):
@@ -65,7 +70,11 @@ def write_plan(path: Path, plan: FlightPlan) -> None:
 
 def stored_parts(plan: FlightPlan) -> dict[str, np.ndarray]:
     """What of a plan is stored: no array of whole numbers, and nothing that follows from the rest."""
-    numbers = {name: value for name, value in flatten(plan).items() if value.ndim == 0 or value.dtype.kind in "fU"}
+    numbers = {
+        name: value
+        for name, value in flatten(plan).items()
+        if value.ndim == 0 or value.dtype.kind in "fU"
+    }
     return {name: value for name, value in numbers.items() if not name.startswith(REBUILT)}
 
 
@@ -86,5 +95,7 @@ def _is_record(kind: Any) -> bool:
 
 def _fields(kind: Any) -> tuple[str, ...]:
     if dataclasses.is_dataclass(kind):
-        return tuple(field.name for field in dataclasses.fields(kind) if field.metadata.get("stored", True))
+        return tuple(
+            field.name for field in dataclasses.fields(kind) if field.metadata.get("stored", True)
+        )
     return tuple(kind._fields)

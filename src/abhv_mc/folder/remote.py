@@ -29,20 +29,31 @@ class Remote:
     def __init__(self, store: Store, local: Path, lease: Lease | None = None) -> None:
         """``lease``: without it nothing is written once it is lost."""
         self.store, self.local, self._lease = store, local, lease
-        self._held: dict[str, tuple[int, int] | None] = {}  # what the address holds -> size and time of ours
+        self._held: dict[
+            str, tuple[int, int] | None
+        ] = {}  # what the address holds -> size and time of ours
 
     def pull(self, pattern: str = "*") -> None:
         """Copy what the address holds into the local folder: all, or the names that fit a pattern."""
         for info in self.store.find():
             name = info.path[len(self.store.base) + 1 :]
-            if info.type != pyarrow_fs.FileType.File or name.startswith(LEASE_NAME) or not fnmatch(name, pattern):
+            if (
+                info.type != pyarrow_fs.FileType.File
+                or name.startswith(LEASE_NAME)
+                or not fnmatch(name, pattern)
+            ):
                 continue
             if not is_inside(name):  # an object's name is any text
                 found = f"an object named '{name}', which leads out of the folder"
-                raise InputError(str(self.store.address), found, "a campaign's folder, as it was written")
+                raise InputError(
+                    str(self.store.address), found, "a campaign's folder, as it was written"
+                )
             path = self.local / name
             path.parent.mkdir(parents=True, exist_ok=True)
-            with self.store.system.open_input_stream(info.path) as source, path.open("wb") as target:
+            with (
+                self.store.system.open_input_stream(info.path) as source,
+                path.open("wb") as target,
+            ):
                 shutil.copyfileobj(source, target)
             self._held[name] = _stamp(path)
 
@@ -53,9 +64,15 @@ class Remote:
         """
         manifest = self.local / _MANIFEST
         content = manifest.read_bytes() if manifest.exists() else None
-        if content is None and _MANIFEST in self._held:  # deleted: without it, nothing looks like a campaign
+        if (
+            content is None and _MANIFEST in self._held
+        ):  # deleted: without it, nothing looks like a campaign
             self._delete(_MANIFEST)
-        names = [p.relative_to(self.local).as_posix() for p in sorted(self.local.rglob("*")) if p.is_file()]
+        names = [
+            p.relative_to(self.local).as_posix()
+            for p in sorted(self.local.rglob("*"))
+            if p.is_file()
+        ]
         for name in names:
             if name not in (_MANIFEST, LEASE_NAME) and not name.endswith(".temporary"):
                 self._upload(name)
@@ -181,7 +198,11 @@ def _push(remote: Remote, ended: threading.Event) -> None:
         try:
             remote.push()
         except (OSError, pa.ArrowException) as error:  # perhaps it goes next time; at last it must
-            print(f"{remote.store.address}: {remote.store.address.explain(error)}", file=sys.stderr, flush=True)
+            print(
+                f"{remote.store.address}: {remote.store.address.explain(error)}",
+                file=sys.stderr,
+                flush=True,
+            )
         except InputError:  # another process took over: what this one has stays here
             return
 
@@ -204,4 +225,6 @@ def _explain_store_error(address: Address) -> Iterator[None]:
     try:
         yield
     except (OSError, pa.ArrowException) as error:
-        raise InputError(str(address), address.explain(error), "an address that can be reached") from error
+        raise InputError(
+            str(address), address.explain(error), "an address that can be reached"
+        ) from error

@@ -32,7 +32,11 @@ def write_samples(
     schema = pa.schema(
         [
             make_field("flight", pa.int64(), "-", "number of the flight"),
-            *([make_field(POINT, pa.int64(), "-", "number of the point of the unknowns")] if points > 1 else []),
+            *(
+                [make_field(POINT, pa.int64(), "-", "number of the point of the unknowns")]
+                if points > 1
+                else []
+            ),
             *map(make_input_field, parameters),
         ],
         metadata={f"abhv_mc.{key}": text for key, text in provenance.items()},
@@ -42,7 +46,10 @@ def write_samples(
         for first in range(0, flights, ROW_GROUP):
             stop = min(first + ROW_GROUP, flights)
             number = np.arange(first, stop)
-            columns = [*([number, number % points] if points > 1 else [number]), *draw(first, stop).T]
+            columns = [
+                *([number, number % points] if points > 1 else [number]),
+                *draw(first, stop).T,
+            ]
             yield pa.Table.from_arrays([*map(number_column, columns)], schema=schema)
 
     write_pieces(path, schema, make_groups(), names, [])
@@ -53,7 +60,9 @@ class SampleReader:
 
     def __init__(self, path: Path) -> None:
         self._file = pq.ParquetFile(path, page_checksum_verification=True)
-        self.names: tuple[str, ...] = tuple(n for n in self._file.schema_arrow.names[1:] if n != POINT)
+        self.names: tuple[str, ...] = tuple(
+            n for n in self._file.schema_arrow.names[1:] if n != POINT
+        )
         self.flights: int = self._file.metadata.num_rows
         self._groups: dict[int, Floats] = {}
         self._lock = threading.Lock()
@@ -74,6 +83,8 @@ class SampleReader:
                 table = self._file.read_row_group(group)
                 columns = [column_values(table[name]) for name in self.names]
                 values = np.stack(columns, axis=1) if columns else np.empty((table.num_rows, 0))
-                self._groups = {number: kept for number, kept in self._groups.items() if number == group - 1}
+                self._groups = {
+                    number: kept for number, kept in self._groups.items() if number == group - 1
+                }
                 self._groups[group] = values
             return self._groups[group]

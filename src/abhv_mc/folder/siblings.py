@@ -48,7 +48,10 @@ def name_siblings(root: Path, manifest: Manifest) -> tuple[str, str]:
     for path in sorted(root.resolve().parent.glob("*/manifest.json")):
         with contextlib.suppress(InputError):  # of something else
             other = read_manifest(path)
-            same = all(getattr(other, key) == getattr(manifest, key) for key in _SAME) and other.complete
+            same = (
+                all(getattr(other, key) == getattr(manifest, key) for key in _SAME)
+                and other.complete
+            )
             if same and other.requirements:
                 beside.append((-other.runs_done, root.parent / path.parent.name, other))
     named, folders, taken = [], [root], seeds_of(manifest)
@@ -62,7 +65,9 @@ def name_siblings(root: Path, manifest: Manifest) -> tuple[str, str]:
     if not named:
         return "", ""
     command = ["abhv-mc", "merge", *map(str, folders), "-o", f"{root}_merged"]
-    return f"The same question with other seeds, not counted here: {'; '.join(named)}.", shlex.join(command)
+    return f"The same question with other seeds, not counted here: {'; '.join(named)}.", shlex.join(
+        command
+    )
 
 
 def check_pool(parts: Sequence[Path]) -> list[CampaignFolder]:
@@ -72,11 +77,15 @@ def check_pool(parts: Sequence[Path]) -> list[CampaignFolder]:
     first, taken = manifests[0], set[int]()
     for folder, manifest in zip(folders, manifests, strict=True):
         if not manifest.complete or manifest.search:
-            raise InputError(folder.root, f"a folder that is {manifest.state}", "a complete campaign")
+            raise InputError(
+                folder.root, f"a folder that is {manifest.state}", "a complete campaign"
+            )
         refuse_other(folder, manifest, folders[0], first, _SAME, _ONE_QUESTION)
         if seeds := taken & seeds_of(manifest):
             found = f"flights of seed {min(seeds)} a second time"
-            raise InputError(folder.root, found, "each seed once: its flights would be counted twice")
+            raise InputError(
+                folder.root, found, "each seed once: its flights would be counted twice"
+            )
         taken |= seeds_of(manifest)
         sampling = read_folder_inputs(folder, manifest).data.get("sampling", INDEPENDENT)
         if sampling not in (INDEPENDENT, {"design": INDEPENDENT}):
@@ -97,24 +106,39 @@ def join_seeds(folders: Sequence[CampaignFolder], out: Path) -> None:
     if is_joined(target, digests):
         return
     flown = [SampleReader(folder.samples).flights for folder in folders]
-    done = [min(each.flights_done for each in manifest.controllers.values()) for manifest in manifests]
-    counts = [min(pair) for pair in zip(flown, done, strict=True)]  # fewer where it stopped when proven
+    done = [
+        min(each.flights_done for each in manifest.controllers.values()) for manifest in manifests
+    ]
+    counts = [
+        min(pair) for pair in zip(flown, done, strict=True)
+    ]  # fewer where it stopped when proven
     starts = [0, *accumulate(counts)]
     pooled: list[Pooled] = []
     for manifest, count in zip(manifests, counts, strict=True):
         pooled += manifest.pooled or (Pooled(manifest.seed, count),)
     with begin_joined(folders, target) as files:
         held = read_folder_inputs(folders[0], manifests[0])
-        data = {**held.data, "runs": starts[-1], "seed": manifests[0].seed, "pooled": [vars(one) for one in pooled]}
+        data = {
+            **held.data,
+            "runs": starts[-1],
+            "seed": manifests[0].seed,
+            "pooled": [vars(one) for one in pooled],
+        }
         inputs = FolderInputs(replace(held.document, data=data), {}, held.hashes)
         inputs.write_campaign(target)
         for folder, start in zip(folders, starts, strict=False):
             names = SampleReader(folder.samples).names
             for path in sorted(folder.flights.glob("*.parquet")):
                 for rows, _ in read_pieces(path, names):
-                    write_block(target.flights, replace(rows, first=rows.first + start), pq.read_schema(path))
+                    write_block(
+                        target.flights,
+                        replace(rows, first=rows.first + start),
+                        pq.read_schema(path),
+                    )
         parts = zip(manifests, starts, strict=False)
-        flyers = join_flyers(entry for part, start in parts for entry in shift_flyers(part.flown_by, start))
+        flyers = join_flyers(
+            entry for part, start in parts for entry in shift_flyers(part.flown_by, start)
+        )
         merged = replace(
             manifests[0], state=INTERRUPTED, merged_from=digests, pooled=tuple(pooled), runs_planned=starts[-1],
             campaign_hash=inputs.identity, flown_by=flyers, files=files.listed(), stopped_at=None,

@@ -67,7 +67,11 @@ class Status:
 
     def as_entries(self) -> dict[str, Any]:
         """As JSON has it: the manifest's entries and these."""
-        return self.manifest.as_entries() | {"folder": self.folder, "holder": self.holder, "bytes": self.bytes}
+        return self.manifest.as_entries() | {
+            "folder": self.folder,
+            "holder": self.holder,
+            "bytes": self.bytes,
+        }
 
 
 def read_status(root: Path, seen: tuple[str | None, int] | None = None) -> Status:
@@ -95,7 +99,9 @@ def _size(root: Path) -> int:
     return size
 
 
-def find_campaigns(root: Path, describe: Callable[[str], tuple[str | None, int]] | None = None) -> list[Status]:
+def find_campaigns(
+    root: Path, describe: Callable[[str], tuple[str | None, int]] | None = None
+) -> list[Status]:
     """The status of every campaign's folder directly in ``root``, by name; ``describe`` as for a copy of an address."""
     found = []
     for path in sorted(root.glob("*/manifest.json")):

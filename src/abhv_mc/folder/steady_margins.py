@@ -26,7 +26,9 @@ class LoopMargins:
     disk_phase_deg: float | None = None
     reason: str | None = None  # why there is no loop
     counts: bool = True  # among the least margins; not an effector's where the law commands axes
-    poles: tuple[tuple[float, float], ...] = ()  # growing ones of ``all``, 1/s, real and imaginary part
+    poles: tuple[
+        tuple[float, float], ...
+    ] = ()  # growing ones of ``all``, 1/s, real and imaginary part
 
     @property
     def gain_db(self) -> float:
@@ -67,4 +69,6 @@ def read_steady_margins(path: Path) -> SteadyMargins:
     except ValidationError as error:
         first = error.errors()[0]
         found = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
-        raise InputError(path, found, "the margins that a campaign wrote: --fresh finds them again") from None
+        raise InputError(
+            path, found, "the margins that a campaign wrote: --fresh finds them again"
+        ) from None

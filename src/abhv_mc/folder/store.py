@@ -67,19 +67,26 @@ class Store:
 
     def ages(self, *names: str) -> list[Any]:
         """When each object was written, by the store's clock; None for one that there is not."""
-        return [info.mtime for info in self.system.get_file_info([f"{self.base}/{name}" for name in names])]
+        return [
+            info.mtime
+            for info in self.system.get_file_info([f"{self.base}/{name}" for name in names])
+        ]
 
 
 def open_store(address: Address) -> Store:
     """The folder at an address. Raises InputError for what is none."""
     uri = address.uri()
     if uri.startswith(("gs:", "gcs:")) and "retry_limit_seconds=" not in uri:
-        uri += f"{'&' if '?' in uri else '?'}retry_limit_seconds={_PATIENCE:g}"  # 900 s in the library
+        uri += (
+            f"{'&' if '?' in uri else '?'}retry_limit_seconds={_PATIENCE:g}"  # 900 s in the library
+        )
     try:
         system, base = pyarrow_fs.FileSystem.from_uri(uri)
     except (pa.ArrowException, OSError, ValueError) as error:
         found = f"'{address}' ({address.explain(error)})"
-        raise InputError("address", found, "s3://bucket/folder, gs://bucket/folder or a path") from None
+        raise InputError(
+            "address", found, "s3://bucket/folder, gs://bucket/folder or a path"
+        ) from None
     return Store(address, system, base.rstrip("/"))
 
 
@@ -89,7 +96,9 @@ class Lease:
     def __init__(self, store: Store) -> None:
         self._store, self._token = store, uuid.uuid4().hex
         self._ended = threading.Event()
-        self.lost: InputError | None = None  # who has taken it over: nothing is written from then on
+        self.lost: InputError | None = (
+            None  # who has taken it over: nothing is written from then on
+        )
 
     def take(self) -> None:
         """Take the lease and renew it until it is dropped; a run whose lease another process takes is interrupted.
@@ -128,7 +137,11 @@ class Lease:
             try:
                 self.renew()
             except InputError as error:
-                print(f"{error}\nThis run stops, and writes nothing more there.", file=sys.stderr, flush=True)
+                print(
+                    f"{error}\nThis run stops, and writes nothing more there.",
+                    file=sys.stderr,
+                    flush=True,
+                )
                 _thread.interrupt_main()
                 return
             except (OSError, pa.ArrowException):  # perhaps it goes next time
@@ -152,7 +165,9 @@ class Lease:
         found = read_holder(self._store)
         if found is not None and found[1] != self._token and not abandoned:
             wish = f"its end (or {LEASE:g} s after it was killed), or another address"
-            raise InputError(str(self._store.address), f"a campaign that {found[0]} is flying", wish)
+            raise InputError(
+                str(self._store.address), f"a campaign that {found[0]} is flying", wish
+            )
 
 
 def read_holder(store: Store) -> tuple[str, str] | None:

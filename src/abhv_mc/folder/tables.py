@@ -31,7 +31,8 @@ _CLOSED: dict[str, str | bool | int | float | list[str]] = {
 def table_files(folder: CampaignFolder, manifest: Manifest) -> dict[str, list[Path]]:
     """The files of every table that the folder holds."""
     tables: dict[str, list[Path]] = {
-        name: [] for name in ("flights", "samples", "histories", "envelopes", "nominal", "reference")
+        name: []
+        for name in ("flights", "samples", "histories", "envelopes", "nominal", "reference")
     }
     for path in data_files(folder, manifest):
         if path.suffix != ".parquet":
@@ -79,7 +80,9 @@ def open_database(root: Path) -> "Iterator[DuckDBPyConnection]":
     Path.cwd()  # where the working folder has been deleted this raises, and duckdb would end the process
     with duckdb.connect(config=_CLOSED) as connection, unchanged(folder, manifest):
         for name, files in table_files(folder, manifest).items():
-            connection.register(name, dataset.dataset([str(file) for file in files], format="parquet"))
+            connection.register(
+                name, dataset.dataset([str(file) for file in files], format="parquet")
+            )
         yield connection
 
 
@@ -103,15 +106,25 @@ def ask(folder: Path, sql: str, take: "Callable[[DuckDBPyRelation], T]") -> T | 
             ended.set()
 
     try:
-        return run_in_thread(work)  # in a thread of its own, as duckdb heeds no interrupt in the main one
+        return run_in_thread(
+            work
+        )  # in a thread of its own, as duckdb heeds no interrupt in the main one
     except KeyboardInterrupt:
         for _ in range(_INTERRUPTS):  # until it heeds one, as it knows none of before it begins
             for database in opened:
-                with contextlib.suppress(duckdb.Error):  # it may have ended and been closed this moment
+                with contextlib.suppress(
+                    duckdb.Error
+                ):  # it may have ended and been closed this moment
                     database.interrupt()
             if ended.wait(_PAUSE):
                 break
         raise
-    except (duckdb.Error, ArithmeticError, ValueError) as error:  # the last two: of values that Python cannot hold
-        words = str(error).partition("\nTraceback")[0]  # duckdb adds one where Python lacks what a type needs
+    except (
+        duckdb.Error,
+        ArithmeticError,
+        ValueError,
+    ) as error:  # the last two: of values that Python cannot hold
+        words = str(error).partition("\nTraceback")[
+            0
+        ]  # duckdb adds one where Python lacks what a type needs
         raise InputError("query", words, "SQL that duckdb can answer") from None

@@ -34,7 +34,9 @@ def read_address(path: Path | str) -> Address | None:
     match = re.match(r"([a-z][a-z0-9+.-]+):/+(.*)", str(path))
     if match is None:
         return None
-    return Address(hide_key(f"{match[1]}://{'/' if match[1] in ('file', 'hdfs') else ''}{match[2]}"))
+    return Address(
+        hide_key(f"{match[1]}://{'/' if match[1] in ('file', 'hdfs') else ''}{match[2]}")
+    )
 
 
 def hide_key(word: str) -> str:

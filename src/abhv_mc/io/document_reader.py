@@ -29,12 +29,16 @@ _TAG = "tag:yaml.org,2002:"
 def compose(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
     """Data, places of the values and places of the keys of a file's bytes. Raises :class:`InputError`."""
     if len(raw) > MAX_BYTES:
-        raise InputError(path, f"more than {MAX_BYTES} bytes", f"a YAML file of at most {MAX_BYTES} bytes")
+        raise InputError(
+            path, f"more than {MAX_BYTES} bytes", f"a YAML file of at most {MAX_BYTES} bytes"
+        )
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line, column = _place_of(raw[: error.start].decode("utf-8"))
-        raise InputError(path, f"the byte 0x{raw[error.start]:02x}", "text in UTF-8", line, column) from None
+        raise InputError(
+            path, f"the byte 0x{raw[error.start]:02x}", "text in UTF-8", line, column
+        ) from None
     builder = _Builder(path)
     try:
         root = YAML(typ="safe", pure=True).compose(text)
@@ -43,7 +47,9 @@ def compose(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
         return builder.build(root, ()), builder.values, builder.keys
     except ReaderError as error:
         line, column = _place_of(text[: error.position])
-        raise InputError(path, f"the character {text[error.position]!r}", "printable text", line, column) from None
+        raise InputError(
+            path, f"the character {text[error.position]!r}", "printable text", line, column
+        ) from None
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = (mark.line + 1, mark.column + 1) if mark else ()
@@ -51,7 +57,11 @@ def compose(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
         raise InputError(path, found, f"YAML 1.2 ({error.context or 'plain'})", *place) from None
     except RecursionError:
         raise InputError(path, "too many levels", "data that are not nested so deeply") from None
-    except (YAMLError, ValueError, OverflowError) as error:  # the last: the escape of a character beyond all
+    except (
+        YAMLError,
+        ValueError,
+        OverflowError,
+    ) as error:  # the last: the escape of a character beyond all
         raise InputError(path, str(error).splitlines()[0], "YAML 1.2") from None
 
 
@@ -87,26 +97,44 @@ class _Builder:
     def mapping(self, node: MappingNode, keys: tuple[str | int, ...]) -> dict[str, Any]:
         result: dict[str, Any] = {}
         for key_node, value_node in node.value:
-            key = self.scalar(key_node, str(key_node.tag)) if isinstance(key_node, ScalarNode) else None
+            key = (
+                self.scalar(key_node, str(key_node.tag))
+                if isinstance(key_node, ScalarNode)
+                else None
+            )
             if not isinstance(key, str):
-                self.refuse(key_node, f"the key {describe(key)}", "a name as the key (in quotes, if need be)")
+                self.refuse(
+                    key_node,
+                    f"the key {describe(key)}",
+                    "a name as the key (in quotes, if need be)",
+                )
             self.check_shown(key_node, key)
             place = (*keys, key)
             if key in result:
                 line, _ = self.keys[place]
-                self.refuse(key_node, f"the key '{key}' again", f"it once (it is in line {line} too)")
+                self.refuse(
+                    key_node, f"the key '{key}' again", f"it once (it is in line {line} too)"
+                )
             self.keys[place] = _start(key_node)
             result[key] = self.build(value_node, place)
-            if value_node.start_mark.index == value_node.end_mark.index:  # nothing there; the mark is in a later line
+            if (
+                value_node.start_mark.index == value_node.end_mark.index
+            ):  # nothing there; the mark is in a later line
                 self.values[place] = self.keys[place]
         return result
 
     def check_shown(self, node: ScalarNode, text: str, allowed: str = "") -> None:
         """Refuse characters that nothing shows, or that turn text around."""
-        hidden = next((char for char in text if char not in allowed and not is_printable(char)), None)
+        hidden = next(
+            (char for char in text if char not in allowed and not is_printable(char)), None
+        )
         if hidden is not None:
             found = f"the character {ascii(hidden)[1:-1]} in a text"
-            self.refuse(node, found, "text without characters that control a terminal or the direction of writing")
+            self.refuse(
+                node,
+                found,
+                "text without characters that control a terminal or the direction of writing",
+            )
 
     def scalar(self, node: ScalarNode, tag: str) -> str | int | float | bool | None:
         text = str(node.value)

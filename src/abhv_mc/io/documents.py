@@ -112,7 +112,9 @@ def write_document(path: str | Path, data: Plain, comment: str = "") -> None:
     text = StringIO()
     text.writelines(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
     yaml.dump(to_jsonable_python(data, fallback=of_numpy), text)
-    Path(path).write_text(text.getvalue(), encoding="utf-8")  # only now: refused data leave a file as it is
+    Path(path).write_text(
+        text.getvalue(), encoding="utf-8"
+    )  # only now: refused data leave a file as it is
 
 
 def _make_scalars_strict(schema: Any) -> None:
@@ -134,7 +136,9 @@ class StrictModel(BaseModel):
     Its values come from :func:`validate`; a check of its own raises :class:`Refusal`.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, protected_namespaces=())
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, allow_inf_nan=False, protected_namespaces=()
+    )
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> Any:
@@ -145,8 +149,12 @@ class StrictModel(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _note_keys(cls, data: Any, info: ValidationInfo) -> Any:
-        if info.context and "known_keys" in info.context:  # what an unknown key may have been meant to be
-            info.context["known_keys"][id(data)] = [field.alias or name for name, field in cls.model_fields.items()]
+        if (
+            info.context and "known_keys" in info.context
+        ):  # what an unknown key may have been meant to be
+            info.context["known_keys"][id(data)] = [
+                field.alias or name for name, field in cls.model_fields.items()
+            ]
         return data
 
 
@@ -156,7 +164,10 @@ def _resolve_file(value: object, info: ValidationInfo) -> object:
     document = (info.context or {}).get("document")
     path = document.resolve(value) if document else Path(value)
     if not path.is_file():
-        raise Refusal(f"'{value}', which is {'a folder' if path.is_dir() else 'not there'}", "the path of a file")
+        raise Refusal(
+            f"'{value}', which is {'a folder' if path.is_dir() else 'not there'}",
+            "the path of a file",
+        )
     return path
 
 
@@ -171,7 +182,9 @@ def validate(document: Document, model: type[M]) -> M:
     """
     known_keys: dict[int, list[str]] = {}
     try:
-        return model.model_validate(document.data, context={"document": document, "known_keys": known_keys})
+        return model.model_validate(
+            document.data, context={"document": document, "known_keys": known_keys}
+        )
     except ValidationError as error:
         details = error.errors(include_url=False, include_input=False)
     raise InputErrors([_explain(document, detail, known_keys) for detail in details])
@@ -213,7 +226,9 @@ def _explain(document: Document, detail: Any, known_keys: Mapping[int, list[str]
     if isinstance(cause, Refusal):
         return document.error((*keys, *cause.keys), cause.found, cause.expected)
     if kind == "extra_forbidden":
-        expected = one_of(known_keys[id(around)], keys[-1]) if id(around) in known_keys else "no such key"
+        expected = (
+            one_of(known_keys[id(around)], keys[-1]) if id(around) in known_keys else "no such key"
+        )
         return document.key_error(keys, f"unknown key '{keys[-1]}'", expected)
     if location and location[-1] == "[key]":
         return document.key_error(keys, f"the key '{keys[-1]}'", _plain(detail["msg"]))
@@ -222,7 +237,9 @@ def _explain(document: Document, detail: Any, known_keys: Mapping[int, list[str]
     if kind.startswith("union_tag"):
         return _explain_tag(document, keys, value, context)
     if kind == "literal_error":
-        choices = [word.strip("'") for word in context["expected"].replace(" or ", ", ").split(", ")]
+        choices = [
+            word.strip("'") for word in context["expected"].replace(" or ", ", ").split(", ")
+        ]
         return document.error(keys, describe(value), one_of(choices, value))
     if kind == "too_short":
         return document.error(keys, describe(value), f"at least {context['min_length']} of them")
@@ -235,7 +252,9 @@ def _explain_tag(document: Document, keys: tuple[Key, ...], value: Any, context:
     name = "kind" if name.endswith("()") else name  # a function that looks for other keys first
     if "tag" in context:
         tags = [tag.strip("'") for tag in context["expected_tags"].split(", ")]
-        return document.error((*keys, name), f"{name} '{context['tag']}'", one_of(tags, context["tag"]))
+        return document.error(
+            (*keys, name), f"{name} '{context['tag']}'", one_of(tags, context["tag"])
+        )
     found = f"no key '{name}'" if isinstance(value, dict) else describe(value)
     return document.error(keys, found, f"a mapping with '{name}'")
 

@@ -10,7 +10,12 @@ class InputError(Exception):
     """Bad input: the place, what was found there and what is expected. The command line prints it and exits 2."""
 
     def __init__(
-        self, file: str | Path, found: str, expected: str, line: int | None = None, column: int | None = None
+        self,
+        file: str | Path,
+        found: str,
+        expected: str,
+        line: int | None = None,
+        column: int | None = None,
     ) -> None:
         super().__init__(file, found, expected, line, column)
         self.file = str(file)
@@ -20,7 +25,9 @@ class InputError(Exception):
         self.expected = expected
 
     def __str__(self) -> str:
-        place = ":".join(str(part) for part in (self.file, self.line, self.column) if part is not None)
+        place = ":".join(
+            str(part) for part in (self.file, self.line, self.column) if part is not None
+        )
         return printable(f"{place}: {_sentence(self.found, self.expected)}")
 
 
@@ -55,12 +62,18 @@ class Refusal(ValueError):
 
 
 def _sentence(found: str, expected: str) -> str:
-    return f"{found}; {expected}" if expected.startswith("did you mean") else f"{found}; expected {expected}"
+    return (
+        f"{found}; {expected}"
+        if expected.startswith("did you mean")
+        else f"{found}; expected {expected}"
+    )
 
 
 def printable(text: str) -> str:
     """Text from a file for a terminal: what would move its cursor, hide text or turn it around as an escape."""
-    return "".join(char if is_printable(char) or char == "\n" else ascii(char)[1:-1] for char in text)
+    return "".join(
+        char if is_printable(char) or char == "\n" else ascii(char)[1:-1] for char in text
+    )
 
 
 def is_printable(text: str) -> bool:
@@ -85,7 +98,9 @@ def describe(value: object) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, dict):
-        return f"a mapping ({', '.join(map(str, list(value)[:3]))}{', ...' if len(value) > 3 else ''})"
+        return (
+            f"a mapping ({', '.join(map(str, list(value)[:3]))}{', ...' if len(value) > 3 else ''})"
+        )
     if isinstance(value, (list, tuple)):
         return f"a list of {len(value)}"
     text = str(value) if isinstance(value, (int, float)) else f"'{value}'"

@@ -11,7 +11,9 @@ from typing import Any, TypeVar, cast
 
 A = TypeVar("A")
 T = TypeVar("T")
-_held: list[dict[Any, Any]] = []  # by function and file: bytes of the files read so far, and what was made of them
+_held: list[
+    dict[Any, Any]
+] = []  # by function and file: bytes of the files read so far, and what was made of them
 
 
 @contextmanager

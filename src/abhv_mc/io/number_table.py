@@ -40,7 +40,9 @@ class Rows:
         """The cells of a row, as many as the header has. Raises :class:`InputError`."""
         cells = _split(self.path, self.lines[row], self.texts[row])
         if len(cells) != len(self.header):
-            raise self.error(row, None, f"{len(cells)} cells", f"{len(self.header)}, as in the header")
+            raise self.error(
+                row, None, f"{len(cells)} cells", f"{len(self.header)}, as in the header"
+            )
         return cells
 
     def numbers(self, columns: Sequence[int]) -> NDArray[np.float64]:
@@ -62,12 +64,22 @@ def read_rows(path: Path) -> Rows:
         held = read_input(path)
         text = (gzip.decompress(held) if path.suffix == ".gz" else held).decode("utf-8-sig")
     except (OSError, EOFError, zlib.error, UnicodeDecodeError) as error:
-        raise InputError(path, getattr(error, "strerror", None) or str(error), "a CSV file in UTF-8") from None
-    lines = {i: line for i, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"}
+        raise InputError(
+            path, getattr(error, "strerror", None) or str(error), "a CSV file in UTF-8"
+        ) from None
+    lines = {
+        i: line for i, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"
+    }
     if len(lines) < 2:
         raise InputError(path, "no rows", "a header and rows of numbers", 1)
     (header, *texts), (header_line, *numbers) = lines.values(), lines
-    return Rows(path, [name.strip() for name in _split(path, header_line, header)], header_line, texts, numbers)
+    return Rows(
+        path,
+        [name.strip() for name in _split(path, header_line, header)],
+        header_line,
+        texts,
+        numbers,
+    )
 
 
 def _split(path: Path, number: int, line: str) -> list[str]:
@@ -94,7 +106,9 @@ class NumberTable:
         values = self.values[:, self.names.index(name)]
         for row in np.flatnonzero(np.diff(values) <= 0.0)[:1] + 1:
             quantity = name.partition("_")[0]
-            raise self.error(int(row), name, f"the {quantity} {values[row]:g} {unit}", f"{quantity}s that rise")
+            raise self.error(
+                int(row), name, f"the {quantity} {values[row]:g} {unit}", f"{quantity}s that rise"
+            )
 
 
 def read_number_table(path: Path, expected: Mapping[str, float] | None = None) -> NumberTable:
@@ -108,5 +122,7 @@ def read_number_table(path: Path, expected: Mapping[str, float] | None = None) -
     table = NumberTable(rows, names, rows.numbers([rows.header.index(name) for name in names]))
     for i, (name, most) in enumerate((expected or {}).items()):
         for row in np.flatnonzero(np.abs(table.values[:, i]) > most)[:1]:
-            raise table.error(int(row), name, f"{table.values[row, i]:g}", f"a magnitude of at most {most:g}")
+            raise table.error(
+                int(row), name, f"{table.values[row, i]:g}", f"a magnitude of at most {most:g}"
+            )
     return table

@@ -21,7 +21,9 @@ def column_values(column: pa.ChunkedArray) -> NDArray[Any]:
 def distinct_texts(column: pa.ChunkedArray) -> tuple[list[str], NDArray[np.intp]]:
     """The texts of a column, ascending, and which of them each row [row] has."""
     encoded = column.cast(pa.string()).combine_chunks().dictionary_encode()
-    texts, back = np.unique(np.array(encoded.dictionary.to_pylist(), dtype=np.str_), return_inverse=True)
+    texts, back = np.unique(
+        np.array(encoded.dictionary.to_pylist(), dtype=np.str_), return_inverse=True
+    )
     return texts.tolist(), back[np.from_dlpack(encoded.indices)]
 
 
@@ -35,4 +37,6 @@ def text_column(texts: Sequence[str]) -> pa.Array:
     """A column of texts [row]."""
     encoded = [text.encode() for text in texts]
     ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
-    return pa.Array.from_buffers(pa.string(), len(encoded), [None, pa.py_buffer(ends), pa.py_buffer(b"".join(encoded))])
+    return pa.Array.from_buffers(
+        pa.string(), len(encoded), [None, pa.py_buffer(ends), pa.py_buffer(b"".join(encoded))]
+    )

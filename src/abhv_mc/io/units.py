@@ -83,7 +83,9 @@ SPEED = Dimension("a speed", "m/s", "1400 m/s", (1, 0, -1, 0), 12e3)
 ACCELERATION = Dimension("an acceleration", "m/s2", "9.8 m/s2", (1, 0, -2, 0), 1e4)
 ANGLE = Dimension("an angle", "rad", "-3 deg", (0, 0, 0, 1), 100.0)
 ANGULAR_RATE = Dimension("an angular rate", "rad/s", "400 deg/s", (0, 0, -1, 1), 1e4)
-ANGULAR_ACCELERATION = Dimension("an angular acceleration", "rad/s2", "20 deg/s2", (0, 0, -2, 1), 1e6)
+ANGULAR_ACCELERATION = Dimension(
+    "an angular acceleration", "rad/s2", "20 deg/s2", (0, 0, -2, 1), 1e6
+)
 MASS = Dimension("a mass", "kg", "1372 kg", (0, 1, 0, 0), 1e7)
 INERTIA = Dimension("a moment of inertia", "kg m2", "1.3e6 kg m2", (2, 1, 0, 0), 1e12)
 FORCE = Dimension("a force", "N", "500 kN", (1, 1, -2, 0), 1e9)
@@ -126,7 +128,9 @@ def parse_unit(text: str) -> tuple[float, Exponents]:
 def dimension_of(unit: str) -> Dimension:
     """The dimension of a unit. Raises :class:`Refusal` for an unknown unit."""
     _, exponents = parse_unit(unit)
-    return _BY_EXPONENTS.get(exponents) or Dimension(f"a quantity in {unit}", unit, f"1 {unit}", exponents)
+    return _BY_EXPONENTS.get(exponents) or Dimension(
+        f"a quantity in {unit}", unit, f"1 {unit}", exponents
+    )
 
 
 def parse_quantity(text: str | float, dimension: Dimension, bare_unit: str | None = None) -> float:
@@ -148,11 +152,14 @@ def parse_quantity(text: str | float, dimension: Dimension, bare_unit: str | Non
     except Refusal as refusal:
         hint = re.search(r"did you mean '.*?'\?", refusal.expected)
         raise Refusal(
-            f"{describe(text)} with {refusal.found}", dimension.expected + (f" ({hint[0]})" if hint else "")
+            f"{describe(text)} with {refusal.found}",
+            dimension.expected + (f" ({hint[0]})" if hint else ""),
         ) from None
     if exponents != dimension.exponents:
         given = _BY_EXPONENTS.get(exponents)
-        raise Refusal(f"{describe(text)}, {given.name if given else 'something else'}", dimension.expected)
+        raise Refusal(
+            f"{describe(text)}, {given.name if given else 'something else'}", dimension.expected
+        )
     inverse = 1.0 / factor  # dividing by 100 rounds once, where multiplying by 0.01 rounds twice
     value = number / inverse if inverse.is_integer() else number * factor
     if not math.isfinite(value):
@@ -198,7 +205,9 @@ def format_quantity(value: float, dimension: Dimension) -> str | float:
 def _parse_field(value: str | float, dimension: Dimension) -> float:
     number = parse_quantity(value, dimension)
     if abs(number) > dimension.largest:
-        raise Refusal(describe(value), f"{dimension.name} of at most {dimension.largest:g} {dimension.unit}")
+        raise Refusal(
+            describe(value), f"{dimension.name} of at most {dimension.largest:g} {dimension.unit}"
+        )
     return number
 
 
@@ -212,7 +221,9 @@ def _writer(dimension: Dimension) -> PlainSerializer:
 
 def _schema(dimension: Dimension) -> WithJsonSchema:
     text = {"type": "string", "description": dimension.expected, "examples": [dimension.example]}
-    text["pattern"] = rf"^\s*{NUMBER}\s*{'' if dimension is FRACTION else '[^0-9]'}"  # with a unit, whatever it is
+    text["pattern"] = (
+        rf"^\s*{NUMBER}\s*{'' if dimension is FRACTION else '[^0-9]'}"  # with a unit, whatever it is
+    )
     return WithJsonSchema({"anyOf": [{"type": "number"}, text]} if dimension is FRACTION else text)
 
 

@@ -86,7 +86,9 @@ def _note(folder: Path, name: str) -> Path:
 
 def _digest(folder: Path, name: str) -> str:
     files = _files_of(folder, name)
-    return "".join(f"{hashlib.sha256(file.read_bytes()).hexdigest()}  {file.name}\n" for file in files)
+    return "".join(
+        f"{hashlib.sha256(file.read_bytes()).hexdigest()}  {file.name}\n" for file in files
+    )
 
 
 def is_noted(folder: Path, name: str) -> bool:

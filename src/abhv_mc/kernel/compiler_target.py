@@ -25,7 +25,11 @@ _SETTINGS = (
 
 def code_folder(interface: str) -> Path:
     """Folder of the code that numba makes by one of its interfaces, with its settings as they are."""
-    return cache_folder(" ".join([interface, *(f"{name}={getattr(numba.config, name, None)}" for name in _SETTINGS)]))
+    return cache_folder(
+        " ".join(
+            [interface, *(f"{name}={getattr(numba.config, name, None)}" for name in _SETTINGS)]
+        )
+    )
 
 
 def choose_target() -> None:

@@ -130,7 +130,11 @@ def _interrupts_kept() -> Iterator[None]:
         seen.append(number)
         raise KeyboardInterrupt
 
-    before = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM) if callable(signal.getsignal(n))}
+    before = {
+        n: signal.getsignal(n)
+        for n in (signal.SIGINT, signal.SIGTERM)
+        if callable(signal.getsignal(n))
+    }
     for number in before:
         signal.signal(number, note)
     try:
@@ -169,7 +173,9 @@ def _make_private() -> tuple[Any, Any]:
         def part(self) -> Any:
             return super()._get_module_for_linking()
 
-        def _get_module_for_linking(self) -> Any:  # for numba's own functions: with all that it calls
+        def _get_module_for_linking(
+            self,
+        ) -> Any:  # for numba's own functions: with all that it calls
             return link(self.part().clone(), self)
 
     def link(module: Any, caller: Any) -> Any:
@@ -181,7 +187,9 @@ def _make_private() -> tuple[Any, Any]:
 
         def visit(library: Any) -> None:
             for called in (
-                library._linking_libraries if library is caller or isinstance(library, InlinedLibrary) else ()
+                library._linking_libraries
+                if library is caller or isinstance(library, InlinedLibrary)
+                else ()
             ):
                 if called not in order:
                     visit(called)
@@ -189,7 +197,11 @@ def _make_private() -> tuple[Any, Any]:
 
         visit(caller)
         for library in list(order)[-2::-1]:
-            part = library.part() if isinstance(library, InlinedLibrary) else library._get_module_for_linking()
+            part = (
+                library.part()
+                if isinstance(library, InlinedLibrary)
+                else library._get_module_for_linking()
+            )
             module.link_in(part, preserve=True)
         return module
 
@@ -202,17 +214,26 @@ def _make_private() -> tuple[Any, Any]:
             # names all arrays that it does not touch: those of a whole plan are most of what LLVM would work on.
             self.state.flags.noalias = count_arrays(self.state.args) <= _MOST_ARRAYS
             result = super().compile_extra(function)
-            entry = set[Any]().remove  # never called: numba knows a function by a builtin of its own
+            entry = set[
+                Any
+            ]().remove  # never called: numba knows a function by a builtin of its own
             result.target_context.insert_user_function(entry, result.fndesc, [library])
             return result._replace(entry_point=entry)
 
     class Inlined(CPUDispatcher):
         def __init__(self, function: Any, **options: Any) -> None:
             # No reference counting (_nrt): an atomic count on each array in each lane costs three times the physics.
-            options |= {"nopython": True, "_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+            options |= {
+                "nopython": True,
+                "_nrt": False,
+                "no_cpython_wrapper": True,
+                "no_cfunc_wrapper": True,
+            }
             super().__init__(function, targetoptions=options, pipeline_class=InlinedCompiler)
 
-        def get_call_template(self, args: Any, kws: Any) -> Any:  # once for all constants, each a type to numba
+        def get_call_template(
+            self, args: Any, kws: Any
+        ) -> Any:  # once for all constants, each a type to numba
             return super().get_call_template(tuple(map(types.unliteral, args)), kws)
 
         @functools.cached_property
@@ -244,7 +265,9 @@ def _make_private() -> tuple[Any, Any]:
 
     class KernelCompiler(Compiler):
         def compile_extra(self, function: Any) -> Any:
-            self.state["library"] = library = KernelLibrary(self.state.targetctx.codegen(), function.__qualname__)
+            self.state["library"] = library = KernelLibrary(
+                self.state.targetctx.codegen(), function.__qualname__
+            )
             library.enable_object_caching()
             return super().compile_extra(function)
 
@@ -255,19 +278,27 @@ def _make_private() -> tuple[Any, Any]:
             self._cache: Any = KernelCache(function)
 
         def compile(self, sig: Any) -> Any:
-            if not source_unchanged():  # keep nothing under the name of a source that was edited meanwhile
+            if (
+                not source_unchanged()
+            ):  # keep nothing under the name of a source that was edited meanwhile
                 self._cache = NullCache()
             with contextlib.ExitStack() as stack:
                 stack.enter_context(_interrupts_kept())
                 stack.callback(_kernels.end)
                 waiting = functools.partial(_tell, self.py_func, True)
-                stack.enter_context(one_compiles(self.stats.cache_path, self.py_func.__name__, waiting))
+                stack.enter_context(
+                    one_compiles(self.stats.cache_path, self.py_func.__name__, waiting)
+                )
                 if gc.isenabled():
                     gc.disable()
                     stack.callback(gc.enable)
                 try:
                     return super().compile(sig)
-                except (OSError, EOFError, UnpicklingError):  # a full disk, or a damaged file of the cache
+                except (
+                    OSError,
+                    EOFError,
+                    UnpicklingError,
+                ):  # a full disk, or a damaged file of the cache
                     with contextlib.suppress(OSError):
                         self._cache.flush()
                     return super().compile(sig)
@@ -287,14 +318,23 @@ if _mode == "private":
     try:
         _inlined, _kernel = _make_private()
         _twice = scalar(lambda x: x + x)
-        if not (tried := code_folder(_mode) / "tried").exists():  # half a second; numba's version is in the name
+        if not (
+            tried := code_folder(_mode) / "tried"
+        ).exists():  # half a second; numba's version is in the name
             kernel(_try)(np.ones(2))
             with contextlib.suppress(OSError):
                 tried.touch()
     except Exception as error:
         what = f"the private part of numba {numba.__version__} is another than known ({type(error).__name__}: {error})"
-        warnings.warn(f"{what}: its public interface makes the same flights, slower", RuntimeWarning, stacklevel=2)
-        os.environ[_PUBLIC], _mode = "1", "public"  # processes that this one starts need not find out again
+        warnings.warn(
+            f"{what}: its public interface makes the same flights, slower",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+        os.environ[_PUBLIC], _mode = (
+            "1",
+            "public",
+        )  # processes that this one starts need not find out again
         numba.config.CACHE_DIR = str(code_folder(_mode))  # type: ignore[attr-defined]
 if _mode == "public":
     _inlined, _kernel = numba.njit, functools.partial(numba.njit, cache=True)

@@ -19,7 +19,15 @@ class Uncompilable(Exception):
 
 
 def _call_address(
-    typing_context: Any, address: Any, own: Any, Z: Any, reference: Any, gains: Any, settings: Any, tick: Any, dt: Any
+    typing_context: Any,
+    address: Any,
+    own: Any,
+    Z: Any,
+    reference: Any,
+    gains: Any,
+    settings: Any,
+    tick: Any,
+    dt: Any,
 ) -> Any:
     """Call a function that :func:`compile_pointer` compiled, from compiled code, by its address.
 
@@ -81,7 +89,9 @@ def floats_at(typing_context: Any, address: Any) -> Any:
 
 
 _ROW = types.CPointer(types.float64)
-_SIGNATURE = types.void(types.CPointer(types.int64), _ROW, _ROW, _ROW, _ROW, types.int64, types.float64)
+_SIGNATURE = types.void(
+    types.CPointer(types.int64), _ROW, _ROW, _ROW, _ROW, types.int64, types.float64
+)
 
 
 def compile_pointer(function: Any) -> Any:
@@ -95,4 +105,6 @@ def compile_pointer(function: Any) -> Any:
         return numba.cfunc(_SIGNATURE, cache=True, error_model="numpy")(function)
     except NumbaError as error:
         place = getattr(error, "loc", None)
-        raise Uncompilable(getattr(place, "filename", None), getattr(place, "line", None), str(error)) from None
+        raise Uncompilable(
+            getattr(place, "filename", None), getattr(place, "line", None), str(error)
+        ) from None

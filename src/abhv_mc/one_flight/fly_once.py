@@ -44,7 +44,10 @@ def fly_once(
     _check_felt(plan, parameters, dispersions or ())
     block = fly(plan, parameters, min(every, plan.timing.ticks + 1))
     outcome = Outcome(int(block.outcome[0]))
-    metrics = {metric.name: value for metric, value in zip(plan.metrics, block.metrics[0].tolist(), strict=True)}
+    metrics = {
+        metric.name: value
+        for metric, value in zip(plan.metrics, block.metrics[0].tolist(), strict=True)
+    }
     sentence = describe_end(plan, parameters, outcome)
     return OneFlight(plan, block, outcome.code, float(block.end_time[0]), metrics, sentence)
 
@@ -85,7 +88,8 @@ def fly(
 
     flight = fly_once(mission, vehicle, controller, dispersions, check_count(every, 1, "every"))
     table = pd.DataFrame(
-        flight.block.history[0].astype("float64"), columns=[channel.name for channel in flight.plan.channels]
+        flight.block.history[0].astype("float64"),
+        columns=[channel.name for channel in flight.plan.channels],
     )
     table.insert(0, "time", flight.block.times)
     table = table[table["time"] <= flight.end_time + 1e-9].reset_index(drop=True)
@@ -110,17 +114,27 @@ def _check_felt(plan: "FlightPlan", parameters: "Floats", names: Iterable[str]) 
     from abhv_mc.kernel.plant.parameter_names import NEVER, PARAMETER_INDEX
     from abhv_mc.plant.parameters import PARAMETERS
 
-    at = [i for i in map(PARAMETER_INDEX.get, names) if i is not None and parameters[0, i] != PARAMETERS[i].nominal]
+    at = [
+        i
+        for i in map(PARAMETER_INDEX.get, names)
+        if i is not None and parameters[0, i] != PARAMETERS[i].nominal
+    ]
     for farther in (False, True):
         if not at:
             return
         rows = np.tile(parameters, (1 + len(at), 1))
         for row, i in zip(rows[1:], at, strict=True):
             nominal = PARAMETERS[i].nominal
-            far = {0.0: 25.0 * row[i], NEVER: 0.5 * plan.timing.duration}.get(nominal, 1e-3 * nominal)
+            far = {0.0: 25.0 * row[i], NEVER: 0.5 * plan.timing.duration}.get(
+                nominal, 1e-3 * nominal
+            )
             row[i] = far if farther else nominal
         block = fly(plan, rows)
         at = [i for k, i in enumerate(at, 1) if not differs(block, 0, k)]
     if at:
         named = ", ".join(f"'{PARAMETERS[i].name}'" for i in at)
-        raise InputError("dispersions", f"{named}, without effect on this flight", "what this vehicle feels in it")
+        raise InputError(
+            "dispersions",
+            f"{named}, without effect on this flight",
+            "what this vehicle feels in it",
+        )

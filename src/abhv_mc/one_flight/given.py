@@ -15,7 +15,15 @@ from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from abhv_mc.io.documents import Document, InputError, Refusal, describe, one_of, read_document, write_document
+from abhv_mc.io.documents import (
+    Document,
+    InputError,
+    Refusal,
+    describe,
+    one_of,
+    read_document,
+    write_document,
+)
 from abhv_mc.io.units import Dimension, dimension_of, parse_quantity
 from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
 
@@ -48,7 +56,9 @@ def make_document(kind: str, given: Input) -> Document:
             if not isinstance(place, dict) or name not in place:
                 known = place if isinstance(place, dict) else ()
                 found = f"no entry '{'.'.join(path[: i + 1])}'"
-                raise InputError(document.path, found, one_of(known, name) if known else "a mapping")
+                raise InputError(
+                    document.path, found, one_of(known, name) if known else "a mapping"
+                )
             place = place[name]
         if not isinstance(place, dict):
             raise InputError(document.path, f"no entry '{key}'", "the key of a mapping")
@@ -80,7 +90,9 @@ def _temporary_folder() -> Path:
     return Path(folder)
 
 
-def make_flight_plan(mission: Input, vehicle: Input = DEFAULT_VEHICLE, controller: Input = "tlc") -> "FlightPlan":
+def make_flight_plan(
+    mission: Input, vehicle: Input = DEFAULT_VEHICLE, controller: Input = "tlc"
+) -> "FlightPlan":
     """The plan that a controller flies: reference, gains, start. Raises InputError."""
     from abhv_mc.flight.prepare import prepare
 
@@ -97,9 +109,13 @@ def make_parameters(dispersions: Mapping[str, Quantity] | None) -> "NDArray[np.f
     from abhv_mc.plant.parameters import PARAMETERS
 
     row = nominal_parameters()
-    for name, value in check_mapping({} if dispersions is None else dispersions, "dispersions").items():
+    for name, value in check_mapping(
+        {} if dispersions is None else dispersions, "dispersions"
+    ).items():
         if name not in PARAMETER_INDEX or name == PARAMETERS[0].name:
-            raise InputError("dispersions", f"parameter '{name}'", one_of(list(PARAMETER_INDEX)[1:], name))
+            raise InputError(
+                "dispersions", f"parameter '{name}'", one_of(list(PARAMETER_INDEX)[1:], name)
+            )
         try:
             dimension = dimension_of(PARAMETERS[PARAMETER_INDEX[name]].unit)
             row[0, PARAMETER_INDEX[name]] = parse_quantity(value, dimension, dimension.unit)
@@ -112,7 +128,11 @@ def check_count(value: int, least: int, name: str, most: int | None = None) -> i
     """A whole number that is not below ``least`` or above ``most``. Raises InputError, which calls it ``name``."""
     whole = isinstance(value, Integral) and not isinstance(value, bool)
     if not whole or value < least or (most is not None and value > most):
-        expected = f"a whole number, {least} or more" if most is None else f"a whole number from {least} to {most}"
+        expected = (
+            f"a whole number, {least} or more"
+            if most is None
+            else f"a whole number from {least} to {most}"
+        )
         raise InputError(name, describe(value), expected)
     return int(value)
 

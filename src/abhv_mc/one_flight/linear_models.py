@@ -63,7 +63,9 @@ class LinearModel:
     All parts but ``plant_continuous`` are sampled: ``x+ = A x + B u``, ``y = C x + D u`` once a control period.
     """
 
-    plant_continuous: StateSpace  # path coordinates and actuators; from commands to the path coordinates
+    plant_continuous: (
+        StateSpace  # path coordinates and actuators; from commands to the path coordinates
+    )
     plant: StateSpace  # the same under held commands
     law: StateSpace  # its memory; from the measurement to the commands
     loop: StateSpace  # all loops cut at the actuators: from what goes in there to minus what the law commands
@@ -115,7 +117,9 @@ def take_point(
             plan = plan.lean_for(dispersions or ())
             taken = trim_points(plan, parameters)
         except np.linalg.LinAlgError as error:
-            words = f"a vehicle that its controls do not rule in steady flight ({str(error).lower()})"
+            words = (
+                f"a vehicle that its controls do not rule in steady flight ({str(error).lower()})"
+            )
             expected = "surfaces with moments of their own, and a weight that they can hold"
             raise InputError(craft.path, words, expected) from None
         if taken.faults[0]:
@@ -124,16 +128,23 @@ def take_point(
     else:
         plan = prepare(craft, asked, law, name).lean_for(dispersions or ())
         if not 0.0 <= time <= plan.timing.duration:
-            raise InputError("at", f"{time:g} s", f"a time of the mission, 0 to {plan.timing.duration:g} s")
+            raise InputError(
+                "at", f"{time:g} s", f"a time of the mission, 0 to {plan.timing.duration:g} s"
+            )
         taken = flown_points(plan, parameters, time)
         if taken.faults[0] not in ("", AT_LIMIT):
             expected = f"a time at which {name} still flies, and has slopes"
             raise InputError("at", f"{time:g} s: {taken.faults[0]}", expected)
         if taken.faults[0]:
-            warnings.append(f"{name} at {time:g} s: {taken.faults[0]}; what is linearized knows no limits")
+            warnings.append(
+                f"{name} at {time:g} s: {taken.faults[0]}; what is linearized knows no limits"
+            )
     check_rows(plan, parameters)
     warnings += [f"{name}: {words}" for words in near_nodes(plan, taken.points)]
-    warnings += [f"{name}: linearized with {mode}, as small changes leave it" for mode in find_period(plan).modes]
+    warnings += [
+        f"{name}: linearized with {mode}, as small changes leave it"
+        for mode in find_period(plan).modes
+    ]
     return Place(plan, taken.points, warnings)
 
 
@@ -185,7 +196,9 @@ def linearize(
     place = take_point(mission, vehicle, controller, at, bank, dispersions)
     model = make_model(place.plan, place.points, linearize(place.plan, place.points))
     point = pd.Series(model["point"]["states"], model["plant"]["states"], name="point")
-    point.attrs["units"] = dict(zip(model["plant"]["states"], model["plant"]["state_units"], strict=True))
+    point.attrs["units"] = dict(
+        zip(model["plant"]["states"], model["plant"]["state_units"], strict=True)
+    )
     parts = ("plant_continuous", "plant", "law", "loop", "closed")
     return LinearModel(
         **{part: _make_tables(model[part]) for part in parts},
@@ -232,7 +245,9 @@ def margins(
 
     place = take_point(mission, vehicle, controller, at, bank, dispersions)
     _, stability = analyse_place(place)
-    table = pd.DataFrame.from_dict(margin_values(stability), orient="index", columns=list(_MARGIN_UNITS))
+    table = pd.DataFrame.from_dict(
+        margin_values(stability), orient="index", columns=list(_MARGIN_UNITS)
+    )
     table.index.name = "loop"
     table.attrs = {
         "units": dict(_MARGIN_UNITS),
@@ -293,7 +308,8 @@ def fly_on(
             raise InputError("disturbance", f"'{name}'", one_of(names, name))
         change[names.index(name)] = value
     tick, ticks = (
-        round(to_si(time, TIME, word) / plan.timing.tick) for time, word in ((at, "at"), (duration, "duration"))
+        round(to_si(time, TIME, word) / plan.timing.tick)
+        for time, word in ((at, "at"), (duration, "duration"))
     )
     if not 0 <= tick <= plan.timing.ticks:
         raise InputError("at", f"{at}", f"a time of the mission, 0 to {plan.timing.duration:g} s")
@@ -310,7 +326,10 @@ def _make_tables(part: dict[str, Any]) -> StateSpace:
 
     kinds = ("state", "input", "output")
     units = {
-        name: unit for kind in kinds for name, unit in zip(part[f"{kind}s"], part[f"{kind}_units"], strict=True) if unit
+        name: unit
+        for kind in kinds
+        for name, unit in zip(part[f"{kind}s"], part[f"{kind}_units"], strict=True)
+        if unit
     }
 
     def table(name: str, rows: str, columns: str) -> "pd.DataFrame":

@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 
     from abhv_mc.plant.trim import TrimPoint
 
-_COLUMNS: dict[str, tuple[str, Callable[["TrimPoint"], float]]] = {  # unit and value, after the bank
+_COLUMNS: dict[
+    str, tuple[str, Callable[["TrimPoint"], float]]
+] = {  # unit and value, after the bank
     "flight_path_angle_deg": ("deg", lambda found: math.degrees(found.flight_path_angle)),
     "angle_of_attack_deg": ("deg", lambda found: math.degrees(found.angle_of_attack)),
     "elevator_deg": ("deg", lambda found: math.degrees(found.elevator)),
@@ -90,7 +92,12 @@ def trim(
     banks = [bank] if isinstance(bank, str | int | float | Real) else list(bank)
     if not banks:
         raise InputError("bank", "no angle", "one or more")
-    given = {"altitude": altitude, "speed": speed, "flight_path_angle": flight_path_angle, "latitude": latitude}
+    given = {
+        "altitude": altitude,
+        "speed": speed,
+        "flight_path_angle": flight_path_angle,
+        "latitude": latitude,
+    }
     point = {name: _quantity(name, value) for name, value in (given | {"heading": heading}).items()}
     angles = [_quantity("bank", angle) for angle in banks]
     kilograms = None if mass is None else _quantity("mass", mass)
@@ -99,9 +106,13 @@ def trim(
         raise InputError(document.path, "a vehicle without surfaces", "one with them, to trim it")
     earth = WGS84 if rotating else WGS84._replace(rotation_rate=0.0)
     found = [balance(craft, earth, FlightPoint(bank=angle, **point), kilograms) for angle in angles]
-    columns: dict[str, list[Any]] = {name: [value(each) for each in found] for name, (_, value) in _COLUMNS.items()}
+    columns: dict[str, list[Any]] = {
+        name: [value(each) for each in found] for name, (_, value) in _COLUMNS.items()
+    }
     columns["trimmed"] = [not each.fault for each in found]
-    columns["fault"] = pd.Series([each.fault or None for each in found], dtype=object)  # None stays None
+    columns["fault"] = pd.Series(
+        [each.fault or None for each in found], dtype=object
+    )  # None stays None
     table = pd.DataFrame(columns).set_index(pd.Index(map(math.degrees, angles), name="bank_deg"))
     start = craft.constants.mass_start
     table.attrs = {

@@ -63,4 +63,6 @@ def make_effectiveness(vehicle: Vehicle) -> Effectiveness:
     slope_group, slope_axis, slope_row = np.array(slopes, np.int64).reshape(-1, 3).T.copy()
     *columns, weight = np.array(found, np.float64).reshape(-1, 5).T.copy()
     coefficient, inputs, row, variable = (column.astype(np.int64) for column in columns)
-    return Effectiveness(coefficient, inputs, row, variable, weight, slope_group, slope_axis, slope_row)
+    return Effectiveness(
+        coefficient, inputs, row, variable, weight, slope_group, slope_axis, slope_row
+    )

@@ -48,7 +48,12 @@ class Parameter:
         """A quantity in its unit; ``of_nominal``: a percentage is of its nominal value. Raises Refusal."""
         if not self.of_user:
             return parse_in_unit(value, self.unit)
-        if of_nominal and self.unit != "%" and isinstance(value, str) and value.rstrip().endswith("%"):
+        if (
+            of_nominal
+            and self.unit != "%"
+            and isinstance(value, str)
+            and value.rstrip().endswith("%")
+        ):
             if self.nominal == 0.0:
                 raise Refusal(f"'{value}' of a nominal value of 0", f"a quantity in {self.unit}")
             return parse_in_any_unit(value, "-") * abs(self.nominal)
@@ -87,18 +92,29 @@ def _failing(name: str, words: str) -> tuple[Parameter, ...]:
     """Failures of a surface, an axis deflection or an effector."""
     return (
         Parameter(f"failure.{name}.stuck_time", "s", NEVER, f"time at which {words} sticks"),
-        Parameter(f"failure.{name}.loss_time", "s", NEVER, f"time at which {words} loses effectiveness"),
+        Parameter(
+            f"failure.{name}.loss_time", "s", NEVER, f"time at which {words} loses effectiveness"
+        ),
         Parameter(f"failure.{name}.slow_time", "s", NEVER, f"time at which {words} becomes slow"),
-        Parameter(f"failure.{name}.stuck_at", "rad", NEVER, f"deflection that {words} sticks at; inf: where it is"),
+        Parameter(
+            f"failure.{name}.stuck_at",
+            "rad",
+            NEVER,
+            f"deflection that {words} sticks at; inf: where it is",
+        ),
         _error(f"failure.{name}.effectiveness", "-", f"effectiveness of {words} after its loss"),
-        Parameter(f"failure.{name}.rate_limit", "-", 0.1, f"factor on the rate limit of {words} once slow"),
+        Parameter(
+            f"failure.{name}.rate_limit", "-", 0.1, f"factor on the rate limit of {words} once slow"
+        ),
     )
 
 
 def _failing_engine(name: str, words: str) -> tuple[Parameter, ...]:
     return (
         Parameter(f"failure.{name}.time", "s", NEVER, f"time at which {words} fails"),
-        Parameter(f"failure.{name}.duration", "s", NEVER, f"how long {words} has failed; inf: for good"),
+        Parameter(
+            f"failure.{name}.duration", "s", NEVER, f"how long {words} has failed; inf: for good"
+        ),
         _error(f"failure.{name}.thrust", "-", f"factor on the thrust of {words} failed"),
     )
 
@@ -106,8 +122,14 @@ def _failing_engine(name: str, words: str) -> tuple[Parameter, ...]:
 def _failing_sensor(name: str, unit: str) -> tuple[Parameter, ...]:
     words = name.replace("_", " ")
     return (
-        Parameter(f"failure.sensor.{name}.time", "s", NEVER, f"time at which the measured {words} fails"),
-        _error(f"failure.sensor.{name}.bias", unit, f"error of the failed measured {words}; 0: it stays what it was"),
+        Parameter(
+            f"failure.sensor.{name}.time", "s", NEVER, f"time at which the measured {words} fails"
+        ),
+        _error(
+            f"failure.sensor.{name}.bias",
+            unit,
+            f"error of the failed measured {words}; 0: it stays what it was",
+        ),
     )
 
 
@@ -128,15 +150,26 @@ _TABLE: tuple[Parameter, ...] = (
         for name, text in _COEFFICIENTS.items()
         for variable, words in _DERIVATIVES.items()
     ),
-    *(_factor(f"control.{name}_effectiveness", f"{name} deflection felt by the aerodynamics") for name in AXES),
     *(
-        _factor(f"control.{name}_effectiveness", f"deflection of the vehicle's effector {i} felt by the aerodynamics")
+        _factor(f"control.{name}_effectiveness", f"{name} deflection felt by the aerodynamics")
+        for name in AXES
+    ),
+    *(
+        _factor(
+            f"control.{name}_effectiveness",
+            f"deflection of the vehicle's effector {i} felt by the aerodynamics",
+        )
         for i, name in enumerate(EFFECTORS)
     ),
     _factor("propulsion.thrust", "thrust at the same fuel flow"),
-    _factor("propulsion.specific_impulse", "specific impulse at the same thrust (changes the fuel flow)"),
+    _factor(
+        "propulsion.specific_impulse", "specific impulse at the same thrust (changes the fuel flow)"
+    ),
     _factor("mass.total", "mass at the start"),
-    *(_factor(f"mass.inertia_{axis}{axis}", f"moment of inertia about body {axis}") for axis in "xyz"),
+    *(
+        _factor(f"mass.inertia_{axis}{axis}", f"moment of inertia about body {axis}")
+        for axis in "xyz"
+    ),
     _factor("mass.inertia_13", "product of inertia (matrix element 13)"),
     _error("mass.center_of_gravity_x", "m", "centre of gravity moved forward"),
     _error("mass.center_of_gravity_y", "m", "centre of gravity moved right"),
@@ -153,7 +186,11 @@ _TABLE: tuple[Parameter, ...] = (
         for name, unit in _NAVIGATION.items()
     ),
     *(
-        _error(f"sensor.{name}_{error}", unit_of or unit, f"{words} the measured {name.replace('_', ' ')}")
+        _error(
+            f"sensor.{name}_{error}",
+            unit_of or unit,
+            f"{words} the measured {name.replace('_', ' ')}",
+        )
         for name, unit in _SENSED.items()
         for error, unit_of, words in (
             ("bias", "", "constant error of"),
@@ -162,11 +199,15 @@ _TABLE: tuple[Parameter, ...] = (
             ("interval", "s", "sampling interval, in whole control periods, of"),
         )
     ),
-    *(_factor(f"sensor.{name}_scale", f"the measured {name.replace('_', ' ')}") for name in SCALED_SENSORS),
+    *(
+        _factor(f"sensor.{name}_scale", f"the measured {name.replace('_', ' ')}")
+        for name in SCALED_SENSORS
+    ),
     _factor("engine.equivalence_ratio_limit", "upper limit of the throttle (equivalence ratio)"),
     *(
         _factor(
-            f"atmosphere.density_at_{km}km", f"air density at {km} km, linear in altitude between the profile's knots"
+            f"atmosphere.density_at_{km}km",
+            f"air density at {km} km, linear in altitude between the profile's knots",
         )
         for km in DENSITY_KNOTS_KM
     ),
@@ -176,29 +217,71 @@ _TABLE: tuple[Parameter, ...] = (
     Parameter("wind.gust_start", "s", 0.0, "1-cosine gust: time at which the flight enters it"),
     Parameter("wind.gust_length", "m", 1000.0, "1-cosine gust: distance over which it builds up"),
     _error("wind.turbulence", "m/s", "Dryden turbulence: rms of each of the three components"),
-    Parameter("wind.turbulence_length", "m", 533.4, "Dryden turbulence: scale length (1750 ft at altitude)"),
-    Parameter("wind.turbulence_seed", "-", 0.5, "which turbulence a flight meets, 0..1: draw it uniformly", seed=True),
-    Parameter("sensor.noise_seed", "-", 0.5, "which sensor noise a flight meets, 0..1: draw it uniformly", seed=True),
-    _error("sensor.delay", "s", "age of every measurement, in whole control periods, at most 25 of them"),
+    Parameter(
+        "wind.turbulence_length",
+        "m",
+        533.4,
+        "Dryden turbulence: scale length (1750 ft at altitude)",
+    ),
+    Parameter(
+        "wind.turbulence_seed",
+        "-",
+        0.5,
+        "which turbulence a flight meets, 0..1: draw it uniformly",
+        seed=True,
+    ),
+    Parameter(
+        "sensor.noise_seed",
+        "-",
+        0.5,
+        "which sensor noise a flight meets, 0..1: draw it uniformly",
+        seed=True,
+    ),
+    _error(
+        "sensor.delay",
+        "s",
+        "age of every measurement, in whole control periods, at most 25 of them",
+    ),
     *(entry for name in AXES for entry in _failing(name, f"the {name}")),
-    *(entry for i, name in enumerate(EFFECTORS) for entry in _failing(name, f"the vehicle's effector {i}")),
-    *(entry for i, name in enumerate(ENGINES) for entry in _failing_engine(name, f"the vehicle's engine {i}")),
+    *(
+        entry
+        for i, name in enumerate(EFFECTORS)
+        for entry in _failing(name, f"the vehicle's effector {i}")
+    ),
+    *(
+        entry
+        for i, name in enumerate(ENGINES)
+        for entry in _failing_engine(name, f"the vehicle's engine {i}")
+    ),
     *(entry for name, unit in _NAVIGATION.items() for entry in _failing_sensor(name, unit)),
     Parameter("failure.engine.time", "s", NEVER, "time at which the engine fails"),
-    Parameter("failure.engine.duration", "s", NEVER, "how long the engine has failed; inf: for good"),
-    _error("failure.engine.thrust", "-", "factor on thrust and fuel flow of the failed engine; 0: flame-out"),
+    Parameter(
+        "failure.engine.duration", "s", NEVER, "how long the engine has failed; inf: for good"
+    ),
+    _error(
+        "failure.engine.thrust",
+        "-",
+        "factor on thrust and fuel flow of the failed engine; 0: flame-out",
+    ),
     *(
         _error(
-            f"failure.engine.{name}_increment", "-", f"added to the {_COEFFICIENTS[name]} while the engine has failed"
+            f"failure.engine.{name}_increment",
+            "-",
+            f"added to the {_COEFFICIENTS[name]} while the engine has failed",
         )
         for name in ("drag", "pitching_moment")
     ),
     *(
-        _factor(f"wind.turbulence_{axis}", f"Dryden turbulence: rms {words}, of that of wind.turbulence")
+        _factor(
+            f"wind.turbulence_{axis}", f"Dryden turbulence: rms {words}, of that of wind.turbulence"
+        )
         for axis, words in _GUST_AXES.items()
     ),
     *(
-        _factor(f"wind.turbulence_length_{axis}", f"Dryden turbulence: scale length {words}, of wind.turbulence_length")
+        _factor(
+            f"wind.turbulence_length_{axis}",
+            f"Dryden turbulence: scale length {words}, of wind.turbulence_length",
+        )
         for axis, words in _GUST_AXES.items()
     ),
     _error("wind.turbulence_rotary", "-", "rotary gusts p, q, r of Dryden turbulence: 1 on, 0 off"),
@@ -243,4 +326,10 @@ class Parameters:
 OURS = Parameters(PARAMETERS)
 
 # What swings an angle without a limit cycle.
-DISTURBANCES = ("wind.gust_north", "wind.gust_east", "wind.gust_down", "wind.turbulence", *SENSOR_NOISES)
+DISTURBANCES = (
+    "wind.gust_north",
+    "wind.gust_east",
+    "wind.gust_down",
+    "wind.turbulence",
+    *SENSOR_NOISES,
+)

@@ -14,7 +14,12 @@ from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, Vehicle
 from abhv_mc.kernel.world.atmosphere import atmosphere
 from abhv_mc.kernel.world.earth import Earth, gravity_ned, radii
 from abhv_mc.vehicle.actuators import deflection_range
-from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, evaluate_tables, make_variables
+from abhv_mc.vehicle.evaluate import (
+    evaluate_coefficients,
+    evaluate_fixed,
+    evaluate_tables,
+    make_variables,
+)
 from abhv_mc.vehicle.vehicle_code import N_THRUST, evaluate_functions
 
 GRAVITY = 9.80665  # m/s2, of load factors
@@ -59,7 +64,9 @@ class TrimPoint(NamedTuple):
     fault: str = ""  # why this is no trim; empty where it is
 
 
-def trim(vehicle: Vehicle, earth: Earth, point: FlightPoint, mass: float | None = None) -> TrimPoint:
+def trim(
+    vehicle: Vehicle, earth: Earth, point: FlightPoint, mass: float | None = None
+) -> TrimPoint:
     """Balance a flight point; mass (kg) is the vehicle's at the start by default.
 
     A vehicle without an engine is balanced on its glide path, whatever flight path angle the point has. Where none
@@ -81,7 +88,9 @@ def trim(vehicle: Vehicle, earth: Earth, point: FlightPoint, mass: float | None 
     return glide if abs(left) < _TOLERANCE else _balance(vehicle, earth, point, mass)[0]
 
 
-def _balance(vehicle: Vehicle, earth: Earth, point: FlightPoint, mass: float) -> tuple[TrimPoint, float]:
+def _balance(
+    vehicle: Vehicle, earth: Earth, point: FlightPoint, mass: float
+) -> tuple[TrimPoint, float]:
     """The trim at the point's own flight path angle, and what is left along the velocity, as a share of the weight."""
     constants = vehicle.constants
     along, across = _specific_force(earth, point)
@@ -105,7 +114,9 @@ def _balance(vehicle: Vehicle, earth: Earth, point: FlightPoint, mass: float) ->
         return _root(lambda eta: unbalance(alpha, elevator, eta)[0], *ends)
 
     def elevator_of(alpha: float) -> float:
-        return _root(lambda elevator: unbalance(alpha, elevator, eta_of(alpha, elevator))[2], *limits)
+        return _root(
+            lambda elevator: unbalance(alpha, elevator, eta_of(alpha, elevator))[2], *limits
+        )
 
     def lift_of(alpha: float) -> float:
         elevator = elevator_of(alpha)
@@ -122,10 +133,14 @@ def _balance(vehicle: Vehicle, earth: Earth, point: FlightPoint, mass: float) ->
     names = ("throttle" if engine else "flight path angle", "angle of attack", "elevator")
     lacking = [name for name, share in zip(names, left, strict=True) if abs(share) > _TOLERANCE]
     fault = f"no {' or '.join(lacking)} within the vehicle's limits balances it" if lacking else ""
-    return _control(vehicle, point, mass, pitch_rate, alpha, elevator, eta)._replace(fault=fault), left[0]
+    return _control(vehicle, point, mass, pitch_rate, alpha, elevator, eta)._replace(
+        fault=fault
+    ), left[0]
 
 
-def _root(function: Callable[[float], float], low: float, high: float, step: float = _STEP) -> float:
+def _root(
+    function: Callable[[float], float], low: float, high: float, step: float = _STEP
+) -> float:
     """A root between two ends; without a change of sign the end that comes nearer."""
     from scipy.optimize import brentq
 
@@ -133,7 +148,9 @@ def _root(function: Callable[[float], float], low: float, high: float, step: flo
     if known[low] * known[high] > 0.0 or low == high:
         return low if abs(known[low]) < abs(known[high]) else high
 
-    def once(x: float) -> float:  # Brent asks for the ends again, which nested three deep is most of the work
+    def once(
+        x: float,
+    ) -> float:  # Brent asks for the ends again, which nested three deep is most of the work
         return known[x] if x in known else function(x)
 
     return float(brentq(once, low, high, xtol=step, rtol=1e-14))
@@ -150,15 +167,25 @@ def _specific_force(earth: Earth, point: FlightPoint) -> tuple[float, float]:
     velocity = point.speed * forward
     lon_rate = velocity[1] / ((vertical + point.altitude) * cos_lat)
     lat_rate = velocity[0] / (meridian + point.altitude)
-    frame = np.array([lon_rate * cos_lat, -lat_rate, -lon_rate * sin_lat])  # of the local frame to the Earth
+    frame = np.array(
+        [lon_rate * cos_lat, -lat_rate, -lon_rate * sin_lat]
+    )  # of the local frame to the Earth
     rotation = earth.rotation_rate * np.array([cos_lat, 0.0, -sin_lat])
     north, down = gravity_ned(earth, point.altitude, sin_lat, cos_lat)
     carried = np.cross(frame + 2.0 * rotation, velocity) - np.array([north, 0.0, down])
-    return float(point.speed_rate + carried @ forward), float(point.speed * point.flight_path_rate + carried @ up)
+    return float(point.speed_rate + carried @ forward), float(
+        point.speed * point.flight_path_rate + carried @ up
+    )
 
 
 def _control(
-    vehicle: Vehicle, point: FlightPoint, mass: float, pitch_rate: float, alpha: float, elevator: float, eta: float
+    vehicle: Vehicle,
+    point: FlightPoint,
+    mass: float,
+    pitch_rate: float,
+    alpha: float,
+    elevator: float,
+    eta: float,
 ) -> TrimPoint:
     """What these controls give, balanced or not."""
     constants = vehicle.constants
@@ -178,7 +205,9 @@ def _control(
     rows = evaluate_tables(vehicle.tables, variables)
     values = evaluate_coefficients(vehicle, variables, rows=rows)[:, 0].tolist()
     coefficients = dict(zip(COEFFICIENTS, values, strict=True))
-    fixed = {name: float(value[0]) for name, value in evaluate_fixed(vehicle, variables, rows).items()}
+    fixed = {
+        name: float(value[0]) for name, value in evaluate_fixed(vehicle, variables, rows).items()
+    }
     lift, drag = (q_bar * constants.area * coefficients[name] for name in ("lift", "drag"))
     captured = constants.capture_thrust * eta * density * point.speed * fixed["capture_area_ratio"]
     thrust = captured * fixed["specific_impulse"] + q_bar * fixed["thrust_area"]

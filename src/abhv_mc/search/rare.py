@@ -40,7 +40,9 @@ class RareFound:
     requirement: Requirement
     metric: Metric
     estimate: RareEstimate
-    strata: tuple[Stratum, ...]  # combinations of what comes with a probability; empty where nothing does
+    strata: tuple[
+        Stratum, ...
+    ]  # combinations of what comes with a probability; empty where nothing does
     space: Space
     flights: FlightRows
     severities: Floats  # [flight]: above the limit, in the metric's unit
@@ -51,7 +53,11 @@ class RareFound:
     def words(self, part: Stratum) -> str:
         """What comes in a combination."""
         switches = list(self.space.probabilities)
-        return "all others" if part.on is None else " and ".join(switches[i] for i in part.on) or "none of them"
+        return (
+            "all others"
+            if part.on is None
+            else " and ".join(switches[i] for i in part.on) or "none of them"
+        )
 
     @property
     def unwarned(self) -> str:
@@ -69,7 +75,9 @@ class RareFound:
         check = self.estimate.check
         if check is None:
             return f"none (it takes flights to spare and at most {MOST_SAMPLED} dispersions)"
-        return f"{check.probability:.1e} by importance sampling, worth {check.effective:.0f} failures"
+        return (
+            f"{check.probability:.1e} by importance sampling, worth {check.effective:.0f} failures"
+        )
 
     @property
     def failures(self) -> int:
@@ -117,7 +125,9 @@ class RareFound:
         }
 
 
-def find_rare(request: SearchRequest, settings: RareSettings, engine: Engine | None = None) -> RareFound:
+def find_rare(
+    request: SearchRequest, settings: RareSettings, engine: Engine | None = None
+) -> RareFound:
     """Estimate P(failure) of one requirement. Raises InputError for a request that is wrong."""
     campaign, controller = read_searched(request.campaign, request.controller, request.seed)
     requirement = _find_requirement(campaign, controller, settings.requirement)
@@ -128,7 +138,9 @@ def find_rare(request: SearchRequest, settings: RareSettings, engine: Engine | N
         raise InputError("--flights", f"{settings.flights}", f"at least {least}")
     criterion = Criterion(settings.requirement, "high", requirement.limits)
     early = requirement.early_is_failure
-    with open_search(request, {"kind": "rare", **vars(settings)}, settings.flights, engine or make_engine()) as search:
+    with open_search(
+        request, {"kind": "rare", **vars(settings)}, settings.flights, engine or make_engine()
+    ) as search:
         severity = Severity(criterion, search.duration, early)
 
         def evaluate(points: Floats, on: Switched) -> Floats:
@@ -138,7 +150,9 @@ def find_rare(request: SearchRequest, settings: RareSettings, engine: Engine | N
 
         plan = SubsetPlan(len(space.names), FAILS_ABOVE, search.seed, chains)
         switches = np.array(list(space.probabilities.values()))
-        estimate, strata = estimate_switched(evaluate, switches, plan, settings.target_cov, settings.flights)
+        estimate, strata = estimate_switched(
+            evaluate, switches, plan, settings.target_cov, settings.flights
+        )
         rows = search.rows()
         severities = severity.ranked(rows)
         found = RareFound(
@@ -161,7 +175,9 @@ def find_rare(request: SearchRequest, settings: RareSettings, engine: Engine | N
 
 def _find_requirement(campaign: Experiment, controller: str, metric: str) -> Requirement:
     """The campaign's requirement on this metric. Raises InputError where there is none, or several."""
-    bound = [item for item in campaign.requirements if not item.named or controller in item.controllers]
+    bound = [
+        item for item in campaign.requirements if not item.named or controller in item.controllers
+    ]
     own = [item for item in bound if item.metric == metric]
     where = ("requirements",)
     if campaign.user_model is None and metric in BUILT_IN and BUILT_IN[metric].plateaus:

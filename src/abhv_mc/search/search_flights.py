@@ -25,11 +25,25 @@ from abhv_mc.execution.first_flights import fly_first
 from abhv_mc.execution.probe_dispersions import fly_probes
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.metrics import MARGIN_NAMES, MARGIN_VALUES, Metric
-from abhv_mc.folder.flights import END_TIME, DamagedFileError, FlightRows, block_path, flights_schema, write_block
+from abhv_mc.folder.flights import (
+    END_TIME,
+    DamagedFileError,
+    FlightRows,
+    block_path,
+    flights_schema,
+    write_block,
+)
 from abhv_mc.folder.flown_blocks import read_own_block
 from abhv_mc.folder.inputs import FolderInputs, collect_inputs, read_folder_inputs
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.manifest import COMPLETE, INTERRUPTED, RUNNING, ControllerCount, Manifest, write_manifest
+from abhv_mc.folder.manifest import (
+    COMPLETE,
+    INTERRUPTED,
+    RUNNING,
+    ControllerCount,
+    Manifest,
+    write_manifest,
+)
 from abhv_mc.folder.opening import FlownFolder, begin_folder, open_folder
 from abhv_mc.folder.samples import write_samples
 from abhv_mc.identity import find_commit, find_machine, find_versions
@@ -69,7 +83,9 @@ def read_searched(path: Path, controller: str | None, seed: int | None) -> tuple
     controllers = campaign.controllers
     name = controller or next(iter(controllers))
     if name not in controllers:
-        raise campaign.document.error(("controllers",), f"no controller '{name}'", one_of(controllers, name))
+        raise campaign.document.error(
+            ("controllers",), f"no controller '{name}'", one_of(controllers, name)
+        )
     return campaign, name
 
 
@@ -77,7 +93,10 @@ def find_metric(campaign: Experiment, name: str, place: Callable[[str, str], Inp
     """What the campaign knows of a metric; raises what ``place`` makes of what was found and what was expected."""
     metrics = campaign.metrics
     if name in MARGIN_NAMES and campaign.model.margins is None:
-        raise place(f"'{name}' without 'margins'", "'margins: {at: [trim]}' in the campaign, which finds them")
+        raise place(
+            f"'{name}' without 'margins'",
+            "'margins: {at: [trim]}' in the campaign, which finds them",
+        )
     if name not in metrics:
         raise place(f"unknown metric '{name}'", one_of(metrics, name))
     return metrics[name]
@@ -89,7 +108,9 @@ class DrawnFlights:
 
     numbers: tuple[int, ...]
     times: Floats  # [time] s
-    history: NDArray[np.float32]  # [1 + flight, time, channel] in the order of CHANNELS; NaN after the end
+    history: NDArray[
+        np.float32
+    ]  # [1 + flight, time, channel] in the order of CHANNELS; NaN after the end
 
 
 class SearchFlights:
@@ -172,10 +193,21 @@ class SearchFlights:
 
     def _fly(self, first: int, samples: Floats) -> FlightRows:
         names, count = self.space.columns, len(self.plan.metrics)
-        flown = simulate(self.campaign, self.controller, samples, None, self.executor.fly_side_by_side, self.margins)
+        flown = simulate(
+            self.campaign,
+            self.controller,
+            samples,
+            None,
+            self.executor.fly_side_by_side,
+            self.margins,
+        )
         outcome = self.campaign.outcomes.of(flown.outcome)
-        values = np.column_stack([flown.metrics[:, :count], flown.end_time, flown.metrics[:, count:]])
-        return FlightRows(self.plan.controller, first, names, samples, outcome, values, self.columns)
+        values = np.column_stack(
+            [flown.metrics[:, :count], flown.end_time, flown.metrics[:, count:]]
+        )
+        return FlightRows(
+            self.plan.controller, first, names, samples, outcome, values, self.columns
+        )
 
     def draw(self, severities: Floats) -> DrawnFlights | None:
         """Fly the nominal flight and the worst of the first ones again, with histories; None of a user's simulator.
@@ -184,7 +216,10 @@ class SearchFlights:
         """
         rows = self.rows()
         numbers = rank_distinct(
-            severities, rows.samples[: len(severities), : len(self.space.names)], _DRAWN, DRAWN_APART
+            severities,
+            rows.samples[: len(severities), : len(self.space.names)],
+            _DRAWN,
+            DRAWN_APART,
         )
         if self.campaign.user_model is not None:
             return None
@@ -198,7 +233,8 @@ class SearchFlights:
         """Drop blocks that belong to no batch, write what all flights are, and the result into the manifest."""
         self._writing.result()
         names = {
-            block_path(self.folder.flights, block.controller, block.first, block.stop).name for block in self.blocks
+            block_path(self.folder.flights, block.controller, block.first, block.stop).name
+            for block in self.blocks
         }
         for path in self.folder.flights.glob("*.parquet"):
             if path.name not in names:
@@ -236,7 +272,11 @@ class SearchFlights:
 
 @contextlib.contextmanager
 def open_search(
-    request: SearchRequest, settings: dict[str, Any], flights: int, engine: Engine, with_margins: bool = False
+    request: SearchRequest,
+    settings: dict[str, Any],
+    flights: int,
+    engine: Engine,
+    with_margins: bool = False,
 ) -> Iterator[SearchFlights]:
     """The folder of a search, locked, and its executor; ``settings`` are what the search's result depends on.
 
@@ -281,11 +321,19 @@ def open_search(
                 files=files.listed(),
             )
             write_manifest(folder.manifest, manifest)
-        cluster = stack.enter_context(connect_cluster(request.scheduler, engine)) if request.scheduler else None
-        executor = stack.enter_context(open_executor(engine, campaign.model.execution, request.workers, cluster))
+        cluster = (
+            stack.enter_context(connect_cluster(request.scheduler, engine))
+            if request.scheduler
+            else None
+        )
+        executor = stack.enter_context(
+            open_executor(engine, campaign.model.execution, request.workers, cluster)
+        )
         writer = stack.enter_context(ThreadPoolExecutor(1))
         ready = make_ready(campaign, {name: plan}, with_margins)
-        search = SearchFlights(FlownFolder(folder, manifest, files), ready, executor, writer, with_margins)
+        search = SearchFlights(
+            FlownFolder(folder, manifest, files), ready, executor, writer, with_margins
+        )
         with Progress("flights", flights) as search.progress:
             try:
                 yield search
@@ -294,7 +342,9 @@ def open_search(
                 raise
 
 
-def _check_same(flown: FlownFolder, settings: dict[str, Any], asked: FolderInputs, engine: Engine) -> None:
+def _check_same(
+    flown: FlownFolder, settings: dict[str, Any], asked: FolderInputs, engine: Engine
+) -> None:
     """Raise InputError where the folder does not hold the beginning of the same search."""
     root, manifest = flown.folder.root, flown.manifest
     before = manifest.search
@@ -302,10 +352,16 @@ def _check_same(flown: FlownFolder, settings: dict[str, Any], asked: FolderInput
     if before is None:
         raise InputError(root, "a folder that holds a campaign's flights", wish)
     parts = (asked, read_folder_inputs(flown.folder, manifest))
-    axes = [list(part.data.get("dispersions") or ()) for part in parts]  # of the search, in their order
+    axes = [
+        list(part.data.get("dispersions") or ()) for part in parts
+    ]  # of the search, in their order
     if manifest.campaign_hash != asked.identity or axes[0] != axes[1]:
         raise InputError(root, "a folder that holds a search of another campaign", wish)
-    changes = [f"{key}: {before.get(key)} -> {value}" for key, value in settings.items() if before.get(key) != value]
+    changes = [
+        f"{key}: {before.get(key)} -> {value}"
+        for key, value in settings.items()
+        if before.get(key) != value
+    ]
     if len(changes) == 1 and changes[0].startswith("flights:"):
         wish = "another folder (-o DIR): where a search goes depends on how many flights it has from its beginning"
     if changes:

@@ -29,7 +29,9 @@ class Severity:
         excess = self.criterion.excess(rows.column(self.criterion.metric))
         severities = np.where(np.isinf(excess), ENDED_EARLY, excess)
         if self.early_is_worse:
-            severities = np.where(ended_early(rows), ENDED_EARLY + self.duration - rows.end_time, severities)
+            severities = np.where(
+                ended_early(rows), ENDED_EARLY + self.duration - rows.end_time, severities
+            )
         return np.where(not_computed(rows), np.nan, severities)
 
     def ranked(self, rows: FlightRows) -> Floats:
@@ -49,7 +51,9 @@ def not_computed(rows: FlightRows) -> NDArray[np.bool_]:
     return np.array(rows.outcome) == Outcome.FAILED_TO_RUN.code
 
 
-def rank_distinct(severities: Floats, samples: Floats, number: int, apart: float = 0.0) -> list[int]:
+def rank_distinct(
+    severities: Floats, samples: Floats, number: int, apart: float = 0.0
+) -> list[int]:
     """The flights with the greatest severities, the worst first; flights with the same samples but once.
 
     Each lies farther than ``apart`` from all worse ones: rms over the columns of ``samples`` [flight, parameter], in
@@ -58,7 +62,10 @@ def rank_distinct(severities: Floats, samples: Floats, number: int, apart: float
     order = np.argsort(-severities, kind="stable")
     order = order[np.isfinite(severities[order])]
     comes = np.isfinite(samples)
-    low, high = samples.min(0, where=comes, initial=np.inf), samples.max(0, where=comes, initial=-np.inf)
+    low, high = (
+        samples.min(0, where=comes, initial=np.inf),
+        samples.max(0, where=comes, initial=-np.inf),
+    )
     span = high - low
     places = np.where(comes, samples, 0.0)[order] / np.where(span > 0.0, span, 1.0)
     comes = comes[order]

@@ -21,7 +21,10 @@ from abhv_mc.io.documents import InputError
 
 _SMALLEST = 2.0**-53
 _TRIED, _FEWEST_INSIDE = 65536, 10  # random flights
-_SEEDS = {"wind.turbulence_seed": "wind.turbulence", "sensor.noise_seed": "_noise"}  # and how what it seeds ends
+_SEEDS = {
+    "wind.turbulence_seed": "wind.turbulence",
+    "sensor.noise_seed": "_noise",
+}  # and how what it seeds ends
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,9 @@ class Space:
     def probabilities(self) -> dict[str, float]:
         """Of what does not come in every flight, such as a failure: how often it does."""
         marginals = zip(self.names, self.marginals, strict=True)
-        return {name: one.probability for name, one in marginals if isinstance(one, SometimesMarginal)}
+        return {
+            name: one.probability for name, one in marginals if isinstance(one, SometimesMarginal)
+        }
 
     def from_normal(self, points: Floats, on: NDArray[np.bool_] | None = None) -> Floats:
         """Values ``[flight, dimension]`` in SI of standard normal points: through the copula and the distributions.
@@ -56,7 +61,9 @@ class Space:
         values, switch = np.empty_like(uniform), 0
         for i, marginal in enumerate(self.marginals):
             if on is not None and isinstance(marginal, SometimesMarginal):
-                values[:, i] = np.where(on[:, switch], marginal.drawn.ppf(uniform[:, i]), marginal.nominal)
+                values[:, i] = np.where(
+                    on[:, switch], marginal.drawn.ppf(uniform[:, i]), marginal.nominal
+                )
                 switch += 1
             else:
                 values[:, i] = marginal.ppf(uniform[:, i])
@@ -97,12 +104,18 @@ class Space:
         What does not come, a failure or another thing with a probability, is outside of no box. Raises InputError for a
         box in which hardly a random flight lies.
         """
-        absent = np.array([m.nominal if isinstance(m, SometimesMarginal) else np.nan for m in self.marginals])
-        generator = np.random.Generator(np.random.Philox(np.random.SeedSequence(stream_key(seed, "box", "search"))))
+        absent = np.array(
+            [m.nominal if isinstance(m, SometimesMarginal) else np.nan for m in self.marginals]
+        )
+        generator = np.random.Generator(
+            np.random.Philox(np.random.SeedSequence(stream_key(seed, "box", "search")))
+        )
         kept, tried = np.empty((0, len(self.names))), 0
         while len(kept) < number:
             drawn = self.from_normal(generator.standard_normal((2 * number, len(self.names))))
-            inside = np.all((drawn >= bounds[:, 0]) & (drawn <= bounds[:, 1]) | (drawn == absent), axis=1)
+            inside = np.all(
+                (drawn >= bounds[:, 0]) & (drawn <= bounds[:, 1]) | (drawn == absent), axis=1
+            )
             kept, tried = np.concatenate([kept, drawn[inside]]), tried + len(drawn)
             if tried >= _TRIED and len(kept) < _FEWEST_INSIDE:
                 found = f"a box with {len(kept)} of {tried} random flights of its {len(self.names)} dispersions inside"
@@ -132,7 +145,9 @@ def make_space(campaign: Experiment, with_unknowns: bool = False) -> Space:
     nothing to search."""
     document = campaign.document
     if campaign.sample_file is not None:
-        raise document.error(("sampling",), "samples from a file", "distributions, which a search needs")
+        raise document.error(
+            ("sampling",), "samples from a file", "distributions, which a search needs"
+        )
     unknowns = campaign.unknowns
     if unknowns.names and not with_unknowns:
         wish = "a campaign without: this search is over dispersions (`run` finds the unknowns' worst values)"
@@ -149,12 +164,16 @@ def make_space(campaign: Experiment, with_unknowns: bool = False) -> Space:
         find_seeds((), campaign.parameters)
         if campaign.user_model
         else tuple(
-            seed for seed, cause in _SEEDS.items() if seed in campaign.names or any(n.endswith(cause) for n in moved)
+            seed
+            for seed, cause in _SEEDS.items()
+            if seed in campaign.names or any(n.endswith(cause) for n in moved)
         )
     )
     place = {campaign.names[column]: row for row, column in enumerate(campaign.copula.columns)}
     chosen = [name for name in names if name in place]
     if len(chosen) < len(place):
-        raise document.error(("correlations",), "a seed that is correlated", "seeds that belong to themselves")
+        raise document.error(
+            ("correlations",), "a seed that is correlated", "seeds that belong to themselves"
+        )
     copula = Copula(tuple(names.index(name) for name in chosen), campaign.copula.factor)
     return Space(names, seeds, tuple(marginals[name] for name in names), copula, campaign.derived)

@@ -71,7 +71,9 @@ class Sides:
     limit: float | None = None
     keeps: bool = True  # whether the result keeps the limit there, too
     floor: bool = False  # whether the limit is to be kept above
-    band: Bounds | None = None  # two limits of a requirement: the numbers are distances outside them
+    band: Bounds | None = (
+        None  # two limits of a requirement: the numbers are distances outside them
+    )
 
     @property
     def words(self) -> str:
@@ -90,7 +92,9 @@ class TuneFound:
     block: Tune
     numbers: ControllerNumbers
     tuning: Tuning
-    validation: Interval  # of the aim's quantile on fresh flights, result minus start: below zero is better
+    validation: (
+        Interval  # of the aim's quantile on fresh flights, result minus start: below zero is better
+    )
     sides: tuple[Sides, ...]  # the aim first, then the limits, then the usage
     metrics: Mapping[str, Metric]
 
@@ -107,7 +111,11 @@ class TuneFound:
     @property
     def shown(self) -> bool:
         """Whether the result is shown to be better, within all limits."""
-        return self.tuning.best != 0 and self.validation.high < 0.0 and all(side.keeps for side in self.sides)
+        return (
+            self.tuning.best != 0
+            and self.validation.high < 0.0
+            and all(side.keeps for side in self.sides)
+        )
 
     def as_json(self) -> dict[str, Any]:
         """The result as JSON holds it."""
@@ -126,7 +134,10 @@ class TuneFound:
             "flights_each": self.block.flights,
             "validation_flights": self.block.validation,
             "front": [
-                {"usage": float(self.tuning.scores.usage[i]), "objective": float(self.tuning.scores.objective[i])}
+                {
+                    "usage": float(self.tuning.scores.usage[i]),
+                    "objective": float(self.tuning.scores.objective[i]),
+                }
                 | {"values": self.numbers.values(self.tuning.points[i])}
                 for i in front.tolist()
             ],
@@ -137,13 +148,19 @@ class _TuneFile(StrictModel):
     tune: Tune
 
 
-def read_tune_block(campaign: Experiment, path: Path | None) -> tuple[Tune, Document, tuple[str, ...]]:
+def read_tune_block(
+    campaign: Experiment, path: Path | None
+) -> tuple[Tune, Document, tuple[str, ...]]:
     """The block, its document and its place there. Raises InputError."""
     where: tuple[str, ...] = ("tune",)
     document = campaign.document
     if path is None:
         if campaign.model.tune is None:
-            raise document.error((), "no block 'tune'", "tune: {free: [...], minimise: {metric: ...}}, or --tune FILE")
+            raise document.error(
+                (),
+                "no block 'tune'",
+                "tune: {free: [...], minimise: {metric: ...}}, or --tune FILE",
+            )
         block = campaign.model.tune
     else:
         document = read_document(path)
@@ -154,13 +171,19 @@ def read_tune_block(campaign: Experiment, path: Path | None) -> tuple[Tune, Docu
     for keys, metric in (
         (("minimise", "metric"), block.minimise.metric),
         (("usage", "metric"), block.usage.metric),
-        *((("limits", i, "metric"), limit.metric) for i, limit in enumerate(block.limits) if not limit.is_margin),
+        *(
+            (("limits", i, "metric"), limit.metric)
+            for i, limit in enumerate(block.limits)
+            if not limit.is_margin
+        ),
     ):
         find_metric(campaign, metric, partial(document.error, (*where, *keys)))
     return block, document, where
 
 
-def _check_margins(block: Tune, document: Document, where: tuple[str, ...], duration: float) -> None:
+def _check_margins(
+    block: Tune, document: Document, where: tuple[str, ...], duration: float
+) -> None:
     """Raise InputError for points outside the mission."""
     for i, time in enumerate(block.margins_at):
         if time != "trim" and not 0.0 <= time <= duration:
@@ -169,7 +192,9 @@ def _check_margins(block: Tune, document: Document, where: tuple[str, ...], dura
 
 
 def tune_controller(
-    request: TuneRequest, engine: Engine | None = None, tell: Callable[[TuneFound], None] | None = None
+    request: TuneRequest,
+    engine: Engine | None = None,
+    tell: Callable[[TuneFound], None] | None = None,
 ) -> TuneFound:
     """Search, validate on a fresh seed, and write the new file where the gain is shown.
 
@@ -180,12 +205,16 @@ def tune_controller(
         return _tune(request, engine or make_engine(), tell)
 
 
-def _tune(request: TuneRequest, engine: Engine, tell: Callable[[TuneFound], None] | None) -> TuneFound:
+def _tune(
+    request: TuneRequest, engine: Engine, tell: Callable[[TuneFound], None] | None
+) -> TuneFound:
     campaign, name = read_searched(request.campaign, request.controller, request.seed)
     model = campaign.model
     if campaign.user_model is not None:
         words = "a user's simulator, which has no controllers to tune"
-        raise campaign.document.error((), words, "a campaign of our own: with vehicle, mission and controllers")
+        raise campaign.document.error(
+            (), words, "a campaign of our own: with vehicle, mission and controllers"
+        )
     block, document, where = read_tune_block(campaign, request.block)
     if request.out.suffix in (_KEPT, _PAGE):
         words = f"the ending '{request.out.suffix}' of what tuning writes beside it"
@@ -200,17 +229,25 @@ def _tune(request: TuneRequest, engine: Engine, tell: Callable[[TuneFound], None
     # Threads: every candidate has a plan of its own, which worker processes would have to be sent and would keep. A
     # crash in compiled code ends the program; the same command then goes on with what is kept.
     execution = model.execution.model_copy(update={"isolation": THREADS})
-    text = json.dumps([collect_inputs(campaign).identity, name, block.model_dump(), model.seed, engine.source])
+    text = json.dumps(
+        [collect_inputs(campaign).identity, name, block.model_dump(), model.seed, engine.source]
+    )
     kept = request.out.with_suffix(_KEPT)
     with hold_lock(kept / ".lock"), ExitStack() as stack:
-        cluster = stack.enter_context(connect_cluster(request.scheduler, engine)) if request.scheduler else None
+        cluster = (
+            stack.enter_context(connect_cluster(request.scheduler, engine))
+            if request.scheduler
+            else None
+        )
         executor = stack.enter_context(open_executor(engine, execution, request.workers, cluster))
         identity = hashlib.sha256(text.encode()).hexdigest()
         vehicles = vehicles_of(campaign, block)
         candidates = Candidates(campaign, name, numbers, engine)
         asked = {block.minimise.metric, block.usage.metric} & set(MARGIN_NAMES)
         times = model.margins.at if model.margins and asked else ()
-        trials = Trials(campaign, candidates, space, kept, identity, executor, vehicles, block.margins_at, times)
+        trials = Trials(
+            campaign, candidates, space, kept, identity, executor, vehicles, block.margins_at, times
+        )
         metrics = campaign.metrics
         flown = trials.draw(model.seed, block.flights)
         (start,) = trials.measure(np.zeros((1, len(block.free))), flown)
@@ -228,12 +265,17 @@ def _tune(request: TuneRequest, engine: Engine, tell: Callable[[TuneFound], None
         tell(result)
     if result.shown:
         write_whole(
-            request.out, lambda temporary: numbers.write(temporary, found.place, _comment(result, request, model.seed))
+            request.out,
+            lambda temporary: numbers.write(
+                temporary, found.place, _comment(result, request, model.seed)
+            ),
         )
     return result
 
 
-def _validate(trials: Trials, block: Tune, found: Tuning, name: str, metrics: Mapping[str, Metric]) -> TuneFound:
+def _validate(
+    trials: Trials, block: Tune, found: Tuning, name: str, metrics: Mapping[str, Metric]
+) -> TuneFound:
     """The result beside the start on flights of another seed."""
     fresh = trials.draw((trials.campaign.model.seed + 1) % 2**63, block.validation)
     start, best = trials.measure(np.stack([np.zeros(len(block.free)), found.place]), fresh)
@@ -241,21 +283,44 @@ def _validate(trials: Trials, block: Tune, found: Tuning, name: str, metrics: Ma
     of_start, of_best = (severities_of(trial, metrics[aim.metric]) for trial in (start, best))
 
     def side(entry: Aim) -> Sides:
-        at_start, at_best = (value_of(trial, metrics[entry.metric], entry.quantile) for trial in (start, best))
-        return Sides(entry.metric, entry.quantile, None, at_start, at_best, band=metrics[entry.metric].band)
+        at_start, at_best = (
+            value_of(trial, metrics[entry.metric], entry.quantile) for trial in (start, best)
+        )
+        return Sides(
+            entry.metric, entry.quantile, None, at_start, at_best, band=metrics[entry.metric].band
+        )
 
     def limited(entry: Limit) -> Sides:
         bound = bound_of(entry, start)
-        quantile, vehicles = (None, entry.vehicles or "nominal") if entry.is_margin else (entry.quantile, None)
+        quantile, vehicles = (
+            (None, entry.vehicles or "nominal") if entry.is_margin else (entry.quantile, None)
+        )
         at_start, at_best = (limited_value(trial, entry) for trial in (start, best))
         keeps = excess_of(best, entry, bound) <= 0.0
-        return Sides(entry.metric, quantile, vehicles, at_start, at_best, bound, keeps, entry.above is not None)
+        return Sides(
+            entry.metric,
+            quantile,
+            vehicles,
+            at_start,
+            at_best,
+            bound,
+            keeps,
+            entry.above is not None,
+        )
 
     limits = tuple(limited(entry) for entry in block.limits)
     known = [(aim.metric, aim.quantile), *((entry.metric, entry.quantile) for entry in limits)]
     more = () if (usage.metric, usage.quantile) in known else (side(usage),)
     validation = quantile_difference(of_best, of_start, aim.quantile)
-    return TuneFound(name, block, trials.candidates.numbers, found, validation, (side(aim), *limits, *more), metrics)
+    return TuneFound(
+        name,
+        block,
+        trials.candidates.numbers,
+        found,
+        validation,
+        (side(aim), *limits, *more),
+        metrics,
+    )
 
 
 def _comment(found: TuneFound, request: TuneRequest, seed: int) -> str:

@@ -35,7 +35,9 @@ class Trial:
 
     columns: tuple[str, ...]  # names of the metrics
     metrics: Floats  # [flight, metric]; not-a-number in the rows of flights that are lost
-    margins: Floats  # [vehicle, margin], the nominal one first; no rows where no limit asks for them
+    margins: (
+        Floats  # [vehicle, margin], the nominal one first; no rows where no limit asks for them
+    )
 
     def column(self, metric: str) -> Floats:
         """A metric [flight]."""
@@ -83,17 +85,29 @@ class Trials:
 
     def _one(self, point: Floats, parameters: Floats) -> Trial:
         candidate, columns = self._make(point), self.columns
-        metrics = self._remember(point, parameters, len(columns), lambda: self._fly(candidate(), parameters))
+        metrics = self._remember(
+            point, parameters, len(columns), lambda: self._fly(candidate(), parameters)
+        )
         if not len(self.vehicles):
             return Trial(columns, metrics, np.empty((0, len(MARGIN_NAMES))))
-        found = self._remember(point, self.vehicles, len(MARGIN_NAMES), lambda: self.margins_of(candidate()))
+        found = self._remember(
+            point, self.vehicles, len(MARGIN_NAMES), lambda: self.margins_of(candidate())
+        )
         return Trial(columns, metrics, found)
 
-    def _remember(self, point: Floats, parameters: Floats, columns: int, make: Callable[[], Floats]) -> Floats:
-        key = hashlib.sha256(point.tobytes() + parameters.tobytes() + self.identity.encode()).hexdigest()[:32]
+    def _remember(
+        self, point: Floats, parameters: Floats, columns: int, make: Callable[[], Floats]
+    ) -> Floats:
+        key = hashlib.sha256(
+            point.tobytes() + parameters.tobytes() + self.identity.encode()
+        ).hexdigest()[:32]
         path = self.kept / f"{key}.npy"
         kept = read_array(path)
-        if kept is not None and kept.shape == (len(parameters), columns) and kept.dtype == np.float64:
+        if (
+            kept is not None
+            and kept.shape == (len(parameters), columns)
+            and kept.dtype == np.float64
+        ):
             return np.array(kept)
         values = make()
         write_array(path, values)
@@ -104,10 +118,13 @@ class Trials:
             return np.full((len(parameters), len(self.columns)), np.nan)
         plan = candidate.with_margins(self.flights_at) if self.flights_at else candidate.plan
         name = self.candidates.name
-        experiment = replace(self.campaign, systems={name: System(plan)}, columns=self.space.columns)
+        experiment = replace(
+            self.campaign, systems={name: System(plan)}, columns=self.space.columns
+        )
         starts = range(0, len(parameters), _BLOCK)
         pieces = [
-            simulate(experiment, name, parameters[start : start + _BLOCK], None, self.executor.fly) for start in starts
+            simulate(experiment, name, parameters[start : start + _BLOCK], None, self.executor.fly)
+            for start in starts
         ]
         metrics = np.concatenate([piece.metrics for piece in pieces])
         none = len(self.columns) - metrics.shape[1]  # no steady flight: no margin
@@ -131,7 +148,9 @@ class Trials:
 def severities_of(trial: Trial, metric: Metric) -> Floats:
     """A metric [flight], larger being worse, with those of lost flights infinite; the distance outside two limits."""
     values = trial.column(metric.name)
-    return severity(metric.band.worse(values), "high") if metric.band else severity(values, metric.bad)
+    return (
+        severity(metric.band.worse(values), "high") if metric.band else severity(values, metric.bad)
+    )
 
 
 def value_of(trial: Trial, metric: Metric, quantile: float) -> float:
@@ -163,14 +182,21 @@ def excess_of(trial: Trial, limit: Limit, bound: float) -> float:
     return sign * (limited_value(trial, limit) - bound) / (abs(bound) or 1.0)
 
 
-def score(trials: Sequence[Trial], block: Tune, bounds: Sequence[float], metrics: Mapping[str, Metric]) -> Scores:
+def score(
+    trials: Sequence[Trial], block: Tune, bounds: Sequence[float], metrics: Mapping[str, Metric]
+) -> Scores:
     """Scores of candidates on the same flights: quantiles of severities, the smaller the better."""
     excess = [
-        [excess_of(trial, limit, bound) for limit, bound in zip(block.limits, bounds, strict=True)] for trial in trials
+        [excess_of(trial, limit, bound) for limit, bound in zip(block.limits, bounds, strict=True)]
+        for trial in trials
     ]
 
     def scores(aim: Aim) -> Floats:
         found = [np.sort(severities_of(trial, metrics[aim.metric])) for trial in trials]
         return np.array([sorted_quantile(values, aim.quantile) for values in found])
 
-    return Scores(scores(block.minimise), np.array(excess).reshape(len(trials), len(bounds)), scores(block.usage))
+    return Scores(
+        scores(block.minimise),
+        np.array(excess).reshape(len(trials), len(bounds)),
+        scores(block.usage),
+    )

@@ -17,7 +17,13 @@ from abhv_mc.folder.flights import FlightRows
 from abhv_mc.io.documents import InputError
 from abhv_mc.plant.parameters import Parameters
 from abhv_mc.search.methods.worst import WorstCase, least_evaluations, search_worst
-from abhv_mc.search.search_flights import DrawnFlights, SearchRequest, find_metric, open_search, read_searched
+from abhv_mc.search.search_flights import (
+    DrawnFlights,
+    SearchRequest,
+    find_metric,
+    open_search,
+    read_searched,
+)
 from abhv_mc.search.severity import Severity, ended_early
 from abhv_mc.search.space import make_space
 from abhv_mc.simulators.engine import Engine, make_engine
@@ -35,7 +41,9 @@ class WorstSettings:
     """What is searched."""
 
     metric: str
-    bad: Literal["high", "low"] | None = None  # which values are bad; None: those that the campaign takes for bad
+    bad: Literal["high", "low"] | None = (
+        None  # which values are bad; None: those that the campaign takes for bad
+    )
     flights: int = 2000
     box: float = 3.0  # sigma of unbounded distributions
 
@@ -51,7 +59,9 @@ class WorstFound:
     case: WorstCase
     names: tuple[str, ...]
     bounds: Floats  # [parameter, 2]
-    probabilities: dict[str, float]  # of what does not come in every flight, and that the search has come in all of its
+    probabilities: dict[
+        str, float
+    ]  # of what does not come in every flight, and that the search has come in all of its
     flights: FlightRows  # the search's, then as many random ones
     searched: int  # flights of the search
     worst: int  # number of the worst flight
@@ -76,7 +86,9 @@ class WorstFound:
         """'largest', 'smallest': what is searched for."""
         if self.criterion.limits is not None:
             return "farthest out"
-        return {"high": "largest", "low": "smallest", "size": "largest absolute"}[self.criterion.bad]
+        return {"high": "largest", "low": "smallest", "size": "largest absolute"}[
+            self.criterion.bad
+        ]
 
     @property
     def at_bounds(self) -> list[str]:
@@ -103,16 +115,26 @@ class WorstFound:
         }
 
 
-def find_worst(request: SearchRequest, settings: WorstSettings, engine: Engine | None = None) -> WorstFound:
+def find_worst(
+    request: SearchRequest, settings: WorstSettings, engine: Engine | None = None
+) -> WorstFound:
     """Search, then fly as many random flights in the same box. Raises InputError for a request that is wrong."""
     campaign, controller = read_searched(request.campaign, request.controller, request.seed)
-    metric = find_metric(campaign, settings.metric, lambda found, expected: InputError("--metric", found, expected))
-    criterion = Criterion(metric.name, settings.bad or metric.bad, None if settings.bad else metric.band)
+    metric = find_metric(
+        campaign, settings.metric, lambda found, expected: InputError("--metric", found, expected)
+    )
+    criterion = Criterion(
+        metric.name, settings.bad or metric.bad, None if settings.bad else metric.band
+    )
     space = make_space(campaign)
     bounds = space.bounds(settings.box)
     least = least_evaluations(len(space.names), settings.flights)
     if settings.flights < least:
-        raise InputError("--flights", f"{settings.flights}", f"at least {least} for {len(space.names)} dispersions")
+        raise InputError(
+            "--flights",
+            f"{settings.flights}",
+            f"at least {least} for {len(space.names)} dispersions",
+        )
     random = space.draw_in_box(bounds, campaign.model.seed, settings.flights)
     held = {"kind": "worst", **vars(settings)}
     with open_search(
@@ -161,7 +183,9 @@ class WorstMargin:
     nominal: float  # in the metric's unit; 0 where it is unstable, or has no trim
     found: float
     parameters: dict[str, float]  # where, SI
-    moved: tuple[str, ...]  # of them, those that are off the middle of their range, the farthest first
+    moved: tuple[
+        str, ...
+    ]  # of them, those that are off the middle of their range, the farthest first
     fault: str  # 'unstable', why there is no trim, or ''
     evaluations: int
 
@@ -190,7 +214,11 @@ def find_worst_margins(campaign: Experiment, controllers: Sequence[str]) -> list
                     float(nominal[k]),
                     float(least[0, k]),
                     dict(zip(space.names, values[0].tolist(), strict=True)),
-                    tuple(space.names[i] for i in np.argsort(-np.abs(case.place)) if abs(case.place[i]) > _MOVED),
+                    tuple(
+                        space.names[i]
+                        for i in np.argsort(-np.abs(case.place))
+                        if abs(case.place[i]) > _MOVED
+                    ),
                     faults[0],
                     len(case.values),
                 )

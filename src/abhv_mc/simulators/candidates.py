@@ -42,11 +42,18 @@ class ControllerNumbers:
         """The free entries as the file writes them."""
         factors = self.factors(point).tolist()
         entries = dict(_numbers(self.document.data))
-        return {e.key: _scaled(entries[e.key], factor) for e, factor in zip(self.free, factors, strict=True)}
+        return {
+            e.key: _scaled(entries[e.key], factor)
+            for e, factor in zip(self.free, factors, strict=True)
+        }
 
     def at_ends(self, point: Floats) -> list[str]:
         """Keys of the free numbers that a point puts on an end of their range."""
-        return [entry.key for entry, x in zip(self.free, point.tolist(), strict=True) if abs(x) >= 1.0 - 1e-9]
+        return [
+            entry.key
+            for entry, x in zip(self.free, point.tolist(), strict=True)
+            if abs(x) >= 1.0 - 1e-9
+        ]
 
     def write(self, path: Path, point: Floats, comment: str = "") -> None:
         """Write the file with the free numbers of a point; the files of a user law stay the same."""
@@ -99,7 +106,10 @@ def _scaled(entry: Any, factor: float) -> str | float:
 def _replaced(data: Any, keys: list[str], value: str | float) -> Any:
     if not keys:
         return value
-    return {key: _replaced(inner, keys[1:], value) if key == keys[0] else inner for key, inner in data.items()}
+    return {
+        key: _replaced(inner, keys[1:], value) if key == keys[0] else inner
+        for key, inner in data.items()
+    }
 
 
 @dataclass(frozen=True)
@@ -111,7 +121,9 @@ class Candidate:
 
     def with_margins(self, times: Sequence[Time]) -> FlightPlan:
         """The plan with margins at these times; without where there is no steady flight."""
-        return self.plan if self.steady is None else add_margins(self.plan, self.steady, tuple(times))
+        return (
+            self.plan if self.steady is None else add_margins(self.plan, self.steady, tuple(times))
+        )
 
     def margins(self, vehicles: Floats, times: Sequence[Time]) -> Floats:
         """Least margins ``[vehicle, margin]`` of parameter rows; zero where there is no steady flight."""
@@ -137,7 +149,9 @@ class Candidates:
         model = self.campaign.model
         try:
             self.numbers.write(file, point)
-            plan = declare(self.campaign, self.engine.prepare(model.vehicle, model.mission, file, self.name))
+            plan = declare(
+                self.campaign, self.engine.prepare(model.vehicle, model.mission, file, self.name)
+            )
             try:
                 return Candidate(plan, make_steady(self.campaign, plan, file) if steady else None)
             except (InputError, np.linalg.LinAlgError):

@@ -30,7 +30,9 @@ _BROKEN = {
     Outcome.NOT_FINITE: "a law whose command at the first tick is not a number",
     Outcome.LAW_FAILED: "a law that raises an exception at the first tick (above)",
 }
-Pending = list[tuple[Path, str | None, tuple[Path, Path] | None]]  # file, kind, vehicle and mission of its campaign
+Pending = list[
+    tuple[Path, str | None, tuple[Path, Path] | None]
+]  # file, kind, vehicle and mission of its campaign
 
 
 @dataclass(frozen=True)
@@ -69,15 +71,23 @@ def check_inputs(path: Path) -> list[CheckedInput]:
     return checked
 
 
-def _check(file: Path, kind: str, flown: tuple[Path, Path] | None, pending: Pending) -> Iterator[str]:
+def _check(
+    file: Path, kind: str, flown: tuple[Path, Path] | None, pending: Pending
+) -> Iterator[str]:
     """Check one file, yield its warnings and add the files that it names to ``pending``."""
     if kind == "campaign":
         checked = read_campaign(file)
         campaign = checked.model
-        problems = find_impossible(checked, None if checked.user_model else load_vehicle(campaign.vehicle))
+        problems = find_impossible(
+            checked, None if checked.user_model else load_vehicle(campaign.vehicle)
+        )
         if problems:
             raise InputErrors(problems)
-        drawn = [name for name in checked.names if name.startswith("aero.") or name.endswith("_effectiveness")]
+        drawn = [
+            name
+            for name in checked.names
+            if name.startswith("aero.") or name.endswith("_effectiveness")
+        ]
         if drawn:
             more = f" and {len(drawn) - _NAMED} more" if len(drawn) > _NAMED else ""
             yield f"{', '.join(drawn[:_NAMED])}{more}: is this one value for the whole programme? Then 'unknowns'"
@@ -88,12 +98,16 @@ def _check(file: Path, kind: str, flown: tuple[Path, Path] | None, pending: Pend
             try:
                 Process(next(iter(make_user_plans(checked, checked.controllers).values()))).end()
             except (LostFlightError, OSError) as error:
-                place = checked.document.key_error(("simulator",), str(error), "a simulator that starts")
+                place = checked.document.key_error(
+                    ("simulator",), str(error), "a simulator that starts"
+                )
                 raise InputErrors([place]) from None
             return
         flown = campaign.vehicle, campaign.mission
         pending += [(campaign.vehicle, "vehicle", None), (campaign.mission, "mission", None)]
-        pending += [(controller, "controller", flown) for controller in campaign.controllers.values()]
+        pending += [
+            (controller, "controller", flown) for controller in campaign.controllers.values()
+        ]
     elif kind == "vehicle":
         yield from find_vehicle_warnings(load_vehicle(file))
     elif kind == "mission":
@@ -105,7 +119,9 @@ def _check(file: Path, kind: str, flown: tuple[Path, Path] | None, pending: Pend
             yield from _try_law(file, controller, flown)
 
 
-def _try_law(file: Path, controller: UserController, flown: tuple[Path, Path] | None) -> Iterator[str]:
+def _try_law(
+    file: Path, controller: UserController, flown: tuple[Path, Path] | None
+) -> Iterator[str]:
     """Compile a controller and fly one tick, on the campaign's vehicle and mission or shipped ones; its warnings.
 
     Code of a campaign's folder that this user has not flown is not run. Raises InputError.
@@ -115,7 +131,10 @@ def _try_law(file: Path, controller: UserController, flown: tuple[Path, Path] | 
         yield "its code was not run: it is a folder's, and you have not flown it"
         return
     configs = shipped_configs()
-    vehicle, mission = flown or (configs / f"vehicle/{DEFAULT_VEHICLE}.yaml", configs / "mission/level.yaml")
+    vehicle, mission = flown or (
+        configs / f"vehicle/{DEFAULT_VEHICLE}.yaml",
+        configs / "mission/level.yaml",
+    )
     plan = prepare(vehicle, mission, file, file.stem)
     one_tick = replace(plan, timing=plan.timing._replace(ticks=0))
     try:

@@ -28,7 +28,11 @@ def make_corners(campaign: Experiment) -> Floats:
         sides = np.random.default_rng(campaign.model.seed).integers(0, 2, (_SOME, count))
     values = ends[np.arange(count), sides]
     nominal = nominal_parameters()
-    return np.vstack([nominal, full_rows(campaign.names, values, campaign.derived)]) if count else nominal
+    return (
+        np.vstack([nominal, full_rows(campaign.names, values, campaign.derived)])
+        if count
+        else nominal
+    )
 
 
 def describe_stability(campaign: Experiment, plans: Mapping[str, FlightPlan]) -> dict[str, Any]:
@@ -66,14 +70,19 @@ def _describe(name: str, steady: Any, parameters: Floats) -> dict[str, Any]:
     if not stability.poles[0].size:
         return {"fault": NO_SLOPES}
     table = [make_rows(name, None, stability, i) for i in range(len(parameters))]
-    known = [poles.size and not fault for poles, fault in zip(stability.poles, points.faults, strict=True)]
+    known = [
+        poles.size and not fault
+        for poles, fault in zip(stability.poles, points.faults, strict=True)
+    ]
     trimmed = [rows for rows, trim in zip(table[1:], known[1:], strict=True) if trim]
     stable = [rows for rows in trimmed if rows[-1]["stable"]]
     return {
         "nominal": [_rounded(row) for row in table[0]],
         "corners_without_trim": len(table) - 1 - len(trimmed),
         "corners_unstable": len(trimmed) - len(stable),
-        "corners": [_least([rows[i] for rows in stable]) for i in range(len(table[0]))] if stable else [],
+        "corners": [_least([rows[i] for rows in stable]) for i in range(len(table[0]))]
+        if stable
+        else [],
     }
 
 
@@ -81,7 +90,16 @@ def _least(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """The margins of one loop that are least among the corners; None where nothing makes it unstable."""
     least: dict[str, Any] = {"loop": rows[0]["loop"]}
     for key in rows[0]:
-        if key.endswith(("_margin_deg", "_margin_ms", "_high_db", "disk_margin", "disk_gain_db", "disk_phase_deg")):
+        if key.endswith(
+            (
+                "_margin_deg",
+                "_margin_ms",
+                "_high_db",
+                "disk_margin",
+                "disk_gain_db",
+                "disk_phase_deg",
+            )
+        ):
             least[key] = min((row[key] for row in rows if row[key] is not None), default=None)
         elif key.endswith("_low_db"):
             least[key] = max((row[key] for row in rows if row[key] is not None), default=None)

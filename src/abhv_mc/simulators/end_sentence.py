@@ -16,7 +16,9 @@ from abhv_mc.kernel.plant import state as s
 from abhv_mc.user_code.child import in_child
 
 _NEVER = "stagnation_heat_flux_w_m2"  # of a vehicle without a nose radius
-_ORDER = sorted(range(len(CHANNELS)), key=lambda i: "measured" not in CHANNELS[i].name)  # laws see what is measured
+_ORDER = sorted(
+    range(len(CHANNELS)), key=lambda i: "measured" not in CHANNELS[i].name
+)  # laws see what is measured
 
 
 def end_of(experiment: Experiment, controller: str, row: Floats, outcome: int) -> str:
@@ -30,7 +32,9 @@ def describe_end(plan: FlightPlan, parameters: Floats, outcome: Outcome) -> str:
     """Sentences on the end of the flight of ``parameters`` [1, parameter], flown again where it was not finite."""
     if outcome != Outcome.NOT_FINITE:
         return SENTENCES[outcome]
-    found = in_child(_find, plan, parameters) if must_fly_elsewhere(plan) else _find(plan, parameters)
+    found = (
+        in_child(_find, plan, parameters) if must_fly_elsewhere(plan) else _find(plan, parameters)
+    )
     return f"{SENTENCES[outcome]} The first was the {found}."
 
 
@@ -40,13 +44,23 @@ def _find(plan: FlightPlan, parameters: Floats) -> str:
     results = make_results(plan, 1, recording, False)
     fly_in_memory(plan, parameters, results, recording, memory)
     end, lane = int(results.end_tick[0]), memory.Z[:, 0]
-    commands = [name for i, name in enumerate(plan.effectors) if np.isnan(lane[s.EFFECTOR_COMMAND + i])]
+    commands = [
+        name for i, name in enumerate(plan.effectors) if np.isnan(lane[s.EFFECTOR_COMMAND + i])
+    ]
     for tick in range(max(end - 1, 0), end + 1):
         row = results.history[0, tick]
         if np.isfinite(row).any():  # else a sample that does not count
-            broken = [CHANNELS[i] for i in _ORDER if not np.isfinite(row[i]) and CHANNELS[i].name != _NEVER]
-            if broken and not (commands and broken[0].source.startswith("cmd_")):  # which all effectors' make
+            broken = [
+                CHANNELS[i]
+                for i in _ORDER
+                if not np.isfinite(row[i]) and CHANNELS[i].name != _NEVER
+            ]
+            if broken and not (
+                commands and broken[0].source.startswith("cmd_")
+            ):  # which all effectors' make
                 return f"{broken[0].doc} ({broken[0].name}) at {tick * plan.timing.tick:g} s"
     states = [name for name, value in zip(s.STATES, lane, strict=False) if not np.isfinite(value)]
-    words = f"command of the effector {commands[0]}" if commands else f"state {', '.join(states[:1])}"
+    words = (
+        f"command of the effector {commands[0]}" if commands else f"state {', '.join(states[:1])}"
+    )
     return f"{words} at {end * plan.timing.tick:g} s"

@@ -34,7 +34,9 @@ class Engine:
     find_stability: Callable[[Experiment, dict[str, FlightPlan]], dict[str, Any]] | None = None
     checked: bool = False  # whether ``source`` is what identity.code_hash() must give in every process that flies
     isolation: str = THREADS  # where "auto" flies; processes need a ``fly`` that can be imported
-    close: Callable[[], None] | None = None  # ends its own processes, which account for each flight that is lost
+    close: Callable[[], None] | None = (
+        None  # ends its own processes, which account for each flight that is lost
+    )
 
 
 def make_engine() -> Engine:
@@ -42,7 +44,14 @@ def make_engine() -> Engine:
     from abhv_mc.flight.prepare import prepare
     from abhv_mc.stability.fly_with_margins import fly_with_margins
 
-    return Engine(prepare, fly_with_margins, code_hash(), describe_stability, checked=True, isolation=PROCESSES)
+    return Engine(
+        prepare,
+        fly_with_margins,
+        code_hash(),
+        describe_stability,
+        checked=True,
+        isolation=PROCESSES,
+    )
 
 
 def engine_of(experiment: Experiment, engine: Engine | None = None) -> Engine:
@@ -58,7 +67,9 @@ def fly_of(experiment: Experiment, fly: Fly) -> Fly:
 
 
 def _no_plan(*_: object) -> FlightPlan:
-    raise InputError("simulator", "a user's simulator, which has no vehicle, mission and controllers", "our own")
+    raise InputError(
+        "simulator", "a user's simulator, which has no vehicle, mission and controllers", "our own"
+    )
 
 
 def check_source(folder: CampaignFolder, manifest: Manifest, engine: Engine) -> None:
@@ -69,18 +80,24 @@ def check_source(folder: CampaignFolder, manifest: Manifest, engine: Engine) -> 
         raise InputError(folder.root, found, "the same again, another folder (-o DIR), or --fresh")
 
 
-def make_ready(experiment: Experiment, plans: Mapping[str, FlightPlan], margins: bool = False) -> Experiment:
+def make_ready(
+    experiment: Experiment, plans: Mapping[str, FlightPlan], margins: bool = False
+) -> Experiment:
     """The experiment with the controllers of ``plans`` ready to fly; with stability margins, where it asks for them.
 
     Raises InputError where there can be none.
     """
     found = make_margin_plans(experiment, plans) if margins else {}
-    return replace(experiment, systems={name: System(plan, found.get(name)) for name, plan in plans.items()})
+    return replace(
+        experiment, systems={name: System(plan, found.get(name)) for name, plan in plans.items()}
+    )
 
 
 def here(plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
     """The executor that flies in this thread."""
-    return (fly_user_simulator if isinstance(plan, UserPlan) else make_engine().fly)(plan, parameters, recorded)
+    return (fly_user_simulator if isinstance(plan, UserPlan) else make_engine().fly)(
+        plan, parameters, recorded
+    )
 
 
 def simulate(

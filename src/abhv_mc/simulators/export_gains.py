@@ -15,7 +15,9 @@ _BUILT_IN = {"tlc": TLC_GAINS, "lqr": LQR_GAINS}
 def check_gain_format(file: Path) -> None:
     """Raise InputError for a file name with another ending."""
     if file.suffix not in (".mat", ".csv", ".h"):
-        raise InputError(file, f"the ending '{file.suffix}'", "a file name that ends in .mat, .csv or .h")
+        raise InputError(
+            file, f"the ending '{file.suffix}'", "a file name that ends in .mat, .csv or .h"
+        )
 
 
 def write_gains(file: Path, plan: FlightPlan) -> None:
@@ -26,7 +28,9 @@ def write_gains(file: Path, plan: FlightPlan) -> None:
     check_gain_format(file)
     names = _BUILT_IN.get(plan.law) or tuple(plan.gain_names.tolist())
     if not names:
-        raise InputError(file, f"the law {plan.controller}, which has no gains", "one with a design")
+        raise InputError(
+            file, f"the law {plan.controller}, which has no gains", "one with a design"
+        )
     ticks = plan.timing.ticks + 1
     times, gains = plan.reference[:ticks, TIME], plan.gains[:ticks]
     with atomic_write(file) as temporary, temporary.open("wb") as stream:
@@ -44,7 +48,9 @@ def write_gains(file: Path, plan: FlightPlan) -> None:
             table.to_csv(stream, index=False)
 
 
-def _make_header(controller: str, names: tuple[str, ...], times: np.ndarray, gains: np.ndarray) -> str:
+def _make_header(
+    controller: str, names: tuple[str, ...], times: np.ndarray, gains: np.ndarray
+) -> str:
     """C99: an enumerator for each column, the times, the gains."""
     columns = "".join(f"    GAIN_{name.upper()},\n" for name in names)
     rows = "".join(f"    {{{', '.join(map(repr, row))}}},\n" for row in gains.tolist())

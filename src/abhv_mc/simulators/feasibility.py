@@ -35,7 +35,9 @@ def find_impossible(campaign: Experiment, vehicle: Vehicle | None = None) -> lis
 
 def refuse_input(campaign: Experiment, name: str, found: str, expected: str) -> InputError:
     """What to raise for an input that varies, where the file says that it does."""
-    place: tuple[str, ...] = ("dispersions", name) if campaign.sample_file is None else ("sampling",)
+    place: tuple[str, ...] = (
+        ("dispersions", name) if campaign.sample_file is None else ("sampling",)
+    )
     if name not in campaign.names:
         place = ("unknowns" if name in campaign.unknowns.names else "derived", name)
     return campaign.document.key_error(place, found, expected)
@@ -52,12 +54,17 @@ def values_of(campaign: Experiment, name: str) -> Floats:
     if campaign.sample_file is not None:
         return campaign.sample_file.values[:, campaign.names.index(name)]
     marginal = campaign.marginals[name]
-    return np.append(marginal.ppf(np.array([_RARELY, 1.0 - _RARELY])), marginal.at_fraction(np.array([0.0, 1.0])))
+    return np.append(
+        marginal.ppf(np.array([_RARELY, 1.0 - _RARELY])), marginal.at_fraction(np.array([0.0, 1.0]))
+    )
 
 
 def asked_in_vain(campaign: Experiment) -> list[str]:
     """The same in sentences (without their full stops), where it is no reason to refuse the campaign."""
-    return [f"the campaign asks for {error.found}; it takes {error.expected}" for error in find_impossible(campaign)]
+    return [
+        f"the campaign asks for {error.found}; it takes {error.expected}"
+        for error in find_impossible(campaign)
+    ]
 
 
 def _requirements(campaign: Experiment) -> Iterator[InputError]:
@@ -70,7 +77,9 @@ def _requirements(campaign: Experiment) -> Iterator[InputError]:
             found = f"'{entry.metric}' below {high:g}, which no flight meets: it is never negative"
             yield document.error(("requirements", i, "below"), found, "a limit above zero")
         elif low is not None and low < 0.0:
-            found = f"'{entry.metric}' above {low:g}, which every flight meets: it is never negative"
+            found = (
+                f"'{entry.metric}' above {low:g}, which every flight meets: it is never negative"
+            )
             yield document.error(("requirements", i, "above"), found, "a limit from zero on")
     if not campaign.judged:
         return
@@ -95,10 +104,16 @@ def _meaningless(campaign: Experiment) -> Iterator[InputError]:
     for name in campaign.varied:
         least = float(values_of(campaign, name).min())
         if np.isnan(least):
-            yield refuse_input(campaign, name, f"'{name}' that is no number", "an expression that is one")
+            yield refuse_input(
+                campaign, name, f"'{name}' that is no number", "an expression that is one"
+            )
         elif least <= 0.0 and _ABOVE_ZERO.search(name):
             marginal = campaign.marginals.get(name)
-            if least == 0.0 and isinstance(marginal, ContinuousMarginal) and marginal.density(np.array(1e-12)) < 1e-6:
+            if (
+                least == 0.0
+                and isinstance(marginal, ContinuousMarginal)
+                and marginal.density(np.array(1e-12)) < 1e-6
+            ):
                 continue  # a law that comes near zero and never reaches it
             wish = "values above zero, as of a truncated_normal or lognormal law: at or below it has no meaning"
             yield refuse_input(campaign, name, f"'{name}' down to {least:g}", wish)
@@ -115,7 +130,9 @@ def _lacking(campaign: Experiment, vehicle: Vehicle) -> Iterator[InputError]:
 def _has(vehicle: Vehicle, name: str) -> bool:
     """Whether a parameter multiplies anything of the vehicle. What is added, and what no file lacks, does."""
     group, _, rest = name.partition(".")
-    if (vehicle.foreign.aerodynamics and group == "aero") or (vehicle.foreign.propulsion and group == "propulsion"):
+    if (vehicle.foreign.aerodynamics and group == "aero") or (
+        vehicle.foreign.propulsion and group == "propulsion"
+    ):
         return True
     if group == "aero" and not rest.endswith(".increment"):
         coefficient, _, variable = rest.partition(".")
@@ -127,7 +144,10 @@ def _has(vehicle: Vehicle, name: str) -> bool:
     if group == "engine":
         return vehicle.constants.equivalence_ratio_max > 0.0
     thrust = "capture_area_ratio", "thrust_area"
-    rows: dict[str, tuple[str, ...]] = {"propulsion.thrust": thrust, "propulsion.specific_impulse": thrust}
+    rows: dict[str, tuple[str, ...]] = {
+        "propulsion.thrust": thrust,
+        "propulsion.specific_impulse": thrust,
+    }
     rows["mass.inertia_13"] = ("inertia_13",)
     return name not in rows or any(np.any(_values(vehicle, row)) for row in rows[name])
 

@@ -41,7 +41,9 @@ def record_every(document: Document, plan: FlightPlan, rate: float, kind: str) -
     ticks = 1.0 / (rate * plan.timing.tick)
     every = round(ticks)
     if every < 1 or abs(ticks - every) > 1e-9 * ticks:
-        found = f"{rate:g} Hz (keep.{kind}.rate) with control ticks at {1.0 / plan.timing.tick:g} Hz"
+        found = (
+            f"{rate:g} Hz (keep.{kind}.rate) with control ticks at {1.0 / plan.timing.tick:g} Hz"
+        )
         raise document.error(("keep", kind, "rate"), found, "a rate that divides the control rate")
     return every
 
@@ -52,7 +54,10 @@ def make_plans(campaign: Experiment, names: Iterable[str], engine: Engine) -> di
     check_user_code(campaign)
     if campaign.user_model is not None:
         return make_user_plans(campaign, names)  # type: ignore[return-value]
-    made = {name: engine.prepare(model.vehicle, model.mission, model.controllers[name], name) for name in names}
+    made = {
+        name: engine.prepare(model.vehicle, model.mission, model.controllers[name], name)
+        for name in names
+    }
     plans = {name: declare(campaign, plan) for name, plan in made.items()}
     for plan in plans.values():
         _check_dispersions(campaign, plan)
@@ -118,15 +123,22 @@ def take_plans(
     if root is None:
         return {}
     if campaign.user_model is not None:
-        raise InputError("--plans", "plans of a user's simulator, which has none", "a run without --plans")
+        raise InputError(
+            "--plans", "plans of a user's simulator, which has none", "a run without --plans"
+        )
     source, names = CampaignFolder(root), campaign.model.controllers
     manifest = read_checked(source, [source.plan(name) for name in names])
     check_source(source, manifest, engine)
     flown = manifest.inputs
     for place, content in inputs.hashes.items():
         if flown.get(place) != content and not place.startswith("inputs/samples/"):
-            raise InputError(root, f"plans made from another {place}", "plans of this campaign's files")
-    return {name: _declare(campaign, read_trusted_plan(source, campaign, name, trust_code)) for name in names}
+            raise InputError(
+                root, f"plans made from another {place}", "plans of this campaign's files"
+            )
+    return {
+        name: _declare(campaign, read_trusted_plan(source, campaign, name, trust_code))
+        for name in names
+    }
 
 
 def find_warnings(plans: dict[str, FlightPlan], campaign: Experiment) -> list[str]:
@@ -147,8 +159,12 @@ def _sensing(plans: dict[str, FlightPlan], campaign: Experiment) -> list[str]:
 def reference_of(plan: FlightPlan, stride: int) -> dict[str, Floats]:
     """The mission's reference: ``time`` and REFERENCE_CHANNELS, each [time] in its unit, every ``stride``-th tick."""
     reference = plan.reference[::stride]
-    columns: dict[str, Floats] = {"time": np.arange(float(len(reference))) * (stride * plan.timing.tick)}
+    columns: dict[str, Floats] = {
+        "time": np.arange(float(len(reference))) * (stride * plan.timing.tick)
+    }
     for signal in REFERENCE_CHANNELS:
         column = reference[:, COLUMN_INDEX[signal.name.partition("_reference")[0]]]
-        columns[signal.name] = np.degrees(column) if signal.unit == "deg" else np.ascontiguousarray(column)
+        columns[signal.name] = (
+            np.degrees(column) if signal.unit == "deg" else np.ascontiguousarray(column)
+        )
     return columns

@@ -17,12 +17,16 @@ from abhv_mc.stability.fly_with_margins import MarginPlan, add_margins
 if TYPE_CHECKING:  # which a worker process need not import
     from abhv_mc.campaign.file.experiment import Experiment
 
-Margins = tuple[Floats, list[str]]  # [flight, margin] in the order of MARGIN_NAMES, and why a flight has none
+Margins = tuple[
+    Floats, list[str]
+]  # [flight, margin] in the order of MARGIN_NAMES, and why a flight has none
 TrimMargins = Callable[[Floats], Margins]  # of rows [flight, parameter]
 _LOOKED_AT = 1000  # flights whose sensors are to repeat with the law
 
 
-def make_margin_plans(campaign: "Experiment", plans: Mapping[str, FlightPlan]) -> dict[str, MarginPlan]:
+def make_margin_plans(
+    campaign: "Experiment", plans: Mapping[str, FlightPlan]
+) -> dict[str, MarginPlan]:
     """The plans with margins; none where the campaign asks for none. Raises InputError where there can be none."""
     model = campaign.model
     if model.margins is None:
@@ -54,7 +58,9 @@ def make_steady(campaign: "Experiment", plan: FlightPlan, controller: Path) -> F
     from abhv_mc.stability.steady import make_steady_plan
 
     law, mission = read_controller(controller), read_mission(campaign.model.mission)
-    steady = make_steady_plan(plan.vehicle, mission, law, plan.controller, user_code=user_parts_of(plan))
+    steady = make_steady_plan(
+        plan.vehicle, mission, law, plan.controller, user_code=user_parts_of(plan)
+    )
     return steady.lean_for(campaign.varied)
 
 

@@ -30,7 +30,9 @@ libmy_law.so: my_law.c abhv_law.h abhv_settings.h
 headers: my_law.yaml
 \tpython3 -m abhv_mc.user_code.c_source my_law.yaml
 """
-_QUESTION = "Does my own law fly this mission as well as the controllers that come with the program?"
+_QUESTION = (
+    "Does my own law fly this mission as well as the controllers that come with the program?"
+)
 
 
 def write_new_campaign(folder: Path, name: str = DEFAULT, law: str | None = None) -> list[Path]:
@@ -56,7 +58,9 @@ def write_new_campaign(folder: Path, name: str = DEFAULT, law: str | None = None
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(file, target)
         written.append(target)
-    written[0].write_text(source.read_text(encoding="utf-8").replace("../configs/", ""), encoding="utf-8")
+    written[0].write_text(
+        source.read_text(encoding="utf-8").replace("../configs/", ""), encoding="utf-8"
+    )
     if law is not None:
         written += _add_law(folder, written[0], law)
     return written + write_schemas(folder, [file for file in written if file.suffix == ".yaml"])
@@ -78,7 +82,9 @@ def write_schemas(folder: Path, files: list[Path], kinds: Iterable[str] = MODELS
         written.append(folder / _SCHEMAS / f"{kind}.schema.json")
         written[-1].write_text(json.dumps(make_schema(kind), indent=1) + "\n", encoding="utf-8")
     for file in files:
-        schema = Path(os.path.relpath(folder / _SCHEMAS / f"{find_kind(file)}.schema.json", file.parent))
+        schema = Path(
+            os.path.relpath(folder / _SCHEMAS / f"{find_kind(file)}.schema.json", file.parent)
+        )
         line = f"# yaml-language-server: $schema={schema.as_posix()}\n"
         file.write_text(line + file.read_text(encoding="utf-8"), encoding="utf-8")
     return written
@@ -87,14 +93,20 @@ def write_schemas(folder: Path, files: list[Path], kinds: Iterable[str] = MODELS
 def _add_law(folder: Path, campaign: Path, law: str) -> list[Path]:
     """The shipped example of a user law, by the name ``my_law``; in C with its design, headers, and a Makefile."""
     source, target = shipped_configs() / "control", folder / "control"
-    python, text = ((source / f"cascade.{ending}").read_text(encoding="utf-8") for ending in ("py", "yaml"))
+    python, text = (
+        (source / f"cascade.{ending}").read_text(encoding="utf-8") for ending in ("py", "yaml")
+    )
     contents = {"my_law.py": python, "my_law.yaml": text.replace("cascade.py", "my_law.py")}
     if law == "c":
         inside = source / "cascade_c"
-        code, text = ((inside / name).read_text(encoding="utf-8") for name in ("cascade.c", "cascade_c.yaml"))
+        code, text = (
+            (inside / name).read_text(encoding="utf-8") for name in ("cascade.c", "cascade_c.yaml")
+        )
         contents = {
             "my_law.c": code.replace("../cascade.py", "my_design.py"),
-            "my_law.yaml": text.replace("cascade.c", "my_law.c").replace("../cascade.py", "my_design.py"),
+            "my_law.yaml": text.replace("cascade.c", "my_law.c").replace(
+                "../cascade.py", "my_design.py"
+            ),
             "Makefile": _MAKEFILE,
             "my_design.py": python,
         }

@@ -34,7 +34,9 @@ from abhv_mc.user_code.trust import check_trusted
 from abhv_mc.user_code.vehicle_functions import check_vehicle_trusted, find_code, load_vehicle
 from abhv_mc.vehicle.vehicle_code import VehicleCode
 
-Code = tuple[UserSource | None, UserSource | None, VehicleCode | None]  # of a law, of channels, of a vehicle
+Code = tuple[
+    UserSource | None, UserSource | None, VehicleCode | None
+]  # of a law, of channels, of a vehicle
 _COLUMNS = {"tlc": (len(TLC_GAINS), len(TLC_SETTINGS)), "lqr": (len(LQR_GAINS), len(LQR_SETTINGS))}
 
 
@@ -50,7 +52,9 @@ def read_plan(path: Path, vehicle: Vehicle) -> FlightPlan:
 
 
 def _rebuild_plan(stored: dict[str, np.ndarray], vehicle: Vehicle) -> FlightPlan:
-    flat = {name: value for name, value in stored.items() if value.ndim == 0 or value.dtype.kind in "fU"}
+    flat = {
+        name: value for name, value in stored.items() if value.ndim == 0 or value.dtype.kind in "fU"
+    }
     flat.setdefault("period", np.array(0))  # of a folder from before laws had one
     for name, value in flatten(vehicle, "vehicle").items():
         if value.dtype.kind == "f":
@@ -95,28 +99,39 @@ def read_trusted_plan(
     plan = read_plan(folder.plan(controller), load_vehicle(campaign.model.vehicle))
     if plan.source_hash:
         place = folder.inputs / "controllers" / controller
-        plan = dataclasses.replace(plan, source=_take(_read_laws(place), place, plan.source_hash, trusted))
+        plan = dataclasses.replace(
+            plan, source=_take(_read_laws(place), place, plan.source_hash, trusted)
+        )
     if plan.channels_hash:
         place = folder.inputs / "channels"
         sources = map(read_source, sorted(place.rglob("*.py")))
-        plan = dataclasses.replace(plan, channels_source=_take(sources, place, plan.channels_hash, trusted))
+        plan = dataclasses.replace(
+            plan, channels_source=_take(sources, place, plan.channels_hash, trusted)
+        )
     return dataclasses.replace(plan, vehicle_code=find_code(plan.vehicle)).lean_for(campaign.varied)
 
 
-def open_flown(folder: CampaignFolder, controllers: Iterable[str], trusted: bool = False) -> Experiment:
+def open_flown(
+    folder: CampaignFolder, controllers: Iterable[str], trusted: bool = False
+) -> Experiment:
     """The experiment of a folder with some of its controllers ready to fly again, its files proven whole.
 
     Raises InputError for another controller, and where code is not in the user's list of what he has flown.
     """
     read_checked(folder, [folder.campaign, folder.samples, *folder.input_files()])
-    experiment, flown = read_folder_campaign(folder), list(read_manifest(folder.manifest).controllers)
+    experiment, flown = (
+        read_folder_campaign(folder),
+        list(read_manifest(folder.manifest).controllers),
+    )
     plans = {}
     for name in controllers:
         if name not in flown:
             raise InputError(folder.root, f"no controller '{name}'", one_of(flown, name))
         read_checked(folder, [folder.plan(name)])
         plans[name] = read_trusted_plan(folder, experiment, name, trusted)
-    return dataclasses.replace(make_ready(experiment, plans), columns=SampleReader(folder.samples).names)
+    return dataclasses.replace(
+        make_ready(experiment, plans), columns=SampleReader(folder.samples).names
+    )
 
 
 def _read_laws(place: Path) -> Iterator[UserSource]:
@@ -144,5 +159,7 @@ def rebuild_sent(arrays: dict[str, np.ndarray], code: Code) -> FlightPlan:
     """A plan that came as arrays (:func:`abhv_mc.folder.plan_file.flatten`), with its code."""
     plan = rebuild(MarginPlan if "margin_times" in arrays else FlightPlan, arrays)
     if isinstance(plan, MarginPlan):
-        plan = dataclasses.replace(plan, steady=dataclasses.replace(plan.steady, source=code[0], vehicle_code=code[2]))
+        plan = dataclasses.replace(
+            plan, steady=dataclasses.replace(plan.steady, source=code[0], vehicle_code=code[2])
+        )
     return dataclasses.replace(plan, source=code[0], channels_source=code[1], vehicle_code=code[2])

@@ -9,7 +9,13 @@ from abhv_mc.array_types import Complexes, Floats, Ints, Mask
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.stability.lifted import find_lifted_margins
 from abhv_mc.stability.linearize import REASONS, Linear, closed_period, linearize
-from abhv_mc.stability.margins import Margins, disk_gain_and_phase, find_margins, loop_gains, make_loops
+from abhv_mc.stability.margins import (
+    Margins,
+    disk_gain_and_phase,
+    find_margins,
+    loop_gains,
+    make_loops,
+)
 from abhv_mc.stability.points import AT_LIMIT, Found, flown_points
 from abhv_mc.stability.search import frequency_grid
 from abhv_mc.stability.steady import trim_points
@@ -30,11 +36,15 @@ class Stability(NamedTuple):
     """What is known of each linear model."""
 
     stable: Mask  # [system]
-    poles: list[Complexes]  # of the closed loops, 1/s, fastest growing first; none where there are no slopes
+    poles: list[
+        Complexes
+    ]  # of the closed loops, 1/s, fastest growing first; none where there are no slopes
     margins: Margins  # nan for systems that are not stable
     cut: Ints  # [system, input] where an input has no loop, see abhv_mc.stability.linearize
     inputs: tuple[str, ...]
-    apart: "Stability | None" = None  # of effectors one by one, of a law that commands axes, where it was asked for
+    apart: "Stability | None" = (
+        None  # of effectors one by one, of a law that commands axes, where it was asked for
+    )
 
 
 class FlightMargins(NamedTuple):
@@ -54,15 +64,23 @@ def analyse(linear: Linear, frequencies: int = FREQUENCIES, apart: bool = False)
     poles = [each[np.argsort(-each.real)] for each in poles]
     stable = np.array([each.size > 0 and each[0].real < GROWTH for each in poles])
     systems, inputs = len(poles), linear.law_D.shape[1]
-    margins = Margins._make(np.full(shape, np.nan) for shape in [(systems, inputs)] * 9 + [(systems,)] * 3)
+    margins = Margins._make(
+        np.full(shape, np.nan) for shape in [(systems, inputs)] * 9 + [(systems,)] * 3
+    )
     chosen = np.flatnonzero(stable)
     grid = frequency_grid([discrete[i] for i in chosen], span, frequencies)
     if linear.phases:
         for i, omega in zip(chosen, grid, strict=True):
-            for into, value in zip(margins, find_lifted_margins(linear, int(i), omega), strict=True):
+            for into, value in zip(
+                margins, find_lifted_margins(linear, int(i), omega), strict=True
+            ):
                 into[i] = value[0]
     elif chosen.size:
-        loops = make_loops(linear._replace(**{name: getattr(linear, name)[chosen] for name in Linear._fields[1:-3]}))
+        loops = make_loops(
+            linear._replace(
+                **{name: getattr(linear, name)[chosen] for name in Linear._fields[1:-3]}
+            )
+        )
         found = find_margins(lambda i, w: loop_gains(loops, i, w), grid, linear.period)
         for into, value in zip(margins, found, strict=True):
             into[chosen] = value
@@ -75,13 +93,17 @@ def _closed_poles(linear: Linear) -> list[Complexes]:
     for delay in np.unique(linear.delay):
         systems = np.flatnonzero(linear.delay == delay)
         loops = np.stack([closed_period(linear, int(i)) for i in systems])
-        finite = np.isfinite(loops).all(axis=(1, 2))  # not where a law has no slopes, or nothing has a meaning
+        finite = np.isfinite(loops).all(
+            axis=(1, 2)
+        )  # not where a law has no slopes, or nothing has a meaning
         for i, each in zip(systems[finite], np.linalg.eigvals(loops[finite]), strict=True):
             poles[i] = each
     return poles
 
 
-def points_at(plan: FlightPlan, steady: FlightPlan, parameters: Floats, time: Time) -> tuple[FlightPlan, Found]:
+def points_at(
+    plan: FlightPlan, steady: FlightPlan, parameters: Floats, time: Time
+) -> tuple[FlightPlan, Found]:
     """The points of flights at a time, or their trims, with the plan whose reference belongs to them."""
     if time == "trim":
         return steady, trim_points(steady, parameters)
@@ -89,7 +111,11 @@ def points_at(plan: FlightPlan, steady: FlightPlan, parameters: Floats, time: Ti
 
 
 def margins_of_flights(
-    plan: FlightPlan, steady: FlightPlan, parameters: Floats, times: Sequence[Time], frequencies: int = FREQUENCIES
+    plan: FlightPlan,
+    steady: FlightPlan,
+    parameters: Floats,
+    times: Sequence[Time],
+    frequencies: int = FREQUENCIES,
 ) -> FlightMargins:
     """Least margins of flights with ``parameters`` [flight, parameter] over ``times``.
 
@@ -97,7 +123,9 @@ def margins_of_flights(
     before or behind a limit at any of the times: 0. Without a crossing: 60 dB, 180 deg, 1000 ms.
     """
     count = len(parameters)
-    least = np.tile([NO_GAIN_MARGIN_DB, NO_PHASE_MARGIN_DEG, NO_DELAY_MARGIN_MS, np.inf], (count, 1))
+    least = np.tile(
+        [NO_GAIN_MARGIN_DB, NO_PHASE_MARGIN_DEG, NO_DELAY_MARGIN_MS, np.inf], (count, 1)
+    )
     faults: list[list[str]] = [[] for _ in times]
     for first in range(0, count, _TOGETHER):
         some = parameters[first : first + _TOGETHER]
@@ -106,7 +134,9 @@ def margins_of_flights(
             stability = analyse(linearize(of, found.points), frequencies)
             for i, (fault, stable) in enumerate(zip(found.faults, stability.stable, strict=True)):
                 grows = "" if stable else "unstable" if stability.poles[i].size else NO_SLOPES
-                words.append("; ".join(filter(None, (fault, grows))) if fault in ("", AT_LIMIT) else fault)
+                words.append(
+                    "; ".join(filter(None, (fault, grows))) if fault in ("", AT_LIMIT) else fault
+                )
                 values = np.zeros(4) if words[-1] else _least(stability.margins, i)
                 least[first + i] = np.minimum(least[first + i], values)
     return FlightMargins(least, faults)
@@ -114,7 +144,10 @@ def margins_of_flights(
 
 def _least(margins: Margins, system: int) -> Floats:
     with np.errstate(divide="ignore"):
-        gain = 20.0 * np.log10(np.minimum(margins.gain_high[system], 1.0 / margins.gain_low[system])).min()
+        gain = (
+            20.0
+            * np.log10(np.minimum(margins.gain_high[system], 1.0 / margins.gain_low[system])).min()
+        )
     phase, delay = margins.phase[system].min(), margins.delay[system].min()
     return np.array([gain, np.rad2deg(phase), 1e3 * delay, margins.all_disk[system]])
 
@@ -159,15 +192,22 @@ def _margins_of_loop(stability: Stability, system: int, i: int) -> dict[str, flo
         low, high = 20.0 * np.log10(m.gain_low[system, i]), 20.0 * np.log10(m.gain_high[system, i])
     phase, delay = np.rad2deg(m.phase[system, i]), 1e3 * m.delay[system, i]
     values = (low, high, phase, delay, m.sensitivity[system, i], m.crossover[system, i])
-    return {name: np.nan if stability.cut[system, i] else float(x) for name, x in zip(_LOOP, values, strict=True)}
+    return {
+        name: np.nan if stability.cut[system, i] else float(x)
+        for name, x in zip(_LOOP, values, strict=True)
+    }
 
 
 def cut_loops(stability: Stability, system: int = 0) -> dict[str, str]:
     """Why an input has no loop: ``stuck``, or ``no effect`` (as of an engine without fuel)."""
-    return {name: REASONS[why] for name, of, i in _loops(stability) if (why := int(of.cut[system, i]))}
+    return {
+        name: REASONS[why] for name, of, i in _loops(stability) if (why := int(of.cut[system, i]))
+    }
 
 
-def make_rows(controller: str, time: float | None, stability: Stability, system: int = 0) -> list[dict[str, Any]]:
+def make_rows(
+    controller: str, time: float | None, stability: Stability, system: int = 0
+) -> list[dict[str, Any]]:
     """A row for each loop and one, ``all``, for all at once; ``time`` (s) is None at the trim.
 
     What is infinite, or without meaning because the closed loop is unstable, is None. The row of a loop that is not
@@ -185,6 +225,10 @@ def make_rows(controller: str, time: float | None, stability: Stability, system:
         for loop, values in margin_values(stability, system).items()
     ]
     if not stable:
-        growing = [[float(p.real), float(p.imag)] for p in stability.poles[system] if p.real >= 0.0 and p.imag >= 0.0]
+        growing = [
+            [float(p.real), float(p.imag)]
+            for p in stability.poles[system]
+            if p.real >= 0.0 and p.imag >= 0.0
+        ]
         rows[-1]["poles"] = growing
     return rows

@@ -31,16 +31,23 @@ def add_margins(plan: FlightPlan, steady: FlightPlan, times: "tuple[Time, ...]")
     """The plan with margins at these times."""
     at = np.array([AT_TRIM if time == "trim" else time for time in times], np.float64)
     return MarginPlan(
-        **{name: getattr(plan, name) for name in plan.__dataclass_fields__}, steady=steady, margin_times=at
+        **{name: getattr(plan, name) for name in plan.__dataclass_fields__},
+        steady=steady,
+        margin_times=at,
     )
 
 
-def fly_with_margins(plan: FlightPlan, parameters: Floats, record_every: Recording | int | None = None) -> FlightBlock:
+def fly_with_margins(
+    plan: FlightPlan, parameters: Floats, record_every: Recording | int | None = None
+) -> FlightBlock:
     """As :func:`abhv_mc.flight.fly.fly`, a :class:`MarginPlan`'s flights linearized too; nan where that fails."""
     block = fly(plan, parameters, record_every)
     if not isinstance(plan, MarginPlan):
         return block
-    found = [_find_any(plan, parameters[first : first + _GROUP]) for first in range(0, len(parameters), _GROUP)]
+    found = [
+        _find_any(plan, parameters[first : first + _GROUP])
+        for first in range(0, len(parameters), _GROUP)
+    ]
     values = np.concatenate(found) if found else np.empty((0, len(MARGIN_VALUES)))
     values[np.isin(block.outcome, (Outcome.FAILED_TO_RUN, *LAW_LOST))] = np.nan
     return replace(block, metrics=np.hstack([block.metrics, values]))
@@ -65,5 +72,13 @@ def _find(plan: MarginPlan, parameters: Floats) -> Floats:
     times: list[Time] = ["trim" if time == AT_TRIM else time for time in plan.margin_times.tolist()]
     found = margins_of_flights(plan, plan.steady, rows, times)
     faults = np.array(found.faults)  # [time, flight]
-    columns = [found.table, *((np.char.find(faults, word) >= 0).sum(axis=0) for word in ("unstable", "limit"))]
-    return np.array([[float(f"{value:.{_DIGITS}g}") for value in row] for row in np.column_stack(columns)[:count]])
+    columns = [
+        found.table,
+        *((np.char.find(faults, word) >= 0).sum(axis=0) for word in ("unstable", "limit")),
+    ]
+    return np.array(
+        [
+            [float(f"{value:.{_DIGITS}g}") for value in row]
+            for row in np.column_stack(columns)[:count]
+        ]
+    )

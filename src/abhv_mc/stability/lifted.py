@@ -53,12 +53,18 @@ def find_lifted_margins(linear: Linear, system: int, omega: Floats) -> Margins:
 
     def farthest(centre: float) -> Floats:
         c = centre * eye
-        return largest(lambda i, w: _norm(inverse(eye + _gains(single, i, w)) - c), grid, _norm(S - c))
+        return largest(
+            lambda i, w: _norm(inverse(eye + _gains(single, i, w)) - c), grid, _norm(S - c)
+        )
 
-    gain = gain_margins(lambda i, w: _loci(_gains(single, i, w)), grid, _loci(L), single.period * single.ticks)
+    gain = gain_margins(
+        lambda i, w: _loci(_gains(single, i, w)), grid, _loci(L), single.period * single.ticks
+    )
     for k, frequency in (gain[:2], gain[2:]):
         some = np.flatnonzero(np.isfinite(frequency))
-        frequency[some] = np.abs(_harmonic(single, some, frequency[some], np.asarray(-1.0 / k[some], np.complex128)))
+        frequency[some] = np.abs(
+            _harmonic(single, some, frequency[some], np.asarray(-1.0 / k[some], np.complex128))
+        )
     phase = _phase_margins(single, grid, L)
     all_L = _gains(every, 0 * rows[:1], omega)
     mu, mu_at = _largest_scaled(every, omega, all_L, rows.size)
@@ -77,9 +83,12 @@ def fundamental_gains(linear: Linear, omega: Floats) -> Complexes:
 def _lift(linear: Linear, system: int) -> tuple[_Lifted, _Lifted]:
     """All loops of a system at once, and each alone, the others closed."""
     closes, inputs = (linear.cut[system] == 0)[:, None], np.arange(len(linear.inputs))
-    ticks = [(A, B, closes * C) for A, B, C in (open_loop(phase, system) for phase in linear.phases)]
+    ticks = [
+        (A, B, closes * C) for A, B, C in (open_loop(phase, system) for phase in linear.phases)
+    ]
     alone = [
-        [(A - B @ np.where((inputs == i)[:, None], 0.0, C), B[:, [i]], C[[i]]) for A, B, C in ticks] for i in inputs
+        [(A - B @ np.where((inputs == i)[:, None], 0.0, C), B[:, [i]], C[[i]]) for A, B, C in ticks]
+        for i in inputs
     ]
     return _over_ticks([ticks], linear.period), _over_ticks(alone, linear.period)
 
@@ -121,8 +130,12 @@ def _in_harmonics(law: _Lifted, system: Ints, omega: Floats) -> Complexes:
     """Loop gains from harmonics to harmonics in place of from ticks to ticks: a unitary change."""
     L, count = _gains(law, system, omega), law.ticks
     ticks = L.reshape(omega.size, -1, count, L.shape[-1] // count, count).swapaxes(2, 3)
-    wave = np.exp(1j * law.period * _harmonics(law, omega)[:, None, :] * np.arange(count)[:, None])[:, None, None]
-    return np.asarray((wave.conj().swapaxes(-1, -2) @ ticks @ wave / count).swapaxes(2, 3).reshape(L.shape))
+    wave = np.exp(1j * law.period * _harmonics(law, omega)[:, None, :] * np.arange(count)[:, None])[
+        :, None, None
+    ]
+    return np.asarray(
+        (wave.conj().swapaxes(-1, -2) @ ticks @ wave / count).swapaxes(2, 3).reshape(L.shape)
+    )
 
 
 def _harmonic(law: _Lifted, system: Ints, omega: Floats, locus: Complexes) -> Floats:
@@ -143,7 +156,9 @@ def _loci(matrices: Complexes) -> Complexes:
 
 
 def _phase_margins(law: _Lifted, grid: Floats, L: Complexes) -> tuple[Floats, Floats, Floats]:
-    return phase_margins(lambda i, w: eigenvalues(_gains(law, i, w)), grid, eigenvalues(L), partial(_delays, law))
+    return phase_margins(
+        lambda i, w: eigenvalues(_gains(law, i, w)), grid, eigenvalues(L), partial(_delays, law)
+    )
 
 
 def _delays(law: _Lifted, system: Ints, omega: Floats, locus: Complexes) -> tuple[Floats, Floats]:
@@ -164,7 +179,9 @@ def _delays(law: _Lifted, system: Ints, omega: Floats, locus: Complexes) -> tupl
         if np.abs(f).max(initial=0.0) < 1e-11:
             break
         steps = np.column_stack([one, 0.0 * one]), np.column_stack([0.0 * one, one * x[:, 1]])
-        J = np.stack([(left(x + d) - left(x - d)) / (2.0 * d.sum(axis=1))[:, None] for d in steps], axis=2)
+        J = np.stack(
+            [(left(x + d) - left(x - d)) / (2.0 * d.sum(axis=1))[:, None] for d in steps], axis=2
+        )
         x = x - np.clip(np.einsum("pij,pj->pi", np.linalg.pinv(J), f), -1.0, 1.0)
     found = (np.abs(left(x)).max(axis=1) < 1e-6) & (x[:, 1] > 0.0)
     return np.abs(harmonic), np.where(found, x[:, 1], guess)
@@ -174,11 +191,17 @@ def _norm(matrices: Complexes) -> Floats:
     return np.asarray(np.linalg.norm(matrices, 2, axis=(-2, -1)))
 
 
-def _largest_scaled(law: _Lifted, omega: Floats, L: Complexes, inputs: int) -> tuple[Floats, Floats]:
+def _largest_scaled(
+    law: _Lifted, omega: Floats, L: Complexes, inputs: int
+) -> tuple[Floats, Floats]:
     """Largest over frequency [1] of the least norm of D M D^-1, D one scale for each input, M = S - I/2, and where."""
     eye = np.eye(L.shape[-1])
     M = inverse(eye + L) - 0.5 * eye
-    bounds, scales, tight = np.linalg.norm(M, axis=(1, 2)), np.zeros(inputs), np.zeros(omega.size, bool)
+    bounds, scales, tight = (
+        np.linalg.norm(M, axis=(1, 2)),
+        np.zeros(inputs),
+        np.zeros(omega.size, bool),
+    )
     while not tight[best := int(bounds.argmax())]:
         bounds[best], scales = _least_norm(M[best], scales)
         tight[best] = True

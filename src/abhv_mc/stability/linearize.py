@@ -16,7 +16,14 @@ from abhv_mc.kernel.plant.parameter_names import NEVER
 from abhv_mc.kernel.plant.vehicle import BANDWIDTH, IDEAL, MAX_EFFECTORS
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.periods import law_phases
-from abhv_mc.stability.plant_inputs import INPUTS, held_at, mix_matrix, mixes, name_inputs, sticks_here
+from abhv_mc.stability.plant_inputs import (
+    INPUTS,
+    held_at,
+    mix_matrix,
+    mixes,
+    name_inputs,
+    sticks_here,
+)
 from abhv_mc.stability.point_slopes import Points, plant_slopes
 from abhv_mc.stability.sensor_states import add_sensors
 from abhv_mc.vehicle.actuators import list_actuators
@@ -37,7 +44,9 @@ class Linear(NamedTuple):
 
     period: float  # s, of the control
     plant_A: Floats  # [point, 10, 10] continuous, path coordinates
-    plant_B: Floats  # [point, 10, actuator] continuous, positions of surfaces or effectors, and engine
+    plant_B: (
+        Floats  # [point, 10, actuator] continuous, positions of surfaces or effectors, and engine
+    )
     A: Floats  # [point, n, n] discrete, path coordinates and actuators: 18 states with three surfaces
     B: Floats  # [point, n, input] commands
     law_A: Floats  # [point, memory, memory], sensors' states behind the law's
@@ -49,7 +58,9 @@ class Linear(NamedTuple):
     cut: Ints  # [point, input] STUCK or NO_EFFECT where an input has no loop, else 0
     phases: "tuple[Linear, ...]" = ()  # of a law of several rates: the models of each tick of its period, from this one
     inputs: tuple[str, ...] = INPUTS  # of the plant, which the law commands
-    apart: "Linear | None" = None  # with effectors one by one as inputs, where the law commands axes that are mixed
+    apart: "Linear | None" = (
+        None  # with effectors one by one as inputs, where the law commands axes that are mixed
+    )
 
 
 def linearize(plan: FlightPlan, points: Points) -> Linear:
@@ -62,13 +73,18 @@ def linearize(plan: FlightPlan, points: Points) -> Linear:
     A, B = hold(plan, points.lane, plant_A, plant_B, held_B)
     felt = np.abs(plant_B).max(axis=1) + np.abs(held_B).max(axis=1)
     cut = np.where(felt < _FELT, NO_EFFECT, 0)
-    stuck, here = held_at(plan.vehicle, points.lane) != NEVER, sticks_here(plan.vehicle, points.lane)
+    stuck, here = (
+        held_at(plan.vehicle, points.lane) != NEVER,
+        sticks_here(plan.vehicle, points.lane),
+    )
     cut[:, :-1][stuck] = STUCK
     for i in range(stuck.shape[1]):
         B[stuck[:, i], :, i] = 0.0
         A[here[:, i], :, 11 + 2 * i] = 0.0  # its rate is taken from it at every tick
     m, n = points.memory.shape[1], points.measured.shape[1]
-    age = (points.lane[:, s.parameter_row("sensor.delay")] / plan.timing.tick + 0.5).astype(np.int64)
+    age = (points.lane[:, s.parameter_row("sensor.delay")] / plan.timing.tick + 0.5).astype(
+        np.int64
+    )
     phases = tuple(
         Linear(
             plan.timing.tick,
@@ -116,7 +132,10 @@ def _sensing(slope: Floats) -> Floats:
 
 def actuator_matrices(plan: FlightPlan, lane: Floats) -> tuple[Floats, Floats]:
     """A [point, 2 k, 2 k], B [point, 2 k, k] of actuators: position and rate, from the kernel's memory ``lane``."""
-    c, actuator = plan.vehicle.constants, list_actuators(plan.vehicle).actuator[:, BANDWIDTH : IDEAL + 1]
+    c, actuator = (
+        plan.vehicle.constants,
+        list_actuators(plan.vehicle).actuator[:, BANDWIDTH : IDEAL + 1],
+    )
     kinds = [*actuator.tolist(), [c.engine_bandwidth, c.engine_damping, c.ideal_engine]]
     k = len(kinds)
     A, B = np.zeros((len(lane), 2 * k, 2 * k)), np.zeros((len(lane), 2 * k, k))
@@ -130,7 +149,9 @@ def actuator_matrices(plan: FlightPlan, lane: Floats) -> tuple[Floats, Floats]:
     return A, B
 
 
-def hold(plan: FlightPlan, lane: Floats, plant_A: Floats, plant_B: Floats, held_B: Floats) -> tuple[Floats, Floats]:
+def hold(
+    plan: FlightPlan, lane: Floats, plant_A: Floats, plant_B: Floats, held_B: Floats
+) -> tuple[Floats, Floats]:
     """Plant and actuators under held commands, discrete; ``held_B``: what positions do that are held over the tick."""
     from scipy.linalg import expm
 

@@ -15,7 +15,10 @@ import numpy as np
 
 from abhv_mc.array_types import Complexes, Floats, Ints
 from abhv_mc.kernel.stability.loop_gains import fill_loop_gains
-from abhv_mc.kernel.stability.structured import peak_of_structured_singular_values, structured_singular_values
+from abhv_mc.kernel.stability.structured import (
+    peak_of_structured_singular_values,
+    structured_singular_values,
+)
 from abhv_mc.stability.linearize import Linear
 from abhv_mc.stability.search import Quantity, changes_of_sign, refine_crossings, refine_peaks
 
@@ -60,7 +63,12 @@ def loop_gains(loops: Loops, system: Ints, omega: Floats) -> Complexes:
     """L [point, input, input] of ``system`` at ``omega`` (rad/s), cut at the plant's inputs: the law commands -L v."""
     points, inputs = len(omega), loops.law_D.shape[1]
     result = np.empty((points, inputs, inputs), dtype=np.complex128)
-    fill_loop_gains(*loops[:8], np.asarray(system, np.int64), np.asarray(omega * loops.period, np.float64), result)
+    fill_loop_gains(
+        *loops[:8],
+        np.asarray(system, np.int64),
+        np.asarray(omega * loops.period, np.float64),
+        result,
+    )
     return result
 
 
@@ -74,7 +82,9 @@ _APART = 1e-14  # of the identity, by which a matrix is moved that may be singul
 class Margins(NamedTuple):
     """Margins of each loop, the others closed [system, loop], and of all at once [system], if stable; inf: none."""
 
-    gain_low: Floats  # the gain below 1 nearest to it that makes the loop neutral, 0 where none does
+    gain_low: (
+        Floats  # the gain below 1 nearest to it that makes the loop neutral, 0 where none does
+    )
     gain_low_frequency: Floats  # rad/s
     gain_high: Floats
     gain_high_frequency: Floats
@@ -140,11 +150,16 @@ def find_margins(response: Response, omega: Floats, period: float) -> Margins:
     phase = phase_margins(alone, grid, gains[..., None])
     value, where = peak_of_structured_singular_values(S - half)
     mu, mu_at = refine_peaks(
-        lambda i, w: structured_singular_values(close(response(i, w))[0] - half), omega, where, value
+        lambda i, w: structured_singular_values(close(response(i, w))[0] - half),
+        omega,
+        where,
+        value,
     )
     delay = phase_margins(lambda i, w: eigenvalues(response(i, w)), omega, eigenvalues(L))[2]
     each = (*gain, *phase, farthest(0.0), 1.0 / farthest(0.5))
-    return Margins._make([*(found.reshape(systems, inputs) for found in each), 1.0 / mu, mu_at, delay])
+    return Margins._make(
+        [*(found.reshape(systems, inputs) for found in each), 1.0 / mu, mu_at, delay]
+    )
 
 
 def eigenvalues(matrices: Complexes) -> Complexes:
@@ -168,14 +183,18 @@ def _crossings(
     def at(each: Ints, frequency: Floats) -> Complexes:
         found = of(each // count, frequency)
         order = np.argsort(quantity(found), axis=-1)
-        return np.asarray(np.take_along_axis(found, order, axis=-1)[np.arange(each.size), each % count])
+        return np.asarray(
+            np.take_along_axis(found, order, axis=-1)[np.arange(each.size), each % count]
+        )
 
     grids = np.repeat(grid, count, axis=0)
     where = refine_crossings(lambda i, w: quantity(at(i, w)), ranked, grids, each, interval)
     return each // count, where, at(each, where)
 
 
-def gain_margins(of: Loci, grid: Floats, values: Complexes, period: float) -> tuple[Floats, Floats, Floats, Floats]:
+def gain_margins(
+    of: Loci, grid: Floats, values: Complexes, period: float
+) -> tuple[Floats, Floats, Floats, Floats]:
     """Gains [row] below and above 1 that are nearest to it and make a loop neutral, each with its frequency."""
 
     def turned(gains: Complexes) -> Floats:  # of what is no locus last, whatever there is of it
@@ -193,10 +212,14 @@ def gain_margins(of: Loci, grid: Floats, values: Complexes, period: float) -> tu
     with np.errstate(divide="ignore", invalid="ignore"):
         k = -1.0 / value.real
         crosses = np.isfinite(k) & (k > 1.0 / _FARTHEST) & (k < _FARTHEST)
-        crosses &= np.abs(value.imag) < 1e-3 * np.abs(value.real)  # and does not jump through infinity
+        crosses &= np.abs(value.imag) < 1e-3 * np.abs(
+            value.real
+        )  # and does not jump through infinity
     low, high = np.zeros(rows.size), np.full(rows.size, np.inf)
     low_at, high_at = np.full(rows.size, np.nan), np.full(rows.size, np.nan)
-    order = np.argsort(-np.abs(np.log(np.where(crosses, k, _FARTHEST))))  # the nearest last, which then stands
+    order = np.argsort(
+        -np.abs(np.log(np.where(crosses, k, _FARTHEST)))
+    )  # the nearest last, which then stands
     for i in order[crosses[order]]:
         if k[i] < 1.0:
             low[row[i]], low_at[row[i]] = k[i], where[i]
@@ -218,7 +241,9 @@ def phase_margins(
     where, late = delays(row, where, value)
     phase, delay = np.full(len(grid), np.inf), np.full(len(grid), np.inf)
     crossover = np.full(len(grid), np.nan)
-    for i, w, distance, tau in zip(row, where, np.minimum(turn, 2.0 * np.pi - turn), late, strict=True):
+    for i, w, distance, tau in zip(
+        row, where, np.minimum(turn, 2.0 * np.pi - turn), late, strict=True
+    ):
         if distance < phase[i]:
             phase[i], crossover[i] = distance, w
         delay[i] = min(delay[i], tau)
@@ -233,5 +258,7 @@ def _log_size(gains: Complexes) -> Floats:
 def disk_gain_and_phase(alpha: Floats) -> tuple[Floats, Floats]:
     """Gain factor and phase (rad) that a disk margin allows in either direction; inf where it allows any gain."""
     with np.errstate(divide="ignore"):
-        gain = np.where(alpha >= 2.0, np.inf, (1.0 + 0.5 * alpha) / np.maximum(1.0 - 0.5 * alpha, 1e-300))
+        gain = np.where(
+            alpha >= 2.0, np.inf, (1.0 + 0.5 * alpha) / np.maximum(1.0 - 0.5 * alpha, 1e-300)
+        )
     return gain, 2.0 * np.arctan(0.5 * alpha)

@@ -12,7 +12,13 @@ from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.input_error import InputError
 from abhv_mc.stability import path_coordinates as path
-from abhv_mc.stability.linearize import Linear, actuator_matrices, closed_loop, closed_period, open_loop
+from abhv_mc.stability.linearize import (
+    Linear,
+    actuator_matrices,
+    closed_loop,
+    closed_period,
+    open_loop,
+)
 from abhv_mc.stability.plant_inputs import mix_matrix, plant_states
 from abhv_mc.stability.point_slopes import Points
 from abhv_mc.stability.probe import law_memory_rows
@@ -39,23 +45,46 @@ def make_model(plan: FlightPlan, points: Points, linear: Linear) -> dict[str, An
     loop_A, loop_B, loop_C = open_loop(linear, 0)
     n, C, none = len(loop_A), np.eye(10, p), np.zeros((10, k))
     # Names of states, inputs and outputs with their units.
-    truth, commands = _Named(path.COORDINATES, path.UNITS), _Named(linear.inputs, (*["rad"] * (k - 1), "-"))
-    memory = _Named([*(f"law_{name}" for name in law_memory_rows(plan)), *sensor_states(plan, points)], [""] * m)
-    plant = _Named(plant_states(plan.vehicle), [*path.UNITS, *["rad", "rad/s"] * (p // 2 - 6), "-", "1/s"])
-    states = _Named((*plant.names, *memory.names, *old), (*plant.units, *memory.units, *path.UNITS * d))
+    truth, commands = (
+        _Named(path.COORDINATES, path.UNITS),
+        _Named(linear.inputs, (*["rad"] * (k - 1), "-")),
+    )
+    memory = _Named(
+        [*(f"law_{name}" for name in law_memory_rows(plan)), *sensor_states(plan, points)], [""] * m
+    )
+    plant = _Named(
+        plant_states(plan.vehicle), [*path.UNITS, *["rad", "rad/s"] * (p // 2 - 6), "-", "1/s"]
+    )
+    states = _Named(
+        (*plant.names, *memory.names, *old), (*plant.units, *memory.units, *path.UNITS * d)
+    )
     both = _Named((*truth.names, *commands.names), (*truth.units, *commands.units))
     closed_C, no_feedthrough = np.vstack([np.eye(10, n), -loop_C]), np.zeros((10 + k, k))
     over_ticks = {"A": closed_period(linear, 0), "states": list(states.names)}
-    return ({"ticks": len(linear.phases), "closed_over_ticks": over_ticks} if linear.phases else {}) | {
+    return (
+        {"ticks": len(linear.phases), "closed_over_ticks": over_ticks} if linear.phases else {}
+    ) | {
         "period_s": linear.period,
         "measurement_delay_periods": d,
         "plant_continuous": _part(A, B, C, none, plant, commands, truth),
         "plant": _part(linear.A[0], linear.B[0], C, none, plant, commands, truth),
-        "law": _part(linear.law_A[0], linear.law_B[0], linear.law_C[0], linear.law_D[0], memory, truth, commands),
+        "law": _part(
+            linear.law_A[0],
+            linear.law_B[0],
+            linear.law_C[0],
+            linear.law_D[0],
+            memory,
+            truth,
+            commands,
+        ),
         "loop": _part(loop_A, loop_B, loop_C, np.zeros((k, k)), states, commands, commands),
-        "closed": _part(closed_loop(linear, 0), loop_B, closed_C, no_feedthrough, states, commands, both),
+        "closed": _part(
+            closed_loop(linear, 0), loop_B, closed_C, no_feedthrough, states, commands, both
+        ),
         "point": {
-            "states": np.append(points.path[0], np.pad(points.controls[0][:, None], ((0, 0), (0, 1)))),
+            "states": np.append(
+                points.path[0], np.pad(points.controls[0][:, None], ((0, 0), (0, 1)))
+            ),
             "measured": points.measured[0],
             "law_memory": points.memory[0],
             "mass_kg": float(points.mass[0]),
@@ -84,7 +113,11 @@ def stack_models(models: Sequence[dict[str, Any]], times: Sequence[float]) -> di
     def stack(values: list[Any]) -> Any:
         if isinstance(values[0], dict):
             return {key: stack([value[key] for value in values]) for key in values[0]}
-        return values[0] if isinstance(values[0], list) else np.stack([np.asarray(value) for value in values])
+        return (
+            values[0]
+            if isinstance(values[0], list)
+            else np.stack([np.asarray(value) for value in values])
+        )
 
     fixed = {key: models[0][key] for key in ("period_s", "measurement_delay_periods")}
     return {"time_s": np.array(times)} | stack(list(models)) | fixed

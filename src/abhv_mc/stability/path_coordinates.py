@@ -85,7 +85,10 @@ def _motion(states: Floats, rates: Floats) -> tuple[Floats, Floats]:
     C = _axes(q)
     # The matrix is quadratic in the quaternion: a central difference of any size is its exact rate.
     dC = 0.5 * (_axes(q + dq) - _axes(q - dq))
-    n, dn = np.einsum("ijp,jp->ip", C, v), np.einsum("ijp,jp->ip", dC, v) + np.einsum("ijp,jp->ip", C, dv)
+    n, dn = (
+        np.einsum("ijp,jp->ip", C, v),
+        np.einsum("ijp,jp->ip", dC, v) + np.einsum("ijp,jp->ip", C, dv),
+    )
     V, dV = _length(v, dv)
     plane, d_plane = _length(v[[0, 2]], dv[[0, 2]])
     level, d_level = _length(n[:2], dn[:2])
@@ -97,13 +100,18 @@ def _motion(states: Floats, rates: Floats) -> tuple[Floats, Floats]:
     sa, ca, sb, cb = np.sin(alpha), np.cos(alpha), np.sin(beta), np.cos(beta)
     (x_d, y_d, z_d), (dx_d, dy_d, dz_d) = C[2], dC[2]
     ahead, d_ahead = ca * x_d + sa * z_d, ca * dx_d + sa * dz_d + d_alpha * (ca * z_d - sa * x_d)
-    right, d_right = cb * y_d - sb * ahead, cb * dy_d - sb * d_ahead - d_beta * (sb * y_d + cb * ahead)
+    right, d_right = (
+        cb * y_d - sb * ahead,
+        cb * dy_d - sb * d_ahead - d_beta * (sb * y_d + cb * ahead),
+    )
     below = ca * z_d - sa * x_d
     d_below = ca * dz_d - sa * dx_d - d_alpha * (sa * z_d + ca * x_d)
     bank, d_bank = _angle(right, below, d_right, d_below)
     turning, d_turning = x[s.ROLL_RATE : s.YAW_RATE + 1], dx[s.ROLL_RATE : s.YAW_RATE + 1]
     path = np.stack([x[s.ALTITUDE], V, gamma, chi, alpha, beta, bank, *turning], axis=1)
-    return path, np.stack([dx[s.ALTITUDE], dV, d_gamma, d_chi, d_alpha, d_beta, d_bank, *d_turning], axis=1)
+    return path, np.stack(
+        [dx[s.ALTITUDE], dV, d_gamma, d_chi, d_alpha, d_beta, d_bank, *d_turning], axis=1
+    )
 
 
 def _length(v: Floats, dv: Floats) -> tuple[Floats, Floats]:

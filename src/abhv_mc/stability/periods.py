@@ -49,7 +49,13 @@ def find_period(plan: FlightPlan) -> Period:
     if plan.law not in USER_LAWS:
         count = len(law_memory_rows(plan))
         return Period(1, np.zeros(count, bool), np.zeros(count), ())
-    facts = (plan.law, plan.source_hash, plan.vehicle.foreign.digest.tobytes(), plan.timing, plan.period)
+    facts = (
+        plan.law,
+        plan.source_hash,
+        plan.vehicle.foreign.digest.tobytes(),
+        plan.timing,
+        plan.period,
+    )
     arrays = (plan.settings, plan.reference[0], plan.gains[0])
     key = hashlib.sha256(repr(facts).encode() + b"".join(a.tobytes() for a in arrays)).hexdigest()
     if key not in _known:
@@ -68,28 +74,48 @@ def _find_period(plan: FlightPlan) -> Period:
     follow = np.maximum(np.arange(len(change)) == 1, 0).astype(np.int64)
     begun = start + change
     begun[1, :n] += steps[:n]
-    values = run_law(go_on(plan, 0, settling + _WATCHED), 0, begun, settling + _WATCHED, follow, change)
-    values = np.nan_to_num(values)  # where the law has no slopes it is refused for that, when they are asked for
+    values = run_law(
+        go_on(plan, 0, settling + _WATCHED), 0, begun, settling + _WATCHED, follow, change
+    )
+    values = np.nan_to_num(
+        values
+    )  # where the law has no slopes it is refused for that, when they are asked for
     memory = values[:, :, : len(names)]
     carried = (memory[:, 1] == memory[:, 0]).all(axis=0)
     moved = np.append(np.ones(n, bool), ~carried)
     late = values[settling:]
     responses = (late[:, 2:] - late[:, :1]) / steps[:, None]
-    responses = responses[:, moved][:, :, np.append(~carried, np.ones(values.shape[2] - len(names), bool))]
+    responses = responses[:, moved][
+        :, :, np.append(~carried, np.ones(values.shape[2] - len(names), bool))
+    ]
     before, command = memory[settling - 1 : -1, 0], late[:, 0, len(names) :]
     clocks = before[:, carried]
-    only_grow = (np.diff(clocks, axis=0) >= 0.0).all(axis=0) | (np.diff(clocks, axis=0) <= 0.0).all(axis=0)
-    clocks = np.where(only_grow, np.append(np.diff(clocks, axis=0), clocks[:1] * 0.0, axis=0), clocks)[:-1]
-    found = next((N for N in range(1, LONGEST + 1) if _repeats(N, responses, clocks, command)), None)
+    only_grow = (np.diff(clocks, axis=0) >= 0.0).all(axis=0) | (np.diff(clocks, axis=0) <= 0.0).all(
+        axis=0
+    )
+    clocks = np.where(
+        only_grow, np.append(np.diff(clocks, axis=0), clocks[:1] * 0.0, axis=0), clocks
+    )[:-1]
+    found = next(
+        (N for N in range(1, LONGEST + 1) if _repeats(N, responses, clocks, command)), None
+    )
     file = str(plan.source and plan.source.file)
     if found is None:
-        raise InputError(file, f"a law that does not repeat within {LONGEST} ticks", "one that does, for margins")
+        raise InputError(
+            file, f"a law that does not repeat within {LONGEST} ticks", "one that does, for margins"
+        )
     if plan.period % found:
         words = f"a law that repeats after {found} ticks, not {plan.period}"
-        raise InputError(file, words, f"'period: {found}', or a multiple of it, in its controller file")
+        raise InputError(
+            file, words, f"'period: {found}', or a multiple of it, in its controller file"
+        )
     period = plan.period or found
     stay = carried & (before == before[0]).all(axis=0)
-    modes = tuple(f"{name} {value:g}" for name, value in zip(names, before[0], strict=True) if stay[names.index(name)])
+    modes = tuple(
+        f"{name} {value:g}"
+        for name, value in zip(names, before[0], strict=True)
+        if stay[names.index(name)]
+    )
     return Period(period, carried, before[(1 - settling) % period], modes)
 
 
@@ -109,7 +135,9 @@ def go_on(plan: FlightPlan, tick: int, ticks: int) -> FlightPlan:
     reference = plan.reference[rows]
     reference[tick:, ref.TIME] = plan.timing.tick * np.arange(tick, len(rows))
     timing = plan.timing._replace(ticks=len(rows) - 1)
-    return replace(plan, timing=timing, reference=reference, gains=np.ascontiguousarray(plan.gains[rows]))
+    return replace(
+        plan, timing=timing, reference=reference, gains=np.ascontiguousarray(plan.gains[rows])
+    )
 
 
 def law_phases(plan: FlightPlan, points: Points) -> list[Slopes]:

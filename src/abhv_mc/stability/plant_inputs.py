@@ -25,7 +25,10 @@ def name_inputs(vehicle: Vehicle) -> tuple[str, ...]:
 
 def plant_states(vehicle: Vehicle) -> tuple[str, ...]:
     """Names of the states of vehicle and actuators: path coordinates, position and rate of each input."""
-    return (*path.COORDINATES, *(f"{name}{part}" for name in name_inputs(vehicle) for part in ("", "_rate")))
+    return (
+        *path.COORDINATES,
+        *(f"{name}{part}" for name in name_inputs(vehicle) for part in ("", "_rate")),
+    )
 
 
 def mixes(plan: FlightPlan) -> bool:
@@ -54,7 +57,9 @@ def as_axes(vehicle: Vehicle, inputs: Floats) -> Floats:
 def range_of(vehicle: Vehicle) -> tuple[Floats, Floats]:
     """Least and greatest nominal positions, each [input]."""
     c, actuator = vehicle.constants, list_actuators(vehicle).actuator
-    return np.append(actuator[:, LOW], c.equivalence_ratio_min), np.append(actuator[:, HIGH], c.equivalence_ratio_max)
+    return np.append(actuator[:, LOW], c.equivalence_ratio_min), np.append(
+        actuator[:, HIGH], c.equivalence_ratio_max
+    )
 
 
 def held_at(vehicle: Vehicle, lane: Floats) -> Floats:
@@ -74,7 +79,9 @@ def sticks_here(vehicle: Vehicle, lane: Floats) -> Mask:
 
 def moving_of(plan: FlightPlan, kept: Kept) -> Floats:
     """The memory of the effectors' actuators [flight, row]; without columns where there are none."""
-    return np.ascontiguousarray(kept.rows[:, Z_ROWS + O_ROWS :] if plan.vehicle.constants.driven else kept.rows[:, :0])
+    return np.ascontiguousarray(
+        kept.rows[:, Z_ROWS + O_ROWS :] if plan.vehicle.constants.driven else kept.rows[:, :0]
+    )
 
 
 def actuator_columns(vehicle: Vehicle) -> list[int]:

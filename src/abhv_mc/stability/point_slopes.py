@@ -50,7 +50,9 @@ def cells_of(tables: Tables, variables: Floats) -> Ints:
     cells = np.empty((len(variables), tables.axis_start.size), dtype=np.int64)
     for axis, (start, length) in enumerate(zip(tables.axis_start, tables.axis_length, strict=True)):
         grid = tables.grid[start : start + length]
-        cells[:, axis] = np.searchsorted(grid, variables[:, tables.axis_variable[axis]], side="right")
+        cells[:, axis] = np.searchsorted(
+            grid, variables[:, tables.axis_variable[axis]], side="right"
+        )
     return cells
 
 
@@ -76,7 +78,10 @@ def differentiate(function: Function, points: Floats, steps: Floats) -> Slopes:
 
 def newton_step(J: Floats, left: Floats) -> Floats:
     """What points [point, unknown] are off by, the least of the steps that are nearest; zero where not finite."""
-    known, step = np.isfinite(J).all(axis=(1, 2)) & np.isfinite(left).all(axis=1), np.zeros((len(J), J.shape[2]))
+    known, step = (
+        np.isfinite(J).all(axis=(1, 2)) & np.isfinite(left).all(axis=1),
+        np.zeros((len(J), J.shape[2])),
+    )
     step[known] = np.einsum("pij,pj->pi", np.linalg.pinv(J[known], rcond=1e-13), left[known])
     return step
 
@@ -85,10 +90,14 @@ def _is_uneven(change: Floats) -> Mask:
     """Whether slopes left and right differ: a curve's change grows fourfold in two steps, a kink's twofold."""
     _, left, right, _ = np.abs(np.moveaxis(change, 2, 0)).swapaxes(2, 3)
     near, far = (np.abs(change[:, :, i] + change[:, :, 3 - i]).swapaxes(1, 2) for i in (1, 0))
-    return np.asarray((near > _UNEVEN * np.maximum(left, right)) & (near > _ROUNDED) & (far < 3.0 * near))
+    return np.asarray(
+        (near > _UNEVEN * np.maximum(left, right)) & (near > _ROUNDED) & (far < 3.0 * near)
+    )
 
 
-def _ask(function: Function, points: Floats, steps: Floats, expected: Mask, offsets: Floats) -> tuple[Floats, Ints]:
+def _ask(
+    function: Function, points: Floats, steps: Floats, expected: Mask, offsets: Floats
+) -> tuple[Floats, Ints]:
     """Values [point, coordinate, offset, value] and cells, at ``offsets`` [point, coordinate, offset] in steps."""
     point, coordinate = np.nonzero(expected)
     number = offsets.shape[-1]
@@ -98,7 +107,10 @@ def _ask(function: Function, points: Floats, steps: Floats, expected: Mask, offs
     moved[rows, each] += (offsets[point, coordinate] * steps[point, coordinate, None]).ravel()
     values, cells = function(moved, np.repeat(point, number))
     shape = (*expected.shape, number)
-    all_values, all_cells = np.zeros((*shape, values.shape[1])), np.zeros((*shape, cells.shape[1]), dtype=np.int64)
+    all_values, all_cells = (
+        np.zeros((*shape, values.shape[1])),
+        np.zeros((*shape, cells.shape[1]), dtype=np.int64),
+    )
     all_values[point, coordinate] = values.reshape(-1, number, values.shape[1])
     all_cells[point, coordinate] = cells.reshape(-1, number, cells.shape[1])
     return all_values, all_cells
@@ -135,7 +147,12 @@ def plant_slopes(plan: FlightPlan, points: Points, held: bool = False) -> Slopes
 
 
 def ask_at(
-    plan: FlightPlan, points: Points, coordinates: Floats, controls: Floats, point: Ints, held: bool = False
+    plan: FlightPlan,
+    points: Points,
+    coordinates: Floats,
+    controls: Floats,
+    point: Ints,
+    held: bool = False,
 ) -> tuple[PlantAnswer, Floats]:
     """The plants of ``point`` at path coordinates and positions, and their states."""
     shown = as_axes(plan.vehicle, controls)
@@ -154,7 +171,10 @@ def law_slopes(plan: FlightPlan, points: Points) -> Slopes:
 
     def tick(x: Floats, point: Ints) -> tuple[Floats, Ints]:
         answer = law_tick(plan, points.tick, x[:, :n], x[:, n:])
-        cells = [cells_of(plan.vehicle.tables, answer.variables), cells_of(plan.trim_tables, answer.guided)]
+        cells = [
+            cells_of(plan.vehicle.tables, answer.variables),
+            cells_of(plan.trim_tables, answer.guided),
+        ]
         return np.hstack([answer.memory, answer.command]), np.hstack(cells)
 
     at = np.hstack([points.measured, points.memory])

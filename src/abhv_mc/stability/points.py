@@ -83,7 +83,9 @@ _DEGREES = ("angle_of_attack", "sideslip", "aileron", "rudder", "elevator")
 
 def near_nodes(plan: FlightPlan, points: Points) -> list[str]:
     """A sentence for each variable of the first point that lies close to a node of the plant's or guidance's tables."""
-    variables = ask_at(plan, points, points.path[:1], points.controls[:1], np.zeros(1, np.int64))[0].variables
+    variables = ask_at(plan, points, points.path[:1], points.controls[:1], np.zeros(1, np.int64))[
+        0
+    ].variables
     found = _near("the vehicle's tables", plan.vehicle.tables, variables[0])
     if plan.law == "tlc":
         answer = law_tick(plan, points.tick, points.measured[:1], points.memory[:1])
@@ -93,7 +95,9 @@ def near_nodes(plan: FlightPlan, points: Points) -> list[str]:
 
 def _near(whose: str, tables: Tables, variables: Floats) -> list[str]:
     sentences = []
-    for start, length, variable in zip(tables.axis_start, tables.axis_length, tables.axis_variable, strict=True):
+    for start, length, variable in zip(
+        tables.axis_start, tables.axis_length, tables.axis_variable, strict=True
+    ):
         name, x = VARIABLES[variable], variables[variable]
         if name == "one":
             continue
@@ -133,7 +137,9 @@ def disturb(plan: FlightPlan, kept: Kept, change: Floats) -> Kept:
     return Kept(kept.tick, rows)
 
 
-def fly_disturbed(plan: FlightPlan, parameters: Floats, tick: int, change: Floats, ticks: int) -> Floats:
+def fly_disturbed(
+    plan: FlightPlan, parameters: Floats, tick: int, change: Floats, ticks: int
+) -> Floats:
     """States [tick, n + memory] of one flight's closed loop from ``tick`` on, with ``change`` added to the first."""
     kept = disturb(plan, fly_until(plan, parameters, tick), change)
     found = [closed_states(plan, kept)[0]]

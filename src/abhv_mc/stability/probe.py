@@ -17,7 +17,13 @@ from abhv_mc.flight.arguments import Kept, make_kernel_plan
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.native_check import check_states
 from abhv_mc.flight.plan import FlightPlan, Recording
-from abhv_mc.flight.user_law import law_memory, measured_count, must_fly_elsewhere, open_law, open_vehicle
+from abhv_mc.flight.user_law import (
+    law_memory,
+    measured_count,
+    must_fly_elsewhere,
+    open_law,
+    open_vehicle,
+)
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.flight.memory import SAVED_ROWS, Z_ROWS, make_memory
 from abhv_mc.kernel.jit import is_kept
@@ -26,7 +32,12 @@ from abhv_mc.kernel.laws.user import FAULT
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import AXES
 from abhv_mc.kernel.plant.vehicle import VARIABLES
-from abhv_mc.kernel.stability.probes import PlantAnswer, make_probe_begin, make_probe_law, make_probe_plant
+from abhv_mc.kernel.stability.probes import (
+    PlantAnswer,
+    make_probe_begin,
+    make_probe_law,
+    make_probe_plant,
+)
 from abhv_mc.stability.plant_inputs import from_axes, mixes, moving_of
 from abhv_mc.user_code.child import in_child
 
@@ -39,15 +50,29 @@ _INTEGRALS = (
 _DIFFERENTIATORS = ("angle_of_attack", "bank", "roll_rate", "pitch_rate", "yaw_rate")
 _MEMORY: dict[str, dict[str, int]] = {
     "tlc": {
-        **dict(zip([f"integral_of_{name}" for name in _INTEGRALS], range(I_ALTITUDE, I_RATE + 3), strict=True)),
-        **dict(zip([f"differentiator_of_{name}" for name in _DIFFERENTIATORS], range(D_ALPHA, D_R + 1), strict=True)),
+        **dict(
+            zip(
+                [f"integral_of_{name}" for name in _INTEGRALS],
+                range(I_ALTITUDE, I_RATE + 3),
+                strict=True,
+            )
+        ),
+        **dict(
+            zip(
+                [f"differentiator_of_{name}" for name in _DIFFERENTIATORS],
+                range(D_ALPHA, D_R + 1),
+                strict=True,
+            )
+        ),
         **{f"last_{name}": s.CMD + i for i, name in enumerate(AXES)},
     },
     "lqr": {},
 }
 _LONGEST = 600.0  # s that ticks of a law in native code may take
 _WIDE = 1e6  # beyond any command: a law linearized without its limits
-_N_SEEN = len(VARIABLES) + 7  # variables of the tables, then the guidance's commands, then those to the actuators
+_N_SEEN = (
+    len(VARIABLES) + 7
+)  # variables of the tables, then the guidance's commands, then those to the actuators
 
 
 class LawTick(NamedTuple):
@@ -80,7 +105,9 @@ def compile_probes(plan: FlightPlan) -> None:
     """Have the probes compiled, or loaded, by asking them nothing."""
     _, lane = begin(plan, Kept(0, np.empty((0, SAVED_ROWS))))
     ask_plant(plan, lane, 0, np.empty(0, np.int64), np.empty((0, s.N_STATES)))
-    law_tick(plan, 1, np.empty((0, measured_count(plan))), np.empty((0, len(law_memory_rows(plan)))))
+    law_tick(
+        plan, 1, np.empty((0, measured_count(plan))), np.empty((0, len(law_memory_rows(plan))))
+    )
 
 
 def begin(plan: FlightPlan, kept: Kept) -> tuple[Floats, Floats]:
@@ -116,7 +143,12 @@ def ask_plant(
     kernel_plan = make_kernel_plan(plan, nominal_parameters(), Recording(0))
     rows = np.ascontiguousarray(lane[:, : s.LAW])
     positions = np.empty((points, 0)) if at is None else np.ascontiguousarray(at[:, :-1])
-    numbers = np.asarray(flight, dtype=np.int64), np.ascontiguousarray(states), positions, np.arange(points)
+    numbers = (
+        np.asarray(flight, dtype=np.int64),
+        np.ascontiguousarray(states),
+        positions,
+        np.arange(points),
+    )
     with open_vehicle(plan, LANES) as vehicle:
         user_code = vehicle._replace(more=int(count > s.N_MEASURED))
         arguments = kernel_plan._replace(user_code=user_code), make_memory(LANES), held
@@ -136,13 +168,20 @@ def law_memory_rows(plan: FlightPlan) -> dict[str, int]:
 def law_tick(plan: FlightPlan, tick: int, measured: Floats, memory: Floats) -> LawTick:
     """One tick past the first, limits off but those in a user's code, of [point, measured] and [point, memory]."""
     count = measured.shape[1]
-    rows = np.array([*range(s.MEASURED, s.MEASURED + count), *law_memory_rows(plan).values(), FAULT], np.int64)
+    rows = np.array(
+        [*range(s.MEASURED, s.MEASURED + count), *law_memory_rows(plan).values(), FAULT], np.int64
+    )
     free, later = _without_limits(plan, tick), max(tick, 1)
     before = np.hstack([measured, memory, np.zeros((len(measured), 1))])
     (after,), (seen,) = _run_law(free, later, rows, before)
     command = _commands(plan, seen)
     command[after[:, -1] > 0.0] = np.nan
-    return LawTick(after[:, count:-1], command, seen[:, : len(VARIABLES)], seen[:, len(VARIABLES) : len(VARIABLES) + 3])
+    return LawTick(
+        after[:, count:-1],
+        command,
+        seen[:, : len(VARIABLES)],
+        seen[:, len(VARIABLES) : len(VARIABLES) + 3],
+    )
 
 
 def _commands(plan: FlightPlan, seen: Floats) -> Floats:
@@ -164,25 +203,36 @@ def law_at(plan: FlightPlan, sensed: Floats, tick: int) -> Floats:
     rows = np.arange(Z_ROWS)
     resting = [name.startswith("differentiator") for name in kept]
     if any(resting):
-        memory[:, resting] = _run_law(plan, 0, rows, sensed)[0][0][:, list(kept.values())][:, resting]
+        memory[:, resting] = _run_law(plan, 0, rows, sensed)[0][0][:, list(kept.values())][
+            :, resting
+        ]
     return memory
 
 
-def run_law(plan: FlightPlan, tick: int, start: Floats, ticks: int, follow: Ints, change: Floats) -> Floats:
+def run_law(
+    plan: FlightPlan, tick: int, start: Floats, ticks: int, follow: Ints, change: Floats
+) -> Floats:
     """The law's memory after each of some ticks and its commands there, [tick, point, memory + input], its limits off.
 
     ``start`` [point, measured + memory]; each point goes on with what point ``follow`` [point] has after the tick, plus
     ``change`` [point, measured + memory].
     """
     count = start.shape[1] - len(law_memory_rows(plan))
-    rows = np.array([*range(s.MEASURED, s.MEASURED + count), *law_memory_rows(plan).values(), FAULT], np.int64)
+    rows = np.array(
+        [*range(s.MEASURED, s.MEASURED + count), *law_memory_rows(plan).values(), FAULT], np.int64
+    )
     start, change = (np.pad(each, ((0, 0), (0, 1))) for each in (start, change))
     after, seen = _run_law(_without_limits(plan, 1), tick, rows, start, ticks, (follow, change))
     return np.concatenate([after[:, :, count:-1], _commands(plan, seen)], axis=2)
 
 
 def _run_law(
-    plan: FlightPlan, tick: int, rows: Ints, before: Floats, ticks: int = 1, goes_on: tuple[Ints, Floats] | None = None
+    plan: FlightPlan,
+    tick: int,
+    rows: Ints,
+    before: Floats,
+    ticks: int = 1,
+    goes_on: tuple[Ints, Floats] | None = None,
 ) -> tuple[Floats, Floats]:
     """Memory rows [tick, point, row] after each tick, and what the law saw and gave; ``goes_on`` as of run_law."""
     if must_fly_elsewhere(plan):
@@ -190,13 +240,24 @@ def _run_law(
     width = _N_SEEN + len(plan.vehicle.effectors.mix) * int(plan.vehicle.constants.driven)
     after, seen = np.empty((ticks, *before.shape)), np.empty((ticks, len(before), width))
     with open_law(plan, LANES, memory_in_rows=True) as user_code:
-        kernel_plan = make_kernel_plan(plan, nominal_parameters(), Recording(0))._replace(user_code=user_code)
+        kernel_plan = make_kernel_plan(plan, nominal_parameters(), Recording(0))._replace(
+            user_code=user_code
+        )
         memory, numbers = make_memory(LANES), np.arange(len(before))
         probe = choose_probe(make_probe_law, plan.lean)
         for i in range(ticks):
             if i and goes_on is not None:
                 before = after[i - 1][goes_on[0]] + goes_on[1]
-            probe(kernel_plan, memory, tick + i, rows, numbers, np.ascontiguousarray(before), after[i], seen[i])
+            probe(
+                kernel_plan,
+                memory,
+                tick + i,
+                rows,
+                numbers,
+                np.ascontiguousarray(before),
+                after[i],
+                seen[i],
+            )
     return after, seen
 
 
@@ -207,7 +268,11 @@ def _without_limits(plan: FlightPlan, tick: int) -> FlightPlan:
     )
     settings = plan.settings.copy()
     if plan.law not in USER_LAWS:
-        settings[-3:] = -_WIDE, _WIDE, _WIDE  # lowest and highest angle of attack, bank: last in both laws' settings
+        settings[-3:] = (
+            -_WIDE,
+            _WIDE,
+            _WIDE,
+        )  # lowest and highest angle of attack, bank: last in both laws' settings
     free = replace(plan, vehicle=plan.vehicle._replace(constants=constants), settings=settings)
     if tick > 0:
         return free

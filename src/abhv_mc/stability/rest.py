@@ -64,12 +64,17 @@ def _strengths(slope: Floats) -> Floats:
 def _come_to_rest(plan: FlightPlan, points: Points, free: Slopes) -> tuple[Points, Mask]:
     """Where nothing but the heading changes under the law, and whether [point], by Newton's method."""
     m, n = points.memory.shape[1], points.measured.shape[1]
-    law_measured, law_memory = free.slope[:, :, :n], free.slope[:, :, n:] - np.eye(free.slope.shape[1], m)
+    law_measured, law_memory = (
+        free.slope[:, :, :n],
+        free.slope[:, :, n:] - np.eye(free.slope.shape[1], m),
+    )
     moves, k = _moves(plan, points), 10 + points.controls.shape[1]
     for iteration in range(_ITERATIONS + 1):
         plant = plant_slopes(plan, points)
         frozen = (plant.slope[:, _MEASURED:] == 0.0).all(axis=2)
-        points = points._replace(measured=np.where(frozen, points.measured, plant.value[:, _MEASURED:]))
+        points = points._replace(
+            measured=np.where(frozen, points.measured, plant.value[:, _MEASURED:])
+        )
         memory, command = np.split(over_period(plan, points).value, [m], axis=1)
         memory = np.where(find_period(plan).carried, points.memory, memory)
         rates = plant.value[:, :10].copy()
@@ -86,6 +91,8 @@ def _come_to_rest(plan: FlightPlan, points: Points, free: Slopes) -> tuple[Point
         J[:, 10 + m :][~moves] = 0.0
         J[:, 10 + m :, 10:k] -= np.eye(k - 10)
         step = np.where(at_rest[:, None], 0.0, newton_step(J, left))
-        moved = np.split(np.hstack([points.path, points.controls, points.memory]) - step, [10, k], axis=1)
+        moved = np.split(
+            np.hstack([points.path, points.controls, points.memory]) - step, [10, k], axis=1
+        )
         points = points._replace(path=moved[0], controls=moved[1], memory=moved[2])
     return points, at_rest

@@ -22,7 +22,9 @@ def changes_of_sign(values: Floats) -> tuple[Ints, Ints]:
     return loop, interval
 
 
-def refine_crossings(quantity: Quantity, values: Floats, omega: Floats, loop: Ints, interval: Ints) -> Floats:
+def refine_crossings(
+    quantity: Quantity, values: Floats, omega: Floats, loop: Ints, interval: Ints
+) -> Floats:
     """Frequencies [crossing] of zeros in intervals of ``omega`` [loop, frequency], by Anderson and Bjorck."""
     a, b = np.log(omega[loop, interval]), np.log(omega[loop, interval + 1])
     fa, fb = values[loop, interval].copy(), values[loop, interval + 1].copy()
@@ -47,7 +49,9 @@ def refine_crossings(quantity: Quantity, values: Floats, omega: Floats, loop: In
     return np.asarray(np.exp(end))
 
 
-def refine_peaks(quantity: Quantity, omega: Floats, at: Ints, value: Floats) -> tuple[Floats, Floats]:
+def refine_peaks(
+    quantity: Quantity, omega: Floats, at: Ints, value: Floats
+) -> tuple[Floats, Floats]:
     """Largest value [loop] near the grid's ``at``, and where: parabolas, every third time a golden section."""
     loops = np.arange(len(omega))
     x = np.log(omega)
@@ -66,7 +70,9 @@ def refine_peaks(quantity: Quantity, omega: Floats, at: Ints, value: Floats) -> 
         f_new = quantity(loops, np.exp(new))
         better, after = f_new > f_here, new > here
         low, f_low = _choose(better & after, here, f_here, ~better & ~after, new, f_new, low, f_low)
-        high, f_high = _choose(better & ~after, here, f_here, ~better & after, new, f_new, high, f_high)
+        high, f_high = _choose(
+            better & ~after, here, f_here, ~better & after, new, f_new, high, f_high
+        )
         here, f_here = np.where(better, new, here), np.where(better, f_new, f_here)
     return np.asarray(f_here), np.asarray(np.exp(here))
 
@@ -87,6 +93,8 @@ def frequency_grid(poles: list[Complexes], period: float, count: int) -> Floats:
         s = np.log(each[each != 0.0].astype(np.complex128)) / period
         slow = s[(s.imag > 1e-3) & (s.imag < 0.999 * top)]
         chosen = slow[np.argsort(np.abs(slow.real) / slow.imag)][:own].imag
-        spare = np.geomspace(0.1, 100.0, own - chosen.size)  # where the margins of flying vehicles mostly are
+        spare = np.geomspace(
+            0.1, 100.0, own - chosen.size
+        )  # where the margins of flying vehicles mostly are
         grid[i] = np.sort(np.concatenate([base, chosen, np.minimum(spare, top)]))
     return grid

@@ -21,7 +21,9 @@ from abhv_mc.stability.point_slopes import Points
 if TYPE_CHECKING:
     from abhv_mc.stability.linearize import Linear
 
-_LAG, _INTERVAL, _SCALE = (PARAMETER_INDEX[f"sensor.altitude_{what}"] for what in ("lag", "interval", "scale"))
+_LAG, _INTERVAL, _SCALE = (
+    PARAMETER_INDEX[f"sensor.altitude_{what}"] for what in ("lag", "interval", "scale")
+)
 
 
 def sensor_ticks(plan: FlightPlan, parameters: Floats) -> Ints:
@@ -35,7 +37,13 @@ def _sensors(plan: FlightPlan, points: Points) -> tuple[Floats, Floats, Ints, In
     given = points.lane[:, s.P : s.P + s.N_PARAMETERS]
     lag = np.maximum(given[:, _LAG : _LAG + measured_count(plan)], 0.0) / plan.timing.tick
     ticks = sensor_ticks(plan, given)
-    return given, lag, ticks, np.flatnonzero((lag > 0.0).any(axis=0)), np.flatnonzero((ticks > 1).any(axis=0))
+    return (
+        given,
+        lag,
+        ticks,
+        np.flatnonzero((lag > 0.0).any(axis=0)),
+        np.flatnonzero((ticks > 1).any(axis=0)),
+    )
 
 
 def sensor_states(plan: FlightPlan, points: Points) -> list[str]:
@@ -49,20 +57,32 @@ def repeats_after(ticks: Ints, law: int) -> int:
     count = math.lcm(law, *ticks.tolist())
     if count > LONGEST:
         found = f"samples of sensors and a law that repeat together after {count} ticks"
-        raise InputError("sensor intervals", found, f"after at most {LONGEST}, for margins and linear models")
+        raise InputError(
+            "sensor intervals", found, f"after at most {LONGEST}, for margins and linear models"
+        )
     return count
 
 
-def add_sensors(plan: FlightPlan, points: Points, phases: "tuple[Linear, ...]") -> "tuple[Linear, ...]":
+def add_sensors(
+    plan: FlightPlan, points: Points, phases: "tuple[Linear, ...]"
+) -> "tuple[Linear, ...]":
     """Models of each tick with what sensors do, until law and samples both repeat. InputError if late."""
     given, lag, ticks, late, held = _sensors(plan, points)
     scale = np.ones_like(lag)
-    scaled = [i for i, name in enumerate(SCALED_SENSORS) if ALL_SENSORS.index(name) < scale.shape[1]]
-    scale[:, [ALL_SENSORS.index(SCALED_SENSORS[i]) for i in scaled]] = given[:, [_SCALE + i for i in scaled]]
+    scaled = [
+        i for i, name in enumerate(SCALED_SENSORS) if ALL_SENSORS.index(name) < scale.shape[1]
+    ]
+    scale[:, [ALL_SENSORS.index(SCALED_SENSORS[i]) for i in scaled]] = given[
+        :, [_SCALE + i for i in scaled]
+    ]
     if not late.size and not held.size and (scale == 1.0).all():
         return phases
     if (ticks != ticks[0]).any():
-        raise InputError("sensor intervals", "some that differ between flights", "the same, to linearize them together")
+        raise InputError(
+            "sensor intervals",
+            "some that differ between flights",
+            "the same, to linearize them together",
+        )
     first, found = max(points.tick, 1), []
     for tick in range(first, first + repeats_after(ticks[0], len(phases))):
         law = phases[(tick - first) % len(phases)]
@@ -80,7 +100,9 @@ def add_sensors(plan: FlightPlan, points: Points, phases: "tuple[Linear, ...]") 
     return tuple(found)
 
 
-def _sense(lag: Floats, scale: Floats, fresh: Ints, late: Ints, held: Ints) -> tuple[Floats, Floats, Floats, Floats]:
+def _sense(
+    lag: Floats, scale: Floats, fresh: Ints, late: Ints, held: Ints
+) -> tuple[Floats, Floats, Floats, Floats]:
     """A, B, C, D [point, ...] of the sensors in a tick, from the truth to what is measured.
 
     States are of the ``late`` sensors, then of the ``held`` ones. ``lag`` [point, measured] is in control periods;

@@ -35,9 +35,24 @@ _STILL = 1e-10  # a step of the memory after which it is no nearer
 _GROWS = 1e-7  # what it changes by where the law finds no equilibrium: a sideslip of 6e-4 deg, integrated
 _RESTING = 1e5  # how much more that counts than the controls, where not both can be met
 _BALANCED = 1e-9  # rad/s2 and so on: what a trim may leave of any rate
-_UNKNOWNS = [path.ALPHA, path.BETA, path.BANK, path.P, path.Q, path.R, 10, 11, 12, 13]  # the axes and engine last
-_LARGEST = np.array([0.05, 0.05, 0.2, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.3])  # a Newton step of the unknowns
-_EXPECTED = slice(1, 11)  # of what plant_slopes gives: all rates but the altitude's, and the sideslip to the air
+_UNKNOWNS = [
+    path.ALPHA,
+    path.BETA,
+    path.BANK,
+    path.P,
+    path.Q,
+    path.R,
+    10,
+    11,
+    12,
+    13,
+]  # the axes and engine last
+_LARGEST = np.array(
+    [0.05, 0.05, 0.2, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.3]
+)  # a Newton step of the unknowns
+_EXPECTED = slice(
+    1, 11
+)  # of what plant_slopes gives: all rates but the altitude's, and the sideslip to the air
 _BEYOND = "the trim is beyond the limits of surfaces or engine"
 
 
@@ -54,7 +69,9 @@ def make_steady_plan(
     ``bank`` (rad) is the guidance trim's in a steady turn; 0 asks for straight flight, whatever bank that takes.
     ``user_code``: of a controller of the user's own. Raises InputError where no steady turn has that bank.
     """
-    level = mission.model_copy(update={"manoeuvre": Level(kind="level"), "duration": 2.0 / controller.rate})
+    level = mission.model_copy(
+        update={"manoeuvre": Level(kind="level"), "duration": 2.0 / controller.rate}
+    )
     plan = make_plan(vehicle, level, controller, name, user_code=user_code)
     trim_tables = make_mission_trim_tables(mission, vehicle)
     row = plan.reference[0].copy()
@@ -62,18 +79,27 @@ def make_steady_plan(
     nominal = _trim_turn(vehicle, plan, row, heading_rate)
     row[ref.HEADING_RATE] = heading_rate
     row[ref.ANGLE_OF_ATTACK], row[ref.BANK] = nominal.angle_of_attack[0], nominal.bank[0]
-    row[ref.EQUIVALENCE_RATIO], row[ref.ELEVATOR] = nominal.equivalence_ratio[0], nominal.elevator[0]
+    row[ref.EQUIVALENCE_RATIO], row[ref.ELEVATOR] = (
+        nominal.equivalence_ratio[0],
+        nominal.elevator[0],
+    )
     reference = np.tile(row, (3, 1))
     reference[:, ref.TIME] = plan.reference[:3, ref.TIME]
-    _, gains, _ = make_gains(controller, user_code, DesignModel(vehicle, level, reference, trim_tables))
+    _, gains, _ = make_gains(
+        controller, user_code, DesignModel(vehicle, level, reference, trim_tables)
+    )
     return replace(plan, reference=reference, gains=gains, trim_tables=trim_tables)
 
 
-def _trim_turn(vehicle: Vehicle, plan: FlightPlan, row: Floats, heading_rate: float) -> GuidanceTrim:
+def _trim_turn(
+    vehicle: Vehicle, plan: FlightPlan, row: Floats, heading_rate: float
+) -> GuidanceTrim:
     known = row[[ref.SPEED, ref.DENSITY, ref.SOUND_SPEED, ref.GRAVITY, ref.RADIUS, ref.LATITUDE]]
     values = *known, 0.0, row[ref.HEADING], 0.0, 0.0, row[ref.SPEED] * heading_rate
     points = GuidancePoints(*np.array(values)[:, None])
-    return trim_along(vehicle, plan.trim_tables, points, vehicle.constants.mass_start, plan.timing.tick)
+    return trim_along(
+        vehicle, plan.trim_tables, points, vehicle.constants.mass_start, plan.timing.tick
+    )
 
 
 def _turn_of_bank(vehicle: Vehicle, plan: FlightPlan, row: Floats, bank: float) -> float:
@@ -110,7 +136,9 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
     """
     row = plan.reference[0]
     _, begun = begin(plan, fly_until(plan, steady_air(parameters), 0))
-    _, lane = begin(plan, Kept(1, begun))  # a measurement that fails at the start is frozen from the second tick on
+    _, lane = begin(
+        plan, Kept(1, begun)
+    )  # a measurement that fails at the start is frozen from the second tick on
     out = lane[:, s.ENGINE_FAILED] > 0.0  # its thrust has decayed
     lane[out, s.ENGINE_THRUST] = lane[out, s.parameter_row("failure.engine.thrust")]
     count, nothing = len(lane), np.empty((len(lane), 0))
@@ -118,7 +146,11 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
     stuck = np.pad(held != NEVER, ((0, 0), (0, 1)))
     held = np.pad(held, ((0, 0), (0, 1)))
     at = np.zeros((count, 14))
-    at[:, path.ALTITUDE], at[:, path.SPEED], at[:, path.CHI] = row[ref.ALTITUDE], row[ref.SPEED], row[ref.HEADING]
+    at[:, path.ALTITUDE], at[:, path.SPEED], at[:, path.CHI] = (
+        row[ref.ALTITUDE],
+        row[ref.SPEED],
+        row[ref.HEADING],
+    )
     at[:, path.ALPHA], at[:, path.BANK] = row[ref.ANGLE_OF_ATTACK], row[ref.BANK]
     at[:, 12:] = row[ref.ELEVATOR], row[ref.EQUIVALENCE_RATIO]
 
@@ -158,7 +190,9 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
     points = points._replace(path=at[:, :10], controls=reached, measured=measured)
     memory, grows, switches = _memory_at_rest(plan, points)
     points = points._replace(memory=memory)
-    points, limited = leave_limits(plan, points, at_errors_zero) if user_law else (points, np.zeros(count, bool))
+    points, limited = (
+        leave_limits(plan, points, at_errors_zero) if user_law else (points, np.zeros(count, bool))
+    )
     beta = np.rad2deg(measured[:, path.BETA])
     unsettled = [_unsettled(plan.controller, angle) for angle in beta.tolist()]
     words = ["no trim was found", _BEYOND, SWITCHES, unsettled, AT_LIMIT]
@@ -167,7 +201,9 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
 
 def _unsettled(controller: str, sideslip: float) -> str:
     words = f"{controller} finds no equilibrium, as what it integrates goes on growing"
-    return f"{words} (it measures {sideslip:.3g} deg of sideslip)" if abs(sideslip) > 1e-4 else words
+    return (
+        f"{words} (it measures {sideslip:.3g} deg of sideslip)" if abs(sideslip) > 1e-4 else words
+    )
 
 
 def _memory_at_rest(plan: FlightPlan, points: Points) -> tuple[Floats, Mask, Mask]:

@@ -16,6 +16,8 @@ def band_quantiles(values: Singles, count: NDArray[np.int64]) -> Floats:
     ranks = np.array(QUANTILES)[:, None] * last
     floor = np.floor(ranks).astype(np.int64)
     ordered = np.sort(values, axis=1).T  # not-a-number last
-    lower, upper = (np.take_along_axis(ordered, np.minimum(floor + i, last), axis=0) for i in range(2))
+    lower, upper = (
+        np.take_along_axis(ordered, np.minimum(floor + i, last), axis=0) for i in range(2)
+    )
     lower = lower.astype(np.float64)
     return np.asarray(lower + (upper - lower) * (ranks - floor))

@@ -27,7 +27,9 @@ def consumer_risk(failures: int, runs: int, probability: float) -> float:
 def success_lower_bound(failures: int, runs: int, consumer_risk: float) -> float:
     """One-sided Clopper-Pearson lower bound on the success probability, wrong with probability `consumer_risk`."""
     _check(failures, runs, consumer_risk=consumer_risk)
-    return 0.0 if failures == runs else float(betaincinv(runs - failures, failures + 1, consumer_risk))
+    return (
+        0.0 if failures == runs else float(betaincinv(runs - failures, failures + 1, consumer_risk))
+    )
 
 
 def first_where(low: int, holds: Callable[[int], bool]) -> int:
@@ -46,7 +48,8 @@ def runs_needed(failures: int, probability: float, consumer_risk: float) -> int:
     """Fewest flights with which `failures` failures still prove `probability` at `consumer_risk`."""
     _check(failures, failures, probability=probability, consumer_risk=consumer_risk)
     return first_where(
-        failures + 1, lambda runs: float(betainc(runs - failures, failures + 1, probability)) <= consumer_risk
+        failures + 1,
+        lambda runs: float(betainc(runs - failures, failures + 1, probability)) <= consumer_risk,
     )
 
 
@@ -61,7 +64,10 @@ def quantile_upper_rank(runs: int, probability: float, confidence: float) -> int
         return None
     # P(at most rank - 1 values lie below the quantile), exactly.
     return first_where(
-        1, lambda rank: rank >= runs or float(betainc(runs - rank + 1, rank, 1.0 - probability)) >= confidence
+        1,
+        lambda rank: (
+            rank >= runs or float(betainc(runs - rank + 1, rank, 1.0 - probability)) >= confidence
+        ),
     )
 
 
@@ -70,7 +76,9 @@ def mcnemar_exact(b: int, c: int) -> float:
     if b < 0 or c < 0:
         raise ValueError(f"counts cannot be negative, found {b} and {c}")
     least, pairs = min(b, c), b + c
-    return 1.0 if 2 * least >= pairs else min(1.0, 2.0 * float(betainc(pairs - least, least + 1, 0.5)))
+    return (
+        1.0 if 2 * least >= pairs else min(1.0, 2.0 * float(betainc(pairs - least, least + 1, 0.5)))
+    )
 
 
 def mcnemar_one_sided(only_a: int, only_b: int) -> float:

@@ -35,7 +35,9 @@ class RankDrivers:
     prcc_high: Floats
     p_value: Floats  # of PRCC = 0
     found: NDArray[np.bool_]  # drivers
-    moves_with: NDArray[np.intp]  # the driver with which an input that is none is correlated; -1 for none
+    moves_with: NDArray[
+        np.intp
+    ]  # the driver with which an input that is none is correlated; -1 for none
     explained: Floats  # [output] R^2 of the rank regression
     tells: NDArray[np.bool_]  # [output] whether the regression explains enough to name drivers
 
@@ -62,15 +64,22 @@ def rank_drivers(inputs: Floats, outputs: Floats, confidence: float = 0.95) -> R
     explained = np.where(moving, explained, np.nan)
     with np.errstate(invalid="ignore"):
         residual = y - x @ slopes
-        spread = np.sqrt(((x @ inverse) ** 2).T @ residual**2 * flights / (flights - count - 1)) / flights
+        spread = (
+            np.sqrt(((x @ inverse) ** 2).T @ residual**2 * flights / (flights - count - 1))
+            / flights
+        )
     half = -float(ndtri((1.0 - confidence) / 2.0)) * np.where(moving, spread, np.nan)
     low, high = srrc - half, srrc + half
     freedom = flights - count - 1
     # Student's t of a partial correlation: P(|t| > t0) = I_{v/(v+t0^2)}(v/2, 1/2), and v/(v + t0^2) = 1 - r^2
-    p_value = np.asarray(betainc(freedom / 2.0, 0.5, 1.0 - np.clip(prcc**2, 0.0, 1.0)), dtype=np.float64)
+    p_value = np.asarray(
+        betainc(freedom / 2.0, 0.5, 1.0 - np.clip(prcc**2, 0.0, 1.0)), dtype=np.float64
+    )
     found = discoveries(p_value, FALSE_DISCOVERY_RATE)
     with np.errstate(invalid="ignore"):
-        tells = np.asarray(1.0 - (1.0 - explained) * (flights - 1.0) / freedom > LEAST_EXPLAINED, dtype=np.bool_)
+        tells = np.asarray(
+            1.0 - (1.0 - explained) * (flights - 1.0) / freedom > LEAST_EXPLAINED, dtype=np.bool_
+        )
         found &= (np.abs(srrc) > LEAST_COEFFICIENT) & tells
     together = np.abs(correlation[:, :count])
     np.fill_diagonal(together, 0.0)

@@ -15,7 +15,9 @@ from abhv_mc.array_types import Floats, Mask
 from abhv_mc.bounds import Bounds
 from abhv_mc.statistics.binomial import clopper_pearson, quantile_upper_rank
 
-Sense = Literal["high", "low", "size"]  # what is bad: large values, small values, large absolute values
+Sense = Literal[
+    "high", "low", "size"
+]  # what is bad: large values, small values, large absolute values
 
 SEED = 20140  # of all resampling: the same flights give the same interval
 _SPREAD = (5.0, 95.0)  # percentiles of all flights
@@ -37,7 +39,9 @@ class Interval:
 
 def severity(values: Floats, sense: Sense, failed: Mask | None = None) -> Floats:
     """Values turned so that larger is worse; those of failed flights (and not-a-number) become +infinity."""
-    worse = {"high": 1.0, "low": -1.0, "size": 1.0}[sense] * (np.abs(values) if sense == "size" else values)
+    worse = {"high": 1.0, "low": -1.0, "size": 1.0}[sense] * (
+        np.abs(values) if sense == "size" else values
+    )
     bad = np.isnan(worse) if failed is None else np.isnan(worse) | failed
     return np.where(bad, np.inf, worse)
 
@@ -94,16 +98,23 @@ def quantile(values: Floats, probability: float, confidence: float = 0.95) -> In
     return quantiles(values, (probability,), confidence)[0]
 
 
-def quantiles(values: Floats, probabilities: Sequence[float], confidence: float = 0.95) -> list[Interval]:
+def quantiles(
+    values: Floats, probabilities: Sequence[float], confidence: float = 0.95
+) -> list[Interval]:
     """The same for several probabilities, the values sorted once."""
     ascending, tail, found = np.sort(values), (1.0 - confidence) / 2.0, []
     for probability in probabilities:
         if not ascending.size:
             found.append(Interval(np.nan, -np.inf, np.inf))
             continue
-        lower = quantile_upper_rank(ascending.size, 1.0 - probability, 1.0 - tail)  # counted from the other end
+        lower = quantile_upper_rank(
+            ascending.size, 1.0 - probability, 1.0 - tail
+        )  # counted from the other end
         upper = quantile_upper_rank(ascending.size, probability, 1.0 - tail)
-        ends = -np.inf if lower is None else ascending[-lower], np.inf if upper is None else ascending[upper - 1]
+        ends = (
+            -np.inf if lower is None else ascending[-lower],
+            np.inf if upper is None else ascending[upper - 1],
+        )
         found.append(Interval(sorted_quantile(ascending, probability), *map(float, ends)))
     return found
 

@@ -64,7 +64,10 @@ def log_coin_evidence(heads: int, tails: int) -> float:
 @lru_cache(maxsize=65536)
 def flights_to_pass(failures: int, probability: float, risk: float) -> int:
     """Fewest flights with which so many failures PASS."""
-    return first_where(failures + 1, lambda flights: log_pass_evidence(failures, flights, probability) >= -log(risk))
+    return first_where(
+        failures + 1,
+        lambda flights: log_pass_evidence(failures, flights, probability) >= -log(risk),
+    )
 
 
 @lru_cache(maxsize=65536)

@@ -23,8 +23,12 @@ FALSE_DISCOVERY_RATE = 0.05
 FEWEST_FAILURES = 5
 _QUANTILES = (0.01, 0.02, 0.05, *(n / 10.0 for n in range(1, 10)), 0.95, 0.98, 0.99)
 _BINS = len(_QUANTILES) + 1
-_DECILES = [row for row, quantile in enumerate(_QUANTILES) if 0.1 <= quantile <= 0.9]  # what corners are cut at
-_COARSE = np.searchsorted(_DECILES, np.arange(_BINS)).astype(np.uint8)  # bin between deciles of each bin
+_DECILES = [
+    row for row, quantile in enumerate(_QUANTILES) if 0.1 <= quantile <= 0.9
+]  # what corners are cut at
+_COARSE = np.searchsorted(_DECILES, np.arange(_BINS)).astype(
+    np.uint8
+)  # bin between deciles of each bin
 _CLEAR = 2.0  # standard deviations below which neither end of an input is looked at closer
 _DIFFERED = 6  # inputs, those that failures prefer most, whose differences are tried
 _MOST_RULES = 20
@@ -75,7 +79,9 @@ def bin_inputs(inputs: Iterable[Floats]) -> BinnedInputs:
     return BinnedInputs(np.stack(edges, axis=1), np.stack(bins, axis=1))
 
 
-def find_rules(inputs: BinnedInputs, failed: NDArray[np.bool_], column: Callable[[int], Floats]) -> list[Rule]:
+def find_rules(
+    inputs: BinnedInputs, failed: NDArray[np.bool_], column: Callable[[int], Floats]
+) -> list[Rule]:
     """Rules for the `failed` flights [flight], best first; `column` gives the values [flight] of an input."""
     edges, bins = inputs.edges, inputs.bins
     flights, count = bins.shape
@@ -99,10 +105,21 @@ def find_rules(inputs: BinnedInputs, failed: NDArray[np.bool_], column: Callable
     return [_sharpen(rule, failed, column) for rule in rules[:_MOST_RULES]]
 
 
-def _rule(candidate: "_Candidate", flights: int, failures: int, p_value: float, q_value: float) -> Rule:
+def _rule(
+    candidate: "_Candidate", flights: int, failures: int, p_value: float, q_value: float
+) -> Rule:
     inside, bad = map(int, candidate.tables[0][:2])  # the same in each of its tables
     others = flights - failures
-    return Rule(candidate.conditions, bad, failures, inside - bad, others, p_value, q_value, candidate.either)
+    return Rule(
+        candidate.conditions,
+        bad,
+        failures,
+        inside - bad,
+        others,
+        p_value,
+        q_value,
+        candidate.either,
+    )
 
 
 def _drop_ends(candidates: list["_Candidate"]) -> list["_Candidate"]:
@@ -114,13 +131,19 @@ def _drop_ends(candidates: list["_Candidate"]) -> list["_Candidate"]:
 
 
 def _differences(
-    candidates: list["_Candidate"], failed: NDArray[np.bool_], column: Callable[[int], Floats], pairs: int
+    candidates: list["_Candidate"],
+    failed: NDArray[np.bool_],
+    column: Callable[[int], Floats],
+    pairs: int,
 ) -> list["_Candidate"]:
     """Half-lines of differences between the inputs that failures prefer most, where these say more than the two."""
     flights, failures = failed.size, int(failed.sum())
     best: dict[frozenset[int], float] = {}
     # What a corner says as a whole is what its difference has to better, not what each of its conditions adds.
-    whole = [_Candidate(c.conditions, ((*c.tables[0][:2], flights, failures),), c.tried) for c in candidates]
+    whole = [
+        _Candidate(c.conditions, ((*c.tables[0][:2], flights, failures),), c.tried)
+        for c in candidates
+    ]
     for candidate, p_value in zip(candidates, _p_values(whole).tolist(), strict=True):
         who = frozenset(condition.input for condition in candidate.conditions)
         best[who] = min(best.get(who, 1.0), p_value)
@@ -137,7 +160,9 @@ def _differences(
         bins = np.searchsorted(edges, values, side="left").astype(np.uint8)
         tried = _drop_ends(_along((one, other), bins, failed, edges, pairs))
         told = min(best.get(frozenset(who), 1.0) for who in ((one,), (other,), (one, other)))
-        found += [c for c, p_value in zip(tried, _p_values(tried).tolist(), strict=True) if p_value < told]
+        found += [
+            c for c, p_value in zip(tried, _p_values(tried).tolist(), strict=True) if p_value < told
+        ]
     return found
 
 
@@ -153,7 +178,9 @@ def _score(inside: Any, failed_inside: Any, flights: Any, failures: Any) -> Floa
     """Standard deviations by which the failures inside exceed what the hypergeometric law expects."""
     with np.errstate(divide="ignore", invalid="ignore"):
         share = inside / flights
-        variance = failures * share * (1.0 - share) * (flights - failures) / np.maximum(flights - 1.0, 1.0)
+        variance = (
+            failures * share * (1.0 - share) * (flights - failures) / np.maximum(flights - 1.0, 1.0)
+        )
         score = (failed_inside - failures * share) / np.sqrt(variance)
     return np.where(variance > 0.0, score, -np.inf)
 
@@ -165,15 +192,26 @@ def hypergeometric_tail(bad: int, flights: int, failures: int, inside: int) -> f
         return gammaln(n + 1.0) - gammaln(k + 1.0) - gammaln(n - k + 1.0)
 
     k = np.arange(max(bad, inside + failures - flights), min(inside, failures) + 1)
-    logs = log_choose(failures, k) + log_choose(flights - failures, inside - k) - log_choose(flights, inside)
+    logs = (
+        log_choose(failures, k)
+        + log_choose(flights - failures, inside - k)
+        - log_choose(flights, inside)
+    )
     return float(np.exp(logs).sum())
 
 
 def _p_values(candidates: list["_Candidate"]) -> Floats:
     """Exact chance of so many failures inside, the larger where there are two tables, times the candidates tried."""
-    rows = np.array([table for candidate in candidates for table in candidate.tables], dtype=np.int64)
-    tails = [hypergeometric_tail(bad, flights, failures, inside) for inside, bad, flights, failures in rows.tolist()]
-    owners = np.repeat(np.arange(len(candidates)), [len(candidate.tables) for candidate in candidates])
+    rows = np.array(
+        [table for candidate in candidates for table in candidate.tables], dtype=np.int64
+    )
+    tails = [
+        hypergeometric_tail(bad, flights, failures, inside)
+        for inside, bad, flights, failures in rows.tolist()
+    ]
+    owners = np.repeat(
+        np.arange(len(candidates)), [len(candidate.tables) for candidate in candidates]
+    )
     largest = np.zeros(len(candidates))
     np.maximum.at(largest, owners, tails)
     return np.minimum(largest * np.array([candidate.tried for candidate in candidates]), 1.0)
@@ -195,7 +233,11 @@ def _condition(inputs: tuple[int, ...], side: int, edges: Floats) -> Condition:
 
 
 def _along(
-    inputs: tuple[int, ...], bins: NDArray[np.uint8], failed: NDArray[np.bool_], edges: Floats, others: int = 1
+    inputs: tuple[int, ...],
+    bins: NDArray[np.uint8],
+    failed: NDArray[np.bool_],
+    edges: Floats,
+    others: int = 1,
 ) -> list[_Candidate]:
     """The best half-line below, the best above, and both ends together where each holds more than chance.
 
@@ -216,13 +258,21 @@ def _along(
     best = int(np.argmax(_score(both, bad_both, flights, failures)))
     ends = int(low[best]), lines + int(high[best])
     needed = tuple(
-        (int(inside[side]), int(bad[side]), flights - int(inside[other]), failures - int(bad[other]))
+        (
+            int(inside[side]),
+            int(bad[side]),
+            flights - int(inside[other]),
+            failures - int(bad[other]),
+        )
         for side, other in (ends, ends[::-1])
     )
     conditions = tuple(_condition(inputs, side, edges) for side in ends)
     if float(np.min(_score(*np.array(needed).T))) < _CLEAR:
         return candidates
-    if float(_p_values([_Candidate(conditions, needed, low.size * others)])[0]) <= FALSE_DISCOVERY_RATE:
+    if (
+        float(_p_values([_Candidate(conditions, needed, low.size * others)])[0])
+        <= FALSE_DISCOVERY_RATE
+    ):
         table = (int(both[best]), int(bad_both[best]), flights, failures)
         candidates.append(_Candidate(conditions, (table,), low.size * others, either=True))
     return candidates
@@ -235,19 +285,25 @@ def _joint_counts(bins: NDArray[np.uint8]) -> NDArray[np.int64]:
     total = np.zeros((count * cells, count * cells))
     for start in range(0, flights, _CHUNK):
         part = bins[start : start + _CHUNK]
-        marks = np.zeros((part.shape[0], count * cells), dtype=np.float32)  # sums to _CHUNK stay exact
+        marks = np.zeros(
+            (part.shape[0], count * cells), dtype=np.float32
+        )  # sums to _CHUNK stay exact
         marks[np.arange(part.shape[0])[:, None], np.arange(count) * cells + part] = 1.0
         total += marks.T @ marks
     return total.reshape(count, cells, count, cells).astype(np.int64)
 
 
-def _best_corners(bins: NDArray[np.uint8], failed: NDArray[np.bool_], edges: Floats) -> list[_Candidate]:
+def _best_corners(
+    bins: NDArray[np.uint8], failed: NDArray[np.bool_], edges: Floats
+) -> list[_Candidate]:
     """The best corner of each pair of inputs (columns of `bins` and `edges`)."""
     first, second = np.triu_indices(bins.shape[1], 1)
     if not first.size:
         return []
 
-    def sides(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    def sides(
+        counts: NDArray[np.int64],
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
         """Inside both conditions [pair, side, side], and inside one [pair, side, 1] and the other [pair, 1, side]."""
         pairs = counts[first, :, second, :]
         alone = _sides(pairs.sum(axis=2), 1)[:, :, None], _sides(pairs.sum(axis=1), 1)[:, None, :]
@@ -255,7 +311,9 @@ def _best_corners(bins: NDArray[np.uint8], failed: NDArray[np.bool_], edges: Flo
 
     inside, in_first, in_second = sides(_joint_counts(bins))
     bad, bad_first, bad_second = sides(_joint_counts(bins[failed]))
-    score = np.minimum(_score(inside, bad, in_first, bad_first), _score(inside, bad, in_second, bad_second))
+    score = np.minimum(
+        _score(inside, bad, in_first, bad_first), _score(inside, bad, in_second, bad_second)
+    )
     best = score.reshape(first.size, -1).argmax(axis=1)
     tried = inside.shape[1] * inside.shape[2]
     candidates = []
@@ -283,11 +341,15 @@ def _sharpen(rule: Rule, failed: NDArray[np.bool_], column: Callable[[int], Floa
     conditions, inside = [], np.zeros(failed.size, dtype=np.bool_)
     for condition in rule.conditions:
         values = _values(condition, column)
-        order = np.argsort(-values if condition.above else values, kind="stable")  # the most extreme first
+        order = np.argsort(
+            -values if condition.above else values, kind="stable"
+        )  # the most extreme first
         reached = int(np.sum(_meets(condition, values)))
         near = max(2, round(_NEAR * failed.size))
         tried = np.arange(max(1, reached - near), min(failed.size - 1, reached + near) + 1)
-        tried = tried[values[order[tried - 1]] != values[order[tried]]]  # equal values are on one side
+        tried = tried[
+            values[order[tried - 1]] != values[order[tried]]
+        ]  # equal values are on one side
         if not tried.size:
             return rule
         bad = np.cumsum(failed[order])[tried - 1]
@@ -300,7 +362,9 @@ def _sharpen(rule: Rule, failed: NDArray[np.bool_], column: Callable[[int], Floa
         conditions.append(replace(condition, threshold=threshold))
         inside |= _meets(conditions[-1], values)
     hits, size = int(np.sum(inside & failed)), int(inside.sum())
-    return replace(rule, conditions=tuple(conditions), failures_inside=hits, others_inside=size - hits)
+    return replace(
+        rule, conditions=tuple(conditions), failures_inside=hits, others_inside=size - hits
+    )
 
 
 def _values(condition: Condition, column: Callable[[int], Floats]) -> Floats:

@@ -21,7 +21,10 @@ def judge_family(
     Flights that are not `independent` draws (stratified designs, sequences) get an ESTIMATE.
     """
     if not independent:
-        groups = [[replace(each, status="ESTIMATE", E_pass=0.0, E_fail=0.0) for each in group] for group in groups]
+        groups = [
+            [replace(each, status="ESTIMATE", E_pass=0.0, E_fail=0.0) for each in group]
+            for group in groups
+        ]
     found = [judge_points(group) for group in groups]
     verdicts = [verdict for verdict, _ in found]
     if independent and family_risk is not None:
@@ -54,5 +57,7 @@ def hold_family(verdicts: Sequence[Verdict], risk: float) -> list[Verdict]:
         if verdict.status == "PASS" and not stands:
             held.append(replace(verdict, status="NOT SHOWN", note=note, consumer_risk=share))
         else:
-            held.append(replace(verdict, consumer_risk=share) if verdict.status == "NOT SHOWN" else verdict)
+            held.append(
+                replace(verdict, consumer_risk=share) if verdict.status == "NOT SHOWN" else verdict
+            )
     return held

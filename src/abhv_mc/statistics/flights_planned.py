@@ -27,14 +27,20 @@ def pass_chance(runs: int, probability: float, risk: float, rates: Floats) -> Fl
 
 
 def ever_chance(
-    runs: int, probability: float, risk: float, rates: Floats, status: Literal["PASS", "FAIL"] = "PASS"
+    runs: int,
+    probability: float,
+    risk: float,
+    rates: Floats,
+    status: Literal["PASS", "FAIL"] = "PASS",
 ) -> Floats:
     """Chance of the status at some flight up to `runs`, for each true failure rate [rate]: looked at after each."""
     failures, flights = _boundary(runs, probability, risk, status)
     return np.array([_reach(failures, flights, float(rate), status == "PASS") for rate in rates])
 
 
-def _boundary(runs: int, probability: float, risk: float, status: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _boundary(
+    runs: int, probability: float, risk: float, status: str
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Counts of failures, and the flights at which they settle: the first for a PASS, the last for a FAIL."""
     passes = status == "PASS"
     if passes:
@@ -45,13 +51,17 @@ def _boundary(runs: int, probability: float, risk: float, status: str) -> tuple[
             most *= 2
         failures = np.arange(2, most + 1)
     if failures.size > _MOST_LOOKS:
-        failures = np.unique(np.round(np.geomspace(1, failures[-1] + 1, _MOST_LOOKS)).astype(np.int64)) - 1
+        failures = (
+            np.unique(np.round(np.geomspace(1, failures[-1] + 1, _MOST_LOOKS)).astype(np.int64)) - 1
+        )
     settle = flights_to_pass if passes else flights_to_fail
     flights = np.array([settle(int(k), probability, risk) for k in failures], dtype=np.int64)
     if passes:
         return failures, flights
     reached = np.minimum(flights, runs)
-    fewest = int(np.argmax(flights >= runs)) + 1  # more failures than that settle at no earlier flight
+    fewest = (
+        int(np.argmax(flights >= runs)) + 1
+    )  # more failures than that settle at no earlier flight
     kept = (flights > 0) & (np.arange(failures.size) < fewest)
     return failures[kept], reached[kept]
 
@@ -61,13 +71,18 @@ def _binomial(flights: int, rate: float) -> tuple[int, Floats]:
     """First count and probabilities of the counts of failures that matter among so many flights."""
     mean, spread = flights * rate, np.sqrt(flights * rate * (1.0 - rate))
     # Beyond ten standard deviations, and thirty counts for the long tails of rare failures, there is nothing left.
-    low, high = max(0, int(mean - 10.0 * spread - 30.0)), min(flights, int(mean + 10.0 * spread + 30.0))
+    low, high = (
+        max(0, int(mean - 10.0 * spread - 30.0)),
+        min(flights, int(mean + 10.0 * spread + 30.0)),
+    )
     count = np.arange(low, high + 1)
     logarithm = gammaln(flights + 1.0) - gammaln(count + 1.0) - gammaln(flights - count + 1.0)
     return low, np.exp(logarithm + xlogy(count, rate) + xlog1py(flights - count, -rate))
 
 
-def _reach(failures: NDArray[np.int64], flights: NDArray[np.int64], rate: float, low: bool) -> float:
+def _reach(
+    failures: NDArray[np.int64], flights: NDArray[np.int64], rate: float, low: bool
+) -> float:
     """Chance that the failures up to any of `flights` are at most (`low`) or at least `failures` there.
 
     The counts that have settled nothing are followed from one to the next (Jennison & Turnbull, "Group Sequential

@@ -27,9 +27,11 @@ class Gate:
     pairs: int
     within: int  # pairs in which b <= a + margin |a|
     within_low: float  # one-sided bound on the share of such pairs
-    worse_tails: tuple[float, ...]  # quantiles of `b` that are shown to lie beyond those of a + margin |a|
+    worse_tails: tuple[
+        float, ...
+    ]  # quantiles of `b` that are shown to lie beyond those of a + margin |a|
     worst_doubled: (
-        bool  # whether the worst flight of `b` that is not lost lies beyond that of `a` by more than its size
+        bool  # whether b's worst flight that is not lost exceeds a's by more than its size
     )
     loses_more: bool
     misses_more: tuple[int, ...]  # requirements, by their place
@@ -42,7 +44,11 @@ class Gate:
 
 
 def judge_change(
-    a: Floats, b: Floats, lost: tuple[Mask, Mask], missed: Sequence[tuple[Mask, Mask]], margin: float
+    a: Floats,
+    b: Floats,
+    lost: tuple[Mask, Mask],
+    missed: Sequence[tuple[Mask, Mask]],
+    margin: float,
 ) -> Gate:
     """Judge severities [pair], larger being worse and +infinity a lost flight.
 
@@ -53,8 +59,12 @@ def judge_change(
     with np.errstate(invalid="ignore"):
         allowed = np.where(np.isfinite(a), a + margin * np.abs(a), a)
     within = int(np.sum(b <= allowed))
-    worst_a, worst_b = (float(np.max(values, where=np.isfinite(values), initial=-np.inf)) for values in (a, b))
-    p_lost, *p_missed = (mcnemar_one_sided(int(np.sum(x & ~y)), int(np.sum(y & ~x))) for x, y in (lost, *missed))
+    worst_a, worst_b = (
+        float(np.max(values, where=np.isfinite(values), initial=-np.inf)) for values in (a, b)
+    )
+    p_lost, *p_missed = (
+        mcnemar_one_sided(int(np.sum(x & ~y)), int(np.sum(y & ~x))) for x, y in (lost, *missed)
+    )
     return Gate(
         margin=margin,
         pairs=a.size,

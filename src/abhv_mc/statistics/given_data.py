@@ -31,8 +31,12 @@ class GivenDataIndices:
     first: Floats  # that the input causes alone
     total: Floats  # with what it causes in pairs
     p_value: Floats  # of neither being there
-    found: NDArray[np.bool_]  # inputs that drive the output, at FALSE_DISCOVERY_RATE over all inputs and outputs
-    moves_with: NDArray[np.intp]  # the found input with which one that is not found is correlated; -1 for none
+    found: NDArray[
+        np.bool_
+    ]  # inputs that drive the output, at FALSE_DISCOVERY_RATE over all inputs and outputs
+    moves_with: NDArray[
+        np.intp
+    ]  # the found input with which one that is not found is correlated; -1 for none
     partner: NDArray[np.intp]  # the other input of the strongest pair, -1 where pairs add nothing
 
 
@@ -57,7 +61,9 @@ def given_data_indices(inputs: Floats, outputs: Floats) -> GivenDataIndices | No
     together = np.abs(np.corrcoef(places.T)) if count > 1 else np.ones((1, 1))
     np.fill_diagonal(together, 0.0)
     added, partner, p_pair = _pairs(places, y, varying, together)
-    p_value = np.where(moving & varying[:, None], np.minimum(2.0 * np.minimum(p_alone, p_pair), 1.0), np.nan)
+    p_value = np.where(
+        moving & varying[:, None], np.minimum(2.0 * np.minimum(p_alone, p_pair), 1.0), np.nan
+    )
     first = np.where(moving, np.maximum(first, 0.0), np.nan)
     total = np.minimum(first + added, 1.0)
     found = discoveries(p_value, FALSE_DISCOVERY_RATE)
@@ -78,7 +84,9 @@ def _pairs(
     bins = places * cells // flights
     # A grid tells rows from columns only where the two inputs are nearly independent.
     usable = np.flatnonzero(varying)
-    pairs = [(i, j) for n, i in enumerate(usable) for j in usable[n + 1 :] if together[i, j] < _PARTNERS]
+    pairs = [
+        (i, j) for n, i in enumerate(usable) for j in usable[n + 1 :] if together[i, j] < _PARTNERS
+    ]
     if not pairs:
         return added, partner, p_value
     marks = np.zeros((flights, count * cells))
@@ -88,14 +96,18 @@ def _pairs(
     size = np.maximum(numbers[first, :, second, :], 1e-9)  # [pair, cell, cell]
     freedom = (cells - 1) ** 2
     for column in range(y.shape[1]):
-        sums = (marks.T @ (marks * y[:, [column]])).reshape(count, cells, count, cells)[first, :, second, :]
+        sums = (marks.T @ (marks * y[:, [column]])).reshape(count, cells, count, cells)[
+            first, :, second, :
+        ]
         by_row, by_column = sums.sum(axis=2) / size.sum(axis=2), sums.sum(axis=1) / size.sum(axis=1)
         rest = sums / size - by_row[:, :, None] - by_column[:, None, :]
         square = np.sum(size * rest**2, axis=(1, 2))
         left = np.maximum(flights - np.sum(sums**2 / size, axis=(1, 2)), 1e-9 * flights)
         variance = left / (flights - cells**2)
         share = np.maximum(square - freedom * variance, 0.0) / flights
-        p_values = np.minimum(chdtrc(freedom, square / variance) * (count - 1), 1.0)  # each input has so many pairs
+        p_values = np.minimum(
+            chdtrc(freedom, square / variance) * (count - 1), 1.0
+        )  # each input has so many pairs
         real = p_values <= FALSE_DISCOVERY_RATE
         for one, other in ((first, second), (second, first)):
             np.add.at(added[:, column], one[real], share[real])

@@ -19,7 +19,9 @@ class PairedMetric:
     ties: int
     median_difference: Interval  # of the pairs, exact
     quantile_differences: list[Interval]  # at LEVELS, open where the flights do not bound them
-    pairing_gain: float | None  # how many times the flights an unpaired comparison of means would need
+    pairing_gain: (
+        float | None
+    )  # how many times the flights an unpaired comparison of means would need
 
 
 def compare_metric(a: Floats, b: Floats) -> PairedMetric:
@@ -60,7 +62,9 @@ class PairedFailures:
 def compare_failures(a: Mask, b: Mask) -> PairedFailures:
     """Cross-count the failures [pair] of two controllers."""
     only_a, only_b = int(np.sum(a & ~b)), int(np.sum(b & ~a))
-    return PairedFailures(int(np.sum(a & b)), only_a, only_b, int(np.sum(~a & ~b)), mcnemar_exact(only_a, only_b))
+    return PairedFailures(
+        int(np.sum(a & b)), only_a, only_b, int(np.sum(~a & ~b)), mcnemar_exact(only_a, only_b)
+    )
 
 
 @dataclass(frozen=True)
@@ -83,7 +87,9 @@ def median_ratio(a: Floats, b: Floats) -> Interval | None:
         return quantile(a[kept] / b[kept], 0.5) if kept.sum() >= 3 else None
 
 
-def compare_usage(error_a: Floats, error_b: Floats, usage_a: Floats, usage_b: Floats) -> PairedUsage | None:
+def compare_usage(
+    error_a: Floats, error_b: Floats, usage_a: Floats, usage_b: Floats
+) -> PairedUsage | None:
     """Whether the smaller error is bought with more control; None where too few pairs can be divided."""
     values = np.stack([error_a, error_b, usage_a, usage_b])
     kept = np.all(np.isfinite(values) & (values > 0.0), axis=0)
@@ -92,7 +98,10 @@ def compare_usage(error_a: Floats, error_b: Floats, usage_a: Floats, usage_b: Fl
     error_a, error_b, usage_a, usage_b = values[:, kept]
     less_error, less_usage = error_a < error_b, usage_a <= usage_b
     with np.errstate(over="ignore"):
-        error_ratio, usage_ratio = quantile(error_a / error_b, 0.5), quantile(usage_a / usage_b, 0.5)
+        error_ratio, usage_ratio = (
+            quantile(error_a / error_b, 0.5),
+            quantile(usage_a / usage_b, 0.5),
+        )
     return PairedUsage(
         pairs=int(kept.sum()),
         error_ratio=error_ratio,

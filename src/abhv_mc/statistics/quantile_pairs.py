@@ -31,7 +31,9 @@ def _scores(draws: int) -> tuple[Floats, Floats]:
 def _places(flights: int, probability: float) -> tuple[int, Floats]:
     """First count of flights below the quantile that matters, and normal scores up to which there are no more."""
     low, high = (int(np.ceil(bdtrik(tail, flights, probability))) for tail in (1e-9, 1.0 - 1e-9))
-    return low, np.asarray(ndtri(bdtr(np.arange(low, high + 1), flights, probability)), dtype=np.float64)
+    return low, np.asarray(
+        ndtri(bdtr(np.arange(low, high + 1), flights, probability)), dtype=np.float64
+    )
 
 
 def _counts(scores: Floats, flights: int, probability: float) -> NDArray[np.intp]:
@@ -55,7 +57,9 @@ def _together(a: Floats, b: Floats, high_a: float, high_b: float, probability: f
     return float(np.clip((both - share**2) / (share * (1.0 - share)), -0.999, 0.999))
 
 
-def quantile_difference(a: Floats, b: Floats, probability: float, confidence: float = 0.95) -> Interval:
+def quantile_difference(
+    a: Floats, b: Floats, probability: float, confidence: float = 0.95
+) -> Interval:
     """The `probability` quantile of `a` [pair] minus that of `b`, with its two-sided interval.
 
     +infinity marks a lost flight, worse than all; where both quantiles are lost flights the value is NaN.
@@ -68,16 +72,23 @@ def quantile_differences(
 ) -> list[Interval]:
     """The same at several probabilities."""
     if a.size == 0 or a.shape != b.shape:
-        raise ValueError(f"pairs need as many flights of each, and at least one, found {a.size} and {b.size}")
+        raise ValueError(
+            f"pairs need as many flights of each, and at least one, found {a.size} and {b.size}"
+        )
     sorted_a, sorted_b = np.sort(a), np.sort(b)
     # What no flight bounds lies anywhere: the places before the first value and after the last.
-    padded_a, padded_b = (np.concatenate([[-np.inf], one, [np.inf]]) for one in (sorted_a, sorted_b))
+    padded_a, padded_b = (
+        np.concatenate([[-np.inf], one, [np.inf]]) for one in (sorted_a, sorted_b)
+    )
     tail = (1.0 - confidence) / 2.0
     draws = int(np.clip(_PER_TAIL / tail, _FEWEST_DRAWS, _MOST_DRAWS))
     one, other = _scores(draws)
     intervals = []
     for probability in probabilities:
-        high_a, high_b = sorted_quantile(sorted_a, probability), sorted_quantile(sorted_b, probability)
+        high_a, high_b = (
+            sorted_quantile(sorted_a, probability),
+            sorted_quantile(sorted_b, probability),
+        )
         if np.isinf(high_a) and np.isinf(high_b):
             intervals.append(Interval(np.nan, np.nan, np.nan))
             continue
@@ -87,7 +98,10 @@ def quantile_differences(
         low = _minus(padded_a[below_a], padded_b[below_b + 1])
         high = _minus(padded_a[below_a + 1], padded_b[below_b])
         rank = int(tail * draws)
-        ends = float(np.partition(low, rank)[rank]), float(np.partition(high, draws - 1 - rank)[draws - 1 - rank])
+        ends = (
+            float(np.partition(low, rank)[rank]),
+            float(np.partition(high, draws - 1 - rank)[draws - 1 - rank]),
+        )
         intervals.append(Interval(high_a - high_b, *ends))
     return intervals
 

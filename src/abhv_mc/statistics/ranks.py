@@ -41,7 +41,9 @@ def discoveries(p_values: Floats, rate: float) -> Mask:
     return found
 
 
-def split_partners(found: Mask, size: Floats, together: Floats, partners: float, twins: float) -> NDArray[np.intp]:
+def split_partners(
+    found: Mask, size: Floats, together: Floats, partners: float, twins: float
+) -> NDArray[np.intp]:
     """The driver with which each input that is none moves, -1 for none [input, output].
 
     `together` [input, input] is how closely two go together, zero with itself: from `partners` on one moves with the

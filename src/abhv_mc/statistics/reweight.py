@@ -35,14 +35,19 @@ class Unseen:
     joint: float  # of any parameter, but for what the outermost flights stand for themselves
 
 
-def unseen_of_range(beyond: tuple[float, float], weights: tuple[float, float], flights: int) -> tuple[float, float]:
+def unseen_of_range(
+    beyond: tuple[float, float], weights: tuple[float, float], flights: int
+) -> tuple[float, float]:
     """Probability `beyond` the lowest and highest flight of one parameter, and what of it no flight stands for.
 
     `weights` are the ratios of the laws at those two. Each flight stands for its part of the law that was flown, and
     chance leaves gaps of a few such parts between flights; what lies beyond the outermost ones is no more unseen than
     such a gap, as long as it is no wider.
     """
-    excess = sum(max(part - _GAP * weight / flights, 0.0) for part, weight in zip(beyond, weights, strict=True))
+    excess = sum(
+        max(part - _GAP * weight / flights, 0.0)
+        for part, weight in zip(beyond, weights, strict=True)
+    )
     return float(sum(beyond)), float(excess)
 
 
@@ -54,7 +59,9 @@ def unseen_of_values(values: Floats, probabilities: Floats, flown: Floats) -> tu
 
 def join_unseen(parts: Sequence[tuple[float, float]]) -> Unseen:
     """All parameters together."""
-    return Unseen(max((part[0] for part in parts), default=0.0), min(sum(part[1] for part in parts), 1.0))
+    return Unseen(
+        max((part[0] for part in parts), default=0.0), min(sum(part[1] for part in parts), 1.0)
+    )
 
 
 def _effective_at(flags: NDArray[np.bool_], share: float, weights: Floats) -> float:
@@ -62,7 +69,9 @@ def _effective_at(flags: NDArray[np.bool_], share: float, weights: Floats) -> fl
     spread = float(np.sum((weights * (flags - share)) ** 2))
     if share <= 0.0 or share >= 1.0 or spread == 0.0:
         return effective_size(weights)
-    return min(share * (1.0 - share) * float(np.sum(weights)) ** 2 / spread, effective_size(weights))
+    return min(
+        share * (1.0 - share) * float(np.sum(weights)) ** 2 / spread, effective_size(weights)
+    )
 
 
 def _low_end(share: float, flights: float, tail: float) -> float:
@@ -78,7 +87,10 @@ def _high_end(counted: Floats, heaviest: float, tail: float) -> float:
     of all weight that those which count have. Chance leaves out heavy flights more often than not.
     """
     total, squares = float(counted.sum()) + heaviest, float(np.sum(counted**2)) + heaviest**2
-    events, each = total**2 / squares, squares / total  # effective number, and the share that each stands for
+    events, each = (
+        total**2 / squares,
+        squares / total,
+    )  # effective number, and the share that each stands for
     rest = 1.0 / each - events + 1.0
     return 1.0 if rest <= 0.0 else float(betaincinv(events, rest, 1.0 - tail))
 
@@ -96,7 +108,11 @@ def weighted_share(
 
 
 def weighted_quantile(
-    values: Floats, weights: Floats, probability: float, unseen: float = 0.0, confidence: float = 0.95
+    values: Floats,
+    weights: Floats,
+    probability: float,
+    unseen: float = 0.0,
+    confidence: float = 0.95,
 ) -> Interval:
     """The `probability` quantile of `values` [flight] and its interval; equal weights give numpy's `linear` quantile.
 
@@ -115,7 +131,10 @@ def weighted_quantile(
     if (1.0 - probability) ** n <= tail:
         below = 1.0  # where so few flights lie below the quantile, all of them
         if 1.0 - probability**n > tail:
-            below = brentq(lambda rank: betainc(n - rank + 1.0, rank, 1.0 - probability) - tail, 1.0, n) / n
+            below = (
+                brentq(lambda rank: betainc(n - rank + 1.0, rank, 1.0 - probability) - tail, 1.0, n)
+                / n
+            )
         low = float(ascending[max(int(np.searchsorted(reached, below * _UP, side="right")) - 1, 0)])
     return Interval(value, low, _high_quantile(ascending, parts, 1.0 - probability - unseen, tail))
 
@@ -125,7 +144,10 @@ def _high_quantile(ascending: Floats, parts: Floats, allowed: float, tail: float
 
     def enough(first: int) -> bool:
         beyond = parts[first:]
-        return _high_end(beyond, float((beyond if beyond.size else parts).max()), tail) <= allowed * _UP
+        return (
+            _high_end(beyond, float((beyond if beyond.size else parts).max()), tail)
+            <= allowed * _UP
+        )
 
     low, high = 0, parts.size  # number of flights at or below
     if not enough(high):

@@ -110,5 +110,7 @@ def judge_points(verdicts: Sequence[Verdict]) -> tuple[Verdict, int]:
     at = verdicts[worst]
     missed = float(np.mean([verdict.E_fail for verdict in verdicts]))
     passes = all(verdict.status == "PASS" for verdict in verdicts)
-    status: Status = "PASS" if passes else "FAIL" if missed >= 1.0 / at.producer_risk else "NOT SHOWN"
+    status: Status = (
+        "PASS" if passes else "FAIL" if missed >= 1.0 / at.producer_risk else "NOT SHOWN"
+    )
     return replace(at, status=status, E_fail=missed), worst

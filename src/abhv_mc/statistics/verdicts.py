@@ -8,7 +8,12 @@ import numpy as np
 from scipy.special import betainc
 
 from abhv_mc.array_types import Floats
-from abhv_mc.statistics.evidence import flights_to_pass, log_fail_evidence, log_pass_evidence, most_failures
+from abhv_mc.statistics.evidence import (
+    flights_to_pass,
+    log_fail_evidence,
+    log_pass_evidence,
+    most_failures,
+)
 
 Status = Literal["PASS", "FAIL", "NOT SHOWN", "ESTIMATE"]
 
@@ -28,7 +33,9 @@ class Verdict:
     producer_risk: float  # of a FAIL of a system that just meets it
     E_pass: float  # evidence that it is met: PASS from 1 / consumer_risk on
     E_fail: float  # evidence that it is missed: FAIL from 1 / producer_risk on; 0 with fewer than two failures
-    uncomputed: int = 0  # flights that the machine could not compute: failures for a PASS, successes for a FAIL
+    uncomputed: int = (
+        0  # flights that the machine could not compute: failures for a PASS, successes for a FAIL
+    )
     note: str = ""  # why the status is what it is, where the counts do not say it
 
     @property
@@ -54,17 +61,37 @@ def judge(
     """
     producer_risk = consumer_risk if producer_risk is None else producer_risk
     if uncomputed < 0 or failures < 0 or failures + uncomputed > flights:
-        raise ValueError(f"failures must lie in 0..{flights}, found {failures} and {uncomputed} not computed")
-    risks = {"probability": probability, "consumer_risk": consumer_risk, "producer_risk": producer_risk}
+        raise ValueError(
+            f"failures must lie in 0..{flights}, found {failures} and {uncomputed} not computed"
+        )
+    risks = {
+        "probability": probability,
+        "consumer_risk": consumer_risk,
+        "producer_risk": producer_risk,
+    }
     for name, value in risks.items():
         if not 0.0 < value < 1.0:
             raise ValueError(f"{name} must lie between 0 and 1, found {value}")
     counted = failures + uncomputed
     met = log_pass_evidence(counted, flights, probability)
     missed = log_fail_evidence(failures, flights, probability)
-    status: Status = "PASS" if met >= -log(consumer_risk) else "FAIL" if missed >= -log(producer_risk) else "NOT SHOWN"
+    status: Status = (
+        "PASS"
+        if met >= -log(consumer_risk)
+        else "FAIL"
+        if missed >= -log(producer_risk)
+        else "NOT SHOWN"
+    )
     return Verdict(
-        status, counted, flights, probability, consumer_risk, producer_risk, _exp(met), _exp(missed), uncomputed
+        status,
+        counted,
+        flights,
+        probability,
+        consumer_risk,
+        producer_risk,
+        _exp(met),
+        _exp(missed),
+        uncomputed,
     )
 
 
@@ -92,10 +119,18 @@ def advise(verdict: Verdict) -> Extension | None:
     first = None
     more = 0
     while True:
-        flights = flights_to_pass(verdict.failures + more, verdict.probability, verdict.consumer_risk)
+        flights = flights_to_pass(
+            verdict.failures + more, verdict.probability, verdict.consumer_risk
+        )
         added = flights - verdict.flights
         if added > 0:
-            chance = 1.0 if rate == 0.0 else float(betainc(added - more, more + 1, 1.0 - rate)) if added > more else 1.0
+            chance = (
+                1.0
+                if rate == 0.0
+                else float(betainc(added - more, more + 1, 1.0 - rate))
+                if added > more
+                else 1.0
+            )
             found = Extension(flights, more, chance)
             first = first or found
             if chance >= _WORTH_TRYING:
@@ -105,7 +140,9 @@ def advise(verdict: Verdict) -> Extension | None:
         more += max(1, more // 4)
 
 
-def tolerance_limit(worse: Floats, uncomputed: int, probability: float, consumer_risk: float) -> float | None:
+def tolerance_limit(
+    worse: Floats, uncomputed: int, probability: float, consumer_risk: float
+) -> float | None:
     """The severity [flight], larger being worse, that a share `probability` of all flights stays below: the (k + 1)-th
     worst, k being the most failures with which so many flights PASS. None where not even none do.
 
@@ -134,8 +171,16 @@ def advice_words(verdict: Verdict, flies: bool = True) -> str:
     found = advise(verdict)
     if found is None:
         return "more of its flights failed than the requirement allows"
-    most = f"at most {found.failures} of them fail" if found.failures > 1 else f"at most {found.failures} of them fails"
-    condition = "none of the added flights fails" if not found.failures else most.replace("them", "the added flights")
+    most = (
+        f"at most {found.failures} of them fail"
+        if found.failures > 1
+        else f"at most {found.failures} of them fails"
+    )
+    condition = (
+        "none of the added flights fails"
+        if not found.failures
+        else most.replace("them", "the added flights")
+    )
     chance = f", {100.0 * found.chance:.2g} % at today's rate" if verdict.failures else ""
     more = f"extend to {found.flights} flights (--runs {found.flights})"
     return f"{more if flies else f'adopt a table of {found.flights} flights'}: passes if {condition}{chance}"

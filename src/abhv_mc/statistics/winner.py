@@ -40,7 +40,9 @@ class Decision:
         return "" if self.worse or self.loses_more else self.closer
 
 
-def decide(a: Floats, b: Floats, lost_a: Mask, lost_b: Mask, comparisons: int, risk: float = RISK) -> Decision:
+def decide(
+    a: Floats, b: Floats, lost_a: Mask, lost_b: Mask, comparisons: int, risk: float = RISK
+) -> Decision:
     """Decide on severities [pair], larger being worse and +infinity a lost flight.
 
     `lost_a` and `lost_b` [pair] are the flights that each lost, whatever the metric says of them; `comparisons` are
@@ -49,7 +51,9 @@ def decide(a: Floats, b: Floats, lost_a: Mask, lost_b: Mask, comparisons: int, r
     confidence = 1.0 - risk / comparisons
     difference = pair_differences(a, b)
     better, worse = int(np.sum(difference < 0.0)), int(np.sum(difference > 0.0))
-    if log_coin_evidence(max(better, worse), min(better, worse)) < log(2.0 * comparisons / risk):  # either may win
+    if log_coin_evidence(max(better, worse), min(better, worse)) < log(
+        2.0 * comparisons / risk
+    ):  # either may win
         return Decision("")
     if better < worse:
         a, b, lost_a, lost_b = b, a, lost_b, lost_a
@@ -75,7 +79,9 @@ def agree(found: Sequence[Decision]) -> Decision:
     return Decision(sides.pop(), worse, uncompared, any(each.loses_more for each in found))
 
 
-def worse_tails(a: Floats, b: Floats, confidence: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def worse_tails(
+    a: Floats, b: Floats, confidence: float
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Quantiles in which `a` is worse, and those that the flights do not compare.
 
     Where they do not compare one, the outermost that they bound stands in for it. The two-sided ``confidence`` is that

@@ -10,7 +10,17 @@ if TYPE_CHECKING:
     from abhv_mc.folder.flown_campaign import FlownCampaign
     from abhv_mc.topics.names import Names
     from abhv_mc.topics.registry import register
-    from abhv_mc.topics.section import Bullets, Cell, FigureText, Fold, Heading, Picture, Section, Table, Text
+    from abhv_mc.topics.section import (
+        Bullets,
+        Cell,
+        FigureText,
+        Fold,
+        Heading,
+        Picture,
+        Section,
+        Table,
+        Text,
+    )
     from abhv_mc.topics.topic import Topic
 
 _HOMES = {

@@ -64,7 +64,9 @@ class Failures:
     """The kinds of failure of each controller; none without dispersions."""
 
     controllers: Mapping[str, tuple[FailureKind, ...]]
-    map: Mapping[str, ControllerFailures] | None = None  # by controller; None where it was not made of these flights
+    map: Mapping[str, ControllerFailures] | None = (
+        None  # by controller; None where it was not made of these flights
+    )
     false_discovery_rate: float = FALSE_DISCOVERY_RATE
     fewest_failures: int = FEWEST_FAILURES  # that tell anything
 
@@ -73,7 +75,9 @@ def compute_failures(results: FlownCampaign) -> Failures:
     """Rules for every kind of failure that occurred."""
     names = results.controllers if results.dispersed else ()
     found = read_map(results.folder, results.manifest.digest)
-    return Failures({name: _kinds(results, name) for name in names}, found.controllers if found else None)
+    return Failures(
+        {name: _kinds(results, name) for name in names}, found.controllers if found else None
+    )
 
 
 def _kinds(results: FlownCampaign, controller: str) -> tuple[FailureKind, ...]:
@@ -91,20 +95,26 @@ def _kinds(results: FlownCampaign, controller: str) -> tuple[FailureKind, ...]:
             kind,
             int(failed.size),
             int(failed.sum()),
-            tuple(_rule(rule, names, known) for rule in find_rules(binned, failed, column)) if binned else (),
+            tuple(_rule(rule, names, known) for rule in find_rules(binned, failed, column))
+            if binned
+            else (),
         )
         for kind, failed in kinds
     )
 
 
 def _rule(rule: Rule, names: list[str], known: Parameters) -> FailureRule:
-    words = (" or " if rule.either else " and ").join(_words(each, names, known) for each in rule.conditions)
+    words = (" or " if rule.either else " and ").join(
+        _words(each, names, known) for each in rule.conditions
+    )
     inside, outside = rule.failures_inside / rule.failures, rule.others_inside / rule.others
     return FailureRule(
         words,
         f"{words}: {percent(inside, 2)} of the failures, {percent(outside, 2)} of the rest",
         tuple(
-            FailureCondition(names[c.input], None if c.minus is None else names[c.minus], c.above, c.threshold)
+            FailureCondition(
+                names[c.input], None if c.minus is None else names[c.minus], c.above, c.threshold
+            )
             for c in rule.conditions
         ),
         rule.failures_inside,
@@ -137,7 +147,10 @@ def failure_section(failures: Failures, names: Names) -> Section:
         "At most three of a flight's own dispersions with which it still fails while all others are nominal, none of "
         "which can be left out. A flight of several such sets is counted with the set that explains most. Values: "
         "median (least to largest). Each again: "
-        + ", ".join(f"`abhv-mc replay {names.folder} --controller {name} --flight NUMBER`" for name in failures.map)
+        + ", ".join(
+            f"`abhv-mc replay {names.folder} --controller {name} --flight NUMBER`"
+            for name in failures.map
+        )
     )
     items = Heading("What each failed flight takes to fail"), text, map_table(failures.map, names)
     return Section(TITLE, items)
@@ -145,7 +158,14 @@ def failure_section(failures: Failures, names: Names) -> Section:
 
 def map_table(found: Mapping[str, ControllerFailures], names: Names) -> Table:
     """For each controller with failed flights a row a group, and what is in none."""
-    heads = (names.campaign.kind.capitalize(), "Failed", "Still fails with", "Values", "Flights", "One of them")
+    heads = (
+        names.campaign.kind.capitalize(),
+        "Failed",
+        "Still fails with",
+        "Values",
+        "Flights",
+        "One of them",
+    )
     groups = tuple(_map_group(name, part, names) for name, part in found.items() if part.failed)
     return Table("Map of failures", heads, groups, numbers=False)
 
@@ -157,8 +177,13 @@ def _map_group(controller: str, part: ControllerFailures, names: Names) -> tuple
     for group in part.groups:
         item = required.get(group.failure)
         words = requirement_words(item, names.metrics) if item else ""
-        sides = [f"{spoken_name(each.parameter)} {'high' if each.high else 'low'}" for each in group.dispersions]
-        flights = f"{count_of(len(group.flights), total)} ({percent(len(group.flights) / total, 2)})"
+        sides = [
+            f"{spoken_name(each.parameter)} {'high' if each.high else 'low'}"
+            for each in group.dispersions
+        ]
+        flights = (
+            f"{count_of(len(group.flights), total)} ({percent(len(group.flights) / total, 2)})"
+        )
         cells = (
             Cell(f"missed {words[:1].lower()}{words[1:]}" if words else group.failure),
             Cell(joined(sides), head=True),
@@ -173,7 +198,9 @@ def _map_group(controller: str, part: ControllerFailures, names: Names) -> tuple
 def _typical(found: Dispersed, names: Names) -> str:
     """'-35 % (-40 % to -31 %)'; of one flight its value."""
     values = found.least, found.median, found.largest
-    low, middle, high = (shown_value(found.parameter, value, names.campaign.parameters) for value in values)
+    low, middle, high = (
+        shown_value(found.parameter, value, names.campaign.parameters) for value in values
+    )
     return f"{middle} ({low} to {high})" if low != high else middle
 
 
@@ -192,7 +219,9 @@ def _rest(part: ControllerFailures) -> str:
 def _rules_section(failures: Failures, names: Names) -> Section:
     """Those that fail, who fails most first, and where in the dispersions they do."""
     items: list[Item] = []
-    ranked = sorted(failures.controllers.items(), key=lambda part: -sum(kind.failures for kind in part[1]))
+    ranked = sorted(
+        failures.controllers.items(), key=lambda part: -sum(kind.failures for kind in part[1])
+    )
     for name, kinds in ranked:
         if kinds:
             sentences = tuple(_sentence(kind, failures.fewest_failures) for kind in kinds)
@@ -205,14 +234,18 @@ def _rules_section(failures: Failures, names: Names) -> Section:
     )
     rate = percent(failures.false_discovery_rate, 1)
     note = (
-        f"Rules of one parameter or two at deciles of the samples, tested exactly, at a false-discovery rate of {rate}"
+        f"Rules of one parameter or two at deciles of the samples, tested exactly, at a "
+        f"false-discovery rate of {rate}"
     )
-    return Section(TITLE, (*items, *([Text(command)] if not names.campaign.adopted else []), Text(f"{note}.")))
+    return Section(
+        TITLE, (*items, *([Text(command)] if not names.campaign.adopted else []), Text(f"{note}."))
+    )
 
 
 def _sentence(kind: FailureKind, fewest: int) -> str:
     head = (
-        f"{kind.kind[0].upper()}{kind.kind[1:]} ({fixed(kind.failures, 0)} flight{'s' if kind.failures != 1 else ''})"
+        f"{kind.kind[0].upper()}{kind.kind[1:]} "
+        f"({fixed(kind.failures, 0)} flight{'s' if kind.failures != 1 else ''})"
     )
     if kind.rules:
         return f"{head}: {'; '.join(rule.rule for rule in kind.rules[:_LISTED])}"

@@ -32,7 +32,9 @@ class EnvelopePanel:
     """One channel of one controller; every curve is (x, y)."""
 
     x: Floats  # [time] s, or what the bands are drawn against
-    bands: Mapping[str, Floats]  # min, q0.135, q5, q50, q95, q99.865, max -> [time]; with unknowns q50_most
+    bands: Mapping[
+        str, Floats
+    ]  # min, q0.135, q5, q50, q95, q99.865, max -> [time]; with unknowns q50_most
     reference: tuple[Floats, Floats] | None = None
     flights: Sequence[tuple[Floats, Floats]] = ()  # single flights, the worst first
 
@@ -62,7 +64,9 @@ def _draw(axes: Axes, panel: EnvelopePanel, color: str) -> None:
         axes.plot(*panel.reference, **REFERENCE)  # type: ignore[arg-type]
 
 
-def _legend(figure: Figure, rows: Sequence[EnvelopeRow], shown: Sequence[str], lines: Sequence[Line2D]) -> None:
+def _legend(
+    figure: Figure, rows: Sequence[EnvelopeRow], shown: Sequence[str], lines: Sequence[Line2D]
+) -> None:
     """These bands as far as they are drawn, these lines, and the reference."""
     panels = [panel for row in rows for panel in row.panels]
     drawn = {name for panel in panels for name in panel.bands}
@@ -78,10 +82,14 @@ def _legend(figure: Figure, rows: Sequence[EnvelopeRow], shown: Sequence[str], l
 
 
 @styled
-def plot_envelopes(rows: Sequence[EnvelopeRow], titles: Sequence[str], colors: Sequence[str]) -> Figure:
+def plot_envelopes(
+    rows: Sequence[EnvelopeRow], titles: Sequence[str], colors: Sequence[str]
+) -> Figure:
     """Rows of panels, columns of controllers; y is shared along a row so that controllers compare at sight."""
     count = len(rows) * len(titles)
-    figure, grid = new_panels(count, len(titles), 1.0, between=(0.2, 0.3), sharex="row", sharey="row")
+    figure, grid = new_panels(
+        count, len(titles), 1.0, between=(0.2, 0.3), sharex="row", sharey="row"
+    )
     for r, row in enumerate(rows):
         for c, panel in enumerate(row.panels):
             axes = grid[r, c]
@@ -103,13 +111,19 @@ def plot_envelopes(rows: Sequence[EnvelopeRow], titles: Sequence[str], colors: S
         ]
     else:
         two = any(MOST_MEDIAN in panel.bands for row in rows for panel in row.panels)
-        lines = [Line2D([], [], color=INK, linewidth=1.6, label="least and most median" if two else "median")]
+        lines = [
+            Line2D(
+                [], [], color=INK, linewidth=1.6, label="least and most median" if two else "median"
+            )
+        ]
     _legend(figure, rows, [low for low, *_ in BANDS], lines)
     return figure
 
 
 @styled
-def plot_sheet(rows: Sequence[EnvelopeRow], labels: Mapping[str, str], colors: Mapping[str, str]) -> Figure:
+def plot_sheet(
+    rows: Sequence[EnvelopeRow], labels: Mapping[str, str], colors: Mapping[str, str]
+) -> Figure:
     """Small multiples: one panel a channel, in it all controllers (all flights, 5 to 95 % and the median)."""
     figure, grid = new_panels(len(rows), 3, 1.3, between=(0.4, 0.42), top=0.24)
     looks = [(colors[name], DASHES[i % len(DASHES)]) for i, name in enumerate(labels)]
@@ -185,7 +199,9 @@ def off_reference(x: Floats, y: Floats, time: Floats, reference: Floats | None) 
     return y if reference is None else y - np.interp(x, time, reference)
 
 
-def bands_off(x: Floats, bands: Mapping[str, Floats], time: Floats, reference: Floats | None) -> dict[str, Floats]:
+def bands_off(
+    x: Floats, bands: Mapping[str, Floats], time: Floats, reference: Floats | None
+) -> dict[str, Floats]:
     """The bands of a channel less its reference [time], as far as they mean something then.
 
     Minimum and maximum are those of all control ticks between two samples: less a reference that moves meanwhile, they

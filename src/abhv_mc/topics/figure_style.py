@@ -30,7 +30,14 @@ SMALLEST = 8.0  # pt, of all text: figures are printed as wide as they are drawn
 
 # Okabe & Ito's palette (jfly.uni-koeln.de/color), in the order in which controllers take it.
 # The last two are darker than theirs: legible on white.
-BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#B78000", "#3A93CE"
+BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = (
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#CC79A7",
+    "#B78000",
+    "#3A93CE",
+)
 CYCLE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.5, 1)), (0, (5, 1, 1, 1)))
 MARKERS = ("o", "s", "^", "D", "v", "P")
@@ -139,7 +146,9 @@ def label_lowest(grid: Any, count: int, label: str) -> None:
 def legend_below(figure: Figure, *panels: Axes) -> None:
     """One legend under all panels, each label once."""
     entries = {
-        label: handle for axes in panels for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+        label: handle
+        for axes in panels
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
     }
     put_legend(figure, list(entries.values()), list(entries.keys()))
 
@@ -174,7 +183,9 @@ def distribution_steps(values: Floats) -> tuple[Floats, Floats]:
     """Finite values, rising, and the share of all at or below each; so many of them as can be seen."""
     ascending = np.sort(values)
     share = np.arange(1, ascending.size + 1) / max(ascending.size, 1)
-    keep = np.unique(np.linspace(0, ascending.size - 1, min(ascending.size, _MOST_STEPS)).astype(int))
+    keep = np.unique(
+        np.linspace(0, ascending.size - 1, min(ascending.size, _MOST_STEPS)).astype(int)
+    )
     keep = keep[np.isfinite(ascending[keep])]
     return ascending[keep], share[keep]
 

@@ -20,7 +20,9 @@ def requirement_failures(flights: ControllerFlights, requirement: Requirement) -
     return requirement.limits.failures(values, early & requirement.early_is_failure)
 
 
-def failed_anyhow(flights: ControllerFlights, requirements: tuple[Requirement, ...]) -> NDArray[np.bool_]:
+def failed_anyhow(
+    flights: ControllerFlights, requirements: tuple[Requirement, ...]
+) -> NDArray[np.bool_]:
     """Which flights [flight] ended early or miss any requirement."""
     failed = flights.failed.copy()
     for item in requirements:

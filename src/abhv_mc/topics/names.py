@@ -23,7 +23,8 @@ def full_labels(folder: Path, names: Iterable[str]) -> dict[str, str]:
     paper = shipped_files("control")["lqr"].read_bytes()
     flown = {name: folder / "inputs" / "controllers" / name / "lqr.yaml" for name in names}
     return {
-        name: controller_label(name) + (" (paper's weights)" if path.is_file() and path.read_bytes() == paper else "")
+        name: controller_label(name)
+        + (" (paper's weights)" if path.is_file() and path.read_bytes() == paper else "")
         for name, path in flown.items()
     }
 
@@ -49,4 +50,6 @@ def names_of(results: FlownCampaign) -> Names:
     """The names of a campaign."""
     labels, campaign = full_labels(results.folder, results.controllers), results.campaign
     folder = shlex.quote(results.folder.as_posix())
-    return Names(labels, campaign.metrics, results.asked, campaign.requirements, folder, campaign, results)
+    return Names(
+        labels, campaign.metrics, results.asked, campaign.requirements, folder, campaign, results
+    )

@@ -13,7 +13,11 @@ DRAWN = "drawn"  # of a field's metadata: it serves figures alone, and JSON hold
 def plain(value: Any) -> Any:
     """The value as JSON holds it, without what serves figures alone; infinite and missing numbers are None."""
     if is_dataclass(value) and not isinstance(value, type):
-        return {item.name: plain(getattr(value, item.name)) for item in fields(value) if not item.metadata.get(DRAWN)}
+        return {
+            item.name: plain(getattr(value, item.name))
+            for item in fields(value)
+            if not item.metadata.get(DRAWN)
+        }
     if hasattr(value, "_asdict"):  # a named tuple
         value = value._asdict()
     if isinstance(value, Mapping):

@@ -52,7 +52,10 @@ def _rows(manifest: Mapping[str, object]) -> Iterator[tuple[str, str]]:
             continue
         label = "question hash" if key == "question" else key.replace("_", " ")
         if isinstance(value, dict):
-            yield from ((f"{label}: {inner.replace('_', ' ')}", _words(item)) for inner, item in value.items())
+            yield from (
+                (f"{label}: {inner.replace('_', ' ')}", _words(item))
+                for inner, item in value.items()
+            )
         else:
             yield label, _words(value)
 

@@ -24,13 +24,19 @@ class Cell:
     columns: int = 1
     head: bool = False  # whether it says what its row is
     verdict: bool = False  # whether it is one of PASS, FAIL, NOT SHOWN, ESTIMATE
-    flight: tuple[str, int] | None = None  # controller and number of the flight that the page shows at a click
+    flight: tuple[str, int] | None = (
+        None  # controller and number of the flight that the page shows at a click
+    )
     hint: str = ""  # what it means, for whoever points at it
 
 
 def interval_cell(interval: Interval) -> Cell:
     """An estimate with its interval; says where too many flights were lost for one."""
-    return Cell(estimate(interval), bounds(interval)) if isfinite(interval.value) else Cell("not reached")
+    return (
+        Cell(estimate(interval), bounds(interval))
+        if isfinite(interval.value)
+        else Cell("not reached")
+    )
 
 
 Row: TypeAlias = tuple[Cell, ...]
@@ -87,7 +93,11 @@ class Table:
             )
             for places in placed
         )
-        return replace(self, heads=tuple(head for at, head in enumerate(self.heads) if at in told), groups=groups)
+        return replace(
+            self,
+            heads=tuple(head for at, head in enumerate(self.heads) if at in told),
+            groups=groups,
+        )
 
 
 def _places(group: tuple[Row, ...]) -> list[list[tuple[int, Cell]]]:

@@ -42,7 +42,9 @@ class Topic(Generic[M]):
     model: type[M]
     compute: Callable[[FlownCampaign], M]
     section: Callable[[M, Names], Section | None]  # None where there is nothing to say
-    sentences: Callable[[M, Names], Sequence[str]] = lambda _model, _names: ()  # the answer in words
+    sentences: Callable[[M, Names], Sequence[str]] = (
+        lambda _model, _names: ()
+    )  # the answer in words
     figures: Callable[[M, Names], Iterator[Drawn]] = lambda _model, _names: iter(())
 
 
@@ -109,11 +111,18 @@ def user_topics() -> tuple[Topic[Any], ...]:
             _tell_failure(entry.name)
             continue
         if not isinstance(topic, Topic):
-            raise InputError(f"entry point {entry.name} of {GROUP}", describe(topic), "an abhv_mc.topics.Topic")
+            raise InputError(
+                f"entry point {entry.name} of {GROUP}", describe(topic), "an abhv_mc.topics.Topic"
+            )
         found[topic.name] = topic
     return tuple({**found, **REGISTERED}.values())
 
 
 def _tell_failure(name: str) -> None:
     """Of a user's topic, which what is made goes on without."""
-    print(f"the topic {name} is left out:\n{traceback.format_exc()}", end="", file=sys.stderr, flush=True)
+    print(
+        f"the topic {name} is left out:\n{traceback.format_exc()}",
+        end="",
+        file=sys.stderr,
+        flush=True,
+    )

@@ -19,7 +19,9 @@ def _decimals(error: float) -> int:
 def fixed(value: float, decimals: int) -> str:
     """A number with a true minus sign; negative `decimals` round before the point."""
     text = f"{round(value, decimals):,.{max(decimals, 0)}f}".replace(",", THIN)
-    return text.replace("-", MINUS) if float(round(value, decimals)) != 0.0 else text.replace("-", "")
+    return (
+        text.replace("-", MINUS) if float(round(value, decimals)) != 0.0 else text.replace("-", "")
+    )
 
 
 def significant(value: float | None, digits: int = 3) -> str:
@@ -45,7 +47,9 @@ def _places(interval: Interval) -> int | None:
     ends = [end for end in bounds_of if end is not None]
     if value is None or not ends:
         return None
-    error = abs(ends[1] - ends[0]) / 2.0 if len(ends) == 2 else abs(ends[0] - value)  # by rounding, ends may cross
+    error = (
+        abs(ends[1] - ends[0]) / 2.0 if len(ends) == 2 else abs(ends[0] - value)
+    )  # by rounding, ends may cross
     if not error:
         return None
     largest = max(map(abs, (value, *ends)))
@@ -101,11 +105,17 @@ def p_value(value: float) -> str:
 
 def joined(words: Sequence[str]) -> str:
     """'a', 'a and b', 'a, b and c'."""
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""
+    return (
+        words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""
+    )
 
 
 _UNSPOKEN = ("aero", "atmosphere", "control", "mass", "propulsion")  # groups that go without saying
-_FAILURE_KINDS = {"stuck_time": "sticking time", "loss_time": "loss time", "slow_time": "slowing time"}
+_FAILURE_KINDS = {
+    "stuck_time": "sticking time",
+    "loss_time": "loss time",
+    "slow_time": "slowing time",
+}
 _SENSOR_ERRORS = ("_bias", "_noise", "_scale", "_lag", "_interval")
 _SHOWN = {"rad": ("deg", 180.0 / math.pi), "rad/s": ("deg/s", 180.0 / math.pi)}
 
@@ -118,7 +128,13 @@ def is_factor(name: str, known: Parameters = OURS) -> bool:
 def shown_value(name: str, value: float | None, known: Parameters = OURS) -> str:
     """'+8.1 %' of a factor of 1.081, '0.3 deg' of radians, 'never' of a failure that does not come (inf or None)."""
     if value is None or not math.isfinite(value):
-        return "never" if name.endswith("time") else "where it is" if name.endswith("stuck_at") else "for good"
+        return (
+            "never"
+            if name.endswith("time")
+            else "where it is"
+            if name.endswith("stuck_at")
+            else "for good"
+        )
     if is_factor(name, known):
         change = fixed(100.0 * (value - 1.0), 1)
         return f"{'+' if value > 1.0 and change != '0.0' else ''}{change}\N{NO-BREAK SPACE}%"

@@ -29,7 +29,16 @@ from abhv_mc.user_code.native_loop import OpenLaw, build_native
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import BUILT, unpack
 
-_SYSTEM = ("/lib", "/lib64", "/usr/lib", "/usr/lib64", "/System", "/usr/local/lib", sys.prefix, sys.base_prefix)
+_SYSTEM = (
+    "/lib",
+    "/lib64",
+    "/usr/lib",
+    "/usr/lib64",
+    "/System",
+    "/usr/local/lib",
+    sys.prefix,
+    sys.base_prefix,
+)
 _LINE = 64  # bytes that states begin at multiples of
 _COMMAND = 8 * (s.N_SEEN + len(ONBOARD_ROWS))  # where in the buffer the command lies
 _NUMBERS = _COMMAND + 8 * (len(COMMAND_ROWS) + MAX_ACTUATORS)  # and the numbers of a memory
@@ -64,7 +73,9 @@ def load_library(source: UserSource) -> CLibrary:
     for loaded in sorted(_mapped() - before):
         if not loaded.startswith(allowed):
             found = f"a library that links to {loaded}, which it does not declare"
-            raise InputError(source.file, found, f"files: [{Path(loaded).name}] in its controller file")
+            raise InputError(
+                source.file, found, f"files: [{Path(loaded).name}] in its controller file"
+            )
 
     def find(name: str) -> int:
         found = getattr(handle, f"abhv_law_{name}", None)
@@ -73,7 +84,9 @@ def load_library(source: UserSource) -> CLibrary:
     size, init, step, get, put = map(find, ("state_size", "init", "step", "state_get", "state_set"))
     for name in ("state_size", "init", "step"):
         if not find(name):
-            raise InputError(source.file, f"a library without abhv_law_{name}", "that of abhv_law.h")
+            raise InputError(
+                source.file, f"a library without abhv_law_{name}", "that of abhv_law.h"
+            )
     if (get == 0) != (put == 0):
         found = f"a library with abhv_law_state_{'get' if get else 'set'} alone"
         raise InputError(source.file, found, "both of abhv_law_state_get and _set, or none")
@@ -82,7 +95,9 @@ def load_library(source: UserSource) -> CLibrary:
         expected = f"{interface(recipe['onboard'])} {describe_layout(recipe['settings'])}"
         if told != expected:
             found = f"a library built with other headers ({told})"
-            raise InputError(source.file, found, f"one built with those of this controller ({expected})")
+            raise InputError(
+                source.file, found, f"one built with those of this controller ({expected})"
+            )
     return CLibrary(init, step, get, put, int(ctypes.CFUNCTYPE(ctypes.c_size_t)(size)()), handle)
 
 
@@ -106,7 +121,9 @@ def find_c_memory(source: UserSource, settings: Floats, first: Floats) -> dict[s
     state = aligned_zeros(library.state_size // 8 + 8)
     given = np.append(settings, 0.0)
     call = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
-    if call(library.init)(given.ctypes.data, np.ascontiguousarray(first).ctypes.data, state.ctypes.data):
+    if call(library.init)(
+        given.ctypes.data, np.ascontiguousarray(first).ctypes.data, state.ctypes.data
+    ):
         raise InputError(source.file, "a law whose abhv_law_init fails", "0 from it")
     read = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(library.get)
     count = read(state.ctypes.data, None)
@@ -139,12 +156,19 @@ def open_c_law(
     buffer = aligned_zeros(_NUMBERS // 8 + MAX_MEMORY)
     buffer[seen : s.N_SEEN] = np.nan
     addresses = [library.init, library.step, library.get, library.set]
-    context = np.array([*addresses, states.ctypes.data, stride, places, 0, len(gains), buffer.ctypes.data], np.int64)
-    return OpenLaw(int(loop.address), int(context.ctypes.data), (loop, states, buffer, context, library))
+    context = np.array(
+        [*addresses, states.ctypes.data, stride, places, 0, len(gains), buffer.ctypes.data],
+        np.int64,
+    )
+    return OpenLaw(
+        int(loop.address), int(context.ctypes.data), (loop, states, buffer, context, library)
+    )
 
 
 @functools.cache
-def compile_adapter(width: int, memory: int | None, given: int, onboard: bool, effectors: tuple[int, ...]) -> Any:
+def compile_adapter(
+    width: int, memory: int | None, given: int, onboard: bool, effectors: tuple[int, ...]
+) -> Any:
     """The compiled loop, the same for every law; ``memory`` and ``given``, which it calls ``seen``, as in
     :func:`open_c_law`. ``effectors``: rows of those that the law commands.
     """
@@ -171,7 +195,9 @@ if {"tick == 0" if memory is None else "True"}:
         lines.append(f"    failed = call_c(put, (state, buffer + {_NUMBERS}))")
     lines += [f"seen[{i}] = {at(s.MEASURED + i)}" for i in range(given)]
     lines += [f"total += seen[{i}]" for i in range(s.N_MEASURED)]
-    lines += [f"seen[{s.N_SEEN + i}] = {at(row)}" for i, row in enumerate(ONBOARD_ROWS if onboard else ())]
+    lines += [
+        f"seen[{s.N_SEEN + i}] = {at(row)}" for i, row in enumerate(ONBOARD_ROWS if onboard else ())
+    ]
     lines += f"""\
 for i in range(4, {len(commanded)}):
     out[i] = inf
@@ -184,4 +210,6 @@ if failed == 0 and total - total == 0.0:
     written = {row: f"out[{i}]" for i, row in enumerate(commanded)}
     place = (7, "places") if memory is None else None
     names = {"address_of": address_of}
-    return build_native(width, before, "\n".join(lines), "failed != 0", len(commanded), written, place, names)
+    return build_native(
+        width, before, "\n".join(lines), "failed != 0", len(commanded), written, place, names
+    )

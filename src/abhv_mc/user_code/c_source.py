@@ -25,7 +25,9 @@ from abhv_mc.user_code.unpack import laws_folder, unpack
 _HEADER = Path(__file__).with_name("abhv_law.h")
 _ORIGIN = ["-Wl,-rpath,@loader_path" if sys.platform == "darwin" else "-Wl,-rpath,$ORIGIN"]
 _LONGEST = 600.0  # s that cc may take
-_ERROR = re.compile(r"(?m)^(?P<file>[^:\n]+):(?P<line>\d+):(?:(?P<column>\d+):)? (?:fatal )?error: (?P<words>.*)$")
+_ERROR = re.compile(
+    r"(?m)^(?P<file>[^:\n]+):(?P<line>\d+):(?:(?P<column>\d+):)? (?:fatal )?error: (?P<words>.*)$"
+)
 
 
 def describe_platform() -> str:
@@ -38,10 +40,18 @@ def describe_platform() -> str:
 def find_compiler() -> str:
     """The C compiler ``cc`` and its version in words. Raises InputError where there is none."""
     try:
-        told = subprocess.run(["cc", "--version"], capture_output=True, text=True, timeout=60.0, check=True)  # noqa: S607
+        told = subprocess.run(
+            ["cc", "--version"],  # noqa: S607
+            capture_output=True,
+            text=True,
+            timeout=60.0,
+            check=True,
+        )
     except (OSError, subprocess.SubprocessError) as error:
         found = f"no C compiler here ({error})"
-        raise InputError("cc", found, "the system's compiler, or 'library' in place of 'sources'") from None
+        raise InputError(
+            "cc", found, "the system's compiler, or 'library' in place of 'sources'"
+        ) from None
     return told.stdout.splitlines()[0]
 
 
@@ -53,7 +63,9 @@ def make_header(onboard: bool = False) -> str:
     for mark, names in fields.items():
         lines = "\n".join(f"    double {name};" for name in names)
         text = text.replace(f"@{mark}@", lines + seen if mark == "MEASURED" else lines)
-    text = text.replace("@MOST@", str(MAX_ACTUATORS)).replace("@ONBOARD@", _struct(Onboard) if onboard else "")
+    text = text.replace("@MOST@", str(MAX_ACTUATORS)).replace(
+        "@ONBOARD@", _struct(Onboard) if onboard else ""
+    )
     for mark, numbers in {"SIN": SIN, "COS": COS, "HALF_PI": HALF_PI}.items():
         for i, number in enumerate(numbers):
             text = text.replace(f"@{mark}{i}@", repr(number))
@@ -62,16 +74,22 @@ def make_header(onboard: bool = False) -> str:
 
 def _struct(kind: Any) -> str:
     """A named tuple as a struct, after those that it holds."""
-    inner = [hint for hint in dict.fromkeys(kind.__annotations__.values()) if hasattr(hint, "_fields")]
+    inner = [
+        hint for hint in dict.fromkeys(kind.__annotations__.values()) if hasattr(hint, "_fields")
+    ]
     types = {hint: f"abhv_{hint.__name__.lower()}" for hint in inner}
-    fields = "\n".join(f"    {types.get(hint, 'double')} {name};" for name, hint in kind.__annotations__.items())
+    fields = "\n".join(
+        f"    {types.get(hint, 'double')} {name};" for name, hint in kind.__annotations__.items()
+    )
     return f"{''.join(map(_struct, inner))}typedef struct {{\n{fields}\n}} abhv_{kind.__name__.lower()};\n\n"
 
 
 def interface(onboard: bool = False) -> str:
     """What a library must have been built with, as abhv_law.h says it."""
     groups = Measured._fields, REFERENCE, (*COMMAND_FIELDS, f"effectors[{MAX_ACTUATORS}]")
-    names = ";".join(",".join(group) for group in groups) + (";" + ",".join(onboard_fields()) if onboard else "")
+    names = ";".join(",".join(group) for group in groups) + (
+        ";" + ",".join(onboard_fields()) if onboard else ""
+    )
     return hashlib.sha256(names.encode()).hexdigest()[:16]
 
 
@@ -81,7 +99,11 @@ def make_settings_header(layout: Layout) -> str:
     fields = fields or ["    double none; /* no settings */"]
     head = "/* The settings of the controller file, SI and radians; written from it. */\n"
     words = describe_layout(layout)
-    return f'{head}#define ABHV_SETTINGS "{words}"\n\ntypedef struct {{\n' + "\n".join(fields) + "\n} abhv_settings;\n"
+    return (
+        f'{head}#define ABHV_SETTINGS "{words}"\n\ntypedef struct {{\n'
+        + "\n".join(fields)
+        + "\n} abhv_settings;\n"
+    )
 
 
 def describe_layout(layout: Layout) -> str:
@@ -99,14 +121,31 @@ def with_library(source: UserSource) -> UserSource:
         with tempfile.TemporaryDirectory() as folder, atomic_write(kept) as built:
             shutil.copytree(unpack(source), folder, dirs_exist_ok=True)
             write_headers(Path(folder), recipe["settings"], recipe["onboard"])
-            command = ["cc", "-shared", "-fPIC", *recipe["flags"], "-ffp-contract=off", "-I.", *_ORIGIN, "-o", built]
+            command = [
+                "cc",
+                "-shared",
+                "-fPIC",
+                *recipe["flags"],
+                "-ffp-contract=off",
+                "-I.",
+                *_ORIGIN,
+                "-o",
+                built,
+            ]
             command += [*recipe["sources"], "-lm"]
             try:
                 told = subprocess.run(  # noqa: S603  the user's own flags
-                    command, cwd=folder, capture_output=True, text=True, timeout=_LONGEST, check=False
+                    command,
+                    cwd=folder,
+                    capture_output=True,
+                    text=True,
+                    timeout=_LONGEST,
+                    check=False,
                 )
             except subprocess.TimeoutExpired:
-                raise InputError(source.file, f"a build of more than {_LONGEST:g} s", "C code") from None
+                raise InputError(
+                    source.file, f"a build of more than {_LONGEST:g} s", "C code"
+                ) from None
             if told.returncode:
                 raise _explain(source, told.stderr)
     return replace(source, library=kept.read_bytes())
@@ -117,12 +156,19 @@ def _explain(source: UserSource, told: str) -> InputError:
     root = Path(source.file.removesuffix(source.files[0][0]))
     match = _ERROR.search(told)
     if match is None:
-        words = next((line for line in told.splitlines() if "error" in line or "undefined" in line), told[-200:])
-        return InputError(source.file, f"what cc does not link ({words.strip():.300})", "C that links")
+        words = next(
+            (line for line in told.splitlines() if "error" in line or "undefined" in line),
+            told[-200:],
+        )
+        return InputError(
+            source.file, f"what cc does not link ({words.strip():.300})", "C that links"
+        )
     missing = re.match(r"([\w./-]+): No such file", match["words"])
     expected = f"files: [{missing[1]}] in its controller file" if missing else "C that cc compiles"
     column = int(match["column"]) if match["column"] else None
-    return InputError(root / match["file"], f"'{match['words']:.300}'", expected, int(match["line"]), column)
+    return InputError(
+        root / match["file"], f"'{match['words']:.300}'", expected, int(match["line"]), column
+    )
 
 
 def refuse_platform(source: UserSource) -> str | None:

@@ -88,7 +88,11 @@ def called_beside(function: Callable[..., Any], *arguments: Any) -> Iterator[Non
 
 def describe_exit(code: int | None) -> str:
     """How a process ended, in words."""
-    return f"killed by {signal.Signals(-code).name}" if code is not None and code < 0 else f"exit code {code}"
+    return (
+        f"killed by {signal.Signals(-code).name}"
+        if code is not None and code < 0
+        else f"exit code {code}"
+    )
 
 
 class _Child:
@@ -111,7 +115,9 @@ class _Child:
         with contextlib.suppress(OSError, LostError):
             self.call(function, arguments, None)
 
-    def call(self, function: Callable[..., Any], arguments: tuple[Any, ...], limit: float | None) -> tuple[Any, bool]:
+    def call(
+        self, function: Callable[..., Any], arguments: tuple[Any, ...], limit: float | None
+    ) -> tuple[Any, bool]:
         try:
             self._connection.send((function, arguments))
             if not self._connection.poll(limit):

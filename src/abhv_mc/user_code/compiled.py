@@ -41,7 +41,10 @@ COMMAND_ROWS = (*_CONTROLS, s.GAMMA_CMD, s.ALPHA_CMD, s.BANK_CMD)  # of a Comman
 LAW_FAILED = 50.0  # abhv_mc.flight.outcome.Outcome.LAW_FAILED, which is a layer above
 _GIVEN = "float('inf')"  # in the text of a loop: abhv_mc.user_code.law_interface.NOT_GIVEN
 _MADE = (Command, Coefficients, Thrust)  # of whatever numbers
-ONBOARD_ROWS = (*range(ONBOARD, ONBOARD + N_ONBOARD), *range(s.CMD, s.CMD + 4))  # of Onboard's numbers
+ONBOARD_ROWS = (
+    *range(ONBOARD, ONBOARD + N_ONBOARD),
+    *range(s.CMD, s.CMD + 4),
+)  # of Onboard's numbers
 COMMANDS = "commands."  # before the name of a column that is one
 WANTED = "floats, named tuples and functions of them, or @controller(compiled=False)"
 _NOISE = re.compile(
@@ -50,7 +53,9 @@ _NOISE = re.compile(
 
 
 @functools.lru_cache(maxsize=64)
-def compile_law(source: UserSource, gains: tuple[str, ...], width: int, effectors: tuple[str, ...] = ()) -> Any:
+def compile_law(
+    source: UserSource, gains: tuple[str, ...], width: int, effectors: tuple[str, ...] = ()
+) -> Any:
     """The compiled loop over ``width`` lanes, with its ``address``. ``gains`` are the names of their columns.
 
     ``effectors``: the vehicle's, for a law that commands some of them.
@@ -61,9 +66,16 @@ def compile_law(source: UserSource, gains: tuple[str, ...], width: int, effector
     with refuse_in_words(source, "a law", WANTED):
         names = compiled_names(law.module)
         names |= {"_Measured": Measured, "_Reference": Reference, "_Onboard": Onboard}
-        names |= {f"_{hint.__name__}": hint for hint in Onboard.__annotations__.values() if hasattr(hint, "_fields")}
+        names |= {
+            f"_{hint.__name__}": hint
+            for hint in Onboard.__annotations__.values()
+            if hasattr(hint, "_fields")
+        }
         names |= {"_Memory": law.memory, "_Settings": law.settings, "_Commands": law.commands}
-        names |= {"_Gains": make_gains_class(split_columns(gains)[0]), "_law": names[law.function.__name__]}
+        names |= {
+            "_Gains": make_gains_class(split_columns(gains)[0]),
+            "_law": names[law.function.__name__],
+        }
         return build(law.module, _make_loop(law, gains, width, effectors), names, f"{gains}")
 
 
@@ -84,7 +96,9 @@ def tuple_text(kind: str, parts: Iterable[str]) -> str:
     return f"_{kind}({', '.join(parts)})"
 
 
-REFERENCE_TEXT = tuple_text("Reference", [f"row[tick * {len(REFERENCE)} + {i}]" for i in range(len(REFERENCE))])
+REFERENCE_TEXT = tuple_text(
+    "Reference", [f"row[tick * {len(REFERENCE)} + {i}]" for i in range(len(REFERENCE))]
+)
 
 
 def lane_of(width: int, row: int) -> str:
@@ -121,7 +135,9 @@ def build_loop(salt: str, text: str, names: dict[str, Any]) -> Any:
     home = types.ModuleType(f"abhv_mc_loop_{key}")  # numba finds what it kept under a module's name
     sys.modules[home.__name__] = home
     home.__dict__.update(names, __name__=home.__name__, __file__=str(path))
-    exec(compile(text, str(path), "exec", dont_inherit=True), home.__dict__)  # our text, with the user's functions
+    exec(
+        compile(text, str(path), "exec", dont_inherit=True), home.__dict__
+    )  # our text, with the user's functions
     with one_compiles(path.parent.parent, f"{path.stem}.loop"):
         return compile_pointer(home.__dict__["loop"])
 
@@ -133,7 +149,10 @@ def compiled_names(module: Module) -> dict[str, Any]:
 
 
 def _compile_names(
-    given: dict[str, Any], folder: str, made: dict[int, dict[str, Any]], codes: dict[str, types.CodeType]
+    given: dict[str, Any],
+    folder: str,
+    made: dict[int, dict[str, Any]],
+    codes: dict[str, types.CodeType],
 ) -> dict[str, Any]:
     """The names of a module, and of those that it imports from the law's own ``folder``.
 
@@ -142,9 +161,13 @@ def _compile_names(
     if id(given) in made:
         return made[id(given)]
     name = given["__name__"]
-    mark = hashlib.sha256(folder.encode()).hexdigest()[:16]  # of a module of the law's own, whose name others may have
+    mark = hashlib.sha256(folder.encode()).hexdigest()[
+        :16
+    ]  # of a module of the law's own, whose name others may have
     home = types.ModuleType(name if name.startswith(MODULE) else f"{MODULE}{mark}_{name}")
-    sys.modules[home.__name__] = home  # numba finds what it kept of a function under its module's name
+    sys.modules[home.__name__] = (
+        home  # numba finds what it kept of a function under its module's name
+    )
     names = home.__dict__
     names.update({**given, "__name__": home.__name__})
     made[id(given)] = names
@@ -162,9 +185,15 @@ def _compile_names(
             names[name] = sys.modules[made[id(value.__dict__)]["__name__"]]
         elif issubclass(type(value), LookUp):
             names[name] = value.make_compiled()
-        elif issubclass(type(value), type) and hasattr(value, "_fields") and (value in _MADE or name == "Memory"):
+        elif (
+            issubclass(type(value), type)
+            and hasattr(value, "_fields")
+            and (value in _MADE or name == "Memory")
+        ):
             mixed = value is Command and not codes
-            names[name] = _make_maker(MixedCommand if mixed else value, home.__name__, value._field_defaults)
+            names[name] = _make_maker(
+                MixedCommand if mixed else value, home.__name__, value._field_defaults
+            )
     return names
 
 
@@ -205,13 +234,25 @@ def _make_loop(law: Law, gains: tuple[str, ...], width: int, effectors: tuple[st
     inside = {
         "measured": tuple_text("Measured", [lane(s.MEASURED + i) for i in range(s.N_SEEN)]),
         "memory": tuple_text("Memory", held),
-        "onboard": nest(Onboard, map(lane, ONBOARD_ROWS), lambda kind, parts: tuple_text(kind.__name__, parts)),
+        "onboard": nest(
+            Onboard, map(lane, ONBOARD_ROWS), lambda kind, parts: tuple_text(kind.__name__, parts)
+        ),
     }
-    before, lines = ([f"{name} = {of[name]}" for name in law.arguments if name in of] for of in (once, inside))
-    lines.append(f"{'command, after' if 'memory' in law.arguments else 'command'} = _law({', '.join(law.arguments)})")
+    before, lines = (
+        [f"{name} = {of[name]}" for name in law.arguments if name in of] for of in (once, inside)
+    )
+    lines.append(
+        f"{'command, after' if 'memory' in law.arguments else 'command'} = _law({', '.join(law.arguments)})"
+    )
     lines += [f"{lane(MEMORY + i)} = after.{field}" for i, field in enumerate(memory)]
-    lines += [f"{lane(row)} = command.effectors[{i}]" for i, row in enumerate(effector_rows(law.source, effectors))]
-    lines += [f"{lane(row)} = command.{field}" for field, row in zip(COMMAND_FIELDS, COMMAND_ROWS, strict=True)]
+    lines += [
+        f"{lane(row)} = command.effectors[{i}]"
+        for i, row in enumerate(effector_rows(law.source, effectors))
+    ]
+    lines += [
+        f"{lane(row)} = command.{field}"
+        for field, row in zip(COMMAND_FIELDS, COMMAND_ROWS, strict=True)
+    ]
     lines += [f"if command.throttle != {_GIVEN}:", f"    {lane(s.CMD_ETA)} = command.throttle"]
     return loop_text(width, before, lines)
 
@@ -229,4 +270,6 @@ def _explain(module: Module, error: Uncompilable) -> InputError:
     if "Unknown attribute 'aileron'" in error.words or "wrong tuple length" in error.words:
         expected = "return Command(...), or Command(...), Memory(...) of one that remembers"
         return InputError(source.file, "a law that returns something else", expected, line)
-    return InputError(source.file, f"what does not compile ({'; '.join(useful[:3]):.300})", WANTED, line)
+    return InputError(
+        source.file, f"what does not compile ({'; '.join(useful[:3]):.300})", WANTED, line
+    )

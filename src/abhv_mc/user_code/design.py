@@ -59,9 +59,13 @@ class Trim(NamedTuple):
 class DesignModel:
     """The nominal vehicle along the mission, for a design before the flight."""
 
-    def __init__(self, vehicle: Vehicle, mission: Mission, reference: Floats, trim_tables: Tables) -> None:
+    def __init__(
+        self, vehicle: Vehicle, mission: Mission, reference: Floats, trim_tables: Tables
+    ) -> None:
         self.vehicle, self.mission, self.trim_tables = vehicle, mission, trim_tables
-        self.table = reference  # [tick, column] in the order of abhv_mc.kernel.laws.columns.REFERENCE
+        self.table = (
+            reference  # [tick, column] in the order of abhv_mc.kernel.laws.columns.REFERENCE
+        )
 
     @property
     def earth(self) -> Earth:
@@ -129,13 +133,19 @@ def _rates(vehicle: Vehicle, nominal: Nominal, x: Numbers) -> Numbers:
     momentum, radius = mass * speed, around.radius + rise
     sg, cg, ss, cs = np.sin(gamma), np.cos(gamma), np.sin(bank), np.cos(bank)
     path = (normal * cs - side * ss) / momentum + (speed / radius - gravity / speed) * cg
-    turn = (normal * ss + side * cs) / (momentum * cg) + speed / radius * cg * np.sin(chi) * np.tan(around.latitude)
+    turn = (normal * ss + side * cs) / (momentum * cg) + speed / radius * cg * np.sin(chi) * np.tan(
+        around.latitude
+    )
     angles = attitude_rates(F, mass, speed, gravity, gamma, x[4:7], x[7:10])
     rates = body_rate_rates(wrench.inertia, wrench.moment, x[7:10])
-    return np.concatenate([np.stack([speed * sg, along / mass - gravity * sg, path, turn]), angles, rates])
+    return np.concatenate(
+        [np.stack([speed * sg, along / mass - gravity * sg, path, turn]), angles, rates]
+    )
 
 
-def watched_design(source: UserSource, model: DesignModel, settings: Floats) -> tuple[tuple[str, ...], Floats]:
+def watched_design(
+    source: UserSource, model: DesignModel, settings: Floats
+) -> tuple[tuple[str, ...], Floats]:
     """Names and columns [tick, gain] of what a law's design gives, run in the child under the watch.
 
     Raises InputError.
@@ -154,7 +164,9 @@ def _read_gains(path: Path, times: Floats) -> tuple[tuple[str, ...], Floats]:
     table: NumberTable = read_number_table(path)
     names = tuple(name for name in table.names if name != "time_s")
     if "time_s" not in table.names or not names:
-        raise table.error(0, table.names[0], "a design without times or gains", "the column time_s, and others")
+        raise table.error(
+            0, table.names[0], "a design without times or gains", "the column time_s, and others"
+        )
     table.check_rising("time_s", "s")
     at = table.values[:, table.names.index("time_s")]
     columns = [np.interp(times, at, table.values[:, table.names.index(name)]) for name in names]
@@ -173,8 +185,13 @@ def _design(
     else:  # the Python file of its design with all that the law declares
         root = source.file.removesuffix(source.files[0][0])
         files = {recipe["design"]: b"", **dict(source.files)}
-        source = UserSource(files[recipe["design"]].decode(), f"{root}{recipe['design']}", tuple(files.items()))
-        values = {name: tuple(islice(numbers, n)) if n else next(numbers) for name, n in recipe["settings"]}
+        source = UserSource(
+            files[recipe["design"]].decode(), f"{root}{recipe['design']}", tuple(files.items())
+        )
+        values = {
+            name: tuple(islice(numbers, n)) if n else next(numbers)
+            for name, n in recipe["settings"]
+        }
         given = namedtuple("Settings", values)(**values)
     ticks, file = len(model.table), source.file
     expected = f"design(model, settings) that gives a named tuple of numbers or arrays [{ticks}]"
@@ -191,5 +208,7 @@ def _design(
                 found = f"the gain '{name}' of the shape {np.shape(value)}"
                 raise InputError(file, found, f"a number, or an array [{ticks}]", line) from None
             if not np.isfinite(columns[:, i]).all():
-                raise InputError(file, f"the gain '{name}' with what is not a number", "finite numbers", line)
+                raise InputError(
+                    file, f"the gain '{name}' with what is not a number", "finite numbers", line
+                )
         return made._fields, columns

@@ -31,7 +31,9 @@ def find_commanded(source: UserSource) -> tuple[str, ...]:
     for _, given in _commands(ast.parse(source.text)):
         if isinstance(given, ast.Dict):
             found.update(
-                key.value for key in given.keys if isinstance(key, ast.Constant) and isinstance(key.value, str)
+                key.value
+                for key in given.keys
+                if isinstance(key, ast.Constant) and isinstance(key.value, str)
             )
     return tuple(sorted(found))
 
@@ -56,9 +58,18 @@ def parse_law(source: UserSource) -> ast.Module:
     if all(given is None for _, given in calls):
         return tree
     for call, given in calls:
-        keys = [key.value if isinstance(key, ast.Constant) else None for key in getattr(given, "keys", ())]
+        keys = [
+            key.value if isinstance(key, ast.Constant) else None
+            for key in getattr(given, "keys", ())
+        ]
         if not isinstance(given, ast.Dict) or tuple(sorted(map(str, keys))) != names:
-            raise InputError(source.file, "other effectors in a Command", _EXPECTED, call.lineno, call.col_offset + 1)
+            raise InputError(
+                source.file,
+                "other effectors in a Command",
+                _EXPECTED,
+                call.lineno,
+                call.col_offset + 1,
+            )
         values = dict(zip(keys, given.values, strict=True))
         numbers: list[ast.expr] = [
             ast.Call(ast.Name("float", ast.Load()), [values[name]], [])
@@ -90,7 +101,11 @@ def find_driven(vehicle: Path, controllers: Iterable[Path]) -> tuple[str, ...]:
         packed = pack_vehicle(read_vehicle_file(vehicle), {})
         laws = map(read_controller, controllers)
         own = (read_law_source(law) for law in laws if isinstance(law, UserController))
-        return name_effectors(packed) if packed.constants.driven or any(map(commands_effectors, own)) else ()
+        return (
+            name_effectors(packed)
+            if packed.constants.driven or any(map(commands_effectors, own))
+            else ()
+        )
     except InputError:
         return ()
 
@@ -112,6 +127,11 @@ def drive_commanded(vehicle: Vehicle, source: UserSource) -> Vehicle:
 def _commands(tree: ast.Module) -> list[tuple[ast.Call, Any]]:
     """Each Command that is made, and what it is given as effectors; None where nothing."""
     calls = [
-        node for node in ast.walk(tree) if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "Command"
+        node
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "Command"
     ]
-    return [(call, next((k.value for k in call.keywords if k.arg == "effectors"), None)) for call in calls]
+    return [
+        (call, next((k.value for k in call.keywords if k.arg == "effectors"), None))
+        for call in calls
+    ]

@@ -48,7 +48,9 @@ class Fmu(NamedTuple):
     inputs: tuple[Wire, ...]
     outputs: tuple[Wire, ...]
     params: tuple[Wire, ...]
-    states: dict[str, tuple[int, float | None]]  # reference and start value of the states that it names
+    states: dict[
+        str, tuple[int, float | None]
+    ]  # reference and start value of the states that it names
 
 
 @functools.lru_cache(maxsize=16)
@@ -68,14 +70,27 @@ def load_fmu(source: UserSource) -> Fmu:
     except Exception as error:  # of zipfile, lxml and fmpy alike
         raise InputError(source.file, f"no FMU that can be read ({error})", "an FMU") from None
     version, simulation = int(described.fmiVersion[0]), described.coSimulation
-    if version not in _FUNCTIONS or simulation is None or simulation.canBeInstantiatedOnlyOncePerProcess:
+    if (
+        version not in _FUNCTIONS
+        or simulation is None
+        or simulation.canBeInstantiatedOnlyOncePerProcess
+    ):
         found = f"an FMU of FMI {described.fmiVersion} without co-simulation, or with one instance a process"
-        raise InputError(source.file, found, "co-simulation of FMI 2.0 or 3.0, one instance a flight")
+        raise InputError(
+            source.file, found, "co-simulation of FMI 2.0 or 3.0, one instance a flight"
+        )
     platform = fmpy.platform if version == 2 else fmpy.platform_tuple
-    library = folder / "binaries" / platform / f"{simulation.modelIdentifier}{fmpy.sharedLibraryExtension}"
+    library = (
+        folder
+        / "binaries"
+        / platform
+        / f"{simulation.modelIdentifier}{fmpy.sharedLibraryExtension}"
+    )
     try:
         dll = ctypes.CDLL(str(library))
-        *functions, make, free = (getattr(dll, f"fmi{version}{name}") for name in _FUNCTIONS[version])
+        *functions, make, free = (
+            getattr(dll, f"fmi{version}{name}") for name in _FUNCTIONS[version]
+        )
     except (OSError, AttributeError) as error:
         found = f"an FMU whose library does not load here ({error})"
         raise InputError(source.file, found, "one with binaries for this platform") from None
@@ -93,7 +108,10 @@ def load_fmu(source: UserSource) -> Fmu:
         ),
         tuple(wire(name, "", value) for name, value in recipe["params"].items()),
         {
-            state.name: (int(state.valueReference), None if state.start is None else float(state.start))
+            state.name: (
+                int(state.valueReference),
+                None if state.start is None else float(state.start),
+            )
             for state in (rate.variable.derivative for rate in described.derivatives)
         },
     )
@@ -101,7 +119,9 @@ def load_fmu(source: UserSource) -> Fmu:
 
 def find_states(source: UserSource, *_: Floats) -> dict[str, float] | None:
     """The states of an FMU as they start; None where one cannot be set. Called in the child."""
-    starts = {name: start for name, (_, start) in load_fmu(source).states.items() if start is not None}
+    starts = {
+        name: start for name, (_, start) in load_fmu(source).states.items() if start is not None
+    }
     return starts if len(starts) == len(load_fmu(source).states) <= MAX_MEMORY else None
 
 
@@ -112,14 +132,20 @@ def _make_instantiate(make: Any, version: int, described: Any, folder: Path) -> 
     name, token = described.coSimulation.modelIdentifier.encode(), described.guid.encode()
     if version == 2:
         where = (folder / "resources").as_uri().encode()
-        return lambda: int(make(name, 1, token, where, ctypes.byref(fmi2.defaultCallbacks), 0, 0) or 0)
+        return lambda: int(
+            make(name, 1, token, where, ctypes.byref(fmi2.defaultCallbacks), 0, 0) or 0
+        )
     where = f"{folder / 'resources'}{os.sep}".encode()
     log = fmi3.fmi3LogMessageCallback(fmi3.printLogMessage)
     no, none = ctypes.c_bool(False), fmi3.fmi3IntermediateUpdateCallback()
-    return lambda: int(make(name, token, where, no, no, no, no, None, ctypes.c_size_t(0), None, log, none) or 0)
+    return lambda: int(
+        make(name, token, where, no, no, no, no, None, ctypes.c_size_t(0), None, log, none) or 0
+    )
 
 
-def _wire(file: str, described: Any, name: str, wired: str, value: str | float | None = None) -> Wire:
+def _wire(
+    file: str, described: Any, name: str, wired: str, value: str | float | None = None
+) -> Wire:
     """A variable and what it is wired to, or a parameter and its ``value``.
 
     Raises InputError for a variable that there is not, of another type, or in a unit of another dimension.
@@ -129,13 +155,21 @@ def _wire(file: str, described: Any, name: str, wired: str, value: str | float |
     if variable is None:
         raise InputError(file, f"no variable '{name}'", one_of(variables, name))
     if variable.type not in ("Real", "Float64") or variable.shape:
-        raise InputError(file, f"the variable '{name}' of the type {variable.type}", "a scalar floating point number")
-    unit = variable.unit or (variable.declaredType.unit if variable.declaredType is not None else None)
+        raise InputError(
+            file,
+            f"the variable '{name}' of the type {variable.type}",
+            "a scalar floating point number",
+        )
+    unit = variable.unit or (
+        variable.declaredType.unit if variable.declaredType is not None else None
+    )
     if not unit:
         return Wire(wired, int(variable.valueReference), 1.0, 0.0)
     base = {each.name: each.baseUnit for each in described.unitDefinitions}.get(unit)
     try:
-        factor, exponents = parse_unit(unit) if base is None else (base.factor, (base.m, base.kg, base.s, base.rad))
+        factor, exponents = (
+            parse_unit(unit) if base is None else (base.factor, (base.m, base.kg, base.s, base.rad))
+        )
     except Refusal:
         found = f"the unit '{unit}' of '{name}', which the FMU does not define"
         raise InputError(file, found, "a unit with its base units") from None
@@ -143,7 +177,11 @@ def _wire(file: str, described: Any, name: str, wired: str, value: str | float |
     given = parse_unit(expected or "")[1]
     places = 4 if value is not None and not any(given) else 3  # radians are often left out
     if expected is not None and exponents[:places] != given[:places]:
-        found = f"'{name}' in {unit}" if value is None else f"'{name}: {value}' of a parameter in {unit}"
+        found = (
+            f"'{name}' in {unit}"
+            if value is None
+            else f"'{name}: {value}' of a parameter in {unit}"
+        )
         raise InputError(file, found, f"a quantity in {expected if value is None else unit}")
     return Wire(wired, int(variable.valueReference), factor, 0.0 if base is None else base.offset)
 
@@ -165,24 +203,43 @@ def open_fmu(
     fmu = load_fmu(source)
     states = tuple(reference for reference, _ in fmu.states.values()) if memory is not None else ()
     places = places if memory is None else width
-    unknown = [wire.name for wire in fmu.inputs if wire.name.startswith("gains.") and wire.name[6:] not in gains]
+    unknown = [
+        wire.name
+        for wire in fmu.inputs
+        if wire.name.startswith("gains.") and wire.name[6:] not in gains
+    ]
     if unknown:
-        raise InputError(source.file, f"an input from '{unknown[0]}'", one_of([f"gains.{g}" for g in gains]))
+        raise InputError(
+            source.file, f"an input from '{unknown[0]}'", one_of([f"gains.{g}" for g in gains])
+        )
     recipe: Any = source.recipe
     rows = tuple(zip(find_commanded(source), effector_rows(source, effectors), strict=True))
-    loop = compile_fmu_adapter(fmu.version, fmu.inputs, fmu.outputs, len(fmu.params), gains, width, memory, rows)
+    loop = compile_fmu_adapter(
+        fmu.version, fmu.inputs, fmu.outputs, len(fmu.params), gains, width, memory, rows
+    )
     instances = np.array([fmu.instantiate() for _ in range(places)], np.int64)
     if not instances.all():
-        raise InputError(source.file, "an FMU that makes no instance", "one for each of many flights")
+        raise InputError(
+            source.file, "an FMU that makes no instance", "one for each of many flights"
+        )
     starts = [
         (parse_any(value) - wire.offset) / wire.factor
         for wire, value in zip(fmu.params, recipe["params"].values(), strict=True)
     ]
     values = np.append(starts, np.zeros(len(fmu.inputs) + len(fmu.outputs) + FLAGS + len(states)))
-    groups = [tuple(wire.reference for wire in group) for group in (fmu.params, fmu.inputs, fmu.outputs)]
+    groups = [
+        tuple(wire.reference for wire in group) for group in (fmu.params, fmu.inputs, fmu.outputs)
+    ]
     references = [np.array(group or [0], np.uint32) for group in (*groups, states)]
-    functions = [int(ctypes.cast(function, ctypes.c_void_p).value or 0) for function in fmu.functions]
+    functions = [
+        int(ctypes.cast(function, ctypes.c_void_p).value or 0) for function in fmu.functions
+    ]
     pointers = [array.ctypes.data for array in (*references, values, instances)]
     context = np.array([*functions, *pointers, places, 0], np.int64)
     held = loop, values, references, context
-    return OpenLaw(int(loop.address), int(context.ctypes.data), held, lambda: any(map(fmu.free, instances.tolist())))
+    return OpenLaw(
+        int(loop.address),
+        int(context.ctypes.data),
+        held,
+        lambda: any(map(fmu.free, instances.tolist())),
+    )

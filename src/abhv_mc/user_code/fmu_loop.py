@@ -58,7 +58,11 @@ def compile_fmu_adapter(
 
     def to_fmu(wire: Wire) -> str:
         plain = source(wire.name)
-        return plain if (wire.factor, wire.offset) == (1.0, 0.0) else f"({plain} - {wire.offset!r}) / {wire.factor!r}"
+        return (
+            plain
+            if (wire.factor, wire.offset) == (1.0, 0.0)
+            else f"({plain} - {wire.offset!r}) / {wire.factor!r}"
+        )
 
     def from_fmu(field: str) -> str:
         for i, wire in enumerate(outputs):
@@ -85,10 +89,19 @@ def compile_fmu_adapter(
     if rows:
         begin += ["if tick > 0:", *(f"    kept[{i}] = {row}" for i, row in enumerate(rows))]
         begin.append(f"    failed = max(failed, {call('put', 'states', len(rows), at_states)})")
-    begin.append(f"failed = max(failed, call_c(enter, {timing if version == 3 else '(instance,)'}))")
-    begin += [f"failed = max(failed, {put_inputs})", "failed = max(failed, call_c(leave, (instance,)))"]
+    begin.append(
+        f"failed = max(failed, call_c(enter, {timing if version == 3 else '(instance,)'}))"
+    )
+    begin += [
+        f"failed = max(failed, {put_inputs})",
+        "failed = max(failed, call_c(leave, (instance,)))",
+    ]
     keep = [f"    {row} = kept[{i}]" for i, row in enumerate(rows)]
-    keep = ["if failed <= 1:", f"    failed = {call('get', 'states', len(rows), at_states)}", *keep] if rows else []
+    keep = (
+        ["if failed <= 1:", f"    failed = {call('get', 'states', len(rows), at_states)}", *keep]
+        if rows
+        else []
+    )
     told = ", flags, flags + 8, flags + 16, flags + 24" if version == 3 else ""
     before = f"""\
 reset, setup, enter, leave = context[0], context[1], context[2], context[3]

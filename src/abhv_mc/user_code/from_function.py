@@ -19,7 +19,9 @@ def make_law_text(function: Callable[..., Any]) -> str:
     Raises InputError for what no text can be made of, such as an array: ``design`` returns arrays.
     """
     if not isinstance(function, types.FunctionType):
-        raise InputError("controller", f"{function!r:.60}", "a function, or a controller's name or file")
+        raise InputError(
+            "controller", f"{function!r:.60}", "a function, or a controller's name or file"
+        )
     made: dict[str, str] = {}
     arguments = inspect.signature(function).parameters
     for argument, name in CLASSES.items():
@@ -38,7 +40,9 @@ def _take(name: str, value: Any, law: types.FunctionType, made: dict[str, str]) 
         return
     if isinstance(value, types.ModuleType):
         made[name] = f"import {value.__name__} as {name}\n"
-    elif isinstance(value, type) and hasattr(value, "_fields") and value.__module__ == law.__module__:
+    elif (
+        isinstance(value, type) and hasattr(value, "_fields") and value.__module__ == law.__module__
+    ):
         made[name] = _describe_tuple(name, value)
     elif isinstance(value, types.FunctionType) and value.__globals__ is law.__globals__:
         made[name] = ""  # it may call itself
@@ -49,14 +53,18 @@ def _take(name: str, value: Any, law: types.FunctionType, made: dict[str, str]) 
         try:
             made[name] = textwrap.dedent(inspect.getsource(value))
         except OSError:
-            raise InputError(name, "a function without its text", "one of a cell or a file") from None
+            raise InputError(
+                name, "a function without its text", "one of a cell or a file"
+            ) from None
     elif isinstance(value, int | float | str | tuple):
         made[name] = f"{name} = {value!r}\n"
     elif hasattr(value, "__module__") and hasattr(value, "__name__"):
         made[name] = f"from {value.__module__} import {value.__name__} as {name}\n"
     else:
         found = f"'{name}', a {type(value).__name__}, in the law {law.__name__}"
-        raise InputError("controller", found, "numbers, functions and named tuples; arrays from design()")
+        raise InputError(
+            "controller", found, "numbers, functions and named tuples; arrays from design()"
+        )
 
 
 def _names(code: types.CodeType) -> list[str]:
@@ -68,5 +76,8 @@ def _names(code: types.CodeType) -> list[str]:
 def _describe_tuple(name: str, kind: Any) -> str:
     """The text of a named tuple: a notebook knows none of a class."""
     defaults = kind._field_defaults
-    rows = [f"    {field}: float" + (f" = {defaults[field]!r}" if field in defaults else "") for field in kind._fields]
+    rows = [
+        f"    {field}: float" + (f" = {defaults[field]!r}" if field in defaults else "")
+        for field in kind._fields
+    ]
     return f"class {name}(NamedTuple):\n" + "\n".join(rows) + "\n"

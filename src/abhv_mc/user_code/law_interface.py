@@ -109,10 +109,20 @@ class Onboard(NamedTuple):
     last: LastCommand
 
 
-def nest(kind: Any, numbers: Iterator[Any], make: Callable[[Any, list[Any]], Any] = lambda kind, of: kind(*of)) -> Any:
+def nest(
+    kind: Any,
+    numbers: Iterator[Any],
+    make: Callable[[Any, list[Any]], Any] = lambda kind, of: kind(*of),
+) -> Any:
     """What ``make`` gives of a named tuple and its parts, from its numbers, however deep."""
     hints = kind.__annotations__.values()
-    return make(kind, [nest(hint, numbers, make) if hasattr(hint, "_fields") else next(numbers) for hint in hints])
+    return make(
+        kind,
+        [
+            nest(hint, numbers, make) if hasattr(hint, "_fields") else next(numbers)
+            for hint in hints
+        ],
+    )
 
 
 def onboard_fields(kind: Any = Onboard) -> list[str]:
@@ -178,7 +188,17 @@ class Thrust(NamedTuple):
 # Arguments that a law may name, and the rest, which its file defines.
 GIVEN = {"measured": Measured, "reference": Reference, "onboard": Onboard}
 CLASSES = {"memory": "Memory", "settings": "Settings", "commands": "Commands", "gains": "design"}
-ARGUMENTS = ("measured", "reference", "memory", "settings", "commands", "gains", "onboard", "time", "dt")
+ARGUMENTS = (
+    "measured",
+    "reference",
+    "memory",
+    "settings",
+    "commands",
+    "gains",
+    "onboard",
+    "time",
+    "dt",
+)
 
 _UNITS = {  # of measurements, reference and commands, SI; what is in no group is a plain number
     "m": ("altitude", "north", "east", "radius", "cross_track"),
@@ -189,7 +209,17 @@ _UNITS = {  # of measurements, reference and commands, SI; what is in no group i
     "kg/m3": ("density",),
     "rad/s": ("roll_rate", "pitch_rate", "yaw_rate", "heading_rate"),
     "rad": (
-        *("flight_path_angle", "heading", "angle_of_attack", "sideslip", "bank", "pitch", "roll", "yaw", "latitude"),
+        *(
+            "flight_path_angle",
+            "heading",
+            "angle_of_attack",
+            "sideslip",
+            "bank",
+            "pitch",
+            "roll",
+            "yaw",
+            "latitude",
+        ),
         *("longitude", "aileron", "rudder", "elevator"),
     ),
 }

@@ -4,7 +4,13 @@ import json
 from pathlib import Path
 from typing import Any
 
-from abhv_mc.control.law_file import CController, FmuController, PythonController, UserController, find_files
+from abhv_mc.control.law_file import (
+    CController,
+    FmuController,
+    PythonController,
+    UserController,
+    find_files,
+)
 from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.io.input_files import read_input
 from abhv_mc.kernel.laws.columns import REFERENCE
@@ -61,7 +67,9 @@ def read_law_source(controller: UserController) -> UserSource:
             "settings": [],
         }
     design = controller.design
-    recipe["design"] = next((name for name, path in paths.items() if design and path.samefile(design)), None)
+    recipe["design"] = next(
+        (name for name, path in paths.items() if design and path.samefile(design)), None
+    )
     files = tuple((name, read_input(path)) for name, path in paths.items())
     return UserSource(json.dumps(recipe), str(paths[names[0]]), files)
 
@@ -69,14 +77,22 @@ def read_law_source(controller: UserController) -> UserSource:
 def _check_names(controller: FmuController) -> None:
     for name, source in controller.inputs.items():
         group, _, field = source.partition(".")
-        known = source == "time" or (group == "gains" and bool(field)) or field in _GROUPS.get(group, ())
+        known = (
+            source == "time"
+            or (group == "gains" and bool(field))
+            or field in _GROUPS.get(group, ())
+        )
         if not known:
             choices = [f"{each}.{entry}" for each, entries in _GROUPS.items() for entry in entries]
             found = f"'{source}' for the input '{name}'"
-            raise InputError(controller.file, found, one_of([*choices, "gains.NAME", "time"], source))
+            raise InputError(
+                controller.file, found, one_of([*choices, "gains.NAME", "time"], source)
+            )
     missing = [name for name in _NEEDED if name not in controller.outputs]
     if missing:
-        raise InputError(controller.file, f"no output for {', '.join(missing)}", "all four controls")
+        raise InputError(
+            controller.file, f"no output for {', '.join(missing)}", "all four controls"
+        )
 
 
 def read_trusted_law(controller: UserController) -> UserSource:

@@ -33,7 +33,13 @@ _REFUSED: dict[str, tuple[type[ast.AST], ...]] = {
     "exceptions": (ast.Try, ast.Raise, ast.Assert),
     "imports": (ast.Import, ast.ImportFrom),
 }
-_REFUSED_CALLS = {"print": "prints", "open": "files", "list": "lists", "dict": "dictionaries", "set": "sets"}
+_REFUSED_CALLS = {
+    "print": "prints",
+    "open": "files",
+    "list": "lists",
+    "dict": "dictionaries",
+    "set": "sets",
+}
 
 
 @functools.lru_cache(maxsize=64)
@@ -43,7 +49,11 @@ def load_law(source: UserSource) -> Law:
     with refuse_in_words(source, "a law", "a plain function, and named tuples of numbers"):
         found = module.marked(CONTROLLER)
         if len(found) != 1:
-            words = f"{len(found)} functions with @controller" if found else "no function with @controller"
+            words = (
+                f"{len(found)} functions with @controller"
+                if found
+                else "no function with @controller"
+            )
             raise InputError(source.file, words, "one: from abhv_mc.extend import controller")
         ((name, function),) = found.items()
         mark: ControllerMark = getattr(function, CONTROLLER)
@@ -67,7 +77,11 @@ def _check_classes(law: Law, line: int) -> None:
     for argument, of in CLASSES.items():
         kind = law.module.names.get(of)
         if kind is None and argument in law.arguments:
-            expected = "design(model, settings) that returns them" if of == "design" else f"class {of}(NamedTuple)"
+            expected = (
+                "design(model, settings) that returns them"
+                if of == "design"
+                else f"class {of}(NamedTuple)"
+            )
             raise InputError(file, f"'{argument}' in a file without it", expected, line)
         if kind is None or of == "design" or (of == "Memory" and not law.mark.compiled):
             continue
@@ -78,9 +92,13 @@ def _check_classes(law: Law, line: int) -> None:
         for name in fields._fields:
             value = fields._field_defaults.get(name, None if of == "Memory" else 0.0)
             if not is_number(value):
-                raise InputError(file, f"{value!r:.40} for '{name}'", f"{name}: float = 0.0, a finite number", at)
+                raise InputError(
+                    file, f"{value!r:.40} for '{name}'", f"{name}: float = 0.0, a finite number", at
+                )
         if of == "Memory" and len(fields._fields) > MAX_MEMORY:
-            raise InputError(file, f"a memory of {len(fields._fields)} numbers", f"at most {MAX_MEMORY}", at)
+            raise InputError(
+                file, f"a memory of {len(fields._fields)} numbers", f"at most {MAX_MEMORY}", at
+            )
 
 
 def is_number(value: object) -> bool:
@@ -89,11 +107,15 @@ def is_number(value: object) -> bool:
 
 
 def _check_units(law: Law, line: int) -> None:
-    known = [name for kind in (law.settings, law.commands) if kind is not None for name in kind._fields]
+    known = [
+        name for kind in (law.settings, law.commands) if kind is not None for name in kind._fields
+    ]
     for name, unit in law.mark.units.items():
         try:
             if name not in known:
-                raise Refusal(f"a unit of '{name}'", one_of(known, name) if known else "a field of Settings")
+                raise Refusal(
+                    f"a unit of '{name}'", one_of(known, name) if known else "a field of Settings"
+                )
             if not isinstance(unit, str):
                 raise Refusal(f"the unit {unit!r:.40} of '{name}'", "text such as 'deg'")
             parse_unit(unit)
@@ -110,7 +132,11 @@ def check_functions(module: Module, name: str, texts: dict[str, Any] | None = No
     while pending:
         function = texts[pending.pop()]
         local = {argument.arg for argument in arguments_of(function)}
-        local |= {each.id for each in _walk(function) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)}
+        local |= {
+            each.id
+            for each in _walk(function)
+            if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)
+        }
         for node in _walk(function):
             refused = _find_refused(node, module.names, local)
             if refused is not None:
@@ -132,35 +158,61 @@ def _find_refused(node: ast.AST, names: dict[str, Any], local: set[str]) -> tupl
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
         words = _REFUSED_CALLS.get(node.func.id)
     if words is not None:
-        return words, f"numbers, named tuples and functions of them: {words} are not allowed in compiled code"
+        return (
+            words,
+            f"numbers, named tuples and functions of them: {words} are not allowed in compiled code",
+        )
     if isinstance(node, ast.Global | ast.Nonlocal):
-        return f"'{node.names[0]}', a global that changes", "a field of Memory: a law sees one flight only"
+        return (
+            f"'{node.names[0]}', a global that changes",
+            "a field of Memory: a law sees one flight only",
+        )
     if isinstance(node, ast.Name) and node.id not in local:
         if isinstance(names.get(node.id), list | dict | set | np.ndarray):
             kind = type(names[node.id]).__name__
-            return f"'{node.id}', a global {kind}, which may change", "numbers, table(...), or gains from design()"
+            return (
+                f"'{node.id}', a global {kind}, which may change",
+                "numbers, table(...), or gains from design()",
+            )
         if node.id not in names and not hasattr(builtins, node.id):
-            return f"the name '{node.id}', which is nowhere defined", "a name of the file or an argument"
+            return (
+                f"the name '{node.id}', which is nowhere defined",
+                "a name of the file or an argument",
+            )
     return None
 
 
 def _check_fields(law: Law, name: str) -> None:
     """Fields of the arguments that there are not."""
-    kinds: dict[str, Any] = {argument: kind for argument, kind in GIVEN.items() if argument in law.arguments}
-    kinds |= {of: getattr(law, of) for of in ("memory", "settings", "commands") if of in law.arguments}
+    kinds: dict[str, Any] = {
+        argument: kind for argument, kind in GIVEN.items() if argument in law.arguments
+    }
+    kinds |= {
+        of: getattr(law, of) for of in ("memory", "settings", "commands") if of in law.arguments
+    }
     for node in _walk(law.module.texts[name]):
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in kinds:
+        if (
+            isinstance(node, ast.Attribute)
+            and isinstance(node.value, ast.Name)
+            and node.value.id in kinds
+        ):
             of, known = node.value.id, kinds[node.value.id]._fields
             if node.attr not in known:
                 place = node.lineno, (node.value.end_col_offset or 0) + 2
                 expected = one_of(known, node.attr)
-                raise InputError(law.source.file, f"{of}.{node.attr}, which there is not", expected, *place)
+                raise InputError(
+                    law.source.file, f"{of}.{node.attr}, which there is not", expected, *place
+                )
 
 
 def _check_returns(law: Law, name: str) -> None:
     """Every way through the law returns a Command, and the memory where there is one."""
     function, remembers = law.module.texts[name], "memory" in law.arguments
-    wrong = [node for node in _walk(function) if isinstance(node, ast.Return) and _is_wrong(node.value, remembers)]
+    wrong = [
+        node
+        for node in _walk(function)
+        if isinstance(node, ast.Return) and _is_wrong(node.value, remembers)
+    ]
     if wrong or not _always_returns(function.body):
         last = [*wrong, function.body[-1]][0]
         expected = f"return Command(...){', Memory(...)' if remembers else ''}"
@@ -171,7 +223,11 @@ def _check_returns(law: Law, name: str) -> None:
 def _is_wrong(value: ast.expr | None, remembers: bool) -> bool:
     if isinstance(value, ast.Tuple):
         return not remembers or len(value.elts) != 2
-    if isinstance(value, ast.Call) and isinstance(value.func, ast.Name) and value.func.id == "Command":
+    if (
+        isinstance(value, ast.Call)
+        and isinstance(value.func, ast.Name)
+        and value.func.id == "Command"
+    ):
         return remembers
     return value is None or isinstance(value, ast.Constant)
 
@@ -179,6 +235,10 @@ def _is_wrong(value: ast.expr | None, remembers: bool) -> bool:
 def _always_returns(body: list[ast.stmt]) -> bool:
     return any(
         isinstance(statement, ast.Return)
-        or (isinstance(statement, ast.If) and _always_returns(statement.body) and _always_returns(statement.orelse))
+        or (
+            isinstance(statement, ast.If)
+            and _always_returns(statement.body)
+            and _always_returns(statement.orelse)
+        )
         for statement in body
     )

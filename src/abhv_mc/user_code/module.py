@@ -22,7 +22,10 @@ from abhv_mc.user_code.watch import watching
 
 _LONGEST = 600.0  # s that a file may run
 MODULE = "abhv_mc_own_"  # how the modules that are made of such files are called
-CONTROLLER, CHANNEL = "_abhv_mc_controller", "_abhv_mc_channel"  # attributes that the decorators set
+CONTROLLER, CHANNEL = (
+    "_abhv_mc_controller",
+    "_abhv_mc_channel",
+)  # attributes that the decorators set
 
 
 @dataclass(frozen=True)
@@ -44,7 +47,9 @@ class ChannelMark:
 
 def texts_of(tree: ast.Module) -> dict[str, Any]:
     """The functions and classes of a file by name, as they are written."""
-    return {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef | ast.ClassDef)}
+    return {
+        node.name: node for node in tree.body if isinstance(node, ast.FunctionDef | ast.ClassDef)
+    }
 
 
 def arguments_of(function: ast.FunctionDef) -> list[ast.arg]:
@@ -61,7 +66,9 @@ class Module:
 
     def marked(self, mark: str) -> dict[str, Callable[..., Any]]:
         """The functions with a decorator of ours, by name."""
-        functions = {name: value for name, value in self.names.items() if type(value) is types.FunctionType}
+        functions = {
+            name: value for name, value in self.names.items() if type(value) is types.FunctionType
+        }
         return {name: function for name, function in functions.items() if mark in function.__dict__}
 
     @functools.cached_property
@@ -132,7 +139,12 @@ def code_hash() -> str:
 @functools.lru_cache(maxsize=64)
 def run_module(source: UserSource) -> Module:
     """Run a user's file. Raises InputError, with the line, for whatever it raises."""
-    linecache.cache[source.file] = (len(source.text), None, source.text.splitlines(keepends=True), source.file)
+    linecache.cache[source.file] = (
+        len(source.text),
+        None,
+        source.text.splitlines(keepends=True),
+        source.file,
+    )
     module = types.ModuleType(f"{MODULE}{source.hash[:16]}")
     module.__file__ = str(unpack(source) / source.files[0][0]) if source.files else source.file
     code = compile_text(source)
@@ -155,10 +167,14 @@ def refuse_in_words(source: UserSource, what: str, expected: str) -> Iterator[No
         line = _line_in(error, source.file)
         if (missed := _undeclared(source, error)) is not None:
             found = f"{what} that {missed[0]}, which it does not declare"
-            raise InputError(source.file, found, f"files: [{missed[1]}] in its controller file", line) from None
+            raise InputError(
+                source.file, found, f"files: [{missed[1]}] in its controller file", line
+            ) from None
         if line is None and isinstance(error, OSError | MemoryError):
             raise
-        raise InputError(source.file, f"{what} that raises {_describe(error)}", expected, line) from None
+        raise InputError(
+            source.file, f"{what} that raises {_describe(error)}", expected, line
+        ) from None
 
 
 def _undeclared(source: UserSource, error: Exception) -> tuple[str, str] | None:
@@ -171,7 +187,10 @@ def _undeclared(source: UserSource, error: Exception) -> tuple[str, str] | None:
     if isinstance(error, FileNotFoundError):  # numpy's says the name in words alone
         words = [str(error.filename), *re.findall(r"[\w./-]+\w", _describe(error))]
         named = (os.path.relpath(beside / word, beside) for word in words)
-        entry = next((name for name in named if (beside / name).is_file() and not name.startswith("..")), None)
+        entry = next(
+            (name for name in named if (beside / name).is_file() and not name.startswith("..")),
+            None,
+        )
         return (f"opens '{entry}'", entry) if entry else None
     return None
 
@@ -187,5 +206,9 @@ def _describe(error: Exception) -> str:
 
 def _line_in(error: Exception, file: str) -> int | None:
     """The last line of ``file`` in a traceback."""
-    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
+    lines = [
+        frame.lineno
+        for frame in traceback.extract_tb(error.__traceback__)
+        if frame.filename == file
+    ]
     return lines[-1] if lines else None

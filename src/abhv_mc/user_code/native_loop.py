@@ -58,7 +58,9 @@ elif total - total != 0.0:
 
 def _find_place(width: int, following: int, places: str, rows: Iterable[int]) -> str:
     held = f"Z[{MEMORY * width} + lane"
-    repeat = "\n".join(f"        {lane_of(width, row)} = {lane_of(width, row)[:-1]} - 1]" for row in rows)
+    repeat = "\n".join(
+        f"        {lane_of(width, row)} = {lane_of(width, row)[:-1]} - 1]" for row in rows
+    )
     return f"""\
 if tick == 0:
     number = context[{following}]

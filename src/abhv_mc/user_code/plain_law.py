@@ -11,7 +11,13 @@ from abhv_mc.array_types import Floats
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.laws.user import FAULT, MEMORY, N_ONBOARD, ONBOARD
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.user_code.compiled import COMMAND_ROWS, LAW_FAILED, ONBOARD_ROWS, make_gains_class, split_columns
+from abhv_mc.user_code.compiled import (
+    COMMAND_ROWS,
+    LAW_FAILED,
+    ONBOARD_ROWS,
+    make_gains_class,
+    split_columns,
+)
 from abhv_mc.user_code.law_interface import NOT_GIVEN, Command, Measured, Onboard, Reference, nest
 from abhv_mc.user_code.module import Law
 from abhv_mc.user_code.unpack import in_its_folder
@@ -50,10 +56,15 @@ class PlainLaw:
         """Where compiled code finds it."""
         return int(ctypes.cast(self._callback, ctypes.c_void_p).value or 0)
 
-    def _call(self, context: Any, Z: Any, reference: Any, gains: Any, settings: Any, tick: int, dt: float) -> None:
+    def _call(
+        self, context: Any, Z: Any, reference: Any, gains: Any, settings: Any, tick: int, dt: float
+    ) -> None:
         block = np.ctypeslib.as_array(Z, (ONBOARD + N_ONBOARD, self._width))
         law = self._law
-        columns, designed = _row(gains, tick, len(self._gains) + len(self._commands)), len(self._gains)
+        columns, designed = (
+            _row(gains, tick, len(self._gains) + len(self._commands)),
+            len(self._gains),
+        )
         given = {
             "time": tick * dt,
             "dt": dt,
@@ -75,7 +86,9 @@ class PlainLaw:
             if tick == 0:
                 block[MEMORY, lane] = len(self._memories)
                 self._memories[len(self._memories)] = None
-            elif lane > 0 and block[MEMORY, lane] == block[MEMORY, lane - 1]:  # a spare lane that repeats a flight
+            elif (
+                lane > 0 and block[MEMORY, lane] == block[MEMORY, lane - 1]
+            ):  # a spare lane that repeats a flight
                 block[[*self._rows, FAULT], lane] = block[[*self._rows, FAULT], lane - 1]
                 continue
             number = int(block[MEMORY, lane])
@@ -88,7 +101,9 @@ class PlainLaw:
                 memory = self._law.memory()
             with in_its_folder(self._law.source), watching(self._law.source):
                 return self._fly_lane(block, lane, memory, given)
-        except BaseException:  # SystemExit, too: compiled code is above, which would fly on with the last command
+        except (
+            BaseException
+        ):  # SystemExit, too: compiled code is above, which would fly on with the last command
             block[FAULT, lane] = LAW_FAILED
             block[list(COMMAND_ROWS), lane] = 0.0
             if self._law.source.hash not in _told:

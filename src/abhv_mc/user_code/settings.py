@@ -21,26 +21,41 @@ def make_user_settings(document: Document, controller: PythonController, law: La
     def number(name: str, unit: str, default: float) -> float:
         if name not in controller.settings and np.isnan(default):
             raise Refusal(f"no key '{name}'", f"'{name}' here")
-        return parse_in_unit(controller.settings[name], unit) if name in controller.settings else float(default)
+        return (
+            parse_in_unit(controller.settings[name], unit)
+            if name in controller.settings
+            else float(default)
+        )
 
     made = _read_fields(document, law, "settings", law.settings, controller.settings, number)
     return np.array(list(made.values()), dtype=np.float64)
 
 
 def _read_fields(
-    document: Document, law: Law, key: str, kind: Any, given: Mapping[str, Any], read: Callable[[str, str, float], T]
+    document: Document,
+    law: Law,
+    key: str,
+    kind: Any,
+    given: Mapping[str, Any],
+    read: Callable[[str, str, float], T],
 ) -> dict[str, T]:
     """What ``read`` makes of each field of a class: of its name, unit and default. Raises InputErrors with places."""
     known = kind._fields if kind is not None else ()
     errors: list[InputError] = []
     for name in given:
         if name not in known:
-            expected = one_of(known, name) if known else f"no {key}: the law has no class {key.capitalize()}"
+            expected = (
+                one_of(known, name)
+                if known
+                else f"no {key}: the law has no class {key.capitalize()}"
+            )
             errors.append(document.key_error((key, name), f"unknown key '{name}'", expected))
     made = {}
     for name in known:
         try:
-            made[name] = read(name, law.mark.units.get(name, "-"), kind._field_defaults.get(name, np.nan))
+            made[name] = read(
+                name, law.mark.units.get(name, "-"), kind._field_defaults.get(name, np.nan)
+            )
         except Refusal as refusal:
             place = (key, name) if name in given else (key,)
             errors.append(document.error(place, refusal.found, refusal.expected))
@@ -79,13 +94,19 @@ def make_commands(document: Document, controller: PythonController, law: Law) ->
         given = controller.commands.get(name)
         by_time = given if isinstance(given, dict) else {"0 s": given}
         at = [parse_quantity(time, TIME) for time in by_time]
-        held = [default if value is None else parse_in_unit(value, unit) for value in by_time.values()]
+        held = [
+            default if value is None else parse_in_unit(value, unit) for value in by_time.values()
+        ]
         if not at or at[0] != 0.0 or sorted(set(at)) != at:
-            raise Refusal(f"values from {', '.join(map(str, by_time))} on", "times that rise from 0 s")
+            raise Refusal(
+                f"values from {', '.join(map(str, by_time))} on", "times that rise from 0 s"
+            )
         if not np.isfinite(held).all():
             raise Refusal(f"no value for '{name}'", "one here, or a default in the class")
         return np.array(at, dtype=np.float64), np.array(held, dtype=np.float64)
 
     kind = law.commands if "commands" in law.arguments else None
     made = _read_fields(document, law, "commands", kind, controller.commands, steps)
-    return CommandSteps(tuple(made), tuple(at for at, _ in made.values()), tuple(held for _, held in made.values()))
+    return CommandSteps(
+        tuple(made), tuple(at for at, _ in made.values()), tuple(held for _, held in made.values())
+    )

@@ -21,7 +21,9 @@ class UserSource:
 
     text: str
     file: str  # what its user calls it
-    files: tuple[tuple[str, bytes], ...] = ()  # name from the folder that holds them all, content; itself among them
+    files: tuple[
+        tuple[str, bytes], ...
+    ] = ()  # name from the folder that holds them all, content; itself among them
     library: bytes = b""  # of a law in C, built from all this
 
     @functools.cached_property
@@ -52,18 +54,31 @@ def compile_text(source: UserSource, flags: int = 0) -> Any:
     """What Python's ``compile`` makes of the text, without running it. Raises InputError."""
     try:
         return compile(source.text, source.file, "exec", flags, dont_inherit=True)
-    except (SyntaxError, ValueError, MemoryError, RecursionError) as error:  # the last three: zero bytes, deep nesting
+    except (
+        SyntaxError,
+        ValueError,
+        MemoryError,
+        RecursionError,
+    ) as error:  # the last three: zero bytes, deep nesting
         at = (error.lineno, error.offset) if isinstance(error, SyntaxError) else (None, None)
         raise InputError(source.file, f"'{getattr(error, 'msg', error)}'", "Python", *at) from None
 
 
 def find_package_versions(sources: Iterable[UserSource]) -> dict[str, str]:
     """Version of each installed package that the texts import, by its name; read from the texts, which are not run."""
-    expected = {name for source in sources for name in _imported(source)} - sys.stdlib_module_names - {"abhv_mc"}
+    expected = (
+        {name for source in sources for name in _imported(source)}
+        - sys.stdlib_module_names
+        - {"abhv_mc"}
+    )
     if not expected:
         return {}
     distributions = metadata.packages_distributions()
-    return {package: metadata.version(package) for name in sorted(expected) for package in distributions.get(name, ())}
+    return {
+        package: metadata.version(package)
+        for name in sorted(expected)
+        for package in distributions.get(name, ())
+    }
 
 
 def _imported(source: UserSource) -> Iterator[str]:

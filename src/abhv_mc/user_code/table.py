@@ -41,8 +41,13 @@ class Table(LookUp):
     def __init__(self, *arrays: ArrayLike, extrapolate: str | Sequence[str] = "neither") -> None:
         *grids, values = (np.ascontiguousarray(array, dtype=np.float64) for array in arrays)
         if not grids or values.shape != tuple(grid.size for grid in grids):
-            raise Refusal(f"{len(grids)} grids and values of the shape {values.shape}", "values[grid, grid, ...]")
-        if not all(grid.ndim == 1 and grid.size > 1 and (np.diff(grid) > 0.0).all() for grid in grids):
+            raise Refusal(
+                f"{len(grids)} grids and values of the shape {values.shape}",
+                "values[grid, grid, ...]",
+            )
+        if not all(
+            grid.ndim == 1 and grid.size > 1 and (np.diff(grid) > 0.0).all() for grid in grids
+        ):
             raise Refusal("a grid that does not rise", "at least two numbers that rise")
         if not all(np.isfinite(array).all() for array in (*grids, values)):
             raise Refusal("a table with what is not a number", "finite numbers")
@@ -75,7 +80,15 @@ def _make_1d(grid: Any, values: Any, below: bool, above: bool) -> Any:
     return scalar(look_up)
 
 
-def _make_2d(grid_0: Any, grid_1: Any, values: Any, below_0: bool, above_0: bool, below_1: bool, above_1: bool) -> Any:
+def _make_2d(
+    grid_0: Any,
+    grid_1: Any,
+    values: Any,
+    below_0: bool,
+    above_0: bool,
+    below_1: bool,
+    above_1: bool,
+) -> Any:
     last_0, last_1 = grid_0.size - 1, grid_1.size - 1
 
     def look_up(x, y):  # type: ignore[no-untyped-def]
@@ -142,9 +155,14 @@ class Scattered(LookUp):
 
         at, held = (np.ascontiguousarray(array, dtype=np.float64) for array in (points, values))
         at = at[:, np.newaxis] if at.ndim == 1 else at
-        if at.ndim != 2 or held.shape != at.shape[:1] or not (np.isfinite(at).all() and np.isfinite(held).all()):
+        if (
+            at.ndim != 2
+            or held.shape != at.shape[:1]
+            or not (np.isfinite(at).all() and np.isfinite(held).all())
+        ):
             raise Refusal(
-                f"points of the shape {at.shape} and values {held.shape}", "points[point, axis], values[point]"
+                f"points of the shape {at.shape} and values {held.shape}",
+                "points[point, axis], values[point]",
             )
         if at.shape[1] == 1:
             order = np.argsort(at[:, 0])
@@ -153,7 +171,9 @@ class Scattered(LookUp):
             try:
                 corners = Delaunay(at).simplices
             except QhullError:
-                raise Refusal("points that span no volume", "points that do not lie in a plane") from None
+                raise Refusal(
+                    "points that span no volume", "points that do not lie in a plane"
+                ) from None
         self.axes = at.shape[1]
         self.values = held[corners]  # [simplex, corner]
         # Barycentric coordinates: transform [simplex, axis, axis] times the distance from the last corner.
@@ -167,7 +187,9 @@ class Scattered(LookUp):
 
         def look_up(*at):  # type: ignore[no-untyped-def]
             best, worst = 0, -np.inf
-            for k in range(simplices):  # the one whose least coordinate is greatest holds the point, or is nearest
+            for k in range(
+                simplices
+            ):  # the one whose least coordinate is greatest holds the point, or is nearest
                 least, rest = np.inf, 1.0
                 for i in range(axes):
                     part = 0.0

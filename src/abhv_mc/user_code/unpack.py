@@ -17,7 +17,9 @@ from abhv_mc.kernel.jit import compiler
 from abhv_mc.user_code.source import UserSource
 
 BUILT = "abhv_built_law.so"  # name of the library that is built of a law's sources
-_modules: dict[str, dict[str, ModuleType]] = {}  # of each law's own, by hash: taken out of Python's while it rests
+_modules: dict[
+    str, dict[str, ModuleType]
+] = {}  # of each law's own, by hash: taken out of Python's while it rests
 _lock = threading.RLock()
 
 
@@ -54,7 +56,10 @@ def unpack(source: UserSource) -> Path:
     name = f"{'built' if source.library else 'files'}_{source.hash[:24]}"
     folder = laws_folder() / name
     if folder.exists() and not _holds(folder, files):
-        with contextlib.suppress(FileNotFoundError), tempfile.TemporaryDirectory(dir=folder.parent) as aside:
+        with (
+            contextlib.suppress(FileNotFoundError),
+            tempfile.TemporaryDirectory(dir=folder.parent) as aside,
+        ):
             folder.rename(aside)
     return filled_once(name, fill)
 
@@ -78,8 +83,14 @@ def in_its_folder(source: UserSource) -> Iterator[None]:
         as_before.callback(sys.setrecursionlimit, sys.getrecursionlimit())
         if source.files:
             own = _modules.setdefault(source.hash, {})
-            tops = {name.partition("/")[0].removesuffix(".py") for name, _ in source.files if name.endswith(".py")}
-            hidden = {name: held for name, held in sys.modules.items() if name.partition(".")[0] in tops}
+            tops = {
+                name.partition("/")[0].removesuffix(".py")
+                for name, _ in source.files
+                if name.endswith(".py")
+            }
+            hidden = {
+                name: held for name, held in sys.modules.items() if name.partition(".")[0] in tops
+            }
             for name in hidden:
                 del sys.modules[name]
             sys.modules.update(own)
@@ -89,7 +100,9 @@ def in_its_folder(source: UserSource) -> Iterator[None]:
         yield
 
 
-def _take_out(own: dict[str, ModuleType], hidden: dict[str, ModuleType], folder: str, tops: set[str]) -> None:
+def _take_out(
+    own: dict[str, ModuleType], hidden: dict[str, ModuleType], folder: str, tops: set[str]
+) -> None:
     sys.path.remove(folder)
     for name in [name for name in sys.modules if name.partition(".")[0] in tops]:
         own[name] = sys.modules.pop(name)

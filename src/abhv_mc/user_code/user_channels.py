@@ -57,7 +57,9 @@ def _make_loop(signatures: dict[str, tuple[str, ...]], width: int) -> str:
         "command": tuple_text("Command", map(lane, (*COMMAND_ROWS, s.CMD_ETA))),
     }
     named = {argument for arguments in signatures.values() for argument in arguments}
-    before, lines = ([f"{name} = {text}" for name, text in of.items() if name in named] for of in (once, inside))
+    before, lines = (
+        [f"{name} = {text}" for name, text in of.items() if name in named] for of in (once, inside)
+    )
     for i, (name, arguments) in enumerate(signatures.items()):
         lines.append(f"{lane(CHANNEL + i)} = _channel_{name}({', '.join(arguments)})")
     return loop_text(width, before, lines)

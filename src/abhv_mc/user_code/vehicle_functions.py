@@ -54,7 +54,8 @@ def load_vehicle(path: str | Path) -> Vehicle:
     rows, axes = count_rows(vehicle), vehicle.tables.axis_variable.size
     if rows > s.MAX_TABLE_ROWS:
         found = (
-            f"tables that fill {rows} rows (those on equal axes share rows in eights; slopes with deflections count)"
+            f"tables that fill {rows} rows (those on equal axes share rows in eights; slopes "
+            f"with deflections count)"
         )
         raise InputError(file.path, found, f"at most {s.MAX_TABLE_ROWS}")
     if axes > s.MAX_AXES:
@@ -87,7 +88,8 @@ def load_functions(code: VehicleCode, vehicle: Vehicle) -> Foreign:
     _codes[code.digest] = code
     register(code.digest, functools.partial(_evaluate, functions))
     return vehicle.foreign._replace(
-        aerodynamics_settings=functions.aerodynamics_settings, propulsion_settings=functions.propulsion_settings
+        aerodynamics_settings=functions.aerodynamics_settings,
+        propulsion_settings=functions.propulsion_settings,
     )
 
 
@@ -103,12 +105,19 @@ def compile_functions(code: VehicleCode, width: int) -> Functions:
         module = run_module(source)
         with refuse_in_words(source, "a function of the vehicle", WANTED):
             if of.function not in module.texts:
-                raise InputError(source.file, f"no function '{of.function}'", one_of(module.texts, of.function))
+                raise InputError(
+                    source.file, f"no function '{of.function}'", one_of(module.texts, of.function)
+                )
             given = module.check_arguments(of.function, (_AERODYNAMICS, _PROPULSION)[i])
             check_functions(module, of.function)
             values = _settings(module, of)
             names = compiled_names(module)
-            names |= {"_Air": Air, "_Rates": Rates, "_function": names[of.function], "_sincos": sincos}
+            names |= {
+                "_Air": Air,
+                "_Rates": Rates,
+                "_function": names[of.function],
+                "_sincos": sincos,
+            }
             names |= {"_Settings": module.names.get("Settings"), "_Controls": _controls(code)}
         held = ", ".join(f"given[{k}]" for k in range(len(values)))
         once = [f"settings = {f'_Settings({held})' if names['_Settings'] else '0.0'}"]
@@ -138,7 +147,9 @@ def _settings(module: Module, of: FunctionCode) -> tuple[float, ...]:
     for name in known:
         try:
             number = (
-                parse_in_unit(given[name], units.get(name, "-")) if name in given else kind._field_defaults.get(name)
+                parse_in_unit(given[name], units.get(name, "-"))
+                if name in given
+                else kind._field_defaults.get(name)
             )
         except Refusal as refusal:
             raise InputError(of.file, f"{name}: {refusal.found}", refusal.expected) from None
@@ -157,7 +168,12 @@ def _read_lane(width: int, code: VehicleCode) -> list[str]:
         return lane(variable_row(name))
 
     effectors = [of(f"effector_{i}") for i in range(len(code.effectors))]
-    controls = [*(of(name) for name in _AXES), *effectors, of("equivalence_ratio"), of("equivalence_ratio")]
+    controls = [
+        *(of(name) for name in _AXES),
+        *effectors,
+        of("equivalence_ratio"),
+        of("equivalence_ratio"),
+    ]
     return [
         f"speed, density, mach = {lane(s.F_AIRSPEED)}, {lane(s.F_DENSITY)}, {of('mach')}",
         "sound = speed / mach if mach > 0.0 else 340.0",
@@ -173,13 +189,19 @@ def _read_lane(width: int, code: VehicleCode) -> list[str]:
 def _write_coefficients(width: int, code: VehicleCode) -> list[str]:
     """Lines that put coefficients of any frame into their rows, in stability axes."""
     names = ("lift", "drag", "side", "made.Cl", "made.Cm", "made.Cn")
-    return _FRAMES[code.frame] + [f"{lane_of(width, s.COEF + i)} = {name}" for i, name in enumerate(names)]
+    return _FRAMES[code.frame] + [
+        f"{lane_of(width, s.COEF + i)} = {name}" for i, name in enumerate(names)
+    ]
 
 
 def _write_thrust(width: int, code: VehicleCode) -> list[str]:
     """Lines that put an engine's force, moment and fuel flow into their rows."""
     first = {"force": s.F_THRUST, "moment": s.F_MOMENT}
-    lines = [f"{lane_of(width, first[of] + i)} = made.{of}_{axis}" for of in first for i, axis in enumerate("xyz")]
+    lines = [
+        f"{lane_of(width, first[of] + i)} = made.{of}_{axis}"
+        for of in first
+        for i, axis in enumerate("xyz")
+    ]
     return [*lines, f"{lane_of(width, s.F_FUEL_FLOW)} = made.fuel_flow"]
 
 
@@ -200,7 +222,9 @@ _FRAMES = {
 }
 
 
-def _evaluate(functions: Functions, variables: Floats, density: Floats, speed: Floats) -> tuple[Floats, Floats]:
+def _evaluate(
+    functions: Functions, variables: Floats, density: Floats, speed: Floats
+) -> tuple[Floats, Floats]:
     """What :func:`abhv_mc.vehicle.vehicle_code.register` wants."""
     points = variables.shape[1]
     coefficients, thrust = np.zeros((len(COEFFICIENTS), points)), np.zeros((N_THRUST, points))

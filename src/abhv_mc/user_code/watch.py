@@ -23,7 +23,14 @@ from abhv_mc.kernel.jit import compiler
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import unpack
 
-_SYSTEM = ("/dev", "/etc", "/proc", "/sys", "/usr/lib", "/usr/share")  # clocks, locales, what the machine is
+_SYSTEM = (
+    "/dev",
+    "/etc",
+    "/proc",
+    "/sys",
+    "/usr/lib",
+    "/usr/share",
+)  # clocks, locales, what the machine is
 _CREATED = os.O_CREAT | os.O_TRUNC
 
 
@@ -33,7 +40,10 @@ class _Watch:
     def __init__(self, source: UserSource) -> None:
         self.source = source
         self.folder = str(unpack(source)) if source.files else ""
-        self.declared = {os.path.realpath(os.path.join(self.folder, name)) for name, _ in source.files}  # noqa: PTH118
+        self.declared = {
+            os.path.realpath(os.path.join(self.folder, name))  # noqa: PTH118
+            for name, _ in source.files
+        }
         self.written: set[str] = set()
         self.refused: InputError | None = None
 
@@ -64,8 +74,17 @@ def _install() -> None:
 @functools.cache
 def _allowed() -> tuple[str, ...]:
     """Folders that any code may read: the interpreter, installed packages, caches, the system's own."""
-    folders = [*sysconfig.get_paths().values(), sys.prefix, sys.base_prefix, str(Path(abhv_mc.__file__).parent)]
-    caches = [str(code_folder(compiler())), str(Path.home() / ".cache"), str(user_folder("XDG_CACHE_HOME", ".cache"))]
+    folders = [
+        *sysconfig.get_paths().values(),
+        sys.prefix,
+        sys.base_prefix,
+        str(Path(abhv_mc.__file__).parent),
+    ]
+    caches = [
+        str(code_folder(compiler())),
+        str(Path.home() / ".cache"),
+        str(user_folder("XDG_CACHE_HOME", ".cache")),
+    ]
     real = {os.path.realpath(folder) for folder in (*folders, *caches, *_SYSTEM)}
     return tuple(f"{folder}{os.sep}" for folder in sorted(real))
 
@@ -94,7 +113,9 @@ def _check(watch: _Watch, event: str, arguments: tuple[Any, ...]) -> None:
     if any(letter in mode for letter in "wxa") if mode else (flags or 0) & _CREATED:
         watch.written.add(real)
         return
-    own = Path(real).is_dir() or real in watch.written or real == os.path.realpath(watch.source.file)
+    own = (
+        Path(real).is_dir() or real in watch.written or real == os.path.realpath(watch.source.file)
+    )
     inside = bool(watch.folder) and real.startswith(os.path.realpath(watch.folder) + os.sep)
     own |= real in watch.declared or (inside and "__pycache__" in real)
     if own or (not inside and real.startswith(_allowed())):
@@ -127,6 +148,8 @@ def _find_line(watch: _Watch, frame: FrameType | None) -> tuple[str, int] | None
         if name == watch.source.file:
             return name, frame.f_lineno
         if watch.folder and name.startswith(watch.folder + os.sep):
-            return str(Path(watch.source.file).parent / os.path.relpath(name, watch.folder)), frame.f_lineno
+            return str(
+                Path(watch.source.file).parent / os.path.relpath(name, watch.folder)
+            ), frame.f_lineno
         frame = frame.f_back
     return None

@@ -6,7 +6,16 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from abhv_mc.io.documents import File, Refusal, StrictModel
-from abhv_mc.io.units import Acceleration, Angle, AngularRate, Area, Fraction, Frequency, Length, Time
+from abhv_mc.io.units import (
+    Acceleration,
+    Angle,
+    AngularRate,
+    Area,
+    Fraction,
+    Frequency,
+    Length,
+    Time,
+)
 from abhv_mc.kernel.plant.vehicle import MAX_ENGINES, Inlet
 from abhv_mc.vehicle.shared_keys import AngleRange, Positive, Range, Rising
 
@@ -29,20 +38,30 @@ class ThrustLine(StrictModel):
     """Where the thrust acts, from the moment reference."""
 
     inclination: Angle = Field(default=0.0, description="of the thrust, upward")
-    offset: Length = Field(default=0.0, description="below the moment reference: positive pitches nose up")
+    offset: Length = Field(
+        default=0.0, description="below the moment reference: positive pitches nose up"
+    )
 
 
 class Unstart(StrictModel):
     """Flow in which the inlet stays started. Outside of it the engine fails as ``failure.engine`` says."""
 
-    angle_of_attack: AngleRange = Field(default=(-math.inf, math.inf), description="least and greatest")
-    sideslip: Annotated[Angle, Positive] = Field(default=math.inf, description="greatest, to either side")
+    angle_of_attack: AngleRange = Field(
+        default=(-math.inf, math.inf), description="least and greatest"
+    )
+    sideslip: Annotated[Angle, Positive] = Field(
+        default=math.inf, description="greatest, to either side"
+    )
     mach: Range = Field(default=(-math.inf, math.inf), description="least and greatest")
     restart_delay: Annotated[Time, Field(ge=0.0)] = Field(
         default=math.inf, description="time inside until it starts again; left out: never"
     )
-    drag_increment: float = Field(default=0.0, description="added to the drag coefficient meanwhile")
-    pitching_moment_increment: float = Field(default=0.0, description="likewise to the pitching moment's")
+    drag_increment: float = Field(
+        default=0.0, description="added to the drag coefficient meanwhile"
+    )
+    pitching_moment_increment: float = Field(
+        default=0.0, description="likewise to the pitching moment's"
+    )
 
     @model_validator(mode="after")
     def _check(self) -> "Unstart":
@@ -66,7 +85,9 @@ class Unstart(StrictModel):
 class Relight(StrictModel):
     """How an engine comes back after a failure; its flame-out follows the lag of the throttle."""
 
-    delay: Annotated[Time, Field(ge=0.0)] = Field(0.0, description="time until it begins to come back")
+    delay: Annotated[Time, Field(ge=0.0)] = Field(
+        0.0, description="time until it begins to come back"
+    )
     time_constant: Annotated[Time, Field(ge=0.0)] = Field(
         0.0, description="time constant of its thrust; 0: the lag of the throttle"
     )
@@ -75,7 +96,9 @@ class Relight(StrictModel):
 class Engine(StrictModel):
     """One of several engines, each of which may fail by itself: where its share acts, from the whole thrust's line."""
 
-    share: Annotated[Fraction, Positive] | None = Field(None, description="of the thrust; left out: equal shares")
+    share: Annotated[Fraction, Positive] | None = Field(
+        None, description="of the thrust; left out: equal shares"
+    )
     x: Length = Field(0.0, description="forward")
     y: Length = Field(0.0, description="to the right")
     z: Length = Field(0.0, description="below")
@@ -88,10 +111,13 @@ def engine_rows(engines: dict[str, Engine]) -> list[tuple[float, float, float, f
 
 class _Inlets(StrictModel):
     unstart: Unstart | None = Field(
-        default=None, description="flow outside which the engine fails; left out: the inlet stays started in any flow"
+        default=None,
+        description="flow outside which the engine fails; left out: the inlet stays started in any flow",
     )
     engines: dict[str, Engine] = Field(
-        default_factory=dict, max_length=MAX_ENGINES, description="several engines by name; left out: one"
+        default_factory=dict,
+        max_length=MAX_ENGINES,
+        description="several engines by name; left out: one",
     )
 
     @model_validator(mode="after")
@@ -101,9 +127,15 @@ class _Inlets(StrictModel):
         off = [sum(row[0] * row[i] for row in rows) for i in (1, 2, 3)]
         unlike = len({engine.share is None for engine in self.engines.values()}) > 1
         if rows and (unlike or abs(total - 1.0) > 1e-9):
-            raise Refusal(f"engines with shares that make {total:g}", "shares that make 1, or none", ("engines",))
+            raise Refusal(
+                f"engines with shares that make {total:g}",
+                "shares that make 1, or none",
+                ("engines",),
+            )
         if max(map(abs, off)) > 1e-6:
-            found = f"engines whose thrust acts {', '.join(f'{x:g}' for x in off)} m from the whole's"
+            found = (
+                f"engines whose thrust acts {', '.join(f'{x:g}' for x in off)} m from the whole's"
+            )
             raise Refusal(found, "positions from the thrust's line that balance", ("engines",))
         return self
 
@@ -113,11 +145,15 @@ class _Propulsion(_Inlets):
     standard_gravity: Annotated[Acceleration, Positive] = Field(
         default=9.80665, description="gravity in the specific impulse"
     )
-    thrust_line: ThrustLine = Field(ThrustLine(), description="where the thrust acts; left out: along body x")
+    thrust_line: ThrustLine = Field(
+        ThrustLine(), description="where the thrust acts; left out: along body x"
+    )
     equivalence_ratio: Annotated[tuple[Annotated[float, Field(ge=0.0)], float], Rising] = Field(
         description="least and greatest"
     )
-    bandwidth: Annotated[AngularRate, Positive] = Field(description="natural frequency of the throttle")
+    bandwidth: Annotated[AngularRate, Positive] = Field(
+        description="natural frequency of the throttle"
+    )
     damping: Annotated[float, Positive] = Field(description="damping ratio of the throttle")
     rate_limit: Annotated[Frequency, Positive] = Field(description="greatest rate of the throttle")
     relight: Relight = Field(Relight(), description="how it comes back after a failure")
@@ -145,14 +181,23 @@ class ThrustFunction(PythonFunction, _Inlets):
     function: str = Field("thrust", description="name of the function")
     throttle: Range = Field((0.0, 1.0), description="least and greatest")
     ideal: bool = Field(False, description="the throttle is what is commanded")
-    bandwidth: Annotated[AngularRate, Positive] | None = Field(default=None, description="of the throttle")
-    damping: Annotated[float, Positive] = Field(default=1.0, description="damping ratio of the throttle")
-    rate_limit: Annotated[Frequency, Positive] | None = Field(default=None, description="greatest rate of the throttle")
+    bandwidth: Annotated[AngularRate, Positive] | None = Field(
+        default=None, description="of the throttle"
+    )
+    damping: Annotated[float, Positive] = Field(
+        default=1.0, description="damping ratio of the throttle"
+    )
+    rate_limit: Annotated[Frequency, Positive] | None = Field(
+        default=None, description="greatest rate of the throttle"
+    )
 
     @model_validator(mode="after")
     def _check(self) -> "ThrustFunction":
         if self.ideal == (self.bandwidth is not None and self.rate_limit is not None):
-            raise Refusal("an engine that is ideal and has dynamics, or neither", "ideal, or bandwidth and rate_limit")
+            raise Refusal(
+                "an engine that is ideal and has dynamics, or neither",
+                "ideal, or bandwidth and rate_limit",
+            )
         return self
 
 
@@ -178,9 +223,15 @@ class Effector(StrictModel):
     aileron: float = Field(0.0, description="deflection per aileron command")
     rudder: float = Field(0.0, description="deflection per rudder command")
     elevator: float = Field(0.0, description="deflection per elevator command")
-    limits: tuple[Angle, Angle] | None = Field(default=None, description="least and greatest deflection")
-    rate: Annotated[AngularRate, Positive] | None = Field(default=None, description="greatest rate of deflection")
-    bandwidth: Annotated[AngularRate, Positive] | None = Field(default=None, description="natural frequency")
+    limits: tuple[Angle, Angle] | None = Field(
+        default=None, description="least and greatest deflection"
+    )
+    rate: Annotated[AngularRate, Positive] | None = Field(
+        default=None, description="greatest rate of deflection"
+    )
+    bandwidth: Annotated[AngularRate, Positive] | None = Field(
+        default=None, description="natural frequency"
+    )
     damping: Annotated[float, Positive] | None = Field(default=None, description="damping ratio")
     ideal: bool = Field(False, description="deflections are what is commanded")
 
@@ -194,7 +245,11 @@ class Effector(StrictModel):
         if self.limits is not None and not self.limits[0] <= 0.0 <= self.limits[1]:
             raise Refusal(f"{list(self.limits)} rad", "least and greatest, about 0", ("limits",))
         if self.ideal and (self.rate or self.bandwidth or self.damping):
-            raise Refusal("an ideal effector with dynamics", "ideal, or rate, bandwidth and damping", ("ideal",))
+            raise Refusal(
+                "an ideal effector with dynamics",
+                "ideal, or rate, bandwidth and damping",
+                ("ideal",),
+            )
         return self
 
 
@@ -215,9 +270,12 @@ class IdealSurfaces(StrictModel):
 
 
 def _surfaces_kind(value: Any) -> str:
-    return "ideal" if "ideal" in (value if isinstance(value, dict) else vars(value)) else "actuators"
+    return (
+        "ideal" if "ideal" in (value if isinstance(value, dict) else vars(value)) else "actuators"
+    )
 
 
 SurfaceKeys = Annotated[
-    Annotated[Surfaces, Tag("actuators")] | Annotated[IdealSurfaces, Tag("ideal")], Discriminator(_surfaces_kind)
+    Annotated[Surfaces, Tag("actuators")] | Annotated[IdealSurfaces, Tag("ideal")],
+    Discriminator(_surfaces_kind),
 ]

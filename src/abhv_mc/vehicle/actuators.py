@@ -20,14 +20,22 @@ def pack_effectors(
     What an effector does not say is as the surfaces have it.
     """
     axes = [i for i, axis in enumerate(AXIS_DEFLECTIONS) if axis in named]
-    variables = np.array([*(_FIRST + e for e in range(len(effectors))), *_AXES[axes]], dtype=np.int64)
-    own = np.array([[getattr(each, axis) for axis in AXIS_DEFLECTIONS] for each in effectors.values()], np.float64)
+    variables = np.array(
+        [*(_FIRST + e for e in range(len(effectors))), *_AXES[axes]], dtype=np.int64
+    )
+    own = np.array(
+        [[getattr(each, axis) for axis in AXIS_DEFLECTIONS] for each in effectors.values()],
+        np.float64,
+    )
     mix = np.vstack([own.reshape(-1, 3), np.eye(3)[axes]])
     rows, c = np.zeros((len(mix), 6)), constants
     for row, each in zip(rows, [*effectors.values(), *[Effector()] * len(axes)], strict=True):
         low, high = each.limits or (-c.surface_limit, c.surface_limit)
         moves = each.rate is not None or each.bandwidth is not None
-        rate, bandwidth = each.rate or c.surface_rate_limit or math.inf, each.bandwidth or c.surface_bandwidth
+        rate, bandwidth = (
+            each.rate or c.surface_rate_limit or math.inf,
+            each.bandwidth or c.surface_bandwidth,
+        )
         ideal = each.ideal or (c.ideal_surfaces > 0.0 and not moves)
         row[:] = low, high, rate, bandwidth, each.damping or c.surface_damping, ideal
     letters = np.zeros((len(effectors), max(map(len, effectors), default=0)), dtype=np.int64)
@@ -54,14 +62,18 @@ def _axis_shares(mix: Floats) -> Floats:
     shares = np.zeros((3, len(mix), len(mix)))
     for members in sets:
         part = mix[members]
-        shares[np.ix_(range(3), members, members)] = part.T[:, :, None] * np.linalg.pinv(part)[:, None, :]
+        shares[np.ix_(range(3), members, members)] = (
+            part.T[:, :, None] * np.linalg.pinv(part)[:, None, :]
+        )
     return shares
 
 
 def name_effectors(vehicle: Vehicle) -> tuple[str, ...]:
     """The names of a vehicle's effectors, in their order, and of the axes that are among them."""
     names = ["".join(map(chr, row[row > 0])) for row in vehicle.effector_names]
-    return tuple(names[i - _FIRST] if i >= _FIRST else VARIABLES[i] for i in vehicle.effectors.variable)
+    return tuple(
+        names[i - _FIRST] if i >= _FIRST else VARIABLES[i] for i in vehicle.effectors.variable
+    )
 
 
 def list_actuators(vehicle: Vehicle) -> Effectors:
@@ -69,8 +81,16 @@ def list_actuators(vehicle: Vehicle) -> Effectors:
     c = vehicle.constants
     if c.driven:
         return vehicle.effectors
-    row = -c.surface_limit, c.surface_limit, c.surface_rate_limit, c.surface_bandwidth, c.surface_damping
-    return Effectors(_AXES, np.eye(3), np.tile((*row, c.ideal_surfaces), (3, 1)), np.zeros((3, 3, 3)), np.eye(3))
+    row = (
+        -c.surface_limit,
+        c.surface_limit,
+        c.surface_rate_limit,
+        c.surface_bandwidth,
+        c.surface_damping,
+    )
+    return Effectors(
+        _AXES, np.eye(3), np.tile((*row, c.ideal_surfaces), (3, 1)), np.zeros((3, 3, 3)), np.eye(3)
+    )
 
 
 def drive(vehicle: Vehicle, driven: bool = True) -> Vehicle:
@@ -82,7 +102,9 @@ def deflection_range(vehicle: Vehicle, axis: int) -> tuple[float, float]:
     """Least and greatest deflection (rad) of aileron, rudder or elevator alone that its effectors can follow."""
     low, high = -vehicle.constants.surface_limit, vehicle.constants.surface_limit
     if vehicle.constants.driven:
-        for mix, actuator in zip(vehicle.effectors.mix[:, axis], vehicle.effectors.actuator, strict=True):
+        for mix, actuator in zip(
+            vehicle.effectors.mix[:, axis], vehicle.effectors.actuator, strict=True
+        ):
             if mix != 0.0:
                 ends = sorted((actuator[LOW] / mix, actuator[HIGH] / mix))
                 low, high = max(low, ends[0]), min(high, ends[1])

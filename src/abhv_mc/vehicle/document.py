@@ -44,16 +44,24 @@ class Reference(StrictModel):
     area: Annotated[Area, _Size] = Field(description="reference area of all coefficients")
     span: Annotated[Length, _Size] = Field(description="length of the rolling and yawing moment")
     chord: Annotated[Length, _Size] = Field(description="length of the pitching moment")
-    nose_radius: Annotated[Length, Positive] | None = Field(default=None, description="of the stagnation heat flux")
+    nose_radius: Annotated[Length, Positive] | None = Field(
+        default=None, description="of the stagnation heat flux"
+    )
 
 
 class MassPoint(StrictModel):
     """Mass properties at one mass. The centre of gravity is measured from the moment reference."""
 
     mass: Annotated[Mass, Positive] = Field(description="at which the following hold")
-    inertia_xx: Annotated[Inertia, Positive] = Field(description="moment of inertia about body x (forward)")
-    inertia_yy: Annotated[Inertia, Positive] = Field(description="moment of inertia about body y (right)")
-    inertia_zz: Annotated[Inertia, Positive] = Field(description="moment of inertia about body z (down)")
+    inertia_xx: Annotated[Inertia, Positive] = Field(
+        description="moment of inertia about body x (forward)"
+    )
+    inertia_yy: Annotated[Inertia, Positive] = Field(
+        description="moment of inertia about body y (right)"
+    )
+    inertia_zz: Annotated[Inertia, Positive] = Field(
+        description="moment of inertia about body z (down)"
+    )
     inertia_matrix_element_13: Inertia = Field(
         default=0.0, description="element of the inertia matrix: minus the integral of x z dm"
     )
@@ -62,7 +70,12 @@ class MassPoint(StrictModel):
 
     @model_validator(mode="after")
     def _check(self) -> "MassPoint":
-        xx, yy, zz, xz = self.inertia_xx, self.inertia_yy, self.inertia_zz, self.inertia_matrix_element_13
+        xx, yy, zz, xz = (
+            self.inertia_xx,
+            self.inertia_yy,
+            self.inertia_zz,
+            self.inertia_matrix_element_13,
+        )
         if xz**2 >= xx * zz or max(xx, yy, zz) > (xx + yy + zz) / 2.0 * (1.0 + 1e-9):
             raise Refusal(
                 f"inertias {xx:g}, {yy:g}, {zz:g}, {xz:g} kg m2 that no body has",
@@ -80,33 +93,52 @@ class MassPoints(StrictModel):
     def _check_points(self) -> Self:
         for i, (light, heavy) in enumerate(pairwise(self.points), 1):
             if heavy.mass <= light.mass:
-                raise Refusal(f"{heavy.mass:g} kg after {light.mass:g} kg", "rising masses", ("points", i, "mass"))
+                raise Refusal(
+                    f"{heavy.mass:g} kg after {light.mass:g} kg",
+                    "rising masses",
+                    ("points", i, "mass"),
+                )
         return self
 
 
 class MassModel(MassPoints):
     """Mass at the start of a flight and properties against mass: linear between the points, held outside."""
 
-    start: Annotated[Mass, Positive] = Field(description="at the start of a flight, within the points")
+    start: Annotated[Mass, Positive] = Field(
+        description="at the start of a flight, within the points"
+    )
     empty: Annotated[Mass, Positive] | None = Field(
         default=None, description="without fuel: the engine stops there; left out: no fuel is burnt"
     )
-    file: File | None = Field(default=None, description="the points as CSV: mass_kg,inertia_xx_kg_m2,...")
+    file: File | None = Field(
+        default=None, description="the points as CSV: mass_kg,inertia_xx_kg_m2,..."
+    )
 
     @model_validator(mode="after")
     def _check(self) -> "MassModel":
         if bool(self.points) == (self.file is not None):
-            raise Refusal("both points and a file" if self.points else "neither points nor a file", "one of them")
+            raise Refusal(
+                "both points and a file" if self.points else "neither points nor a file",
+                "one of them",
+            )
         if self.empty is not None and self.empty > self.start:
-            raise Refusal(f"{self.empty:g} kg empty, more than at the start", f"at most {self.start:g} kg", ("empty",))
+            raise Refusal(
+                f"{self.empty:g} kg empty, more than at the start",
+                f"at most {self.start:g} kg",
+                ("empty",),
+            )
         return self
 
 
 class TableEntry(StrictModel):
     """One table: a CSV file or a constant."""
 
-    file: File | None = Field(default=None, description="CSV with one column per axis and the column 'value'")
-    constant: float | None = Field(default=None, description="one value everywhere, in place of a file")
+    file: File | None = Field(
+        default=None, description="CSV with one column per axis and the column 'value'"
+    )
+    constant: float | None = Field(
+        default=None, description="one value everywhere, in place of a file"
+    )
     unit: str = Field(default="-", description="of the values, such as 1/deg, 1/rad, s, m2")
     scale: float = Field(default=1.0, description="multiplies the values")
     columns: dict[str, str] = Field(
@@ -116,7 +148,10 @@ class TableEntry(StrictModel):
     @model_validator(mode="after")
     def _check(self) -> "TableEntry":
         if (self.file is None) == (self.constant is None):
-            raise Refusal("both a file and a constant" if self.file else "neither file nor constant", "one of them")
+            raise Refusal(
+                "both a file and a constant" if self.file else "neither file nor constant",
+                "one of them",
+            )
         if self.columns and self.file is None:
             raise Refusal("columns of a constant", "columns of a file", ("columns",))
         try:
@@ -130,7 +165,9 @@ class Term(StrictModel):
     """A part of a coefficient: table, times a variable where one is named."""
 
     table: str = Field(description="name of a table")
-    times: str | None = Field(default=None, description="variable that multiplies it, such as elevator or pitch_rate")
+    times: str | None = Field(
+        default=None, description="variable that multiplies it, such as elevator or pitch_rate"
+    )
     scale: float = Field(default=1.0, description="number that multiplies it")
 
 
@@ -148,9 +185,12 @@ class AerodynamicsFunction(PythonFunction):
     frame: Literal["body", "stability", "wind"] = Field(
         description="axes of the forces: body CX CY CZ; stability CL CD with CY along body y; wind CL CD CC"
     )
-    reference_point: ReferencePoint = Field(ReferencePoint(), description="about which the moments are")
+    reference_point: ReferencePoint = Field(
+        ReferencePoint(), description="about which the moments are"
+    )
     nodes: dict[Literal["mach", "angle_of_attack", "equivalence_ratio"], tuple[float, ...]] = Field(
-        default_factory=dict, description="where the function has kinks, angles in rad: trim tables have nodes there"
+        default_factory=dict,
+        description="where the function has kinks, angles in rad: trim tables have nodes there",
     )
 
 
@@ -158,14 +198,25 @@ class Aerodynamics(StrictModel):
     """Each coefficient is the sum of its terms."""
 
     force_axes: Literal["stability", "wind"] = Field(
-        default="stability", description="of lift and drag; wind: drag opposes the velocity at any sideslip"
+        default="stability",
+        description="of lift and drag; wind: drag opposes the velocity at any sideslip",
     )
     lift: tuple[Term, ...] = Field((), description="terms of the lift coefficient, positive up")
-    drag: tuple[Term, ...] = Field((), description="terms of the drag coefficient, positive backwards")
-    side_force: tuple[Term, ...] = Field((), description="terms of the side-force coefficient, positive to the right")
-    rolling_moment: tuple[Term, ...] = Field((), description="terms of the rolling moment, positive right wing down")
-    pitching_moment: tuple[Term, ...] = Field((), description="terms of the pitching moment, positive nose up")
-    yawing_moment: tuple[Term, ...] = Field((), description="terms of the yawing moment, positive nose right")
+    drag: tuple[Term, ...] = Field(
+        (), description="terms of the drag coefficient, positive backwards"
+    )
+    side_force: tuple[Term, ...] = Field(
+        (), description="terms of the side-force coefficient, positive to the right"
+    )
+    rolling_moment: tuple[Term, ...] = Field(
+        (), description="terms of the rolling moment, positive right wing down"
+    )
+    pitching_moment: tuple[Term, ...] = Field(
+        (), description="terms of the pitching moment, positive nose up"
+    )
+    yawing_moment: tuple[Term, ...] = Field(
+        (), description="terms of the yawing moment, positive nose right"
+    )
 
 
 def _aerodynamics_kind(value: Any) -> str:
@@ -186,18 +237,24 @@ class VehicleDocument(StrictModel):
     description: str = Field("", description="what it is and where its numbers come from")
     reference: Reference = Field(description="area and lengths of the coefficients")
     mass: MassModel = Field(description="mass, inertia and centre of gravity")
-    surfaces: SurfaceKeys | None = Field(default=None, description="actuators of the control surfaces; left out: none")
+    surfaces: SurfaceKeys | None = Field(
+        default=None, description="actuators of the control surfaces; left out: none"
+    )
     effectors: dict[str, Effector] = Field(
         default_factory=dict,
         max_length=MAX_EFFECTORS,
         description="surfaces of its own, mixed from aileron, rudder and elevator",
     )
     propulsion: Propulsion | None = Field(default=None, description="the engine; left out: none")
-    sensing: SensingKeys = Field(SensingKeys(), description="what its instruments measure; a mission may say otherwise")
+    sensing: SensingKeys = Field(
+        SensingKeys(), description="what its instruments measure; a mission may say otherwise"
+    )
     limits: FlightLimits | None = Field(
         default=None, description="attitudes outside which a flight ends; left out: any attitude"
     )
-    tables: dict[str, TableEntry] = Field(default_factory=dict, description="tables by name; each must be used")
+    tables: dict[str, TableEntry] = Field(
+        default_factory=dict, description="tables by name; each must be used"
+    )
     aerodynamics: Annotated[
         Annotated[Aerodynamics, Tag("terms")] | Annotated[AerodynamicsFunction, Tag("python")],
         Discriminator(_aerodynamics_kind),
@@ -218,26 +275,44 @@ class VehicleDocument(StrictModel):
     def _check(self) -> "VehicleDocument":
         for name, effector in self.effectors.items():
             if name in FACTORS or not name.isidentifier():
-                raise Refusal(f"an effector '{name}'", "a word that names no other variable", ("effectors", name))
+                raise Refusal(
+                    f"an effector '{name}'",
+                    "a word that names no other variable",
+                    ("effectors", name),
+                )
             if effector.driven and self.surfaces is None:
                 expected = "surfaces, whose limit holds for aileron, rudder and elevator"
-                raise Refusal("an effector with an actuator in a file without surfaces", expected, ("effectors", name))
+                raise Refusal(
+                    "an effector with an actuator in a file without surfaces",
+                    expected,
+                    ("effectors", name),
+                )
             dynamics = effector.rate, effector.bandwidth, effector.damping
             if isinstance(self.surfaces, IdealSurfaces) and any(dynamics) and not all(dynamics):
                 expected = "rate, bandwidth and damping, as the surfaces have none"
-                raise Refusal("an effector without one of its dynamics", expected, ("effectors", name))
+                raise Refusal(
+                    "an effector without one of its dynamics", expected, ("effectors", name)
+                )
         factors = (*FACTORS, *self.effectors)
         for table, quantity, place in self.uses():
             if table not in self.tables:
-                raise Refusal(f"'{table}', which is no table of this file", one_of(self.tables, table), place)
+                raise Refusal(
+                    f"'{table}', which is no table of this file", one_of(self.tables, table), place
+                )
             if place[0] == "aerodynamics" and quantity is not None and quantity not in factors:
-                raise Refusal(f"times '{quantity}'", one_of(factors, quantity), (*place[:-1], "times"))
+                raise Refusal(
+                    f"times '{quantity}'", one_of(factors, quantity), (*place[:-1], "times")
+                )
             self._check_unit(table, quantity)
         used = {table for table, _, _ in self.uses()}
         for table in self.tables:
-            if table not in used and self.propulsion is not None:  # a glider's file may keep its engine's tables
+            if (
+                table not in used and self.propulsion is not None
+            ):  # a glider's file may keep its engine's tables
                 raise Refusal(
-                    f"the table '{table}', which nothing uses", "a use of it, or none of it", ("tables", table)
+                    f"the table '{table}', which nothing uses",
+                    "a use of it, or none of it",
+                    ("tables", table),
                 )
         return self
 
@@ -249,9 +324,15 @@ class VehicleDocument(StrictModel):
         elif quantity in REDUCED_RATES:
             expected = (ANGLE, FRACTION)  # per radian
         else:
-            expected = ({"specific_impulse": TIME, "thrust_area": AREA}.get(quantity or "", FRACTION),)
+            expected = (
+                {"specific_impulse": TIME, "thrust_area": AREA}.get(quantity or "", FRACTION),
+            )
         sign = -1 if expected[0] is ANGLE else 1
-        if parse_unit(unit)[1] not in [tuple(sign * e for e in dimension.exponents) for dimension in expected]:
-            words = "1/deg or 1/rad" if expected[0] is ANGLE else f"a unit like '{expected[0].unit}'"
+        if parse_unit(unit)[1] not in [
+            tuple(sign * e for e in dimension.exponents) for dimension in expected
+        ]:
+            words = (
+                "1/deg or 1/rad" if expected[0] is ANGLE else f"a unit like '{expected[0].unit}'"
+            )
             use = f"for {quantity}" if quantity else "for a whole part of a coefficient"
             raise Refusal(f"a table in '{unit}' {use}", words, ("tables", table, "unit"))

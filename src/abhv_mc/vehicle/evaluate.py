@@ -33,7 +33,9 @@ def evaluate_tables(tables: Tables, variables: Floats) -> Floats:
     """Every table interpolated, held at the edges, as a sum over corners: ``[row, point]`` of ``[variable, point]``."""
     rows = np.empty((tables.n_rows, *variables.shape[1:]))
     for g in range(tables.group_start.size):
-        corners = [(np.ones(variables.shape[1:]), np.full(variables.shape[1:], tables.group_start[g]))]
+        corners = [
+            (np.ones(variables.shape[1:]), np.full(variables.shape[1:], tables.group_start[g]))
+        ]
         for axis, stride in zip(tables.group_axis[g], tables.group_stride[g], strict=True):
             if stride == 0:
                 continue
@@ -49,14 +51,18 @@ def evaluate_tables(tables: Tables, variables: Floats) -> Floats:
             ]
         first_row, width = tables.group_row[g], tables.group_width[g]
         within = np.arange(width).reshape(-1, *[1] * (variables.ndim - 1))
-        rows[first_row : first_row + width] = sum(weight * tables.data[node + within] for weight, node in corners)
+        rows[first_row : first_row + width] = sum(
+            weight * tables.data[node + within] for weight, node in corners
+        )
     return rows
 
 
 def table_rows(tables: Tables, variables: Numbers) -> Numbers:
     """The same of variables that may be complex: a complex step gives a cell's exact slope."""
     low, weight = [], []
-    for variable, start, length in zip(tables.axis_variable, tables.axis_start, tables.axis_length, strict=True):
+    for variable, start, length in zip(
+        tables.axis_variable, tables.axis_start, tables.axis_length, strict=True
+    ):
         grid, x = tables.grid[start : start + length], variables[variable]
         x = x if np.imag(x).any() else x.real
         cell = np.clip(np.searchsorted(grid, x.real, side="right") - 1, 0, length - 2)
@@ -97,14 +103,21 @@ def evaluate_coefficients(
     if vehicle.foreign.aerodynamics:
         return evaluate_functions(vehicle, variables)[0]
     rows = evaluate_tables(vehicle.tables, variables) if rows is None else rows
-    coefficients = np.zeros((len(COEFFICIENTS), *variables.shape[1:]), dtype=np.result_type(rows, variables))
+    coefficients = np.zeros(
+        (len(COEFFICIENTS), *variables.shape[1:]), dtype=np.result_type(rows, variables)
+    )
     for coefficient, row, variable, factor in zip(*vehicle.build_up, strict=True):
         term = rows[row] * variables[variable]
         coefficients[coefficient] += term if factors is None else factors[factor] * term
     return coefficients
 
 
-def evaluate_fixed(vehicle: Vehicle, variables: Numbers, rows: Numbers | None = None) -> dict[str, Numbers]:
+def evaluate_fixed(
+    vehicle: Vehicle, variables: Numbers, rows: Numbers | None = None
+) -> dict[str, Numbers]:
     """Propulsion, inertia and centre-of-gravity tables by their names in FIXED_TABLE_ROWS, each ``[point]``."""
     rows = evaluate_tables(vehicle.tables, variables) if rows is None else rows
-    return {name: rows[row] for name, row in zip(FIXED_TABLE_ROWS, vehicle.tables.fixed_row, strict=True)}
+    return {
+        name: rows[row]
+        for name, row in zip(FIXED_TABLE_ROWS, vehicle.tables.fixed_row, strict=True)
+    }

@@ -34,13 +34,21 @@ from abhv_mc.vehicle.actuator_keys import (
     engine_rows,
 )
 from abhv_mc.vehicle.actuators import pack_effectors
-from abhv_mc.vehicle.document import REDUCED_RATES, AerodynamicsFunction, MassPoint, MassPoints, VehicleDocument
+from abhv_mc.vehicle.document import (
+    REDUCED_RATES,
+    AerodynamicsFunction,
+    MassPoint,
+    MassPoints,
+    VehicleDocument,
+)
 from abhv_mc.vehicle.pack import Axis, Table, make_constant, pack_tables
 from abhv_mc.vehicle.shared_keys import choose_sensing
 from abhv_mc.vehicle.table_file import parse_role, read_table
 from abhv_mc.vehicle.vehicle_code import VehicleCode, make_code, reference_point
 
-_LARGEST_IMPULSE = 1e4  # s: no air-breathing engine comes near; an exhaust velocity in m/s lies beyond
+_LARGEST_IMPULSE = (
+    1e4  # s: no air-breathing engine comes near; an exhaust velocity in m/s lies beyond
+)
 
 
 @dataclass(frozen=True)
@@ -68,7 +76,9 @@ def read_vehicle_file(path: str | Path) -> VehicleFile:
             try:
                 roles[column] = parse_role(text, effectors)
             except Refusal as refusal:
-                raise document.error(("tables", name, "columns", column), refusal.found, refusal.expected) from None
+                raise document.error(
+                    ("tables", name, "columns", column), refusal.found, refusal.expected
+                ) from None
         if entry.file is not None:
             table = read_table(entry.file, roles, effectors)
         else:
@@ -81,7 +91,9 @@ def read_vehicle_file(path: str | Path) -> VehicleFile:
     files += [content.mass.file] if content.mass.file else []
     code = make_code(document, content)
     files += [Path(function.file) for function in code.functions()] if code else []
-    return VehicleFile(document.path, content, tables, code, points, (document.path, *dict.fromkeys(files)))
+    return VehicleFile(
+        document.path, content, tables, code, points, (document.path, *dict.fromkeys(files))
+    )
 
 
 def read_mass_points(path: Path) -> tuple[MassPoint, ...]:
@@ -89,7 +101,9 @@ def read_mass_points(path: Path) -> tuple[MassPoint, ...]:
     rows = read_rows(path)
     keys: list[tuple[str, str]] = []
     for header in rows.header:
-        name = next((field for field in MassPoint.model_fields if header.startswith(f"{field}_")), header)
+        name = next(
+            (field for field in MassPoint.model_fields if header.startswith(f"{field}_")), header
+        )
         if name in (known for known, _ in keys):
             raise rows.error(None, len(keys), f"a second column of {name}", "each once")
         keys.append((name, header.removeprefix(f"{name}_").replace("_", " ")))
@@ -124,7 +138,9 @@ def _check_meaning(document: Document, content: VehicleDocument, name: str, tabl
 def _check_mass(document: Document, content: VehicleDocument, points: Sequence[MassPoint]) -> None:
     if len(points) > 1 and not points[0].mass <= content.mass.start <= points[-1].mass:
         found = f"{content.mass.start:g} kg at the start"
-        expected = f"{points[0].mass:g} to {points[-1].mass:g} kg, where the mass properties are given"
+        expected = (
+            f"{points[0].mass:g} to {points[-1].mass:g} kg, where the mass properties are given"
+        )
         raise document.error(("mass", "start"), found, expected)
 
 
@@ -141,7 +157,9 @@ def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
             entries.append(file.tables[name].scaled(scale))
         return entry_of[name, scale]
 
-    terms: list[list[tuple[int, int, int, int]]] = [[] for _ in COEFFICIENTS]  # coefficient, entry, variable, factor
+    terms: list[list[tuple[int, int, int, int]]] = [
+        [] for _ in COEFFICIENTS
+    ]  # coefficient, entry, variable, factor
     for c, coefficient in enumerate(COEFFICIENTS):
         for term in getattr(content.aerodynamics, coefficient, ()):
             variable = _variable(term.times, tuple(content.effectors))
@@ -168,7 +186,9 @@ def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
     for function in file.code.functions() if file.code else ():
         named |= set(re.findall(r"\w+", function.text))
     effectors = pack_effectors(content.effectors, constants, named)
-    engines = np.array(engine_rows(content.propulsion.engines) if content.propulsion else []).reshape(-1, 4)
+    engines = np.array(
+        engine_rows(content.propulsion.engines) if content.propulsion else []
+    ).reshape(-1, 4)
     return Vehicle(constants, tables, build_up, *effectors, engines, foreign)
 
 
@@ -191,7 +211,10 @@ def _mass_tables(points: tuple[MassPoint, ...], reference: tuple[float, float]) 
     fields = {name: name for name in ("inertia_xx", "inertia_yy", "inertia_zz")}
     fields["inertia_13"] = "inertia_matrix_element_13"
     fields |= {name: name for name in ("center_of_gravity_x", "center_of_gravity_z")}
-    values = {name: np.array([getattr(point, field) for point in points]) for name, field in fields.items()}
+    values = {
+        name: np.array([getattr(point, field) for point in points])
+        for name, field in fields.items()
+    }
     for name, offset in zip(("center_of_gravity_x", "center_of_gravity_z"), reference, strict=True):
         values[name] = values[name] - offset if offset else values[name]
     if len(points) == 1:
@@ -207,7 +230,9 @@ def _make_constants(content: VehicleDocument) -> Constants:
     function = engine if isinstance(engine, ThrustFunction) else None
     jet = None if isinstance(engine, ThrustFunction) else engine
     actuators = surfaces if isinstance(surfaces, Surfaces) else None
-    eta_min, eta_max = function.throttle if function else jet.equivalence_ratio if jet else (0.0, 0.0)
+    eta_min, eta_max = (
+        function.throttle if function else jet.equivalence_ratio if jet else (0.0, 0.0)
+    )
     alpha_min, alpha_max = limits.angle_of_attack if limits else (-math.pi, math.pi)
     inclination = jet.thrust_line.inclination if jet else 0.0
     _, below = reference_point(content)
@@ -215,7 +240,9 @@ def _make_constants(content: VehicleDocument) -> Constants:
         area=content.reference.area,
         span=content.reference.span,
         chord=content.reference.chord,
-        capture_thrust=capture.stoichiometric_ratio * capture.cowl_area * capture.standard_gravity if capture else 0.0,
+        capture_thrust=capture.stoichiometric_ratio * capture.cowl_area * capture.standard_gravity
+        if capture
+        else 0.0,
         standard_gravity=jet.standard_gravity if jet else 9.80665,
         thrust_cos=math.cos(inclination),
         thrust_sin=math.sin(inclination),
@@ -235,7 +262,9 @@ def _make_constants(content: VehicleDocument) -> Constants:
         angle_of_attack_min=alpha_min,
         angle_of_attack_max=alpha_max,
         sideslip_max=limits.sideslip if limits else math.pi,
-        drag_in_wind_axes=1.0 if getattr(content.aerodynamics, "force_axes", "stability") == "wind" else 0.0,
+        drag_in_wind_axes=1.0
+        if getattr(content.aerodynamics, "force_axes", "stability") == "wind"
+        else 0.0,
         nose_radius=content.reference.nose_radius or 0.0,
         inlet=engine.unstart.inlet() if engine and engine.unstart else Inlet(),
         bounds=limits.bounds() if limits else LoadBounds(),

@@ -67,17 +67,23 @@ def pack_tables(tables: Sequence[Table], fixed: Mapping[str, int]) -> tuple[Tabl
         (Axis(VARIABLES.index("one"), np.array([0.0, 2.0])),),
     )
     spread = np.ones([axis.grid.size for axis in carrier])
-    everything = [table if table.axes else Table(carrier, spread * table.values) for table in everything]
+    everything = [
+        table if table.axes else Table(carrier, spread * table.values) for table in everything
+    ]
 
     members: dict[tuple[tuple[int, bytes], ...], list[int]] = {}
     for entry, table in enumerate(everything):
         members.setdefault(_key(table), []).append(entry)
-    axes = {key: axis for table in everything for key, axis in zip(_key(table), table.axes, strict=True)}
+    axes = {
+        key: axis for table in everything for key, axis in zip(_key(table), table.axes, strict=True)
+    }
     axis_number = {axis_key: i for i, axis_key in enumerate(axes)}
     lengths = np.array([axis.grid.size for axis in axes.values()], dtype=np.int64)
 
     n_groups = len(members)
-    dimensions, start, width, used, first_row = (np.zeros(n_groups, dtype=np.int64) for _ in range(5))
+    dimensions, start, width, used, first_row = (
+        np.zeros(n_groups, dtype=np.int64) for _ in range(5)
+    )
     group_axis, stride = (np.zeros((n_groups, MAX_DIMENSIONS), dtype=np.int64) for _ in range(2))
     rows = np.zeros(len(everything), dtype=np.int64)
     blocks: list[Floats] = []
@@ -86,7 +92,9 @@ def pack_tables(tables: Sequence[Table], fixed: Mapping[str, int]) -> tuple[Tabl
         used[g] = len(entries)
         width[g] = -(-len(entries) // CHUNK) * CHUNK
         block = np.zeros((*everything[entries[0]].values.shape, width[g]))
-        block[..., : len(entries)] = np.stack([everything[entry].values for entry in entries], axis=-1)
+        block[..., : len(entries)] = np.stack(
+            [everything[entry].values for entry in entries], axis=-1
+        )
         first_row[g] = width[:g].sum()
         start[g] = sum(earlier.size for earlier in blocks)
         for d, axis_key in enumerate(group_key):
@@ -100,7 +108,9 @@ def pack_tables(tables: Sequence[Table], fixed: Mapping[str, int]) -> tuple[Tabl
         axis_start=np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64),
         axis_length=lengths,
         grid=np.concatenate([axis.grid for axis in axes.values()]),
-        inverse_step=np.concatenate([np.append(1.0 / np.diff(axis.grid), 0.0) for axis in axes.values()]),
+        inverse_step=np.concatenate(
+            [np.append(1.0 / np.diff(axis.grid), 0.0) for axis in axes.values()]
+        ),
         group_dimensions=dimensions,
         group_axis=group_axis,
         group_stride=stride,

@@ -35,27 +35,44 @@ class Oscillation(StrictModel):
     angle_of_attack: Annotated[Angle, Positive] | None = Field(
         None, description="greatest ripple of the angle of attack"
     )
-    sideslip: Annotated[Angle, Positive] | None = Field(None, description="greatest ripple of the sideslip")
+    sideslip: Annotated[Angle, Positive] | None = Field(
+        None, description="greatest ripple of the sideslip"
+    )
 
 
 def _oscillation(value: Any) -> Any:
-    return dict.fromkeys(Oscillation.model_fields, value) if isinstance(value, str | int | float) else value
+    return (
+        dict.fromkeys(Oscillation.model_fields, value)
+        if isinstance(value, str | int | float)
+        else value
+    )
 
 
 class LoadLimits(StrictModel):
     """A flight ends above; left out: no limit."""
 
-    dynamic_pressure: Annotated[Pressure, Positive] | None = Field(None, description="greatest dynamic pressure")
+    dynamic_pressure: Annotated[Pressure, Positive] | None = Field(
+        None, description="greatest dynamic pressure"
+    )
     load_factor: Annotated[float, Positive] | None = Field(
         default=None, description="magnitude of the specific force, in g: a plain number"
     )
     heat_flux: Annotated[HeatFlux, Positive] | None = Field(
-        default=None, description="at the stagnation point; needs the vehicle's reference.nose_radius"
+        default=None,
+        description="at the stagnation point; needs the vehicle's reference.nose_radius",
     )
-    bank: Annotated[Angle, Positive] | None = Field(default=None, description="about the velocity, to either side")
+    bank: Annotated[Angle, Positive] | None = Field(
+        default=None, description="about the velocity, to either side"
+    )
     oscillation: (
-        Annotated[Oscillation, BeforeValidator(_oscillation, json_schema_input_type=Angle | Oscillation)] | None
-    ) = Field(default=None, description="greatest ripple: an angle for bank, angle of attack and sideslip, or each")
+        Annotated[
+            Oscillation, BeforeValidator(_oscillation, json_schema_input_type=Angle | Oscillation)
+        ]
+        | None
+    ) = Field(
+        default=None,
+        description="greatest ripple: an angle for bank, angle of attack and sideslip, or each",
+    )
 
     def bounds(self) -> LoadBounds:
         """The limits as numbers."""
@@ -90,22 +107,31 @@ Against = Literal["air", "inertial"]
 class SensingKeys(StrictModel):
     """What instruments measure: air, or inertial (relative to the Earth)."""
 
-    angle_of_attack: Against | None = Field(None, description="air, or inertial, which is the default")
+    angle_of_attack: Against | None = Field(
+        None, description="air, or inertial, which is the default"
+    )
     sideslip: Against | None = Field(None, description="air, or inertial, which is the default")
     airspeed: Against | None = Field(
-        None, description="air: the measured speed is the airspeed; inertial, the default: the speed over the Earth"
+        None,
+        description="air: the measured speed is the airspeed; inertial, the default: the speed over the Earth",
     )
 
 
 def choose_sensing(mission: SensingKeys, vehicle: Sensing) -> Sensing:
     """What the mission says, and where it says nothing the vehicle."""
     asked = (mission.angle_of_attack, mission.sideslip, mission.airspeed)
-    return Sensing(*(of if key is None else int(key == "air") for key, of in zip(asked, vehicle, strict=True)))
+    return Sensing(
+        *(of if key is None else int(key == "air") for key, of in zip(asked, vehicle, strict=True))
+    )
 
 
 def describe_sensing(sensing: Sensing) -> str:
     """What is measured against what, for a reader."""
     air = [name.replace("_", " ") for name, of in sensing._asdict().items() if of]
     ground = [name.replace("_", " ") for name, of in sensing._asdict().items() if not of]
-    found = [f"{', '.join(of)} relative to {what}" for of, what in ((air, "the air"), (ground, "the Earth")) if of]
+    found = [
+        f"{', '.join(of)} relative to {what}"
+        for of, what in ((air, "the air"), (ground, "the Earth"))
+        if of
+    ]
     return "the controllers are given " + " and ".join(found)

@@ -38,7 +38,10 @@ _PLAUSIBLE = {
     "mass": (1e-3, 1e7),
     "angle": (-math.pi, math.pi),
 }
-_NARROWEST = {"deg": 1.0, "m": 200.0}  # an axis over less holds radians, kilometres, unless the vehicle file says so
+_NARROWEST = {
+    "deg": 1.0,
+    "m": 200.0,
+}  # an axis over less holds radians, kilometres, unless the vehicle file says so
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,9 @@ def parse_role(text: str, effectors: Sequence[str] = ()) -> Role:
     if name in (VALUE, IGNORE) and not unit:
         return Role(name)
     if name not in known:
-        raise Refusal(f"'{text}'", f"{one_of((*known, VALUE, IGNORE), name)}, with a unit where it has one")
+        raise Refusal(
+            f"'{text}'", f"{one_of((*known, VALUE, IGNORE), name)}, with a unit where it has one"
+        )
     return Role(name, unit.strip() or None)
 
 
@@ -74,8 +79,13 @@ def _role_of_header(column: str, effectors: Sequence[str]) -> Role | None:
 
 def _unit_factor(rows: Rows, column: int, role: Role) -> float:
     """Factor to SI of an axis, whose unit the header or the vehicle file gives."""
-    dimension, unit = _DIMENSIONS.get(role.name) or (None if role.name in _PLAIN else ANGLE), role.unit
-    expected = f"{role.name} " + (f"in units of {dimension.name}, such as {dimension.unit}" if dimension else "alone")
+    dimension, unit = (
+        _DIMENSIONS.get(role.name) or (None if role.name in _PLAIN else ANGLE),
+        role.unit,
+    )
+    expected = f"{role.name} " + (
+        f"in units of {dimension.name}, such as {dimension.unit}" if dimension else "alone"
+    )
     if (unit is None) != (dimension is None):
         found = f"'{rows.header[column]}' " + ("without a unit" if unit is None else f"in '{unit}'")
         raise rows.error(None, column, found, expected)
@@ -90,13 +100,16 @@ def _unit_factor(rows: Rows, column: int, role: Role) -> float:
     return factor
 
 
-def _check_plausible(rows: Rows, column: int, role: Role, numbers: Floats, factor: float, said: bool) -> None:
+def _check_plausible(
+    rows: Rows, column: int, role: Role, numbers: Floats, factor: float, said: bool
+) -> None:
     low, high = _PLAUSIBLE[role.name if role.name in _PLAUSIBLE else "angle"]
     outside = np.flatnonzero((numbers * factor < low) | (numbers * factor > high * (1.0 + 1e-12)))
     if outside.size:
         row = int(outside[0])
         expected = (
-            f"{low / factor:.6g} to {high / factor:.6g}: is it in another unit than '{rows.header[column]}' says?"
+            f"{low / factor:.6g} to {high / factor:.6g}: is it in another unit than "
+            f"'{rows.header[column]}' says?"
         )
         raise rows.error(row, column, f"{role.name} {numbers[row]:g}", expected)
     if not said and np.ptp(numbers) < _NARROWEST.get(role.unit or "", 0.0):
@@ -119,7 +132,9 @@ def _grid(rows: Rows, columns: Sequence[int], points: Floats) -> list[Floats]:
     grids = [np.unique(points[:, axis]) for axis in range(len(columns))]
     for column, grid in zip(columns, grids, strict=True):
         if grid.size < 2:
-            raise rows.error(0, column, f"one value of {rows.header[column]}", "an axis of at least two")
+            raise rows.error(
+                0, column, f"one value of {rows.header[column]}", "an axis of at least two"
+            )
     for row, point in enumerate(itertools.product(*grids)):
         if row == len(points) or tuple(points[row]) != point:
             words = ", ".join(f"{name} {x:g}" for name, x in zip(names, point, strict=True))
@@ -133,16 +148,25 @@ def read_table(path: Path, columns: Mapping[str, Role], effectors: Sequence[str]
     rows = read_rows(path)
     for name in columns:
         if name not in rows.header:
-            raise rows.error(None, None, f"no column '{name}', which the vehicle file describes", one_of(rows.header))
+            raise rows.error(
+                None,
+                None,
+                f"no column '{name}', which the vehicle file describes",
+                one_of(rows.header),
+            )
     roles: dict[str, tuple[int, Role]] = {}
     for i, name in enumerate(rows.header):
         own = _role_of_header(name, effectors)
         role = columns.get(name) or own
         if role is not None and role.unit is None and role.name not in (VALUE, IGNORE, *_PLAIN):
             suffix = name.rpartition("_")[2]  # the unit is what the column's name says
-            role = Role(role.name, own.unit if own else suffix if suffix in ("deg", "rad") else None)
+            role = Role(
+                role.name, own.unit if own else suffix if suffix in ("deg", "rad") else None
+            )
         if role is None:
-            expected = "mach, alpha_deg, value, ... (or say what it is under columns in the vehicle file)"
+            expected = (
+                "mach, alpha_deg, value, ... (or say what it is under columns in the vehicle file)"
+            )
             raise rows.error(None, i, f"the column '{name}'", expected)
         if role.name == IGNORE:
             continue

@@ -42,20 +42,27 @@ class VehicleCode:
     aerodynamics: FunctionCode | None
     propulsion: FunctionCode | None
     frame: str  # of the forces: body, stability, wind
-    engine: tuple[float, float]  # x, z of the moment reference from where the aerodynamics' moments are given, m
-    effectors: tuple[tuple[str, float, float, float], ...]  # with their deflection by aileron, rudder and elevator
+    engine: tuple[
+        float, float
+    ]  # x, z of the moment reference from where the aerodynamics' moments are given, m
+    effectors: tuple[
+        tuple[str, float, float, float], ...
+    ]  # with their deflection by aileron, rudder and elevator
     span: float
     chord: float
 
     def functions(self) -> Iterator[FunctionCode]:
         """The functions that there are."""
-        yield from (function for function in (self.aerodynamics, self.propulsion) if function is not None)
+        yield from (
+            function for function in (self.aerodynamics, self.propulsion) if function is not None
+        )
 
     @property
     def digest(self) -> bytes:
         """SHA-256 of the texts and of all that decides how they are called; their places do not count."""
         parts = [
-            (code.text, code.function, code.settings) if code else None for code in (self.aerodynamics, self.propulsion)
+            (code.text, code.function, code.settings) if code else None
+            for code in (self.aerodynamics, self.propulsion)
         ]
         return hashlib.sha256(
             repr((parts, self.frame, self.engine, self.effectors, self.span, self.chord)).encode()
@@ -100,7 +107,9 @@ def make_code(document: Document, content: VehicleDocument) -> VehicleCode | Non
         return None
     x, z = reference_point(content)
     frame = air.frame if isinstance(air, AerodynamicsFunction) else "stability"
-    mixed = tuple((name, own.aileron, own.rudder, own.elevator) for name, own in content.effectors.items())
+    mixed = tuple(
+        (name, own.aileron, own.rudder, own.elevator) for name, own in content.effectors.items()
+    )
     lengths = content.reference.span, content.reference.chord
     return VehicleCode(coefficients, thrust, frame, (-x, -z), mixed, *lengths)
 
@@ -124,7 +133,9 @@ def evaluate_functions(
     """
     digest = vehicle.foreign.digest.tobytes()
     if digest not in _evaluators:
-        raise InputError("vehicle", "functions that were not loaded", "load_vehicle, which runs their file")
+        raise InputError(
+            "vehicle", "functions that were not loaded", "load_vehicle, which runs their file"
+        )
     shape = variables.shape[1:]
     points = variables.reshape(len(variables), -1)
     if density is None or speed is None:
@@ -141,7 +152,10 @@ def evaluate_functions(
     size = np.maximum.reduce([np.abs(turn[0]).max(axis=0), np.abs(turn[1]), np.abs(turn[2])])
     unit = [value / np.where(size > 0.0, size, 1.0) for value in turn]
     middle = evaluate(*real)
-    ends = [evaluate(*(value + step * way for value, way in zip(real, unit, strict=True))) for step in (STEP, -STEP)]
+    ends = [
+        evaluate(*(value + step * way for value, way in zip(real, unit, strict=True)))
+        for step in (STEP, -STEP)
+    ]
     made = [
         (at + 1j * size * (above - below) / (2.0 * STEP)).reshape(-1, *shape)
         for at, above, below in zip(middle, *ends, strict=True)

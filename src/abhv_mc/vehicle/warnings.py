@@ -35,19 +35,27 @@ def find_vehicle_warnings(vehicle: Vehicle) -> list[str]:
     """A sentence (without its full stop) for each thing that a user should know before flying the vehicle."""
     warnings = []
     if vehicle.constants.equivalence_ratio_max > 0.0 and vehicle.constants.burns_fuel == 0.0:
-        warnings.append("the vehicle file has no mass.empty, so the engine burns no fuel and the mass stays as it is")
+        warnings.append(
+            "the vehicle file has no mass.empty, so the engine burns no fuel and the mass stays as it is"
+        )
     nodes = [nodes_of(vehicle.tables, name) for name in ("mach", "angle_of_attack")]
     machs, angles = (found if found.size else np.zeros(1) for found in nodes)
     angles = angles[(angles >= _SMALL_ANGLES[0]) & (angles <= _SMALL_ANGLES[1])]
     mach, alpha = map(np.ravel, np.meshgrid(machs, angles if angles.size else [0.02]))
-    where = {"mach": mach, "angle_of_attack": alpha, "mass": np.full(mach.size, vehicle.constants.mass_start)}
+    where = {
+        "mach": mach,
+        "angle_of_attack": alpha,
+        "mass": np.full(mach.size, vehicle.constants.mass_start),
+    }
     where["altitude"] = np.full(mach.size, _ALTITUDE)
     for coefficient, variable, least, most, sign, meaning in _USUAL:
         ends = []
         for step in (_STEP, -_STEP):
             moved = where | {variable: where.get(variable, 0.0) + step}
             ends.append(evaluate_coefficients(vehicle, make_variables(vehicle, **moved)))
-        value = float(np.median(ends[0] - ends[1], axis=1)[COEFFICIENTS.index(coefficient)]) / (2.0 * _STEP)
+        value = float(np.median(ends[0] - ends[1], axis=1)[COEFFICIENTS.index(coefficient)]) / (
+            2.0 * _STEP
+        )
         if abs(value) < 1e-12:
             continue
         words = (

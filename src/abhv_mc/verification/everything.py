@@ -41,11 +41,24 @@ def verify_paper(scale: float = 1.0) -> list[Row]:
     found = trim(vehicle, WGS84._replace(rotation_rate=0.0), point, None)
     middle = sum(_PUBLISHED_TRIM) / 2.0
     off = math.inf if found.fault else abs(math.degrees(found.angle_of_attack) - middle)
-    rows = [Row("winged_cone, trim", "published", "angle of attack", "deg", off, scale * (_PUBLISHED_TRIM[1] - middle))]
+    rows = [
+        Row(
+            "winged_cone, trim",
+            "published",
+            "angle of attack",
+            "deg",
+            off,
+            scale * (_PUBLISHED_TRIM[1] - middle),
+        )
+    ]
     for name in _CONE_MISSIONS:
         mission = read_mission(configs / "mission" / f"{name}.yaml")
         block = fly(make_plan(vehicle, mission, controller, "tlc"), nominal_parameters())
-        flown = block.metrics[0] if block.outcome[0] == Outcome.OK else np.full(len(METRIC_INDEX), np.inf)
+        flown = (
+            block.metrics[0]
+            if block.outcome[0] == Outcome.OK
+            else np.full(len(METRIC_INDEX), np.inf)
+        )
         for metric, limits in asked:
             if metric.group == "tracking":
                 difference, allowed = float(flown[METRIC_INDEX[metric.name]]), scale * limits.limit

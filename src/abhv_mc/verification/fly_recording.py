@@ -39,7 +39,9 @@ def read_columns(path: Path, names: Sequence[str], perhaps: Sequence[str] = ()) 
     rows = read_rows(path)
     missing = [name for name in names if name not in rows.header]
     if missing:
-        raise rows.error(None, None, f"no column {', '.join(missing)}", "the columns that are compared")
+        raise rows.error(
+            None, None, f"no column {', '.join(missing)}", "the columns that are compared"
+        )
     if len(rows.texts) < 2:
         raise InputError(path, "1 row of numbers", "at least 2")
     held = [*names, *(name for name in perhaps if name in rows.header)]
@@ -51,7 +53,9 @@ def check_times(path: Path, times: Floats, uniform: bool = False) -> None:
     steps = np.diff(times)
     falling = np.flatnonzero(steps <= 0.0)
     if falling.size:
-        raise InputError(path, f"the time {times[falling[0] + 1]:g} s", "times that rise", int(falling[0]) + 3)
+        raise InputError(
+            path, f"the time {times[falling[0] + 1]:g} s", "times that rise", int(falling[0]) + 3
+        )
     step = float(np.median(steps))
     off = np.flatnonzero(np.abs(steps - step) > _EVEN * step)
     if uniform and off.size:
@@ -77,7 +81,9 @@ def make_start(
     return x
 
 
-def make_replay_plan(vehicle: Vehicle, earth: Earth, start: Floats, controls: Floats, timing: Timing) -> FlightPlan:
+def make_replay_plan(
+    vehicle: Vehicle, earth: Earth, start: Floats, controls: Floats, timing: Timing
+) -> FlightPlan:
     """A plan without law or limits; ``controls`` [tick, 4]: surfaces (rad), equivalence ratio, linear between ticks."""
     ticks = timing.ticks + 1
     gains = np.zeros((ticks, len(RECORDED_GAINS)))

@@ -34,7 +34,9 @@ from abhv_mc.verification.fly_recording import (
 
 # CADAC++'s Earth: its own flattening; J2 from the normalised C20. Its gravity pulls along the meridian away from the
 # equator: the accelerations in its output show the right size of J2's meridional part with the wrong sign.
-CADAC_EARTH = Earth(6378137.0, 3.33528106e-3, 3.9860044e14, 4.8416685e-4 * np.sqrt(5.0), 7.292115e-5, -1.0)
+CADAC_EARTH = Earth(
+    6378137.0, 3.33528106e-3, 3.9860044e14, 4.8416685e-4 * np.sqrt(5.0), 7.292115e-5, -1.0
+)
 # Its atmosphere at 20 km is thinner than the standard's by this, at its own altitude (the column rho).
 CADAC_DENSITY = 1.0 / 1.0000134861
 FULL_MASS = 136077.0  # kg: mass = this minus the fuel expended
@@ -82,19 +84,29 @@ def read_recording(path: Path) -> Recording:
     times = np.array(given["time"])
     check_times(path, times, uniform=True)
 
-    turn = Rotation.from_euler("z", -CADAC_EARTH.rotation_rate * times[:, np.newaxis])  # to E from I
+    turn = Rotation.from_euler(
+        "z", -CADAC_EARTH.rotation_rate * times[:, np.newaxis]
+    )  # to E from I
     position = turn.apply(np.array(given[POSITION]))
     carried = np.cross([0.0, 0.0, CADAC_EARTH.rotation_rate], position)
     latitude, longitude, altitude = geodetic_from_ecef(CADAC_EARTH, position)
     ned_from_earth = ned_from_ecef_matrix(latitude, longitude)
-    velocity_ned = np.einsum("tij,tj->ti", ned_from_earth, turn.apply(np.array(given[VELOCITY])) - carried)
+    velocity_ned = np.einsum(
+        "tij,tj->ti", ned_from_earth, turn.apply(np.array(given[VELOCITY])) - carried
+    )
     inertial_from_body = np.swapaxes(np.array(given[ATTITUDE]).reshape(-1, 3, 3), -1, -2)
     ned_from_body = ned_from_earth @ turn.as_matrix() @ inertial_from_body
 
     states = np.zeros((times.size, s.N_STATES))
-    states[:, s.ALTITUDE], states[:, s.LONGITUDE], states[:, s.LATITUDE] = altitude, longitude, latitude
+    states[:, s.ALTITUDE], states[:, s.LONGITUDE], states[:, s.LATITUDE] = (
+        altitude,
+        longitude,
+        latitude,
+    )
     states[:, s.U : s.W + 1] = np.einsum("tji,tj->ti", ned_from_body, velocity_ned)
-    states[:, s.Q0 : s.Q3 + 1] = Rotation.from_matrix(ned_from_body).as_quat(canonical=True, scalar_first=True)
+    states[:, s.Q0 : s.Q3 + 1] = Rotation.from_matrix(ned_from_body).as_quat(
+        canonical=True, scalar_first=True
+    )
     states[:, s.ROLL_RATE : s.YAW_RATE + 1] = given[RATES]
     states[:, s.MASS] = given["vmass"] if "vmass" in given else FULL_MASS - given["fmasse"]
     controls = np.array(given[CONTROLS])
@@ -134,7 +146,12 @@ def _unit(y: Floats, x: Floats) -> tuple[Floats, Floats]:
 def ned_from_ecef_matrix(latitude: ArrayLike, longitude: ArrayLike) -> Floats:
     """C_NE ``[..., 3, 3]``: takes E components of a vector to north, east, down at that place."""
     latitude, longitude = np.broadcast_arrays(latitude, longitude)
-    sin_lat, cos_lat, sin_lon, cos_lon = np.sin(latitude), np.cos(latitude), np.sin(longitude), np.cos(longitude)
+    sin_lat, cos_lat, sin_lon, cos_lon = (
+        np.sin(latitude),
+        np.cos(latitude),
+        np.sin(longitude),
+        np.cos(longitude),
+    )
     rows = (
         (-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat),
         (-sin_lon, cos_lon, 0.0 * latitude),
@@ -161,7 +178,16 @@ def verify_ghame6(path: Path, scale: float = 1.0) -> list[Row]:
         apart = ours[name] - theirs[name]
         if unit == "deg":
             apart = wrap_degrees(apart)
-        rows.append(Row(path.name, "CADAC++", name, unit, float(np.abs(apart).max()), 3.0 * scale * difference))
+        rows.append(
+            Row(
+                path.name,
+                "CADAC++",
+                name,
+                unit,
+                float(np.abs(apart).max()),
+                3.0 * scale * difference,
+            )
+        )
     return rows
 
 

@@ -54,7 +54,9 @@ def find_files(folder: Path) -> dict[tuple[str, str], Path]:
         match = _FILE.fullmatch(path.name)
         if match and match[1] in known:
             key = match[1], match[2]
-            found[key if key not in found else (key[0], f"{key[1]} {path.relative_to(folder)}")] = path
+            found[key if key not in found else (key[0], f"{key[1]} {path.relative_to(folder)}")] = (
+                path
+            )
     if not found:
         expected = "Atmos_NN_Name/Atmos_NN_sim_MM.csv of one of the cases 01 to 16"
         raise InputError(folder, "no check-case", expected)
@@ -90,12 +92,27 @@ def verify_nesc(folder: Path, scale: float = 1.0) -> list[Row]:
         given = {simulator: columns for (case, simulator), columns in data.items() if case == name}
         duration = max(float(columns["time"].iloc[-1]) for columns in given.values())
         if name in read_aircraft_cases():
-            step, allowed, states = 1.0 / RATE, allowed_difference(list(given.values())), fly_aircraft(name, duration)
+            step, allowed, states = (
+                1.0 / RATE,
+                allowed_difference(list(given.values())),
+                fly_aircraft(name, duration),
+            )
         else:
-            step, allowed, states = STEP, tolerances(int(name)), fly_case(CASES[int(name)], duration)
+            step, allowed, states = (
+                STEP,
+                tolerances(int(name)),
+                fly_case(CASES[int(name)], duration),
+            )
         for simulator, columns in given.items():
             rows.extend(
-                _compare(name, simulator, columns, at_times(step, states, np.array(columns["time"])), allowed, scale)
+                _compare(
+                    name,
+                    simulator,
+                    columns,
+                    at_times(step, states, np.array(columns["time"])),
+                    allowed,
+                    scale,
+                )
             )
     return rows
 
@@ -157,11 +174,23 @@ def _differences(one: list[Floats], other: list[Floats]) -> list[Floats]:
 
 
 def _compare(
-    case: str, simulator: str, given: "pd.DataFrame", states: Floats, allowed: tuple[float, ...], scale: float
+    case: str,
+    simulator: str,
+    given: "pd.DataFrame",
+    states: Floats,
+    allowed: tuple[float, ...],
+    scale: float,
 ) -> list[Row]:
     apart = _differences(_flown(states), _published(given))
     title = f"nesc {case.replace('p', '.')}"
     return [
-        Row(title, f"sim {simulator}", name, unit, float(np.abs(difference).max()), scale * tolerance)
+        Row(
+            title,
+            f"sim {simulator}",
+            name,
+            unit,
+            float(np.abs(difference).max()),
+            scale * tolerance,
+        )
         for (name, unit), difference, tolerance in zip(_QUANTITIES, apart, allowed, strict=True)
     ]

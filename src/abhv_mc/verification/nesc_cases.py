@@ -40,7 +40,9 @@ CASES: dict[int, CheckCase] = {
     1: CheckCase("dropped sphere, no drag", parameters={"aero.drag": 0.0}),
     2: CheckCase("tumbling brick", vehicle="brick", rates=_TUMBLING, parameters=_UNDAMPED),
     3: CheckCase("damped tumbling brick", vehicle="brick", rates=_TUMBLING),
-    4: CheckCase("sphere, round still Earth", earth=ROUND._replace(rotation_rate=0.0), rates=_TUMBLING),
+    4: CheckCase(
+        "sphere, round still Earth", earth=ROUND._replace(rotation_rate=0.0), rates=_TUMBLING
+    ),
     5: CheckCase("sphere, round rotating Earth", earth=ROUND, rates=_TUMBLING),
     6: CheckCase("sphere, ellipsoid"),
     7: CheckCase("sphere, steady wind", parameters={"wind.east": 20.0 * FOOT}),

@@ -122,7 +122,9 @@ def solve_start(vehicle: Vehicle, case: AircraftCase) -> Floats:
         first, second = replay(plan)
         return (second - first)[[s.U, s.W, s.PITCH_RATE]] / _TRIM_STEP
 
-    solution = root(accelerations, [near.angle_of_attack, near.elevator, near.equivalence_ratio], tol=1e-12)
+    solution = root(
+        accelerations, [near.angle_of_attack, near.elevator, near.equivalence_ratio], tol=1e-12
+    )
     return state(solution.x)
 
 
@@ -136,7 +138,10 @@ def make_steps(law: Law, case: AircraftCase, start: Floats) -> CommandSteps:
     equivalent = speed * math.sqrt(atmosphere(case.altitude)[0] / atmosphere(0.0)[0])
     alpha, heading = math.atan2(start[s.W], start[s.U]), heading_of(case)
     given = {"keasCmd": equivalent, "altCmd": case.altitude, "baseChiCmd": heading, **case.commands}
-    given |= {"throttleTrim": float(start[s.ETA]), "longStkTrim": float(start[s.ELEVATOR]) / _FULL_STICK}
+    given |= {
+        "throttleTrim": float(start[s.ETA]),
+        "longStkTrim": float(start[s.ELEVATOR]) / _FULL_STICK,
+    }
     names = law.commands._fields
     seen = dict.fromkeys(Measured._fields, 0.0) | {
         "altitude": case.altitude,
@@ -148,7 +153,9 @@ def make_steps(law: Law, case: AircraftCase, start: Floats) -> CommandSteps:
         "longitude": case.longitude,
         "pitch_rate": float(start[s.PITCH_RATE]),
     }
-    asked = law.function(Measured(**seen), law.commands(**{name: given.get(name, 0.0) for name in names}))
+    asked = law.function(
+        Measured(**seen), law.commands(**{name: given.get(name, 0.0) for name in names})
+    )
     if case.engaged:
         given["longStkTrim"] += (float(start[s.ELEVATOR]) - asked.elevator) / _FULL_STICK
         given["throttleTrim"] += float(start[s.ETA]) - asked.throttle
@@ -171,7 +178,9 @@ def make_law_plan(
     speed = float(np.linalg.norm(start[s.U : s.W + 1]))
     commands = steps.columns(time)
     course = (
-        commands[:, steps.names.index("baseChiCmd")] if "baseChiCmd" in steps.names else np.full_like(time, heading)
+        commands[:, steps.names.index("baseChiCmd")]
+        if "baseChiCmd" in steps.names
+        else np.full_like(time, heading)
     )
     reference = np.zeros((time.size, len(REFERENCE)))
     reference[:, ref.TIME], reference[:, ref.SPEED], reference[:, ref.HEADING] = time, speed, course

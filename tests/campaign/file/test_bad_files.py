@@ -34,7 +34,9 @@ TABLE = [
 ]
 
 
-@pytest.mark.parametrize(("name", "line", "column", "words"), TABLE, ids=[entry[0] for entry in TABLE])
+@pytest.mark.parametrize(
+    ("name", "line", "column", "words"), TABLE, ids=[entry[0] for entry in TABLE]
+)
 def test_refused(name, line, column, words, abhv_mc, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     file = BAD / f"{name}.yaml"
@@ -55,7 +57,13 @@ OTHERS = (
 
 def places(data, keys=()):
     """Where every value of a document stands, the root apart."""
-    inner = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
+    inner = (
+        data.items()
+        if isinstance(data, dict)
+        else enumerate(data)
+        if isinstance(data, list)
+        else ()
+    )
     for key, value in inner:
         yield (*keys, key)
         yield from places(value, (*keys, key))
@@ -82,7 +90,9 @@ CAMPAIGNS = [
 
 
 @pytest.mark.parametrize("campaign", CAMPAIGNS)
-def test_a_replaced_value_is_taken_or_refused_with_its_place(campaign, tmp_path, abhv_mc, monkeypatch):
+def test_a_replaced_value_is_taken_or_refused_with_its_place(
+    campaign, tmp_path, abhv_mc, monkeypatch
+):
     """A mapping in the place of a number ended in 2,500 lines of traceback."""
     monkeypatch.setattr(check_inputs, "_try_law", lambda *_: [])
     (tmp_path / "configs").symlink_to(shipped_configs())
@@ -102,13 +112,24 @@ def test_a_replaced_value_is_taken_or_refused_with_its_place(campaign, tmp_path,
 
 
 def test_a_file_of_another_kind_is_one_sentence(tmp_path, abhv_mc):
-    text = (shipped_campaigns() / "s_manoeuvre.yaml").read_text().replace("../configs", str(shipped_configs()))
+    text = (
+        (shipped_campaigns() / "s_manoeuvre.yaml")
+        .read_text()
+        .replace("../configs", str(shipped_configs()))
+    )
     path = tmp_path / "c.yaml"
-    path.write_text(re.sub("mission: .*", f"mission: {shipped_configs()}/control/tlc.yaml", text), encoding="utf-8")
+    path.write_text(
+        re.sub("mission: .*", f"mission: {shipped_configs()}/control/tlc.yaml", text),
+        encoding="utf-8",
+    )
     for command, file, words in (
         ("validate", path, ":9:10: 'tlc.yaml', a controller file; expected a mission file"),
         ("run", path, ":9:10: 'tlc.yaml', a controller file; expected a mission file"),
-        ("run", shipped_configs() / "mission/level.yaml", "a mission file; expected a campaign file"),
+        (
+            "run",
+            shipped_configs() / "mission/level.yaml",
+            "a mission file; expected a campaign file",
+        ),
     ):
         code, _, said = abhv_mc(command, file)
         assert code == 2 and said.count("\n") == 1 and words in said, said
@@ -119,7 +140,15 @@ READERS = {
     "configs/control/tlc.yaml": read_controller,
     "configs/vehicle/ghame_x.yaml": load_vehicle,
 }
-SNIPPETS = [*b"-1 1e400 .nan ~ { ] *a !!x '".split(), b"\t", b"\x00", b"\xff", b"\r", b"\n---\n", b""]
+SNIPPETS = [
+    *b"-1 1e400 .nan ~ { ] *a !!x '".split(),
+    b"\t",
+    b"\x00",
+    b"\xff",
+    b"\r",
+    b"\n---\n",
+    b"",
+]
 
 
 @pytest.fixture(scope="module")
@@ -146,7 +175,11 @@ def broken(file, number):
     """Its content cut anywhere, with an odd snippet in the place."""
     chance, content = random.Random(f"{file.name} {number}"), file.read_bytes()
     place = chance.randrange(len(content))
-    return content[:place] + chance.choice(SNIPPETS) + content[place + chance.choice([0, 1, 9, 10**6]) :]
+    return (
+        content[:place]
+        + chance.choice(SNIPPETS)
+        + content[place + chance.choice([0, 1, 9, 10**6]) :]
+    )
 
 
 @pytest.mark.thorough

@@ -39,22 +39,36 @@ def test_what_looks_right_and_would_be_left_out_is_refused(tmp_path):
 def test_a_table_reads_as_a_list(tmp_path):
     checked = read_campaign(campaign(tmp_path, TABLE))
     first, second = checked.model.requirements
-    assert (first.id, first.text, first.source) == ("GNC-12", "The altitude is held, always", "SRD 3.2")
+    assert (first.id, first.text, first.source) == (
+        "GNC-12",
+        "The altitude is held, always",
+        "SRD 3.2",
+    )
     assert [item.limits for item in checked.requirements] == [Bounds(high=50.0), Bounds(low=0.1)]
     assert first.probability == pytest.approx(0.9973)
     assert (first.consumer_risk, second.consumer_risk) == (0.05, 0.10)
     assert second.controllers == ("one", "two") and second.above == 0.1 and second.text is None
     both = TABLE.replace("equivalence_ratio_min,,0.1", "equivalence_ratio_min,0.5,0.1")
     assert read_campaign(campaign(tmp_path, both)).requirements[1].limits == Bounds(0.1, 0.5)
-    assert read_campaign(tmp_path / "campaign.yaml", controllers=["two"]).model.requirements[1].controllers == ("two",)
+    assert read_campaign(tmp_path / "campaign.yaml", controllers=["two"]).model.requirements[
+        1
+    ].controllers == ("two",)
 
 
 @pytest.mark.parametrize(
     ("old", "new", "place"),
     [
-        ("50 m", "50 furlongs", r"campaign.yaml:.*furlongs"),  # the metric's unit is the campaign's business
+        (
+            "50 m",
+            "50 furlongs",
+            r"campaign.yaml:.*furlongs",
+        ),  # the metric's unit is the campaign's business
         ("GNC-13", "GNC-12", r"campaign.yaml:.*GNC-12"),
-        ("equivalence_ratio_min,,0.1", "equivalence_ratio_min,0.1,0.5", "campaign.yaml:.*below 0.1 and above 0.5"),
+        (
+            "equivalence_ratio_min,,0.1",
+            "equivalence_ratio_min,0.1,0.5",
+            "campaign.yaml:.*below 0.1 and above 0.5",
+        ),
         ("99.73 %", "199 %", "requirements.csv:2:7: "),
         (",below,", ",belov,", "requirements.csv:1:5: "),
         ("equivalence_ratio_min,,0.1", "equivalence_ratio_min,,", "requirements.csv:3:1: "),
@@ -100,7 +114,9 @@ def read_phases(folder, window, name="turn"):
 
 
 def test_a_phase_is_the_window_between_its_beginning_and_its_end(tmp_path):
-    by_name, by_times = (read_phases(tmp_path, each).declared[0] for each in ("phase: turn", "from: 37 s, to: 47 s"))
+    by_name, by_times = (
+        read_phases(tmp_path, each).declared[0] for each in ("phase: turn", "from: 37 s, to: 47 s")
+    )
     assert (by_name.start, by_name.end) == (37.0, 47.0)
     assert by_name == by_times
 
@@ -146,7 +162,10 @@ def test_of_two_limits_a_distance_is_a_share_of_half_their_distance():
 def test_an_early_end_fails_and_measured_failures_stay():
     early = np.array([True, False])
     assert Bounds(high=50.0).failures(np.array([1.0, 60.0]), early).tolist() == [True, True]
-    assert Bounds(high=50.0).failures(np.array([1.0, 1.0]), early & False).tolist() == [False, False]
+    assert Bounds(high=50.0).failures(np.array([1.0, 1.0]), early & False).tolist() == [
+        False,
+        False,
+    ]
 
 
 def test_quantities_stay_in_the_units_of_the_inputs(tmp_path: Path) -> None:
@@ -157,7 +176,9 @@ def test_quantities_stay_in_the_units_of_the_inputs(tmp_path: Path) -> None:
         law = campaign.marginals[name]
         assert law.ppf(middle)[0] == mean
         assert math.isclose(law.ppf(side)[0], mean + sigma)
-    assert campaign.marginals["delay"].at_fraction(np.array([0.0, 1.0])).tolist() == pytest.approx([1.0, 2.2])
+    assert campaign.marginals["delay"].at_fraction(np.array([0.0, 1.0])).tolist() == pytest.approx(
+        [1.0, 2.2]
+    )
     assert campaign.requirements[0].limits.low == 0.0
     assert campaign.metrics["altitude_min"].unit == "ft"
 
@@ -169,11 +190,20 @@ def test_quantities_stay_in_the_units_of_the_inputs(tmp_path: Path) -> None:
         ({"margins": {"flights": "all"}}, "unknown key 'margins'"),
         ({"execution": {"flight_time_limit": "5 s"}}, "unknown key 'flight_time_limit'"),
         ({"keep": {"envelopes": {"rate": "5 Hz"}}}, "envelopes of no"),
-        ({"keep": {"histories": {"channels": ["altitude_m"]}}, "histories": {"altitude": {}}}, "of this program's"),
-        ({"dispersions": {"altitude": {"distribution": "normal", "sigma": "50 kg"}}}, "a mass"),
-        ({"dispersions": {"height": {"distribution": "normal", "sigma": 50.0}}}, "unknown parameter 'height'"),
         (
-            {"inputs": {"bias": {"unit": "ft"}}, "dispersions": {"bias": {"distribution": "normal", "sigma": "5 %"}}},
+            {"keep": {"histories": {"channels": ["altitude_m"]}}, "histories": {"altitude": {}}},
+            "of this program's",
+        ),
+        ({"dispersions": {"altitude": {"distribution": "normal", "sigma": "50 kg"}}}, "a mass"),
+        (
+            {"dispersions": {"height": {"distribution": "normal", "sigma": 50.0}}},
+            "unknown parameter 'height'",
+        ),
+        (
+            {
+                "inputs": {"bias": {"unit": "ft"}},
+                "dispersions": {"bias": {"distribution": "normal", "sigma": "5 %"}},
+            },
             "0",
         ),
         ({"metrics": {"dive": {}}, "requirements": []}, "taken"),
@@ -182,13 +212,19 @@ def test_quantities_stay_in_the_units_of_the_inputs(tmp_path: Path) -> None:
         ({"simulator": {"python": "dive.py", "command": ["sh"]}}, "both"),
         ({"simulator": {"python": "dive.py", "files": ["model/*.csv"]}}, "names no file"),
         (
-            {"requirements": [{"metric": "load", "below": 7.0, "probability": 0.9, "controllers": ["v3"]}]},
+            {
+                "requirements": [
+                    {"metric": "load", "below": 7.0, "probability": 0.9, "controllers": ["v3"]}
+                ]
+            },
             "system 'v3'",
         ),
         ({"requirements": [{"metric": "load", "below": "7 ft", "probability": 0.9}]}, "7 ft"),
     ],
 )
-def test_what_makes_no_sense_is_refused(changes: dict[str, object], line: str, tmp_path: Path) -> None:
+def test_what_makes_no_sense_is_refused(
+    changes: dict[str, object], line: str, tmp_path: Path
+) -> None:
     with pytest.raises((InputError, InputErrors), match=line):
         read_campaign(dive_campaign(tmp_path, **changes))
 
@@ -210,7 +246,9 @@ def test_seeds_are_whole_numbers_of_each_flight(tmp_path: Path) -> None:
     assert np.array_equal(drawn, np.floor(drawn))
     assert drawn.max() < 2.0**53
     assert np.array_equal(seeds.draw(40, 50)[:, 1], drawn[40:50])
-    grid = dive_campaign(tmp_path / "grid", inputs=inputs, dispersions=laws, sampling="corners", runs=None)
+    grid = dive_campaign(
+        tmp_path / "grid", inputs=inputs, dispersions=laws, sampling="corners", runs=None
+    )
     assert np.unique(read_campaign(grid).make_samples().draw(0, 2)[:, 1]).size == 1
 
 

@@ -32,7 +32,9 @@ def test_nothing_moves_flight_k(kind):
         np.testing.assert_array_equal(draw(kind, 4200, first=first, stop=stop), whole[first:stop])
     if kind != "lhs":
         np.testing.assert_array_equal(draw(kind, 300), whole[:300])
-    more = draw(kind, names=("wind.north", "aero.lift", "mass.total", "aero.drag", "atmosphere.density"))
+    more = draw(
+        kind, names=("wind.north", "aero.lift", "mass.total", "aero.drag", "atmosphere.density")
+    )
     np.testing.assert_array_equal(more[:, [4, 1, 3]], draw(kind))
 
 
@@ -40,7 +42,10 @@ def test_nothing_moves_flight_k(kind):
 def test_neighbouring_seeds_and_parameters_share_nothing(kind):
     columns = np.column_stack([draw(kind, seed=7), draw(kind, seed=8)])
     correlation = np.corrcoef(columns.T) - np.eye(6)
-    if kind in ("sobol", "halton"):  # two scrambles of one dimension are the same net: seeds show in the points only
+    if kind in (
+        "sobol",
+        "halton",
+    ):  # two scrambles of one dimension are the same net: seeds show in the points only
         correlation = correlation[:3, :3]
     assert np.abs(correlation).max() < 4.0 / np.sqrt(512)  # four standard errors
     assert len(np.unique(columns)) == columns.size
@@ -91,6 +96,10 @@ def test_correlations_are_those_asked_for_and_laws_and_other_columns_and_bits_of
 
 
 def test_a_matrix_that_is_not_positive_definite_is_refused():
-    impossible = {("aero.drag", "aero.lift"): 0.9, ("aero.lift", "mass.total"): 0.9, ("aero.drag", "mass.total"): -0.9}
+    impossible = {
+        ("aero.drag", "aero.lift"): 0.9,
+        ("aero.lift", "mass.total"): 0.9,
+        ("aero.drag", "mass.total"): -0.9,
+    }
     with pytest.raises(np.linalg.LinAlgError):
         make_copula(CORRELATED, impossible)

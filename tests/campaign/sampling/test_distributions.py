@@ -57,7 +57,9 @@ CASES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("parameter, entry, expected", CASES, ids=lambda case: getattr(case, "name", None))
+@pytest.mark.parametrize(
+    "parameter, entry, expected", CASES, ids=lambda case: getattr(case, "name", None)
+)
 def test_samples_follow_the_declared_law(parameter, entry, expected):
     law = make_marginal(parameter, **entry)
     values = law.ppf(Design("random", 3, (parameter.name,), 4000).draw(0, 4000)[:, 0])
@@ -66,7 +68,9 @@ def test_samples_follow_the_declared_law(parameter, entry, expected):
 
 
 def test_discrete_choice_has_its_weights():
-    law = make_marginal(ALTITUDE, distribution="discrete", values=["5 m", "-1 m", "3 m"], weights=[1.0, 2.0, 5.0])
+    law = make_marginal(
+        ALTITUDE, distribution="discrete", values=["5 m", "-1 m", "3 m"], weights=[1.0, 2.0, 5.0]
+    )
     values = law.ppf(Design("random", 3, ("aero.lift",), 8000).draw(0, 8000)[:, 0])
     found, counts = np.unique(values, return_counts=True)
     np.testing.assert_array_equal(found, [-1.0, 3.0, 5.0])
@@ -85,12 +89,22 @@ def test_discrete_choice_has_its_weights():
             [np.exp(-0.3), np.cosh(0.3), np.exp(0.3)],
         ),  # 0 is no value
         (DENSITY, dict(distribution="discrete", values=[0.8, 1.0, 1.1]), [0.8, 1.0, 1.1]),
-        (DENSITY, dict(distribution="mixture", parts=[NARROW, WIDE, CHOICE], weights=[1, 1e-6, 1]), [0.7, 1.015, 1.33]),
-        (STUCK, dict(distribution="uniform", low="5 s", high="50 s", probability="5 %"), [5.0, 27.5, 50.0]),
+        (
+            DENSITY,
+            dict(distribution="mixture", parts=[NARROW, WIDE, CHOICE], weights=[1, 1e-6, 1]),
+            [0.7, 1.015, 1.33],
+        ),
+        (
+            STUCK,
+            dict(distribution="uniform", low="5 s", high="50 s", probability="5 %"),
+            [5.0, 27.5, 50.0],
+        ),
     ],
 )
 def test_extent_of_bounded_and_unbounded_laws(parameter, entry, expected):
-    np.testing.assert_allclose(make_marginal(parameter, **entry).at_fraction(ENDS), expected, atol=1e-9)
+    np.testing.assert_allclose(
+        make_marginal(parameter, **entry).at_fraction(ENDS), expected, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize(
@@ -108,10 +122,16 @@ def test_extent_of_bounded_and_unbounded_laws(parameter, entry, expected):
         (DENSITY, dict(distribution="scipy", law="os.system"), ("law",)),
         (DENSITY, dict(distribution="scipy", law="weibull_min", shapes={"c": -1.0}), ()),
         (DENSITY, dict(distribution="mixture", parts=[NARROW, WIDE], weights=[1.0]), ("weights",)),
-        (DENSITY, dict(distribution="mixture", parts=[NARROW, {**WIDE, "probability": 0.5}]), ("parts", 1)),
         (
             DENSITY,
-            dict(distribution="mixture", parts=[NARROW, dict(distribution="uniform", low=2, high=1)]),
+            dict(distribution="mixture", parts=[NARROW, {**WIDE, "probability": 0.5}]),
+            ("parts", 1),
+        ),
+        (
+            DENSITY,
+            dict(
+                distribution="mixture", parts=[NARROW, dict(distribution="uniform", low=2, high=1)]
+            ),
             ("parts", 1, "high"),
         ),
     ],
@@ -126,8 +146,12 @@ def test_two_normals_are_those_of_scipy():
     law = make_mixture(NARROW, WIDE, weights=[3, 1])
     one, other = stats.norm(0.9, 0.05), stats.norm(1.3, 0.01)
     values = np.linspace(0.6, 1.5, 91)
-    np.testing.assert_allclose(law.cdf(values), 0.75 * one.cdf(values) + 0.25 * other.cdf(values), atol=1e-15)
-    np.testing.assert_allclose(law.density(values), 0.75 * one.pdf(values) + 0.25 * other.pdf(values), rtol=1e-12)
+    np.testing.assert_allclose(
+        law.cdf(values), 0.75 * one.cdf(values) + 0.25 * other.cdf(values), atol=1e-15
+    )
+    np.testing.assert_allclose(
+        law.density(values), 0.75 * one.pdf(values) + 0.25 * other.pdf(values), rtol=1e-12
+    )
     probabilities = np.array([1e-9, 0.01, 0.3, 0.7499, 0.75, 0.7501, 0.9, 1 - 1e-9])
     np.testing.assert_allclose(law.cdf(law.ppf(probabilities)), probabilities, rtol=0.0, atol=1e-12)
 
@@ -145,7 +169,11 @@ def test_quantiles_are_bracketed_to_1e_12_and_do_not_depend_on_the_others():
 
 
 def test_choices_alone_make_a_choice():
-    law = make_mixture(CHOICE, {"distribution": "discrete", "values": [1.0, 1.2], "weights": [3, 1]}, weights=[1, 3])
+    law = make_mixture(
+        CHOICE,
+        {"distribution": "discrete", "values": [1.0, 1.2], "weights": [3, 1]},
+        weights=[1, 3],
+    )
     assert isinstance(law, DiscreteMarginal)
     assert law.values.tolist() == [0.7, 1.0, 1.2]
     assert law.cumulative == pytest.approx([0.125, 0.8125, 1.0])
@@ -155,11 +183,15 @@ _UNIFORM = np.linspace(0.0005, 0.9995, 1000)
 
 
 def test_a_failure_comes_in_its_share_of_the_flights_and_never_in_the_others():
-    marginal = make_marginal(STUCK, distribution="uniform", low="5 s", high="50 s", probability="5 %")
+    marginal = make_marginal(
+        STUCK, distribution="uniform", low="5 s", high="50 s", probability="5 %"
+    )
     values = marginal.ppf(_UNIFORM)
     assert np.sum(np.isfinite(values)) == 50 and np.all(values[50:] == math.inf)
     assert values[:50] == pytest.approx(5.0 + 45.0 * (_UNIFORM[:50] / 0.05))
-    assert marginal.cdf(np.array([4.0, 27.5, 1e9, math.inf])) == pytest.approx([0.0, 0.025, 0.05, 1.0])
+    assert marginal.cdf(np.array([4.0, 27.5, 1e9, math.inf])) == pytest.approx(
+        [0.0, 0.025, 0.05, 1.0]
+    )
     assert marginal.density(np.array([20.0, math.inf])) == pytest.approx([0.05 / 45.0, 0.95])
 
 
@@ -172,19 +204,26 @@ def test_about_a_nominal_value_the_quantiles_still_rise_and_the_shares_are_right
     assert marginal.cdf(values[values != 1.0]) == pytest.approx(_UNIFORM[values != 1.0], abs=1e-9)
 
 
-_ENTRY = "{failure.engine.time: {distribution: uniform, low: 1 s, high: 2 s, probability: 20 %}, aero.lift: \
+_ENTRY = (
+    "{failure.engine.time: {distribution: uniform, low: 1 s, high: 2 s, probability: 20 %}, aero.lift: \
 {distribution: normal, sigma: 5 %}}"
+)
 
 
 @pytest.mark.parametrize(
     ("entries", "words"),
     [
         ({"sampling": "corners", "runs": "4"}, "a probability with the design 'corners'"),
-        ({"correlations": "[{between: [aero.lift, failure.engine.time], rank: 0.5}]"}, "drawn with a probability"),
+        (
+            {"correlations": "[{between: [aero.lift, failure.engine.time], rank: 0.5}]"},
+            "drawn with a probability",
+        ),
         ({"dispersions": _ENTRY.replace("20 %", "120 %")}, "120 %"),
     ],
 )
-def test_where_it_has_no_meaning_it_is_refused_with_its_place(tmp_path: Path, entries: dict[str, str], words: str):
+def test_where_it_has_no_meaning_it_is_refused_with_its_place(
+    tmp_path: Path, entries: dict[str, str], words: str
+):
     with pytest.raises(InputError, match=rf":\d+:\d+: .*{words}"):
         read_campaign(write_campaign(tmp_path / "c", **{"dispersions": _ENTRY} | entries))
 
@@ -193,8 +232,13 @@ def test_failures_of_the_vehicles_own_effectors_are_named_after_them(tmp_path: P
     entry = "{failure.right_elevon.stuck_time: {distribution: uniform, low: 1 s, high: 2 s}}"
     unknown = "{control.left_elevon_effectiveness: {low: -10 %, high: 10 %}}"
     path = write_campaign(tmp_path / "d", dispersions=entry, unknowns=unknown)
-    (tmp_path / "d/vehicle.yaml").write_text("effectors: {left_elevon: {}, right_elevon: {}}\n", encoding="utf-8")
-    assert read_campaign(path).dimensions == ("failure.effector_1.stuck_time", "control.effector_0_effectiveness")
+    (tmp_path / "d/vehicle.yaml").write_text(
+        "effectors: {left_elevon: {}, right_elevon: {}}\n", encoding="utf-8"
+    )
+    assert read_campaign(path).dimensions == (
+        "failure.effector_1.stuck_time",
+        "control.effector_0_effectiveness",
+    )
     (tmp_path / "d/vehicle.yaml").write_text("effectors: {left_elevon: {}}\n", encoding="utf-8")
     with pytest.raises(InputError, match=r"parameter 'failure\.right_elevon\.stuck_time'"):
         read_campaign(path)

@@ -23,7 +23,9 @@ COLUMNS = ("wind.turbulence", "sensor.altitude_noise", "wind.turbulence_seed", "
 
 
 def samples(folder, **entries):
-    return read_campaign(write_campaign(folder, **{"dispersions": WIND, "keep": "{}", **entries})).make_samples()
+    return read_campaign(
+        write_campaign(folder, **{"dispersions": WIND, "keep": "{}", **entries})
+    ).make_samples()
 
 
 def test_seeds_are_columns_behind_the_dispersions(tmp_path):
@@ -35,19 +37,29 @@ def test_seeds_are_columns_behind_the_dispersions(tmp_path):
     np.testing.assert_array_equal(source.draw(100, 200), values[100:200])
 
 
-def test_a_seed_that_is_dispersed_stays_as_it_is_declared_and_samples_from_a_file_and_derived_noise_get_one(tmp_path):
+def test_a_seed_that_is_dispersed_stays_as_it_is_declared_and_samples_from_a_file_and_derived_noise_get_one(
+    tmp_path,
+):
     own = WIND[:-1] + ", wind.turbulence_seed: {distribution: uniform, low: 0, high: 0.5}}"
     source = samples(tmp_path, dispersions=own)
     assert sorted(source.names) == sorted(COLUMNS) and source.draw(0, 300)[:, 2].max() < 0.5
     (tmp_path / "s.csv").write_text("wind.turbulence\n1.0\n2.0\n", encoding="utf-8")
-    source = samples(tmp_path, dispersions="{}", sampling="{design: file, path: s.csv}", runs="null")
-    assert source.names == ("wind.turbulence", "wind.turbulence_seed") and source.draw(0, 2).shape == (2, 2)
-    campaign = read_campaign(write_campaign(tmp_path, derived="{wind.turbulence: 3 * abs(aero.lift - 1)}"))
+    source = samples(
+        tmp_path, dispersions="{}", sampling="{design: file, path: s.csv}", runs="null"
+    )
+    assert source.names == ("wind.turbulence", "wind.turbulence_seed") and source.draw(
+        0, 2
+    ).shape == (2, 2)
+    campaign = read_campaign(
+        write_campaign(tmp_path, derived="{wind.turbulence: 3 * abs(aero.lift - 1)}")
+    )
     assert campaign.make_samples().names[-1] == "wind.turbulence_seed"
     assert make_space(campaign).seeds == ("wind.turbulence_seed",)
 
 
-@pytest.mark.parametrize("design", ["corners", "{design: grid, levels: 3}", "{design: one_at_a_time, levels: 2}"])
+@pytest.mark.parametrize(
+    "design", ["corners", "{design: grid, levels: 3}", "{design: one_at_a_time, levels: 2}"]
+)
 def test_factorial_designs_have_one_common_seed(tmp_path, design):
     source = samples(tmp_path, sampling=design, runs="null")
     assert len(np.unique(source.draw(0, source.flights)[:, 2:], axis=0)) == 1
@@ -55,7 +67,9 @@ def test_factorial_designs_have_one_common_seed(tmp_path, design):
 
 
 LIFT, DRAG, BANK = (PARAMETER_INDEX[name] for name in ("aero.lift", "aero.drag", "initial.bank"))
-_BOTH = "{aero.lift: {distribution: normal, sigma: 5 %}, aero.drag: {distribution: normal, sigma: 2 %}}"
+_BOTH = (
+    "{aero.lift: {distribution: normal, sigma: 5 %}, aero.drag: {distribution: normal, sigma: 2 %}}"
+)
 
 
 def drawn(folder: Path, **entries: str):
@@ -64,7 +78,9 @@ def drawn(folder: Path, **entries: str):
     return campaign, values, campaign.rows(values)
 
 
-def test_what_is_dispersed_may_stand_on_its_own_right_side_and_correlates_as_it_must(tmp_path: Path):
+def test_what_is_dispersed_may_stand_on_its_own_right_side_and_correlates_as_it_must(
+    tmp_path: Path,
+):
     """Drag is lift's share and its own scatter: r = 0.5 s_l / sqrt(0.25 s_l^2 + s_d^2)."""
     formula = "{aero.drag: aero.drag + 0.5 * (aero.lift - 1)}"
     campaign, values, rows = drawn(tmp_path, dispersions=_BOTH, derived=formula, runs="20000")
@@ -89,8 +105,13 @@ def test_functions_and_infinite_values(tmp_path: Path):
         dispersions="{failure.aileron.stuck_time: {distribution: uniform, low: 5 s, high: 50 s, probability: 5 %}}",
         derived="{failure.rudder.stuck_time: failure.aileron.stuck_time + 2}",
     )
-    times = rows[:, [PARAMETER_INDEX[f"failure.{name}.stuck_time"] for name in ("aileron", "rudder")]]
-    assert np.array_equal(times[:, 1], times[:, 0] + 2.0) and 0 < np.isfinite(times).all(axis=1).sum() < 30
+    times = rows[
+        :, [PARAMETER_INDEX[f"failure.{name}.stuck_time"] for name in ("aileron", "rudder")]
+    ]
+    assert (
+        np.array_equal(times[:, 1], times[:, 0] + 2.0)
+        and 0 < np.isfinite(times).all(axis=1).sum() < 30
+    )
 
 
 @pytest.mark.parametrize(
@@ -101,7 +122,10 @@ def test_functions_and_infinite_values(tmp_path: Path):
         ("{aero.drag: 1 + lift}", "'lift'"),
         ("{aero.drag: aero.lift ** 2}", r"aero\.lift \*\* 2"),
         ("{aero.drag: aero.lift + 0.05}", "1.05 where all others are nominal"),
-        ("{aero.drag: aero.lift, aero.side_force: aero.drag}", "'aero.drag', which is derived itself"),
+        (
+            "{aero.drag: aero.lift, aero.side_force: aero.drag}",
+            "'aero.drag', which is derived itself",
+        ),
         ("{wind.turbulence_seed: aero.lift}", "a seed"),
     ],
 )
@@ -112,8 +136,12 @@ def test_derived_inputs_refused(tmp_path: Path, entry: str, words: str):
 
 def test_csv_and_parquet_give_the_same(tmp_path):
     (tmp_path / "s.csv").write_text("flight,aero.lift,aero.drag\n0,0.9,1.1\n1,1.0,1.2\n")
-    pq.write_table(pa.table({"aero.lift": [0.9, 1.0], "aero.drag": [1.1, 1.2]}), tmp_path / "s.parquet")
-    one, two = (read_sample_file(tmp_path / name, OURS.dispersible) for name in ("s.csv", "s.parquet"))
+    pq.write_table(
+        pa.table({"aero.lift": [0.9, 1.0], "aero.drag": [1.1, 1.2]}), tmp_path / "s.parquet"
+    )
+    one, two = (
+        read_sample_file(tmp_path / name, OURS.dispersible) for name in ("s.csv", "s.parquet")
+    )
     assert one.names == two.names == ("aero.lift", "aero.drag")
     assert one.values.tolist() == two.values.tolist() == [[0.9, 1.1], [1.0, 1.2]]
     (tmp_path / "s.parquet").write_text("not Parquet")

@@ -5,7 +5,12 @@ import pytest
 
 from abhv_mc.control.design.design_model import Environment, guidance_rates
 from abhv_mc.control.design.guidance_trim import trim_along, trim_faults
-from abhv_mc.kernel.laws.trim_search import NO_ANGLE_OF_ATTACK, NO_BANK, NO_EQUIVALENCE_RATIO, GuidancePoints
+from abhv_mc.kernel.laws.trim_search import (
+    NO_ANGLE_OF_ATTACK,
+    NO_BANK,
+    NO_EQUIVALENCE_RATIO,
+    GuidancePoints,
+)
 from abhv_mc.kernel.world.earth import WGS84
 from abhv_mc.plant.trim import FlightPoint, trim
 
@@ -16,15 +21,26 @@ SPEED = 1400.0
 
 def points(axial=0.0, vertical=0.0, lateral=0.0, speed=SPEED, gamma=0.0, heading=1.5):
     air = AROUND.density, AROUND.sound_speed, AROUND.gravity, AROUND.radius, AROUND.latitude
-    given = np.broadcast_arrays(np.atleast_1d(speed), *air, gamma, heading, axial, vertical, lateral)
+    given = np.broadcast_arrays(
+        np.atleast_1d(speed), *air, gamma, heading, axial, vertical, lateral
+    )
     return GuidancePoints(*given)
 
 
 def rates(vehicle, tables, where, found):
     """V', V gamma' and V chi' of the design model under the controls found, [3, point]."""
     controls = np.stack([found.angle_of_attack, found.bank, found.equivalence_ratio])
-    state = np.stack([np.full_like(where.speed, AROUND.altitude), where.flight_path_angle, where.heading, where.speed])
-    _, gamma_rate, chi_rate, speed_rate = guidance_rates(vehicle, tables, AROUND, MASS, state, controls)
+    state = np.stack(
+        [
+            np.full_like(where.speed, AROUND.altitude),
+            where.flight_path_angle,
+            where.heading,
+            where.speed,
+        ]
+    )
+    _, gamma_rate, chi_rate, speed_rate = guidance_rates(
+        vehicle, tables, AROUND, MASS, state, controls
+    )
     return np.real(np.stack([speed_rate, where.speed * gamma_rate, where.speed * chi_rate]))
 
 
@@ -50,11 +66,15 @@ def test_equations_hold_over_the_envelope(vehicle, trim_tables):
     error = np.abs(rates(vehicle, trim_tables, where, found) - wanted)[:, good]
     assert error.max() < 1e-7  # m/s2
     # Where the status says that an equation fails, it does; no point is lost silently.
-    assert (np.abs(rates(vehicle, trim_tables, where, found) - wanted).max(axis=0)[~good] > 1e-6).all()
+    assert (
+        np.abs(rates(vehicle, trim_tables, where, found) - wanted).max(axis=0)[~good] > 1e-6
+    ).all()
 
 
 def test_warm_start_changes_nothing(vehicle, trim_tables):
-    lateral = np.array([*9.8 * np.cos(np.linspace(0.0, np.pi, 1001)), 0.0, 9.8, -9.8])  # the S, then steps
+    lateral = np.array(
+        [*9.8 * np.cos(np.linspace(0.0, np.pi, 1001)), 0.0, 9.8, -9.8]
+    )  # the S, then steps
     warm = trim_along(vehicle, trim_tables, points(lateral=lateral), MASS)
     cold = trim_along(vehicle, trim_tables, points(lateral=lateral), MASS, warm_start=False)
     for a, b in zip(warm[:4], cold[:4], strict=True):
@@ -65,9 +85,27 @@ def test_an_interval_without_a_root_gives_its_nearest_end(vehicle, trim_tables):
     c = vehicle.constants
     faults = {}
     for name, asked, flag, control, end in (
-        ("too fast", {"axial": 20.0}, NO_EQUIVALENCE_RATIO, "equivalence_ratio", c.equivalence_ratio_max),
-        ("too slow", {"axial": -50.0}, NO_EQUIVALENCE_RATIO, "equivalence_ratio", c.equivalence_ratio_min),
-        ("too much lift", {"vertical": 300.0}, NO_ANGLE_OF_ATTACK, "angle_of_attack", c.angle_of_attack_max),
+        (
+            "too fast",
+            {"axial": 20.0},
+            NO_EQUIVALENCE_RATIO,
+            "equivalence_ratio",
+            c.equivalence_ratio_max,
+        ),
+        (
+            "too slow",
+            {"axial": -50.0},
+            NO_EQUIVALENCE_RATIO,
+            "equivalence_ratio",
+            c.equivalence_ratio_min,
+        ),
+        (
+            "too much lift",
+            {"vertical": 300.0},
+            NO_ANGLE_OF_ATTACK,
+            "angle_of_attack",
+            c.angle_of_attack_max,
+        ),
     ):
         faults[name] = trim_along(vehicle, trim_tables, points(**asked), MASS)
         assert faults[name].status[0] & flag
@@ -81,17 +119,23 @@ def test_an_interval_without_a_root_gives_its_nearest_end(vehicle, trim_tables):
 def test_with_speed_held_the_axial_equation_can_be_skipped(vehicle, trim_tables):
     where = points(lateral=np.array([0.0, 5.0]))
     full = trim_along(vehicle, trim_tables, where, MASS)
-    held = trim_along(vehicle, trim_tables, where, MASS, held_equivalence_ratio=float(full.equivalence_ratio[0]))
+    held = trim_along(
+        vehicle, trim_tables, where, MASS, held_equivalence_ratio=float(full.equivalence_ratio[0])
+    )
     assert held.angle_of_attack[0] == pytest.approx(full.angle_of_attack[0], abs=1e-10)
     assert held.equivalence_ratio[1] == full.equivalence_ratio[0]
-    error = rates(vehicle, trim_tables, where, held) - np.stack([where.axial, where.longitudinal, where.lateral])
+    error = rates(vehicle, trim_tables, where, held) - np.stack(
+        [where.axial, where.longitudinal, where.lateral]
+    )
     assert np.abs(error[1:]).max() < 1e-8
 
 
 def test_fuel_leaves_the_vehicle_on_the_way(vehicle, trim_tables):
     where = points(axial=np.zeros(101))
     found = trim_along(vehicle, trim_tables, where, MASS, tick=0.5)
-    start = trim(vehicle, WGS84._replace(rotation_rate=0.0), FlightPoint(20e3, SPEED, latitude=0.511), MASS)
+    start = trim(
+        vehicle, WGS84._replace(rotation_rate=0.0), FlightPoint(20e3, SPEED, latitude=0.511), MASS
+    )
     assert found.mass[0] == MASS
     assert (found.mass[0] - found.mass[1]) / 0.5 == pytest.approx(start.fuel_flow, rel=0.01)
     assert (np.diff(found.angle_of_attack) < 0.0).all()  # lighter needs less

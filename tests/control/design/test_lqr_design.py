@@ -52,17 +52,23 @@ def split(row):
 
 
 @pytest.mark.parametrize("knot", [0, 700, 2500, 4999, 5000, 6000])
-def test_gains_satisfy_their_riccati_equations(knot, controller, nominal_at, vehicle, trim_tables, gains):
+def test_gains_satisfy_their_riccati_equations(
+    knot, controller, nominal_at, vehicle, trim_tables, gains
+):
     models = make_models(vehicle, trim_tables, nominal_at(knot))
     units = (1.0, np.pi / 180.0, np.pi / 180.0)  # the paper's weights are of degrees
-    for (A, B), unit, (Q, R), K in zip(models, units, weights(controller), split(gains[knot]), strict=True):
+    for (A, B), unit, (Q, R), K in zip(
+        models, units, weights(controller), split(gains[knot]), strict=True
+    ):
         poles = np.linalg.eigvals(A - unit * B @ K)
         assert poles.real.max() < 0.0
         theirs, _, _ = control.lqr(A, unit * B, Q, R, method="scipy")
         np.testing.assert_allclose(theirs, K, rtol=1e-8, atol=1e-10 * np.abs(K).max())
 
 
-def test_gains_are_not_interpolated_across_a_step(controller, nominal_at, reference, vehicle, trim_tables, gains):
+def test_gains_are_not_interpolated_across_a_step(
+    controller, nominal_at, reference, vehicle, trim_tables, gains
+):
     """At 50 s the bank steps by 46 deg, and the bank's share of the path error with it."""
     assert gains.shape == (len(reference), len(LQR_GAINS))
     for knot in (0, 4999, 5000, 6000):
@@ -77,8 +83,12 @@ def test_gains_are_not_interpolated_across_a_step(controller, nominal_at, refere
 
 
 def test_ramps_have_knots_each_tenth_of_a_second(mission, vehicle, trim_tables, reference):
-    ramped = mission.model_copy(update={"manoeuvre": mission.manoeuvre.model_copy(update={"bank_time": 2.0})})
-    knots = np.concatenate([piece.knots for piece in make_lqr_models(5.0, ramped, reference, vehicle, trim_tables)])
+    ramped = mission.model_copy(
+        update={"manoeuvre": mission.manoeuvre.model_copy(update={"bank_time": 2.0})}
+    )
+    knots = np.concatenate(
+        [piece.knots for piece in make_lqr_models(5.0, ramped, reference, vehicle, trim_tables)]
+    )
     for first in (0, 4800):
         assert set(range(first, first + 200, 10)) <= set(knots)
     assert len(knots) < 70  # each 5 s elsewhere

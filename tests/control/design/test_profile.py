@@ -29,7 +29,9 @@ def recorded(folder: Path) -> dict[str, Any]:
     lines = ["time_s,altitude_m,speed_mps,heading_deg,remark"]
     for s in t:
         heading = (350.0 + 20.0 * np.sin(s / 30.0) ** 2) % 360.0
-        lines.append(f"{s},{20000 + 300 * np.sin(s / 20.0)},{1400 + 5 * np.cos(s / 15.0)},{heading},x")
+        lines.append(
+            f"{s},{20000 + 300 * np.sin(s / 20.0)},{1400 + 5 * np.cos(s / 15.0)},{heading},x"
+        )
     path = folder / "trajectory.csv"
     path.write_text("\n".join(lines) + "\n")
     return {"kind": "recorded", "file": str(path)}
@@ -37,7 +39,12 @@ def recorded(folder: Path) -> dict[str, Any]:
 
 MANOEUVRES: dict[str, dict[str, Any]] = {
     "level": {"kind": "level"},
-    "climb": {"kind": "climb", "altitude_change": "-2 km", "length": "40 s", "speed_change": "30 m/s"},
+    "climb": {
+        "kind": "climb",
+        "altitude_change": "-2 km",
+        "length": "40 s",
+        "speed_change": "30 m/s",
+    },
     "pull_up": {"kind": "pull_up", "flight_path_angle": "6 deg", "length": "10 s"},
     "turn": {"kind": "turn", "heading_change": "10 deg", "length": "45 s"},
     "s_manoeuvre": {"kind": "s_manoeuvre", "offset": "-3 km", "length": "40 s"},
@@ -52,7 +59,12 @@ MANOEUVRES: dict[str, dict[str, Any]] = {
     "phases": {
         "kind": "phases",
         "phases": [
-            {"kind": "climb", "altitude_change": "200 m", "length": "20 s", "speed_change": "50 m/s"},
+            {
+                "kind": "climb",
+                "altitude_change": "200 m",
+                "length": "20 s",
+                "speed_change": "50 m/s",
+            },
             {"kind": "level", "length": "5 s"},
             {"kind": "turn", "heading_change": "4 deg", "length": "10 s"},
             {"kind": "s_manoeuvre", "offset": "500 m", "length": "10 s"},
@@ -66,7 +78,9 @@ MANOEUVRES: dict[str, dict[str, Any]] = {
 def test_rates_are_derivatives(kind: str, tmp_path: Path) -> None:
     manoeuvre = recorded(tmp_path) if kind == "recorded" else MANOEUVRES[kind]
     start = START | {"flight_path_angle": "-0.5 deg"} if kind == "phases" else START
-    mission = make_mission(manoeuvre, start_time="0 s" if kind == "recorded" else "5 s", start=start)
+    mission = make_mission(
+        manoeuvre, start_time="0 s" if kind == "recorded" else "5 s", start=start
+    )
     profile = make_profile(mission, TIMES)
     smooth = np.ones(TIMES.size - 2, dtype=bool)
     for ramp in ramp_times(mission):
@@ -76,32 +90,49 @@ def test_rates_are_derivatives(kind: str, tmp_path: Path) -> None:
     for name, scale in pairs:
         value, rate = getattr(profile, name), getattr(profile, f"{name}_rate")
         central = (value[2:] - value[:-2]) / (2.0 * STEP)
-        np.testing.assert_allclose(central[smooth], rate[1:-1][smooth], atol=2e-5 * scale + 1e-9 / STEP)
-    np.testing.assert_allclose(profile.altitude_rate, profile.speed * np.sin(profile.flight_path_angle), atol=1e-9)
+        np.testing.assert_allclose(
+            central[smooth], rate[1:-1][smooth], atol=2e-5 * scale + 1e-9 / STEP
+        )
+    np.testing.assert_allclose(
+        profile.altitude_rate, profile.speed * np.sin(profile.flight_path_angle), atol=1e-9
+    )
 
 
 def test_where_they_end() -> None:
     at_end = {
-        kind: make_profile(make_mission(MANOEUVRES[kind]), TIMES) for kind in ("climb", "pull_up", "turn", "waypoints")
+        kind: make_profile(make_mission(MANOEUVRES[kind]), TIMES)
+        for kind in ("climb", "pull_up", "turn", "waypoints")
     }
     start = np.deg2rad(90.0)
     assert at_end["climb"].altitude[-1] == pytest.approx(18e3)
     assert at_end["climb"].speed[-1] == pytest.approx(1430.0)
     assert at_end["pull_up"].flight_path_angle[-1] == pytest.approx(np.deg2rad(6.0))
     climbed = 1400.0 * np.sin(np.deg2rad(6.0)) * 50.0
-    assert at_end["pull_up"].altitude[-1] - at_end["pull_up"].altitude[2000] == pytest.approx(climbed)
+    assert at_end["pull_up"].altitude[-1] - at_end["pull_up"].altitude[2000] == pytest.approx(
+        climbed
+    )
     assert at_end["turn"].heading[-1] - start == pytest.approx(np.deg2rad(10.0))
     assert at_end["waypoints"].heading[-1] - start == pytest.approx(np.deg2rad(3.0))
 
 
 @pytest.mark.parametrize(
-    ("length", "bank_time", "sharpness"), [(53.4, 1.8, 1.8), (50.0, 0.0, 2.4), (55.0, 0.7, 1.0), (40.0, 20.0, 1.0)]
+    ("length", "bank_time", "sharpness"),
+    [(53.4, 1.8, 1.8), (50.0, 0.0, 2.4), (55.0, 0.7, 1.0), (40.0, 20.0, 1.0)],
 )
-def test_an_s_with_ramps_by_an_independent_integration(length: float, bank_time: float, sharpness: float) -> None:
+def test_an_s_with_ramps_by_an_independent_integration(
+    length: float, bank_time: float, sharpness: float
+) -> None:
     """Speed, track and acceleration of the S by scipy's quadrature of the formula; no speed left, the offset kept."""
-    s = {"kind": "s_manoeuvre", "offset": "-5 km", "length": f"{length} s", "bank_time": f"{bank_time} s"}
+    s = {
+        "kind": "s_manoeuvre",
+        "offset": "-5 km",
+        "length": f"{length} s",
+        "bank_time": f"{bank_time} s",
+    }
     mission = make_mission(s | {"sharpness": sharpness}, start_time="3 s")
-    times = np.array([0.0, 3.0, *3.0 + length * np.array([0.01, 0.2, 0.45, 0.5, 0.7, 0.97]), 3.0 + length, 59.9])
+    times = np.array(
+        [0.0, 3.0, *3.0 + length * np.array([0.01, 0.2, 0.45, 0.5, 0.7, 0.97]), 3.0 + length, 59.9]
+    )
 
     def growth(t: float) -> float:
         """Of the acceleration; the step of fifth order by its integral, 30 x^2 (1 - x)^2."""
@@ -114,7 +145,9 @@ def test_an_s_with_ramps_by_an_independent_integration(length: float, bank_time:
 
     def integral(weight: Callable[[float], float], end: float) -> float:
         breaks = [t for t in (bank_time, 0.5 * length, length - bank_time) if 0.0 < t < end]
-        return float(quad(lambda t: weight(t) * growth(t), 0.0, end, points=breaks or None, limit=200)[0])
+        return float(
+            quad(lambda t: weight(t) * growth(t), 0.0, end, points=breaks or None, limit=200)[0]
+        )
 
     size = 5000.0 / integral(lambda t: length - t, length)
     since = np.clip(times - 3.0, 0.0, length)
@@ -123,7 +156,9 @@ def test_an_s_with_ramps_by_an_independent_integration(length: float, bank_time:
     np.testing.assert_allclose(1400.0 * np.sin(profile.heading - np.pi / 2.0), speed, atol=1e-6)
     inside = (times >= 3.0) & (times < 3.0 + length)
     wanted = np.array([size * growth(t) for t in since]) * inside
-    np.testing.assert_allclose(profile.heading_rate * 1400.0 * np.cos(profile.heading - np.pi / 2.0), wanted, atol=1e-6)
+    np.testing.assert_allclose(
+        profile.heading_rate * 1400.0 * np.cos(profile.heading - np.pi / 2.0), wanted, atol=1e-6
+    )
     assert profile.heading[-2:] == pytest.approx(np.deg2rad(90.0), abs=1e-12)
     assert ramp_times(mission) == ((3.0, 3.0 + bank_time), (3.0 + length - bank_time, 3.0 + length))
     fine = make_profile(mission, TIMES)
@@ -149,9 +184,15 @@ def test_what_a_phase_leaves_is_held() -> None:
     [
         ("manoeuvre: {kind: loop}", "kind 'loop'"),
         ("manoeuvre: {kind: climb, altitude_change: 30 km, length: 40 s}", "a climb to 50000 m"),
-        ("manoeuvre: {kind: phases, phases: [{kind: climb, altitude_change: 30 km, length: 9 s}]}", "to 50000 m"),
+        (
+            "manoeuvre: {kind: phases, phases: [{kind: climb, altitude_change: 30 km, length: 9 s}]}",
+            "to 50000 m",
+        ),
         ("manoeuvre: {kind: s_manoeuvre, offset: 50 km, length: 50 s}", "sideways"),
-        ("manoeuvre: {kind: s_manoeuvre, offset: 5 km, length: 50 s, bank_time: 26 s}", "half the length, 25 s"),
+        (
+            "manoeuvre: {kind: s_manoeuvre, offset: 5 km, length: 50 s, bank_time: 26 s}",
+            "half the length, 25 s",
+        ),
         ("manoeuvre: {kind: level}\nlimits: {altitude: [30 km, 40 km]}", "20000 m"),
     ],
 )
@@ -170,7 +211,11 @@ WINDS, DENSITIES = "altitude_m,wind_north_mps,wind_east_mps\n", "altitude_m,dens
 @pytest.mark.parametrize(
     ("key", "text", "words"),
     [
-        ("wind", f"{WINDS}0,1e300,1\n9,1,1\n", ":2:3: 1e+300; expected a magnitude of at most 12000"),
+        (
+            "wind",
+            f"{WINDS}0,1e300,1\n9,1,1\n",
+            ":2:3: 1e+300; expected a magnitude of at most 12000",
+        ),
         ("wind", f"{WINDS}0,1,1\n9,nan,1\n", ":3:3: 'nan'; expected a finite number"),
         ("wind", f"{WINDS}0,1,1\n9,1_0,1\n", ":3:3: '1_0'; expected a finite number"),
         ("wind", f"{WINDS}5,1,1\n5,1,1\n", ":3:1: the altitude 5 m"),
@@ -181,7 +226,9 @@ WINDS, DENSITIES = "altitude_m,wind_north_mps,wind_east_mps\n", "altitude_m,dens
         ("trajectory", ("60.0,", "59.5,"), "from 0 to 60 s"),
     ],
 )
-def test_a_bad_table_is_refused_in_its_place(tmp_path: Path, key: str, text: Any, words: str) -> None:
+def test_a_bad_table_is_refused_in_its_place(
+    tmp_path: Path, key: str, text: Any, words: str
+) -> None:
     file = Path(recorded(tmp_path)["file"])
     manoeuvre, table = {"kind": "level"}, {}
     if key == "trajectory":

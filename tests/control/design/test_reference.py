@@ -22,12 +22,16 @@ def test_the_s_of_the_paper(column: Columns) -> None:
     """Zhu and Shen 2014, section 7: heading 90 to 83.6 and back, 5 km to the north, 46 deg of bank at the start."""
     heading = np.rad2deg(column["heading"])
     assert heading[0] == pytest.approx(90.0)
-    assert heading.min() == pytest.approx(90.0 - np.rad2deg(np.arcsin(np.pi * 5000.0 / (2.0 * 50.0 * 1400.0))))
+    assert heading.min() == pytest.approx(
+        90.0 - np.rad2deg(np.arcsin(np.pi * 5000.0 / (2.0 * 50.0 * 1400.0)))
+    )
     assert heading.min() == pytest.approx(83.56, abs=0.005)
     assert heading[2500] == heading.min()
     assert heading[5000] == 90.0
     t = column["time"][:5001]
-    np.testing.assert_allclose(column["north"][:5001], 2500.0 * (1.0 - np.cos(np.pi * t / 50.0)), atol=1e-6)
+    np.testing.assert_allclose(
+        column["north"][:5001], 2500.0 * (1.0 - np.cos(np.pi * t / 50.0)), atol=1e-6
+    )
     assert column["north"][-1] == pytest.approx(5000.0, abs=1e-6)
     bank = np.rad2deg(column["bank"])
     assert -48.0 < bank[0] < -45.0  # to the left, and at once
@@ -52,22 +56,32 @@ def test_ramps_and_five_seconds_after_them_are_not_settled(
     asked = mission.model_copy(update={"manoeuvre": ramped, "start_time": 1.0})
     reference, _ = solve_reference(asked, vehicle, trim_tables, 0.1, 600)
     unsettled = np.flatnonzero(reference[:, REFERENCE.index("settled")] == 0.0)
-    np.testing.assert_array_equal(unsettled, [*range(10, 80), *range(490, 560)])  # 1 to 8 s, 49 to 56 s
+    np.testing.assert_array_equal(
+        unsettled, [*range(10, 80), *range(490, 560)]
+    )  # 1 to 8 s, 49 to 56 s
 
 
-def test_cross_track_is_positive_to_the_left(mission: Mission, vehicle: Vehicle, trim_tables: Tables) -> None:
+def test_cross_track_is_positive_to_the_left(
+    mission: Mission, vehicle: Vehicle, trim_tables: Tables
+) -> None:
     """Whatever the heading, the reference's own displacement along the track vector is y."""
     for heading in (0.3, 4.0):
-        turned = mission.model_copy(update={"start": mission.start.model_copy(update={"heading": heading})})
+        turned = mission.model_copy(
+            update={"start": mission.start.model_copy(update={"heading": heading})}
+        )
         reference, _ = solve_reference(turned, vehicle, trim_tables, 0.1, 600)
         value = {name: reference[:, i] for i, name in enumerate(REFERENCE)}
         y = value["north"] * value["track_north"] + value["east"] * value["track_east"]
         np.testing.assert_allclose(y[500], 5000.0, atol=1e-3)
-        assert np.isclose(value["bank"][0], np.deg2rad(-46.8), atol=0.02)  # V chi tan(lat) / r differs
+        assert np.isclose(
+            value["bank"][0], np.deg2rad(-46.8), atol=0.02
+        )  # V chi tan(lat) / r differs
 
 
 @pytest.mark.parametrize("kind", ["s_manoeuvre", "climb"])
-def test_nominal_controls_fly_the_reference(mission: Mission, vehicle: Vehicle, trim_tables: Tables, kind: str) -> None:
+def test_nominal_controls_fly_the_reference(
+    mission: Mission, vehicle: Vehicle, trim_tables: Tables, kind: str
+) -> None:
     """Open loop, the design model (1) under the nominal controls stays on the reference for a while."""
     if kind == "climb":
         climb = Climb(kind="climb", altitude_change="1 km", length="40 s", speed_change="20 m/s")
@@ -83,10 +97,19 @@ def test_nominal_controls_fly_the_reference(mission: Mission, vehicle: Vehicle, 
             return float(np.interp(time, t, value[name]))
 
         around = Environment(
-            at("altitude"), at("density"), at("sound_speed"), at("gravity"), at("radius"), at("latitude")
+            at("altitude"),
+            at("density"),
+            at("sound_speed"),
+            at("gravity"),
+            at("radius"),
+            at("latitude"),
         )
-        controls = np.array([[at(name)] for name in ("angle_of_attack", "bank", "equivalence_ratio")])
-        return np.real(guidance_rates(vehicle, trim_tables, around, at("mass"), state[:, None], controls))[:, 0]
+        controls = np.array(
+            [[at(name)] for name in ("angle_of_attack", "bank", "equivalence_ratio")]
+        )
+        return np.real(
+            guidance_rates(vehicle, trim_tables, around, at("mass"), state[:, None], controls)
+        )[:, 0]
 
     start = [value[name][0] for name in ("altitude", "flight_path_angle", "heading", "speed")]
     flown = solve_ivp(rates, (0.0, horizon), start, rtol=1e-9, atol=1e-9, max_step=0.1)
@@ -106,7 +129,9 @@ def test_start_trim_is_the_trim_of_the_reference_without_bank(
     value = dict(zip(REFERENCE, reference[0], strict=True))
     start = make_start_trim(level, vehicle)
     assert start.fault == ""
-    assert np.rad2deg(start.angle_of_attack) == pytest.approx(np.rad2deg(value["angle_of_attack"]), abs=0.01)
+    assert np.rad2deg(start.angle_of_attack) == pytest.approx(
+        np.rad2deg(value["angle_of_attack"]), abs=0.01
+    )
     assert np.rad2deg(start.elevator) == pytest.approx(np.rad2deg(value["elevator"]), abs=0.02)
     assert start.equivalence_ratio == pytest.approx(value["equivalence_ratio"], abs=1e-3)
 
@@ -117,4 +142,6 @@ def test_mass_and_latitude_along_the_s(column: Columns) -> None:
     assert mass[0] == pytest.approx(1371.66, abs=0.01)
     assert 0.03 < 1.0 - mass[-1] / mass[0] < 0.08  # about 5 % in a minute
     meridian = (column["north"][5000]) / (column["latitude"][5000] - column["latitude"][0])
-    assert meridian == pytest.approx(6350.73e3 + 20e3, abs=50.0)  # M of WGS-84 at 29.32 deg, and the altitude
+    assert meridian == pytest.approx(
+        6350.73e3 + 20e3, abs=50.0
+    )  # M of WGS-84 at 29.32 deg, and the altitude

@@ -19,14 +19,26 @@ from abhv_mc.stability.steady import make_steady_plan
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 
 CONFIGS = Path(__file__).parents[3] / "configs"
-BOX = {"atmosphere.density": (0.9, 1.1), "aero.lift": (0.9, 1.1), "aero.drag": (0.85, 1.15)}  # the paper's
-PARAMETERS = rows_of({}, *(dict(zip(BOX, corner, strict=True)) for corner in product(*BOX.values())))
-USAGE = [f"{surface}_{kind}_deg" for surface in ("aileron", "elevator", "rudder") for kind in ("rms", "travel")]
+BOX = {
+    "atmosphere.density": (0.9, 1.1),
+    "aero.lift": (0.9, 1.1),
+    "aero.drag": (0.85, 1.15),
+}  # the paper's
+PARAMETERS = rows_of(
+    {}, *(dict(zip(BOX, corner, strict=True)) for corner in product(*BOX.values()))
+)
+USAGE = [
+    f"{surface}_{kind}_deg"
+    for surface in ("aileron", "elevator", "rudder")
+    for kind in ("rms", "travel")
+]
 
 
 @pytest.fixture(scope="module")
 def setup():
-    return load_vehicle(CONFIGS / "vehicle/ghame_x.yaml"), read_mission(CONFIGS / "mission/s_manoeuvre.yaml")
+    return load_vehicle(CONFIGS / "vehicle/ghame_x.yaml"), read_mission(
+        CONFIGS / "mission/s_manoeuvre.yaml"
+    )
 
 
 def _read(name):
@@ -45,7 +57,9 @@ def test_margins_are_kept_nominally_and_at_the_corners_of_the_papers_box(setup, 
 def test_wrong_effectiveness_and_delay_are_borne_at_no_more_usage(setup, name):
     """Table 1 cycles where the rudder is 1.2 times as effective; the settled bank error of these stays as it was."""
     factors = {"rudder": (1.2, 0.8), "aileron": (0.8,), "elevator": (0.8,)}
-    cases = [{f"control.{surface}_effectiveness": x} for surface, each in factors.items() for x in each]
+    cases = [
+        {f"control.{surface}_effectiveness": x} for surface, each in factors.items() for x in each
+    ]
     parameters = rows_of({}, *cases, {"sensor.delay": 0.04})
     block = fly(make_plan(*setup, _read(name), name), parameters)
     table_1 = fly(make_plan(*setup, _read("tlc"), "tlc"), parameters[:2])
@@ -95,7 +109,9 @@ def test_table_1_flies_the_winged_cone_at_both_points(mission):
     """Elevons, three-dimensional tables, centre of gravity aft of the moment reference."""
     plan = make_flight_plan(mission, "winged_cone")
     block = fly(plan, PARAMETERS)
-    assert np.array_equal(fly(plan, PARAMETERS[7:]).metrics, block.metrics[7:])  # 3-D cells shared or not
+    assert np.array_equal(
+        fly(plan, PARAMETERS[7:]).metrics, block.metrics[7:]
+    )  # 3-D cells shared or not
     assert (block.outcome == Outcome.OK).all()
     for name, most in WORST.items():
         assert block.metrics[:, METRIC_INDEX[name]].max() < most, name

@@ -31,8 +31,12 @@ def test_gains_of_the_inner_loops_are_table_1(
     """Zhu and Shen 2014, table 1: 3.4 and 0.3; 3.4 and 1.2, 1.2, 1.5."""
     gains = make_tlc_gains(controller, reference, vehicle, trim_tables)
     assert gains.shape == (len(reference), len(TLC_GAINS))
-    np.testing.assert_allclose(gains[:, TLC_ATTITUDE : TLC_ATTITUDE + 6], [[0.09, 2.04] * 3] * len(gains))
-    np.testing.assert_allclose(gains[0, TLC_RATE : TLC_RATE + 6], [1.44, 8.16, 1.44, 8.16, 2.25, 10.2])
+    np.testing.assert_allclose(
+        gains[:, TLC_ATTITUDE : TLC_ATTITUDE + 6], [[0.09, 2.04] * 3] * len(gains)
+    )
+    np.testing.assert_allclose(
+        gains[0, TLC_RATE : TLC_RATE + 6], [1.44, 8.16, 1.44, 8.16, 2.25, 10.2]
+    )
     settings = dict(zip(TLC_SETTINGS, make_tlc_settings(controller), strict=True))
     assert settings["attitude_differentiator"] == 0.3
     assert settings["rate_differentiator"] == 1.5
@@ -40,7 +44,9 @@ def test_gains_of_the_inner_loops_are_table_1(
     assert np.rad2deg(settings["bank_max"]) == pytest.approx(70.0)
 
 
-def scheduled(damping: float, over: str, key: str, unit: str, points: tuple[tuple[float, float], ...]) -> Channel:
+def scheduled(
+    damping: float, over: str, key: str, unit: str, points: tuple[tuple[float, float], ...]
+) -> Channel:
     entries = [{key: f"{x} {unit}", "bandwidth": f"{wn} rad/s"} for x, wn in points]
     return Channel(damping=damping, bandwidth={over: entries})
 
@@ -49,7 +55,13 @@ def test_a_bandwidth_over_time_keeps_its_rate() -> None:
     channel = scheduled(2.0, "over_time", "time", "s", ((10.0, 0.2), (20.0, 0.4), (40.0, 0.1)))
     times = np.arange(0.0, 60.0, 0.01)
     a1, a2 = pd_spectrum(channel, times, np.ones(times.size))
-    for t, wn, rate in ((5.0, 0.2, 0.0), (10.0, 0.2, 0.02), (15.0, 0.3, 0.02), (20.0, 0.4, -0.015), (50.0, 0.1, 0.0)):
+    for t, wn, rate in (
+        (5.0, 0.2, 0.0),
+        (10.0, 0.2, 0.02),
+        (15.0, 0.3, 0.02),
+        (20.0, 0.4, -0.015),
+        (50.0, 0.1, 0.0),
+    ):
         k = round(t / 0.01)
         assert a1[k] == pytest.approx(wn**2)
         assert a2[k] == pytest.approx(4.0 * wn - rate / wn)
@@ -73,7 +85,9 @@ def test_the_rate_of_the_bandwidth_makes_the_loop_of_the_wanted_shape() -> None:
 
 
 def test_a_bandwidth_over_dynamic_pressure_follows_the_reference() -> None:
-    channel = scheduled(1.0, "over_dynamic_pressure", "dynamic_pressure", "Pa", ((50e3, 0.1), (100e3, 0.3)))
+    channel = scheduled(
+        1.0, "over_dynamic_pressure", "dynamic_pressure", "Pa", ((50e3, 0.1), (100e3, 0.3))
+    )
     times = np.linspace(0.0, 10.0, 1001)
     pressure = 60e3 + 2e3 * times
     a1, a2 = pd_spectrum(channel, times, pressure)

@@ -12,7 +12,12 @@ from abhv_mc.kernel.laws.trim_lookup import TRIM_ROWS
 from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.kernel.world.atmosphere import atmosphere
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables, table_rows
+from abhv_mc.vehicle.evaluate import (
+    evaluate_coefficients,
+    evaluate_fixed,
+    make_variables,
+    table_rows,
+)
 
 ALTITUDE = 20e3
 VEHICLES = Path(__file__).parents[3] / "configs" / "vehicle"
@@ -43,11 +48,24 @@ def test_interpolation_errs_by_little(name: str) -> None:
     step = np.deg2rad(0.01)
     up = table_rows(tables, make_variables(vehicle, **point | {"angle_of_attack": alpha + step}))
     lift_slope = np.median((up[TRIM_ROWS.index("lift")] - row["lift"]) / step)
-    variables = make_variables(vehicle, **point, elevator=exact, altitude=ALTITUDE, mass=constants.mass_start)[:, good]
-    coefficients, fixed = evaluate_coefficients(vehicle, variables), evaluate_fixed(vehicle, variables)
-    thrust = constants.capture_thrust * eta[good] * fixed["capture_area_ratio"] * fixed["specific_impulse"]
+    variables = make_variables(
+        vehicle, **point, elevator=exact, altitude=ALTITUDE, mass=constants.mass_start
+    )[:, good]
+    coefficients, fixed = (
+        evaluate_coefficients(vehicle, variables),
+        evaluate_fixed(vehicle, variables),
+    )
+    thrust = (
+        constants.capture_thrust
+        * eta[good]
+        * fixed["capture_area_ratio"]
+        * fixed["specific_impulse"]
+    )
     thrust = thrust / (0.5 * speed[good] * constants.area) + fixed["thrust_area"] / constants.area
-    errors = {name: row[name][good] - value for name, value in zip(("lift", "drag"), coefficients, strict=False)}
+    errors = {
+        name: row[name][good] - value
+        for name, value in zip(("lift", "drag"), coefficients, strict=False)
+    }
     assert np.rad2deg(np.abs(errors["lift"])).max() / lift_slope < 0.001
     assert (np.abs(errors["drag"]) < 4e-3 * coefficients[1]).all()
     assert (np.abs(row["thrust"][good] - thrust) < 0.0015 * thrust / eta[good]).all()
@@ -62,7 +80,9 @@ def test_a_node_without_trim_is_marked_and_clamped(vehicle: Vehicle) -> None:
     assert 0 < untrimmed.sum() < untrimmed.size
     np.testing.assert_array_equal(np.abs(elevator[untrimmed == 1.0]), limit)
     assert (np.abs(elevator[untrimmed == 0.0]) < limit).all()
-    strong = make_trim_tables(vehicle, ALTITUDE, (1400.0, 1400.0)).data.reshape(-1, tables.group_width[0])[:, 0]
+    strong = make_trim_tables(vehicle, ALTITUDE, (1400.0, 1400.0)).data.reshape(
+        -1, tables.group_width[0]
+    )[:, 0]
     np.testing.assert_array_equal(np.sign(elevator), np.sign(strong))  # the end nearest to the trim
 
 

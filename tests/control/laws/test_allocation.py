@@ -31,7 +31,9 @@ AIR = Environment(22e3, 0.0646, 296.4, 9.74, 6.4e6, 0.0)
 _CAPACITY = N
 _NO_FUNCTIONS = UserCode(0, 0, 0, 0)
 _Z_ROWS = s.LAW + N_ROWS
-_SIDE_BY_SIDESLIP = SLOPES + INPUTS.index("sideslip") + 2 * N_INPUTS  # side force is the third coefficient
+_SIDE_BY_SIDESLIP = (
+    SLOPES + INPUTS.index("sideslip") + 2 * N_INPUTS
+)  # side force is the third coefficient
 
 
 @kernel
@@ -45,7 +47,12 @@ def compute(vehicle, effectiveness, cells, width, variables, density, speed, mom
         Z[s.P, lane] = 1.0
         for i in range(s.N_VARIABLES):
             Z[s.VAR + i, lane] = variables[i, lane]
-    nominal_vehicle(Plan(vehicle, effectiveness, unit_factors, _NO_FUNCTIONS), Memory(Z, T, cells, high), width, None)
+    nominal_vehicle(
+        Plan(vehicle, effectiveness, unit_factors, _NO_FUNCTIONS),
+        Memory(Z, T, cells, high),
+        width,
+        None,
+    )
     for lane in range(width):
         q_bar = 0.5 * density * speed[lane] * speed[lane]
         moments[0, lane], moments[1, lane], moments[2, lane] = nominal_moment(
@@ -60,16 +67,26 @@ def compute(vehicle, effectiveness, cells, width, variables, density, speed, mom
 def draw_points(vehicle: Vehicle, mach: tuple[float, float]) -> dict[str, Floats]:
     """Points inside of cells (no node has such numbers), each with its own cells."""
     generator = np.random.default_rng(7)
-    spread = {"angle_of_attack": (0.0, 0.15), "sideslip": (-0.05, 0.05), "equivalence_ratio": (0.3, 1.4)}
+    spread = {
+        "angle_of_attack": (0.0, 0.15),
+        "sideslip": (-0.05, 0.05),
+        "equivalence_ratio": (0.3, 1.4),
+    }
     spread |= dict.fromkeys(("aileron", "rudder", "elevator"), (-0.14, 0.14))
     spread |= dict.fromkeys(("roll_rate_hat", "pitch_rate_hat", "yaw_rate_hat"), (-1e-3, 1e-3))
     points = {name: generator.uniform(*ends, N) for name, ends in {"mach": mach, **spread}.items()}
-    return points | {"altitude": np.full(N, AIR.altitude), "mass": np.full(N, 0.9 * vehicle.constants.mass_start)}
+    return points | {
+        "altitude": np.full(N, AIR.altitude),
+        "mass": np.full(N, 0.9 * vehicle.constants.mass_start),
+    }
 
 
 def wrench_of(vehicle: Vehicle, point: dict[str, Floats], sideslip, deflections) -> Wrench:
     speed = point["mach"] * AIR.sound_speed
-    half_span, half_chord = vehicle.constants.span / (2.0 * speed), vehicle.constants.chord / (2.0 * speed)
+    half_span, half_chord = (
+        vehicle.constants.span / (2.0 * speed),
+        vehicle.constants.chord / (2.0 * speed),
+    )
     rates = (
         point["roll_rate_hat"] / half_span,
         point["pitch_rate_hat"] / half_chord,
@@ -77,7 +94,9 @@ def wrench_of(vehicle: Vehicle, point: dict[str, Floats], sideslip, deflections)
     )
     nothing = np.atleast_1d(0.0 * sideslip + 0.0 * deflections[0])  # of the points' shape
     alpha, eta = point["angle_of_attack"] + nothing, point["equivalence_ratio"] + nothing
-    return wrench_at(vehicle, AIR, point["mass"], speed, alpha, sideslip + nothing, rates, deflections, eta)
+    return wrench_at(
+        vehicle, AIR, point["mass"], speed, alpha, sideslip + nothing, rates, deflections, eta
+    )
 
 
 def load(name: str, *, off_axis: bool) -> Vehicle:
@@ -102,7 +121,9 @@ def look_at(vehicle: Vehicle, point: dict[str, Floats]) -> tuple[Floats, Floats,
 
 @pytest.mark.parametrize("off_axis", [False, True])
 @pytest.mark.parametrize("name", ["ghame_x_coupled", "winged_cone"])
-def test_moment_effectiveness_and_side_force_slope_are_the_design_models(name: str, off_axis: bool) -> None:
+def test_moment_effectiveness_and_side_force_slope_are_the_design_models(
+    name: str, off_axis: bool
+) -> None:
     vehicle = load(name, off_axis=off_axis)
     point = draw_points(vehicle, (4.1, 14.5))
     moments, slopes, _ = look_at(vehicle, point)
@@ -115,9 +136,12 @@ def test_moment_effectiveness_and_side_force_slope_are_the_design_models(name: s
     for lane in range(N):
         here = {key: value[lane] for key, value in point.items()}
         jacobian = slope(
-            lambda x, here=here: wrench_of(vehicle, here, here["sideslip"], x).moment, deflections[:, lane]
+            lambda x, here=here: wrench_of(vehicle, here, here["sideslip"], x).moment,
+            deflections[:, lane],
         )
-        assert slopes[:, :, lane] == pytest.approx(jacobian, rel=1e-9, abs=1e-9 * np.abs(jacobian).max())
+        assert slopes[:, :, lane] == pytest.approx(
+            jacobian, rel=1e-9, abs=1e-9 * np.abs(jacobian).max()
+        )
 
     # The slope of the side force without sideslip, thrust, aileron and rudder.
     point |= dict.fromkeys(("sideslip", "equivalence_ratio", "aileron", "rudder"), np.zeros(N))
@@ -129,7 +153,9 @@ def test_moment_effectiveness_and_side_force_slope_are_the_design_models(name: s
         deflections = np.array([0.0, 0.0, here["elevator"]])
 
         def wind_side_force(x, here=here, alpha=alpha, deflections=deflections):
-            force = wrench_of(vehicle, here, x[0], deflections[:, None] + 0.0 * x).force  # eta 0: no thrust
+            force = wrench_of(
+                vehicle, here, x[0], deflections[:, None] + 0.0 * x
+            ).force  # eta 0: no thrust
             forward = force[0] * np.cos(alpha) + force[2] * np.sin(alpha)
             return np.stack([force[1] * np.cos(x[0]) - forward * np.sin(x[0])])
 
@@ -137,4 +163,6 @@ def test_moment_effectiveness_and_side_force_slope_are_the_design_models(name: s
         force = wrench_of(vehicle, here, 0.0, deflections).force[:, 0]
         q_s = 0.5 * AIR.density * (here["mach"] * AIR.sound_speed) ** 2 * vehicle.constants.area
         drag = -(force[0] * np.cos(alpha) + force[2] * np.sin(alpha)) / q_s
-        assert side_force_slope(vehicle.constants, q_s, side[lane], drag) == pytest.approx(expected, rel=1e-9)
+        assert side_force_slope(vehicle.constants, q_s, side[lane], drag) == pytest.approx(
+            expected, rel=1e-9
+        )

@@ -62,7 +62,9 @@ def draw_points(trim):
         points[:, i] = generator.uniform(axis[0], axis[-1], (ROUNDS, WIDTH))
         points[10:20, i] = points[9, i] + np.linspace(0.0, 0.01, 10)[:, None] * span
         points[20:25, i] = generator.choice(axis, (5, WIDTH))
-        points[25:30, i] = generator.choice([axis[0] - span, axis[0], axis[-1], axis[-1] + span], (5, WIDTH))
+        points[25:30, i] = generator.choice(
+            [axis[0] - span, axis[0], axis[-1], axis[-1] + span], (5, WIDTH)
+        )
     return points
 
 
@@ -75,12 +77,21 @@ def test_trim_data_and_their_slopes_are_scipys_whatever_was_looked_up_before(tri
     assert np.array_equal(found, fresh)
 
     axes = axes_of(trim)
-    inside = np.stack([np.clip(points[:, i], axis[0], axis[-1]) for i, axis in enumerate(axes)], axis=-1)
+    inside = np.stack(
+        [np.clip(points[:, i], axis[0], axis[-1]) for i, axis in enumerate(axes)], axis=-1
+    )
     for i, name in enumerate(("lift", "drag", "thrust")):
         exact = RegularGridInterpolator(axes, values_of(trim, name))(inside)
         assert found[:, i] == pytest.approx(exact, rel=1e-12, abs=1e-14)
-    cell = np.clip(np.searchsorted(axes[1], inside[:20, ..., 1], side="right") - 1, 0, len(axes[1]) - 2)
-    ends = [np.stack([inside[:20, ..., 0], axes[1][cell + end], inside[:20, ..., 2]], axis=-1) for end in (0, 1)]
+    cell = np.clip(
+        np.searchsorted(axes[1], inside[:20, ..., 1], side="right") - 1, 0, len(axes[1]) - 2
+    )
+    ends = [
+        np.stack([inside[:20, ..., 0], axes[1][cell + end], inside[:20, ..., 2]], axis=-1)
+        for end in (0, 1)
+    ]
     for i, name in ((3, "lift"), (4, "thrust")):
         low, high = (RegularGridInterpolator(axes, values_of(trim, name))(end) for end in ends)
-        assert found[:20, i] == pytest.approx((high - low) / np.diff(axes[1])[cell], rel=1e-9, abs=1e-12)
+        assert found[:20, i] == pytest.approx(
+            (high - low) / np.diff(axes[1])[cell], rel=1e-9, abs=1e-12
+        )

@@ -50,7 +50,11 @@ def test_the_stored_judgement_is_the_same(tmp_path):
     build_page(folder)
     manifest = read_flown(folder).manifest
     assert read_judgement(folder, manifest) == found
-    assert read_judgement(folder, replace(manifest, digest="another")) is read_judgement(tmp_path, manifest) is None
+    assert (
+        read_judgement(folder, replace(manifest, digest="another"))
+        is read_judgement(tmp_path, manifest)
+        is None
+    )
 
 
 def test_flights_jointly_would_let_every_pass_stand(tmp_path):
@@ -59,16 +63,24 @@ def test_flights_jointly_would_let_every_pass_stand(tmp_path):
     assert verdicts.held_together.dropped
     flights = flights_jointly(verdicts)
     for runs, stand in ((flights, True), (flights - 1, False)):
-        held = hold_family([judge(0, runs, 0.95)] * verdicts.held_together.verdicts, verdicts.held_together.risk)
+        held = hold_family(
+            [judge(0, runs, 0.95)] * verdicts.held_together.verdicts, verdicts.held_together.risk
+        )
         assert all(each.status == "PASS" for each in held) is stand
 
 
 def test_lost_flights_lead_what_is_better(tmp_path):
     requirements = [REQUIRED.format(limit=1e6, probability=0.5)]
     found, _ = judged(tmp_path / "c", requirements, failing=20)
-    assert found.better == "tlc" and found.because[0].startswith("Lost flights: ") and len(found.because) <= 3
+    assert (
+        found.better == "tlc"
+        and found.because[0].startswith("Lost flights: ")
+        and len(found.because) <= 3
+    )
     assert judged(tmp_path / "one", requirements, controllers=["tlc"])[0].better == ALONE
-    assert judged(tmp_path / "lhs", requirements, sampling="lhs", runs=16)[0].better == NO_DIFFERENCE
+    assert (
+        judged(tmp_path / "lhs", requirements, sampling="lhs", runs=16)[0].better == NO_DIFFERENCE
+    )
 
 
 TWO = "[{metric: altitude_error_max_m, below: 50, probability: 0.9973}, \
@@ -76,7 +88,11 @@ TWO = "[{metric: altitude_error_max_m, below: 50, probability: 0.9973}, \
 
 
 def plan(folder, **entries):
-    return plain(plan_campaign(read_campaign(write_fake(folder, **{"requirements": TWO, "runs": "1000", **entries}))))
+    return plain(
+        plan_campaign(
+            read_campaign(write_fake(folder, **{"requirements": TWO, "runs": "1000", **entries}))
+        )
+    )
 
 
 def test_flights_for_failures_and_chances(tmp_path):
@@ -89,20 +105,31 @@ def test_flights_for_failures_and_chances(tmp_path):
         assert [chance["runs"] for chance in entry["pass_chance"]] == [1000, 2000, 4000]
         for chance in entry["pass_chance"]:
             assert chance["at_some_flight"][0] == 1.0 and chance["at_some_flight"][at_limit] <= 0.1
-            assert all(ever >= at - 1e-12 for ever, at in zip(chance["at_some_flight"], chance["at_runs"], strict=True))
-    assert first["pass_chance"][0]["at_runs"][fifth] == pytest.approx(binom.cdf(0, 1000, 0.2 * 0.0027))
+            assert all(
+                ever >= at - 1e-12
+                for ever, at in zip(chance["at_some_flight"], chance["at_runs"], strict=True)
+            )
+    assert first["pass_chance"][0]["at_runs"][fifth] == pytest.approx(
+        binom.cdf(0, 1000, 0.2 * 0.0027)
+    )
     low, high = (numbers["together"][0]["at_runs"][end][10] for end in ("low", "high"))
     assert 0.0 <= low <= high <= first["pass_chance"][0]["at_runs"][10] + 1e-12
 
 
 def test_a_family_needs_more_flights(tmp_path):
     numbers = plan(tmp_path, family="{risk: 0.1}")
-    assert numbers["requirements"][0]["flights_for_failures"]["0"] > 981 and numbers["family_risk"] == 0.1
+    assert (
+        numbers["requirements"][0]["flights_for_failures"]["0"] > 981
+        and numbers["family_risk"] == 0.1
+    )
 
 
 def test_the_command_writes_numbers_and_a_figure(abhv_mc, tmp_path):
     path = write_fake(tmp_path / "f", requirements=TWO, runs="400")
     code, out, err = abhv_mc("plan", path, "--json", tmp_path / "p.json", "-o", tmp_path / "out")
     assert code == 0 and "981" in out and "no outcome of 400 flights" in err
-    assert json.loads((tmp_path / "p.json").read_text())["requirements"][0]["most_failures_at_runs"] == -1
+    assert (
+        json.loads((tmp_path / "p.json").read_text())["requirements"][0]["most_failures_at_runs"]
+        == -1
+    )
     assert (tmp_path / "out/plan.png").read_bytes()[:4] == b"\x89PNG"

@@ -25,7 +25,12 @@ LAWS = "{atmosphere.density: {distribution: uniform, half_width: %s}, aero.lift:
 
 def fly(folder, density="10 %", lift="5 %", seed="5", **entries):
     keep = "{histories: {flights: none}, envelopes: {channels: [altitude_m], rate: 5 Hz}}"
-    entries = {"runs": RUNS, "requirements": REQUIREMENT, "dispersions": LAWS % (density, lift), **entries}
+    entries = {
+        "runs": RUNS,
+        "requirements": REQUIREMENT,
+        "dispersions": LAWS % (density, lift),
+        **entries,
+    }
     files = write_campaign(folder / "f", seed=seed, keep=keep, **entries)
     return run(files, folder / "out").folder
 
@@ -45,7 +50,10 @@ def agree(found, fresh, metrics=("altitude_error_max_m", "speed_error_max_mps", 
                     part.metrics[metric][level].after,
                     numbers["metrics"]["table"][metric]["controllers"][name]["quantiles"],
                 )
-                assert after.low <= there[level]["high"] and there[level]["low"] <= after.high, (metric, level)
+                assert after.low <= there[level]["high"] and there[level]["low"] <= after.high, (
+                    metric,
+                    level,
+                )
             assert after != part.metrics[metric]["q95"].before
         share, verdict = (
             part.requirements[0].failure_share,
@@ -56,7 +64,9 @@ def agree(found, fresh, metrics=("altitude_error_max_m", "speed_error_max_mps", 
 
 
 def test_it_agrees_with_a_fresh_campaign(flown, tmp_path):
-    found = make_whatif(flown, parse_settings(["atmosphere.density.half_width=6%", "aero.lift.sigma=4 %"]))
+    found = make_whatif(
+        flown, parse_settings(["atmosphere.density.half_width=6%", "aero.lift.sigma=4 %"])
+    )
     agree(found, fly(tmp_path, "6 %", "4 %", seed="77"))
     part = found.controllers["one"]
     assert 0.5 * 1500 < part.effective_flights < 0.65 * 1500 and part.unseen < 1e-3
@@ -98,7 +108,9 @@ def test_what_the_flights_do_not_say_is_refused(flown, settings, words):
 
 def test_designs_without_independent_flights_are_refused(tmp_path):
     with pytest.raises(InputError, match="not independent draws"):
-        make_whatif(fly(tmp_path, sampling="lhs", runs="20"), parse_settings(["aero.lift.sigma=4%"]))
+        make_whatif(
+            fly(tmp_path, sampling="lhs", runs="20"), parse_settings(["aero.lift.sigma=4%"])
+        )
 
 
 def test_the_command(flown):
@@ -106,17 +118,23 @@ def test_the_command(flown):
     shown = CliRunner().invoke(app, words)
     assert shown.exit_code == 0 and "Altitude error, max < 1.85" in shown.stdout
     assert "sigma 5 %  ->  distribution normal, sigma 4%" in shown.stdout
-    assert json.loads(CliRunner().invoke(app, [*words, "--json", "-"]).stdout)["controllers"].keys() == {"one", "two"}
+    assert json.loads(CliRunner().invoke(app, [*words, "--json", "-"]).stdout)[
+        "controllers"
+    ].keys() == {"one", "two"}
 
 
-NORMAL_AND_UNIFORM = "[{distribution: normal, mean: 0.95, sigma: 2 %}, {distribution: uniform, low: 1.0, high: 1.1}]"
+NORMAL_AND_UNIFORM = (
+    "[{distribution: normal, mean: 0.95, sigma: 2 %}, {distribution: uniform, low: 1.0, high: 1.1}]"
+)
 
 
 @pytest.mark.parametrize(("law", "settings", "mean"), [
     ("discrete, values: [0.9, 1.0, 1.1]", ["aero.lift.values=[0.9, 1.1]", "aero.lift.weights=[3, 1]"], 0.95),
     (f"mixture, parts: {NORMAL_AND_UNIFORM}", ["aero.lift.weights=[3, 1]"], 0.975),
 ])  # fmt: skip
-def test_the_mean_is_what_new_weights_of_choices_and_parts_make_of_it(tmp_path, law, settings, mean):
+def test_the_mean_is_what_new_weights_of_choices_and_parts_make_of_it(
+    tmp_path, law, settings, mean
+):
     laws = f"{{aero.lift: {{distribution: {law}}}}}"
     campaign = read_campaign(write_campaign(tmp_path, runs="20000", dispersions=laws))
     samples = campaign.make_samples().draw(0, 20000)
@@ -129,10 +147,15 @@ def test_each_part_of_a_mixture_lies_within_one_that_was_flown(tmp_path):
     parts = "[{distribution: uniform, low: 0.9, high: 0.95}, {distribution: uniform, low: 1.0, high: 1.1}]"
     laws = f"{{aero.lift: {{distribution: mixture, parts: {parts}}}}}"
     campaign = read_campaign(write_campaign(tmp_path, dispersions=laws))
-    make_change(campaign, parse_settings([f"aero.lift.parts={parts.replace('low: 1.0', 'low: 1.02')}"]))
+    make_change(
+        campaign, parse_settings([f"aero.lift.parts={parts.replace('low: 1.0', 'low: 1.02')}"])
+    )
     choice = parts.replace("uniform, low: 0.9, high: 0.95", "discrete, values: [0.9, 0.95]")
     for changed, words in (
-        (parts.replace("high: 0.95", "high: 1.1"), "aero.lift from 0.9 to 1.1, beyond what was flown"),
+        (
+            parts.replace("high: 0.95", "high: 1.1"),
+            "aero.lift from 0.9 to 1.1, beyond what was flown",
+        ),
         (choice, "mixture with a discrete choice"),
     ):
         with pytest.raises(InputError, match=words):

@@ -67,7 +67,9 @@ def test_a_report_is_up_to_date_until_something_changes(lost):
 def test_figures_are_svg_where_asked_for(lost):
     assert not list((lost / "figures").glob("*.svg"))
     build_report(lost, svg=True)
-    drawn = [{path.stem for path in (lost / "figures").glob(f"*.{kind}")} for kind in ("svg", "png")]
+    drawn = [
+        {path.stem for path in (lost / "figures").glob(f"*.{kind}")} for kind in ("svg", "png")
+    ]
     assert drawn[0] == drawn[1] and is_up_to_date(lost)
 
 
@@ -82,7 +84,9 @@ def flipped(path, place):
     path.write_bytes(data)
 
 
-@pytest.mark.parametrize(("name", "place"), [("report.html", "pages"), ("figures/channels.png", "pictures")])
+@pytest.mark.parametrize(
+    ("name", "place"), [("report.html", "pages"), ("figures/channels.png", "pictures")]
+)
 def test_a_bit_of_a_page_or_figure_is_told_and_one_that_is_gone(copy, name, place):
     flipped(copy / name, (copy / name).stat().st_size // 2)
     assert next(verify_campaign(copy)).startswith(f"{place}.{name}: ")
@@ -98,20 +102,28 @@ def test_a_folder_without_a_report_is_bad_input(tmp_path):
 @pytest.mark.thorough
 @pytest.mark.parametrize(("name", "runs"), [("wide", 60), ("wind_and_sensors", 40)])
 def test_reports_of_shipped_campaigns_follow_from_their_data(name, runs, engine, tmp_path):
-    flown = run_campaign(Request(shipped_campaigns() / f"{name}.yaml", tmp_path / name, runs), engine)
+    flown = run_campaign(
+        Request(shipped_campaigns() / f"{name}.yaml", tmp_path / name, runs), engine
+    )
     build_report(flown.folder)
     assert flown.complete and list(verify_campaign(flown.folder)) == []
     results = read_flown(flown.folder)
     tlc, lqr = (results.flights[law].failed.sum() for law in ("tlc", "lqr"))
     assert (0 < tlc < lqr) if name == "wide" else (tlc == lqr == 0)
-    for law, channels in Models(results)[ENVELOPES].ranges.items():  # of ticks: those of samples were much narrower
+    for law, channels in Models(results)[
+        ENVELOPES
+    ].ranges.items():  # of ticks: those of samples were much narrower
         worst = np.nanmax(results.flights[law].metrics["aileron_max_deg"])
         assert np.abs(channels["aileron_deg"]).max() == pytest.approx(worst, rel=1e-6)
 
 
 def test_differences_name_their_place():
     written, remade = {"a": [1, {"b": 2}], "c": 1}, {"a": [1, {"b": 3}], "d": 1}
-    assert [line.split(":")[0] for line in differences(written, remade, "x")] == ["x.a[1].b", "x.c", "x.d"]
+    assert [line.split(":")[0] for line in differences(written, remade, "x")] == [
+        "x.a[1].b",
+        "x.c",
+        "x.d",
+    ]
 
 
 REQUIREMENTS = (
@@ -125,7 +137,9 @@ def test_a_run_writes_junit_and_the_report_its_matrix(tmp_path, monkeypatch):
     monkeypatch.setattr("abhv_mc.execution.runner.make_engine", lambda: ENGINE)
     path = write_fake(tmp_path / "f", requirements=REQUIREMENTS)
     out, junit = tmp_path / "out", tmp_path / "verdicts.xml"
-    done = CliRunner().invoke(app, ["run", str(path), "-o", str(out), "--no-report", "--junit", str(junit)])
+    done = CliRunner().invoke(
+        app, ["run", str(path), "-o", str(out), "--no-report", "--junit", str(junit)]
+    )
     assert done.exit_code == 1, done.output
     suite = ElementTree.parse(junit).getroot()
     cases = {case.get("name"): case for case in suite.iter("testcase")}

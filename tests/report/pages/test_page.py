@@ -18,10 +18,14 @@ from abhv_mc.topics.topic import Models
 
 
 def unpack(places, text, name):
-    steps = np.frombuffer(gzip.decompress(base64.b64decode(text)), np.uint8).astype(int).reshape(2, -1)
+    steps = (
+        np.frombuffer(gzip.decompress(base64.b64decode(text)), np.uint8).astype(int).reshape(2, -1)
+    )
     place = places[name]
     size = int(np.prod(place["shape"]))
-    table = (steps[0] + 256 * steps[1])[place["start"] : place["start"] + size].reshape(place["shape"])
+    table = (steps[0] + 256 * steps[1])[place["start"] : place["start"] + size].reshape(
+        place["shape"]
+    )
     codes = np.cumsum(table, axis=-1) % 65536
     values = place["low"] + (place["high"] - place["low"]) * codes / 65534
     return np.where(codes == 65535, np.nan, values)
@@ -41,16 +45,22 @@ def test_values_come_back_within_half_a_step_and_what_is_missing_is_missing():
     for name, given in arrays.items():
         finite = np.where(np.isfinite(given), given, np.nan)
         step = (np.nanmax(finite) - np.nanmin(finite)) / 65534
-        np.testing.assert_allclose(unpack(places, text, name), finite, rtol=1e-12, atol=0.5001 * step)
+        np.testing.assert_allclose(
+            unpack(places, text, name), finite, rtol=1e-12, atol=0.5001 * step
+        )
     assert pack_arrays(arrays)[1] == text
-    assert len(pack_arrays({"wave": wave})[1]) < 0.6 * len(base64.b64encode(gzip.compress(wave.astype("f4").tobytes())))
+    assert len(pack_arrays({"wave": wave})[1]) < 0.6 * len(
+        base64.b64encode(gzip.compress(wave.astype("f4").tobytes()))
+    )
 
 
 def test_what_a_campaign_says_is_text_only(tmp_path):
     evil = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
     results = read_flown(write_campaign(tmp_path / "c", runs=12))
     model = results.campaign.model.model_copy(update={"question": f"{evil} Does it?"})
-    results = dataclasses.replace(results, campaign=dataclasses.replace(results.campaign, model=model))
+    results = dataclasses.replace(
+        results, campaign=dataclasses.replace(results.campaign, model=model)
+    )
     page = make_page(Models(results), [])
     assert evil not in page
     assert "&lt;img src=x onerror=alert(1)&gt;" in page
@@ -59,7 +69,11 @@ def test_what_a_campaign_says_is_text_only(tmp_path):
 @pytest.fixture(scope="module")
 def packed(report_page):
     """The page's data, and its arrays as its script reads them."""
-    data = json.loads(re.search(r'<script type="application/json" id="page-data">(.*?)</script>', report_page).group(1))
+    data = json.loads(
+        re.search(
+            r'<script type="application/json" id="page-data">(.*?)</script>', report_page
+        ).group(1)
+    )
     packed = re.search(r'id="arrays-packed">([A-Za-z0-9+/=]+)</script>', report_page).group(1)
     return data, {name: unpack(data["places"], packed, name) for name in data["places"]}
 
@@ -75,7 +89,9 @@ def test_the_embedded_data_are_the_envelopes(packed, report_folder):
     assert drawn == pytest.approx(envelope.bands["q5"][::2], abs=2e-3)
 
 
-def test_the_interactive_band_of_all_flights_holds_the_samples_that_it_leaves_out(packed, report_folder):
+def test_the_interactive_band_of_all_flights_holds_the_samples_that_it_leaves_out(
+    packed, report_folder
+):
     """It was drawn from every other sample, and flights left it in between."""
     data, arrays = packed
     for controller in data["envelopes"]["controllers"]:
@@ -84,21 +100,34 @@ def test_the_interactive_band_of_all_flights_holds_the_samples_that_it_leaves_ou
             curves = arrays[f"{channel}:{controller['name']}"]
             step = np.nanmax(curves) - np.nanmin(curves)
             time, bands = arrays[f"time:{controller['name']}"], data["envelopes"]["bands"]
-            drawn = {end: np.interp(envelope.time, time, curves[bands.index(end)]) for end in ("min", "max")}
+            drawn = {
+                end: np.interp(envelope.time, time, curves[bands.index(end)])
+                for end in ("min", "max")
+            }
             assert np.all(drawn["min"] <= envelope.bands["min"] + 1e-3 * step)
             assert np.all(drawn["max"] >= envelope.bands["max"] - 1e-3 * step)
 
 
-def test_every_flight_is_a_point_and_the_worst_that_are_listed_have_their_histories(packed, report_folder):
+def test_every_flight_is_a_point_and_the_worst_that_are_listed_have_their_histories(
+    packed, report_folder
+):
     data, arrays = packed
     results = read_flown(report_folder)
     rows = data["flights"]["rows"]
-    assert len(rows["flight"]) == sum(results.flights[name].flight.size for name in results.controllers)
+    assert len(rows["flight"]) == sum(
+        results.flights[name].flight.size for name in results.controllers
+    )
     flown = results.flights["lqr"]
-    lqr = [i for i, k in enumerate(rows["controller"]) if data["flights"]["controllers"][k]["name"] == "lqr"]
+    lqr = [
+        i
+        for i, k in enumerate(rows["controller"])
+        if data["flights"]["controllers"][k]["name"] == "lqr"
+    ]
     metric = results.asked[0]
     drawn = arrays[f"column:{metric}"][lqr]
-    np.testing.assert_allclose(drawn, flown.metrics[metric], atol=1e-4 * np.ptp(arrays[f"column:{metric}"]))
+    np.testing.assert_allclose(
+        drawn, flown.metrics[metric], atol=1e-4 * np.ptp(arrays[f"column:{metric}"])
+    )
     kept = {rows["flight"][i] for i in lqr if rows["history"][i] >= 0}
     assert kept and kept <= {each.flight for each in worst_flights(results)["lqr"]}
 
@@ -106,7 +135,11 @@ def test_every_flight_is_a_point_and_the_worst_that_are_listed_have_their_histor
 def test_only_the_pages_own_scripts_may_run(report_page):
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', report_page)[1]
     scripts = re.search(r"script-src ([^;]*);", policy)[1]
-    assert "unsafe" not in scripts and "default-src 'none'" in policy and len(report_page.encode()) < 4_000_000
+    assert (
+        "unsafe" not in scripts
+        and "default-src 'none'" in policy
+        and len(report_page.encode()) < 4_000_000
+    )
     digest = base64.b64encode(
         hashlib.sha256(re.search(r"<script>(.*?)</script>", report_page, re.S)[1].encode()).digest()
     )

@@ -52,14 +52,24 @@ def _any_of(number: int, each: float) -> float:
 
 def linear(dimension: int, beta: float) -> Case:
     probability = stats.norm.sf(beta)
-    return Case(f"linear {dimension}", dimension, lambda u: u.sum(axis=1) / np.sqrt(dimension), beta, probability)
+    return Case(
+        f"linear {dimension}",
+        dimension,
+        lambda u: u.sum(axis=1) / np.sqrt(dimension),
+        beta,
+        probability,
+    )
 
 
 def paraboloid(dimension: int, beta: float, curvature: float = 0.15) -> Case:
     """u1 plus ``curvature`` times the other coordinates' squares: towards the origin, below zero away from it."""
     law = stats.chi2(dimension - 1)
     value, _ = integrate.quad(
-        lambda s: law.pdf(s) * stats.norm.sf(beta - curvature * s), 0.0, law.isf(1e-16), limit=500, epsabs=1e-14
+        lambda s: law.pdf(s) * stats.norm.sf(beta - curvature * s),
+        0.0,
+        law.isf(1e-16),
+        limit=500,
+        epsabs=1e-14,
     )
     severity = lambda u: u[:, 0] + curvature * (u[:, 1:] ** 2).sum(axis=1)  # noqa: E731
     return Case(f"quadratic {dimension}", dimension, severity, beta, value)
@@ -68,21 +78,28 @@ def paraboloid(dimension: int, beta: float, curvature: float = 0.15) -> Case:
 def ball(dimension: int, probability: float) -> Case:
     """Outside of a ball."""
     threshold = stats.chi2.isf(probability, dimension)
-    return Case(f"ball {dimension}", dimension, lambda u: (u**2).sum(axis=1), threshold, probability)
+    return Case(
+        f"ball {dimension}", dimension, lambda u: (u**2).sum(axis=1), threshold, probability
+    )
 
 
 def four_branch(threshold: float) -> Case:
     """Schueremans & Van Gemert's series system of four branches: two bent ones across x, two straight ones across y."""
 
     def severity(u: np.ndarray) -> np.ndarray:
-        x, y = (u[:, 0] + u[:, 1]) / np.sqrt(2.0), (u[:, 0] - u[:, 1]) / np.sqrt(2.0)  # standard normal, too
+        x, y = (
+            (u[:, 0] + u[:, 1]) / np.sqrt(2.0),
+            (u[:, 0] - u[:, 1]) / np.sqrt(2.0),
+        )  # standard normal, too
         return np.maximum(np.abs(x) - 0.2 * y**2, np.sqrt(2.0) * np.abs(y) - 7.0 / np.sqrt(2.0))
 
     end = threshold / np.sqrt(2.0) + 3.5
     between, _ = integrate.quad(
         lambda y: stats.norm.pdf(y) * stats.norm.sf(threshold + 0.2 * y**2), -end, end, epsabs=1e-14
     )
-    return Case("four-branch 2", 2, severity, threshold, float(2.0 * (between + stats.norm.sf(end))))
+    return Case(
+        "four-branch 2", 2, severity, threshold, float(2.0 * (between + stats.norm.sf(end)))
+    )
 
 
 def onion(dimension: int, threshold: float, ripple: float = 0.3, width: float = 0.7) -> Case:
@@ -98,7 +115,9 @@ def onion(dimension: int, threshold: float, ripple: float = 0.3, width: float = 
 def series(dimension: int, parts: int, beta: float) -> Case:
     """One of ``parts`` independent components fails."""
     probability = _any_of(parts, stats.norm.sf(beta))
-    return Case(f"series {dimension}", dimension, lambda u: u[:, :parts].max(axis=1), beta, probability)
+    return Case(
+        f"series {dimension}", dimension, lambda u: u[:, :parts].max(axis=1), beta, probability
+    )
 
 
 def parallel(dimension: int, parts: int, beta: float) -> Case:
@@ -106,9 +125,13 @@ def parallel(dimension: int, parts: int, beta: float) -> Case:
     share = dimension // parts
 
     def severity(u: np.ndarray) -> np.ndarray:
-        return (u[:, : parts * share].reshape(len(u), parts, share).sum(axis=2) / np.sqrt(share)).min(axis=1)
+        return (
+            u[:, : parts * share].reshape(len(u), parts, share).sum(axis=2) / np.sqrt(share)
+        ).min(axis=1)
 
-    return Case(f"parallel {dimension}", dimension, severity, beta, float(stats.norm.sf(beta) ** parts))
+    return Case(
+        f"parallel {dimension}", dimension, severity, beta, float(stats.norm.sf(beta) ** parts)
+    )
 
 
 def masked(dimension: int) -> Case:
@@ -122,7 +145,9 @@ def corner(dimension: int) -> Case:
     """Three coordinates above 1.6 together, of which severity gives no warning, beside a gradual branch of 1.3e-5."""
     severity = lambda u: np.where((u[:, 1:4] > 1.6).all(axis=1), 1.0, u[:, 0] - 4.2)  # noqa: E731
     steep, gradual = stats.norm.sf(1.6) ** 3, stats.norm.sf(4.2)
-    return Case(f"corner {dimension}", dimension, severity, 0.0, float(steep + gradual - steep * gradual))
+    return Case(
+        f"corner {dimension}", dimension, severity, 0.0, float(steep + gradual - steep * gradual)
+    )
 
 
 def held_out_cases() -> list[Case]:
@@ -135,10 +160,22 @@ def held_out_cases() -> list[Case]:
     two_balls = lambda u: np.minimum((u[:, :4] ** 2).sum(axis=1), (u[:, 4:] ** 2).sum(axis=1))  # noqa: E731
     return [
         *(Case(f"uniform sum {n}", n, uniform, limit, p) for n, p, limit in corners),
-        Case("exponential sum 8", 8, lambda u: -stats.norm.logsf(u).sum(axis=1), stats.gamma(8).isf(1e-6), 1e-6),
+        Case(
+            "exponential sum 8",
+            8,
+            lambda u: -stats.norm.logsf(u).sum(axis=1),
+            stats.gamma(8).isf(1e-6),
+            1e-6,
+        ),
         Case("product 7", 7, lambda u: np.abs(u[:, 0] * u[:, 1]), 8.0, float(2.0 * product)),
         Case("two balls 8", 8, two_balls, stats.chi2.isf(np.sqrt(1e-5), 4), 1e-5),
-        Case("two-sided 20", 20, lambda u: np.abs(u).max(axis=1), 4.0, _any_of(20, 2.0 * stats.norm.sf(4.0))),
+        Case(
+            "two-sided 20",
+            20,
+            lambda u: np.abs(u).max(axis=1),
+            4.0,
+            _any_of(20, 2.0 * stats.norm.sf(4.0)),
+        ),
     ]
 
 

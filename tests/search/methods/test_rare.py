@@ -46,7 +46,9 @@ def test_openturns_says_the_same():
     ot.RandomGenerator.SetSeed(3)
     function = ot.PythonFunction(4, 1, func_sample=lambda u: case.severity(np.asarray(u))[:, None])
     event = ot.ThresholdEvent(
-        ot.CompositeRandomVector(function, ot.RandomVector(ot.Normal(4))), ot.Greater(), case.threshold
+        ot.CompositeRandomVector(function, ot.RandomVector(ot.Normal(4))),
+        ot.Greater(),
+        case.threshold,
     )
     algorithm = ot.SubsetSampling(event)
     algorithm.setMaximumOuterSampling(10_000)
@@ -66,7 +68,9 @@ def test_severities_may_have_random_numbers_of_their_own():
     def noisy(points):
         return (points[:, 0] + draw.standard_normal(len(points))) / np.sqrt(2.0)
 
-    found = [estimate_rare(noisy, SubsetPlan(1, 3.7190, seed), flights=40_000) for seed in range(6)]  # 1e-4
+    found = [
+        estimate_rare(noisy, SubsetPlan(1, 3.7190, seed), flights=40_000) for seed in range(6)
+    ]  # 1e-4
     given = [one for one in found if one.refusal is None]
     assert len(given) >= 2 and all(one.low <= 1e-4 <= one.high for one in given)
 
@@ -117,7 +121,10 @@ def test_both_branches_are_found(dimension):
 def test_an_estimate_of_the_gradual_branch_alone_is_hardly_given(case, first):
     """Wholly below the truth lay 95 % for the one without a second look, 4 of these 10 for the other without the
     larger of both ends; more seeds are in benchmarks/rare_coverage.py --missed."""
-    found = [estimate_rare(case.severity, SubsetPlan(case.dimension, 0.0, first + seed)) for seed in range(10)]
+    found = [
+        estimate_rare(case.severity, SubsetPlan(case.dimension, 0.0, first + seed))
+        for seed in range(10)
+    ]
     given = [one for one in found if one.refusal is None]
     assert given and sum(one.high < case.probability for one in given) <= 1
 
@@ -155,7 +162,12 @@ def test_what_plain_flights_see_takes_no_levels():
     assert not found.repetitions and found.unwarned_high is None and found.low < 0.05 < found.high
     assert found.flights < 2000
     many = known.switched(8, 2e-3, 4.0, fatal=1)
-    assert estimate_switched(many.severity, many.rates, SubsetPlan(3, 0.0, 1, 32), flights=1280)[0].flights <= 1280
+    assert (
+        estimate_switched(many.severity, many.rates, SubsetPlan(3, 0.0, 1, 32), flights=1280)[
+            0
+        ].flights
+        <= 1280
+    )
 
 
 def test_combinations_come_by_weight():
@@ -198,6 +210,8 @@ def test_flights_that_do_not_suffice_drop_the_last_repetitions():
 
 
 def test_where_too_few_would_be_left_all_end_as_cut_short():
-    kept = run_subset(first, SubsetPlan(2, 4.5, 0), range(6), 6 * 640 + 6 * 2 * 576 + 3 * 576, fewest=4)
+    kept = run_subset(
+        first, SubsetPlan(2, 4.5, 0), range(6), 6 * 640 + 6 * 2 * 576 + 3 * 576, fewest=4
+    )
     assert len(kept) == 4
     assert all(one.cut_short and not one.reached for one in kept)

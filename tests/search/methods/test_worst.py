@@ -54,7 +54,9 @@ def test_finds_a_corner_behind_a_broad_hill(dimension, seed):
     corner, top = draw.choice([-1.0, 1.0], dimension), draw.uniform(-0.3, 0.3, dimension)
 
     def value(x):
-        return np.maximum(1.0 - ((x - top) ** 2).mean(axis=1), 1.3 - (1.0 - x * corner).mean(axis=1))
+        return np.maximum(
+            1.0 - ((x - top) ** 2).mean(axis=1), 1.3 - (1.0 - x * corner).mean(axis=1)
+        )
 
     found = search_worst(value, dimension, seed=seed)
     np.testing.assert_array_equal(found.place, corner)

@@ -40,7 +40,15 @@ from abhv_mc.campaign.sampling.samples import SampleFile, full_rows, read_sample
 from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.channels import CHANNELS, effector_channels
 from abhv_mc.flight.metrics import MARGINS, METRICS, Metric, effector_metrics
-from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of, read_document, validate
+from abhv_mc.io.documents import (
+    Document,
+    InputError,
+    InputErrors,
+    Refusal,
+    one_of,
+    read_document,
+    validate,
+)
 from abhv_mc.kernel.plant.parameter_names import EFFECTORS, ENGINES
 from abhv_mc.plant.parameters import OURS, Parameters
 from abhv_mc.user_code.effector_commands import find_driven
@@ -48,7 +56,9 @@ from abhv_mc.user_code.effector_commands import find_driven
 _SAME = 1e-9  # by how much of itself a nominal value may be rounded
 
 
-def check_derived(document: Document, model: Campaign, parameters: Parameters, errors: list[InputError]) -> Derived:
+def check_derived(
+    document: Document, model: Campaign, parameters: Parameters, errors: list[InputError]
+) -> Derived:
     """The campaign's derived inputs; what is wrong is added to ``errors``."""
     made = []
     nominal = full_rows((), np.empty((1, 0)), (), parameters)
@@ -62,7 +72,9 @@ def check_derived(document: Document, model: Campaign, parameters: Parameters, e
             each = compile_derived(name, text, parameters)
             others = sorted(other for other in each.of if other in model.derived and other != name)
             if others:
-                raise Refusal(f"'{others[0]}', which is derived itself", "what is drawn, or its expression")
+                raise Refusal(
+                    f"'{others[0]}', which is derived itself", "what is drawn, or its expression"
+                )
             if seeds := sorted(each for each in {name, *each.of} if parameters[each].seed):
                 raise Refusal(f"'{seeds[0]}', a seed", "what is a quantity")
             value, usual = float(each.evaluate(nominal)[0]), parameters[name].nominal
@@ -88,7 +100,11 @@ def read_campaign(
     if given and isinstance(document.data, dict):
         document = replace(document, data=document.data | given)
     campaign = check_campaign(document)  # what is left out must be right, too
-    return campaign if controllers is None else check_campaign(_select_controllers(campaign.document, controllers))
+    return (
+        campaign
+        if controllers is None
+        else check_campaign(_select_controllers(campaign.document, controllers))
+    )
 
 
 def check_campaign(document: Document) -> Experiment:
@@ -108,7 +124,11 @@ def _check(document: Document, model: Campaign) -> Experiment:
         check_kinds(document, model)
     parameters = own.parameters if own else OURS
     marginals = _make_marginals(document, model, parameters, errors)
-    sample_file = read_sample_file(model.sampling.path, parameters.dispersible) if model.sampling.path else None
+    sample_file = (
+        read_sample_file(model.sampling.path, parameters.dispersible)
+        if model.sampling.path
+        else None
+    )
     names = sample_file.names if sample_file else tuple(model.dispersions)
     copula = _make_copula(document, model, names, errors)
     derived = check_derived(document, model, parameters, errors)
@@ -125,23 +145,35 @@ def _check(document: Document, model: Campaign) -> Experiment:
         metrics = {metric.name: metric for metric in (*METRICS, *declared)}
         measured = metrics | {metric.name: metric for metric in MARGINS}
     requirements = tuple(check_requirements(document, model, measured, errors))
-    others = {**dict.fromkeys(model.derived, "derived"), **dict.fromkeys(model.dispersions, "a dispersion")}
+    others = {
+        **dict.fromkeys(model.derived, "derived"),
+        **dict.fromkeys(model.dispersions, "a dispersion"),
+    }
     box = model.unknowns, model.points, others, model.sampling.design
     unknowns = check_unknowns(document, *box, parameters, errors)
     number = _check_runs(document, model, names, sample_file, errors) * len(unknowns.points)
     by = model.keep.histories.by
-    ranked = (BY_REQUIREMENTS, *(measured if model.margins and model.margins.of(number) == number else metrics))
+    ranked = (
+        BY_REQUIREMENTS,
+        *(measured if model.margins and model.margins.of(number) == number else metrics),
+    )
     if by not in ranked:
         errors.append(document.error(("keep", "histories", "by"), f"'{by}'", one_of(ranked, by)))
     for item in model.keep.histories.flights:
         if isinstance(item, int) and item >= number:
             where = ("keep", "histories", "flights")
-            errors.append(document.error(where, f"flight {item}", f"flights from 0 to {number - 1}"))
+            errors.append(
+                document.error(where, f"flight {item}", f"flights from 0 to {number - 1}")
+            )
     check_stop(document, model, errors)
     joined = model.sampling.design == INDEPENDENT and not unknowns.names
     if model.pooled and (not joined or sum(part.runs for part in model.pooled) > number):
         found = f"{sum(part.runs for part in model.pooled)} pooled flights"
-        errors.append(document.key_error(("pooled",), found, f"at most {number} ('runs'), of the design {INDEPENDENT}"))
+        errors.append(
+            document.key_error(
+                ("pooled",), found, f"at most {number} ('runs'), of the design {INDEPENDENT}"
+            )
+        )
     check_margins(document, model, number, errors)
     if errors:
         raise InputErrors(errors)
@@ -155,7 +187,9 @@ def _check(document: Document, model: Campaign) -> Experiment:
         derived=derived,
         unknowns=unknowns,
         parameters=parameters,
-        columns=tuple(dict.fromkeys((*names, *parameters.index))) if own and not own.simulator else None,
+        columns=tuple(dict.fromkeys((*names, *parameters.index)))
+        if own and not own.simulator
+        else None,
     )
 
 
@@ -172,7 +206,9 @@ def name_effectors(document: Document) -> Document:
             (content.get("effectors", {}), EFFECTORS),
             ((content.get("propulsion") or {}).get("engines", {}), ENGINES),
         )
-        places = {name: place for names, there in parts for name, place in zip(names, there, strict=False)}
+        places = {
+            name: place for names, there in parts for name, place in zip(names, there, strict=False)
+        }
     except (InputError, KeyError, TypeError, AttributeError):
         return document  # the models refuse it
 
@@ -187,10 +223,14 @@ def name_effectors(document: Document) -> Document:
             return {rename(key): rename(inner) for key, inner in value.items()}
         if isinstance(value, list):
             return [rename(inner) for inner in value]
-        return DOTTED.sub(lambda found: renamed(found[0]), value) if isinstance(value, str) else value
+        return (
+            DOTTED.sub(lambda found: renamed(found[0]), value) if isinstance(value, str) else value
+        )
 
     keys = ("dispersions", "unknowns", "derived", "correlations")
-    return replace(document, data={**data, **{key: rename(data[key]) for key in keys if key in data}})
+    return replace(
+        document, data={**data, **{key: rename(data[key]) for key in keys if key in data}}
+    )
 
 
 def _select_controllers(document: Document, controllers: Sequence[str]) -> Document:
@@ -213,47 +253,77 @@ def _make_marginals(
     marginals: dict[str, Marginal] = {}
     for name, distribution in model.dispersions.items():
         where = ("dispersions", name)
-        if name not in parameters.dispersible or (parameters[name].seed and parameters[name].of_user):
+        if name not in parameters.dispersible or (
+            parameters[name].seed and parameters[name].of_user
+        ):
             found = f"unknown parameter '{name}'" if name not in parameters else f"'{name}', a seed"
             errors.append(document.key_error(where, found, one_of(parameters.dispersible, name)))
             continue
         if distribution.probability < 1.0 and model.sampling.design in FACTORIAL:
-            found = f"a probability with the design '{model.sampling.design}', which sets every value"
-            errors.append(document.error((*where, "probability"), found, "a design that draws, or no probability"))
+            found = (
+                f"a probability with the design '{model.sampling.design}', which sets every value"
+            )
+            errors.append(
+                document.error(
+                    (*where, "probability"), found, "a design that draws, or no probability"
+                )
+            )
         try:
             marginals[name] = distribution.make_marginal(parameters[name])
         except Refusal as refusal:
             errors.append(document.error((*where, *refusal.keys), refusal.found, refusal.expected))
     if model.sampling.design == "file" and model.dispersions:
         found = "dispersions beside samples from a file"
-        errors.append(document.key_error(("dispersions",), found, "one of them: the file's columns say it all"))
+        errors.append(
+            document.key_error(
+                ("dispersions",), found, "one of them: the file's columns say it all"
+            )
+        )
     return marginals
 
 
-def _make_copula(document: Document, model: Campaign, names: Sequence[str], errors: list[InputError]) -> Copula:
+def _make_copula(
+    document: Document, model: Campaign, names: Sequence[str], errors: list[InputError]
+) -> Copula:
     pairs: dict[tuple[str, str], float] = {}
     for i, entry in enumerate(model.correlations):
         for j, name in enumerate(entry.between):
             if name not in names:
                 found = f"'{name}', which is not dispersed"
-                errors.append(document.error(("correlations", i, "between", j), found, one_of(names, name)))
+                errors.append(
+                    document.error(("correlations", i, "between", j), found, one_of(names, name))
+                )
             elif name in model.dispersions and model.dispersions[name].probability < 1.0:
                 found = f"'{name}', which is drawn with a probability: most flights share its nominal value"
-                errors.append(document.error(("correlations", i, "between", j), found, "one that every flight draws"))
+                errors.append(
+                    document.error(
+                        ("correlations", i, "between", j), found, "one that every flight draws"
+                    )
+                )
         pair = (min(entry.between), max(entry.between))
         if pair in pairs:
-            errors.append(document.error(("correlations", i), f"{' and '.join(pair)} a second time", "each pair once"))
-        pairs[pair] = normal_correlation(entry.rank) if entry.rank is not None else float(entry.normal or 0.0)
+            errors.append(
+                document.error(
+                    ("correlations", i), f"{' and '.join(pair)} a second time", "each pair once"
+                )
+            )
+        pairs[pair] = (
+            normal_correlation(entry.rank) if entry.rank is not None else float(entry.normal or 0.0)
+        )
     if pairs and model.sampling.design in (*FACTORIAL, "file"):
         found = f"correlations with the design '{model.sampling.design}'"
-        errors.append(document.key_error(("correlations",), found, "none: this design sets every value"))
+        errors.append(
+            document.key_error(("correlations",), found, "none: this design sets every value")
+        )
     if errors:
         return Copula((), np.eye(0))
     try:
         return make_copula(names, pairs)
     except np.linalg.LinAlgError:
         found = "correlations whose matrix is not positive definite"
-        errors.append(document.error(("correlations",), found, "correlations that can hold together"))
+        errors.append(
+            document.error(("correlations",), found, "correlations that can hold together")
+        )
         return Copula((), np.eye(0))
 
 
@@ -270,17 +340,27 @@ def _declare_metrics(
     if isinstance(entries, Path):
         of, entries = read_metrics_file(entries)
         place = ()
-    windows = read_mission(model.mission).windows() if any(entry.phase for entry in entries.values()) else {}
+    windows = (
+        read_mission(model.mission).windows()
+        if any(entry.phase for entry in entries.values())
+        else {}
+    )
     own = declare_metrics(entries, user_channels, of, place, errors, windows, effectors)
     return (*effector_metrics(effectors), *own)
 
 
-def _check_channels(document: Document, model: Campaign, effectors: tuple[str, ...], errors: list[InputError]) -> None:
+def _check_channels(
+    document: Document, model: Campaign, effectors: tuple[str, ...], errors: list[InputError]
+) -> None:
     """That kept histories can hold what they are to: channels of effectors are those of the campaign's vehicle."""
     known = [ALL, *(channel.name for channel in (*CHANNELS, *effector_channels(effectors)))]
     for name in model.keep.histories.channels:
         if name not in known:
-            errors.append(document.error(("keep", "histories", "channels"), f"channel '{name}'", one_of(known, name)))
+            errors.append(
+                document.error(
+                    ("keep", "histories", "channels"), f"channel '{name}'", one_of(known, name)
+                )
+            )
 
 
 def _check_runs(
@@ -293,17 +373,27 @@ def _check_runs(
     """Number of flights: what the file says, or what the design has."""
     design = model.sampling.design
     if design in FACTORIAL and not names:
-        errors.append(document.error(("sampling",), f"'{design}' without dispersions", "something to vary"))
+        errors.append(
+            document.error(("sampling",), f"'{design}' without dispersions", "something to vary")
+        )
         return 1
-    number = len(sample_file.values) if sample_file else count_flights(design, len(names), model.sampling.levels)
+    number = (
+        len(sample_file.values)
+        if sample_file
+        else count_flights(design, len(names), model.sampling.levels)
+    )
     if number is None:
         if model.runs is None:
             errors.append(
-                document.error((), "no key 'runs'", f"'runs' here, as the design '{design}' takes any number")
+                document.error(
+                    (), "no key 'runs'", f"'runs' here, as the design '{design}' takes any number"
+                )
             )
         return model.runs or 1
     if number > 2**30:
-        errors.append(document.error(("sampling",), f"a design of {number:.3g} flights", "at most 1e9"))
+        errors.append(
+            document.error(("sampling",), f"a design of {number:.3g} flights", "at most 1e9")
+        )
     fits = model.runs is None or (model.runs <= number if sample_file else model.runs == number)
     if not fits:
         expected = f"{'at most ' if sample_file else ''}{number}, what the design '{design}' has (or no 'runs')"

@@ -14,7 +14,12 @@ from abhv_mc.campaign.sampling.distributions import Distribution, Value
 from abhv_mc.io.documents import File, Refusal, StrictModel
 from abhv_mc.io.units import Fraction, Time
 
-TRACED = ("id", "text", "source", "rationale")  # where a requirement comes from; no flight depends on it
+TRACED = (
+    "id",
+    "text",
+    "source",
+    "rationale",
+)  # where a requirement comes from; no flight depends on it
 PROCESSES, THREADS = "processes", "threads"
 
 _LARGEST_BATCH = 2**20
@@ -32,8 +37,12 @@ def _none_for(word: str, most: int | None = None) -> Any:
     return BeforeValidator(read, json_schema_input_type=written)
 
 
-Workers = Annotated[Annotated[int, Field(ge=1, le=MOST_WORKERS)] | None, _none_for("auto", MOST_WORKERS)]
-Batch = Annotated[Annotated[int, Field(ge=1, le=_LARGEST_BATCH)] | None, _none_for("auto", _LARGEST_BATCH)]
+Workers = Annotated[
+    Annotated[int, Field(ge=1, le=MOST_WORKERS)] | None, _none_for("auto", MOST_WORKERS)
+]
+Batch = Annotated[
+    Annotated[int, Field(ge=1, le=_LARGEST_BATCH)] | None, _none_for("auto", _LARGEST_BATCH)
+]
 FlightCount = Annotated[Annotated[int, Field(ge=1)] | None, _none_for("all")]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=80)]
 DesignName = Literal["random", "lhs", "sobol", "halton", "corners", "grid", "one_at_a_time", "file"]
@@ -75,7 +84,9 @@ class Correlation(StrictModel):
     @model_validator(mode="after")
     def _one_of_both(self) -> "Correlation":
         if (self.rank is None) == (self.normal is None):
-            raise Refusal("both" if self.rank is not None else "neither", "either 'rank' or 'normal'")
+            raise Refusal(
+                "both" if self.rank is not None else "neither", "either 'rank' or 'normal'"
+            )
         if self.between[0] == self.between[1]:
             raise Refusal(f"'{self.between[0]}' twice", "two different parameters", ("between",))
         return self
@@ -86,15 +97,19 @@ class RequirementEntry(StrictModel):
 
     metric: str = Field(description="the metric that is limited")
     below: Value | None = Field(None, description="what it must be below, in its unit")
-    above: Value | None = Field(None, description="what it must be above, in its unit; with both it must lie between")
+    above: Value | None = Field(
+        None, description="what it must be above, in its unit; with both it must lie between"
+    )
     probability: Annotated[Fraction, Field(gt=0.0, lt=1.0)] = Field(
         description="share of flights that must meet it, such as 99.73 %"
     )
     consumer_risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] = Field(
-        0.10, description="largest chance that a system which just misses the requirement ever passes"
+        0.10,
+        description="largest chance that a system which just misses the requirement ever passes",
     )
     producer_risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] | None = Field(
-        None, description="largest chance that a system which just meets it ever fails; left out: the consumer's"
+        None,
+        description="largest chance that a system which just meets it ever fails; left out: the consumer's",
     )
     controllers: tuple[str, ...] | None = Field(
         None, description="controllers that have to meet it; left out: the campaign's first"
@@ -102,7 +117,9 @@ class RequirementEntry(StrictModel):
     ended_early: Literal["failure", "as_measured"] = Field(
         "failure", description="what a flight that ended early counts as"
     )
-    id: str | None = Field(None, description="its number where it comes from, such as GNC-12; shown everywhere")
+    id: str | None = Field(
+        None, description="its number where it comes from, such as GNC-12; shown everywhere"
+    )
     text: str | None = Field(None, description="the requirement in words, as its source has it")
     source: str | None = Field(None, description="the document that it comes from")
     rationale: str | None = Field(None, description="why it is required")
@@ -117,8 +134,12 @@ class RequirementEntry(StrictModel):
 class MarginsOfFlights(StrictModel):
     """Of which flights stability margins are found, and where."""
 
-    at: Points = Field(("trim",), description="trim, or times of the flight such as 30 s, or a list of these")
-    flights: FlightCount = Field(100, description="margins are found of the first so many flights, or of all")
+    at: Points = Field(
+        ("trim",), description="trim, or times of the flight such as 30 s, or a list of these"
+    )
+    flights: FlightCount = Field(
+        100, description="margins are found of the first so many flights, or of all"
+    )
 
     def of(self, runs: int) -> int:
         """How many of so many flights."""
@@ -136,16 +157,21 @@ class Family(StrictModel):
     """All pairs of requirement and controller together: the chance of any false PASS among them."""
 
     method: Literal["holm"] = Field("holm", description="Holm's")
-    risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] = Field(0.10, description="largest chance of any false PASS")
+    risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] = Field(
+        0.10, description="largest chance of any false PASS"
+    )
 
 
 class Execution(StrictModel):
     """How it is flown; no result depends on it."""
 
-    workers: Workers = Field(None, description="blocks of flights flown at once; auto: one for each core")
+    workers: Workers = Field(
+        None, description="blocks of flights flown at once; auto: one for each core"
+    )
     batch: Batch = Field(None, description="flights of a block")
     isolation: Literal["auto", "processes", "threads"] = Field(
-        "auto", description="where flights fly: in processes, one that hangs or crashes harms no other"
+        "auto",
+        description="where flights fly: in processes, one that hangs or crashes harms no other",
     )
     flight_time_limit: Annotated[Time, Field(gt=0.0)] | None = Field(
         None,
@@ -175,23 +201,35 @@ class Campaign(StrictModel):
         0, description="seed of all samples: the same seed, the same flights"
     )
     pooled: tuple[PooledSeed, ...] = Field(
-        (), description="what `abhv-mc merge` joined of several seeds, in the order of the flights; left out: one seed"
+        (),
+        description="what `abhv-mc merge` joined of several seeds, in the order of the flights; left out: one seed",
     )
-    sampling: Annotated[Sampling, BeforeValidator(_sampling, json_schema_input_type=DesignName | Sampling)] = Field(
-        Sampling(), description="the design: its name, or a mapping with its numbers; verdicts need 'random'"
+    sampling: Annotated[
+        Sampling, BeforeValidator(_sampling, json_schema_input_type=DesignName | Sampling)
+    ] = Field(
+        Sampling(),
+        description="the design: its name, or a mapping with its numbers; verdicts need 'random'",
     )
-    dispersions: dict[str, Distribution] = Field({}, description="distributions by the parameter that they disperse")
+    dispersions: dict[str, Distribution] = Field(
+        {}, description="distributions by the parameter that they disperse"
+    )
     unknowns: dict[str, Unknown] = Field(
-        {}, description="bounds of parameters with one value for the whole programme: judged at points of their box"
+        {},
+        description="bounds of parameters with one value for the whole programme: judged at points of their box",
     )
     points: UnknownPoints | None = Field(
         None, description="where these are judged, as `run` found it; left out: search"
     )
-    correlations: tuple[Correlation, ...] = Field((), description="pairs of parameters that vary together")
-    derived: dict[str, str] = Field(
-        {}, description="parameters that follow from others of their flight: expressions of parameters, in SI"
+    correlations: tuple[Correlation, ...] = Field(
+        (), description="pairs of parameters that vary together"
     )
-    channels: File | None = Field(None, description="Python file of user channels, relative to this file")
+    derived: dict[str, str] = Field(
+        {},
+        description="parameters that follow from others of their flight: expressions of parameters, in SI",
+    )
+    channels: File | None = Field(
+        None, description="Python file of user channels, relative to this file"
+    )
     metrics: Annotated[
         Annotated[dict[MetricName, MetricEntry], Tag("entries")] | Annotated[File, Tag("file")],
         Discriminator(_metrics_kind),
@@ -199,22 +237,31 @@ class Campaign(StrictModel):
     requirements: Annotated[
         tuple[RequirementEntry, ...],
         BeforeValidator(lambda value: value, json_schema_input_type=list[RequirementEntry] | str),
-    ] = Field((), description="what the flights have to meet, with which probability; or a CSV file of these")
+    ] = Field(
+        (),
+        description="what the flights have to meet, with which probability; or a CSV file of these",
+    )
     margins: MarginsOfFlights | None = Field(
-        None, description="stability margins of dispersed flights, as metrics; left out: nominal and corners only"
+        None,
+        description="stability margins of dispersed flights, as metrics; left out: nominal and corners only",
     )
     stop: Literal["when proven"] | None = Field(
-        None, description="'when proven' ends the campaign once every requirement has passed or failed"
+        None,
+        description="'when proven' ends the campaign once every requirement has passed or failed",
     )
     tune: Tune | None = Field(
-        None, description="what `abhv-mc tune` varies and wants; no flight of the campaign depends on it"
+        None,
+        description="what `abhv-mc tune` varies and wants; no flight of the campaign depends on it",
     )
     family: Family | None = Field(
-        None, description="one risk for all verdicts together; left out: each requirement has its own"
+        None,
+        description="one risk for all verdicts together; left out: each requirement has its own",
     )
     keep: Keep = Field(Keep(), description="what is written besides the metrics of every flight")
     figures: Literal["paper"] | None = Field(
         None,
         description="'paper': the channels' figures are those of Zhu and Shen 2014, with their numbers beside them",
     )
-    execution: Execution = Field(Execution(), description="how it is flown; no result depends on it")
+    execution: Execution = Field(
+        Execution(), description="how it is flown; no result depends on it"
+    )

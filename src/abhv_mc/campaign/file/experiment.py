@@ -55,7 +55,9 @@ class Requirement:
 
     def judge(self, failures: int, flights: int, uncomputed: int = 0) -> Verdict:
         """The verdict on such counts alone; ``flights`` has those that were not computed, ``failures`` has not."""
-        return judge(failures, flights, self.probability, self.consumer_risk, self.producer_risk, uncomputed)
+        return judge(
+            failures, flights, self.probability, self.consumer_risk, self.producer_risk, uncomputed
+        )
 
 
 class System(NamedTuple):
@@ -72,7 +74,9 @@ class Experiment:
     document: Document
     model: Campaign
     runs: int  # flights of each controller, at all points of the unknowns
-    marginals: dict[str, Marginal]  # by parameter, in the file's order; empty where the samples come from a file
+    marginals: dict[
+        str, Marginal
+    ]  # by parameter, in the file's order; empty where the samples come from a file
     copula: Copula
     sample_file: SampleFile | None
     requirements: tuple[Requirement, ...]
@@ -80,8 +84,12 @@ class Experiment:
     declared: tuple[Metric, ...] = ()
     user_sources: tuple[tuple[str, str], ...] = ()  # name and unit of the channels of its own file
     effectors: tuple[str, ...] = ()  # of its vehicle, where they have actuators
-    systems: Mapping[str, System] = field(default_factory=dict)  # by controller, where they are ready to fly
-    columns: tuple[str, ...] | None = None  # of the rows that fly, where they are not the campaign's own
+    systems: Mapping[str, System] = field(
+        default_factory=dict
+    )  # by controller, where they are ready to fly
+    columns: tuple[str, ...] | None = (
+        None  # of the rows that fly, where they are not the campaign's own
+    )
     derived: Derived = ()  # parameters that follow from the others of their row
     unknowns: Unknowns = field(default_factory=Unknowns)
     parameters: Parameters = OURS  # what its flights may be given
@@ -161,13 +169,19 @@ class Experiment:
     @cached_property
     def channels(self) -> tuple[Signal, ...]:
         """What histories of its flights hold; nothing of a user's simulator that returns none."""
-        return self.user_model.returned_channels if self.user_model else (*CHANNELS, *effector_channels(self.effectors))
+        return (
+            self.user_model.returned_channels
+            if self.user_model
+            else (*CHANNELS, *effector_channels(self.effectors))
+        )
 
     @property
     def kept_channels(self) -> tuple[str, ...]:
         """Those that kept flights are written with."""
         asked = self.model.keep.histories.channels
-        return tuple(channel.name for channel in self.channels if ALL in asked or channel.name in asked)
+        return tuple(
+            channel.name for channel in self.channels if ALL in asked or channel.name in asked
+        )
 
     @property
     def has_bands(self) -> bool:
@@ -178,7 +192,10 @@ class Experiment:
     def dispersions(self) -> dict[str, dict[str, Any]]:
         """As the file writes them."""
         data: Any = self.document.data
-        unknowns = {name: {"distribution": "unknown", **entry} for name, entry in (data.get("unknowns") or {}).items()}
+        unknowns = {
+            name: {"distribution": "unknown", **entry}
+            for name, entry in (data.get("unknowns") or {}).items()
+        }
         return (data.get("dispersions") or {}) | unknowns
 
     @property
@@ -230,8 +247,14 @@ class Experiment:
         without)."""
         by = self.model.keep.histories.by
         if by == BY_REQUIREMENTS and self.requirements:
-            return tuple(dict.fromkeys(self._criterion(item.metric, item.limits) for item in self.requirements))
-        return tuple(self._criterion(name, None) for name in (self.asked if by == BY_REQUIREMENTS else (by,)))
+            return tuple(
+                dict.fromkeys(
+                    self._criterion(item.metric, item.limits) for item in self.requirements
+                )
+            )
+        return tuple(
+            self._criterion(name, None) for name in (self.asked if by == BY_REQUIREMENTS else (by,))
+        )
 
     def _criterion(self, name: str, limits: Bounds | None) -> Criterion:
         metric = self.metrics[name]
@@ -245,13 +268,17 @@ class Experiment:
 
     def limits_of(self, metric: str) -> list[float]:
         """The limits of all requirements on a metric."""
-        own = [limit for item in self.requirements if item.metric == metric for limit in item.limits]
+        own = [
+            limit for item in self.requirements if item.metric == metric for limit in item.limits
+        ]
         return [limit for limit in own if limit is not None]
 
     def ends_of(self, i: int) -> Floats:
         """Low end, about the middle, and high end of a dispersion; the unknowns come after them."""
         if i >= len(self.names):
-            low, high = (float(end[i - len(self.names)]) for end in (self.unknowns.low, self.unknowns.high))
+            low, high = (
+                float(end[i - len(self.names)]) for end in (self.unknowns.low, self.unknowns.high)
+            )
             return np.array([low, low + _MIDDLE * (high - low), high])
         if self.sample_file is not None:
             return np.quantile(self.sample_file.values[: self.runs, i], [0.0, _MIDDLE, 1.0])
@@ -262,12 +289,16 @@ class Experiment:
         if self.model.pooled:
             sources = [self._samples_of(part.seed, self.runs) for part in self.model.pooled]
             return pooled_samples(sources, [part.runs for part in self.model.pooled], self.runs)
-        return self._at_points(self._samples_of(self.model.seed, self.runs_at_point), self.unknowns.points)
+        return self._at_points(
+            self._samples_of(self.model.seed, self.runs_at_point), self.unknowns.points
+        )
 
     def search_rows(self, flights: int, points: Floats) -> Floats:
         """Rows of its inputs at each of ``points`` [point, unknown]: so many samples, none of those that are judged."""
         seed = stream_key(self.seed, "unknowns", "search") % 2**63
-        rows = self._at_points(self._samples_of(seed, flights), points).draw(0, flights * len(points))
+        rows = self._at_points(self._samples_of(seed, flights), points).draw(
+            0, flights * len(points)
+        )
         return rows.reshape(flights, len(points), -1).swapaxes(0, 1).reshape(len(rows), -1)
 
     def _at_points(self, samples: SampleSource, points: Floats) -> SampleSource:
@@ -279,8 +310,14 @@ class Experiment:
         found = judge_family(groups, self.judged, self.family_risk)
         if not self.unknowns.names:
             return found
-        notes = [filter(None, (self.unknowns.note(at, verdict.failures), verdict.note)) for verdict, at in found]
-        return [(replace(verdict, note="; ".join(note)), at) for (verdict, at), note in zip(found, notes, strict=True)]
+        notes = [
+            filter(None, (self.unknowns.note(at, verdict.failures), verdict.note))
+            for verdict, at in found
+        ]
+        return [
+            (replace(verdict, note="; ".join(note)), at)
+            for (verdict, at), note in zip(found, notes, strict=True)
+        ]
 
     def rows(self, values: Floats) -> Floats:
         """Full rows ``[flight, parameter]`` of rows of its inputs."""
@@ -290,9 +327,15 @@ class Experiment:
         sampling = self.model.sampling
         if self.sample_file is not None:
             values = self.sample_file.values[:runs]
-            source = SampleSource(self.sample_file.names, len(values), lambda first, stop: values[first:stop])
+            source = SampleSource(
+                self.sample_file.names, len(values), lambda first, stop: values[first:stop]
+            )
         else:
-            design = Design(sampling.design, seed, self.names, runs, sampling.levels, self.parameters)
-            source = drawn_samples(design, tuple(self.marginals.values()), self.copula, self.parameters)
+            design = Design(
+                sampling.design, seed, self.names, runs, sampling.levels, self.parameters
+            )
+            source = drawn_samples(
+                design, tuple(self.marginals.values()), self.copula, self.parameters
+            )
         seeds = find_seeds(self.varied, self.parameters)
         return seeded_samples(source, seeds, seed, sampling.design) if seeds else source

@@ -34,9 +34,15 @@ Channels = Annotated[
 def _flights(value: tuple[int | str, ...]) -> tuple[int | str, ...]:
     for i, item in enumerate(value):
         number = isinstance(item, int) and item >= 0
-        if not number and not re.fullmatch(r"failed|all|none|(worst|every) +0*[1-9][0-9]*", str(item)):
+        if not number and not re.fullmatch(
+            r"failed|all|none|(worst|every) +0*[1-9][0-9]*", str(item)
+        ):
             where = (i,) if len(value) > 1 else ()
-            raise Refusal(describe(item), "all, none, failed, 'worst 20', 'every 100' or a flight's number", where)
+            raise Refusal(
+                describe(item),
+                "all, none, failed, 'worst 20', 'every 100' or a flight's number",
+                where,
+            )
     return value
 
 
@@ -48,14 +54,17 @@ class KeepHistories(StrictModel):
         AfterValidator(_flights),
         BeforeValidator(_as_list, json_schema_input_type=int | str | list[int | str]),
     ] = Field(
-        ("worst 20",), description="all, none, failed, 'worst 20', 'every 100', a flight's number, or a list of these"
+        ("worst 20",),
+        description="all, none, failed, 'worst 20', 'every 100', a flight's number, or a list of these",
     )
     by: str = Field(
         BY_REQUIREMENTS,
         description="what 'worst' goes by: requirements (the largest distance beyond a limit, in units of it) or a "
         "metric; flights that ended early come first",
     )
-    channels: Annotated[tuple[str, ...], BeforeValidator(_as_list, json_schema_input_type=str | list[str])] = Field(
+    channels: Annotated[
+        tuple[str, ...], BeforeValidator(_as_list, json_schema_input_type=str | list[str])
+    ] = Field(
         (ALL,), description="names of channels (of effectors, too, that have actuators), or all"
     )
     rate: Rate = Field(10.0, description="samples per second of flight")
@@ -71,5 +80,9 @@ class KeepEnvelopes(StrictModel):
 class Keep(StrictModel):
     """What a campaign writes besides metrics."""
 
-    histories: KeepHistories = Field(KeepHistories(), description="flights that are written at full length")
-    envelopes: KeepEnvelopes = Field(KeepEnvelopes(), description="quantiles over time of all flights")
+    histories: KeepHistories = Field(
+        KeepHistories(), description="flights that are written at full length"
+    )
+    envelopes: KeepEnvelopes = Field(
+        KeepEnvelopes(), description="quantiles over time of all flights"
+    )

@@ -76,5 +76,7 @@ def _named_files(value: Any) -> Iterator[str]:
     for key, inner in value.items() if isinstance(value, dict) else ():
         if key in ("file", "python") and isinstance(inner, str):
             yield inner
-    for inner in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+    for inner in (
+        value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    ):
         yield from _named_files(inner)

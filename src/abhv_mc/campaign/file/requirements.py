@@ -35,7 +35,9 @@ def read_requirements(document: Document) -> Document:
         return document
     path = document.resolve(str(data["requirements"]))
     if not path.is_file():
-        raise document.error(("requirements",), f"'{path.name}', which is not there", "a CSV file, or a list")
+        raise document.error(
+            ("requirements",), f"'{path.name}', which is not there", "a CSV file, or a list"
+        )
     table = _read_table(path)
     validate(table, _Table)  # here, where the places are those of the table
     return replace(document, data={**data, **table.data})  # type: ignore[dict-item]
@@ -59,7 +61,9 @@ def _read_table(path: Path) -> Document:
         if not any(cell.strip() for cell in cells):
             continue
         if len(cells) > len(heads):
-            raise InputError(path, "more cells than columns", "a cell for each column", line, len(heads) + 1)
+            raise InputError(
+                path, "more cells than columns", "a cell for each column", line, len(heads) + 1
+            )
         entry: dict[str, Any] = {}
         place = ("requirements", len(entries))
         places[place] = (line, 1)
@@ -90,14 +94,20 @@ def select_requirements(entries: Any, controllers: Sequence[str]) -> Iterator[An
             yield {**entry, "controllers": chosen}
 
 
-def join_requirements(first: Iterable[Any], second: Iterable[Any], controllers: Iterable[str]) -> list[Any]:
+def join_requirements(
+    first: Iterable[Any], second: Iterable[Any], controllers: Iterable[str]
+) -> list[Any]:
     """The requirements of both, each once: of those that differ in their controllers alone one, for all of these."""
     joined: dict[str, Any] = {}
     for entry in (*first, *second):
         rest = {key: value for key, value in entry.items() if key != "controllers"}
         kind = json.dumps([rest, bool(entry.get("controllers"))], sort_keys=True)
         named = [*joined.get(kind, {}).get("controllers", ()), *(entry.get("controllers") or ())]
-        joined[kind] = {**entry, "controllers": [name for name in controllers if name in named]} if named else entry
+        joined[kind] = (
+            {**entry, "controllers": [name for name in controllers if name in named]}
+            if named
+            else entry
+        )
     return list(joined.values())
 
 
@@ -115,16 +125,25 @@ def check_requirements(
     for i, entry in enumerate(model.requirements):
         where = ("requirements", i)
         if entry.id is not None and entry.id in ids[:i]:
-            errors.append(document.error((*where, "id"), f"the id '{entry.id}' a second time", "an id for each"))
+            errors.append(
+                document.error(
+                    (*where, "id"), f"the id '{entry.id}' a second time", "an id for each"
+                )
+            )
         for j, name in enumerate(entry.controllers or ()):
             if name not in systems:
                 found = f"{'system' if own else 'controller'} '{name}'"
-                errors.append(document.error((*where, "controllers", j), found, one_of(systems, name)))
+                errors.append(
+                    document.error((*where, "controllers", j), found, one_of(systems, name))
+                )
         if entry.metric not in metrics:
             expected = one_of(
-                [name for name in metrics if own or model.margins or name not in _MARGIN_METRICS], entry.metric
+                [name for name in metrics if own or model.margins or name not in _MARGIN_METRICS],
+                entry.metric,
             )
-            errors.append(document.error((*where, "metric"), f"unknown metric '{entry.metric}'", expected))
+            errors.append(
+                document.error((*where, "metric"), f"unknown metric '{entry.metric}'", expected)
+            )
             continue
         key = "above"
         try:
@@ -132,7 +151,9 @@ def check_requirements(
             key = "below"
             high = None if entry.below is None else read(entry.below, metrics[entry.metric].unit)
             if low is not None and high is not None and low >= high:
-                raise Refusal(f"below {high:g} and above {low:g}", "a limit below that is the larger one")
+                raise Refusal(
+                    f"below {high:g} and above {low:g}", "a limit below that is the larger one"
+                )
             yield Requirement(
                 entry.metric,
                 Bounds(low, high),
@@ -162,10 +183,18 @@ def check_stop(document: Document, model: Campaign, errors: list[InputError]) ->
     if model.stop is None:
         return
     if not model.requirements:
-        errors.append(document.key_error(("stop",), "'stop' without requirements", "requirements that can be proven"))
+        errors.append(
+            document.key_error(
+                ("stop",), "'stop' without requirements", "requirements that can be proven"
+            )
+        )
     if model.sampling.design != INDEPENDENT:
-        found = f"'stop' with the design '{model.sampling.design}', whose flights are not independent"
-        errors.append(document.key_error(("stop",), found, f"sampling: {INDEPENDENT}, or no 'stop'"))
+        found = (
+            f"'stop' with the design '{model.sampling.design}', whose flights are not independent"
+        )
+        errors.append(
+            document.key_error(("stop",), found, f"sampling: {INDEPENDENT}, or no 'stop'")
+        )
 
 
 def check_margins(document: Document, model: Campaign, runs: int, errors: list[InputError]) -> None:
@@ -181,7 +210,9 @@ def check_margins(document: Document, model: Campaign, runs: int, errors: list[I
         return
     if needed and model.margins.of(runs) < runs:
         metric = model.requirements[needed[0]].metric
-        found = f"margins of {model.margins.of(runs)} of {runs} flights, and a requirement on {metric}"
+        found = (
+            f"margins of {model.margins.of(runs)} of {runs} flights, and a requirement on {metric}"
+        )
         expected = "'flights: all': a verdict needs the metric of every flight"
         errors.append(document.error(("margins", "flights"), found, expected))
     times = {i: time for i, time in enumerate(model.margins.at) if time != "trim"}
@@ -189,4 +220,8 @@ def check_margins(document: Document, model: Campaign, runs: int, errors: list[I
     for i, time in times.items():
         if not 0.0 <= time <= duration:
             where = ("margins", "at", i)
-            errors.append(document.error(where, f"{time:g} s", f"trim, or a time of the mission, 0 to {duration:g} s"))
+            errors.append(
+                document.error(
+                    where, f"{time:g} s", f"trim, or a time of the mission, 0 to {duration:g} s"
+                )
+            )

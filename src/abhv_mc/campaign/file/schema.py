@@ -40,7 +40,11 @@ class _Generator(GenerateJsonSchema):
 
 def _is_finite(default: Any) -> bool:
     numbers = default if isinstance(default, (list, tuple)) else [default]
-    return all(number is not None and math.isfinite(number) for number in numbers if not isinstance(number, str))
+    return all(
+        number is not None and math.isfinite(number)
+        for number in numbers
+        if not isinstance(number, str)
+    )
 
 
 def _in_words(default: Any, schema: Schema) -> Any:
@@ -95,7 +99,9 @@ def _enumerate(parts: Schema) -> None:
         for key in {"metric", "by"} & set(part.get("properties", ())):
             part["properties"][key] |= {"anyOf": [metrics, own]}
     campaign["if"] = {"not": {"required": ["metrics"]}}
-    campaign["then"] = {"properties": {"requirements": {"items": {"properties": {"metric": metrics}}}}}
+    campaign["then"] = {
+        "properties": {"requirements": {"items": {"properties": {"metric": metrics}}}}
+    }
 
     names = {"enum": [parameter.name for parameter in PARAMETERS if "." in parameter.name]}
     for key in ("dispersions", "unknowns", "derived"):

@@ -19,7 +19,17 @@ from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.plant.parameters import Parameter, Parameters
 
 SYSTEMS = "systems"
-_TAKEN = {"flight", "controller", "system", "outcome", "end_time", "end_time_s", "history", "error", "point"}
+_TAKEN = {
+    "flight",
+    "controller",
+    "system",
+    "outcome",
+    "end_time",
+    "end_time_s",
+    "history",
+    "error",
+    "point",
+}
 _OUTCOMES = {Outcome.OK.code, Outcome.FAILED_TO_RUN.code}
 Unit = Annotated[str, Field(min_length=1, max_length=30)]
 
@@ -27,13 +37,20 @@ Unit = Annotated[str, Field(min_length=1, max_length=30)]
 class Simulator(StrictModel):
     """What flies: a Python function, or a program that speaks JSON lines."""
 
-    python: str | None = Field(None, description="Python file with def fly(inputs, settings): one flight")
-    command: Annotated[tuple[str, ...], Field(min_length=1)] | None = Field(
-        None, description="a program and its arguments: a flight is a line of JSON in, and a line out"
+    python: str | None = Field(
+        None, description="Python file with def fly(inputs, settings): one flight"
     )
-    files: tuple[str, ...] = Field((), description="what else it consists of and reads: files, folders, or with *")
+    command: Annotated[tuple[str, ...], Field(min_length=1)] | None = Field(
+        None,
+        description="a program and its arguments: a flight is a line of JSON in, and a line out",
+    )
+    files: tuple[str, ...] = Field(
+        (), description="what else it consists of and reads: files, folders, or with *"
+    )
     folder: str = Field(".", description="where it lies and runs: these names are from there")
-    time_limit: Annotated[Time, Field(gt=0.0)] = Field(60.0, description="of one flight, by the clock")
+    time_limit: Annotated[Time, Field(gt=0.0)] = Field(
+        60.0, description="of one flight, by the clock"
+    )
 
     @model_validator(mode="after")
     def _one_of_both(self) -> "Simulator":
@@ -44,17 +61,29 @@ class Simulator(StrictModel):
     def find_files(self, folder: Path) -> dict[str, Path]:
         """Its files by place in ``folder``: what starts it, then what command and ``files`` name. Raises Refusal."""
         base = Path(os.path.normpath(folder))
-        words = [Path(os.path.normpath(base / word)) for word in (self.python, *(self.command or ())) if word]
+        words = [
+            Path(os.path.normpath(base / word))
+            for word in (self.python, *(self.command or ()))
+            if word
+        ]
         named = [path for path in words if path.is_relative_to(base) and path.is_file()]
         if self.python and not named:
-            raise Refusal(f"'{self.python}'", "a Python file in this file's folder, or in 'folder'", ("python",))
-        return {path.relative_to(base).as_posix(): path for path in (*named, *expand(base, self.files))}
+            raise Refusal(
+                f"'{self.python}'",
+                "a Python file in this file's folder, or in 'folder'",
+                ("python",),
+            )
+        return {
+            path.relative_to(base).as_posix(): path for path in (*named, *expand(base, self.files))
+        }
 
 
 YesNo = Annotated[
     bool,
     BeforeValidator(
-        lambda value: {"yes": True, "no": False}.get(value, value) if isinstance(value, str) else value,
+        lambda value: (
+            {"yes": True, "no": False}.get(value, value) if isinstance(value, str) else value
+        ),
         json_schema_input_type=bool | Literal["yes", "no"],
     ),
 ]
@@ -72,21 +101,28 @@ class Input(OwnChannel):
     """What a flight is given."""
 
     nominal: float = Field(0.0, description="its nominal value, in this unit")
-    seed: YesNo = Field(False, description="yes: a whole number drawn for each flight, and no quantity")
+    seed: YesNo = Field(
+        False, description="yes: a whole number drawn for each flight, and no quantity"
+    )
 
 
 class OwnMetric(OwnChannel):
     """What a flight returns."""
 
     bad: Bad | None = Field(
-        None, description="which values are bad: high, low, or those of the largest size; left out: high"
+        None,
+        description="which values are bad: high, low, or those of the largest size; left out: high",
     )
-    label: str | None = Field(None, description="what the report calls it, without its unit; left out: its name")
+    label: str | None = Field(
+        None, description="what the report calls it, without its unit; left out: its name"
+    )
 
     def record(self, name: str) -> Metric:
         """As the tables of metrics have it."""
         label = self.label or label_of(name, "-")
-        return Metric(name, self.unit, self.doc, label, self.bad or "high", "user", "", Statistic.MAX)
+        return Metric(
+            name, self.unit, self.doc, label, self.bad or "high", "user", "", Statistic.MAX
+        )
 
 
 class SimulatorExecution(Execution):
@@ -107,29 +143,39 @@ class SimulatorCampaign(Campaign):
     tune: ClassVar = None  # type: ignore[misc]
     figures: ClassVar = None  # type: ignore[misc]
     simulator: Simulator | None = Field(
-        None, description="what flies, in place of vehicle, mission and controllers; left out: `adopt` takes flights"
+        None,
+        description="what flies, in place of vehicle, mission and controllers; left out: `adopt` takes flights",
     )
     independent: YesNo = Field(
-        False, description="without a simulator: yes where flights are independent draws of the dispersions"
+        False,
+        description="without a simulator: yes where flights are independent draws of the dispersions",
     )
     systems: Annotated[dict[Name, dict[str, Any]], Field(min_length=1)] = Field(
-        {"system": {}}, description="what is compared: settings of the simulator by name; the first has to meet it all"
+        {"system": {}},
+        description="what is compared: settings of the simulator by name; the first has to meet it all",
     )
     inputs: dict[InputName, Input] = Field({}, description="what a flight is given, by name")
     metrics: Annotated[dict[MetricName, OwnMetric], Field(min_length=1)] = Field(  # type: ignore[assignment]
         description="what a flight returns, by name"
     )
     outcomes: dict[MetricName, str] = Field(
-        {}, description="ways in which a flight ends early, by the code that it returns: a sentence for each"
+        {},
+        description="ways in which a flight ends early, by the code that it returns: a sentence for each",
     )
     histories: dict[MetricName, OwnChannel] = Field(
         {}, description="columns of the history that a flight returns beside its time (s), by name"
     )
-    execution: SimulatorExecution = Field(default_factory=SimulatorExecution, description="how it is flown")
+    execution: SimulatorExecution = Field(
+        default_factory=SimulatorExecution, description="how it is flown"
+    )
 
     @model_validator(mode="after")
     def _names(self) -> "SimulatorCampaign":
-        taken = {"inputs": _TAKEN, "metrics": {*_TAKEN, *MARGIN_NAMES, *self.inputs}, "outcomes": _OUTCOMES}
+        taken = {
+            "inputs": _TAKEN,
+            "metrics": {*_TAKEN, *MARGIN_NAMES, *self.inputs},
+            "outcomes": _OUTCOMES,
+        }
         taken["histories"] = {*_TAKEN, "time"}
         for key, names in taken.items():
             for name in getattr(self, key):
@@ -137,7 +183,9 @@ class SimulatorCampaign(Campaign):
                     expected = f"another name; taken are {', '.join(sorted(names))}"
                     raise Refusal(f"'{name}', a name that is taken", expected, (key, name))
         if self.independent and self.simulator:
-            raise Refusal("'independent' beside a simulator", "'sampling', which says it", ("independent",))
+            raise Refusal(
+                "'independent' beside a simulator", "'sampling', which says it", ("independent",)
+            )
         return self
 
     @property
@@ -149,7 +197,12 @@ class SimulatorCampaign(Campaign):
     def parameters(self) -> Parameters:
         """What flights are given."""
         entries = self.inputs.items()
-        return Parameters(tuple(Parameter(n, e.unit, e.nominal, e.doc, of_user=True, seed=e.seed) for n, e in entries))
+        return Parameters(
+            tuple(
+                Parameter(n, e.unit, e.nominal, e.doc, of_user=True, seed=e.seed)
+                for n, e in entries
+            )
+        )
 
 
 def systems_key(data: Mapping[str, Any]) -> str:
@@ -174,8 +227,14 @@ def check_simulator(document: Document, model: SimulatorCampaign, errors: list[I
             found = f"'{key}' of flights that have been flown"
             errors.append(document.key_error((key,), found, "a simulator, or none of it"))
     if "envelopes" in model.keep.model_fields_set and not model.histories:
-        errors.append(document.key_error(("keep", "envelopes"), "envelopes of no 'histories'", "'histories'"))
+        errors.append(
+            document.key_error(("keep", "envelopes"), "envelopes of no 'histories'", "'histories'")
+        )
     for key, kept in (("histories", model.keep.histories), ("envelopes", model.keep.envelopes)):
         if "channels" in kept.model_fields_set:
             found = "channels of this program's own simulator"
-            errors.append(document.key_error(("keep", key, "channels"), found, "nothing: all 'histories' are kept"))
+            errors.append(
+                document.key_error(
+                    ("keep", key, "channels"), found, "nothing: all 'histories' are kept"
+                )
+            )

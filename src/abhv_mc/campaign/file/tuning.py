@@ -17,7 +17,9 @@ class Free(StrictModel):
     """A number of the controller's file that is varied by a factor either way; in the file, its key alone will do."""
 
     key: str = Field(description="place in the controller's file, such as velocity.speed.bandwidth")
-    factor: Annotated[float, Field(gt=1.0, le=1e4)] = Field(5.0, description="by which it may grow or shrink")
+    factor: Annotated[float, Field(gt=1.0, le=1e4)] = Field(
+        5.0, description="by which it may grow or shrink"
+    )
 
 
 class Aim(StrictModel):
@@ -42,7 +44,8 @@ class Limit(StrictModel):
         None, description="what it must be below, in parts of what the controller has at the start"
     )
     vehicles: Literal["nominal", "corners"] | None = Field(
-        None, description="whose stability margin: of the nominal vehicle (left out), or of it and all corners"
+        None,
+        description="whose stability margin: of the nominal vehicle (left out), or of it and all corners",
     )
 
     @property
@@ -52,19 +55,31 @@ class Limit(StrictModel):
 
     @model_validator(mode="after")
     def _one(self) -> "Limit":
-        given = [key for key in ("below", "above", "below_start_times") if getattr(self, key) is not None]
+        given = [
+            key for key in ("below", "above", "below_start_times") if getattr(self, key) is not None
+        ]
         if len(given) != 1:
-            raise Refusal(" and ".join(given) or "none of them", "one of below, above, below_start_times")
-        if self.is_margin and ("quantile" in self.model_fields_set or self.above is None or self.above <= 0.0):
-            raise Refusal(f"a limit on {self.metric}", "'above' with a number above zero, and no quantile")
+            raise Refusal(
+                " and ".join(given) or "none of them", "one of below, above, below_start_times"
+            )
+        if self.is_margin and (
+            "quantile" in self.model_fields_set or self.above is None or self.above <= 0.0
+        ):
+            raise Refusal(
+                f"a limit on {self.metric}", "'above' with a number above zero, and no quantile"
+            )
         if self.vehicles is not None and not self.is_margin:
-            raise Refusal(f"vehicles of {self.metric}", "vehicles only where a stability margin is limited")
+            raise Refusal(
+                f"vehicles of {self.metric}", "vehicles only where a stability margin is limited"
+            )
         return self
 
 
 def _free(value: Any) -> Any:
     return (
-        [{"key": entry} if isinstance(entry, str) else entry for entry in value] if isinstance(value, list) else value
+        [{"key": entry} if isinstance(entry, str) else entry for entry in value]
+        if isinstance(value, list)
+        else value
     )
 
 
@@ -76,7 +91,8 @@ def _points(value: Any) -> Any:
 
 
 Points = Annotated[
-    tuple[Literal["trim"] | float, ...], BeforeValidator(_points, json_schema_input_type=str | list[str])
+    tuple[Literal["trim"] | float, ...],
+    BeforeValidator(_points, json_schema_input_type=str | list[str]),
 ]
 
 
@@ -91,13 +107,19 @@ class Tune(StrictModel):
     minimise: Aim = Field(description="what is made small")
     limits: tuple[Limit, ...] = Field((), description="what has to hold meanwhile")
     margins_at: Points = Field(
-        ("trim",), description="where stability margins are found: trim, or times of the flight such as 30 s"
+        ("trim",),
+        description="where stability margins are found: trim, or times of the flight such as 30 s",
     )
-    usage: Aim = Field(Aim(metric=ELEVATOR_TRAVEL, quantile=0.5), description="what the front trades the error against")
+    usage: Aim = Field(
+        Aim(metric=ELEVATOR_TRAVEL, quantile=0.5),
+        description="what the front trades the error against",
+    )
     flights: Annotated[int, Field(ge=32, le=100_000)] = Field(
         64, description="flights of each candidate, the same for all"
     )
-    candidates: Annotated[int, Field(ge=17, le=100_000)] = Field(320, description="sets of numbers that are tried")
+    candidates: Annotated[int, Field(ge=17, le=100_000)] = Field(
+        320, description="sets of numbers that are tried"
+    )
     validation: Annotated[int, Field(ge=100, le=1_000_000)] = Field(
         1000, description="fresh flights of the result and of the start"
     )

@@ -17,7 +17,9 @@ from abhv_mc.statistics.unknowns import MOST_UNKNOWNS, standing_points
 class Unknown(StrictModel):
     """Bounds of a value; a percentage is a change of the nominal one."""
 
-    low: Value = Field(description="lower bound: a value, or a change of the nominal one such as -10 %")
+    low: Value = Field(
+        description="lower bound: a value, or a change of the nominal one such as -10 %"
+    )
     high: Value = Field(description="upper bound")
 
 
@@ -25,7 +27,9 @@ class UnknownPoints(StrictModel):
     """Values of the unknowns at which requirements are judged, as `run` found them."""
 
     tried: Annotated[int, Field(ge=0)] = Field(0, description="how many were tried to find them")
-    at: dict[str, tuple[float, ...]] = Field(description="values by unknown, SI; each flight is flown at every point")
+    at: dict[str, tuple[float, ...]] = Field(
+        description="values by unknown, SI; each flight is flown at every point"
+    )
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,11 @@ class Unknowns:
         parts = []
         for name, value in zip(self.names, self.points[point].tolist(), strict=True):
             parameter = self.parameters[name]
-            text = f"{100.0 * (value - 1.0) + 0.0:+.3g} %" if parameter.is_factor else f"{value:.4g} {parameter.unit}"
+            text = (
+                f"{100.0 * (value - 1.0) + 0.0:+.3g} %"
+                if parameter.is_factor
+                else f"{value:.4g} {parameter.unit}"
+            )
             parts.append(f"{(name.partition('.')[2] or name).replace('_', ' ')} {text}")
         return ", ".join(parts)
 
@@ -63,7 +71,10 @@ class Unknowns:
 def points_entry(unknowns: Unknowns, places: Floats, tried: int) -> dict[str, object]:
     """The file's `points` of places [point, unknown] in the box."""
     values = unknowns.values(places)
-    return {"tried": tried, "at": {name: values[:, i].tolist() for i, name in enumerate(unknowns.names)}}
+    return {
+        "tried": tried,
+        "at": {name: values[:, i].tolist() for i, name in enumerate(unknowns.names)},
+    }
 
 
 def check_unknowns(
@@ -84,16 +95,29 @@ def check_unknowns(
             errors.append(document.key_error(where, found, one_of(parameters.dispersible, name)))
         elif name in others:
             found = f"'{name}', which is {others[name]}, too"
-            errors.append(document.key_error(where, found, "one of them: random anew in each flight, or unknown"))
+            errors.append(
+                document.key_error(
+                    where, found, "one of them: random anew in each flight, or unknown"
+                )
+            )
         else:
             values = {(*where, key): getattr(entry, key) for key in ("low", "high")}
-            ends.append([_read(document, at, value, parameters[name], errors) for at, value in values.items()])
+            ends.append(
+                [
+                    _read(document, at, value, parameters[name], errors)
+                    for at, value in values.items()
+                ]
+            )
             if not ends[-1][0] < ends[-1][1]:
                 found = f"an empty range from {ends[-1][0]:g} to {ends[-1][1]:g}"
                 errors.append(document.error((*where, "high"), found, "low below high"))
     if unknowns and design != INDEPENDENT:
         found = f"unknowns with the design '{design}'"
-        errors.append(document.key_error(("unknowns",), found, f"sampling: {INDEPENDENT}, at each of their values"))
+        errors.append(
+            document.key_error(
+                ("unknowns",), found, f"sampling: {INDEPENDENT}, at each of their values"
+            )
+        )
     if len(unknowns) > MOST_UNKNOWNS:
         found = f"{len(unknowns)} unknowns"
         errors.append(document.key_error(("unknowns",), found, f"at most {MOST_UNKNOWNS}"))
@@ -101,18 +125,28 @@ def check_unknowns(
         lengths = {len(values) for values in points.at.values()}
         if set(points.at) != set(unknowns) or len(lengths) != 1 or not min(lengths, default=0):
             wish = "as many values of each of the unknowns, one at least"
-            errors.append(document.key_error(("points",), f"points of {', '.join(points.at) or 'nothing'}", wish))
+            errors.append(
+                document.key_error(
+                    ("points",), f"points of {', '.join(points.at) or 'nothing'}", wish
+                )
+            )
     if len(errors) > before or not unknowns:
         return Unknowns()
     low, high = np.array(ends).T
     box = Unknowns(tuple(unknowns), low, high, parameters=parameters)
     if points is None:
         return replace(box, points=box.values(standing_points(len(box.names))))
-    return replace(box, points=np.column_stack([points.at[name] for name in box.names]), tried=points.tried)
+    return replace(
+        box, points=np.column_stack([points.at[name] for name in box.names]), tried=points.tried
+    )
 
 
 def _read(
-    document: Document, where: tuple[str, ...], value: Value, parameter: Parameter, errors: list[InputError]
+    document: Document,
+    where: tuple[str, ...],
+    value: Value,
+    parameter: Parameter,
+    errors: list[InputError],
 ) -> float:
     try:
         read = parameter.read(value, of_nominal=True)

@@ -25,13 +25,29 @@ from abhv_mc.flight.metrics import (
     label_of,
     name_end,
 )
-from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, describe, one_of, read_document, validate
+from abhv_mc.io.documents import (
+    Document,
+    InputError,
+    Refusal,
+    StrictModel,
+    describe,
+    one_of,
+    read_document,
+    validate,
+)
 from abhv_mc.io.units import Fraction, Time
 from abhv_mc.kernel.flight.counting import MAX_DECLARED, Statistic
 from abhv_mc.user_code.source import compile_text, read_source
 
 STATISTICS = tuple(statistic.word for statistic in Statistic)
-_TAKEN = {"flight", "controller", "outcome", "end_time_s", *BUILT_IN, *(signal.name for signal in MARGIN_FAULTS)}
+_TAKEN = {
+    "flight",
+    "controller",
+    "outcome",
+    "end_time_s",
+    *BUILT_IN,
+    *(signal.name for signal in MARGIN_FAULTS),
+}
 # What the name of an expression's metric may say; of two ends that fit, the longer one comes first.
 _NAMED_UNITS = ("J/m2", "W/m2", "m/s", "deg/s", "deg", "kg", "Pa", "m", "s", "g", "N", "J")
 
@@ -45,27 +61,38 @@ def _statistic(value: Any) -> Any:
 class MetricEntry(StrictModel):
     """A metric that the campaign declares."""
 
-    of: str = Field(description="a channel, or an expression of channels: + - * / abs min max sqrt sin cos")
-    statistic: Annotated[Statistic, BeforeValidator(_statistic, json_schema_input_type=Literal[STATISTICS])] = Field(
-        description="what is made of it over the control ticks of the window"
+    of: str = Field(
+        description="a channel, or an expression of channels: + - * / abs min max sqrt sin cos"
     )
+    statistic: Annotated[
+        Statistic, BeforeValidator(_statistic, json_schema_input_type=Literal[STATISTICS])
+    ] = Field(description="what is made of it over the control ticks of the window")
     limit: Annotated[float, Field(ge=0.0)] | None = Field(
         None, description="in the unit of 'of': for *_outside, or the least turn of reversals"
     )
     share: Annotated[Fraction, Field(gt=0.0, lt=1.0)] | None = Field(
-        None, description="of quantile: of the ticks, those at which the value is at most the quantile"
+        None,
+        description="of quantile: of the ticks, those at which the value is at most the quantile",
     )
     from_: Time = Field(0.0, alias="from", description="the window's start")
     to: Time | None = Field(None, description="the window's end; by default the flight's")
-    phase: str | None = Field(None, description="the window is the phase of the mission that has this 'name'")
+    phase: str | None = Field(
+        None, description="the window is the phase of the mission that has this 'name'"
+    )
     settled: bool = Field(False, description="leave out ramps and steps of the bank, and 5 s after")
-    empty: float | None = Field(None, description="value where no tick of the window was flown; left out: none, a miss")
+    empty: float | None = Field(
+        None, description="value where no tick of the window was flown; left out: none, a miss"
+    )
     bad: Bad | None = Field(
         None,
         description="which values are bad: high, low, or those of the largest size; left out: low for min, else high",
     )
-    unit: str | None = Field(None, description="of the metric, where the channel and the name do not say it")
-    label: str | None = Field(None, description="what the report calls it, without its unit; left out: its name")
+    unit: str | None = Field(
+        None, description="of the metric, where the channel and the name do not say it"
+    )
+    label: str | None = Field(
+        None, description="what the report calls it, without its unit; left out: its name"
+    )
     doc: str = Field("", description="what it means, for the report")
 
     @model_validator(mode="after")
@@ -79,7 +106,11 @@ class MetricEntry(StrictModel):
                 ("limit",),
             )
         if (self.share is None) == (self.statistic == Statistic.QUANTILE):
-            found = "'quantile' without 'share'" if self.share is None else f"a share with '{self.statistic.word}'"
+            found = (
+                "'quantile' without 'share'"
+                if self.share is None
+                else f"a share with '{self.statistic.word}'"
+            )
             raise Refusal(found, "'share: 95 %' with 'quantile', and only there")
         if self.to is not None and self.to <= self.from_:
             raise Refusal("an empty window", "'from' before 'to'", ("to",))
@@ -114,7 +145,9 @@ def declare_metrics(
     known = known_sources(pack_sources(user_channels), effectors)
     taken = _TAKEN | {metric.name for metric in effector_metrics(effectors)}
     if len(entries) > MAX_DECLARED:
-        errors.append(document.key_error(where, f"{len(entries)} metrics", f"at most {MAX_DECLARED}"))
+        errors.append(
+            document.key_error(where, f"{len(entries)} metrics", f"at most {MAX_DECLARED}")
+        )
     records = []
     for name, entry in entries.items():
         if name in taken:
@@ -127,7 +160,11 @@ def declare_metrics(
             nonnegative = False
         window = entry.from_, np.inf if entry.to is None else entry.to
         if entry.phase is not None and entry.phase not in windows:
-            expected = one_of(windows, entry.phase) if windows else "a phase of the mission with this 'name'"
+            expected = (
+                one_of(windows, entry.phase)
+                if windows
+                else "a phase of the mission with this 'name'"
+            )
             errors.append(document.error((*where, name, "phase"), f"'{entry.phase}'", expected))
         elif entry.phase is not None:
             window = windows[entry.phase]
@@ -141,7 +178,11 @@ def pack_sources(user_channels: Sequence[tuple[str, str]]) -> NDArray[np.str_]:
 
 
 def _record(
-    name: str, entry: MetricEntry, known: Mapping[str, Known], nonnegative: bool, window: tuple[float, float]
+    name: str,
+    entry: MetricEntry,
+    known: Mapping[str, Known],
+    nonnegative: bool,
+    window: tuple[float, float],
 ) -> Metric:
     unit, statistic = _unit(name, entry, known), entry.statistic
     record = Metric(
@@ -176,7 +217,9 @@ def _unit(name: str, entry: MetricEntry, known: Mapping[str, Known]) -> str:
         return next((unit for unit in _NAMED_UNITS if name.endswith(f"_{name_end(unit)}")), "-")
     if entry.statistic != Statistic.INTEGRAL:
         return source.unit
-    return {"W/m2": "J/m2", "-": "s", "m/s": "m", "deg/s": "deg"}.get(source.unit, f"{source.unit} s")
+    return {"W/m2": "J/m2", "-": "s", "m/s": "m", "deg/s": "deg"}.get(
+        source.unit, f"{source.unit} s"
+    )
 
 
 def find_user_channels(path: Path) -> tuple[tuple[str, str], ...]:
@@ -186,11 +229,21 @@ def find_user_channels(path: Path) -> tuple[tuple[str, str], ...]:
     for node in tree.body:
         if isinstance(node, ast.FunctionDef):
             for mark in node.decorator_list:
-                if isinstance(mark, ast.Call) and isinstance(mark.func, ast.Name) and mark.func.id == "channel":
+                if (
+                    isinstance(mark, ast.Call)
+                    and isinstance(mark.func, ast.Name)
+                    and mark.func.id == "channel"
+                ):
                     units = [word.value for word in mark.keywords if word.arg == "unit"]
                     if len(units) != 1 or not isinstance(units[0], ast.Constant):
-                        raise InputError(path, "@channel without a unit", '@channel(unit="deg")', mark.lineno)
-                    if node.name in SOURCES or node.name in FUNCTIONS or node.name in ("min", "max"):
+                        raise InputError(
+                            path, "@channel without a unit", '@channel(unit="deg")', mark.lineno
+                        )
+                    if (
+                        node.name in SOURCES
+                        or node.name in FUNCTIONS
+                        or node.name in ("min", "max")
+                    ):
                         found_name = f"'{node.name}', a name of the program"
                         raise InputError(path, found_name, "another name", node.lineno)
                     found.append((node.name, str(units[0].value)))

@@ -63,15 +63,25 @@ Derived = tuple[DerivedInput, ...]
 def compile_derived(name: str, text: str, parameters: Parameters = OURS) -> DerivedInput:
     """The instructions of a derived input. Raises Refusal."""
     index = parameters.index
-    known = {each.replace(".", _DOT): Known(parameters[each].unit, index[each], 1.0) for each in parameters.dispersible}
+    known = {
+        each.replace(".", _DOT): Known(parameters[each].unit, index[each], 1.0)
+        for each in parameters.dispersible
+    }
     try:
-        made = compile_expression(DOTTED.sub(lambda found: found[0].replace(".", _DOT), text), known)
+        made = compile_expression(
+            DOTTED.sub(lambda found: found[0].replace(".", _DOT), text), known
+        )
     except Refusal as refusal:
         found, expected = (
-            words.replace(_DOT, ".").replace("channel", "parameter") for words in (refusal.found, refusal.expected)
+            words.replace(_DOT, ".").replace("channel", "parameter")
+            for words in (refusal.found, refusal.expected)
         )
         raise Refusal(found, expected) from None
-    names = frozenset(parameters.records[a].name for operation, _, a, _ in made.code if operation == Operation.LOAD)
+    names = frozenset(
+        parameters.records[a].name
+        for operation, _, a, _ in made.code
+        if operation == Operation.LOAD
+    )
     return DerivedInput(name, names, tuple(made.code), tuple(made.constant))
 
 

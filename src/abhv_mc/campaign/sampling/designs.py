@@ -25,8 +25,12 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.plant.parameters import OURS, Parameters
 
-INDEPENDENT = "random"  # the design whose flights are independent draws, so that binomial statistics hold
-EXTENSIBLE = frozenset({"random", "sobol", "halton", "file"})  # more flights leave the first ones as they are
+INDEPENDENT = (
+    "random"  # the design whose flights are independent draws, so that binomial statistics hold
+)
+EXTENSIBLE = frozenset(
+    {"random", "sobol", "halton", "file"}
+)  # more flights leave the first ones as they are
 FACTORIAL = frozenset({"corners", "grid", "one_at_a_time"})
 
 _BITS = 30  # of a Sobol point: 2**30 flights at most
@@ -51,7 +55,9 @@ def draw_uniforms(key: int, first: int, count: int) -> NDArray[np.float64]:
 
 def make_generator(seed: int, name: str, purpose: str) -> np.random.Generator:
     """A generator for what is drawn once for a whole campaign: scrambles, permutations."""
-    return np.random.Generator(np.random.Philox(np.random.SeedSequence(stream_key(seed, name, purpose))))
+    return np.random.Generator(
+        np.random.Philox(np.random.SeedSequence(stream_key(seed, name, purpose)))
+    )
 
 
 @dataclass(frozen=True)
@@ -109,7 +115,9 @@ def _draw_sobol(design: Design, name: str, first: int, stop: int) -> Floats:
     from scipy.stats import qmc
 
     rng = make_generator(design.seed, name, "sobol")
-    return _slice(lambda: qmc.Sobol(d=_dimension(design, name), bits=_BITS, rng=rng), first, stop) + 0.5 ** (_BITS + 1)
+    return _slice(
+        lambda: qmc.Sobol(d=_dimension(design, name), bits=_BITS, rng=rng), first, stop
+    ) + 0.5 ** (_BITS + 1)
 
 
 def _draw_halton(design: Design, name: str, first: int, stop: int) -> Floats:
@@ -202,4 +210,6 @@ def make_copula(names: Sequence[str], pairs: dict[tuple[str, str], float]) -> Co
         matrix[place[one], place[other]] = matrix[place[other], place[one]] = value
     if columns and np.linalg.eigvalsh(matrix)[0] < 1e-9:
         raise np.linalg.LinAlgError("not positive definite")
-    return Copula(columns, np.asarray(np.linalg.cholesky(matrix) if columns else matrix, np.float64))
+    return Copula(
+        columns, np.asarray(np.linalg.cholesky(matrix) if columns else matrix, np.float64)
+    )

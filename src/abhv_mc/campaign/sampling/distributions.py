@@ -43,11 +43,19 @@ class _Distribution(StrictModel):
     def make_marginal(self, parameter: Parameter) -> Marginal:
         """Its distribution in SI, with the nominal value where that holds now and then. Raises Refusal."""
         drawn = self.draw_from(parameter)
-        return drawn if self.probability == 1.0 else SometimesMarginal(drawn, self.probability, parameter.nominal)
+        return (
+            drawn
+            if self.probability == 1.0
+            else SometimesMarginal(drawn, self.probability, parameter.nominal)
+        )
 
     def _read(self, key: str, parameter: Parameter) -> float | None:
         value = getattr(self, key)
-        return None if value is None else _read(parameter, value, key, of_nominal=key in ("half_width", "sigma"))
+        return (
+            None
+            if value is None
+            else _read(parameter, value, key, of_nominal=key in ("half_width", "sigma"))
+        )
 
     def _positive(self, key: str, parameter: Parameter) -> float:
         value = self._read(key, parameter)
@@ -58,7 +66,8 @@ class _Distribution(StrictModel):
 
 class _Ranged(_Distribution):
     half_width: Value | None = Field(
-        None, description="from the nominal value (mean, mode) to either end; in place of low and high"
+        None,
+        description="from the nominal value (mean, mode) to either end; in place of low and high",
     )
     low: Value | None = Field(None, description="lower end")
     high: Value | None = Field(None, description="upper end")
@@ -98,7 +107,10 @@ class Normal(_Distribution):
     mean: Value | None = Field(None, description="left out: the nominal value")
 
     def draw_from(self, parameter: Parameter) -> Marginal:
-        mean, sigma = _or(self._read("mean", parameter), parameter), self._positive("sigma", parameter)
+        mean, sigma = (
+            _or(self._read("mean", parameter), parameter),
+            self._positive("sigma", parameter),
+        )
         return ContinuousMarginal("norm", (mean, sigma))
 
 
@@ -112,11 +124,18 @@ class TruncatedNormal(_Ranged):
     def draw_from(self, parameter: Parameter) -> Marginal:
         from scipy.special import ndtr
 
-        mean, sigma = _or(self._read("mean", parameter), parameter), self._positive("sigma", parameter)
+        mean, sigma = (
+            _or(self._read("mean", parameter), parameter),
+            self._positive("sigma", parameter),
+        )
         low, high = self._range(parameter, mean)
         ends = (low - mean) / sigma, (high - mean) / sigma
         if not ndtr(ends[1]) - ndtr(ends[0]) > 1e-9:
-            raise Refusal("a range that the normal distribution never meets", "a range nearer to the mean", ("sigma",))
+            raise Refusal(
+                "a range that the normal distribution never meets",
+                "a range nearer to the mean",
+                ("sigma",),
+            )
         return ContinuousMarginal("truncnorm", (*ends, mean, sigma))
 
 
@@ -124,7 +143,9 @@ class Triangular(_Ranged):
     """Linear up to the mode and down from it."""
 
     distribution: Literal["triangular"] = Field(description=_KIND)
-    mode: Value | None = Field(None, description="the most likely value; left out: the nominal value")
+    mode: Value | None = Field(
+        None, description="the most likely value; left out: the nominal value"
+    )
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         mode = _or(self._read("mode", parameter), parameter)
@@ -138,7 +159,9 @@ class Lognormal(_Distribution):
     """A quantity whose logarithm is normal."""
 
     distribution: Literal["lognormal"] = Field(description=_KIND)
-    sigma: Value = Field(description="standard deviation of the natural logarithm: a number or a percentage")
+    sigma: Value = Field(
+        description="standard deviation of the natural logarithm: a number or a percentage"
+    )
     median: Value | None = Field(None, description="left out: the nominal value")
 
     def draw_from(self, parameter: Parameter) -> Marginal:
@@ -168,11 +191,15 @@ class Discrete(_Distribution):
     """One of the values, all alike or by weight."""
 
     distribution: Literal["discrete"] = Field(description=_KIND)
-    values: Annotated[tuple[Value, ...], Field(min_length=2)] = Field(description="what may be drawn")
+    values: Annotated[tuple[Value, ...], Field(min_length=2)] = Field(
+        description="what may be drawn"
+    )
     weights: _Weights | None = Field(None, description="one for each value; left out: all alike")
 
     def draw_from(self, parameter: Parameter) -> Marginal:
-        values = np.array([_read(parameter, value, "values", i) for i, value in enumerate(self.values)])
+        values = np.array(
+            [_read(parameter, value, "values", i) for i, value in enumerate(self.values)]
+        )
         weights = _shares(self.weights, len(values))
         if len(np.unique(values)) != len(values):
             raise Refusal("a value twice", "different values", ("values",))
@@ -198,15 +225,22 @@ class Scipy(_Distribution):
         if self.law not in names:
             raise Refusal(f"law '{self.law}'", one_of(names, self.law), ("law",))
         law = getattr(stats, self.law)
-        shapes = [name.strip() for name in (law.shapes or "").split(",") if name.strip()]  # in the law's order
+        shapes = [
+            name.strip() for name in (law.shapes or "").split(",") if name.strip()
+        ]  # in the law's order
         if sorted(self.shapes) != sorted(shapes):
             found = f"shapes {', '.join(self.shapes) or 'none'}"
             raise Refusal(found, f"shapes {', '.join(shapes) or 'none'} for '{self.law}'")
         scale = 1.0 if self.scale is None else self._positive("scale", parameter)
         loc = self._read("loc", parameter) or 0.0
-        marginal = ContinuousMarginal(self.law, (*(self.shapes[name] for name in shapes), loc, scale))
+        marginal = ContinuousMarginal(
+            self.law, (*(self.shapes[name] for name in shapes), loc, scale)
+        )
         if not np.all(np.isfinite(marginal.ppf(np.array([1e-6, 0.5, 1.0 - 1e-6])))):
-            raise Refusal(f"shapes that '{self.law}' does not take", "shape parameters in the distribution's domain")
+            raise Refusal(
+                f"shapes that '{self.law}' does not take",
+                "shape parameters in the distribution's domain",
+            )
         return marginal
 
 
@@ -220,23 +254,33 @@ class Mixture(_Distribution):
     """One of several distributions, all alike or by weight."""
 
     distribution: Literal["mixture"] = Field(description=_KIND)
-    parts: Annotated[tuple[_Part, ...], Field(min_length=2)] = Field(description="the distributions that it mixes")
+    parts: Annotated[tuple[_Part, ...], Field(min_length=2)] = Field(
+        description="the distributions that it mixes"
+    )
     weights: _Weights | None = Field(None, description="one for each part; left out: all alike")
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         weights, drawn = _shares(self.weights, len(self.parts)), []
         for i, part in enumerate(self.parts):
             if part.probability < 1.0:
-                raise Refusal("a part with a probability", "a weight, or a probability of the mixture", ("parts", i))
+                raise Refusal(
+                    "a part with a probability",
+                    "a weight, or a probability of the mixture",
+                    ("parts", i),
+                )
             try:
                 drawn.append(part.draw_from(parameter))
             except Refusal as refusal:
-                raise Refusal(refusal.found, refusal.expected, ("parts", i, *refusal.keys)) from None
+                raise Refusal(
+                    refusal.found, refusal.expected, ("parts", i, *refusal.keys)
+                ) from None
         choices = [part for part in drawn if isinstance(part, DiscreteMarginal)]
         if len(choices) < len(drawn):
             return MixtureMarginal(tuple(drawn), tuple(weights.tolist()))
         values = np.unique(np.concatenate([part.values for part in choices]))
-        cumulative = np.cumsum(sum(w * part.density(values) for w, part in zip(weights, choices, strict=True)))
+        cumulative = np.cumsum(
+            sum(w * part.density(values) for w, part in zip(weights, choices, strict=True))
+        )
         return DiscreteMarginal(values, np.append(cumulative[:-1], 1.0))
 
 
@@ -263,5 +307,7 @@ def _shares(weights: tuple[float, ...] | None, number: int) -> Floats:
 
 def _or(value: float | None, parameter: Parameter) -> float:
     if value is None and not math.isfinite(parameter.nominal):
-        raise Refusal("a distribution about a nominal value that is infinite", "its mean, mode or median")
+        raise Refusal(
+            "a distribution about a nominal value that is infinite", "its mean, mode or median"
+        )
     return parameter.nominal if value is None else value

@@ -65,7 +65,11 @@ class _Normal(NamedTuple):
         return np.asarray(ndtr((value - self.mean) / self.sigma))
 
     def pdf(self, value: Floats) -> Floats:
-        return np.exp(-(((value - self.mean) / self.sigma) ** 2) / 2.0) / np.sqrt(2.0 * np.pi) / self.sigma
+        return (
+            np.exp(-(((value - self.mean) / self.sigma) ** 2) / 2.0)
+            / np.sqrt(2.0 * np.pi)
+            / self.sigma
+        )
 
     def support(self) -> tuple[float, float]:
         return -np.inf, np.inf
@@ -122,7 +126,9 @@ class DiscreteMarginal:
 
     def density(self, value: Floats) -> Floats:
         place = np.minimum(np.searchsorted(self.values, value), len(self.values) - 1)
-        return np.where(self.values[place] == value, np.diff(self.cumulative, prepend=0.0)[place], 0.0)
+        return np.where(
+            self.values[place] == value, np.diff(self.cumulative, prepend=0.0)[place], 0.0
+        )
 
     def at_fraction(self, fraction: Floats) -> Floats:
         return self.values[np.rint(fraction * (len(self.values) - 1)).astype(np.int64)]
@@ -139,7 +145,9 @@ class MixtureMarginal:
         """The least values that are reached with the probabilities, by bisection between those of the parts."""
         ends = np.stack([part.ppf(probability) for part in self.parts])
         low, high = ends.min(axis=0), ends.max(axis=0)
-        for _ in range(_HALVINGS):  # a value's last step changes nothing: none depends on the others of its batch
+        for _ in range(
+            _HALVINGS
+        ):  # a value's last step changes nothing: none depends on the others of its batch
             middle = low + 0.5 * (high - low)
             if np.all((middle == low) | (middle == high)):
                 break
@@ -191,12 +199,17 @@ class SometimesMarginal:
         below = np.array([np.nextafter(self.nominal, -np.inf)])
         low = self.probability * float(self.drawn.cdf(below)[0])
         high = low + 1.0 - self.probability
-        share = np.where(probability < low, probability, probability - (1.0 - self.probability)) / self.probability
+        share = (
+            np.where(probability < low, probability, probability - (1.0 - self.probability))
+            / self.probability
+        )
         values = self.drawn.ppf(np.clip(share, 2.0**-53, 1.0 - 2.0**-53))
         return np.where((probability >= low) & (probability < high), self.nominal, values)
 
     def cdf(self, value: Floats) -> Floats:
-        return self.probability * self.drawn.cdf(value) + (1.0 - self.probability) * (value >= self.nominal)
+        return self.probability * self.drawn.cdf(value) + (1.0 - self.probability) * (
+            value >= self.nominal
+        )
 
     def density(self, value: Floats) -> Floats:
         """Density of the drawn values, and the probability of the nominal one."""

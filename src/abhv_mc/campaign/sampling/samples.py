@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.derived_parameters import Derived, derive
-from abhv_mc.campaign.sampling.designs import FACTORIAL, NOMINAL, Copula, Design, draw_uniforms, stream_key
+from abhv_mc.campaign.sampling.designs import (
+    FACTORIAL,
+    NOMINAL,
+    Copula,
+    Design,
+    draw_uniforms,
+    stream_key,
+)
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.io.input_files import read_input
@@ -33,7 +40,9 @@ class SampleSource:
 
     names: tuple[str, ...]  # sampled parameters
     flights: int
-    draw: Callable[[int, int], Floats]  # values [flight, parameter], SI, of the flights first .. stop - 1
+    draw: Callable[
+        [int, int], Floats
+    ]  # values [flight, parameter], SI, of the flights first .. stop - 1
 
 
 def drawn_samples(
@@ -45,7 +54,9 @@ def drawn_samples(
         rows = design.draw(first, stop)
         if design.kind in FACTORIAL:
             nominal = parameters.nominal_of(design.names)
-            values = np.column_stack([marginal.at_fraction(rows[:, i]) for i, marginal in enumerate(marginals)])
+            values = np.column_stack(
+                [marginal.at_fraction(rows[:, i]) for i, marginal in enumerate(marginals)]
+            )
             return np.where(rows == NOMINAL, nominal, values)
         probabilities = copula.apply(rows)
         values = np.empty_like(probabilities)
@@ -60,8 +71,15 @@ def find_seeds(names: Sequence[str], parameters: Parameters = OURS) -> tuple[str
     """The seeds that flights need beside columns of these names; all of a user's simulator."""
     if parameters is not OURS:
         return tuple(record.name for record in parameters.records if record.seed)
-    there = {*names, *(parameter.name for parameter in parameters.records if parameter.nominal != 0.0)}
-    return tuple(seed for seed, noises in NOISE_OF_SEED.items() if seed not in names and there.intersection(noises))
+    there = {
+        *names,
+        *(parameter.name for parameter in parameters.records if parameter.nominal != 0.0),
+    }
+    return tuple(
+        seed
+        for seed, noises in NOISE_OF_SEED.items()
+        if seed not in names and there.intersection(noises)
+    )
 
 
 def draw_seeds(name: str, seed: int, first: int, count: int) -> Floats:
@@ -70,7 +88,9 @@ def draw_seeds(name: str, seed: int, first: int, count: int) -> Floats:
     return drawn if name in NOISE_OF_SEED else np.floor(drawn * _WHOLE)
 
 
-def seeded_samples(samples: SampleSource, seeds: tuple[str, ...], seed: int, design: str) -> SampleSource:
+def seeded_samples(
+    samples: SampleSource, seeds: tuple[str, ...], seed: int, design: str
+) -> SampleSource:
     """Samples with the seeds of the flights' noise in columns behind them, each from (seed, name, flight).
 
     Flights that are compared with each other by their ``design``, all of a factorial one, have a common one.
@@ -88,7 +108,9 @@ def seeded_samples(samples: SampleSource, seeds: tuple[str, ...], seed: int, des
     return SampleSource((*samples.names, *seeds), samples.flights, draw)
 
 
-def pooled_samples(sources: Sequence[SampleSource], runs: Sequence[int], flights: int) -> SampleSource:
+def pooled_samples(
+    sources: Sequence[SampleSource], runs: Sequence[int], flights: int
+) -> SampleSource:
     """Samples of several seeds, one after the other: the first flights of each, numbered on; the last one goes on."""
     starts = np.cumsum((0, *runs[:-1])).tolist()
     ends = [*starts[1:], flights]
@@ -104,7 +126,9 @@ def pooled_samples(sources: Sequence[SampleSource], runs: Sequence[int], flights
     return SampleSource(sources[0].names, flights, draw)
 
 
-def samples_at_points(samples: SampleSource, place: int, unknowns: Sequence[str], points: Floats) -> SampleSource:
+def samples_at_points(
+    samples: SampleSource, place: int, unknowns: Sequence[str], points: Floats
+) -> SampleSource:
     """Samples, each flown at every one of ``points`` [point, unknown]: row k is sample k // points at point k % points;
     the unknowns' columns come at ``place`` among the others."""
 
@@ -118,7 +142,9 @@ def samples_at_points(samples: SampleSource, place: int, unknowns: Sequence[str]
     return SampleSource(names, samples.flights * len(points), draw)
 
 
-def full_rows(names: Sequence[str], values: Floats, derived: Derived, parameters: Parameters = OURS) -> Floats:
+def full_rows(
+    names: Sequence[str], values: Floats, derived: Derived, parameters: Parameters = OURS
+) -> Floats:
     """Full rows ``[flight, parameter]`` in the order of ``parameters``: nominal but for sampled and derived columns."""
     rows = np.tile(parameters.nominal, (len(values), 1))
     rows[:, [parameters.index[name] for name in names]] = values
@@ -156,7 +182,9 @@ def read_sample_file(path: Path, known: Sequence[str]) -> SampleFile:
     bad = np.argwhere(~np.isfinite(values))
     if len(bad):
         row, column = bad[0]
-        raise InputError(path, f"{names[column]} that is not finite", "finite numbers", int(row) + 2)
+        raise InputError(
+            path, f"{names[column]} that is not finite", "finite numbers", int(row) + 2
+        )
     if "flight" in table and not np.array_equal(table["flight"], np.arange(len(values))):
         raise InputError(path, "a column 'flight' that does not count up from 0", "0, 1, 2, ...", 2)
     return SampleFile(names, values)

@@ -13,7 +13,12 @@ from abhv_mc.array_types import Floats, Numbers
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc.kernel.world.atmosphere import atmosphere
 from abhv_mc.kernel.world.earth import Earth, gravity_ned, radii
-from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables, table_rows
+from abhv_mc.vehicle.evaluate import (
+    evaluate_coefficients,
+    evaluate_fixed,
+    make_variables,
+    table_rows,
+)
 from abhv_mc.vehicle.vehicle_code import N_THRUST, evaluate_functions
 
 _RISE = 1.0  # m, half step of the slopes over altitude
@@ -54,22 +59,32 @@ def density_factor(air: Floats, altitude: Floats) -> Floats:
     return np.interp(altitude, air[:, 0], air[:, 3]) if len(air) else np.ones_like(altitude)
 
 
-def make_places(earth: Earth, altitude: Floats, latitude: Floats, air: Floats | None = None) -> Places:
+def make_places(
+    earth: Earth, altitude: Floats, latitude: Floats, air: Floats | None = None
+) -> Places:
     """Air, gravity and radius at geodetic altitudes (m) and latitudes (rad); ``air``: the mission's, not standard."""
     result = np.empty((4, altitude.size))
     for i, (height, angle) in enumerate(zip(altitude, latitude, strict=True)):
         sine, cosine = np.sin(angle), np.cos(angle)
         density, _, _, sound_speed = atmosphere(height)
-        result[:, i] = density, sound_speed, gravity_ned(earth, height, sine, cosine)[1], radii(earth, sine)[0] + height
+        result[:, i] = (
+            density,
+            sound_speed,
+            gravity_ned(earth, height, sine, cosine)[1],
+            radii(earth, sine)[0] + height,
+        )
     if air is not None and len(air):
         result[0] *= density_factor(air, altitude)
     return Places(*result)
 
 
-def make_environment(earth: Earth, altitude: float, latitude: float, air: Floats | None = None) -> Environment:
+def make_environment(
+    earth: Earth, altitude: float, latitude: float, air: Floats | None = None
+) -> Environment:
     """Air and Earth at one place with their slopes over altitude."""
     low, here, high = np.stack(
-        make_places(earth, altitude + np.array([-_RISE, 0.0, _RISE]), np.full(3, latitude), air), axis=1
+        make_places(earth, altitude + np.array([-_RISE, 0.0, _RISE]), np.full(3, latitude), air),
+        axis=1,
     ).tolist()
     slopes = [(above - below) / (2.0 * _RISE) for above, below in zip(high, low, strict=True)]
     return Environment._make([altitude, *here, latitude, *slopes[:3]])
@@ -94,14 +109,23 @@ def engine_at(vehicle: Vehicle, variables: Numbers, density: Any, speed: Any) ->
     return np.concatenate([made[:3], made[3:6] + arm, made[6:]])
 
 
-def thrust_at(vehicle: Vehicle, fixed: dict[str, Numbers], eta: Any, density: Any, speed: Any) -> Numbers:
+def thrust_at(
+    vehicle: Vehicle, fixed: dict[str, Numbers], eta: Any, density: Any, speed: Any
+) -> Numbers:
     """Magnitude of the thrust of an engine of tables, N."""
     stream = vehicle.constants.capture_thrust * eta * density * speed * fixed["capture_area_ratio"]
-    return np.asarray(stream * fixed["specific_impulse"] + 0.5 * density * speed * speed * fixed["thrust_area"])
+    return np.asarray(
+        stream * fixed["specific_impulse"] + 0.5 * density * speed * speed * fixed["thrust_area"]
+    )
 
 
 def guidance_rates(
-    vehicle: Vehicle, trim_tables: Tables, around: Environment, mass: float, state: Any, controls: Any
+    vehicle: Vehicle,
+    trim_tables: Tables,
+    around: Environment,
+    mass: float,
+    state: Any,
+    controls: Any,
 ) -> Numbers:
     """(1): rates of (altitude, gamma, chi, V) for (alpha, bank, eta), with the data at trim."""
     altitude, gamma, chi, speed = state
@@ -111,16 +135,24 @@ def guidance_rates(
     sound_speed = around.sound_speed + around.sound_speed_slope * rise
     gravity = around.gravity + around.gravity_slope * rise
     radius = around.radius + rise
-    variables = make_variables(vehicle, mach=speed / sound_speed, angle_of_attack=alpha, equivalence_ratio=eta)
-    _, lift, drag, thrust = (0.5 * density * speed**2 * vehicle.constants.area) * table_rows(trim_tables, variables)[:4]
+    variables = make_variables(
+        vehicle, mach=speed / sound_speed, angle_of_attack=alpha, equivalence_ratio=eta
+    )
+    _, lift, drag, thrust = (0.5 * density * speed**2 * vehicle.constants.area) * table_rows(
+        trim_tables, variables
+    )[:4]
     cos_line, sin_line = vehicle.constants.thrust_cos, vehicle.constants.thrust_sin
     normal = lift + thrust * (np.sin(alpha) * cos_line + np.cos(alpha) * sin_line)
     axial = thrust * (np.cos(alpha) * cos_line - np.sin(alpha) * sin_line) - drag
-    gamma_rate = normal * np.cos(bank) / (mass * speed) + (speed / radius - gravity / speed) * np.cos(gamma)
-    chi_rate = normal * np.sin(bank) / (mass * speed * np.cos(gamma)) + speed / radius * np.cos(gamma) * np.sin(
-        chi
-    ) * np.tan(around.latitude)
-    return np.stack([speed * np.sin(gamma), gamma_rate, chi_rate, axial / mass - gravity * np.sin(gamma)])
+    gamma_rate = normal * np.cos(bank) / (mass * speed) + (
+        speed / radius - gravity / speed
+    ) * np.cos(gamma)
+    chi_rate = normal * np.sin(bank) / (mass * speed * np.cos(gamma)) + speed / radius * np.cos(
+        gamma
+    ) * np.sin(chi) * np.tan(around.latitude)
+    return np.stack(
+        [speed * np.sin(gamma), gamma_rate, chi_rate, axial / mass - gravity * np.sin(gamma)]
+    )
 
 
 def wrench_at(
@@ -154,9 +186,15 @@ def wrench_at(
     )
     rows = table_rows(vehicle.tables, variables)
     fixed = evaluate_fixed(vehicle, variables, rows)
-    lift, drag, side, rolling, pitching, yawing = evaluate_coefficients(vehicle, variables, rows=rows)
+    lift, drag, side, rolling, pitching, yawing = evaluate_coefficients(
+        vehicle, variables, rows=rows
+    )
     sa, ca, sb, cb = np.sin(alpha), np.cos(alpha), np.sin(beta), np.cos(beta)
-    forward = np.stack([ca * cb, sb, sa * cb]) if constants.drag_in_wind_axes else np.stack([ca, 0.0 * ca, sa])
+    forward = (
+        np.stack([ca * cb, sb, sa * cb])
+        if constants.drag_in_wind_axes
+        else np.stack([ca, 0.0 * ca, sa])
+    )
     up = np.stack([sa, 0.0 * sa, -ca])
     right = np.stack([0.0 * ca, 1.0 + 0.0 * ca, 0.0 * ca])
     pressure_area = 0.5 * around.density * speed**2 * constants.area
@@ -164,11 +202,19 @@ def wrench_at(
     size = thrust_at(vehicle, fixed, eta, around.density, speed)
     thrust = np.stack([size * constants.thrust_cos, 0.0 * size, -size * constants.thrust_sin])
     engine = engine_at(vehicle, variables, around.density, speed)
-    moment = pressure_area * np.stack([constants.span * rolling, constants.chord * pitching, constants.span * yawing])
+    moment = pressure_area * np.stack(
+        [constants.span * rolling, constants.chord * pitching, constants.span * yawing]
+    )
     # Lever arms from the centre of gravity to the moment reference and to the thrust line.
     nothing = 0.0 * fixed["center_of_gravity_x"]
     reference = np.stack([-fixed["center_of_gravity_x"], nothing, -fixed["center_of_gravity_z"]])
-    line = np.stack([-fixed["center_of_gravity_x"], nothing, constants.thrust_offset_z - fixed["center_of_gravity_z"]])
+    line = np.stack(
+        [
+            -fixed["center_of_gravity_x"],
+            nothing,
+            constants.thrust_offset_z - fixed["center_of_gravity_z"],
+        ]
+    )
     moment = moment + np.cross(reference, aero, axis=0) + np.cross(line, thrust, axis=0)
     if vehicle.foreign.propulsion:
         moment = moment + engine[3:6] + np.cross(reference, engine[:3], axis=0)
@@ -178,7 +224,9 @@ def wrench_at(
     return Wrench(aero + thrust, moment, inertia)
 
 
-def attitude_rates(force: Any, mass: Any, speed: Any, gravity: float, gamma: float, angles: Any, rates: Any) -> Numbers:
+def attitude_rates(
+    force: Any, mass: Any, speed: Any, gravity: float, gamma: float, angles: Any, rates: Any
+) -> Numbers:
     """(13): rates of (alpha, beta, bank) under a body-axis force and the body rates (p, q, r)."""
     alpha, beta, bank = angles
     p, q, r = rates
@@ -190,7 +238,11 @@ def attitude_rates(force: Any, mass: Any, speed: Any, gravity: float, gamma: flo
     roll = p * ca + r * sa
     alpha_rate = q - np.tan(beta) * roll - turning / cb
     beta_rate = p * sa - r * ca + side + weight * np.sin(bank)
-    bank_rate = roll / cb + np.tan(beta) * turning + np.tan(gamma) * (normal * np.sin(bank) + side * np.cos(bank))
+    bank_rate = (
+        roll / cb
+        + np.tan(beta) * turning
+        + np.tan(gamma) * (normal * np.sin(bank) + side * np.cos(bank))
+    )
     return np.stack([alpha_rate, beta_rate, bank_rate])
 
 
@@ -199,5 +251,8 @@ def body_rate_rates(inertia: Any, moment: Any, rates: Any) -> Numbers:
     inertia, rates = np.asarray(inertia), np.asarray(rates)
     momentum = np.einsum("ij...,j...->i...", inertia, rates)
     torque = np.asarray(moment) - np.cross(rates, momentum, axis=0)
-    matrices, columns = np.moveaxis(inertia, (0, 1), (-2, -1)), np.moveaxis(torque, 0, -1)[..., None]
+    matrices, columns = (
+        np.moveaxis(inertia, (0, 1), (-2, -1)),
+        np.moveaxis(torque, 0, -1)[..., None],
+    )
     return np.moveaxis(np.linalg.solve(matrices, columns)[..., 0], -1, 0)

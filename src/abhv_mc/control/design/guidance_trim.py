@@ -33,7 +33,9 @@ class GuidanceTrim(NamedTuple):
     equivalence_ratio: Floats
     elevator: Floats
     mass: Floats  # fuel burnt up to the point counted
-    status: NDArray[np.int64]  # 0, or a sum of NO_EQUIVALENCE_RATIO, ...: then at the nearest end of the interval
+    status: NDArray[
+        np.int64
+    ]  # 0, or a sum of NO_EQUIVALENCE_RATIO, ...: then at the nearest end of the interval
 
 
 def trim_along(
@@ -53,7 +55,9 @@ def trim_along(
     constants = vehicle.constants
     alpha_nodes, eta_nodes = (
         trim_tables.grid[first : first + length].copy()
-        for first, length in zip(trim_tables.axis_start[1:3], trim_tables.axis_length[1:3], strict=True)
+        for first, length in zip(
+            trim_tables.axis_start[1:3], trim_tables.axis_length[1:3], strict=True
+        )
     )
     eta_range = (constants.equivalence_ratio_min, constants.equivalence_ratio_max)
     bounds = SearchBounds(float(alpha_nodes[0]), float(alpha_nodes[-1]), *eta_range, 2)
@@ -80,5 +84,7 @@ def trim_faults(trim: GuidanceTrim, times: Floats) -> list[str]:
     for flag, sentence in words.items():
         where = np.flatnonzero(trim.status & flag)
         if where.size:
-            faults.append(f"{sentence} at {where.size} of {times.size} points, first at {times[where[0]]:.2f} s")
+            faults.append(
+                f"{sentence} at {where.size} of {times.size} points, first at {times[where[0]]:.2f} s"
+            )
     return faults

@@ -72,7 +72,11 @@ def make_lqr_settings(controller: LqrController) -> Floats:
 
 
 def make_lqr_gains(
-    controller: LqrController, mission: Mission, reference: Floats, vehicle: Vehicle, trim_tables: Tables
+    controller: LqrController,
+    mission: Mission,
+    reference: Floats,
+    vehicle: Vehicle,
+    trim_tables: Tables,
 ) -> Floats:
     """``[tick, gain]`` in the order of LQR_GAINS: ``u = nominal - K (x - nominal)``, SI and radians.
 
@@ -88,14 +92,23 @@ def make_lqr_models(
 ) -> list[Piece]:
     """The linear models along the reference, a piece for each stretch in its ramps and between its ramps or steps."""
     tick = reference[1, 0] - reference[0, 0]
-    ramps = [tuple(int(np.ceil(time / tick - 1e-6)) for time in ramp) for ramp in ramp_times(mission)]
-    starts = sorted(start for start in {0, *(start for ramp in ramps for start in ramp)} if start < len(reference))
+    ramps = [
+        tuple(int(np.ceil(time / tick - 1e-6)) for time in ramp) for ramp in ramp_times(mission)
+    ]
+    starts = sorted(
+        start
+        for start in {0, *(start for ramp in ramps for start in ramp)}
+        if start < len(reference)
+    )
     pieces = []
     for first, end in zip(starts, [*starts[1:], len(reference)], strict=True):
         in_ramp = any(begin <= first < last for begin, last in ramps)
         stride = max(1, round(min(spacing, _RAMP_SPACING) / tick if in_ramp else spacing / tick))
         knots = np.unique([*range(first, end, stride), end - 1])
-        models = [make_models(vehicle, trim_tables, make_nominal(mission, reference[knot])) for knot in knots]
+        models = [
+            make_models(vehicle, trim_tables, make_nominal(mission, reference[knot]))
+            for knot in knots
+        ]
         pieces.append(Piece(first, end, knots, models))
     return pieces
 
@@ -145,7 +158,10 @@ def gains_at(controller: LqrController, models: LinearModels) -> Floats:
 def _gain(weights: Weights[Any, Any], model: tuple[Floats, Floats], unit: float) -> Floats:
     """A regulator's gain in SI; ``unit``: the input's unit that the weights are meant for."""
     A, B = model
-    Q, R = (np.diag(np.array([w for _, w in part], dtype=np.float64)) for part in (weights.states, weights.inputs))
+    Q, R = (
+        np.diag(np.array([w for _, w in part], dtype=np.float64))
+        for part in (weights.states, weights.inputs)
+    )
     return unit * regulator(A, B * unit, Q, R)
 
 
@@ -158,13 +174,23 @@ def regulator(A: Floats, B: Floats, Q: Floats, R: Floats) -> Floats:
 
 def attitude_slopes(vehicle: Vehicle, nominal: Nominal) -> Floats:
     """Jacobian [6, 9] of :func:`attitude_model_rates` at the nominal in its coordinated turn."""
-    at = [nominal.angle_of_attack, 0.0, nominal.bank, *nominal.turn_rates(), 0.0, 0.0, nominal.elevator]
+    at = [
+        nominal.angle_of_attack,
+        0.0,
+        nominal.bank,
+        *nominal.turn_rates(),
+        0.0,
+        0.0,
+        nominal.elevator,
+    ]
     return slope(lambda x: attitude_model_rates(vehicle, nominal, x), at)
 
 
 def attitude_model_rates(vehicle: Vehicle, nominal: Nominal, x: Numbers) -> Numbers:
     """Rates of (alpha, beta, bank, p, q, r) for these and (aileron, rudder, elevator), on the full tables."""
     around, mass, speed, gamma = nominal[:4]
-    wrench = wrench_at(vehicle, around, mass, speed, x[0], x[1], x[3:6], x[6:9], nominal.equivalence_ratio)
+    wrench = wrench_at(
+        vehicle, around, mass, speed, x[0], x[1], x[3:6], x[6:9], nominal.equivalence_ratio
+    )
     angles = attitude_rates(wrench.force, mass, speed, around.gravity, gamma, x[:3], x[3:6])
     return np.concatenate([angles, body_rate_rates(wrench.inertia, wrench.moment, x[3:6])])

@@ -41,7 +41,8 @@ def make_profile(mission: m.Mission, times: Floats) -> Profile:
     # Each with its rate, the altitude with its acceleration, too.
     altitude = np.outer([start.altitude, 0.0, 0.0], always)
     speed, heading, path = (
-        np.outer([value, 0.0], always) for value in (start.speed, start.heading, start.flight_path_angle)
+        np.outer([value, 0.0], always)
+        for value in (start.speed, start.heading, start.flight_path_angle)
     )
     speed_now, path_now = start.speed, start.flight_path_angle
 
@@ -49,7 +50,9 @@ def make_profile(mission: m.Mission, times: Floats) -> Profile:
         since = times - begin
         if isinstance(manoeuvre, m.SManoeuvre):
             sideways, sideways_rate = (part / speed_now for part in manoeuvre.lateral_motion(since))
-            heading = heading - np.stack([np.arcsin(sideways), sideways_rate / np.sqrt(1.0 - sideways**2)])
+            heading = heading - np.stack(
+                [np.arcsin(sideways), sideways_rate / np.sqrt(1.0 - sideways**2)]
+            )
         elif isinstance(manoeuvre, m.Turn):
             heading = heading + manoeuvre.heading_change * _smooth(since, manoeuvre.length)[:2]
         elif isinstance(manoeuvre, m.Waypoints):
@@ -61,7 +64,10 @@ def make_profile(mission: m.Mission, times: Floats) -> Profile:
             speed = speed + manoeuvre.speed_change * change[:2]
             speed_now += manoeuvre.speed_change
         elif isinstance(manoeuvre, m.PullUp):
-            path = path + (manoeuvre.flight_path_angle - path_now) * _smooth(since, manoeuvre.length)[:2]
+            path = (
+                path
+                + (manoeuvre.flight_path_angle - path_now) * _smooth(since, manoeuvre.length)[:2]
+            )
             path_now = manoeuvre.flight_path_angle
 
     if path[0].any():
@@ -77,7 +83,8 @@ def _recorded(recorded: m.Recorded, duration: float, times: Floats) -> Profile:
     samples = read_trajectory(recorded.file, duration)
     values = samples[:, 1], samples[:, 2], np.deg2rad(samples[:, 3])
     altitude, speed, heading = (
-        np.stack([CubicSpline(samples[:, 0], value)(times, order) for order in range(3)]) for value in values
+        np.stack([CubicSpline(samples[:, 0], value)(times, order) for order in range(3)])
+        for value in values
     )
     return _complete(altitude, speed[:2], heading[:2])
 
@@ -94,7 +101,9 @@ def _smooth(since: Floats, length: float) -> Floats:
     """A change from 0 to 1 over ``length`` s: share, rate and acceleration; the acceleration is continuous."""
     phase = 2.0 * np.pi * np.clip(since / length, 0.0, 1.0)
     rate = (1.0 - np.cos(phase)) / length
-    return np.stack([(phase - np.sin(phase)) / (2.0 * np.pi), rate, 2.0 * np.pi * np.sin(phase) / length**2])
+    return np.stack(
+        [(phase - np.sin(phase)) / (2.0 * np.pi), rate, 2.0 * np.pi * np.sin(phase) / length**2]
+    )
 
 
 def _integral(times: Floats, rate: Floats, acceleration: Floats) -> Floats:

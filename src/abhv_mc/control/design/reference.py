@@ -25,7 +25,9 @@ def make_mission_trim_tables(mission: Mission, vehicle: Vehicle) -> Tables:
     """Trim tables for the mission's speeds at the middle of its altitudes."""
     profile = make_profile(mission, np.linspace(0.0, mission.duration, 201))
     speeds = (float(profile.speed.min()), float(profile.speed.max()))
-    return make_trim_tables(vehicle, float(profile.altitude.min() + profile.altitude.max()) / 2.0, speeds)
+    return make_trim_tables(
+        vehicle, float(profile.altitude.min() + profile.altitude.max()) / 2.0, speeds
+    )
 
 
 @kept
@@ -51,7 +53,9 @@ def solve_reference(
         profile.speed * profile.flight_path_angle_rate,
         profile.speed * profile.heading_rate,
     )
-    held = None if vehicle.constants.equivalence_ratio_max > 0.0 else 0.0  # nothing holds a glider's speed
+    held = (
+        None if vehicle.constants.equivalence_ratio_max > 0.0 else 0.0
+    )  # nothing holds a glider's speed
     nominal = trim_along(vehicle, trim_tables, points, vehicle.constants.mass_start, tick, held)
     times = np.arange(ticks + 1) * tick
     settled = np.ones(ticks + 1)
@@ -75,21 +79,32 @@ def solve_reference(
     return np.ascontiguousarray(np.stack([column[name] for name in REFERENCE], axis=1)), nominal
 
 
-def make_track(mission: Mission, earth: Earth, half_ticks: Profile, tick: float) -> tuple[Floats, Floats, Floats]:
+def make_track(
+    mission: Mission, earth: Earth, half_ticks: Profile, tick: float
+) -> tuple[Floats, Floats, Floats]:
     """North and east (integrals of the ground speed at altitude, m) and latitude (rad) at the ticks, by Simpson."""
     forward = half_ticks.speed * np.cos(half_ticks.flight_path_angle)
-    north_speed, east_speed = forward * np.cos(half_ticks.heading), forward * np.sin(half_ticks.heading)
+    north_speed, east_speed = (
+        forward * np.cos(half_ticks.heading),
+        forward * np.sin(half_ticks.heading),
+    )
     latitude = np.full(north_speed.size, mission.start.latitude)
-    for _ in range(2):  # the meridian's radius hardly changes on the way: each pass gains five digits
+    for _ in range(
+        2
+    ):  # the meridian's radius hardly changes on the way: each pass gains five digits
         meridian = np.array([radii(earth, sine)[0] for sine in np.sin(latitude)])
-        on_ticks = mission.start.latitude + _simpson(north_speed / (meridian + half_ticks.altitude), tick)
+        on_ticks = mission.start.latitude + _simpson(
+            north_speed / (meridian + half_ticks.altitude), tick
+        )
         latitude = np.interp(np.arange(latitude.size), np.arange(0, latitude.size, 2), on_ticks)
     return _simpson(north_speed, tick), _simpson(east_speed, tick), on_ticks
 
 
 def _simpson(rate: Floats, tick: float) -> Floats:
     """Integral at the ticks of a rate given at half ticks."""
-    return np.concatenate([[0.0], np.cumsum(tick / 6.0 * (rate[:-2:2] + 4.0 * rate[1:-1:2] + rate[2::2]))])
+    return np.concatenate(
+        [[0.0], np.cumsum(tick / 6.0 * (rate[:-2:2] + 4.0 * rate[1:-1:2] + rate[2::2]))]
+    )
 
 
 def on_glide_path(mission: Mission, vehicle: Vehicle) -> Mission:

@@ -19,10 +19,14 @@ _LARGEST_CONDITION = 1e12  # of B: what is left of an input without effect is ro
 def make_tlc_settings(controller: TlcController) -> Floats:
     """The law's constants in the order of TLC_SETTINGS."""
     limits, differentiators = controller.limits, controller.differentiators
-    return np.array([differentiators.attitude, differentiators.rates, *limits.angle_of_attack, limits.bank])
+    return np.array(
+        [differentiators.attitude, differentiators.rates, *limits.angle_of_attack, limits.bank]
+    )
 
 
-def make_tlc_gains(controller: TlcController, reference: Floats, vehicle: Vehicle, trim_tables: Tables) -> Floats:
+def make_tlc_gains(
+    controller: TlcController, reference: Floats, vehicle: Vehicle, trim_tables: Tables
+) -> Floats:
     """``[tick, gain]`` in the order of TLC_GAINS from a reference ``[tick, column]``."""
     column = dict(zip(REFERENCE, reference.T, strict=True))
     pressure = 0.5 * column["density"] * column["speed"] ** 2
@@ -34,7 +38,9 @@ def make_tlc_gains(controller: TlcController, reference: Floats, vehicle: Vehicl
     forward = column["speed"] * np.cos(column["flight_path_angle"])
     A, B = velocity_loop(reference, vehicle, trim_tables)
     K2 = velocity_gains(A, B, [spectrum(channel) for _, channel in controller.velocity])
-    online = [spectrum(channel) for loop in (controller.attitude, controller.rates) for _, channel in loop]
+    online = [
+        spectrum(channel) for loop in (controller.attitude, controller.rates) for _, channel in loop
+    ]
     columns = [a1 / forward, a2 / forward, *K2.reshape(len(reference), -1).T]
     columns += [part for pair in online for part in pair]
     return np.ascontiguousarray(np.stack(columns, axis=1))
@@ -57,7 +63,9 @@ def pd_spectrum(channel: Channel, times: Floats, dynamic_pressure: Floats) -> tu
     return wn**2, 2.0 * channel.damping * wn - wn_rate / wn
 
 
-def velocity_loop(reference: Floats, vehicle: Vehicle, trim_tables: Tables) -> tuple[Floats, Floats]:
+def velocity_loop(
+    reference: Floats, vehicle: Vehicle, trim_tables: Tables
+) -> tuple[Floats, Floats]:
     """Sub-loop 2's A and B (8)-(9), each ``[tick, 3, 3]``: states gamma, chi, V; inputs alpha, bank, eta."""
     c = dict(zip(REFERENCE, reference.T, strict=True))
     speed, mass, gravity, radius = c["speed"], c["mass"], c["gravity"], c["radius"]
@@ -68,15 +76,26 @@ def velocity_loop(reference: Floats, vehicle: Vehicle, trim_tables: Tables) -> t
     # Trimmed coefficients and their slopes in the cell, each [tick].
     value = _coefficients(vehicle, trim_tables, mach, alpha, c["equivalence_ratio"])
     step = 1e-30j
-    by_mach = _coefficients(vehicle, trim_tables, mach + step, alpha, c["equivalence_ratio"]).imag / step.imag
-    by_alpha = _coefficients(vehicle, trim_tables, mach, alpha + step, c["equivalence_ratio"]).imag / step.imag
-    by_eta = _coefficients(vehicle, trim_tables, mach, alpha, c["equivalence_ratio"] + step).imag / step.imag
+    by_mach = (
+        _coefficients(vehicle, trim_tables, mach + step, alpha, c["equivalence_ratio"]).imag
+        / step.imag
+    )
+    by_alpha = (
+        _coefficients(vehicle, trim_tables, mach, alpha + step, c["equivalence_ratio"]).imag
+        / step.imag
+    )
+    by_eta = (
+        _coefficients(vehicle, trim_tables, mach, alpha, c["equivalence_ratio"] + step).imag
+        / step.imag
+    )
 
     q_area = 0.5 * c["density"] * speed**2 * constants.area
     lift, _, thrust = q_area * value
     lift_alpha, drag_alpha, thrust_alpha = q_area * by_alpha
     lift_eta, drag_eta, thrust_eta = q_area * by_eta
-    lift_speed, drag_speed, thrust_speed = q_area * (2.0 * value / speed + by_mach / c["sound_speed"])
+    lift_speed, drag_speed, thrust_speed = q_area * (
+        2.0 * value / speed + by_mach / c["sound_speed"]
+    )
 
     # Direction of the thrust: alpha plus the thrust line's inclination.
     sin_t = np.sin(alpha) * constants.thrust_cos + np.cos(alpha) * constants.thrust_sin
@@ -86,13 +105,24 @@ def velocity_loop(reference: Floats, vehicle: Vehicle, trim_tables: Tables) -> t
     normal_eta = thrust_eta * sin_t + lift_eta
     normal_speed = thrust_speed * sin_t + lift_speed
 
-    sg, cg, sx, cx, ss, cs = np.sin(gamma), np.cos(gamma), np.sin(chi), np.cos(chi), np.sin(bank), np.cos(bank)
+    sg, cg, sx, cx, ss, cs = (
+        np.sin(gamma),
+        np.cos(gamma),
+        np.sin(chi),
+        np.cos(chi),
+        np.sin(bank),
+        np.cos(bank),
+    )
     tan_lat = np.tan(c["latitude"])
     momentum = mass * speed
     A = np.zeros((len(reference), 3, 3))
     B = np.zeros((len(reference), 3, 3))
-    B[:, 0, 0], B[:, 0, 1], B[:, 0, 2] = np.stack([normal_alpha * cs, -normal * ss, normal_eta * cs]) / momentum
-    B[:, 1, 0], B[:, 1, 1], B[:, 1, 2] = np.stack([normal_alpha * ss, normal * cs, normal_eta * ss]) / (momentum * cg)
+    B[:, 0, 0], B[:, 0, 1], B[:, 0, 2] = (
+        np.stack([normal_alpha * cs, -normal * ss, normal_eta * cs]) / momentum
+    )
+    B[:, 1, 0], B[:, 1, 1], B[:, 1, 2] = np.stack(
+        [normal_alpha * ss, normal * cs, normal_eta * ss]
+    ) / (momentum * cg)
     B[:, 2, 0] = (thrust_alpha * cos_t - thrust * sin_t - drag_alpha) / mass
     B[:, 2, 2] = (thrust_eta * cos_t - drag_eta) / mass
     A[:, 0, 0] = (gravity / speed - speed / radius) * sg
@@ -100,7 +130,9 @@ def velocity_loop(reference: Floats, vehicle: Vehicle, trim_tables: Tables) -> t
     A[:, 0, 2] += (1.0 / radius + gravity / speed**2) * cg
     A[:, 1, 0] = normal * ss * sg / (momentum * cg**2) - speed / radius * sg * sx * tan_lat
     A[:, 1, 1] = speed / radius * cg * cx * tan_lat
-    A[:, 1, 2] = (normal_speed * ss - normal * ss / speed) / (momentum * cg) + cg * sx * tan_lat / radius
+    A[:, 1, 2] = (normal_speed * ss - normal * ss / speed) / (
+        momentum * cg
+    ) + cg * sx * tan_lat / radius
     A[:, 2, 0] = -gravity * cg
     A[:, 2, 2] = (thrust_speed * cos_t - drag_speed) / mass
     return A, B
@@ -118,7 +150,9 @@ def velocity_gains(A: Floats, B: Floats, spectra: list[tuple[Floats, Floats]]) -
     return np.asarray(np.linalg.solve(B, expected), dtype=np.float64)
 
 
-def _coefficients(vehicle: Vehicle, trim_tables: Tables, mach: Any, alpha: Any, eta: Any) -> Numbers:
+def _coefficients(
+    vehicle: Vehicle, trim_tables: Tables, mach: Any, alpha: Any, eta: Any
+) -> Numbers:
     """Trimmed lift, drag and thrust coefficients, [3, tick]."""
     variables = make_variables(vehicle, mach=mach, angle_of_attack=alpha, equivalence_ratio=eta)
     return table_rows(trim_tables, variables)[1:4]

@@ -12,7 +12,12 @@ from abhv_mc.kernel.laws.trim_lookup import TRIM_ROWS
 from abhv_mc.kernel.plant.vehicle import CHUNK, FIXED_TABLE_ROWS, VARIABLES, Tables, Vehicle
 from abhv_mc.kernel.world.atmosphere import atmosphere
 from abhv_mc.vehicle.actuators import deflection_range
-from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables, table_rows
+from abhv_mc.vehicle.evaluate import (
+    evaluate_coefficients,
+    evaluate_fixed,
+    make_variables,
+    table_rows,
+)
 from abhv_mc.vehicle.pack import Axis, Table, nodes_of, pack_tables
 
 # Longest cells, in Mach, radians and equivalence ratio. With them interpolation errs on the shipped vehicles by less
@@ -40,10 +45,13 @@ def make_trim_tables(vehicle: Vehicle, altitude: float, speed_range: tuple[float
             vehicle.tables,
             "equivalence_ratio",
             constants.equivalence_ratio_min,
-            constants.equivalence_ratio_max or LONGEST["equivalence_ratio"],  # a glider's tables have two equal ends
+            constants.equivalence_ratio_max
+            or LONGEST["equivalence_ratio"],  # a glider's tables have two equal ends
         ),
     )
-    mach, alpha, eta = (x.ravel() for x in np.meshgrid(*(axis.grid for axis in axes), indexing="ij"))
+    mach, alpha, eta = (
+        x.ravel() for x in np.meshgrid(*(axis.grid for axis in axes), indexing="ij")
+    )
     around = Environment(altitude, density, sound_speed, 0.0, 0.0, 0.0)
     elevator, trimmed = trim_elevator(vehicle, around, mach * sound_speed, alpha, eta)
 
@@ -61,23 +69,40 @@ def make_trim_tables(vehicle: Vehicle, altitude: float, speed_range: tuple[float
     lift, drag, *_ = evaluate_coefficients(vehicle, variables, rows=rows)
     speed = mach * sound_speed
     q_area = 0.5 * density * speed**2 * constants.area
-    thrust, impulse = thrust_at(vehicle, fixed, eta, density, speed) / q_area, fixed["specific_impulse"]
+    thrust, impulse = (
+        thrust_at(vehicle, fixed, eta, density, speed) / q_area,
+        fixed["specific_impulse"],
+    )
     if vehicle.foreign.propulsion:  # along body x; what it has across goes with lift and drag
         engine = engine_at(vehicle, variables, density, speed) / q_area
         thrust = engine[0]
         lift, drag = lift - engine[2] * np.cos(alpha), drag - engine[2] * np.sin(alpha)
         flow, force = engine[6] * q_area, engine[0] * q_area
         burns = flow > 0.0
-        impulse = np.where(burns, force / (constants.standard_gravity * np.where(burns, flow, 1.0)), 0.0)
+        impulse = np.where(
+            burns, force / (constants.standard_gravity * np.where(burns, flow, 1.0)), 0.0
+        )
     shape = tuple(axis.grid.size for axis in axes)
-    values = (elevator, lift, drag, thrust, impulse, np.where(trimmed, 0.0, 1.0), np.zeros(mach.size))
+    values = (
+        elevator,
+        lift,
+        drag,
+        thrust,
+        impulse,
+        np.where(trimmed, 0.0, 1.0),
+        np.zeros(mach.size),
+    )
     return _pack(axes, [np.ascontiguousarray(value).reshape(shape) for value in values])
 
 
 def rebuild_trim_tables(grid: Floats, inverse_step: Floats, data: Floats) -> Tables:
     """Trim tables from their numbers alone, as :class:`Tables` holds them. Raises ValueError where these do not fit."""
-    grids = np.split(grid, np.flatnonzero(inverse_step == 0.0) + 1)[: len(LONGEST)]  # 0 stands at an axis's last node
-    axes = tuple(Axis(VARIABLES.index(name), nodes) for name, nodes in zip(LONGEST, grids, strict=True))
+    grids = np.split(grid, np.flatnonzero(inverse_step == 0.0) + 1)[
+        : len(LONGEST)
+    ]  # 0 stands at an axis's last node
+    axes = tuple(
+        Axis(VARIABLES.index(name), nodes) for name, nodes in zip(LONGEST, grids, strict=True)
+    )
     if any(axis.grid.size < 2 for axis in axes):
         raise ValueError("trim_tables: an axis of one node")
     nodes = data.reshape(*(axis.grid.size for axis in axes), CHUNK)
@@ -87,7 +112,9 @@ def rebuild_trim_tables(grid: Floats, inverse_step: Floats, data: Floats) -> Tab
 def _pack(axes: tuple[Axis, ...], values: list[Floats]) -> Tables:
     """The tables of TRIM_ROWS and one of zeros, for what the trim has no use for."""
     impulse, zero = TRIM_ROWS.index("specific_impulse"), len(TRIM_ROWS)
-    fixed_entries = {name: impulse if name == "specific_impulse" else zero for name in FIXED_TABLE_ROWS}
+    fixed_entries = {
+        name: impulse if name == "specific_impulse" else zero for name in FIXED_TABLE_ROWS
+    }
     packed, packed_rows = pack_tables([Table(axes, value) for value in values], fixed_entries)
     if not np.array_equal(packed_rows, np.arange(len(values))):
         raise RuntimeError("trim rows are not packed in order")
@@ -107,7 +134,9 @@ def trim_elevator(
         nothing = np.zeros_like(speed)
         rates, deflections = (nothing, nothing, nothing), (nothing, nothing, elevator)
         wrench = wrench_at(vehicle, around, mass, speed, alpha, nothing, rates, deflections, eta)
-        return wrench.moment[1] / (around.density * speed**2 * vehicle.constants.area * vehicle.constants.chord)
+        return wrench.moment[1] / (
+            around.density * speed**2 * vehicle.constants.area * vehicle.constants.chord
+        )
 
     ends = [pitching_moment(np.full_like(speed, end), speed, alpha, eta) for end in (low, high)]
     bracketed = np.sign(ends[0]) * np.sign(ends[1]) <= 0.0

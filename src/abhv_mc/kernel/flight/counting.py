@@ -108,9 +108,20 @@ _A, _B, _C, _TICK, _COUNT = range(5)
 ROWS = 5
 N_ROWS = MAX_LEAN + ROWS * MAX_PROGRAMS
 
-_LOAD, _CONSTANT, _ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _MINIMUM, _MAXIMUM, _ABSOLUTE, _ROOT, _SINE, _COSINE = map(
-    int, Operation
-)
+(
+    _LOAD,
+    _CONSTANT,
+    _ADD,
+    _SUBTRACT,
+    _MULTIPLY,
+    _DIVIDE,
+    _MINIMUM,
+    _MAXIMUM,
+    _ABSOLUTE,
+    _ROOT,
+    _SINE,
+    _COSINE,
+) = map(int, Operation)
 (
     _MIN, _MAX, _MAX_ABS, _MEAN, _RMS, _FINAL, _INTEGRAL, _PEAK, _TRAVEL, _TIME, _LAST, _FIRST, _REVERSALS, _SUM,
     _QUANTILE,
@@ -169,7 +180,9 @@ def count_row(out, row, factor, statistic, dt, counted, width):
             out[lane] += value * value if counted[lane] > 0.0 else 0.0
     elif statistic == _MAX_ABS:
         for lane in range(width):
-            out[lane] = larger(out[lane], abs(row[lane] * factor)) if counted[lane] > 0.0 else out[lane]
+            out[lane] = (
+                larger(out[lane], abs(row[lane] * factor)) if counted[lane] > 0.0 else out[lane]
+            )
     elif statistic == _MIN:
         for lane in range(width):
             out[lane] = smaller(out[lane], row[lane] * factor) if counted[lane] > 0.0 else out[lane]
@@ -299,7 +312,9 @@ def finish_counting(O, lane, counted, samples, dt, first_row, out):
         row = natural(first_row + MAX_LEAN + ROWS * m)
         a, b, count = O[row, lane], O[row + _B, lane], O[row + _COUNT, lane]
         last = (O[row + _TICK, lane] - 1.0) * dt
-        found = finish_value(programs.statistic[m], a, b, count, programs.start[m], last, programs.empty[m])
+        found = finish_value(
+            programs.statistic[m], a, b, count, programs.start[m], last, programs.empty[m]
+        )
         out[programs.place[m]] = found
 
 

@@ -34,11 +34,15 @@ FIRST_DERIVED = RIPPLES + 3 * N_RIPPLE_ROWS  # the quantities themselves
 _EACH = tuple(RIPPLES + i * N_RIPPLE_ROWS for i in range(3))
 BANK_RIPPLE_DEG, ANGLE_OF_ATTACK_RIPPLE_DEG, SIDESLIP_RIPPLE_DEG = (row + LARGEST for row in _EACH)
 BANK_CYCLE_HZ, ANGLE_OF_ATTACK_CYCLE_HZ, SIDESLIP_CYCLE_HZ = (row + FREQUENCY for row in _EACH)
-FUEL_LEFT_KG, STAGNATION_HEAT_FLUX_W_M2, LOAD_FACTOR_G, HEADING_DEG = range(FIRST_DERIVED, FIRST_DERIVED + 4)
+FUEL_LEFT_KG, STAGNATION_HEAT_FLUX_W_M2, LOAD_FACTOR_G, HEADING_DEG = range(
+    FIRST_DERIVED, FIRST_DERIVED + 4
+)
 _ERRORS, _SURFACES = FIRST_DERIVED + 4, FIRST_DERIVED + 10
 ALTITUDE_ERROR_M, SPEED_ERROR_MPS, HEADING_ERROR_DEG, CROSS_TRACK_M = range(_ERRORS, _ERRORS + 4)
 ANGLE_OF_ATTACK_ERROR_DEG, BANK_ERROR_DEG = range(_ERRORS + 4, _SURFACES)
-AILERON_FROM_TRIM_DEG, RUDDER_FROM_TRIM_DEG, ELEVATOR_FROM_TRIM_DEG = range(_SURFACES, _SURFACES + 3)
+AILERON_FROM_TRIM_DEG, RUDDER_FROM_TRIM_DEG, ELEVATOR_FROM_TRIM_DEG = range(
+    _SURFACES, _SURFACES + 3
+)
 AILERON_MOVED_DEG, RUDDER_MOVED_DEG, ELEVATOR_MOVED_DEG = range(_SURFACES + 3, _SURFACES + 6)
 FUEL_USED_KG, SURFACE_SATURATED = range(_SURFACES + 6, _SURFACES + 8)
 VERDICT = SURFACE_SATURATED + 1  # outcome of the limits at this tick, 0 within all of them
@@ -53,7 +57,11 @@ def heat_flux(density, airspeed, nose_radius):
     """
     cubed = airspeed * airspeed * airspeed
     known = nose_radius > 0.0
-    return _SUTTON_GRAVES * math.sqrt(density / (nose_radius if known else 1.0)) * cubed if known else math.nan
+    return (
+        _SUTTON_GRAVES * math.sqrt(density / (nose_radius if known else 1.0)) * cubed
+        if known
+        else math.nan
+    )
 
 
 @lanes
@@ -75,7 +83,9 @@ def derive(Z, width, reference, constants, tick):
         fuel_left = Z[X + s.MASS, lane] - constants.mass_empty * Z[s.K_MASS, lane]
         Z[FUEL_LEFT_KG, lane] = fuel_left if constants.burns_fuel > 0.0 else math.inf
         Z[FUEL_USED_KG, lane] = Z[FIRST_MASS, lane] - Z[X + s.MASS, lane]
-        Z[STAGNATION_HEAT_FLUX_W_M2, lane] = heat_flux(Z[s.RHO, lane], Z[s.AIRSPEED, lane], constants.nose_radius)
+        Z[STAGNATION_HEAT_FLUX_W_M2, lane] = heat_flux(
+            Z[s.RHO, lane], Z[s.AIRSPEED, lane], constants.nose_radius
+        )
         x, y, z = Z[s.SPECIFIC_X, lane], Z[s.SPECIFIC_Y, lane], Z[s.SPECIFIC_Z, lane]
         Z[LOAD_FACTOR_G, lane] = math.sqrt(x * x + y * y + z * z) / _G0
         chi = Z[s.CHI, lane]
@@ -83,20 +93,30 @@ def derive(Z, width, reference, constants, tick):
         Z[HEADING_ERROR_DEG, lane] = wrap(chi - reference[tick, ref.HEADING]) * _DEG
         Z[ALTITUDE_ERROR_M, lane] = Z[X + s.ALTITUDE, lane] - reference[tick, ref.ALTITUDE]
         Z[SPEED_ERROR_MPS, lane] = Z[s.SPEED, lane] - reference[tick, ref.SPEED]
-        north, east = Z[s.NORTH, lane] - reference[tick, ref.NORTH], Z[s.EAST, lane] - reference[tick, ref.EAST]
-        Z[CROSS_TRACK_M, lane] = north * reference[0, ref.TRACK_NORTH] + east * reference[0, ref.TRACK_EAST]
+        north, east = (
+            Z[s.NORTH, lane] - reference[tick, ref.NORTH],
+            Z[s.EAST, lane] - reference[tick, ref.EAST],
+        )
+        Z[CROSS_TRACK_M, lane] = (
+            north * reference[0, ref.TRACK_NORTH] + east * reference[0, ref.TRACK_EAST]
+        )
         Z[ANGLE_OF_ATTACK_ERROR_DEG, lane] = Z[s.V_ALPHA, lane] * _DEG - Z[s.ALPHA_CMD, lane] * _DEG
         Z[BANK_ERROR_DEG, lane] = wrap(Z[s.BANK, lane] - Z[s.BANK_CMD, lane]) * _DEG
         # A command at the stop counts as saturated, too: the surface creeps towards it and may never arrive.
         limit, deflected, asked = constants.surface_limit * Z[s.K_LIMIT, lane], 0.0, 0.0
         for i in range(3):
             deflection = Z[X + s.AILERON + i, lane]
-            deflected, asked = larger(deflected, abs(deflection)), larger(asked, abs(Z[s.CMD + i, lane]))
+            deflected, asked = (
+                larger(deflected, abs(deflection)),
+                larger(asked, abs(Z[s.CMD + i, lane])),
+            )
             Z[AILERON_FROM_TRIM_DEG + i, lane] = (deflection - Z[FIRST_SURFACE + i, lane]) * _DEG
             Z[AILERON_MOVED_DEG + i, lane] = abs(deflection - Z[LAST_SURFACE + i, lane]) * _DEG
             Z[LAST_SURFACE + i, lane] = deflection
         saturated = (deflected >= limit or asked >= constants.surface_limit) and limit > 0.0
-        Z[SURFACE_SATURATED, lane] = Z[s.ANY_SATURATED, lane] if constants.driven > 0.0 else 1.0 if saturated else 0.0
+        Z[SURFACE_SATURATED, lane] = (
+            Z[s.ANY_SATURATED, lane] if constants.driven > 0.0 else 1.0 if saturated else 0.0
+        )
 
 
 @lanes
@@ -108,7 +128,11 @@ def follow_ripples(Z, width, settled, tick, length):
             for lane in range(width):
                 keep_cycle(Z, lane, row, length)
             begin_stretch(Z, width, row)
-        if settled > 0.0 and watch_sides(Z, width, row, _ANGLE_ERRORS[i], factor, 1.0 / settled, float(tick)) > 0.0:
+        if (
+            settled > 0.0
+            and watch_sides(Z, width, row, _ANGLE_ERRORS[i], factor, 1.0 / settled, float(tick))
+            > 0.0
+        ):
             for lane in range(width):
                 change_side(Z, lane, row, Z[_ANGLE_ERRORS[i], lane] * factor, float(tick), length)
 

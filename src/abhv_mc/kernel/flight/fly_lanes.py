@@ -24,7 +24,13 @@ from abhv_mc.kernel.flight.observe import (
     record_states,
     start_observing,
 )
-from abhv_mc.kernel.flight.sensors import SensorErrors, active_sensor_errors, add_biases, lag_and_scale, sense
+from abhv_mc.kernel.flight.sensors import (
+    SensorErrors,
+    active_sensor_errors,
+    add_biases,
+    lag_and_scale,
+    sense,
+)
 from abhv_mc.kernel.flight.start import face_air, start_flights
 from abhv_mc.kernel.jit import kernel, lanes
 from abhv_mc.kernel.jit_pointer import call_address
@@ -43,7 +49,13 @@ from abhv_mc.kernel.plant.actuators import (
 )
 from abhv_mc.kernel.plant.aerodynamics import build_up, look_up
 from abhv_mc.kernel.plant.air_data import air_data, deflections, move_air, nominal_density
-from abhv_mc.kernel.plant.disturbance import Disturbances, active_disturbances, any_lane, calm, disturb
+from abhv_mc.kernel.plant.disturbance import (
+    Disturbances,
+    active_disturbances,
+    any_lane,
+    calm,
+    disturb,
+)
 from abhv_mc.kernel.plant.effectors import (
     begin_effectors,
     count_driven,
@@ -64,7 +76,12 @@ from abhv_mc.kernel.plant.failures import (
     start_failures,
     watch_inlet,
 )
-from abhv_mc.kernel.plant.foreign import add_thrust, find_dispersed, foreign_coefficients, foreign_thrust
+from abhv_mc.kernel.plant.foreign import (
+    add_thrust,
+    find_dispersed,
+    foreign_coefficients,
+    foreign_thrust,
+)
 
 COMPACTION = 500  # ticks after which lanes of flights that have ended are given to others
 
@@ -103,7 +120,10 @@ def nothing_active(Z, width, plan):
 @lanes
 def instruments(plan, Z, width, active, tick):
     """What is measured against the air, and what the user's own law asks for besides."""
-    sensing, more = plan.vehicle.constants.sensing, plan.user_code.more > 0 or active.sensor_errors.changed
+    sensing, more = (
+        plan.vehicle.constants.sensing,
+        plan.user_code.more > 0 or active.sensor_errors.changed,
+    )
     against_air = active.windy and sensing.angle_of_attack + sensing.sideslip + sensing.speed > 0
     if active.windy and (against_air or more):
         move_air(Z, width, plan.profile)
@@ -185,7 +205,12 @@ def control(plan, memory, width, law, active, tick):
 @lanes
 def observe_tick(plan, memory, results, width, active, flights, n, tick):
     """Limits and metrics at a control tick, of the ``flights`` in the first ``n`` lanes."""
-    Z, O, reference, dt = memory.Z, memory.O, plan.reference, plan.timing.step * plan.timing.steps_per_tick
+    Z, O, reference, dt = (
+        memory.Z,
+        memory.O,
+        plan.reference,
+        plan.timing.step * plan.timing.steps_per_tick,
+    )
     inlet = plan.vehicle.constants.inlet
     if active is not None and inlet.unstarts > 0.0:
         watch_inlet(Z, width, inlet, tick * plan.timing.step * plan.timing.steps_per_tick)
@@ -216,13 +241,25 @@ def bin_tick(plan, memory, results, width, tick, first, last):
     if results.low.shape[0] > 0:
         follow_extremes(memory.Z, memory.E, plan.observed, width, first or tick % every == 0)
         if last or (tick + 1) % every == 0:
-            keep_extremes(memory.E, plan.observed, results.low[tick // every], results.high[tick // every], width)
+            keep_extremes(
+                memory.E,
+                plan.observed,
+                results.low[tick // every],
+                results.high[tick // every],
+                width,
+            )
 
 
 @lanes
 def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flights, n):
     """One group of flights from ``first_tick`` to before tick ``end``, or until all of them have ended."""
-    Z, O, A, step, steps_per_tick = memory.Z, memory.O, memory.A, plan.timing.step, plan.timing.steps_per_tick
+    Z, O, A, step, steps_per_tick = (
+        memory.Z,
+        memory.O,
+        memory.A,
+        plan.timing.step,
+        plan.timing.steps_per_tick,
+    )
     tick_length = step * steps_per_tick
     for tick in range(first_tick, end):
         begin_tick(plan, memory, width, active, tick)
@@ -242,7 +279,15 @@ def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flight
                 observe_tick(plan, memory, results, width, active, flights, n, tick)
                 record_tick(plan, memory, results, flights, n, tick)
                 flying = tick < plan.timing.ticks and any_lane(O, width, observe.ALIVE, 1, 0.0)
-                bin_tick(plan, memory, results, width, tick, tick == first_tick, not flying or tick + 1 == end)
+                bin_tick(
+                    plan,
+                    memory,
+                    results,
+                    width,
+                    tick,
+                    tick == first_tick,
+                    not flying or tick + 1 == end,
+                )
                 if not flying:
                     break
             if stage == 0:
@@ -274,12 +319,16 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
     O, dt = memory.O, plan.timing.step * plan.timing.steps_per_tick
     driven = count_driven(plan.vehicle) > 0
     start, last = plan.first_tick, plan.timing.ticks if keeps else plan.timing.ticks + 1
-    compacted = 1 < width < last_flight - first_flight  # otherwise there is one group, or no lane to give away
+    compacted = (
+        1 < width < last_flight - first_flight
+    )  # otherwise there is one group, or no lane to give away
     for first in range(first_flight, last_flight, saved.shape[0]):
         flying = min(saved.shape[0], last_flight - first)
         for i in range(flying):
             order[i] = first + i
-        for first_tick in range(start, max(last, start + 1), COMPACTION if compacted else max(last, 1)):
+        for first_tick in range(
+            start, max(last, start + 1), COMPACTION if compacted else max(last, 1)
+        ):
             end = min(first_tick + COMPACTION, last) if compacted else last
             still_flying = 0
             for group in range(0, flying, width):
@@ -302,7 +351,9 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
                         still_flying += 1
                     else:
                         metrics, samples = results.metrics[flight], O[observe.SAMPLES, lane]
-                        finish_counting(O, lane, plan.counted, samples, dt, observe.FIRST_METRIC, metrics)
+                        finish_counting(
+                            O, lane, plan.counted, samples, dt, observe.FIRST_METRIC, metrics
+                        )
                         results.outcome[flight] = int(O[observe.OUTCOME, lane])
                         results.end_tick[flight] = int(O[observe.END, lane])
                         if keeps:
@@ -353,9 +404,20 @@ def make_fly_lanes(capacity: int, lean: bool = False) -> Callable[..., None]:
 
     def fly_lanes(plan, memory, results):
         """Fly every row of the plan's parameters in a memory for ``capacity`` lanes; fill the results."""
-        if has_width(memory, capacity):  # checked where Python enters, and a constant to LLVM from here on
+        if has_width(
+            memory, capacity
+        ):  # checked where Python enters, and a constant to LLVM from here on
             width, flights = memory.Z.shape[1], plan.parameters.shape[0]
-            fly_groups(plan, memory, results, width, plan.law, nothing_active if lean else find_active, 0, flights)
+            fly_groups(
+                plan,
+                memory,
+                results,
+                width,
+                plan.law,
+                nothing_active if lean else find_active,
+                0,
+                flights,
+            )
 
     return named_kernel(fly_lanes, lean)
 

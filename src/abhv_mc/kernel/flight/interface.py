@@ -91,6 +91,8 @@ class KernelResults(NamedTuple):
     history: NDArray[np.float32]  # [flight, sample, channel]
     states: Floats  # [flight, sample, state]; no samples where not asked for
     low: Floats  # [sample, channel] least and greatest values of all flights, from the sample to the tick before the
-    high: Floats  # next, the first above the second where nobody flew; no samples where not asked for
+    high: (
+        Floats  # next, the first above the second where nobody flew; no samples where not asked for
+    )
     kept: Floats  # [flight, row] memories before the last tick; no rows where not asked for
     samples: Floats  # [quantile, flight, tick] of metrics that are quantiles, in their order; not-a-number where none

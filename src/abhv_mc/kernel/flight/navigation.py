@@ -18,7 +18,9 @@ SEA_LEVEL_DENSITY = 1.225  # kg/m3, of the equivalent airspeed
 @scalar
 def bank_angle(q0, q1, q2, q3, sin_alpha, cos_alpha, sin_beta, cos_beta):
     """Bank about the velocity: where the wind axes' y and z point relative to the vertical."""
-    d_x, d_y, d_z = rotate_to_body(q0, q1, q2, q3, 0.0, 0.0, 1.0)  # the NED down axis in body components
+    d_x, d_y, d_z = rotate_to_body(
+        q0, q1, q2, q3, 0.0, 0.0, 1.0
+    )  # the NED down axis in body components
     y_down = -cos_alpha * sin_beta * d_x + cos_beta * d_y - sin_alpha * sin_beta * d_z
     z_down = -sin_alpha * d_x + cos_alpha * d_z
     return atan2(y_down, z_down)
@@ -76,13 +78,20 @@ def measure_air(Z, width, sensing):
 def measure_more(Z, width, reference, tick):
     """What laws of the user's own may ask for besides; the load factor is that of the step before, 1 at the start."""
     sin_h, cos_h = sincos(reference[tick, ref.HEADING])
-    atmosphere_lanes(Z, width, X + s.ALTITUDE, s.M_AIRSPEED, s.M_MACH)  # density, 1 / speed of sound
+    atmosphere_lanes(
+        Z, width, X + s.ALTITUDE, s.M_AIRSPEED, s.M_MACH
+    )  # density, 1 / speed of sound
     for lane in range(width):
         u, v, w = Z[X + s.U, lane], Z[X + s.V, lane], Z[X + s.W, lane]
-        airspeed, _, _, _, _, _ = flow_direction(u - Z[s.AIR_U, lane], v - Z[s.AIR_V, lane], w - Z[s.AIR_W, lane])
+        airspeed, _, _, _, _, _ = flow_direction(
+            u - Z[s.AIR_U, lane], v - Z[s.AIR_V, lane], w - Z[s.AIR_W, lane]
+        )
         density = Z[s.M_AIRSPEED, lane] * (Z[s.K_DENSITY, lane] * Z[s.DENSITY_PROFILE, lane])
         Z[s.M_EQUIVALENT_AIRSPEED, lane] = airspeed * math.sqrt(density / SEA_LEVEL_DENSITY)
-        north, east = Z[s.NORTH, lane] - reference[tick, ref.NORTH], Z[s.EAST, lane] - reference[tick, ref.EAST]
+        north, east = (
+            Z[s.NORTH, lane] - reference[tick, ref.NORTH],
+            Z[s.EAST, lane] - reference[tick, ref.EAST],
+        )
         Z[s.M_CROSS_TRACK, lane] = north * sin_h - east * cos_h
         Z[s.M_AIRSPEED, lane] = airspeed
         Z[s.M_MACH, lane] = airspeed * Z[s.M_MACH, lane]
@@ -92,5 +101,8 @@ def measure_more(Z, width, reference, tick):
         Z[s.M_PITCH, lane] = asin(2.0 * (q0 * q2 - q1 * q3))
         Z[s.M_ROLL, lane] = atan2(2.0 * (q0 * q1 + q2 * q3), q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3)
         Z[s.M_YAW, lane] = atan2(2.0 * (q0 * q3 + q1 * q2), q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3)
-        Z[s.M_LATITUDE, lane], Z[s.M_LONGITUDE, lane] = Z[X + s.LATITUDE, lane], Z[X + s.LONGITUDE, lane]
+        Z[s.M_LATITUDE, lane], Z[s.M_LONGITUDE, lane] = (
+            Z[X + s.LATITUDE, lane],
+            Z[X + s.LONGITUDE, lane],
+        )
         Z[s.M_NORTH, lane], Z[s.M_EAST, lane] = Z[s.NORTH, lane], Z[s.EAST, lane]

@@ -56,7 +56,11 @@ def check_limits(Z, O, width, observed, tick):
     for lane in range(width):
         Z[VERDICT, lane] = 0.0
     for i in range(observed.limit_row.size):
-        low, high, outcome = observed.limit_low[i], observed.limit_high[i], observed.limit_outcome[i]
+        low, high, outcome = (
+            observed.limit_low[i],
+            observed.limit_high[i],
+            observed.limit_outcome[i],
+        )
         check_limit(Z[VERDICT], Z[natural(observed.limit_row[i])], low, high, outcome, width)
     for lane in range(width):
         alive = O[ALIVE, lane]

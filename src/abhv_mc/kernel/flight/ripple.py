@@ -39,8 +39,14 @@ def watch_sides(Z, width, row, error, factor, share, tick):
     """
     changes = 0.0
     for lane in range(width):
-        value, mean, farthest = Z[error, lane] * factor, Z[row + MEAN, lane], Z[row + FARTHEST, lane]
-        farther = (value - farthest) * (farthest - mean) > 0.0  # before the mean moves: it may pass the farthest point
+        value, mean, farthest = (
+            Z[error, lane] * factor,
+            Z[row + MEAN, lane],
+            Z[row + FARTHEST, lane],
+        )
+        farther = (value - farthest) * (
+            farthest - mean
+        ) > 0.0  # before the mean moves: it may pass the farthest point
         farthest = value if farther else farthest
         mean += (value - mean) * share
         Z[row + MEAN, lane] = mean
@@ -77,4 +83,6 @@ def keep_cycle(Z, lane, row, length):
     size = larger(before, swing)
     if before >= HALF * swing and swing >= HALF * before and size > Z[row + LARGEST, lane]:
         Z[row + LARGEST, lane] = size
-        Z[row + FREQUENCY, lane] = 1.0 / ((Z[row + TICK, lane] - Z[row + FIRST_TICK, lane]) * length)
+        Z[row + FREQUENCY, lane] = 1.0 / (
+            (Z[row + TICK, lane] - Z[row + FIRST_TICK, lane]) * length
+        )

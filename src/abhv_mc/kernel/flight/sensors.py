@@ -19,7 +19,9 @@ MAX_DELAY_TICKS = 25
 # Rows of the lane memory, behind the control law's.
 NOISE = LAW + N_LAW_ROWS  # random numbers
 DELAY = NOISE + N_STREAM_ROWS  # the last measurements, a ring buffer
-MORE_NOISE = DELAY + (MAX_DELAY_TICKS + 1) * N_SEEN  # random numbers of what user laws may measure besides
+MORE_NOISE = (
+    DELAY + (MAX_DELAY_TICKS + 1) * N_SEEN
+)  # random numbers of what user laws may measure besides
 TRUE = MORE_NOISE + N_STREAM_ROWS  # at the last tick
 LATE = TRUE + N_SEEN  # what sensors with a lag gave then
 HELD = LATE + N_SEEN  # what is held until the next sample
@@ -38,7 +40,9 @@ _LAG = parameter_row("sensor.altitude_lag")
 _INTERVAL = parameter_row("sensor.altitude_interval")
 _SCALE = parameter_row("sensor.altitude_scale")
 _SCALED = tuple(ALL_SENSORS.index(name) for name in SCALED_SENSORS)
-_TURNS = tuple(name in ("heading", "bank", "roll", "yaw", "longitude") for name in ALL_SENSORS)  # by way of 180 deg
+_TURNS = tuple(
+    name in ("heading", "bank", "roll", "yaw", "longitude") for name in ALL_SENSORS
+)  # by way of 180 deg
 _LONGEST = 1e9  # ticks
 
 

@@ -8,8 +8,8 @@ from abhv_mc.kernel.numerics.quaternion import rotate_to_body, rotate_to_ned
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.state import XS, X, parameter_rows
 
-_ALTITUDE, _SPEED, _PATH, _HEADING, _ALPHA, _BETA, _BANK, _ROLL_RATE, _PITCH_RATE, _YAW_RATE = parameter_rows(
-    "initial.altitude", 10
+_ALTITUDE, _SPEED, _PATH, _HEADING, _ALPHA, _BETA, _BANK, _ROLL_RATE, _PITCH_RATE, _YAW_RATE = (
+    parameter_rows("initial.altitude", 10)
 )
 
 
@@ -35,7 +35,12 @@ def start_flights(Z, width, initial_state):
         for i in range(s.N_STATES):
             Z[X + i, lane] = initial_state[i]
         u, v, w = initial_state[s.U], initial_state[s.V], initial_state[s.W]
-        q0, q1, q2, q3 = initial_state[s.Q0], initial_state[s.Q1], initial_state[s.Q2], initial_state[s.Q3]
+        q0, q1, q2, q3 = (
+            initial_state[s.Q0],
+            initial_state[s.Q1],
+            initial_state[s.Q2],
+            initial_state[s.Q3],
+        )
         v_n, v_e, v_d = rotate_to_ned(q0, q1, q2, q3, u, v, w)
         speed = math.sqrt(u * u + v * v + w * w)
         level = math.sqrt(v_n * v_n + v_e * v_e)
@@ -43,7 +48,9 @@ def start_flights(Z, width, initial_state):
 
         sine, cosine = sincos(0.5 * Z[_BANK, lane])
         inverse = sine / (speed if speed > 0.0 else 1.0)
-        q0, q1, q2, q3 = multiply(cosine, inverse * v_n, inverse * v_e, inverse * v_d, q0, q1, q2, q3)
+        q0, q1, q2, q3 = multiply(
+            cosine, inverse * v_n, inverse * v_e, inverse * v_d, q0, q1, q2, q3
+        )
         sine, cosine = sincos(0.5 * Z[_PATH, lane])
         inverse = sine / (level if moving else 1.0)
         q0, q1, q2, q3 = multiply(cosine, -inverse * v_e, inverse * v_n, 0.0, q0, q1, q2, q3)
@@ -90,8 +97,12 @@ def face_air(Z, width):
     """
     for lane in range(width):
         q0, q1, q2, q3 = Z[X + s.Q0, lane], Z[X + s.Q1, lane], Z[X + s.Q2, lane], Z[X + s.Q3, lane]
-        v_n, v_e, v_d = rotate_to_ned(q0, q1, q2, q3, Z[X + s.U, lane], Z[X + s.V, lane], Z[X + s.W, lane])
-        w_n, w_e, _ = rotate_to_ned(q0, q1, q2, q3, Z[s.AIR_U, lane], Z[s.AIR_V, lane], Z[s.AIR_W, lane])
+        v_n, v_e, v_d = rotate_to_ned(
+            q0, q1, q2, q3, Z[X + s.U, lane], Z[X + s.V, lane], Z[X + s.W, lane]
+        )
+        w_n, w_e, _ = rotate_to_ned(
+            q0, q1, q2, q3, Z[s.AIR_U, lane], Z[s.AIR_V, lane], Z[s.AIR_W, lane]
+        )
         a_n, a_e = v_n - w_n, v_e - w_e
         sine, cosine = sincos(0.5 * atan2(v_n * a_e - v_e * a_n, v_n * a_n + v_e * a_e))
         q0, q1, q2, q3 = multiply(cosine, 0.0, 0.0, sine, q0, q1, q2, q3)

@@ -45,8 +45,14 @@ def nominal_moment(Z, lane, constants, density, q_bar, speed):
     fx, fy, fz = force_of(Z, lane, constants, q_bar, s.COEF, 1)
     t = thrust(Z, lane, constants, Z[s.V_ETA, lane], density, speed, q_bar)
     tx, tz = t * constants.thrust_cos, -t * constants.thrust_sin
-    f_x, f_y, f_z = Z[s.F_THRUST, lane], Z[s.F_THRUST + 1, lane], Z[s.F_THRUST + 2, lane]  # of an engine function
-    m_x, m_y, m_z = moment_about_cg(Z, lane, constants, q_bar, s.COEF, 1, fx + tx + f_x, fy + f_y, fz + tz + f_z)
+    f_x, f_y, f_z = (
+        Z[s.F_THRUST, lane],
+        Z[s.F_THRUST + 1, lane],
+        Z[s.F_THRUST + 2, lane],
+    )  # of an engine function
+    m_x, m_y, m_z = moment_about_cg(
+        Z, lane, constants, q_bar, s.COEF, 1, fx + tx + f_x, fy + f_y, fz + tz + f_z
+    )
     return (
         m_x + Z[s.F_MOMENT, lane],
         m_y + constants.thrust_offset_z * tx + Z[s.F_MOMENT + 1, lane],

@@ -26,8 +26,12 @@ REFERENCE = (
     "gravity",
     "radius",  # of the V / r terms: meridian radius plus altitude
 )
-TIME, ALTITUDE, ALTITUDE_RATE, SPEED, SPEED_RATE, FLIGHT_PATH_ANGLE, HEADING, HEADING_RATE = range(8)
-ANGLE_OF_ATTACK, BANK, EQUIVALENCE_RATIO, ELEVATOR, MASS, NORTH, EAST, LATITUDE, SETTLED = range(8, 17)
+TIME, ALTITUDE, ALTITUDE_RATE, SPEED, SPEED_RATE, FLIGHT_PATH_ANGLE, HEADING, HEADING_RATE = range(
+    8
+)
+ANGLE_OF_ATTACK, BANK, EQUIVALENCE_RATIO, ELEVATOR, MASS, NORTH, EAST, LATITUDE, SETTLED = range(
+    8, 17
+)
 TRACK_NORTH, TRACK_EAST, DENSITY, SOUND_SPEED, GRAVITY, RADIUS = range(17, 23)
 
 _GUIDANCE = ("path_integral", "path", "heading_integral", "heading", "speed_integral", "speed")
@@ -39,8 +43,16 @@ TLC_GAINS = (
     *(f"angle_of_attack_by_{name}" for name in _GUIDANCE),
     *(f"bank_by_{name}" for name in _GUIDANCE),
     *(f"equivalence_ratio_by_{name}" for name in _GUIDANCE),
-    *(f"{channel}_{a}" for channel in ("angle_of_attack", "sideslip", "bank") for a in ("a1", "a2")),
-    *(f"{channel}_{a}" for channel in ("roll_rate", "pitch_rate", "yaw_rate") for a in ("a1", "a2")),
+    *(
+        f"{channel}_{a}"
+        for channel in ("angle_of_attack", "sideslip", "bank")
+        for a in ("a1", "a2")
+    ),
+    *(
+        f"{channel}_{a}"
+        for channel in ("roll_rate", "pitch_rate", "yaw_rate")
+        for a in ("a1", "a2")
+    ),
 )
 TLC_K1, TLC_K2, TLC_ATTITUDE, TLC_RATE = 0, 2, 20, 26
 TLC_SETTINGS = (

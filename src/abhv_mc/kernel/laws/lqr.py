@@ -53,7 +53,9 @@ def lqr_tick(plan, memory, width, tick):
         n = LQR_LATERAL
         elevator = reference[tick, ref.ELEVATOR] - (k[e] * alpha_err + k[e + 1] * pitch_rate)
         aileron = -(k[n] * bank_err + k[n + 1] * beta + k[n + 2] * roll_rate + k[n + 3] * yaw_rate)
-        rudder = -(k[n + 4] * bank_err + k[n + 5] * beta + k[n + 6] * roll_rate + k[n + 7] * yaw_rate)
+        rudder = -(
+            k[n + 4] * bank_err + k[n + 5] * beta + k[n + 6] * roll_rate + k[n + 7] * yaw_rate
+        )
         Z[s.GAMMA_CMD, lane] = reference[tick, ref.FLIGHT_PATH_ANGLE]
         Z[s.ALPHA_CMD, lane] = alpha_cmd
         Z[s.BANK_CMD, lane] = bank_cmd

@@ -64,7 +64,11 @@ def tlc_guidance(Z, width, vehicle, reference, gains, settings, k, dt):
     for lane in range(width):
         altitude = Z[s.M_ALTITUDE, lane] - reference[k, ref.ALTITUDE]
         int_altitude = Z[I_ALTITUDE, lane] + dt * altitude
-        path_cmd = reference[k, ref.FLIGHT_PATH_ANGLE] - g[TLC_K1] * int_altitude - g[TLC_K1 + 1] * altitude
+        path_cmd = (
+            reference[k, ref.FLIGHT_PATH_ANGLE]
+            - g[TLC_K1] * int_altitude
+            - g[TLC_K1 + 1] * altitude
+        )
         path = Z[s.M_GAMMA, lane] - path_cmd
         heading = wrap(Z[s.M_CHI, lane] - reference[k, ref.HEADING])
         speed = Z[s.M_SPEED, lane] - reference[k, ref.SPEED]
@@ -123,7 +127,10 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
     wd_attitude, wd_rate = settings[0], settings[1]
     decay_attitude, decay_rate = exp(-wd_attitude * dt), exp(-wd_rate * dt)
     g = gains[k]
-    attitude_spectrum, rate_spectrum = Spectrum(*six_from(g, TLC_ATTITUDE)), Spectrum(*six_from(g, TLC_RATE))
+    attitude_spectrum, rate_spectrum = (
+        Spectrum(*six_from(g, TLC_ATTITUDE)),
+        Spectrum(*six_from(g, TLC_RATE)),
+    )
     for lane in range(width):
         speed = Z[s.M_SPEED, lane]
         q_bar = 0.5 * Z[RHO_NOM, lane] * speed * speed
@@ -140,7 +147,9 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
         t_slope = q_s * Z[T_THRUST_SLOPE, lane]
         sin_ae = sin_a * constants.thrust_cos + cos_a * constants.thrust_sin
         cos_ae = cos_a * constants.thrust_cos - sin_a * constants.thrust_sin
-        side_slope = side_force_slope(constants, q_s, Z[SLOPES + 2 * N_INPUTS + 3, lane], Z[T_DRAG, lane])
+        side_slope = side_force_slope(
+            constants, q_s, Z[SLOPES + 2 * N_INPUTS + 3, lane], Z[T_DRAG, lane]
+        )
         point = AttitudePoint(
             mass * speed,
             gravity_speed,
@@ -172,13 +181,28 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
         int_beta = Z[I_ATTITUDE + 1, lane] + dt * beta_err
         int_bank = Z[I_ATTITUDE + 2, lane] + dt * bank_err
         p_cmd = p_nom - (
-            k[0] * int_alpha + k[1] * alpha_err + k[2] * int_beta + k[3] * beta_err + k[4] * int_bank + k[5] * bank_err
+            k[0] * int_alpha
+            + k[1] * alpha_err
+            + k[2] * int_beta
+            + k[3] * beta_err
+            + k[4] * int_bank
+            + k[5] * bank_err
         )
         q_cmd = q_nom - (
-            m[0] * int_alpha + m[1] * alpha_err + m[2] * int_beta + m[3] * beta_err + m[4] * int_bank + m[5] * bank_err
+            m[0] * int_alpha
+            + m[1] * alpha_err
+            + m[2] * int_beta
+            + m[3] * beta_err
+            + m[4] * int_bank
+            + m[5] * bank_err
         )
         r_cmd = r_nom - (
-            n[0] * int_alpha + n[1] * alpha_err + n[2] * int_beta + n[3] * beta_err + n[4] * int_bank + n[5] * bank_err
+            n[0] * int_alpha
+            + n[1] * alpha_err
+            + n[2] * int_beta
+            + n[3] * beta_err
+            + n[4] * int_bank
+            + n[5] * bank_err
         )
 
         # Sub-loop 4 about the commanded rates.
@@ -191,7 +215,12 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
         Z[D_P, lane] = differentiator_next(decay_rate, d_p, p_cmd)
         Z[D_Q, lane] = differentiator_next(decay_rate, d_q, q_cmd)
         Z[D_R, lane] = differentiator_next(decay_rate, d_r, r_cmd)
-        inertia = Inertia(Z[s.INERTIA_XX, lane], Z[s.INERTIA_YY, lane], Z[s.INERTIA_ZZ, lane], Z[s.INERTIA_13, lane])
+        inertia = Inertia(
+            Z[s.INERTIA_XX, lane],
+            Z[s.INERTIA_YY, lane],
+            Z[s.INERTIA_ZZ, lane],
+            Z[s.INERTIA_13, lane],
+        )
         m_x, m_y, m_z = moment_inverse(inertia, p_cmd, q_cmd, r_cmd, p_dot, q_dot, r_dot)
         k, m, n = rate_gains(inertia, p_cmd, q_cmd, r_cmd, rate_spectrum)
         p_err = Z[s.M_P, lane] - p_cmd
@@ -200,16 +229,24 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
         int_p = Z[I_RATE, lane] + dt * p_err
         int_q = Z[I_RATE + 1, lane] + dt * q_err
         int_r = Z[I_RATE + 2, lane] + dt * r_err
-        m_x -= k[0] * int_p + k[1] * p_err + k[2] * int_q + k[3] * q_err + k[4] * int_r + k[5] * r_err
-        m_y -= m[0] * int_p + m[1] * p_err + m[2] * int_q + m[3] * q_err + m[4] * int_r + m[5] * r_err
-        m_z -= n[0] * int_p + n[1] * p_err + n[2] * int_q + n[3] * q_err + n[4] * int_r + n[5] * r_err
+        m_x -= (
+            k[0] * int_p + k[1] * p_err + k[2] * int_q + k[3] * q_err + k[4] * int_r + k[5] * r_err
+        )
+        m_y -= (
+            m[0] * int_p + m[1] * p_err + m[2] * int_q + m[3] * q_err + m[4] * int_r + m[5] * r_err
+        )
+        m_z -= (
+            n[0] * int_p + n[1] * p_err + n[2] * int_q + n[3] * q_err + n[4] * int_r + n[5] * r_err
+        )
 
         # Allocation (19): the moment wanted in addition to that of the last commands.
         now_x, now_y, now_z = nominal_moment(Z, lane, constants, Z[RHO_NOM, lane], q_bar, speed)
         a_x, a_y, a_z = moment_slope(Z, lane, constants, q_bar, SLOPES, 0)
         b_x, b_y, b_z = moment_slope(Z, lane, constants, q_bar, SLOPES, 1)
         c_x, c_y, c_z = moment_slope(Z, lane, constants, q_bar, SLOPES, 2)
-        da, dr, de = solve_3x3(a_x, b_x, c_x, a_y, b_y, c_y, a_z, b_z, c_z, m_x - now_x, m_y - now_y, m_z - now_z)
+        da, dr, de = solve_3x3(
+            a_x, b_x, c_x, a_y, b_y, c_y, a_z, b_z, c_z, m_x - now_x, m_y - now_y, m_z - now_z
+        )
         aileron = Z[s.CMD_AILERON, lane] + da
         rudder = Z[s.CMD_RUDDER, lane] + dr
         elevator = Z[s.CMD_ELEVATOR, lane] + de
@@ -258,7 +295,13 @@ def nominal_vehicle(plan, memory, width, active):
 @lanes
 def tlc_tick(plan, memory, width, active, tick):
     """Commands from the measurement at a control tick; ``active`` None: of a vehicle of tables alone."""
-    Z, vehicle, reference, gains, settings = memory.Z, plan.vehicle, plan.reference, plan.gains, plan.settings
+    Z, vehicle, reference, gains, settings = (
+        memory.Z,
+        plan.vehicle,
+        plan.reference,
+        plan.gains,
+        plan.settings,
+    )
     dt = plan.timing.step * plan.timing.steps_per_tick
     tlc_guidance(Z, width, vehicle, reference, gains, settings, tick, dt)
     nominal_variables(Z, width, vehicle, reference, tick)

@@ -55,9 +55,17 @@ def attitude_inverse(point, alpha_dot, beta_dot, bank_dot):
     about_velocity = bank_dot - point.tan_gamma * (
         (point.normal_force * point.sin_bank + point.side_force * point.cos_bank) / point.mass_speed
     )
-    sideways = beta_dot - point.side_force / point.mass_speed - point.gravity_speed * point.cos_gamma * point.sin_bank
+    sideways = (
+        beta_dot
+        - point.side_force / point.mass_speed
+        - point.gravity_speed * point.cos_gamma * point.sin_bank
+    )
     p = about_velocity * point.cos_alpha + sideways * point.sin_alpha
-    q = alpha_dot + point.normal_force / point.mass_speed - point.gravity_speed * point.cos_gamma * point.cos_bank
+    q = (
+        alpha_dot
+        + point.normal_force / point.mass_speed
+        - point.gravity_speed * point.cos_gamma * point.cos_bank
+    )
     r = about_velocity * point.sin_alpha - sideways * point.cos_alpha
     return p, q, r
 
@@ -87,9 +95,18 @@ def attitude_gains(point, p, r, spectrum):
     bank_by_bank = point.tan_gamma * (normal * cs - side * ss) + spectrum.a2_2
 
     # B = [[0, 1, 0], [sin a, 0, -cos a], [cos a, 0, sin a]]: p and r turn the rows of beta and bank by alpha.
-    p_by_alpha, r_by_alpha = sa * beta_by_alpha + ca * bank_by_alpha, sa * bank_by_alpha - ca * beta_by_alpha
-    p_by_beta, r_by_beta = sa * beta_by_beta + ca * bank_by_beta, sa * bank_by_beta - ca * beta_by_beta
-    p_by_bank, r_by_bank = sa * beta_by_bank + ca * bank_by_bank, sa * bank_by_bank - ca * beta_by_bank
+    p_by_alpha, r_by_alpha = (
+        sa * beta_by_alpha + ca * bank_by_alpha,
+        sa * bank_by_alpha - ca * beta_by_alpha,
+    )
+    p_by_beta, r_by_beta = (
+        sa * beta_by_beta + ca * bank_by_beta,
+        sa * bank_by_beta - ca * beta_by_beta,
+    )
+    p_by_bank, r_by_bank = (
+        sa * beta_by_bank + ca * bank_by_bank,
+        sa * bank_by_bank - ca * beta_by_bank,
+    )
     return (
         (0.0, p_by_alpha, sa * spectrum.a1_1, p_by_beta, ca * spectrum.a1_2, p_by_bank),
         (spectrum.a1_0, alpha_by_alpha, 0.0, alpha_by_beta, 0.0, alpha_by_bank),

@@ -84,9 +84,23 @@ def look_up_trim(Z, W, trim, cells, alpha_row, eta_row, first_row):
     s0, s1, s2 = trim.group_stride[0, 0], trim.group_stride[0, 1], trim.group_stride[0, 2]
     start = trim.group_start[0]
     for lane in range(W):
-        corner = start + cells.cell[0, lane] * s0 + cells.cell[1, lane] * s1 + cells.cell[2, lane] * s2
+        corner = (
+            start + cells.cell[0, lane] * s0 + cells.cell[1, lane] * s1 + cells.cell[2, lane] * s2
+        )
         t0, t1, t2 = cells.fraction[0, lane], cells.fraction[1, lane], cells.fraction[2, lane]
-        blend(trim.data, corner, s0, s1, s2, t0, t1, t2, cells.per_step[1, lane], cells.value, cells.slope)
+        blend(
+            trim.data,
+            corner,
+            s0,
+            s1,
+            s2,
+            t0,
+            t1,
+            t2,
+            cells.per_step[1, lane],
+            cells.value,
+            cells.slope,
+        )
         Z[first_row, lane] = cells.value[LIFT]
         Z[first_row + 1, lane] = cells.value[DRAG]
         Z[first_row + 2, lane] = cells.value[THRUST]

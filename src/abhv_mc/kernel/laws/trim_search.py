@@ -77,14 +77,19 @@ class Cut(NamedTuple):
 def _cut_at_mach(tables, mach, cut):
     """Interpolate the trim tables in Mach, into ``cut.plane``."""
     start, length = tables.axis_start[0], tables.axis_length[0]
-    nodes, inverse_step = tables.grid[start : start + length], tables.inverse_step[start : start + length]
+    nodes, inverse_step = (
+        tables.grid[start : start + length],
+        tables.inverse_step[start : start + length],
+    )
     i, s = bracket(nodes, inverse_step, length, 0, mach)
     s0, s1, s2 = tables.group_stride[0, 0], tables.group_stride[0, 1], tables.group_stride[0, 2]
     for j in range(cut.alpha.size):
         for k in range(cut.eta.size):
             corner = tables.group_start[0] + i * s0 + j * s1 + k * s2
             for row in range(cut.line.shape[1]):
-                cut.plane[k, j, row] = (1.0 - s) * tables.data[corner + row] + s * tables.data[corner + s0 + row]
+                cut.plane[k, j, row] = (1.0 - s) * tables.data[corner + row] + s * tables.data[
+                    corner + s0 + row
+                ]
 
 
 @scalar
@@ -154,7 +159,9 @@ def _alpha_of(eta, near, margin, cut, expected, bounds):
     low, high = max(bounds.alpha_low, near - margin), min(bounds.alpha_high, near + margin)
     root, status = near, NO_SIGN_CHANGE
     for _ in range(bounds.searches):
-        root, _, status = _brent_alpha(_alpha_residual, (cut, expected), low, high, X_TOLERANCE, MAX_ITERATIONS)
+        root, _, status = _brent_alpha(
+            _alpha_residual, (cut, expected), low, high, X_TOLERANCE, MAX_ITERATIONS
+        )
         if status != NO_SIGN_CHANGE:
             break
         low, high = bounds.alpha_low, bounds.alpha_high
@@ -165,7 +172,10 @@ def _alpha_of(eta, near, margin, cut, expected, bounds):
 def _eta_residual(eta, near_alpha, margin, cut, expected, bounds):
     alpha, _ = _alpha_of(eta, near_alpha, margin, cut, expected, bounds)
     cos_thrust = np.cos(alpha) * expected.thrust_cos - np.sin(alpha) * expected.thrust_sin
-    return expected.q_area * (_look_up(alpha, THRUST, cut) * cos_thrust - _look_up(alpha, DRAG, cut)) - expected.axial
+    return (
+        expected.q_area * (_look_up(alpha, THRUST, cut) * cos_thrust - _look_up(alpha, DRAG, cut))
+        - expected.axial
+    )
 
 
 @routine
@@ -184,8 +194,14 @@ def _eta_of(near, margin, near_alpha, alpha_margin, cut, expected, bounds):
 @kernel
 def fill_trim(tables, constants, points, mass, tick, held_eta, warm, bounds, cut, solution):
     """Fill ``solution[point, 6]``; see :func:`abhv_mc.control.design.guidance_trim.trim_along`."""
-    near_eta, eta_margin = 0.5 * (bounds.eta_low + bounds.eta_high), bounds.eta_high - bounds.eta_low
-    near_alpha, alpha_margin = 0.5 * (bounds.alpha_low + bounds.alpha_high), bounds.alpha_high - bounds.alpha_low
+    near_eta, eta_margin = (
+        0.5 * (bounds.eta_low + bounds.eta_high),
+        bounds.eta_high - bounds.eta_low,
+    )
+    near_alpha, alpha_margin = (
+        0.5 * (bounds.alpha_low + bounds.alpha_high),
+        bounds.alpha_high - bounds.alpha_low,
+    )
     for k in range(points.speed.size):
         speed, gamma, chi = points.speed[k], points.flight_path_angle[k], points.heading[k]
         gravity, radius = points.gravity[k], points.radius[k]
@@ -203,7 +219,9 @@ def fill_trim(tables, constants, points, mass, tick, held_eta, warm, bounds, cut
         _cut_at_mach(tables, expected.mach, cut)
         eta, status = held_eta, 0
         if held_eta < 0.0:
-            eta, found = _eta_of(near_eta, eta_margin, near_alpha, alpha_margin, cut, expected, bounds)
+            eta, found = _eta_of(
+                near_eta, eta_margin, near_alpha, alpha_margin, cut, expected, bounds
+            )
             status += NO_EQUIVALENCE_RATIO if found != 0 else 0
         alpha, found = _alpha_of(eta, near_alpha, alpha_margin, cut, expected, bounds)
         status += NO_ANGLE_OF_ATTACK if found != 0 else 0

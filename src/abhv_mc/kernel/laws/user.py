@@ -11,7 +11,13 @@ from abhv_mc.kernel.jit_pointer import call_address
 from abhv_mc.kernel.laws import columns as ref
 from abhv_mc.kernel.laws.allocation import moment_slope, nominal_moment
 from abhv_mc.kernel.laws.tlc import N_ROWS as N_TLC_ROWS
-from abhv_mc.kernel.laws.tlc import RHO_NOM, SLOPES, nominal_forces, nominal_variables, nominal_vehicle
+from abhv_mc.kernel.laws.tlc import (
+    RHO_NOM,
+    SLOPES,
+    nominal_forces,
+    nominal_variables,
+    nominal_vehicle,
+)
 from abhv_mc.kernel.numerics.angles import clamp
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.effectors import count_driven, leave_effectors, share_commands
@@ -44,8 +50,19 @@ def own_tick(plan, memory, width, tick):
         nominal_onboard(plan, memory, width, tick)
     leave_effectors(Z, width, plan.vehicle)
     if user_code.address != 0:
-        call_address(user_code.address, user_code.context, Z, plan.reference, plan.gains, plan.settings, tick, dt)
-    finish_commands(Z, width, plan.vehicle.constants, count_driven(plan.vehicle), plan.reference, tick)
+        call_address(
+            user_code.address,
+            user_code.context,
+            Z,
+            plan.reference,
+            plan.gains,
+            plan.settings,
+            tick,
+            dt,
+        )
+    finish_commands(
+        Z, width, plan.vehicle.constants, count_driven(plan.vehicle), plan.reference, tick
+    )
     share_commands(Z, width, plan.vehicle)
 
 
@@ -114,10 +131,20 @@ def nominal_onboard(plan, memory, width, tick):
                     row = _MOMENT + 3 + 3 * i
                     Z[row, lane], Z[row + 1, lane], Z[row + 2, lane] = m_x, m_y, m_z
                 Z[_LIFT, lane], Z[_LIFT + 1, lane], Z[_LIFT + 2, lane] = lift, drag, force
-                Z[_INERTIA, lane], Z[_INERTIA + 1, lane] = Z[s.INERTIA_XX, lane], Z[s.INERTIA_YY, lane]
-                Z[_INERTIA + 2, lane], Z[_INERTIA + 3, lane] = Z[s.INERTIA_ZZ, lane], Z[s.INERTIA_13, lane]
+                Z[_INERTIA, lane], Z[_INERTIA + 1, lane] = (
+                    Z[s.INERTIA_XX, lane],
+                    Z[s.INERTIA_YY, lane],
+                )
+                Z[_INERTIA + 2, lane], Z[_INERTIA + 3, lane] = (
+                    Z[s.INERTIA_ZZ, lane],
+                    Z[s.INERTIA_13, lane],
+                )
             else:
-                step = Z[s.V_ALPHA, lane] - Z[s.M_ALPHA, lane] if probe == 1 else Z[s.V_ETA, lane] - Z[s.CMD_ETA, lane]
+                step = (
+                    Z[s.V_ALPHA, lane] - Z[s.M_ALPHA, lane]
+                    if probe == 1
+                    else Z[s.V_ETA, lane] - Z[s.CMD_ETA, lane]
+                )
                 row = _SLOPES + 3 * (probe - 1)
                 Z[row, lane] = (lift - Z[_LIFT, lane]) / step
                 Z[row + 1, lane] = (drag - Z[_LIFT + 1, lane]) / step

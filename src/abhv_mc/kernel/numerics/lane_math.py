@@ -267,7 +267,9 @@ def two_angles(y_1: float, x_1: float, y_2: float, x_2: float) -> tuple[float, f
     """``atan2`` of two points near the unit circle, within 4 ulp, with one division for both."""
     first, second = octant_of(y_1, x_1), octant_of(y_2, x_2)
     per_first, per_second = reciprocals(first.denominator, second.denominator)
-    return angle_in(first, first.numerator * per_first, y_1), angle_in(second, second.numerator * per_second, y_2)
+    return angle_in(first, first.numerator * per_first, y_1), angle_in(
+        second, second.numerator * per_second, y_2
+    )
 
 
 @scalar

@@ -14,9 +14,21 @@ def rotate_to_ned(
     q0: float, q1: float, q2: float, q3: float, x: float, y: float, z: float
 ) -> tuple[float, float, float]:
     """North, east, down components of the vector whose body components are x, y, z."""
-    north = (1.0 - 2.0 * (q2 * q2 + q3 * q3)) * x + 2.0 * (q1 * q2 - q0 * q3) * y + 2.0 * (q1 * q3 + q0 * q2) * z
-    east = 2.0 * (q1 * q2 + q0 * q3) * x + (1.0 - 2.0 * (q1 * q1 + q3 * q3)) * y + 2.0 * (q2 * q3 - q0 * q1) * z
-    down = 2.0 * (q1 * q3 - q0 * q2) * x + 2.0 * (q2 * q3 + q0 * q1) * y + (1.0 - 2.0 * (q1 * q1 + q2 * q2)) * z
+    north = (
+        (1.0 - 2.0 * (q2 * q2 + q3 * q3)) * x
+        + 2.0 * (q1 * q2 - q0 * q3) * y
+        + 2.0 * (q1 * q3 + q0 * q2) * z
+    )
+    east = (
+        2.0 * (q1 * q2 + q0 * q3) * x
+        + (1.0 - 2.0 * (q1 * q1 + q3 * q3)) * y
+        + 2.0 * (q2 * q3 - q0 * q1) * z
+    )
+    down = (
+        2.0 * (q1 * q3 - q0 * q2) * x
+        + 2.0 * (q2 * q3 + q0 * q1) * y
+        + (1.0 - 2.0 * (q1 * q1 + q2 * q2)) * z
+    )
     return north, east, down
 
 
@@ -25,9 +37,21 @@ def rotate_to_body(
     q0: float, q1: float, q2: float, q3: float, north: float, east: float, down: float
 ) -> tuple[float, float, float]:
     """Body x, y, z components of the vector whose NED components are given."""
-    x = (1.0 - 2.0 * (q2 * q2 + q3 * q3)) * north + 2.0 * (q1 * q2 + q0 * q3) * east + 2.0 * (q1 * q3 - q0 * q2) * down
-    y = 2.0 * (q1 * q2 - q0 * q3) * north + (1.0 - 2.0 * (q1 * q1 + q3 * q3)) * east + 2.0 * (q2 * q3 + q0 * q1) * down
-    z = 2.0 * (q1 * q3 + q0 * q2) * north + 2.0 * (q2 * q3 - q0 * q1) * east + (1.0 - 2.0 * (q1 * q1 + q2 * q2)) * down
+    x = (
+        (1.0 - 2.0 * (q2 * q2 + q3 * q3)) * north
+        + 2.0 * (q1 * q2 + q0 * q3) * east
+        + 2.0 * (q1 * q3 - q0 * q2) * down
+    )
+    y = (
+        2.0 * (q1 * q2 - q0 * q3) * north
+        + (1.0 - 2.0 * (q1 * q1 + q3 * q3)) * east
+        + 2.0 * (q2 * q3 + q0 * q1) * down
+    )
+    z = (
+        2.0 * (q1 * q3 + q0 * q2) * north
+        + 2.0 * (q2 * q3 - q0 * q1) * east
+        + (1.0 - 2.0 * (q1 * q1 + q2 * q2)) * down
+    )
     return x, y, z
 
 

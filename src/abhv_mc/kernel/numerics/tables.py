@@ -22,7 +22,9 @@ def bracket(grid, inverse_step, length, hint, x):
     """
     low = grid[0]
     high = grid[length - 1]
-    x = x if x > low else low  # a NaN lands on the first node; the state itself is checked elsewhere
+    x = (
+        x if x > low else low
+    )  # a NaN lands on the first node; the state itself is checked elsewhere
     x = x if x < high else high
     i = natural(hint)
     while i < length - 2 and x >= grid[natural(i + 1)]:

@@ -45,7 +45,9 @@ def prepare_actuators(Z, width, constants, step):
             if engine:
                 bandwidth = constants.engine_bandwidth * Z[s.K_ENGINE_BANDWIDTH, lane]
                 damping = constants.engine_damping * Z[s.K_ENGINE_DAMPING, lane]
-            prepare_actuator(Z, lane, s.ACTUATORS + engine * N_ACTUATOR_ROWS, bandwidth, damping, step)
+            prepare_actuator(
+                Z, lane, s.ACTUATORS + engine * N_ACTUATOR_ROWS, bandwidth, damping, step
+            )
 
 
 @lanes
@@ -83,14 +85,24 @@ class Actuator(NamedTuple):
 def deflection_rows(i):
     """Rows of aileron, rudder or elevator."""
     position, rate = s.AILERON + i, s.AILERON_RATE + i
-    return Actuator(X + position, X + rate, XS + position, SUM + position, SUM + rate, s.ACTUATED + i, s.ACTUATORS)
+    return Actuator(
+        X + position,
+        X + rate,
+        XS + position,
+        SUM + position,
+        SUM + rate,
+        s.ACTUATED + i,
+        s.ACTUATORS,
+    )
 
 
 @scalar
 def engine_rows():
     """Rows of the engine."""
     block = s.ACTUATORS + N_ACTUATOR_ROWS
-    return Actuator(X + s.ETA, X + s.ETA_RATE, XS + s.ETA, SUM + s.ETA, SUM + s.ETA_RATE, s.ACTUATED + 3, block)
+    return Actuator(
+        X + s.ETA, X + s.ETA_RATE, XS + s.ETA, SUM + s.ETA, SUM + s.ETA_RATE, s.ACTUATED + 3, block
+    )
 
 
 @lanes
@@ -113,14 +125,20 @@ def run_actuator(Z, width, rows, low, high, rate_limit, step, recorded):
         Z[rows.end_rate, lane] = 0.0 if recorded else end_rate
         reach = Z[block + REACH, lane] * abs(rate) + Z[block + REACH + 1, lane] * abs(error)
         span = step * reach
-        inside = reach < rate_limit[lane] and position - span > low[lane] and position + span < high[lane]
+        inside = (
+            reach < rate_limit[lane]
+            and position - span > low[lane]
+            and position + span < high[lane]
+        )
         slow += 0 if inside else 1
     if slow == 0 or recorded:
         return
     short = step / SUBSTEPS
     for lane in range(width):
         start, rate, command = Z[rows.position, lane], Z[rows.rate, lane], Z[rows.command, lane]
-        reach = Z[block + REACH, lane] * abs(rate) + Z[block + REACH + 1, lane] * abs(start - command)
+        reach = Z[block + REACH, lane] * abs(rate) + Z[block + REACH + 1, lane] * abs(
+            start - command
+        )
         span = step * reach
         inside = reach < rate_limit[lane] and start - span > low[lane] and start + span < high[lane]
         response = Response(
@@ -151,7 +169,9 @@ def command_ideal(Z, width, constants):
         for i in range(3):
             for lane in range(width):
                 limit = constants.surface_limit * Z[s.K_LIMIT, lane]
-                place_actuator(Z, lane, s.AILERON + i, clamp(Z[s.ACTUATED + i, lane], -limit, limit))
+                place_actuator(
+                    Z, lane, s.AILERON + i, clamp(Z[s.ACTUATED + i, lane], -limit, limit)
+                )
     if constants.ideal_engine > 0.0:
         for lane in range(width):
             highest = constants.equivalence_ratio_max * Z[_K_ETA_LIMIT, lane]
@@ -186,7 +206,9 @@ def run_actuators(Z, width, constants, step, recorded):
             rest_actuator(Z, width, s.AILERON + i, s.AILERON_RATE + i)
             continue
         for lane in range(width):
-            rate_limit[lane] = constants.surface_rate_limit * Z[s.K_RATE, lane] * Z[s.RATE_FACTOR + i, lane]
+            rate_limit[lane] = (
+                constants.surface_rate_limit * Z[s.K_RATE, lane] * Z[s.RATE_FACTOR + i, lane]
+            )
         run_actuator(Z, width, deflection_rows(i), low, high, rate_limit, step, recorded)
     if constants.ideal_engine > 0.0 and not recorded:
         rest_actuator(Z, width, s.ETA, s.ETA_RATE)

@@ -17,7 +17,16 @@ from abhv_mc.kernel.numerics.tables import (
     weigh,
 )
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.state import COEF, FIXED, MAX_AXES, MAX_TABLE_ROWS, OUTSIDE, VAR, P, aligned_zeros
+from abhv_mc.kernel.plant.state import (
+    COEF,
+    FIXED,
+    MAX_AXES,
+    MAX_TABLE_ROWS,
+    OUTSIDE,
+    VAR,
+    P,
+    aligned_zeros,
+)
 from abhv_mc.kernel.plant.vehicle import FIXED_TABLE_ROWS
 
 
@@ -36,7 +45,9 @@ def make_cells(width: int) -> TableCells:
     """Memory of ``width`` lanes before their first look-up."""
     cell, fraction = aligned_zeros((MAX_AXES, width), np.int64), aligned_zeros((MAX_AXES, width))
     lowest, spread = aligned_zeros(MAX_AXES, np.int64), aligned_zeros(MAX_AXES, np.int64)
-    return TableCells(cell, fraction, lowest, spread, aligned_zeros((4, width)), aligned_zeros(MAX_TABLE_ROWS))
+    return TableCells(
+        cell, fraction, lowest, spread, aligned_zeros((4, width)), aligned_zeros(MAX_TABLE_ROWS)
+    )
 
 
 @lanes
@@ -66,7 +77,9 @@ def find_cells(Z, W, tables, cells):
             some_below |= not above
             some_above |= above
             cells.cell[a, lane] = cell + 1 if above else cell
-            cells.fraction[a, lane] = (x - (middle if above else left)) * (per_right if above else per_left)
+            cells.fraction[a, lane] = (x - (middle if above else left)) * (
+                per_right if above else per_left
+            )
         cells.spread[a] = 1 if some_below and some_above else 0
         cells.lowest[a] = cell if some_below else cell + 1
         if elsewhere:
@@ -107,7 +120,9 @@ def interpolate_groups(T, W, tables, cells):
         used = natural(tables.group_used[g])
         flat = tables.group_dimensions[g] == 2
         line = flat and s1 == 0
-        spread = cells.spread[a0] + (0 if line else cells.spread[a1]) + (0 if flat else cells.spread[a2])
+        spread = (
+            cells.spread[a0] + (0 if line else cells.spread[a1]) + (0 if flat else cells.spread[a2])
+        )
         c = natural(start + cells.lowest[a0] * s0 + cells.lowest[a1] * s1)
         if line and spread <= 1:
             c = natural(start + cells.lowest[a0] * s0)
@@ -119,24 +134,40 @@ def interpolate_groups(T, W, tables, cells):
         elif flat and not line and spread == 0:
             set_weights(weight, fraction, a0, a1, W)
             for k in range(0, used, 2):  # in pairs: the padding makes their number even
-                corners, corners_2 = corners_of(data, c + k, s0, s1), corners_of(data, c + k + 1, s0, s1)
+                corners, corners_2 = (
+                    corners_of(data, c + k, s0, s1),
+                    corners_of(data, c + k + 1, s0, s1),
+                )
                 share_corners_2d(T[row + k], T[row + k + 1], weight, corners, corners_2, W)
         elif flat and not line and spread == 1:
             set_weights(weight, fraction, a0, a1, W)
             split, further = (a0, s0) if cells.spread[a0] == 1 else (a1, s1)
             upper = cells.lowest[split] + 1
             for k in range(used):
-                corners, corners_up = corners_of(data, c + k, s0, s1), corners_of(data, c + k + further, s0, s1)
-                choose_corners_2d(T[row + k], weight, cells.cell[split], upper, corners, corners_up, W)
+                corners, corners_up = (
+                    corners_of(data, c + k, s0, s1),
+                    corners_of(data, c + k + further, s0, s1),
+                )
+                choose_corners_2d(
+                    T[row + k], weight, cells.cell[split], upper, corners, corners_up, W
+                )
         elif not flat and spread == 0:
             c = natural(c + cells.lowest[a2] * s2)
             set_weights(weight, fraction, a0, a1, W)
             for k in range(used):
-                corners, corners_up = corners_of(data, c + k, s0, s1), corners_of(data, c + k + s2, s0, s1)
+                corners, corners_up = (
+                    corners_of(data, c + k, s0, s1),
+                    corners_of(data, c + k + s2, s0, s1),
+                )
                 share_corners_3d(T[row + k], weight, fraction[a2], corners, corners_up, W)
         else:
             for lane in range(W):
-                corner = start + cells.cell[a0, lane] * s0 + cells.cell[a1, lane] * s1 + cells.cell[a2, lane] * s2
+                corner = (
+                    start
+                    + cells.cell[a0, lane] * s0
+                    + cells.cell[a1, lane] * s1
+                    + cells.cell[a2, lane] * s2
+                )
                 t0, t1, t2 = fraction[a0, lane], fraction[a1, lane], fraction[a2, lane]
                 if line:
                     interpolate_1d(data, corner, s0, t0, used, cells.row)
@@ -183,7 +214,9 @@ def choose_corners_2d(out, weights, cell, upper, corners, corners_up, W):
     for lane in range(W):
         up = cell[lane] == upper
         w = weights[0, lane], weights[1, lane], weights[2, lane], weights[3, lane]
-        out[lane] = mix(w, (a_up if up else a, b_up if up else b, c_up if up else c, d_up if up else d))
+        out[lane] = mix(
+            w, (a_up if up else a, b_up if up else b, c_up if up else c, d_up if up else d)
+        )
 
 
 @lanes
@@ -213,7 +246,9 @@ def build_up(Z, T, W, terms, factors):
             Z[COEF + c, lane] = 0.0
     for term in range(terms.coefficient.size):
         total, factor = Z[COEF + natural(terms.coefficient[term])], Z[P + natural(factors[term])]
-        add_term(total, factor, T[natural(terms.table[term])], Z[VAR + natural(terms.variable[term])], W)
+        add_term(
+            total, factor, T[natural(terms.table[term])], Z[VAR + natural(terms.variable[term])], W
+        )
 
 
 @lanes

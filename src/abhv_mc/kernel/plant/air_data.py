@@ -10,13 +10,24 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.kernel.jit import lanes, scalar
-from abhv_mc.kernel.numerics.lane_math import is_shallow, reciprocals, shallow_angles, sincos, two_angles
+from abhv_mc.kernel.numerics.lane_math import (
+    is_shallow,
+    reciprocals,
+    shallow_angles,
+    sincos,
+    two_angles,
+)
 from abhv_mc.kernel.numerics.quaternion import rotate_meridional, rotate_to_body
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.state import XS, X
 from abhv_mc.kernel.world.atmosphere import atmosphere_lanes
 
-PROFILE = ("altitude", "wind_north", "wind_east", "density")  # m, m/s towards north and east, factor
+PROFILE = (
+    "altitude",
+    "wind_north",
+    "wind_east",
+    "density",
+)  # m, m/s towards north and east, factor
 _ALTITUDE, _NORTH, _EAST, _DENSITY = range(4)
 
 
@@ -29,10 +40,19 @@ def flow_direction(u, v, w):
     in_plane_squared = u * u + w * w
     speed = math.sqrt(in_plane_squared + v * v)
     in_plane = math.sqrt(in_plane_squared)
-    per_in_plane, per_speed = reciprocals(in_plane if in_plane > 0.0 else 1.0, speed if speed > 0.0 else 1.0)
+    per_in_plane, per_speed = reciprocals(
+        in_plane if in_plane > 0.0 else 1.0, speed if speed > 0.0 else 1.0
+    )
     cos_alpha = u * per_in_plane if in_plane > 0.0 else 1.0
     cos_beta = in_plane * per_speed if speed > 0.0 else 1.0
-    return speed, per_speed if speed > 0.0 else 0.0, w * per_in_plane, cos_alpha, v * per_speed, cos_beta
+    return (
+        speed,
+        per_speed if speed > 0.0 else 0.0,
+        w * per_in_plane,
+        cos_alpha,
+        v * per_speed,
+        cos_beta,
+    )
 
 
 @lanes
@@ -72,7 +92,10 @@ def move_air(Z, width, profile):
     if profile.shape[0] > 0:
         for lane in range(width):
             altitude = Z[XS + s.ALTITUDE, lane]
-            north, east = between_knots(profile, _NORTH, altitude), between_knots(profile, _EAST, altitude)
+            north, east = (
+                between_knots(profile, _NORTH, altitude),
+                between_knots(profile, _EAST, altitude),
+            )
             u, v, w = wind_in_body(Z, lane, north, east)
             Z[s.AIR_U, lane] += u
             Z[s.AIR_V, lane] += v
@@ -119,9 +142,16 @@ def air_data(Z, width, vehicle, earth):
     The damping terms feel the body rates relative to the air, which turns with the Earth and in rotary gusts.
     """
     constants = vehicle.constants
-    atmosphere_lanes(Z, width, XS + s.ALTITUDE, s.RHO, s.V_MACH)  # 1 / speed of sound, until the Mach number is known
+    atmosphere_lanes(
+        Z, width, XS + s.ALTITUDE, s.RHO, s.V_MACH
+    )  # 1 / speed of sound, until the Mach number is known
     for lane in range(width):
-        q0, q1, q2, q3 = Z[XS + s.Q0, lane], Z[XS + s.Q1, lane], Z[XS + s.Q2, lane], Z[XS + s.Q3, lane]
+        q0, q1, q2, q3 = (
+            Z[XS + s.Q0, lane],
+            Z[XS + s.Q1, lane],
+            Z[XS + s.Q2, lane],
+            Z[XS + s.Q3, lane],
+        )
         altitude = Z[XS + s.ALTITUDE, lane]
         speed, per_speed, sin_alpha, cos_alpha, sin_beta, cos_beta = flow_direction(
             Z[XS + s.U, lane] - Z[s.AIR_U, lane],
@@ -148,9 +178,19 @@ def air_data(Z, width, vehicle, earth):
         half_inverse = 0.5 * per_speed if speed > 1e-9 else 0.0
         Z[s.V_ONE, lane] = 1.0
         Z[s.V_MACH, lane] = speed * Z[s.V_MACH, lane]
-        Z[s.V_P_HAT, lane] = (Z[XS + s.ROLL_RATE, lane] - earth_x - Z[s.GUST_P, lane]) * constants.span * half_inverse
-        Z[s.V_Q_HAT, lane] = (Z[XS + s.PITCH_RATE, lane] - earth_y - Z[s.GUST_Q, lane]) * constants.chord * half_inverse
-        Z[s.V_R_HAT, lane] = (Z[XS + s.YAW_RATE, lane] - earth_z - Z[s.GUST_R, lane]) * constants.span * half_inverse
+        Z[s.V_P_HAT, lane] = (
+            (Z[XS + s.ROLL_RATE, lane] - earth_x - Z[s.GUST_P, lane])
+            * constants.span
+            * half_inverse
+        )
+        Z[s.V_Q_HAT, lane] = (
+            (Z[XS + s.PITCH_RATE, lane] - earth_y - Z[s.GUST_Q, lane])
+            * constants.chord
+            * half_inverse
+        )
+        Z[s.V_R_HAT, lane] = (
+            (Z[XS + s.YAW_RATE, lane] - earth_z - Z[s.GUST_R, lane]) * constants.span * half_inverse
+        )
         Z[s.V_ALTITUDE, lane] = altitude
         Z[s.V_MASS, lane] = Z[XS + s.MASS, lane] * Z[s.PER_MASS_FACTOR, lane]
     flow_angles(Z, width, s.V_ALPHA, s.V_BETA)

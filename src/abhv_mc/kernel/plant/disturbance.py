@@ -8,7 +8,14 @@ from typing import NamedTuple
 
 from abhv_mc.kernel.jit import lanes
 from abhv_mc.kernel.numerics.quaternion import rotate_to_body
-from abhv_mc.kernel.numerics.random_numbers import M1, M2, N_STREAM_ROWS, next_uniform, normal_pair, seed_word
+from abhv_mc.kernel.numerics.random_numbers import (
+    M1,
+    M2,
+    N_STREAM_ROWS,
+    next_uniform,
+    normal_pair,
+    seed_word,
+)
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import DENSITY_KNOTS_KM
 from abhv_mc.kernel.plant.state import FILTERS, TURBULENCE, X, parameter_row
@@ -123,7 +130,11 @@ def gust(Z, width, time):
         distance = Z[s.SPEED, lane] * (time - Z[_GUST_START, lane])
         share = one_minus_cosine(distance, Z[_GUST_LENGTH, lane])
         q0, q1, q2, q3 = Z[X + s.Q0, lane], Z[X + s.Q1, lane], Z[X + s.Q2, lane], Z[X + s.Q3, lane]
-        north, east, down = share * Z[_GUST, lane], share * Z[_GUST + 1, lane], share * Z[_GUST + 2, lane]
+        north, east, down = (
+            share * Z[_GUST, lane],
+            share * Z[_GUST + 1, lane],
+            share * Z[_GUST + 2, lane],
+        )
         u, v, w = rotate_to_body(q0, q1, q2, q3, north, east, down)
         Z[s.GUST_U, lane] += u
         Z[s.GUST_V, lane] += v
@@ -141,7 +152,10 @@ def turbulence(Z, width, span, dt, first):
     for lane in range(width):
         speed, length = Z[s.SPEED, lane], Z[_LENGTH, lane]
         a = speed / (length * Z[_AXIS_LENGTH, lane])
-        a_v, a_w = speed / (length * Z[_AXIS_LENGTH + 1, lane]), speed / (length * Z[_AXIS_LENGTH + 2, lane])
+        a_v, a_w = (
+            speed / (length * Z[_AXIS_LENGTH + 1, lane]),
+            speed / (length * Z[_AXIS_LENGTH + 2, lane]),
+        )
         n0, n1 = draw_normals(Z, lane, TURBULENCE)
         n2, n3 = draw_normals(Z, lane, TURBULENCE)
         n4, n5 = draw_normals(Z, lane, TURBULENCE)
@@ -159,11 +173,17 @@ def turbulence(Z, width, span, dt, first):
         Z[s.GUST_W, lane] += down
         per_span = 0.25 * math.pi / span
         p = n5 if first else dryden_first(Z[FILTERS + 5, lane], speed * per_span, dt, n5)
-        late_v = across if first else follow(Z[FILTERS + 6, lane], across, 4.0 / 3.0 * speed * per_span, dt)
+        late_v = (
+            across
+            if first
+            else follow(Z[FILTERS + 6, lane], across, 4.0 / 3.0 * speed * per_span, dt)
+        )
         late_w = down if first else follow(Z[FILTERS + 7, lane], down, speed * per_span, dt)
         Z[FILTERS + 5, lane], Z[FILTERS + 6, lane], Z[FILTERS + 7, lane] = p, late_v, late_w
         rotary = Z[_ROTARY, lane]
-        Z[s.GUST_P, lane] = rotary * sigma_w * roll_gust_sigma(length * Z[_AXIS_LENGTH + 2, lane], span) * p
+        Z[s.GUST_P, lane] = (
+            rotary * sigma_w * roll_gust_sigma(length * Z[_AXIS_LENGTH + 2, lane], span) * p
+        )
         Z[s.GUST_Q, lane] = rotary * per_span * (late_w - down)
         Z[s.GUST_R, lane] = rotary * 4.0 / 3.0 * per_span * (across - late_v)
 

@@ -53,7 +53,9 @@ def set_effectors(Z, width, mix):
         aileron, rudder, elevator = mix[e, 0], mix[e, 1], mix[e, 2]
         for lane in range(width):
             Z[s.V_EFFECTOR + e, lane] = (
-                aileron * Z[s.V_DELTA_A, lane] + rudder * Z[s.V_DELTA_A + 1, lane] + elevator * Z[s.V_DELTA_A + 2, lane]
+                aileron * Z[s.V_DELTA_A, lane]
+                + rudder * Z[s.V_DELTA_A + 1, lane]
+                + elevator * Z[s.V_DELTA_A + 2, lane]
             )
 
 
@@ -96,7 +98,9 @@ def weaken_effector(Z, A, width, vehicle, e, i, without):
         if share[i, e, f] != 0.0:
             for lane in range(width):
                 kept = 0.0 if i == without else Z[s.EFFECT + i, lane]
-                Z[row, lane] += (kept - 1.0) * (share[i, e, f] * A[f * N_EFFECTOR_ROWS + STAGE, lane])
+                Z[row, lane] += (kept - 1.0) * (
+                    share[i, e, f] * A[f * N_EFFECTOR_ROWS + STAGE, lane]
+                )
 
 
 @lanes
@@ -126,7 +130,11 @@ def share_commands(Z, width, vehicle):
                 aileron += axes[0, e] * own
                 rudder += axes[1, e] * own
                 elevator += axes[2, e] * own
-            Z[s.CMD_AILERON, lane], Z[s.CMD_RUDDER, lane], Z[s.CMD_ELEVATOR, lane] = aileron, rudder, elevator
+            Z[s.CMD_AILERON, lane], Z[s.CMD_RUDDER, lane], Z[s.CMD_ELEVATOR, lane] = (
+                aileron,
+                rudder,
+                elevator,
+            )
 
 
 @lanes
@@ -167,7 +175,10 @@ def command_effectors(Z, A, width, vehicle):
     for e in range(count_driven(vehicle)):
         first = e * N_EFFECTOR_ROWS
         for lane in range(width):
-            mixed, given = mix_axes(Z, lane, vehicle.effectors.mix, e, s.ACTUATED), Z[s.EFFECTOR_COMMAND + e, lane]
+            mixed, given = (
+                mix_axes(Z, lane, vehicle.effectors.mix, e, s.ACTUATED),
+                Z[s.EFFECTOR_COMMAND + e, lane],
+            )
             asked = mixed if given == math.inf else given
             low, high = limits_of(Z, lane, vehicle, e)
             Z[s.EFFECTOR_ASKED + e, lane] = asked
@@ -184,7 +195,10 @@ def begin_effectors(Z, A, width, vehicle):
         first = e * N_EFFECTOR_ROWS
         if actuator[e, IDEAL] > 0.0:
             for lane in range(width):
-                A[first + POSITION, lane], A[first + STAGE, lane] = A[first + COMMAND, lane], A[first + COMMAND, lane]
+                A[first + POSITION, lane], A[first + STAGE, lane] = (
+                    A[first + COMMAND, lane],
+                    A[first + COMMAND, lane],
+                )
         for lane in range(width):
             low, high = limits_of(Z, lane, vehicle, e)
             at, asked = A[first + POSITION, lane], Z[s.EFFECTOR_ASKED + e, lane]
@@ -209,7 +223,10 @@ def run_effectors(Z, A, width, vehicle, step):
             for lane in range(width):
                 low[lane], high[lane] = limits_of(Z, lane, vehicle, e)
                 rate_limit[lane] = actuator[e, RATE] * Z[s.K_RATE, lane] * A[first + SLOWED, lane]
-            before, after = (first + POSITION, first + MOVES, first + STAGE), (first + NEXT, first + NEXT_RATE)
+            before, after = (
+                (first + POSITION, first + MOVES, first + STAGE),
+                (first + NEXT, first + NEXT_RATE),
+            )
             rows = Actuator(*before, *after, first + COMMAND, first + BLOCK)
             run_actuator(A, width, rows, low, high, rate_limit, step, False)
 
@@ -230,7 +247,9 @@ def finish_effectors(Z, A, width, vehicle, alive):
         first = e * N_EFFECTOR_ROWS
         for lane in range(width):
             flies = alive[lane] > 0.0
-            A[first + POSITION, lane] = A[first + NEXT, lane] if flies else A[first + POSITION, lane]
+            A[first + POSITION, lane] = (
+                A[first + NEXT, lane] if flies else A[first + POSITION, lane]
+            )
             A[first + MOVES, lane] = A[first + NEXT_RATE, lane] if flies else A[first + MOVES, lane]
             A[first + STAGE, lane] = A[first + POSITION, lane]
     show_axes(Z, A, width, vehicle)

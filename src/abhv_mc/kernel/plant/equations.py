@@ -9,14 +9,21 @@ from typing import NamedTuple
 
 from abhv_mc.kernel.jit import lanes, scalar
 from abhv_mc.kernel.numerics.lane_math import reciprocals
-from abhv_mc.kernel.numerics.quaternion import quaternion_rate, rotate_meridional, rotate_to_body, rotate_to_ned
+from abhv_mc.kernel.numerics.quaternion import (
+    quaternion_rate,
+    rotate_meridional,
+    rotate_to_body,
+    rotate_to_ned,
+)
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.state import SUM, XS, X, parameter_rows
 from abhv_mc.kernel.world.earth import gravity_ned, radii
 
 _LIFT, _DRAG, _SIDE_FORCE, _ROLL, _PITCH, _YAW = range(s.COEF, s.COEF + 6)
 
-_K_LIFT, _K_DRAG, _K_SIDE_FORCE, _K_ROLL, _K_PITCH, _K_YAW, _D_LIFT, _D_DRAG, _D_PITCH = parameter_rows("aero.lift", 9)
+_K_LIFT, _K_DRAG, _K_SIDE_FORCE, _K_ROLL, _K_PITCH, _K_YAW, _D_LIFT, _D_DRAG, _D_PITCH = (
+    parameter_rows("aero.lift", 9)
+)
 
 
 @lanes
@@ -90,7 +97,12 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
     for lane in range(width):
         altitude = Z[XS + s.ALTITUDE, lane]
         u, v, w = Z[XS + s.U, lane], Z[XS + s.V, lane], Z[XS + s.W, lane]
-        q0, q1, q2, q3 = Z[XS + s.Q0, lane], Z[XS + s.Q1, lane], Z[XS + s.Q2, lane], Z[XS + s.Q3, lane]
+        q0, q1, q2, q3 = (
+            Z[XS + s.Q0, lane],
+            Z[XS + s.Q1, lane],
+            Z[XS + s.Q2, lane],
+            Z[XS + s.Q3, lane],
+        )
         p, q, r = Z[XS + s.ROLL_RATE, lane], Z[XS + s.PITCH_RATE, lane], Z[XS + s.YAW_RATE, lane]
         mass = Z[XS + s.MASS, lane]
         q_bar = Z[s.Q_BAR, lane]
@@ -104,14 +116,18 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
         isp = Z[s.ISP, lane]
         # A vehicle without an empty mass keeps its mass and its engine.
         fuel_left = mass > constants.mass_empty * Z[s.K_MASS, lane] or constants.burns_fuel == 0.0
-        nominal_thrust = thrust(Z, lane, constants, Z[XS + s.ETA, lane], Z[s.RHO, lane], Z[s.AIRSPEED, lane], q_bar)
+        nominal_thrust = thrust(
+            Z, lane, constants, Z[XS + s.ETA, lane], Z[s.RHO, lane], Z[s.AIRSPEED, lane], q_bar
+        )
         nominal_thrust = nominal_thrust * Z[s.ENGINE_THRUST, lane] if fuel_left else 0.0
         t = Z[s.K_THRUST, lane] * nominal_thrust
         Z[s.THRUST, lane] = t
         fuel_divisor = constants.standard_gravity * isp * Z[s.K_ISP, lane]
         per_mass, per_fuel = reciprocals(mass, fuel_divisor if fuel_divisor > 0.0 else 1.0)
         # The thrust factor is thrust at the same fuel flow.
-        fuel_flow = nominal_thrust * per_fuel if fuel_divisor > 0.0 and constants.burns_fuel > 0.0 else 0.0
+        fuel_flow = (
+            nominal_thrust * per_fuel if fuel_divisor > 0.0 and constants.burns_fuel > 0.0 else 0.0
+        )
         tx = t * constants.thrust_cos
         tz = -t * constants.thrust_sin
         cg_x = Z[s.CG_X, lane] + Z[s.K_CG_X, lane]
@@ -121,14 +137,20 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
         q_s = q_bar * constants.area
         mx = q_s * constants.span * Z[_K_ROLL, lane] * Z[_ROLL, lane] - cg_y * (fz + tz) + cg_z * fy
         my = (
-            q_s * constants.chord * (Z[_K_PITCH, lane] * Z[_PITCH, lane] + Z[_D_PITCH, lane] + Z[s.ENGINE_PITCH, lane])
+            q_s
+            * constants.chord
+            * (Z[_K_PITCH, lane] * Z[_PITCH, lane] + Z[_D_PITCH, lane] + Z[s.ENGINE_PITCH, lane])
             + cg_x * (fz + tz)
             - cg_z * fx
             + arm * tx
         )
         mz = q_s * constants.span * Z[_K_YAW, lane] * Z[_YAW, lane] - cg_x * fy + cg_y * (fx + tx)
         if active is not None:
-            arm_x, arm_y, arm_z = Z[s.ENGINE_ARM, lane], Z[s.ENGINE_ARM + 1, lane], Z[s.ENGINE_ARM + 2, lane]
+            arm_x, arm_y, arm_z = (
+                Z[s.ENGINE_ARM, lane],
+                Z[s.ENGINE_ARM + 1, lane],
+                Z[s.ENGINE_ARM + 2, lane],
+            )
             mx += Z[s.F_MOMENT, lane] + arm_y * tz
             my += Z[s.F_MOMENT + 1, lane] + (arm_z * tx - arm_x * tz)
             mz += Z[s.F_MOMENT + 2, lane] - arm_y * tx
@@ -152,8 +174,16 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
         we_x, we_y, we_z = Z[s.EARTH_X, lane], Z[s.EARTH_Y, lane], Z[s.EARTH_Z, lane]
         # Body rate to inertial plus Earth rate: transport and Coriolis terms together.
         a, b, c = p + we_x, q + we_y, r + we_z
-        specific_x, specific_y, specific_z = (fx + tx) * per_mass, fy * per_mass, (fz + tz) * per_mass
-        Z[s.SPECIFIC_X, lane], Z[s.SPECIFIC_Y, lane], Z[s.SPECIFIC_Z, lane] = specific_x, specific_y, specific_z
+        specific_x, specific_y, specific_z = (
+            (fx + tx) * per_mass,
+            fy * per_mass,
+            (fz + tz) * per_mass,
+        )
+        Z[s.SPECIFIC_X, lane], Z[s.SPECIFIC_Y, lane], Z[s.SPECIFIC_Z, lane] = (
+            specific_x,
+            specific_y,
+            specific_z,
+        )
         accumulate(Z, lane, s.U, specific_x + g_x - (b * w - c * v), stage)
         accumulate(Z, lane, s.V, specific_y + g_y - (c * u - a * w), stage)
         accumulate(Z, lane, s.W, specific_z + g_z - (a * v - b * u), stage)
@@ -164,8 +194,12 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
         accumulate(Z, lane, s.LONGITUDE, lon_rate, stage)
 
         # Attitude: body rate to the local frame, which itself turns with the Earth and with the flight over it.
-        n_x, n_y, n_z = rotate_to_body(q0, q1, q2, q3, lon_rate * cos_lat, -lat_rate, -lon_rate * sin_lat)
-        d0, d1, d2, d3 = quaternion_rate(q0, q1, q2, q3, p - we_x - n_x, q - we_y - n_y, r - we_z - n_z)
+        n_x, n_y, n_z = rotate_to_body(
+            q0, q1, q2, q3, lon_rate * cos_lat, -lat_rate, -lon_rate * sin_lat
+        )
+        d0, d1, d2, d3 = quaternion_rate(
+            q0, q1, q2, q3, p - we_x - n_x, q - we_y - n_y, r - we_z - n_z
+        )
         accumulate(Z, lane, s.Q0, d0, stage)
         accumulate(Z, lane, s.Q1, d1, stage)
         accumulate(Z, lane, s.Q2, d2, stage)
@@ -185,14 +219,23 @@ def finish_step(Z, width, step, alive):
             Z[XS + i, lane] = Z[X + i, lane] + sixth * Z[SUM + i, lane]
             Z[SUM + i, lane] = 0.0
     for lane in range(width):
-        q0, q1, q2, q3 = Z[XS + s.Q0, lane], Z[XS + s.Q1, lane], Z[XS + s.Q2, lane], Z[XS + s.Q3, lane]
+        q0, q1, q2, q3 = (
+            Z[XS + s.Q0, lane],
+            Z[XS + s.Q1, lane],
+            Z[XS + s.Q2, lane],
+            Z[XS + s.Q3, lane],
+        )
         norm = 1.0 / math.sqrt(q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
         Z[XS + s.Q0, lane] = q0 * norm
         Z[XS + s.Q1, lane] = q1 * norm
         Z[XS + s.Q2, lane] = q2 * norm
         Z[XS + s.Q3, lane] = q3 * norm
         longitude = Z[XS + s.LONGITUDE, lane]
-        turn = -2.0 * math.pi if longitude > math.pi else (2.0 * math.pi if longitude < -math.pi else 0.0)
+        turn = (
+            -2.0 * math.pi
+            if longitude > math.pi
+            else (2.0 * math.pi if longitude < -math.pi else 0.0)
+        )
         Z[XS + s.LONGITUDE, lane] = longitude + turn
     for i in range(s.N_STATES):
         for lane in range(width):

@@ -11,7 +11,14 @@ from abhv_mc.kernel.numerics.angles import clamp
 from abhv_mc.kernel.numerics.lane_math import exp
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.disturbance import any_lane
-from abhv_mc.kernel.plant.effectors import COMMAND, MOVES, N_EFFECTOR_ROWS, POSITION, SLOWED, command_effectors
+from abhv_mc.kernel.plant.effectors import (
+    COMMAND,
+    MOVES,
+    N_EFFECTOR_ROWS,
+    POSITION,
+    SLOWED,
+    command_effectors,
+)
 from abhv_mc.kernel.plant.parameter_names import AXES, EFFECTORS, ENGINES, FAILURE_TIMES, NEVER
 from abhv_mc.kernel.plant.state import XS, X, parameter_row, parameter_rows
 from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
@@ -24,7 +31,9 @@ _TIMES = parameter_row(FAILURE_TIMES[0])  # three of each surface and effector: 
 _EFFECTOR_TIMES = parameter_row(f"failure.{EFFECTORS[0]}.stuck_time")
 _ENGINE_TIME = parameter_row("failure.engine.time")
 _SENSOR_TIMES = parameter_row("failure.sensor.altitude.time")
-_HOW = parameter_row("failure.aileron.stuck_at")  # three of each: stuck_at, effectiveness, rate_limit
+_HOW = parameter_row(
+    "failure.aileron.stuck_at"
+)  # three of each: stuck_at, effectiveness, rate_limit
 _EFFECTOR_HOW = parameter_row(f"failure.{EFFECTORS[0]}.stuck_at")
 _MORE_TIMES = parameter_row(f"failure.{EFFECTORS[_N_FIRST]}.stuck_time")
 _MORE_HOW = parameter_row(f"failure.{EFFECTORS[_N_FIRST]}.stuck_at")
@@ -70,7 +79,9 @@ def start_failures(Z, width):
             Z[s.EFFECT + i, lane] = Z[_EFFECTIVENESS + i, lane]
             Z[s.STUCK_SURFACE + i, lane] = NEVER
         for i in range(MAX_ACTUATORS):
-            Z[s.EFFECTOR_GAIN + i, lane] = Z[_EFFECTOR_EFFECTIVENESS + i, lane] if i < N_EFFECTORS else 1.0
+            Z[s.EFFECTOR_GAIN + i, lane] = (
+                Z[_EFFECTOR_EFFECTIVENESS + i, lane] if i < N_EFFECTORS else 1.0
+            )
             Z[s.STUCK_EFFECTOR + i, lane] = NEVER
             Z[s.SLOW_EFFECTOR + i, lane] = NEVER
         Z[s.ENGINE_THRUST, lane] = 1.0
@@ -88,7 +99,9 @@ def fail_sensors(Z, width, time):
             measured, bias = Z[s.MEASURED + i, lane], Z[_BIAS + i, lane]
             frozen = Z[s.FROZEN + i, lane] if failed and time > 0.0 else measured
             Z[s.FROZEN + i, lane] = frozen
-            Z[s.MEASURED + i, lane] = (measured + bias if bias != 0.0 else frozen) if failed else measured
+            Z[s.MEASURED + i, lane] = (
+                (measured + bias if bias != 0.0 else frozen) if failed else measured
+            )
 
 
 @lanes
@@ -127,13 +140,17 @@ def fail_surfaces(Z, width, constants, time):
         for lane in range(width):
             stuck, lost, slow = has_failed(Z, lane, _TIMES + 3 * i, time)
             factor = Z[_HOW + 3 * i + 2, lane] if slow else 1.0
-            Z[s.EFFECT + i, lane] = Z[_EFFECTIVENESS + i, lane] * (Z[_HOW + 3 * i + 1, lane] if lost else 1.0)
+            Z[s.EFFECT + i, lane] = Z[_EFFECTIVENESS + i, lane] * (
+                Z[_HOW + 3 * i + 1, lane] if lost else 1.0
+            )
             Z[s.RATE_FACTOR + i, lane] = factor
             fastest = constants.surface_rate_limit * Z[s.K_RATE, lane] * factor
             rate = Z[X + s.AILERON_RATE + i, lane]
             rate = clamp(rate, -fastest, fastest) if slow else rate
             asked = Z[_HOW + 3 * i, lane]
-            held = hold_stuck(Z, lane, s.STUCK_SURFACE + i, asked, Z[X + s.AILERON + i, lane], stuck)
+            held = hold_stuck(
+                Z, lane, s.STUCK_SURFACE + i, asked, Z[X + s.AILERON + i, lane], stuck
+            )
             Z[s.ACTUATED + i, lane] = held if stuck else Z[s.ACTUATED + i, lane]
             Z[X + s.AILERON_RATE + i, lane] = 0.0 if stuck and asked == NEVER else rate
             Z[XS + s.AILERON_RATE + i, lane] = Z[X + s.AILERON_RATE + i, lane]
@@ -146,11 +163,15 @@ def fail_driven_effector(Z, A, width, e, time):
     times, how = failure_rows(e)
     for lane in range(width):
         stuck, lost, slow = has_failed(Z, lane, times, time)
-        held = hold_stuck(Z, lane, s.STUCK_EFFECTOR + e, Z[how, lane], A[first + POSITION, lane], stuck)
+        held = hold_stuck(
+            Z, lane, s.STUCK_EFFECTOR + e, Z[how, lane], A[first + POSITION, lane], stuck
+        )
         A[first + COMMAND, lane] = held if stuck else A[first + COMMAND, lane]
         A[first + MOVES, lane] = 0.0 if stuck and Z[how, lane] == NEVER else A[first + MOVES, lane]
         A[first + SLOWED, lane] *= Z[how + 2, lane] if slow else 1.0
-        Z[s.EFFECTOR_GAIN + e, lane] = Z[_EFFECTOR_EFFECTIVENESS + e, lane] * (Z[how + 1, lane] if lost else 1.0)
+        Z[s.EFFECTOR_GAIN + e, lane] = Z[_EFFECTOR_EFFECTIVENESS + e, lane] * (
+            Z[how + 1, lane] if lost else 1.0
+        )
         Z[s.EFFECTOR_OFFSET + e, lane] = 0.0
 
 
@@ -236,11 +257,19 @@ def fail_engine(Z, width, constants, time, tick):
         last = time if failed else Z[s.FAILED_TIME, lane]
         out = time - last < constants.relight_delay - _SAME_TIME
         before, aim = Z[s.ENGINE_WHOLE, lane], Z[_THRUST, lane] if failed or out else 1.0
-        slow = constants.relight_time_constant if aim > before and constants.relight_time_constant > 0.0 else lag
+        slow = (
+            constants.relight_time_constant
+            if aim > before and constants.relight_time_constant > 0.0
+            else lag
+        )
         at_once = constants.ideal_engine > 0.0 and slow == lag
-        Z[s.ENGINE_WHOLE, lane], Z[s.ENGINE_THRUST, lane] = settle(before, aim, 0.0 if at_once else slow, tick)
+        Z[s.ENGINE_WHOLE, lane], Z[s.ENGINE_THRUST, lane] = settle(
+            before, aim, 0.0 if at_once else slow, tick
+        )
         Z[s.FAILED_TIME, lane] = last
-        Z[s.ENGINE_DRAG, lane] = (Z[_DRAG, lane] if failed else 0.0) + (inlet.drag_increment if unstarted else 0.0)
+        Z[s.ENGINE_DRAG, lane] = (Z[_DRAG, lane] if failed else 0.0) + (
+            inlet.drag_increment if unstarted else 0.0
+        )
         pitch = inlet.pitching_moment_increment if unstarted else 0.0
         Z[s.ENGINE_PITCH, lane] = (Z[_PITCH, lane] if failed else 0.0) + pitch
         Z[s.ENGINE_FAILED, lane] = 1.0 if failed else 0.0
@@ -267,9 +296,15 @@ def fail_engines(Z, width, vehicle, whole_fails, time, tick):
             z += lost * vehicle.engines[i, 3]
             some |= failed
         per = 1.0 / left if left > 1e-12 else 0.0
-        Z[s.ENGINE_ARM, lane], Z[s.ENGINE_ARM + 1, lane], Z[s.ENGINE_ARM + 2, lane] = per * x, per * y, per * z
+        Z[s.ENGINE_ARM, lane], Z[s.ENGINE_ARM + 1, lane], Z[s.ENGINE_ARM + 2, lane] = (
+            per * x,
+            per * y,
+            per * z,
+        )
         Z[s.ENGINE_THRUST, lane] = (Z[s.ENGINE_THRUST, lane] if whole_fails else 1.0) * left
-        Z[s.ENGINE_FAILED, lane] = 1.0 if some else (Z[s.ENGINE_FAILED, lane] if whole_fails else 0.0)
+        Z[s.ENGINE_FAILED, lane] = (
+            1.0 if some else (Z[s.ENGINE_FAILED, lane] if whole_fails else 0.0)
+        )
 
 
 @lanes
@@ -280,7 +315,10 @@ def watch_inlet(Z, width, inlet, time):
     """
     for lane in range(width):
         alpha, beta, mach = Z[s.V_ALPHA, lane], Z[s.V_BETA, lane], Z[s.V_MACH, lane]
-        inside = inlet.angle_of_attack_min <= alpha <= inlet.angle_of_attack_max and abs(beta) <= inlet.sideslip_max
+        inside = (
+            inlet.angle_of_attack_min <= alpha <= inlet.angle_of_attack_max
+            and abs(beta) <= inlet.sideslip_max
+        )
         inside = inside and inlet.mach_min <= mach <= inlet.mach_max
         last = Z[s.UNSTART_TIME, lane] if inside else time
         over = time - last >= inlet.restart_delay - _SAME_TIME

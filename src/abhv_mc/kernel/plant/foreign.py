@@ -14,7 +14,9 @@ from abhv_mc.kernel.plant.slopes import N_INPUTS
 from abhv_mc.kernel.plant.state import N_COEFFICIENTS, XS, parameter_row
 
 STEP = 1e-5  # rad: slopes by central differences
-_K_PART = parameter_row("aero.lift.sideslip")  # and so on for each coefficient, in the order of the variables
+_K_PART = parameter_row(
+    "aero.lift.sideslip"
+)  # and so on for each coefficient, in the order of the variables
 N_PARTS = s.V_DELTA_E - s.V_BETA + 1  # sideslip, rates and deflections
 
 
@@ -155,7 +157,11 @@ def foreign_thrust(Z, width, vehicle, user_code):
         has_fuel = mass > constants.mass_empty * Z[s.K_MASS, lane] or constants.burns_fuel == 0.0
         runs = Z[s.ENGINE_THRUST, lane] if has_fuel else 0.0
         factor = Z[s.K_THRUST, lane] * runs
-        tx, ty, tz = factor * Z[s.F_THRUST, lane], factor * Z[s.F_THRUST + 1, lane], factor * Z[s.F_THRUST + 2, lane]
+        tx, ty, tz = (
+            factor * Z[s.F_THRUST, lane],
+            factor * Z[s.F_THRUST + 1, lane],
+            factor * Z[s.F_THRUST + 2, lane],
+        )
         arm_x = Z[s.ENGINE_ARM, lane] - Z[s.CG_X, lane] - Z[s.K_CG_X, lane]
         arm_y = Z[s.ENGINE_ARM + 1, lane] - Z[s.K_CG_Y, lane]
         arm_z = Z[s.ENGINE_ARM + 2, lane] - Z[s.CG_Z, lane] - Z[s.K_CG_Z, lane]
@@ -164,7 +170,9 @@ def foreign_thrust(Z, width, vehicle, user_code):
         Z[s.F_MOMENT + 2, lane] = factor * Z[s.F_MOMENT + 2, lane] + arm_x * ty - arm_y * tx
         per_mass, per_isp = reciprocals(mass, Z[s.K_ISP, lane])
         Z[s.F_THRUST, lane], Z[s.F_THRUST + 1, lane], Z[s.F_THRUST + 2, lane] = tx, ty, tz
-        Z[s.F_FUEL_FLOW, lane] = runs * Z[s.F_FUEL_FLOW, lane] * per_isp if constants.burns_fuel > 0.0 else 0.0
+        Z[s.F_FUEL_FLOW, lane] = (
+            runs * Z[s.F_FUEL_FLOW, lane] * per_isp if constants.burns_fuel > 0.0 else 0.0
+        )
         Z[s.F_MASS, lane] = per_mass
 
 

@@ -22,11 +22,31 @@ SENSORS = (
 )
 # What user laws may measure besides; the places of their errors came later.
 MORE_SENSORS = (
-    *("airspeed", "mach", "load_factor", "pitch", "roll", "yaw", "latitude", "longitude", "north", "east"),
+    *(
+        "airspeed",
+        "mach",
+        "load_factor",
+        "pitch",
+        "roll",
+        "yaw",
+        "latitude",
+        "longitude",
+        "north",
+        "east",
+    ),
     *("equivalent_airspeed", "cross_track"),
 )
 ALL_SENSORS = (*SENSORS, *MORE_SENSORS)
-ANGLES_OF_PLACE = ("flight_path_angle", "heading", "bank", "pitch", "roll", "yaw", "latitude", "longitude")
+ANGLES_OF_PLACE = (
+    "flight_path_angle",
+    "heading",
+    "bank",
+    "pitch",
+    "roll",
+    "yaw",
+    "latitude",
+    "longitude",
+)
 SCALED_SENSORS = tuple(name for name in ALL_SENSORS if name not in ANGLES_OF_PLACE)
 SENSOR_NOISES = tuple(f"sensor.{name}_noise" for name in ALL_SENSORS)
 _RATES = ("roll_rate", "pitch_rate", "yaw_rate")
@@ -42,10 +62,21 @@ def _each(first: tuple[str, ...], then: tuple[str, ...]) -> tuple[str, ...]:
 _TIMES, _HOW = ("stuck_time", "loss_time", "slow_time"), ("stuck_at", "effectiveness", "rate_limit")
 
 PARAMETER_NAMES: tuple[str, ...] = (
-    *("one", "atmosphere.density", "wind.north", "wind.east", "wind.shear_north", "wind.shear_east"),
+    *(
+        "one",
+        "atmosphere.density",
+        "wind.north",
+        "wind.east",
+        "wind.shear_north",
+        "wind.shear_east",
+    ),
     *(f"aero.{name}" for name in COEFFICIENTS),
     *(f"aero.{name}.increment" for name in ("lift", "drag", "pitching_moment")),
-    *(f"aero.{name}.{variable}" for name in COEFFICIENTS for variable in ("sideslip", *_RATES, *AXES)),
+    *(
+        f"aero.{name}.{variable}"
+        for name in COEFFICIENTS
+        for variable in ("sideslip", *_RATES, *AXES)
+    ),
     *(f"control.{name}_effectiveness" for name in AXES),
     *(f"propulsion.{name}" for name in ("thrust", "specific_impulse")),
     *(f"mass.{name}" for name in ("total", "inertia_xx", "inertia_yy", "inertia_zz", "inertia_13")),
@@ -82,5 +113,7 @@ PARAMETER_NAMES: tuple[str, ...] = (
     *(f"sensor.{name}_interval" for name in ALL_SENSORS),
     *(f"sensor.{name}_scale" for name in SCALED_SENSORS),
 )
-FAILURE_TIMES = tuple(name for name in PARAMETER_NAMES if name.startswith("failure.") and name.endswith("time"))
+FAILURE_TIMES = tuple(
+    name for name in PARAMETER_NAMES if name.startswith("failure.") and name.endswith("time")
+)
 PARAMETER_INDEX: dict[str, int] = {name: i for i, name in enumerate(PARAMETER_NAMES)}

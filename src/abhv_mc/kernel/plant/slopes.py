@@ -40,8 +40,17 @@ def table_slopes(T, W, tables, effectiveness, cells, high):
         used = tables.group_used[g]
         row = effectiveness.slope_row[slope]
         for lane in range(W):
-            corner = start + cells.cell[a0, lane] * s0 + cells.cell[a1, lane] * s1 + cells.cell[a2, lane] * s2
-            t0, t1, t2 = cells.fraction[a0, lane], cells.fraction[a1, lane], cells.fraction[a2, lane]
+            corner = (
+                start
+                + cells.cell[a0, lane] * s0
+                + cells.cell[a1, lane] * s1
+                + cells.cell[a2, lane] * s2
+            )
+            t0, t1, t2 = (
+                cells.fraction[a0, lane],
+                cells.fraction[a1, lane],
+                cells.fraction[a2, lane],
+            )
             on_0, on_1, on_2 = a0 == axis, a1 == axis, a2 == axis
             inverse = tables.inverse_step[tables.axis_start[axis] + cells.cell[axis, lane]]
             l0, l1, l2 = 0.0 if on_0 else t0, 0.0 if on_1 else t1, 0.0 if on_2 else t2
@@ -60,7 +69,10 @@ def slopes_of_coefficients(Z, T, W, effectiveness, first_row):
             Z[first_row + i, lane] = 0.0
     for term in range(effectiveness.coefficient.size):
         slope = natural(effectiveness.coefficient[term] * N_INPUTS + effectiveness.input[term])
-        table, variable = T[natural(effectiveness.row[term])], Z[VAR + natural(effectiveness.variable[term])]
+        table, variable = (
+            T[natural(effectiveness.row[term])],
+            Z[VAR + natural(effectiveness.variable[term])],
+        )
         add_weighted(Z[first_row + slope], effectiveness.weight[term], table, variable, W)
 
 

@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 
 from abhv_mc.kernel.numerics.random_numbers import N_STREAM_ROWS
 from abhv_mc.kernel.plant.actuator_step import N_ACTUATOR_ROWS
-from abhv_mc.kernel.plant.parameter_names import ALL_SENSORS, ENGINES, PARAMETER_INDEX, PARAMETER_NAMES, SENSORS
+from abhv_mc.kernel.plant.parameter_names import (
+    ALL_SENSORS,
+    ENGINES,
+    PARAMETER_INDEX,
+    PARAMETER_NAMES,
+    SENSORS,
+)
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, FIXED_TABLE_ROWS, MAX_ACTUATORS, VARIABLES
 from abhv_mc.kernel.world.turbulence import N_FILTER_STATES
 
@@ -49,7 +55,9 @@ ROLL_RATE, PITCH_RATE, YAW_RATE, MASS, AILERON, RUDDER, ELEVATOR = range(10, 17)
 AILERON_RATE, RUDDER_RATE, ELEVATOR_RATE, ETA, ETA_RATE = range(17, 22)
 
 # Room of a lane for any vehicle; load_vehicle refuses one that needs more. What a vehicle does not use costs nothing.
-MAX_TABLE_ROWS = 1024  # tables and their slopes with the deflections, spare rows of the padding counted
+MAX_TABLE_ROWS = (
+    1024  # tables and their slopes with the deflections, spare rows of the padding counted
+)
 MAX_AXES = 64  # different grids
 
 # Blocks of the lane memory Z, one after another. The owner of a block says how many rows it has; rows that have names
@@ -69,20 +77,32 @@ N_MEASURED = len(SENSORS)
 N_SEEN = len(ALL_SENSORS)  # with what laws of the user's own may ask for besides
 COUNTED = MEASURED + N_SEEN  # 1 where the sample of this tick counts
 COMMANDS = COUNTED + 1  # what the guidance commands of the attitude loop
-GUST = COMMANDS + 3  # gust and turbulence of the tick in body axes, and the profile's factor on the density
+GUST = (
+    COMMANDS + 3
+)  # gust and turbulence of the tick in body axes, and the profile's factor on the density
 TURBULENCE = GUST + 7  # random numbers, then the forming filters
 FILTERS = TURBULENCE + N_STREAM_ROWS
 PER_MASS_FACTOR = FILTERS + N_FILTER_STATES  # 1 / the dispersion of the mass, by flight
 ACTUATORS = PER_MASS_FACTOR + 1  # surfaces, then engine: what they need for a step, by flight
 LIMITS = ACTUATORS + 2 * N_ACTUATOR_ROWS  # of the actuator at work: lowest, highest, fastest
 FAILURE = LIMITS + 3  # what has failed at the tick, and what failures remember
-FOREIGN = FAILURE + 20 + 4 * MAX_ACTUATORS + N_MEASURED  # what functions of the vehicle's own are given and give
-EFFECTOR_COMMAND = FOREIGN + 23  # what a law commands of the vehicle's effectors themselves, infinite where nothing
+FOREIGN = (
+    FAILURE + 20 + 4 * MAX_ACTUATORS + N_MEASURED
+)  # what functions of the vehicle's own are given and give
+EFFECTOR_COMMAND = (
+    FOREIGN + 23
+)  # what a law commands of the vehicle's effectors themselves, infinite where nothing
 # Of effectors with actuators: position, what it is asked for, whether one of both is at its limit; whether any is.
-EFFECTOR_AT, EFFECTOR_ASKED, EFFECTOR_SATURATED = (EFFECTOR_COMMAND + i * MAX_ACTUATORS for i in range(1, 4))
+EFFECTOR_AT, EFFECTOR_ASKED, EFFECTOR_SATURATED = (
+    EFFECTOR_COMMAND + i * MAX_ACTUATORS for i in range(1, 4)
+)
 ANY_SATURATED = EFFECTOR_SATURATED + MAX_ACTUATORS
-ENGINE_WHOLE = ANY_SATURATED + 1  # factor on the thrust of all engines, then of each; where the rest of it acts
-LAW = ENGINE_WHOLE + 1 + len(ENGINES) + 3  # the rows of control and flight follow: the law's own memory first
+ENGINE_WHOLE = (
+    ANY_SATURATED + 1
+)  # factor on the thrust of all engines, then of each; where the rest of it acts
+LAW = (
+    ENGINE_WHOLE + 1 + len(ENGINES) + 3
+)  # the rows of control and flight follow: the law's own memory first
 
 CMD_AILERON, CMD_RUDDER, CMD_ELEVATOR, CMD_ETA = range(CMD, AIR)
 
@@ -94,12 +114,25 @@ SIN_LAT, COS_LAT, EARTH_X, EARTH_Y, EARTH_Z = range(_EARTH, _AIR_VELOCITY)
 AIR_U, AIR_V, AIR_W = range(_AIR_VELOCITY, _SPECIFIC_FORCE)
 SPECIFIC_X, SPECIFIC_Y, SPECIFIC_Z, THRUST = range(_SPECIFIC_FORCE, FIXED)
 
-CAPTURE, ISP, THRUST_AREA, INERTIA_XX, INERTIA_YY, INERTIA_ZZ, INERTIA_13, CG_X, CG_Z = range(FIXED, NAV)
-SPEED, GAMMA, CHI, BANK, NORTH, EAST, V_NORTH_LAST, V_EAST_LAST = range(NAV, MEASURED)
-M_ALTITUDE, M_SPEED, M_GAMMA, M_CHI, M_ALPHA, M_BETA, M_BANK, M_P, M_Q, M_R = range(MEASURED, MEASURED + N_MEASURED)
-M_AIRSPEED, M_MACH, M_LOAD_FACTOR, M_PITCH, M_ROLL, M_YAW, M_LATITUDE, M_LONGITUDE, M_NORTH, M_EAST = range(
-    MEASURED + N_MEASURED, COUNTED - 2
+CAPTURE, ISP, THRUST_AREA, INERTIA_XX, INERTIA_YY, INERTIA_ZZ, INERTIA_13, CG_X, CG_Z = range(
+    FIXED, NAV
 )
+SPEED, GAMMA, CHI, BANK, NORTH, EAST, V_NORTH_LAST, V_EAST_LAST = range(NAV, MEASURED)
+M_ALTITUDE, M_SPEED, M_GAMMA, M_CHI, M_ALPHA, M_BETA, M_BANK, M_P, M_Q, M_R = range(
+    MEASURED, MEASURED + N_MEASURED
+)
+(
+    M_AIRSPEED,
+    M_MACH,
+    M_LOAD_FACTOR,
+    M_PITCH,
+    M_ROLL,
+    M_YAW,
+    M_LATITUDE,
+    M_LONGITUDE,
+    M_NORTH,
+    M_EAST,
+) = range(MEASURED + N_MEASURED, COUNTED - 2)
 M_EQUIVALENT_AIRSPEED, M_CROSS_TRACK = COUNTED - 2, COUNTED - 1
 GAMMA_CMD, ALPHA_CMD, BANK_CMD = range(COMMANDS, GUST)
 GUST_U, GUST_V, GUST_W, DENSITY_PROFILE, GUST_P, GUST_Q, GUST_R = range(GUST, TURBULENCE)
@@ -109,7 +142,12 @@ GUST_U, GUST_V, GUST_W, DENSITY_PROFILE, GUST_P, GUST_Q, GUST_R = range(GUST, TU
 # of the vehicle's effectors: gain and offset, the deflections that they stick at, slow ones; then frozen measurements.
 ACTUATED, RATE_FACTOR, EFFECT = FAILURE, FAILURE + 4, FAILURE + 7
 ENGINE_THRUST, ENGINE_DRAG, ENGINE_PITCH, ENGINE_FAILED = range(FAILURE + 10, FAILURE + 14)
-STUCK_SURFACE, UNSTARTED, UNSTART_TIME, FAILED_TIME = FAILURE + 14, FAILURE + 17, FAILURE + 18, FAILURE + 19
+STUCK_SURFACE, UNSTARTED, UNSTART_TIME, FAILED_TIME = (
+    FAILURE + 14,
+    FAILURE + 17,
+    FAILURE + 18,
+    FAILURE + 19,
+)
 EFFECTOR_GAIN, EFFECTOR_OFFSET, STUCK_EFFECTOR, SLOW_EFFECTOR, FROZEN = (
     FAILURE + 20 + i * MAX_ACTUATORS for i in range(5)
 )
@@ -126,7 +164,9 @@ N_COEFFICIENTS = len(COEFFICIENTS)
 N_PARAMETERS = len(PARAMETER_NAMES)
 
 
-def aligned_zeros(shape: tuple[int, ...] | int, dtype: type[np.generic] = np.float64) -> NDArray[Any]:
+def aligned_zeros(
+    shape: tuple[int, ...] | int, dtype: type[np.generic] = np.float64
+) -> NDArray[Any]:
     """Zeros that begin with a cache line: vectors of eight doubles are as long, and would otherwise touch two."""
     line = 64  # bytes
     size = int(np.prod(shape)) * np.dtype(dtype).itemsize
@@ -151,10 +191,14 @@ def variable_row(name: str) -> int:
 
 
 # Rows that more than one part reads: variables, and dispersions of mass and inertia, engine, actuators, air.
-V_ONE, V_MACH, V_ALPHA, V_BETA, V_P_HAT, V_Q_HAT, V_R_HAT, V_DELTA_A, V_DELTA_R, V_DELTA_E = range(VAR, VAR + 10)
+V_ONE, V_MACH, V_ALPHA, V_BETA, V_P_HAT, V_Q_HAT, V_R_HAT, V_DELTA_A, V_DELTA_R, V_DELTA_E = range(
+    VAR, VAR + 10
+)
 V_ETA, V_ALTITUDE, V_MASS, V_EFFECTOR = range(VAR + 10, VAR + 14)
 K_MASS, K_XX, K_YY, K_ZZ, K_13, K_CG_X, K_CG_Y, K_CG_Z = parameter_rows("mass.total", 8)
 K_THRUST, K_ISP = parameter_rows("propulsion.thrust", 2)
 K_BANDWIDTH, K_DAMPING, K_LIMIT, K_RATE = parameter_rows("actuator.bandwidth", 4)
 K_ENGINE_BANDWIDTH, K_ENGINE_DAMPING, K_ENGINE_RATE = parameter_rows("engine.bandwidth", 3)
-K_DENSITY, K_WIND_NORTH, K_WIND_EAST, K_SHEAR_NORTH, K_SHEAR_EAST = parameter_rows("atmosphere.density", 5)
+K_DENSITY, K_WIND_NORTH, K_WIND_EAST, K_SHEAR_NORTH, K_SHEAR_EAST = parameter_rows(
+    "atmosphere.density", 5
+)

@@ -169,7 +169,9 @@ class Constants(NamedTuple):
     angle_of_attack_min: float  # rad, a flight ends outside
     angle_of_attack_max: float
     sideslip_max: float
-    drag_in_wind_axes: float  # 1: drag opposes the velocity (a sphere); 0: drag and lift in stability axes
+    drag_in_wind_axes: (
+        float  # 1: drag opposes the velocity (a sphere); 0: drag and lift in stability axes
+    )
     nose_radius: float  # m; 0 where the file has none
     inlet: Inlet
     bounds: LoadBounds  # a flight ends above
@@ -201,7 +203,9 @@ class Vehicle(NamedTuple):
     constants: Constants
     tables: Tables
     build_up: BuildUp
-    effector_mix: Floats  # [effector, 3] radians of effector per radian of (aileron, rudder, elevator)
+    effector_mix: (
+        Floats  # [effector, 3] radians of effector per radian of (aileron, rudder, elevator)
+    )
     effectors: Effectors
     effector_names: Ints  # [effector, letter] code points, zeros behind
     engines: Floats  # [engine, 4] share of the thrust; x, y, z of it from where all of it acts, m; none: one engine

@@ -6,7 +6,9 @@ from abhv_mc.kernel.jit import kernel
 
 
 @kernel
-def fill_loop_gains(plant_A, plant_B, plant_C, law_A, law_B, law_C, law_D, delay, system, turn, result):
+def fill_loop_gains(
+    plant_A, plant_B, plant_C, law_A, law_B, law_C, law_D, delay, system, turn, result
+):
     """Fill ``result`` [point, input, input]; ``turn``: rad per control period, see ``stability.margins``."""
     n, m = plant_A.shape[1], law_A.shape[1]
     inputs, outputs = law_D.shape[1], law_D.shape[2]

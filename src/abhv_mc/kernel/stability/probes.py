@@ -34,7 +34,9 @@ class PlantAnswer(NamedTuple):
 
     rates: Floats  # [point, 14] of the states before the actuators'
     variables: Floats  # [point, variable] of the tables
-    measured: Floats  # [point, measured] without bias, noise and delay; a frozen measurement as it is
+    measured: (
+        Floats  # [point, measured] without bias, noise and delay; a frozen measurement as it is
+    )
 
 
 @lanes
@@ -59,7 +61,15 @@ def _fail(plan, memory, width, active, tick):
     """What has failed in the plant; of an argument that is None, as in lean probes, the branch is not compiled."""
     if active is not None:
         tick_length = plan.timing.step * plan.timing.steps_per_tick
-        fail_plant(memory.Z, memory.A, width, active.failures, plan.vehicle, tick * tick_length, tick_length)
+        fail_plant(
+            memory.Z,
+            memory.A,
+            width,
+            active.failures,
+            plan.vehicle,
+            tick * tick_length,
+            tick_length,
+        )
 
 
 @lanes
@@ -111,7 +121,9 @@ def _answer(plan, memory, width, active, held, tick, answer, start, n):
                 for lane in range(width):
                     Z[s.SLOW_EFFECTOR + e, lane] = NEVER
             pass_commands(Z, width)
-            fail_plant(Z, memory.A, width, active.failures, plan.vehicle, tick * tick_length, tick_length)
+            fail_plant(
+                Z, memory.A, width, active.failures, plan.vehicle, tick * tick_length, tick_length
+            )
         found = active.failures
         failures = Failures(found.surfaces, True, found.engine, found.engines, found.sensors)
         here = Active(active.disturbances, active.sensor_errors, failures, True)
@@ -135,7 +147,9 @@ def _answer_all(plan, memory, held, acting, flight, states, positions, numbers, 
         _load(Z, XS, width, states, numbers, start, n)
         for lane in range(width):
             for e in range(positions.shape[1]):
-                memory.A[e * N_EFFECTOR_ROWS + STAGE, lane] = positions[numbers[start + min(lane, n - 1)], e]
+                memory.A[e * N_EFFECTOR_ROWS + STAGE, lane] = positions[
+                    numbers[start + min(lane, n - 1)], e
+                ]
         _answer(plan, memory, width, find(Z, width, plan), held, tick, answer, start, n)
 
 
@@ -151,7 +165,9 @@ def make_probe_plant(lean: bool) -> Callable[..., Any]:
         """
         if has_width(memory, LANES):
             find = nothing_active if lean else find_active
-            _answer_all(plan, memory, held, acting, flight, states, positions, numbers, find, tick, answer)
+            _answer_all(
+                plan, memory, held, acting, flight, states, positions, numbers, find, tick, answer
+            )
 
     return named_kernel(probe_plant, lean)
 
@@ -186,6 +202,16 @@ def make_probe_law(lean: bool) -> Callable[..., Any]:
     def probe_law(plan, memory, tick, rows, numbers, before, after, seen):
         """A tick of the plan's law from memory rows ``before`` [point, row] to ``after``; the measurement is there."""
         if has_width(memory, LANES):
-            _law_all(plan, memory, None if lean else plan.user_code, tick, rows, numbers, before, after, seen)
+            _law_all(
+                plan,
+                memory,
+                None if lean else plan.user_code,
+                tick,
+                rows,
+                numbers,
+                before,
+                after,
+                seen,
+            )
 
     return named_kernel(probe_law, lean)

@@ -158,7 +158,9 @@ def _descend(M, x, H, V, room):
             for i in range(n):
                 for j in range(n):
                     si, sj = step * p[i], step * p[j]
-                    inverse[i, j] += (curvature + yhy) * si * sj / curvature**2 - (hy[i] * sj + si * hy[j]) / curvature
+                    inverse[i, j] += (curvature + yhy) * si * sj / curvature**2 - (
+                        hy[i] * sj + si * hy[j]
+                    ) / curvature
         for i in range(n):
             x[i], g[i] = trial[i], g_trial[i]
         value = found

@@ -70,7 +70,9 @@ def layer_at(height: float) -> Layer:
 
 
 @scalar
-def air_in_layer(layer: Layer, height: float, isothermal: bool) -> tuple[float, float, float, float]:
+def air_in_layer(
+    layer: Layer, height: float, isothermal: bool
+) -> tuple[float, float, float, float]:
     """Density, pressure, temperature and 1 / speed of sound; ``isothermal`` spares the logarithm where it is true.
 
     It may be False for any layer.
@@ -78,7 +80,9 @@ def air_in_layer(layer: Layer, height: float, isothermal: bool) -> tuple[float, 
     above_base = height - layer.base
     ratio = 1.0 if isothermal else 1.0 + layer.relative_lapse * above_base
     temperature = layer.temperature * ratio
-    along = above_base if isothermal else (log(ratio) if layer.relative_lapse != 0.0 else above_base)
+    along = (
+        above_base if isothermal else (log(ratio) if layer.relative_lapse != 0.0 else above_base)
+    )
     pressure = layer.pressure * exp(layer.rate * along)
     per_sound_speed = 1.0 / math.sqrt((HEAT_CAPACITY_RATIO * GAS_CONSTANT) * temperature)
     density = pressure * (HEAT_CAPACITY_RATIO * (per_sound_speed * per_sound_speed))  # p / (R T)
@@ -113,10 +117,16 @@ def atmosphere_lanes(Z, width, altitude_row, density_row, per_sound_row):
     if elsewhere > 0:
         for lane in range(width):
             height = Z[density_row, lane]
-            Z[density_row, lane], _, _, Z[per_sound_row, lane] = air_in_layer(layer_at(height), height, False)
+            Z[density_row, lane], _, _, Z[per_sound_row, lane] = air_in_layer(
+                layer_at(height), height, False
+            )
     elif layer.relative_lapse == 0.0:
         for lane in range(width):
-            Z[density_row, lane], _, _, Z[per_sound_row, lane] = air_in_layer(layer, Z[density_row, lane], True)
+            Z[density_row, lane], _, _, Z[per_sound_row, lane] = air_in_layer(
+                layer, Z[density_row, lane], True
+            )
     else:
         for lane in range(width):
-            Z[density_row, lane], _, _, Z[per_sound_row, lane] = air_in_layer(layer, Z[density_row, lane], False)
+            Z[density_row, lane], _, _, Z[per_sound_row, lane] = air_in_layer(
+                layer, Z[density_row, lane], False
+            )

@@ -14,7 +14,9 @@ class Earth(NamedTuple):
     gravitational_parameter: float  # GM, m3/s2
     j2: float  # 0 for a central field
     rotation_rate: float  # rad/s, 0 for a still Earth
-    j2_meridional: float = 1.0  # factor of J2's pull towards the equator; other than 1 only to replay a faulty model
+    j2_meridional: float = (
+        1.0  # factor of J2's pull towards the equator; other than 1 only to replay a faulty model
+    )
 
 
 WGS84 = Earth(6378137.0, 1.0 / 298.257223563, 3.986004418e14, 1.08262982e-3, 7.292115e-5)
@@ -31,7 +33,9 @@ def radii(earth: Earth, sin_lat: float) -> tuple[float, float]:
 
 
 @scalar
-def gravity_ned(earth: Earth, altitude: float, sin_lat: float, cos_lat: float) -> tuple[float, float]:
+def gravity_ned(
+    earth: Earth, altitude: float, sin_lat: float, cos_lat: float
+) -> tuple[float, float]:
     """Gravity (north, down), m/s2: central and J2 attraction plus the centrifugal acceleration.
 
     ``altitude`` (m) and latitude are geodetic. The attraction is the exact gradient of the potential
@@ -48,6 +52,8 @@ def gravity_ned(earth: Earth, altitude: float, sin_lat: float, cos_lat: float) -
     # Along the meridian the attraction is -2 j2_term central rho z / r: what the factor takes of it, or adds.
     taken = 2.0 * (1.0 - earth.j2_meridional)
     tilt = (5.0 - taken) * (z * z * inverse_square)
-    g_rho = (earth.rotation_rate * earth.rotation_rate - central * (1.0 + j2_term * (1.0 - tilt))) * rho
+    g_rho = (
+        earth.rotation_rate * earth.rotation_rate - central * (1.0 + j2_term * (1.0 - tilt))
+    ) * rho
     g_z = -central * (1.0 + j2_term * (3.0 - taken - tilt)) * z
     return g_z * cos_lat - g_rho * sin_lat, -(g_rho * cos_lat + g_z * sin_lat)

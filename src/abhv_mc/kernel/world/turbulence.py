@@ -65,7 +65,12 @@ def roll_gust_sigma(length, span):
 
     Of the spectrum 0.8 (pi L / 4 b)^(1/3) / (L V (1 + (4 b w / pi V)^2)) over 0 < w, b the span (m), L the length (m).
     """
-    return math.sqrt(0.8 * exp(_THIRD * log(math.pi * length / (4.0 * span))) * math.pi**2 / (8.0 * span * length))
+    return math.sqrt(
+        0.8
+        * exp(_THIRD * log(math.pi * length / (4.0 * span)))
+        * math.pi**2
+        / (8.0 * span * length)
+    )
 
 
 @scalar

@@ -18,7 +18,9 @@ _POINTS = 1500
 
 def write_loop_figures(folder: Path, stem: str, linear: Linear) -> Iterator[Path]:
     """Write ``bode_STEM.png`` and ``nichols_STEM.png`` of the first system; name what was written."""
-    top = 0.999 * np.pi / linear.period  # at the whole, an even period's integrators answer as at zero
+    top = (
+        0.999 * np.pi / linear.period
+    )  # at the whole, an even period's integrators answer as at zero
     omega = np.geomspace(1e-2, top, _POINTS)
     if linear.phases:
         gains = fundamental_gains(linear, omega)
@@ -40,7 +42,10 @@ def plot_bode(omega: Floats, gains: NDArray[np.complex128], inputs: Sequence[str
     upper, lower = figure.subplots(2, 1, sharex=True)
     for i, name in enumerate(inputs):
         upper.semilogx(
-            omega, 20.0 * np.log10(np.abs(gains[:, i])), color=CYCLE[i % len(CYCLE)], label=name.replace("_", " ")
+            omega,
+            20.0 * np.log10(np.abs(gains[:, i])),
+            color=CYCLE[i % len(CYCLE)],
+            label=name.replace("_", " "),
         )
         lower.semilogx(omega, _phase(gains[:, i]), color=CYCLE[i % len(CYCLE)])
     upper.axhline(0.0, color=INK, linewidth=0.6)

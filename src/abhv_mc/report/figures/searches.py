@@ -43,12 +43,22 @@ FLIGHT_PANELS = (
 
 
 @styled
-def plot_convergence(label: str, searched: Floats, random: Floats, stages: Sequence[tuple[int, str]]) -> Figure:
+def plot_convergence(
+    label: str, searched: Floats, random: Floats, stages: Sequence[tuple[int, str]]
+) -> Figure:
     """What was worst so far over the flights of the search and over random ones; where each stage begins."""
     figure = new_figure(2.8)
     axes = figure.subplots()
-    axes.plot(np.arange(1, random.size + 1), random, color=INK, linestyle=(0, (4, 2)), label="random, same box")
-    axes.plot(np.arange(1, searched.size + 1), searched, color=VERMILION, linewidth=1.5, label="search")
+    axes.plot(
+        np.arange(1, random.size + 1),
+        random,
+        color=INK,
+        linestyle=(0, (4, 2)),
+        label="random, same box",
+    )
+    axes.plot(
+        np.arange(1, searched.size + 1), searched, color=VERMILION, linewidth=1.5, label="search"
+    )
     for i, (start, name) in enumerate(stages):
         axes.axvline(start, color=SKY, linewidth=0.6)
         place = start, 1.02 + 0.08 * (i % 2)
@@ -88,7 +98,11 @@ def plot_levels(label: str, limit: float, repetitions: Sequence[tuple[Floats, Fl
     figure = new_figure(2.8)
     axes = figure.subplots()
     for i, (thresholds, probabilities) in enumerate(repetitions):
-        look = {"color": CYCLE[i % len(CYCLE)], "marker": MARKERS[i % len(MARKERS)], "markersize": 4}
+        look = {
+            "color": CYCLE[i % len(CYCLE)],
+            "marker": MARKERS[i % len(MARKERS)],
+            "markersize": 4,
+        }
         axes.semilogy(thresholds, probabilities, label=f"repetition {i + 1}", linewidth=0.9, **look)
     axes.axvline(limit, color=INK, linestyle=(0, (4, 2)), label="the requirement's limit")
     axes.set_xlabel(label)
@@ -103,7 +117,12 @@ def plot_mixing(acceptance: Sequence[Floats], spread: Sequence[Floats], aim: flo
     figure = new_figure(2.4)
     left, right = figure.subplots(1, 2)
     for i, (rates, sizes) in enumerate(zip(acceptance, spread, strict=True)):
-        look = {"color": CYCLE[i % len(CYCLE)], "marker": MARKERS[i % len(MARKERS)], "markersize": 4, "linewidth": 0.9}
+        look = {
+            "color": CYCLE[i % len(CYCLE)],
+            "marker": MARKERS[i % len(MARKERS)],
+            "markersize": 4,
+            "linewidth": 0.9,
+        }
         levels = np.arange(2, rates.size + 2)
         left.plot(levels, rates, **look)
         right.plot(levels, sizes, **look)
@@ -136,44 +155,80 @@ def plot_failures(names: Sequence[str], points: Floats) -> Figure:
 
 @styled
 def plot_front(
-    labels: tuple[str, str], points: tuple[Floats, Floats, NDArray[np.bool_]], front: NDArray[np.intp], best: int
+    labels: tuple[str, str],
+    points: tuple[Floats, Floats, NDArray[np.bool_]],
+    front: NDArray[np.intp],
+    best: int,
 ) -> Figure:
     """Candidates by usage and error: those beyond a limit, those within all, the front, the start and the best."""
     usage, error, allowed = points
     figure = new_figure(3.4)
     axes = figure.subplots()
     shown = np.isfinite(usage) & np.isfinite(error)
-    axes.plot(usage[shown & ~allowed], error[shown & ~allowed], ".", color="#BBBBBB", label="beyond a limit")
-    axes.plot(usage[shown & allowed], error[shown & allowed], ".", color=SKY, label="within all limits")
-    axes.plot(usage[front], error[front], color=BLUE, linewidth=1.2, drawstyle="steps-post", label="Pareto front")
+    axes.plot(
+        usage[shown & ~allowed],
+        error[shown & ~allowed],
+        ".",
+        color="#BBBBBB",
+        label="beyond a limit",
+    )
+    axes.plot(
+        usage[shown & allowed], error[shown & allowed], ".", color=SKY, label="within all limits"
+    )
+    axes.plot(
+        usage[front],
+        error[front],
+        color=BLUE,
+        linewidth=1.2,
+        drawstyle="steps-post",
+        label="Pareto front",
+    )
     axes.plot(usage[0], error[0], "s", color=INK, label="start")
     axes.plot(usage[best], error[best], "o", color=VERMILION, label="result")
     axes.set_xlabel(labels[0])
     axes.set_ylabel(labels[1])
     if shown.any():  # far candidates would squeeze what matters into a corner
-        for near, values, mark in ((axes.set_xlim, usage, usage[0]), (axes.set_ylim, error, error[0])):
+        for near, values, mark in (
+            (axes.set_xlim, usage, usage[0]),
+            (axes.set_ylim, error, error[0]),
+        ):
             low = float(values[shown].min())
-            near(low - 0.1 * abs(mark - low), max(low, mark) + 1.5 * max(abs(mark - low), 0.1 * abs(mark)))
+            near(
+                low - 0.1 * abs(mark - low),
+                max(low, mark) + 1.5 * max(abs(mark - low), 0.1 * abs(mark)),
+            )
     figure.legend(loc="outside right upper")
     return figure
 
 
 @styled
-def plot_flights(times: Floats, panels: Mapping[str, Floats], labels: Sequence[str], title: str = "") -> Figure:
+def plot_flights(
+    times: Floats, panels: Mapping[str, Floats], labels: Sequence[str], title: str = ""
+) -> Figure:
     """Channels ``[flight, time]``, NaN after a flight's end (a cross): the nominal flight first, dashed."""
     figure, grid = new_panels(
-        len(panels), 2, 1.2, between=(0.68, 0.2), top=0.24 + 0.18 * bool(title) * (1 + title.count("\n")), sharex=True
+        len(panels),
+        2,
+        1.2,
+        between=(0.68, 0.2),
+        top=0.24 + 0.18 * bool(title) * (1 + title.count("\n")),
+        sharex=True,
     )
     figure.suptitle(title, fontsize=8.5)
     for axes, (label, curves) in zip(grid.flat, panels.items(), strict=False):
         for i, (curve, name) in enumerate(zip(curves, labels, strict=True)):
             look: dict[str, Any] = {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 2))}
             if i:
-                look = {"color": _BESIDE[(i - 1) % len(_BESIDE)], "linewidth": 1.5 if i == 1 else 0.9}
+                look = {
+                    "color": _BESIDE[(i - 1) % len(_BESIDE)],
+                    "linewidth": 1.5 if i == 1 else 0.9,
+                }
             axes.plot(times, curve, label=name, **look)
             flown = np.flatnonzero(np.isfinite(curve))
             if flown.size and flown[-1] < times.size - 1:
-                axes.plot(times[flown[-1]], curve[flown[-1]], "x", color=look["color"], markersize=5)
+                axes.plot(
+                    times[flown[-1]], curve[flown[-1]], "x", color=look["color"], markersize=5
+                )
         axes.set_ylabel(label)
         pad_if_flat(axes)
     label_lowest(grid, len(panels), "time (s)")
@@ -189,12 +244,31 @@ def plot_planned(planned: Planned) -> Figure:
     """Chance of PASS against the true failure rate: a panel a requirement, and one for all together where several."""
     rates, entries = planned.rates_over_allowed, planned.requirements
     count = len(entries) + (len(entries) > 1)
-    figure, grid = new_panels(count, min(2, count), 1.7, between=(0.3, 0.55), sharex=True, sharey=True)
+    figure, grid = new_panels(
+        count, min(2, count), 1.7, between=(0.3, 0.55), sharex=True, sharey=True
+    )
     for axes, entry in zip(grid.flat, entries, strict=False):
         for chance, color in zip(entry.pass_chance, _PLANNED, strict=True):
-            axes.plot(rates, chance.at_some_flight, color=color, label=f"at some flight up to {chance.runs}")
-            axes.plot(rates, chance.at_runs, color=color, linestyle=(0, (5, 1.5)), label=f"at {chance.runs}")
-        axes.axhline(entry.risk_used, color=INK, linewidth=0.8, linestyle=(0, (1, 1)), label="consumer's risk")
+            axes.plot(
+                rates,
+                chance.at_some_flight,
+                color=color,
+                label=f"at some flight up to {chance.runs}",
+            )
+            axes.plot(
+                rates,
+                chance.at_runs,
+                color=color,
+                linestyle=(0, (5, 1.5)),
+                label=f"at {chance.runs}",
+            )
+        axes.axhline(
+            entry.risk_used,
+            color=INK,
+            linewidth=0.8,
+            linestyle=(0, (1, 1)),
+            label="consumer's risk",
+        )
         axes.set_title(f"{entry.words} in {100.0 * entry.probability:g} %", fontsize=8)
     if len(entries) > 1:
         axes = grid.flat[len(entries)]

@@ -46,7 +46,9 @@ class Baseline(Compared):
     digest: str | None
 
 
-def require_same_samples(mine: Mapping[str, Floats], theirs: Mapping[str, Floats], folder: Path, path: Path) -> None:
+def require_same_samples(
+    mine: Mapping[str, Floats], theirs: Mapping[str, Floats], folder: Path, path: Path
+) -> None:
     """Raise InputError about ``path``: the parameter and flight where its samples differ from ``folder``."""
     expected = f"the samples of {folder}"
     for name in mine:
@@ -87,9 +89,13 @@ def parse_margins(texts: Sequence[str]) -> dict[str, float]:
         except Refusal:
             margin = -1.0
         if margin < 0.0:
-            raise InputError("--fail-if-worse", f"'{text}'", "METRIC=SHARE, a share from 0 such as 5%")
+            raise InputError(
+                "--fail-if-worse", f"'{text}'", "METRIC=SHARE, a share from 0 such as 5%"
+            )
         if metric.strip() in margins:
-            raise InputError("--fail-if-worse", f"'{metric.strip()}' a second time", "each metric once")
+            raise InputError(
+                "--fail-if-worse", f"'{metric.strip()}' a second time", "each metric once"
+            )
         margins[metric.strip()] = margin
     return margins
 
@@ -102,7 +108,10 @@ def read_compared(folder_a: Path, folder_b: Path) -> tuple[FlownCampaign, FlownC
 
 
 def compare_results(
-    a: FlownCampaign, b: FlownCampaign, controllers: Sequence[str] = (), margins: Mapping[str, float] | None = None
+    a: FlownCampaign,
+    b: FlownCampaign,
+    controllers: Sequence[str] = (),
+    margins: Mapping[str, float] | None = None,
 ) -> Compared:
     """Compare each controller that both campaigns flew, on the same samples; requirements and metrics are those of `a`.
 
@@ -115,27 +124,38 @@ def compare_results(
     records = a.campaign.metrics
     for metric in margins or {}:
         if metric not in metrics:
-            raise InputError("--fail-if-worse", f"unknown metric '{metric}'", one_of(metrics, metric))
+            raise InputError(
+                "--fail-if-worse", f"unknown metric '{metric}'", one_of(metrics, metric)
+            )
     requirements = tuple(item for item in a.campaign.requirements if item.metric in metrics)
     independent = a.campaign.independent
     pairs = []
     for one, other in _pairs(a, b, controllers):
         flights = sides(a, b, one, other)
         names = (f"{a.folder}: {one}", f"{b.folder}: {other}")
-        found = compare_pair(*flights, names, metrics, compared, requirements, independent=independent)
+        found = compare_pair(
+            *flights, names, metrics, compared, requirements, independent=independent
+        )
         if found is not None:
             gates = {
-                metric: _gate(*flights, metric, margin, requirements) for metric, margin in (margins or {}).items()
+                metric: _gate(*flights, metric, margin, requirements)
+                for metric, margin in (margins or {}).items()
             }
             failed = compare_any_failures(*flights, requirements)
-            pairs.append(CampaignPair(**vars(found), controllers=(one, other), any_failure=failed, not_worse=gates))
+            pairs.append(
+                CampaignPair(
+                    **vars(found), controllers=(one, other), any_failure=failed, not_worse=gates
+                )
+            )
     if not pairs:
         raise InputError(b.folder, "no flight that both campaigns flew", f"flights of {a.folder}")
     asked = tuple(requirement_words(item, records) for item in requirements)
     return Compared(asked, {name: records[name].as_words() for name in metrics}, tuple(pairs))
 
 
-def sides(a: FlownCampaign, b: FlownCampaign, one: str, other: str) -> tuple[ControllerFlights, ControllerFlights]:
+def sides(
+    a: FlownCampaign, b: FlownCampaign, one: str, other: str
+) -> tuple[ControllerFlights, ControllerFlights]:
     """The flights of a controller of each campaign; what is bad in a metric is what `a` says."""
     return a.flights[one], replace(b.flights[other], records=a.campaign.metrics)
 
@@ -143,7 +163,9 @@ def sides(a: FlownCampaign, b: FlownCampaign, one: str, other: str) -> tuple[Con
 def compare_baseline(results: FlownCampaign, baseline: Path) -> Baseline:
     """A campaign against an earlier one on the same samples, as its report holds it. Raises InputError."""
     held = read_flown(baseline)
-    require_same_samples(held.samples, results.samples, baseline, CampaignFolder(results.folder).samples)
+    require_same_samples(
+        held.samples, results.samples, baseline, CampaignFolder(results.folder).samples
+    )
     found = compare_results(results, held)
     held.refuse_changes()
     return Baseline(**vars(found), folder=baseline.as_posix(), digest=held.manifest.digest)
@@ -155,25 +177,39 @@ def gate_words(pair: CampaignPair, metric: str, b: str, requirements: Sequence[s
     words = f"{b} {'passes' if gate.shown else 'is stopped'}: {'' if gate.within_low > 0.5 else 'NOT '}shown to be"
     words += f" at most {100.0 * gate.margin:g} % worse on more than half of the flights (on {gate.within} of "
     words += f"{gate.pairs} flown; with 95 % confidence on at least {percent(gate.within_low, 2)} of all)"
-    reasons = [f"its {100.0 * level:.4g} % quantile is shown to be worse by more" for level in gate.worse_tails]
+    reasons = [
+        f"its {100.0 * level:.4g} % quantile is shown to be worse by more"
+        for level in gate.worse_tails
+    ]
     if gate.worst_doubled:
-        reasons.append(f"its worst flight has {significant(worst[1])}, against {significant(worst[0])}")
+        reasons.append(
+            f"its worst flight has {significant(worst[1])}, against {significant(worst[0])}"
+        )
     reasons += ["it loses more flights"] if gate.loses_more else []
     reasons += [f"it misses {requirements[k]} more often" for k in gate.misses_more]
     return "; ".join([words, *reasons])
 
 
 def _gate(
-    a: ControllerFlights, b: ControllerFlights, metric: str, margin: float, requirements: Sequence[Requirement]
+    a: ControllerFlights,
+    b: ControllerFlights,
+    metric: str,
+    margin: float,
+    requirements: Sequence[Requirement],
 ) -> Gate:
     """What stops `b`, which may be so much worse."""
     rows_a, rows_b = common_rows(a, b)
     values = distances(a, metric, rows_a), distances(b, metric, rows_b)
-    missed = [(requirement_failures(a, item)[rows_a], requirement_failures(b, item)[rows_b]) for item in requirements]
+    missed = [
+        (requirement_failures(a, item)[rows_a], requirement_failures(b, item)[rows_b])
+        for item in requirements
+    ]
     return judge_change(*values, (a.failed[rows_a], b.failed[rows_b]), missed, margin)
 
 
-def _pairs(a: FlownCampaign, b: FlownCampaign, controllers: Sequence[str]) -> Iterator[tuple[str, str]]:
+def _pairs(
+    a: FlownCampaign, b: FlownCampaign, controllers: Sequence[str]
+) -> Iterator[tuple[str, str]]:
     if controllers:
         if len(controllers) != 2:
             found = f"{len(controllers)} controllers"

@@ -40,11 +40,19 @@ def judge_campaign(models: Models) -> Judgement:
     open_ones = [name for name in bound if name not in (*failed, *passed)]
 
     def who(them: list[str]) -> str:
-        return joined(list(map(names.label, them))) if len(them) <= 2 else f"{len(them)} {names.campaign.kind}s"
+        return (
+            joined(list(map(names.label, them)))
+            if len(them) <= 2
+            else f"{len(them)} {names.campaign.kind}s"
+        )
 
     free = [name for name in names.controllers if name not in bound]
     others = [name for name in free if set(verdicts.statuses(name)) == {"PASS"}]
-    too = f"; {joined(list(map(names.label, others)))} meet{'s' * (len(others) == 1)} them, too" if others else ""
+    too = (
+        f"; {joined(list(map(names.label, others)))} meet{'s' * (len(others) == 1)} them, too"
+        if others
+        else ""
+    )
     also = f"; not shown for {who(open_ones)}" if open_ones else ""
     told = {
         "yes": f"Requirements met by {who(passed)}{too}.",
@@ -56,7 +64,9 @@ def judge_campaign(models: Models) -> Judgement:
         MIXED: " None is better throughout.", NO_DIFFERENCE: f" No {names.campaign.kind} is shown to be better.",
         ALONE: "",
     }  # fmt: skip
-    answer = told[met] + (winner[better] if better in winner else f" {names.label(better)} is better.")
+    answer = told[met] + (
+        winner[better] if better in winner else f" {names.label(better)} is better."
+    )
     because = tuple(_reasons(models))[:_REASONS]
     return Judgement(met, better, because, _sure(models), _next(models, met), answer)
 
@@ -87,7 +97,11 @@ def _better(models: Models) -> str:
 
 def _reasons(models: Models) -> Iterator[str]:
     names, verdicts, flights = models.names, models[VERDICTS], models[FLIGHTS].counts
-    lost = [f"{names.label(name)} {count_of(each.failed, each.flown)}" for name, each in flights.items() if each.failed]
+    lost = [
+        f"{names.label(name)} {count_of(each.failed, each.flown)}"
+        for name, each in flights.items()
+        if each.failed
+    ]
     if lost:
         yield f"Lost flights: {few(lost)}."
     margins = {name: least_margins(models[MARGINS], name) for name in names.controllers}
@@ -102,7 +116,9 @@ def _reasons(models: Models) -> Iterator[str]:
     for item in verdicts.requirements:
         for name in item.asked.controllers:
             if name in item.controllers and item.controllers[name].status == "FAIL":
-                missed.setdefault(names.label(name), []).append(names.metrics[item.asked.metric].phrase)
+                missed.setdefault(names.label(name), []).append(
+                    names.metrics[item.asked.metric].phrase
+                )
     if missed:
         yield f"Missed: {'; '.join(f'{who} in {few(what)}' for who, what in missed.items())}."
     if names.campaign.judged:
@@ -113,7 +129,11 @@ def _reasons(models: Models) -> Iterator[str]:
 
 def few(words: list[str]) -> str:
     """'a, b and c', or 'a, b and 2 more'."""
-    return joined(words) if len(words) <= _REASONS else f"{', '.join(words[:2])} and {len(words) - 2} more"
+    return (
+        joined(words)
+        if len(words) <= _REASONS
+        else f"{', '.join(words[:2])} and {len(words) - 2} more"
+    )
 
 
 def _closer(pair: ControllerPair, names: Names) -> str:
@@ -124,7 +144,9 @@ def _closer(pair: ControllerPair, names: Names) -> str:
     }
     parts = [f"{names.label(pair.a)} is closer in {held['better']}"] if held["better"] else []
     if held["worse"]:
-        parts.append(f"{names.label(pair.b)} {'' if parts else 'is closer '}in {held['worse']}{_usage(pair)}")
+        parts.append(
+            f"{names.label(pair.b)} {'' if parts else 'is closer '}in {held['worse']}{_usage(pair)}"
+        )
     return f"{', '.join(parts)}." if parts else ""
 
 
@@ -132,15 +154,28 @@ def _angles(pair: ControllerPair, names: Names) -> str:
     """'By rms TLC is closer than LQR in sideslip, in bank only when settled.': which has the smaller rms error on more
     flights; '' where the campaign counts no rms error of settled stretches."""
     found = closer_in(pair, names)
-    sides = {(True, True): "", (False, True): " only when settled", (True, False): " but not when settled"}
+    sides = {
+        (True, True): "",
+        (False, True): " only when settled",
+        (True, False): " but not when settled",
+    }
     parts = [f"in {joined(found[side])}{words}" for side, words in sides.items() if side in found]
     words = ", ".join(parts) if parts else "in no angle"
-    return f"By rms {names.label(pair.a)} is closer than {names.label(pair.b)} {words}." if found else ""
+    return (
+        f"By rms {names.label(pair.a)} is closer than {names.label(pair.b)} {words}."
+        if found
+        else ""
+    )
 
 
 def _usage(pair: ControllerPair) -> str:
     ratios = [entry.usage_ratio.value for entry in pair.usage.values() if entry]
-    if not ratios or not ratios[0] or not math.isfinite(ratios[0]) or abs(ratios[0] - 1.0) < _SAME_USAGE:
+    if (
+        not ratios
+        or not ratios[0]
+        or not math.isfinite(ratios[0])
+        or abs(ratios[0] - 1.0) < _SAME_USAGE
+    ):
         return ""
     return f" at {significant(1.0 / ratios[0], 2)} times the surface usage"
 
@@ -171,7 +206,9 @@ def flights_jointly(verdicts: Verdicts) -> int | None:
     if held is None or not held.dropped:
         return None
     found = [verdict for item in verdicts.requirements for verdict in item.controllers.values()]
-    passed = sorted((each for each in found if each.status == "PASS"), key=lambda each: each.p_value)
+    passed = sorted(
+        (each for each in found if each.status == "PASS"), key=lambda each: each.p_value
+    )
     shares = [held.risk / (held.verdicts - rank) for rank in range(len(passed))]
     return max(
         flights_to_pass(each.failures, each.probability, min(each.consumer_risk, share))
@@ -190,7 +227,11 @@ def _next(models: Models, met: Met) -> Next | None:
     if met == "no":
         return why_failed
     if met == "not shown":
-        binding = [item.controllers.get(name) for item in verdicts.requirements for name in item.asked.controllers]
+        binding = [
+            item.controllers.get(name)
+            for item in verdicts.requirements
+            for name in item.asked.controllers
+        ]
         open_ones = [each for each in binding if each and each.status == "NOT SHOWN"]
         if not open_ones:
             return None
@@ -199,7 +240,9 @@ def _next(models: Models, met: Met) -> Next | None:
             return why_failed
         need = max(each.flights for each in found if each)
         if need > _MOST_TIMES * max(each.flights for each in open_ones):
-            return Next(f"{fixed(need, 0)} flights would do, more than {_MOST_TIMES} times those flown")
+            return Next(
+                f"{fixed(need, 0)} flights would do, more than {_MOST_TIMES} times those flown"
+            )
         return _more(need, f"{fixed(need, 0)} flights would do for each by itself", flies)
     jointly = flights_jointly(verdicts)
     if jointly:

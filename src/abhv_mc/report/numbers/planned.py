@@ -17,7 +17,11 @@ from abhv_mc.topics.missed_requirements import limit_words
 TIMES = (1, 2, 4)  # the planned number of flights
 # True failure rates over the allowed one, a fifth and the whole of it among them.
 _RATES = np.concatenate(
-    [[0.0], *(np.geomspace(*ends)[:-1] for ends in ((0.02, 0.2, 8), (0.2, 1.0, 13))), np.geomspace(1.0, 3.0, 5)]
+    [
+        [0.0],
+        *(np.geomspace(*ends)[:-1] for ends in ((0.02, 0.2, 8), (0.2, 1.0, 13))),
+        np.geomspace(1.0, 3.0, 5),
+    ]
 )
 
 
@@ -71,7 +75,9 @@ class Planned:
     stops_when_proven: bool
     family_risk: float | None
     verdicts: int
-    rates_over_allowed: Floats  # [rate] the true failure rate divided by what the requirement allows
+    rates_over_allowed: (
+        Floats  # [rate] the true failure rate divided by what the requirement allows
+    )
     requirements: tuple[PlannedRequirement, ...]
     together: tuple[Together, ...]
     problems: Sequence[str]
@@ -86,7 +92,11 @@ def plan_campaign(campaign: Experiment) -> Planned:
     requirements = []
     for item in campaign.requirements:
         # Where a family is held, each verdict is planned with its share of the risk: Holm's first step.
-        risk = min(item.consumer_risk, model.family.risk / verdicts) if model.family else item.consumer_risk
+        risk = (
+            min(item.consumer_risk, model.family.risk / verdicts)
+            if model.family
+            else item.consumer_risk
+        )
         asked = item.probability, risk
         rates = np.minimum(_RATES * (1.0 - item.probability), 1.0)
         requirements.append(

@@ -53,7 +53,9 @@ Schema: TypeAlias = dict[str, Any]
 def report_schema() -> Schema:
     """What stands in report.json; an infinite or missing number is null."""
     defs: dict[str, Schema] = {}
-    held = {"judgement": _schema(Judgement, defs)} | {topic.name: _schema(topic.model, defs) for topic in BUILT_IN}
+    held = {"judgement": _schema(Judgement, defs)} | {
+        topic.name: _schema(topic.model, defs) for topic in BUILT_IN
+    }
     users = {topic.name: _schema(topic.model, defs) for topic in user_topics()}
     text = {"type": ["string", "null"]}
     return {
@@ -87,7 +89,12 @@ def _schema(hint: Any, defs: dict[str, Schema]) -> Schema:
         return {"type": "object", "additionalProperties": _schema(arguments[1], defs)}
     if origin is tuple and arguments[-1] is not Ellipsis:
         items = [_schema(each, defs) for each in arguments]
-        return {"type": "array", "prefixItems": items, "minItems": len(items), "maxItems": len(items)}
+        return {
+            "type": "array",
+            "prefixItems": items,
+            "minItems": len(items),
+            "maxItems": len(items),
+        }
     if origin in (tuple, list):
         return {"type": "array", "items": _schema(arguments[0], defs)}
     if is_dataclass(hint):
@@ -101,5 +108,10 @@ def _schema(hint: Any, defs: dict[str, Schema]) -> Schema:
         defs[name] = {}
         hints = get_type_hints(hint)
         properties = {each: _schema(hints[each], defs) for each in names}
-        defs[name] = {"type": "object", "properties": properties, "required": names, "additionalProperties": False}
+        defs[name] = {
+            "type": "object",
+            "properties": properties,
+            "required": names,
+            "additionalProperties": False,
+        }
     return {"$ref": f"#/$defs/{name}"}

@@ -22,8 +22,14 @@ def section_leads(models: Models, warnings: Sequence[str] = ()) -> Mapping[str, 
     """What stands first in a topic's section and takes other topics to say; ``warnings``: what else is missing."""
     siblings, command = name_siblings(models.results.folder, models.results.manifest)
     held = models[VERDICTS].held_together
-    jointly = models.sentences(VERDICTS) if held is not None and held.dropped else ()  # tells which do not stand
-    windy = [f"{words[:1].upper()}{words[1:]}." for words in warnings_of(models) if words.startswith(IN_WIND)]
+    jointly = (
+        models.sentences(VERDICTS) if held is not None and held.dropped else ()
+    )  # tells which do not stand
+    windy = [
+        f"{words[:1].upper()}{words[1:]}."
+        for words in warnings_of(models)
+        if words.startswith(IN_WIND)
+    ]
     beside = [f"{siblings} All judged together: `{command}`"] if siblings else []
     flights = flight_sentences(models[FLIGHTS], models.names, off_cards=True)
     return {
@@ -34,8 +40,17 @@ def section_leads(models: Models, warnings: Sequence[str] = ()) -> Mapping[str, 
 
 def confidence_sentence(models: Models, warnings: Sequence[str] = ()) -> str:
     """What the intervals and verdicts rest on; ``warnings``: what else is missing."""
-    campaign, names, requirements = models.results.campaign, models.names, models[VERDICTS].requirements
-    flights = joined([fixed(count, 0) for count in sorted({each.flown for each in models[FLIGHTS].counts.values()})])
+    campaign, names, requirements = (
+        models.results.campaign,
+        models.names,
+        models[VERDICTS].requirements,
+    )
+    flights = joined(
+        [
+            fixed(count, 0)
+            for count in sorted({each.flown for each in models[FLIGHTS].counts.values()})
+        ]
+    )
     text = f"Based on {flights} flights of each {names.campaign.kind}, the same dispersions for all"
     text += "; intervals are 95 %." if campaign.independent else "."
     if campaign.unknowns.names:
@@ -57,7 +72,9 @@ def confidence_sentence(models: Models, warnings: Sequence[str] = ()) -> str:
             f"{percent(largest, 2)}, however often one looks or extends the campaign; the intervals are for one look."
         )
         if campaign.model.stop:
-            text += f" The campaign stops when proven, after at most {fixed(campaign.runs, 0)} flights."
+            text += (
+                f" The campaign stops when proven, after at most {fixed(campaign.runs, 0)} flights."
+            )
     for warning in (*warnings_of(models), *warnings):
         text += f" Note: {warning}."
     if models.results.manifest.complete is False:

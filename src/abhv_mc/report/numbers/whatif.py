@@ -79,8 +79,13 @@ def make_whatif(root: Path, settings: Mapping[str, Mapping[str, Any]]) -> Whatif
         weights = weigh_flights(campaign, change, rows)
         effective, unseen = effective_size(weights), unseen_probability(campaign, change, rows)
         _refuse_too_little(root, effective, unseen, flights)
-        metrics = {metric: _levels(flights, metric, weights, unseen.joint) for metric in results.metrics}
-        required = tuple(_required(flights, item, weights, unseen.joint) for item in results.campaign.requirements)
+        metrics = {
+            metric: _levels(flights, metric, weights, unseen.joint) for metric in results.metrics
+        }
+        required = tuple(
+            _required(flights, item, weights, unseen.joint)
+            for item in results.campaign.requirements
+        )
         total = int(flights.flight.size)
         controllers[name] = WhatifController(total, effective, unseen.joint, required, metrics)
     results.refuse_changes()
@@ -89,7 +94,9 @@ def make_whatif(root: Path, settings: Mapping[str, Mapping[str, Any]]) -> Whatif
     return Whatif(change.before, change.after, stopped, results.compared, words, controllers)
 
 
-def _refuse_too_little(root: Path, effective: float, unseen: Unseen, flights: ControllerFlights) -> None:
+def _refuse_too_little(
+    root: Path, effective: float, unseen: Unseen, flights: ControllerFlights
+) -> None:
     total = flights.flight.size
     most = max(unseen.single, unseen.joint)
     if most > MOST_UNSEEN:
@@ -101,15 +108,21 @@ def _refuse_too_little(root: Path, effective: float, unseen: Unseen, flights: Co
         raise InputError(root, found, f"{expected} campaign")
 
 
-def _required(flights: ControllerFlights, item: Requirement, weights: Floats, unseen: float) -> WhatifRequirement:
+def _required(
+    flights: ControllerFlights, item: Requirement, weights: Floats, unseen: float
+) -> WhatifRequirement:
     failed = requirement_failures(flights, item)
     count = int(failed.sum())
     before = Interval(count / failed.size, *clopper_pearson(count, failed.size))
     shares = Pair(before, weighted_share(failed, weights, unseen))
-    return WhatifRequirement(item.metric, requirement_words(item, flights.records), item.probability, shares)
+    return WhatifRequirement(
+        item.metric, requirement_words(item, flights.records), item.probability, shares
+    )
 
 
-def _levels(flights: ControllerFlights, metric: str, weights: Floats, unseen: float) -> dict[str, Pair]:
+def _levels(
+    flights: ControllerFlights, metric: str, weights: Floats, unseen: float
+) -> dict[str, Pair]:
     values, sense = severities(flights, metric), flights.records[metric].bad
     return {
         level_name(level): Pair(

@@ -22,7 +22,10 @@ def hash_files(folder: Path) -> dict[str, str]:
     """SHA-256 of every file that the report is made from, by its path in the folder, as the manifest lists them."""
     paths = CampaignFolder(folder)
     manifest = read_manifest(paths.manifest)
-    names = [path.relative_to(paths.root).as_posix() for path in (paths.campaign, *data_files(paths, manifest))]
+    names = [
+        path.relative_to(paths.root).as_posix()
+        for path in (paths.campaign, *data_files(paths, manifest))
+    ]
     return {name: manifest.files[name] for name in names}
 
 
@@ -38,9 +41,16 @@ def make_key(folder: Path, baseline: Path | None = None) -> str:
 
     source = Path(abhv_mc.__file__).parent
     parts = sorted(
-        path for name in ("report", "statistics", "topics") for path in (source / name).rglob("*") if path.is_file()
+        path
+        for name in ("report", "statistics", "topics")
+        for path in (source / name).rglob("*")
+        if path.is_file()
     )
-    code = {path.relative_to(source).as_posix(): hash_file(path) for path in parts if path.suffix != ".pyc"}
+    code = {
+        path.relative_to(source).as_posix(): hash_file(path)
+        for path in parts
+        if path.suffix != ".pyc"
+    }
     data: list[Any] = [abhv_mc.__version__, code, hash_file(folder / "manifest.json")]
     data.append([topic.name for topic in user_topics()])
     data += name_siblings(folder, read_manifest(CampaignFolder(folder).manifest))
@@ -70,13 +80,21 @@ def refuse_search(root: Path, manifest: Manifest) -> None:
     """Raise InputError for a search's folder, naming the command that makes its page again."""
     if manifest.search:
         expected = f"the search's own command, which makes its page again from them: {search_command(root, manifest)}"
-        raise InputError(root, "the flights of a search, of which there is no campaign's report", expected)
+        raise InputError(
+            root, "the flights of a search, of which there is no campaign's report", expected
+        )
 
 
 def search_command(root: Path, manifest: Manifest) -> str:
     """The command that answers the search again from what the folder holds."""
     held = manifest.search or {}
-    words = ["abhv-mc", held["kind"], str(root / "campaign.yaml"), "--controller", held["controller"]]
+    words = [
+        "abhv-mc",
+        held["kind"],
+        str(root / "campaign.yaml"),
+        "--controller",
+        held["controller"],
+    ]
     if held["kind"] == "worst":
         words += ["--metric", held["metric"], *SIDES[held["bad"]], "--box", f"{held['box']:g}"]
     else:
@@ -96,7 +114,9 @@ def _seldom_collecting() -> Iterator[None]:
 
 
 @_seldom_collecting()
-def build_report(folder: Path, baseline: Path | None = None, svg: bool = False, stage: Stage = nullcontext) -> Path:
+def build_report(
+    folder: Path, baseline: Path | None = None, svg: bool = False, stage: Stage = nullcontext
+) -> Path:
     """Write a folder's report and return its page; ``svg``: each figure as SVG, too. Raises InputError."""
     from abhv_mc.folder.flown_campaign import read_flown
     from abhv_mc.folder.layout import write_text
@@ -129,17 +149,30 @@ def build_report(folder: Path, baseline: Path | None = None, svg: bool = False, 
                     if svg:
                         write_svg(figure, path.with_suffix(".svg"))
                     figures.append(PageFigure(text, path, width, height))
-            except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
-                failed.append(f"figures of {shown} could not be made ({type(error).__name__}: {error})")
+            except (
+                ArithmeticError,
+                AttributeError,
+                LookupError,
+                RuntimeError,
+                TypeError,
+                ValueError,
+            ) as error:
+                failed.append(
+                    f"figures of {shown} could not be made ({type(error).__name__}: {error})"
+                )
     results.refuse_changes()
-    kept = {figure.path.with_suffix(kind) for figure in figures for kind in (".png", *[".svg"] * svg)}
+    kept = {
+        figure.path.with_suffix(kind) for figure in figures for kind in (".png", *[".svg"] * svg)
+    }
     for stale in {*figures_folder.glob("*.png"), *figures_folder.glob("*.svg")} - kept:
         stale.unlink(missing_ok=True)  # another report of this folder may do the same
     page = folder / "report.html"
     write_text(CampaignFolder(folder).metrics, make_metrics(models[METRICS]))
     write_text(page, make_page(models, figures, failed, held))
     if results.campaign.requirements:
-        write_text(CampaignFolder(folder).matrix, make_matrix(models[VERDICTS], results.campaign.metrics))
+        write_text(
+            CampaignFolder(folder).matrix, make_matrix(models[VERDICTS], results.campaign.metrics)
+        )
     pictures = hash_pages(folder, [path.relative_to(folder).as_posix() for path in sorted(kept)])
     numbers |= {"pages": hash_pages(folder, [page.name]), "pictures": pictures, "key": key}
     write_text(folder / "report.json", json.dumps(numbers, indent=1, allow_nan=False) + "\n")

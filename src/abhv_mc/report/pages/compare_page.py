@@ -8,7 +8,14 @@ from typing import NamedTuple
 
 from abhv_mc.flight.metrics import SURFACE_USAGE
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.report.numbers.compare import CampaignPair, Compared, compare_results, gate_words, read_compared, sides
+from abhv_mc.report.numbers.compare import (
+    CampaignPair,
+    Compared,
+    compare_results,
+    gate_words,
+    read_compared,
+    sides,
+)
 from abhv_mc.report.numbers.judgement import few
 from abhv_mc.report.pages.page import Answer, make_table, write_answer
 from abhv_mc.topics.comparison import pair_tables
@@ -56,7 +63,10 @@ def compare_folders(
 
 
 def _section(
-    a: FlownCampaign, b: FlownCampaign, found: Compared, told: Sequence[tuple[str, CampaignPair, Names]]
+    a: FlownCampaign,
+    b: FlownCampaign,
+    found: Compared,
+    told: Sequence[tuple[str, CampaignPair, Names]],
 ) -> Section:
     answers: list[str] = []
     tables: list[Item] = []
@@ -69,25 +79,43 @@ def _section(
         "early counts as worse than any that did not."
     )
     if any(names.campaign.independent for _, _, names in told):
-        answers[-1] += " Who is better allows for all metrics that are asked for and of control usage."
+        answers[-1] += (
+            " Who is better allows for all metrics that are asked for and of control usage."
+        )
     flying = dict.fromkeys(str(each.folder) for each in (a, b) if not each.campaign.adopted)
-    again = (f"`{shlex.join(['abhv-mc', 'replay', one])} --controller NAME --flight NUMBER`" for one in flying)
+    again = (
+        f"`{shlex.join(['abhv-mc', 'replay', one])} --controller NAME --flight NUMBER`"
+        for one in flying
+    )
     answers += [f"A flight again, bit for bit: {' or '.join(again)}."] if flying else []
-    return Section("Answer", (_lead(told, b), Bullets(tuple(answers)), Picture("differences"), *tables))
+    return Section(
+        "Answer", (_lead(told, b), Bullets(tuple(answers)), Picture("differences"), *tables)
+    )
 
 
-def _told(a: FlownCampaign, b: FlownCampaign, found: Compared) -> list[tuple[str, CampaignPair, Names]]:
+def _told(
+    a: FlownCampaign, b: FlownCampaign, found: Compared
+) -> list[tuple[str, CampaignPair, Names]]:
     """How each pair is called, and what its two sides are."""
     told, names, (first, second) = [], names_of(a), _folder_names(a, b)
     for pair in found.paired:
-        one, other = (full_labels(of.folder, [name])[name] for of, name in zip((a, b), pair.controllers, strict=True))
+        one, other = (
+            full_labels(of.folder, [name])[name]
+            for of, name in zip((a, b), pair.controllers, strict=True)
+        )
         title, sides_of = f"{one} against {other}", (one, other)
         if first != second and one == other:
             title, sides_of = one, (first, second)
         elif first != second:
             sides_of = f"{first} ({one})", f"{second} ({other})"
             title = " against ".join(sides_of)
-        told.append((title, pair, replace(names, controllers=dict(zip((pair.a, pair.b), sides_of, strict=True)))))
+        told.append(
+            (
+                title,
+                pair,
+                replace(names, controllers=dict(zip((pair.a, pair.b), sides_of, strict=True))),
+            )
+        )
     return told
 
 
@@ -108,7 +136,11 @@ def _lead(told: Sequence[tuple[str, CampaignPair, Names]], b: FlownCampaign) -> 
         answer = "no winner is named, as the flights are not independent"
         if names.campaign.independent:
             answer = words[verdict_of(pair, names)]
-            parts = [f"loses {'more' if pair.losing == 'b' else 'fewer'} flights"] if pair.losing else []
+            parts = (
+                [f"loses {'more' if pair.losing == 'b' else 'fewer'} flights"]
+                if pair.losing
+                else []
+            )
             sides_of = (("worse", held["better"]), ("better", held["worse"]))
             parts += [f"is {word} in {few(metrics)}" for word, metrics in sides_of if metrics]
             because += [f"{title}: {second} {joined(parts)}."] if parts else []
@@ -136,7 +168,9 @@ def _provenance(a: FlownCampaign, b: FlownCampaign, found: Compared, folder: Pat
         [str(each.folder), seed, fixed(each.manifest.runs_done, 0), str(each.manifest.digest)]
         for each, seed in zip((a,) if a.folder == b.folder else (a, b), seeds, strict=False)
     ]
-    across = next((pair.controllers for pair in found.paired if len(set(pair.controllers)) > 1), None)
+    across = next(
+        (pair.controllers for pair in found.paired if len(set(pair.controllers)) > 1), None
+    )
     words = ["abhv-mc", "compare", str(a.folder), str(b.folder), "-o", str(folder)]
     words += ["--controllers", ",".join(across)] if across else []
     for pair in found.paired[:1]:
@@ -153,9 +187,14 @@ def _sentences(title: str, pair: CampaignPair, names: Names, of: Compared) -> li
         for metric in pair.not_worse
     ]
     if _is_same(pair):
-        return [*found, f"{title}: the same in all {fixed(pair.pairs, 0)} flights, in every metric."]
+        return [
+            *found,
+            f"{title}: the same in all {fixed(pair.pairs, 0)} flights, in every metric.",
+        ]
     judged = names.campaign.independent
-    words = pair_words(pair, names) if judged else "no winner is named: the flights are not independent"
+    words = (
+        pair_words(pair, names) if judged else "no winner is named: the flights are not independent"
+    )
     found.append(f"{title}, on the same {fixed(pair.pairs, 0)} flights: {words}.")
     failed = pair.any_failure
     if failed.only_a or failed.only_b:
@@ -164,7 +203,9 @@ def _sentences(title: str, pair: CampaignPair, names: Names, of: Compared) -> li
             f"{b} alone, {fixed(failed.both, 0)} under both (McNemar p {p_value(failed.p_value)})."
         )
     else:
-        found.append(f"{title}: no flight fails under one alone, {fixed(failed.both, 0)} under both.")
+        found.append(
+            f"{title}: no flight fails under one alone, {fixed(failed.both, 0)} under both."
+        )
     return found
 
 
@@ -188,7 +229,9 @@ def _figures(a: FlownCampaign, b: FlownCampaign, pairs: Mapping[str, CampaignPai
         if not any(values.any() for values in differences.values()):
             equal.append(record.phrase)
             continue
-        ends = {title: ends_of(pair.metrics[metric].median_difference) for title, pair in pairs.items()}
+        ends = {
+            title: ends_of(pair.metrics[metric].median_difference) for title, pair in pairs.items()
+        }
         panels.append(DifferencePanel(record.label_with_unit, differences, ends))
     if not panels:
         return []
@@ -198,5 +241,7 @@ def _figures(a: FlownCampaign, b: FlownCampaign, pairs: Mapping[str, CampaignPai
         "of the two lost; axes leave out the outermost 1 % of the flights."
     )
     caption += f" The same in every flight: {joined(equal)}." if equal else ""
-    figure = plot_differences(panels, {name: name for name in pairs}, controller_colors(tuple(pairs)), "no difference")
+    figure = plot_differences(
+        panels, {name: name for name in pairs}, controller_colors(tuple(pairs)), "no difference"
+    )
     return [(FigureText("differences", "Paired differences", caption), figure)]

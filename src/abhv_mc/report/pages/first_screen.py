@@ -19,7 +19,10 @@ from abhv_mc.topics.verdicts.model import GlanceCell, GlanceRow, Verdicts
 from abhv_mc.topics.words import count_of, fixed, joined, percent, significant
 
 _ROWS, _PAIRS = 8, 2  # shown; then 'and n more'
-_LEFT, _RIGHT = 0.0, 1.35  # ends of the chart, in units of the limit; what lies beyond is a mark at the edge
+_LEFT, _RIGHT = (
+    0.0,
+    1.35,
+)  # ends of the chart, in units of the limit; what lies beyond is a mark at the edge
 
 
 @dataclass(frozen=True)
@@ -59,13 +62,21 @@ def chart_rows(
         entries = sorted(entries, key=lambda entry: -_nearest(entry))[:_ROWS]
     marks = {name: mark_of(k) for k, name in enumerate(labels)}
     return [
-        (entry, [_bar(entry, cell, labels[name], colors[name], marks[name]) for name, cell in entry.cells.items()])
+        (
+            entry,
+            [
+                _bar(entry, cell, labels[name], colors[name], marks[name])
+                for name, cell in entry.cells.items()
+            ],
+        )
         for entry in entries
     ]
 
 
 def _bar(entry: GlanceRow, cell: GlanceCell, label: str, color: str, mark: str) -> Bar:
-    low, median, high, tolerance = (place(each, entry) for each in (cell.low, cell.median, cell.high, cell.tolerance))
+    low, median, high, tolerance = (
+        place(each, entry) for each in (cell.low, cell.median, cell.high, cell.tolerance)
+    )
     ends = sorted(value for value in (low, high) if value is not None)
     return Bar(
         label, color, mark,
@@ -96,9 +107,12 @@ def _edge(entry: GlanceRow, cell: GlanceCell) -> str:
 
 def _bar_words(entry: GlanceRow, label: str, cell: GlanceCell) -> str:
     low, median, high = (
-        significant(value, 3) if math.isfinite(value) else "beyond all" for value in (cell.low, cell.median, cell.high)
+        significant(value, 3) if math.isfinite(value) else "beyond all"
+        for value in (cell.low, cell.median, cell.high)
     )
-    tolerance = "" if cell.tolerance is None else f", tolerance limit {significant(cell.tolerance, 3)}"
+    tolerance = (
+        "" if cell.tolerance is None else f", tolerance limit {significant(cell.tolerance, 3)}"
+    )
     return f"{label}: median {median}, 5 to 95 % {low} to {high}{tolerance} {entry.unit}".strip()
 
 
@@ -112,7 +126,9 @@ def card(models: Models, name: str, color: str) -> dict[str, object]:
     notes = [
         f"unstable at {corners} of {steady} corners" if corners and margin != "unstable" else "",
         f"{count_of(found.saturated, found.flown)} saturate" if found.saturated else "",
-        f"{count_of(cycling, found.flown)} {'swing' if found.disturbed else 'cycle'}" if cycling else "",
+        f"{count_of(cycling, found.flown)} {'swing' if found.disturbed else 'cycle'}"
+        if cycling
+        else "",
         f"{counts.not_computed} not computed" if counts.not_computed else "",
     ]
     used = [
@@ -166,9 +182,19 @@ def baseline_line(held: Baseline | None, names: Names) -> str:
         return ""
     parts = []
     for pair in held.paired[:_PAIRS]:
-        failed, shown = pair.any_failure, {side: len(metrics) for side, metrics in standing(pair, names).items()}
-        counts = (("better", shown["better"]), ("worse", shown["worse"]), ("undecided", shown["mixed"]))
-        words, total = joined([f"{word} in {count}" for word, count in counts if count]), sum(shown.values())
+        failed, shown = (
+            pair.any_failure,
+            {side: len(metrics) for side, metrics in standing(pair, names).items()},
+        )
+        counts = (
+            ("better", shown["better"]),
+            ("worse", shown["worse"]),
+            ("undecided", shown["mixed"]),
+        )
+        words, total = (
+            joined([f"{word} in {count}" for word, count in counts if count]),
+            sum(shown.values()),
+        )
         of = f"{total} metric{'s' * (total != 1)}"
         text = f"{names.label(pair.controllers[0])} {f'{words} of' if words else 'no difference shown in'} {of}"
         if failed.only_a or failed.only_b:

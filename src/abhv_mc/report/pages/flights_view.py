@@ -28,7 +28,12 @@ _HISTORY_RATE = 5.0  # Hz
 _STRIPS = 24  # dispersions drawn
 _HEADED = 4  # metrics in the table
 _FAR = 3.0  # spans of the flights; a limit further away than that is not drawn
-SCRIPTS = ("flight_axes.js", "flight_path.js", "flight_panel.js", "flights.js")  # in the order in which they build
+SCRIPTS = (
+    "flight_axes.js",
+    "flight_path.js",
+    "flight_panel.js",
+    "flights.js",
+)  # in the order in which they build
 STYLES = ("style.css", "flights.css")
 # Around their middle; one fewer than colours, so that pairs come again late.
 SHAPES = {
@@ -59,12 +64,21 @@ def describe_flights(
     channels: Collection[str],
 ) -> dict[str, Any]:
     """What the view is told of a campaign once: ``ends`` of each column as shown, ``channels`` of histories."""
-    names, records, required = results.controllers, results.campaign.metrics, results.campaign.requirements
+    names, records, required = (
+        results.controllers,
+        results.campaign.metrics,
+        results.campaign.requirements,
+    )
     headed = (results.asked or results.metrics)[:_HEADED]
     moments = moments_of(results)
     known = results.campaign.parameters
-    dispersions = [_dispersion(name, ends[name], moments[name], known) for name in results.dispersed]
-    metrics = [_metric(records[name], results.campaign.limits_of(name), ends[name]) for name in results.metrics]
+    dispersions = [
+        _dispersion(name, ends[name], moments[name], known) for name in results.dispersed
+    ]
+    metrics = [
+        _metric(records[name], results.campaign.limits_of(name), ends[name])
+        for name in results.metrics
+    ]
     return {
         "name": results.campaign.name.replace("_", " "),
         "folder": shlex.quote(results.folder.as_posix()),
@@ -127,12 +141,23 @@ def _head(name: str, unit: str) -> str:
 
 def _criterion(record: Metric, channels: Collection[str]) -> dict[str, Any]:
     """A metric that ranks flights: the channel that shows it (counted of, or alike by name), and its limits' sides."""
-    stems = {name: (name.rpartition("_")[0] if name in CHANNEL_INDEX else name) for name in channels}
-    begun = [name for word in (record.of, record.name) for name in stems if word.startswith(stems[name])]
-    sides = {Statistic.MAX_ABS: (-1.0, 1.0), Statistic.MAX: (1.0,), Statistic.MIN: (1.0,), Statistic.FINAL: (1.0,)}
+    stems = {
+        name: (name.rpartition("_")[0] if name in CHANNEL_INDEX else name) for name in channels
+    }
+    begun = [
+        name for word in (record.of, record.name) for name in stems if word.startswith(stems[name])
+    ]
+    sides = {
+        Statistic.MAX_ABS: (-1.0, 1.0),
+        Statistic.MAX: (1.0,),
+        Statistic.MIN: (1.0,),
+        Statistic.FINAL: (1.0,),
+    }
     return {
         "metric": record.name,
-        "channel": record.of if record.of in stems else max(begun, key=lambda name: len(stems[name]), default=None),
+        "channel": record.of
+        if record.of in stems
+        else max(begun, key=lambda name: len(stems[name]), default=None),
         "sides": sides.get(record.statistic, ()) if record.of in stems else (),
         "settled": record.settled,
         "from": record.start,
@@ -152,18 +177,28 @@ def make_flights_view(
 
     def stacked(columns: Iterable[NDArray[Any]]) -> NDArray[Any]:
         """What is kept of a column of each controller."""
-        return np.concatenate([column[rows] for column, rows in zip(columns, kept.values(), strict=True)])
+        return np.concatenate(
+            [column[rows] for column, rows in zip(columns, kept.values(), strict=True)]
+        )
 
     controller = np.repeat(np.arange(len(names)), [rows.size for rows in kept.values()])
-    number, outcome = stacked(each.flight for each in flights), stacked(each.outcome for each in flights)
+    number, outcome = (
+        stacked(each.flight for each in flights),
+        stacked(each.outcome for each in flights),
+    )
     arrays: dict[str, Floats] = {}
     for name in results.dispersed:
-        arrays[f"column:{name}"] = axis_unit(name, results.campaign.parameters)[1] * results.samples[name][number]
+        arrays[f"column:{name}"] = (
+            axis_unit(name, results.campaign.parameters)[1] * results.samples[name][number]
+        )
     for metric in results.metrics:
         arrays[f"column:{metric}"] = stacked(each.metrics[metric] for each in flights)
     ends = {key.removeprefix("column:"): find_ends(values) for key, values in arrays.items()}
     places = {
-        (name, int(n)): i for i, (name, n) in enumerate(zip(np.array(names)[controller].tolist(), number, strict=True))
+        (name, int(n)): i
+        for i, (name, n) in enumerate(
+            zip(np.array(names)[controller].tolist(), number, strict=True)
+        )
     }
     history = np.full(number.size, -1)
     channels = _add_histories(results, places, history, arrays)
@@ -181,7 +216,10 @@ def make_flights_view(
             "by": stacked(results.ranking.by[name] for name in names).tolist(),
             "missed": [flags.astype(int).tolist() for flags in missed],
         },
-        "outcomes": {k: results.campaign.outcomes.codes[k].replace("_", " ") for k in np.unique(outcome).tolist()},
+        "outcomes": {
+            k: results.campaign.outcomes.codes[k].replace("_", " ")
+            for k in np.unique(outcome).tolist()
+        },
         "order": np.argsort(stacked(map(results.ranking.places_of, names))).tolist(),
         "histories": bool(channels),
         "drawn_again": bool(results.campaign.channels),
@@ -204,7 +242,9 @@ def _kept(results: FlownCampaign, name: str, most: int) -> NDArray[np.intp]:
     flights = results.flights[name].flight.size
     if flights <= most:
         return np.arange(flights)
-    worst = list(dict.fromkeys([*listed_worst(results, name), *results.ranking.rows_of(name).tolist()]))[: most // 2]
+    worst = list(
+        dict.fromkeys([*listed_worst(results, name), *results.ranking.rows_of(name).tolist()])
+    )[: most // 2]
     others = np.setdiff1d(np.arange(most), worst)[: most - len(worst)]
     return np.sort(np.concatenate([worst, others]).astype(np.intp))
 
@@ -228,7 +268,11 @@ def _add_histories(
     step = float(np.median(np.diff(longest))) if longest.size > 1 else 1.0
     every = max(1, round(1.0 / (_HISTORY_RATE * step)))
     time = longest[::every]
-    held = [name for name in found[0][1] if name != "time" and all(name in columns for _, columns in found)]
+    held = [
+        name
+        for name in found[0][1]
+        if name != "time" and all(name in columns for _, columns in found)
+    ]
     arrays["history-time"] = time
     for channel in held:
         table = np.full((len(found), time.size), np.nan)

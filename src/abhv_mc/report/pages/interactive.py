@@ -19,7 +19,9 @@ _OFF_REFERENCE = {
 }
 
 
-def describe_channel(name: str, held: Collection[str], known: Sequence[Signal] = CHANNELS) -> dict[str, str | None]:
+def describe_channel(
+    name: str, held: Collection[str], known: Sequence[Signal] = CHANNELS
+) -> dict[str, str | None]:
     """Label, unit and meaning of a channel of ``known``, and which of those ``held`` is its command."""
     signal = next((each for each in known if each.name == name), Signal(name, "-", ""))
     command = _beside(signal, "command")
@@ -40,7 +42,11 @@ def _beside(signal: Signal, kind: str) -> str:
 
 def _label(signal: Signal) -> str:
     """'Angle of attack command' of 'angle_of_attack_command_deg'."""
-    words = signal.name.rpartition("_")[0] if signal.unit != "-" and signal.name in _SIGNALS else signal.name
+    words = (
+        signal.name.rpartition("_")[0]
+        if signal.unit != "-" and signal.name in _SIGNALS
+        else signal.name
+    )
     words = words.replace("_", " ")
     return words[:1].upper() + words[1:]
 
@@ -50,13 +56,17 @@ def _thinned(curve: Floats, band: str, every: int) -> Floats:
     extreme = {"min": np.fmin, "max": np.fmax}.get(band)
     if extreme is None or every == 1:
         return curve[::every]
-    around = np.lib.stride_tricks.sliding_window_view(np.pad(curve, every - 1, constant_values=np.nan), 2 * every - 1)
+    around = np.lib.stride_tricks.sliding_window_view(
+        np.pad(curve, every - 1, constant_values=np.nan), 2 * every - 1
+    )
     return np.asarray(extreme.reduce(around, axis=1)[::every], dtype=np.float64)
 
 
 def band_names(results: FlownCampaign) -> tuple[str, ...]:
     """The bands of a campaign's envelopes, in their order."""
-    return tuple(next((envelope.bands for envelope in results.envelopes.values()), dict.fromkeys(BANDS)))
+    return tuple(
+        next((envelope.bands for envelope in results.envelopes.values()), dict.fromkeys(BANDS))
+    )
 
 
 def channel_curves(results: FlownCampaign, controller: str, channel: str) -> tuple[Floats, Floats]:
@@ -89,7 +99,11 @@ def envelope_data(
     their order and the nominal flight behind them, and ``reference:CHANNEL``, each [time]."""
     names = results.controllers
     known = results.campaign.channels
-    held = {each.name: each for each in known if all((name, each.name) in results.envelopes for name in names)}
+    held = {
+        each.name: each
+        for each in known
+        if all((name, each.name) in results.envelopes for name in names)
+    }
     channels: list[dict[str, str | None]] = []
     arrays: dict[str, Floats] = {}
     times = results.reference.get("time", np.empty(0))  # a user's simulator has none
@@ -100,10 +114,19 @@ def envelope_data(
         given = reference in _REFERENCES and reference in results.reference
         if given:
             arrays[f"reference:{reference}"] = results.reference[reference][::every]
-        channels.append({**describe_channel(channel, held, known), "reference": reference if given else None})
+        channels.append(
+            {**describe_channel(channel, held, known), "reference": reference if given else None}
+        )
     for name in names:
         for channel in held:
-            arrays[f"time:{name}"], arrays[f"{channel}:{name}"] = channel_curves(results, name, channel)
+            arrays[f"time:{name}"], arrays[f"{channel}:{name}"] = channel_curves(
+                results, name, channel
+            )
     controllers = [{"name": name, "label": labels[name], "color": colors[name]} for name in names]
     bands = [*band_names(results), "nominal"]
-    return {"channels": channels, "controllers": controllers, "bands": bands, "nominal": bool(results.nominal)}, arrays
+    return {
+        "channels": channels,
+        "controllers": controllers,
+        "bands": bands,
+        "nominal": bool(results.nominal),
+    }, arrays

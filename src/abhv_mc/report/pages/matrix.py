@@ -29,9 +29,20 @@ def make_matrix(verdicts: Verdicts, metrics: Mapping[str, Metric]) -> str:
         asked = {**item.traced, **item.limits.as_entry(), "metric": item.metric, "probability": item.probability,
                  "unit": metrics[item.metric].unit.removeprefix("-"), "consumer_risk": item.consumer_risk}  # fmt: skip
         for name, verdict in entry.controllers.items():
-            found = {key: getattr(verdict, key) for key in ("failures", "flights", "tolerance_limit", "words")}
+            found = {
+                key: getattr(verdict, key)
+                for key in ("failures", "flights", "tolerance_limit", "words")
+            }
             binding = "yes" if name in item.controllers else "no"
-            writer.writerow({**asked, **found, "controller": name, "binding": binding, "verdict": verdict.status})
+            writer.writerow(
+                {
+                    **asked,
+                    **found,
+                    "controller": name,
+                    "binding": binding,
+                    "verdict": verdict.status,
+                }
+            )
     return text.getvalue()
 
 
@@ -75,11 +86,19 @@ def make_junit(suite: str, cases: Iterable[Case]) -> str:
     listed = list(cases)
     failed = sum(case.status == "FAIL" for case in listed)
     skipped = sum(case.status not in ("PASS", "FAIL") for case in listed)
-    facts = {"name": suite, "tests": str(len(listed)), "failures": str(failed), "errors": "0", "skipped": str(skipped)}
+    facts = {
+        "name": suite,
+        "tests": str(len(listed)),
+        "failures": str(failed),
+        "errors": "0",
+        "skipped": str(skipped),
+    }
     root = ElementTree.Element("testsuites", facts)
     holder = ElementTree.SubElement(root, "testsuite", facts)
     for case in listed:
-        element = ElementTree.SubElement(holder, "testcase", {"classname": suite, "name": case.name, "time": "0"})
+        element = ElementTree.SubElement(
+            holder, "testcase", {"classname": suite, "name": case.name, "time": "0"}
+        )
         if case.status == "FAIL":
             ElementTree.SubElement(element, "failure", {"message": case.words})
         elif case.status != "PASS":

@@ -26,7 +26,13 @@ from abhv_mc.report.pages.first_screen import (
     chart_rows,
     more_words,
 )
-from abhv_mc.report.pages.flights_view import SCRIPTS, SHAPES, STYLES, make_flights_view, template_text
+from abhv_mc.report.pages.flights_view import (
+    SCRIPTS,
+    SHAPES,
+    STYLES,
+    make_flights_view,
+    template_text,
+)
 from abhv_mc.report.pages.interactive import envelope_data
 from abhv_mc.topics.figure_style import controller_colors, write_png
 from abhv_mc.topics.flights import FLIGHTS
@@ -55,7 +61,9 @@ def pack_arrays(arrays: Mapping[str, ArrayLike]) -> tuple[dict[str, object], str
         finite = values[np.isfinite(values)]
         low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
         scaled = (values - low) * (_STEPS / (high - low)) if high > low else np.zeros(values.shape)
-        codes = np.where(np.isfinite(values), np.rint(np.nan_to_num(scaled, posinf=0.0, neginf=0.0)), _MISSING)
+        codes = np.where(
+            np.isfinite(values), np.rint(np.nan_to_num(scaled, posinf=0.0, neginf=0.0)), _MISSING
+        )
         parts.append(np.diff(codes.astype(np.int64), prepend=0, axis=-1).ravel().astype(np.uint16))
         places[name] = {"start": start, "shape": list(values.shape), "low": low, "high": high}
         start += values.size
@@ -93,7 +101,10 @@ def _script_json(data: object) -> Markup:
 
 def _script_hashes(*scripts: str) -> Markup:
     """The sources of a content security policy that lets these scripts run and no other."""
-    hashes = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii") for script in scripts)
+    hashes = (
+        base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
+        for script in scripts
+    )
     return Markup(" ".join(f"'sha256-{value}'" for value in hashes))  # noqa: S704  letters of base64 only
 
 
@@ -115,7 +126,8 @@ def _typed(text: str) -> Markup:
     """A text whose parts between backticks are typed as they stand."""
     parts = [escape(part) for part in text.split("`")]
     return Markup("").join(  # nothing but escaped text and our own tags
-        Markup('<code class="command">{}</code>').format(part) if i % 2 else part for i, part in enumerate(parts)
+        Markup('<code class="command">{}</code>').format(part) if i % 2 else part
+        for i, part in enumerate(parts)
     )
 
 
@@ -147,7 +159,11 @@ def make_page(
     flights, columns = make_flights_view(results, names.controllers, colors)
     places, packed = pack_arrays({**arrays, **columns})
     verdicts, state = models[VERDICTS], results.manifest.state
-    seeds = f"seeds {', '.join(map(str, campaign.pooled_seeds))}" if campaign.pooled_seeds else f"seed {campaign.seed}"
+    seeds = (
+        f"seeds {', '.join(map(str, campaign.pooled_seeds))}"
+        if campaign.pooled_seeds
+        else f"seed {campaign.seed}"
+    )
     drawn = "adopted from a table" if campaign.adopted else seeds
     flown = fixed(next(iter(models[FLIGHTS].counts.values())).flown, 0)
     title = campaign.name.replace("_", " ")
@@ -190,7 +206,9 @@ class Answer:
     figures: Iterable[Drawn]  # drawn as they are taken
 
 
-def make_table(title: str, caption: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
+def make_table(
+    title: str, caption: str, heads: Sequence[str], rows: Iterable[Sequence[str]]
+) -> Table:
     """A table of texts; what stands between backticks is a command."""
     cells = tuple(tuple(Cell(text) for text in row) for row in rows)
     return Table(title, tuple(heads), (cells,), f"{title}. {caption}", numbers=False)
@@ -203,6 +221,10 @@ def write_answer(answer: Answer, path: Path, folder: Path | None = None) -> Path
         file = folder / f"{text.name}.png"
         figures[text.name] = PageFigure(text, file, *write_png(figure, file))
     style = Markup(template_text("style.css"))  # noqa: S704  our own file
-    page = make_environment().get_template("answer.html.j2").render(answer=answer, figure_of=figures, style=style)
+    page = (
+        make_environment()
+        .get_template("answer.html.j2")
+        .render(answer=answer, figure_of=figures, style=style)
+    )
     write_text(path, page)
     return path

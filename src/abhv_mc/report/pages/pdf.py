@@ -7,7 +7,14 @@ from pathlib import Path
 
 from abhv_mc.io.input_error import InputError
 
-NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
+NAMES = (
+    "chromium",
+    "chromium-browser",
+    "google-chrome",
+    "google-chrome-stable",
+    "chrome",
+    "msedge",
+)
 _LONGEST = 120.0  # s
 
 
@@ -15,7 +22,11 @@ def find_browser() -> str:
     """A Chromium's program. Raises InputError where none is found."""
     found = next(filter(None, map(shutil.which, NAMES)), None)
     if found is None:
-        raise InputError("--pdf", "no Chromium", f"one of {', '.join(NAMES)} on PATH; any browser prints report.html")
+        raise InputError(
+            "--pdf",
+            "no Chromium",
+            f"one of {', '.join(NAMES)} on PATH; any browser prints report.html",
+        )
     return found
 
 
@@ -26,15 +37,23 @@ def print_pdf(page: Path, browser: str, letter: bool = False) -> Path:
     with tempfile.TemporaryDirectory() as profile:
         sized = Path(profile) / page.name
         size = f"<style>@page {{ size: {'letter' if letter else 'A4'}; }}</style></head>"
-        sized.write_text(page.read_text(encoding="utf-8").replace("</head>", size, 1), encoding="utf-8")
+        sized.write_text(
+            page.read_text(encoding="utf-8").replace("</head>", size, 1), encoding="utf-8"
+        )
         words = [
             browser, "--headless", "--disable-gpu", "--no-sandbox", f"--user-data-dir={profile}",
             "--no-pdf-header-footer", f"--print-to-pdf={target.absolute()}", sized.as_uri(),
         ]  # fmt: skip
         try:
-            done = subprocess.run(words, capture_output=True, text=True, timeout=_LONGEST, check=False)  # noqa: S603
+            done = subprocess.run(  # noqa: S603
+                words, capture_output=True, text=True, timeout=_LONGEST, check=False
+            )
         except subprocess.TimeoutExpired:
-            raise InputError(browser, f"nothing printed in {_LONGEST:g} s", "a Chromium that prints") from None
+            raise InputError(
+                browser, f"nothing printed in {_LONGEST:g} s", "a Chromium that prints"
+            ) from None
     if not target.is_file():
-        raise InputError(browser, f"no PDF was printed: {done.stderr[-200:].strip()}", "a Chromium that prints")
+        raise InputError(
+            browser, f"no PDF was printed: {done.stderr[-200:].strip()}", "a Chromium that prints"
+        )
     return target

@@ -21,7 +21,9 @@ def make_rare_answer(found: RareFound, folder: Path) -> Answer:
     """What an estimate of a rare failure says; its flights lie in ``folder``."""
     metric, dimensions = found.metric, len(found.space.names)
     asked = f"{metric.phrase} {metric.with_unit(str(found.requirement.limits))}"
-    flights = flights_table(found.flights, found.severities, dimensions, metric, found.controller, folder, found.known)
+    flights = flights_table(
+        found.flights, found.severities, dimensions, metric, found.controller, folder, found.known
+    )
     items = (
         *_answers(found, asked),
         *map(Picture, ("levels", "mixing", "failures", "flights")),
@@ -43,14 +45,19 @@ def _draw(found: RareFound) -> Iterator[Drawn]:
             "A parameter whose failures look like all flights does not matter by itself. The numbers are those before "
             "correlations are applied."
         )
-        yield FigureText("failures", "Where failures live", caption), plot_failures(found.space.names, failures)
+        yield (
+            FigureText("failures", "Where failures live", caption),
+            plot_failures(found.space.names, failures),
+        )
     yield from drawn_figures(found.drawn)
 
 
 def _answers(found: RareFound, asked: str) -> tuple[Lead, Bullets]:
     estimate = found.estimate
     if estimate.refusal is None:
-        repeated = "" if found.strata else f" in {len(estimate.repetitions)} independent repetitions"
+        repeated = (
+            "" if found.strata else f" in {len(estimate.repetitions)} independent repetitions"
+        )
         answers = [
             f"P({controller_label(found.controller)} breaks '{asked}') is about {estimate.probability:.1e}, "
             f"95 % interval {estimate.low:.1e} .. {estimate.high:.1e}, from {estimate.flights} flights"
@@ -62,9 +69,13 @@ def _answers(found: RareFound, asked: str) -> tuple[Lead, Bullets]:
     answers.append(f"Second opinion: {found.second_opinion}.")
     looked = estimate.check is not None and len(found.space.names) <= MOST_LOOKED
     more = " Failures apart from where flights grow worse were searched for in random directions; some may stay unseen."
-    answers.append(f"An estimate is no verdict: verdicts come from random campaigns alone.{more if looked else ''}")
+    answers.append(
+        f"An estimate is no verdict: verdicts come from random campaigns alone.{more if looked else ''}"
+    )
     if found.failed_to_run:
-        answers.append(f"{found.failed_to_run} flights could not be computed and count as failures.")
+        answers.append(
+            f"{found.failed_to_run} flights could not be computed and count as failures."
+        )
     return Lead(answers[0]), Bullets(tuple(answers[1:]))
 
 
@@ -92,15 +103,21 @@ def _levels(found: RareFound) -> Drawn:
     for one in found.estimate.repetitions:
         limits = np.array([level.threshold for level in one.levels])
         limits = np.where(limits < ENDED_EARLY, asked.sign * (asked.limit + limits), np.nan)
-        ways.append((limits, np.cumprod([level.probability for level in one.levels], dtype=np.float64)))
+        ways.append(
+            (limits, np.cumprod([level.probability for level in one.levels], dtype=np.float64))
+        )
     caption = (
         "Each repetition's thresholds, and the estimated probability of a flight beyond them. Lines that lie apart are "
         "repetitions that contradict each other."
     )
     if any(np.isnan(limits).any() for limits, _ in ways):
         caption += " A line ends where the next threshold is an early end, which has no value of the metric."
-    label = f"{'distance outside the limits of ' if asked.both else ''}{found.metric.label_with_unit}"
-    return FigureText("levels", "Levels", caption), plot_levels(label, asked.sign * asked.limit, ways)
+    label = (
+        f"{'distance outside the limits of ' if asked.both else ''}{found.metric.label_with_unit}"
+    )
+    return FigureText("levels", "Levels", caption), plot_levels(
+        label, asked.sign * asked.limit, ways
+    )
 
 
 def _mixing(found: RareFound) -> Drawn:
@@ -109,10 +126,15 @@ def _mixing(found: RareFound) -> Drawn:
         "each repetition as above. Chains that accept next to nothing, or move by little, explore little."
     )
     rates, sizes = (
-        [np.array([getattr(level, key) for level in one.levels[1:]]) for one in found.estimate.repetitions]
+        [
+            np.array([getattr(level, key) for level in one.levels[1:]])
+            for one in found.estimate.repetitions
+        ]
         for key in ("acceptance", "spread")
     )
-    return FigureText("mixing", "How the chains mix", caption), plot_mixing(rates, sizes, ACCEPTANCE)
+    return FigureText("mixing", "How the chains mix", caption), plot_mixing(
+        rates, sizes, ACCEPTANCE
+    )
 
 
 def _plain_flights(found: RareFound) -> int:

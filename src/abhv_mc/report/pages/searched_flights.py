@@ -36,7 +36,10 @@ def drawn_figures(drawn: DrawnFlights | None) -> Iterator[Drawn]:
     }
     labels = ["nominal", *(f"flight {number}" for number in drawn.numbers)]
     caption = f"{_ELSEWHERE}; beside the nominal one. A line ends where its flight ended."
-    yield FigureText("flights", "The worst flights", caption), plot_flights(drawn.times, panels, labels)
+    yield (
+        FigureText("flights", "The worst flights", caption),
+        plot_flights(drawn.times, panels, labels),
+    )
 
 
 def flights_table(
@@ -59,12 +62,23 @@ def flights_table(
             f"{flights.outcome[k]}, {flights.end_time[k]:.4g} s",
             ", ".join(
                 f"{name} {shown_value(name, x, known)}"
-                for name, x in zip(flights.names[:dimensions], flights.samples[k].tolist(), strict=False)
+                for name, x in zip(
+                    flights.names[:dimensions], flights.samples[k].tolist(), strict=False
+                )
             ),
             f"`{shlex.join(['abhv-mc', 'replay', str(folder), '--flight', str(k), '--controller', controller])}`",
         ]
         for k in numbers
     ]
-    heads = ("flight", metric.label_with_unit, "ended", "parameters", "flown again, bit for bit, by")
+    heads = (
+        "flight",
+        metric.label_with_unit,
+        "ended",
+        "parameters",
+        "flown again, bit for bit, by",
+    )
     caption = f"{_ELSEWHERE}."
-    return Fold("The worst flights, and how each is flown again", (make_table("Worst flights", caption, heads, rows),))
+    return Fold(
+        "The worst flights, and how each is flown again",
+        (make_table("Worst flights", caption, heads, rows),),
+    )

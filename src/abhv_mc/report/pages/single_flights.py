@@ -35,13 +35,16 @@ def write_nominal_report(
     write_reference(folder / "reference.parquet", reference_of(plan, 1))
     yield folder / "reference.parquet"
     flights = {
-        name: {"time": times} | {channel: history[:, i].astype(np.float64) for channel, i in CHANNEL_INDEX.items()}
+        name: {"time": times}
+        | {channel: history[:, i].astype(np.float64) for channel, i in CHANNEL_INDEX.items()}
         for name, history in histories.items()
     }
     table = pq.ParquetFile(folder / "reference.parquet").read()
     reference = {name: column_values(table[name]) for name in table.column_names}
     picture = folder / "figures" / "channels.png"
-    write_png(plot_flown(flights, reference, {name: controller_label(name) for name in flights}), picture)
+    write_png(
+        plot_flown(flights, reference, {name: controller_label(name) for name in flights}), picture
+    )
     yield picture
 
 
@@ -57,8 +60,13 @@ def explanation_words(found: Explanation) -> list[str]:
     if not kept:
         return [*lines, "The nominal flight fails, too: no dispersion is needed."]
     proof = "no smaller set does" if found.smallest else "none of them can be left out"
-    lines.append(f"It fails with {kept} of its {total} dispersions alone ({proof}; {found.tried} flights tried):")
-    lines += [f"  {name:<36} {shown_value(name, found.samples[name], found.known):>12}" for name in found.causes]
+    lines.append(
+        f"It fails with {kept} of its {total} dispersions alone ({proof}; {found.tried} flights tried):"
+    )
+    lines += [
+        f"  {name:<36} {shown_value(name, found.samples[name], found.known):>12}"
+        for name in found.causes
+    ]
     if found.others:
         lines.append(f"So do {len(found.others)} other sets of {kept}:")
         lines += [f"  {' and '.join(names)}" for names in found.others[:10]]
@@ -95,6 +103,8 @@ def make_explained_figure(found: Explanation) -> Figure:
     until = _AFTER * float(ends.max()) if early else float(ends.max())
     shown = found.block.times <= until
     history = found.block.history[:, shown].astype(np.float64)
-    panels = {label: history[:, :, CHANNEL_INDEX[name]] * scale for name, label, scale in FLIGHT_PANELS}
+    panels = {
+        label: history[:, :, CHANNEL_INDEX[name]] * scale for name, label, scale in FLIGHT_PANELS
+    }
     kept = f"only {len(found.causes)} of {len(found.samples)} dispersions"
     return plot_flights(found.block.times[shown], panels, ("nominal", kept, "as flown"), title)

@@ -45,7 +45,9 @@ def _answers(found: TuneFound) -> tuple[Lead, Bullets]:
     if found.shown:
         answers = [change]
     elif found.tuning.best == 0:
-        answers = ["No file is written: no candidate was better than the start on the common flights."]
+        answers = [
+            "No file is written: no candidate was better than the start on the common flights."
+        ]
     elif not found.tuning.scores.allowed.any():
         answers = [
             "No file is written: no candidate kept every limit. The nearest to it is shown, which breaks: "
@@ -77,7 +79,10 @@ def _sides(found: TuneFound) -> Table:
     for side in found.sides:
         limit, kept = "", ""
         if side.limit is not None:
-            limit, kept = f"{'above' if side.floor else 'below'} {side.limit:.4g}", "yes" if side.keeps else "no"
+            limit, kept = (
+                f"{'above' if side.floor else 'below'} {side.limit:.4g}",
+                "yes" if side.keeps else "no",
+            )
         rows.append([side.words, f"{side.start:.5g}", f"{side.best:.5g}", limit, kept])
     caption = (
         "Metrics on the fresh flights, the same for both; flights that ended early count as the worst. Stability "
@@ -89,12 +94,19 @@ def _sides(found: TuneFound) -> Table:
 
 def _numbers(found: TuneFound) -> Table:
     numbers, place = found.numbers, found.tuning.place
-    columns = [numbers.values(point) for point in (0.0 * place, np.full_like(place, -1.0), place, np.ones_like(place))]
+    columns = [
+        numbers.values(point)
+        for point in (0.0 * place, np.full_like(place, -1.0), place, np.ones_like(place))
+    ]
     ends = numbers.at_ends(place)
     caption = "Each was varied by its factor either way, on a logarithmic scale."
     heads = ("number", "start", "low end", "result", "high end", "")
     rows = [
-        [key, *(str(column[key]) for column in columns), "at the end of its range" if key in ends else ""]
+        [
+            key,
+            *(str(column[key]) for column in columns),
+            "at the end of its range" if key in ends else "",
+        ]
         for key in columns[0]
     ]
     return make_table("Free numbers", caption, heads, rows)

@@ -23,7 +23,10 @@ def verify_campaign(root: Path) -> Iterator[str]:
     manifest = read_manifest(folder.manifest)
     if holder := lock_holder(folder.lock):
         raise InputError(root, f"a campaign that {holder} is flying", "the end of that run")
-    yield from (f"{path.relative_to(folder.root).as_posix()}: {found}" for path, found in find_damage(folder, manifest))
+    yield from (
+        f"{path.relative_to(folder.root).as_posix()}: {found}"
+        for path, found in find_damage(folder, manifest)
+    )
     if manifest.search is None:
         yield from _report_differences(root)
 
@@ -49,9 +52,13 @@ def _report_differences(root: Path) -> Iterator[str]:
     results = read_flown(root)
     held = compare_baseline(results, baseline) if baseline else None
     remade = json.loads(json.dumps(make_numbers(Models(results), held)))
-    users = [each.pop("topics", {}) for each in (written, remade)]  # of those installed then, and now
+    users = [
+        each.pop("topics", {}) for each in (written, remade)
+    ]  # of those installed then, and now
     yield from differences(written, remade)
-    written, remade = ({name: users[k][name] for name in users[0] if name in users[1]} for k in (0, 1))
+    written, remade = (
+        {name: users[k][name] for name in users[0] if name in users[1]} for k in (0, 1)
+    )
     yield from differences(written, remade, "topics")
 
 
@@ -62,7 +69,9 @@ def skipped_topics(root: Path) -> list[str]:
     return sorted(set(held.get("topics", ())) - {topic.name for topic in user_topics()})
 
 
-def differences(written: Any, remade: Any, place: str = "", where: str = "the report") -> Iterator[str]:
+def differences(
+    written: Any, remade: Any, place: str = "", where: str = "the report"
+) -> Iterator[str]:
     """Where two documents differ, in the order of the written one: 'a.b[2]: 1.5 in the report, 1.6 from the data'."""
     if isinstance(written, dict) and isinstance(remade, dict):
         for key in written:
@@ -71,7 +80,11 @@ def differences(written: Any, remade: Any, place: str = "", where: str = "the re
                 yield from differences(written[key], remade[key], inside, where)
             else:
                 yield f"{inside}: in {where}, but not in the data"
-        yield from (f"{place}.{key}: in the data, but not in {where}" for key in remade if key not in written)
+        yield from (
+            f"{place}.{key}: in the data, but not in {where}"
+            for key in remade
+            if key not in written
+        )
     elif isinstance(written, list) and isinstance(remade, list) and len(written) == len(remade):
         for i, (mine, theirs) in enumerate(zip(written, remade, strict=True)):
             yield from differences(mine, theirs, f"{place}[{i}]", where)

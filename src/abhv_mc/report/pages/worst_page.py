@@ -21,7 +21,9 @@ def make_worst_answer(found: WorstFound, folder: Path) -> Answer:
     """What a worst-case search says; its flights lie in ``folder``."""
     metric = found.metric
     searched = found.severities[: found.searched]
-    flights = flights_table(found.flights, searched, len(found.names), metric, found.controller, folder, found.known)
+    flights = flights_table(
+        found.flights, searched, len(found.names), metric, found.controller, folder, found.known
+    )
     pictures = (Picture(name) for name in ("convergence", "place", "flights"))
     title = f"Worst case of {controller_label(found.controller)}: {metric.phrase}"
     items: tuple[Item, ...] = (*_answers(found), *pictures, _range_table(found), flights)
@@ -42,7 +44,11 @@ def _answers(found: WorstFound) -> tuple[Lead, Bullets]:
         first = f"The worst of {counted} {worst}: worse than any value of {metric.phrase}, the earlier the worse."
     else:
         first = f"The {found.side} value of {metric.phrase} in {counted} is {worst}."
-    how_many = "As many" if found.flights.stop == 2 * found.searched else f"{found.flights.stop - found.searched}"
+    how_many = (
+        "As many"
+        if found.flights.stop == 2 * found.searched
+        else f"{found.flights.stop - found.searched}"
+    )
     answers = [
         first,
         f"{how_many} random flights of the same box, drawn from the campaign's distributions: the worst "
@@ -53,13 +59,17 @@ def _answers(found: WorstFound) -> tuple[Lead, Bullets]:
         "correlations are left out, and a worse place that no flight came near stays unseen.",
     ]
     if found.probabilities:
-        often = ", ".join(f"{name} ({percent(share, 3)})" for name, share in found.probabilities.items())
+        often = ", ".join(
+            f"{name} ({percent(share, 3)})" for name, share in found.probabilities.items()
+        )
         answers.append(
             f"In every flight of the search, but in a campaign and in the random flights with a probability: {often}. "
             "How bad it gets without is not searched."
         )
     if found.flights.names != found.names:
-        answers.append("All flights met the same turbulence and noise, so that they differ by their parameters alone.")
+        answers.append(
+            "All flights met the same turbulence and noise, so that they differ by their parameters alone."
+        )
     if found.failed_to_run:
         answers.append(f"{found.failed_to_run} flights could not be computed and count as none.")
     return Lead(answers[0]), Bullets(tuple(answers[1:]))
@@ -83,7 +93,9 @@ def _convergence(found: WorstFound) -> Drawn:
         if not stages or stages[-1][1] != step.stage:
             stages.append((last, step.stage))
         last = step.evaluations
-    searched, random = (_so_far(part, found.sign) for part in np.split(found.severities, [found.searched]))
+    searched, random = (
+        _so_far(part, found.sign) for part in np.split(found.severities, [found.searched])
+    )
     caption = (
         "The worst value so far over the flights of the search and over the random flights of the same box. A line "
         "ends with the first flight that ended early, which is worse."
@@ -99,7 +111,9 @@ def _so_far(severities: Floats, sign: float) -> Floats:
 
 
 def _place(found: WorstFound) -> Drawn:
-    change = np.where(np.abs(found.case.sensitivity) < 0.5 * ENDED_EARLY, found.case.sensitivity, np.nan)
+    change = np.where(
+        np.abs(found.case.sensitivity) < 0.5 * ENDED_EARLY, found.case.sensitivity, np.nan
+    )
     if _ended_early(found, found.worst):
         what, change, gap = "time of the end (s)", -change, "the flight does not end early"
     else:
@@ -118,7 +132,9 @@ def _range_table(found: WorstFound) -> Table:
     worst = found.flights.samples[found.worst]
     rows = [
         [name, *(shown_value(name, value, found.known) for value in (low, worst[i], high))]
-        for i, (name, (low, high)) in enumerate(zip(found.names, found.bounds.tolist(), strict=True))
+        for i, (name, (low, high)) in enumerate(
+            zip(found.names, found.bounds.tolist(), strict=True)
+        )
     ]
     caption = f"Bounded distributions span their range, others {found.settings.box:g} standard deviations either way."
     return make_table("The box", caption, ("parameter", "low end", "worst", "high end"), rows)

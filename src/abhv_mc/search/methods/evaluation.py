@@ -14,7 +14,9 @@ LANES = 32  # flights that compiled code flies side by side: batches are multipl
 
 def make_generator(seed: int, *place: int) -> np.random.Generator:
     """The generator of one place in a search (repetition, level, step, ...), independent of all others."""
-    return np.random.Generator(np.random.Philox(np.random.SeedSequence(entropy=seed, spawn_key=place)))
+    return np.random.Generator(
+        np.random.Philox(np.random.SeedSequence(entropy=seed, spawn_key=place))
+    )
 
 
 def round_up(number: int, multiple: int = LANES) -> int:
@@ -41,7 +43,9 @@ class Record:
     values: list[Floats] = field(default_factory=list)  # of each batch: [point]
     history: list[Progress] = field(default_factory=list)
     best: float = -np.inf
-    place: Floats = field(default_factory=lambda: np.empty(0))  # of the best; [dimension] once there is one
+    place: Floats = field(
+        default_factory=lambda: np.empty(0)
+    )  # of the best; [dimension] once there is one
 
     @property
     def used(self) -> int:

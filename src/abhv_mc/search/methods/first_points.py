@@ -46,7 +46,9 @@ def explore(record: Record, dimension: int, seed: int, batch: int) -> None:
         record.call(fill(even[taken : (taken := taken + batch)]), "Sobol points")
 
 
-def _climb_corners(record: Record, star: Floats, batch: int, fill: Callable[[Floats], Floats]) -> None:
+def _climb_corners(
+    record: Record, star: Floats, batch: int, fill: Callable[[Floats], Floats]
+) -> None:
     """Uphill from the corner that the slopes point to: all neighbours, then all signs at once that gained alone.
 
     Where that leads no further, the climb begins again at the opposite corner.

@@ -8,11 +8,19 @@ from abhv_mc.search.methods.evaluation import Record, make_generator, round_up
 
 _LEAST_STEP = 1e-3  # half widths of the box
 _REACHES = (2.0, 8.0)  # steps: how far away the top of a fitted quadratic may be
-_SPREADS = (1.2, 2.0, 4.0)  # points of a fit for each coefficient: from a narrow neighbourhood to a wide one
+_SPREADS = (
+    1.2,
+    2.0,
+    4.0,
+)  # points of a fit for each coefficient: from a narrow neighbourhood to a wide one
 _FAR_ENOUGH = 0.3  # steps: the best place moved at least so far where the step stays
 _NEAR_BOUND = 0.9  # beyond it, the bound itself is tried
-_NEAR = 0.05  # squared distance, of the furthest point's, within which all points count about the same
-_RIDGE = 1e-9  # of the points' weight: keeps the fit unique where they are fewer than the coefficients
+_NEAR = (
+    0.05  # squared distance, of the furthest point's, within which all points count about the same
+)
+_RIDGE = (
+    1e-9  # of the points' weight: keeps the fit unique where they are fewer than the coefficients
+)
 
 
 def polish(record: Record, step: float, seed: int, batch: int, reserve: int) -> None:
@@ -23,7 +31,9 @@ def polish(record: Record, step: float, seed: int, batch: int, reserve: int) -> 
         place, best = record.place, record.best
         dimension = len(place)
         compass = np.clip(
-            np.concatenate([place + step * np.eye(dimension), place - step * np.eye(dimension)]), -1.0, 1.0
+            np.concatenate([place + step * np.eye(dimension), place - step * np.eye(dimension)]),
+            -1.0,
+            1.0,
         )
         tops = _tops(record, place, step)
         expected = np.array([*compass, *tops, *suggested])
@@ -31,11 +41,19 @@ def polish(record: Record, step: float, seed: int, batch: int, reserve: int) -> 
         if record.left - reserve < filled:
             return
         generator = make_generator(seed, 1, iteration)
-        around = step * generator.standard_normal((filled - len(expected), dimension)) / np.sqrt(dimension)
-        if tops:  # half of them: shorter and longer variants of the step to a top, dimension by dimension
+        around = (
+            step
+            * generator.standard_normal((filled - len(expected), dimension))
+            / np.sqrt(dimension)
+        )
+        if (
+            tops
+        ):  # half of them: shorter and longer variants of the step to a top, dimension by dimension
             half = len(around) // 2
             around[:half] = generator.uniform(0.0, 1.5, (half, dimension)) * (tops[0] - place)
-        values = record.call(np.clip(np.concatenate([expected, place + around]), -1.0, 1.0), "polish")
+        values = record.call(
+            np.clip(np.concatenate([expected, place + around]), -1.0, 1.0), "polish"
+        )
         suggested = _suggest(place, best, compass, values[: 2 * dimension], step)
         moved = np.abs(record.place - place).max()
         step = 1.5 * step if moved > step else step if moved > _FAR_ENOUGH * step else step / 3.0
@@ -48,10 +66,16 @@ def _tops(record: Record, place: Floats, step: float) -> list[Floats]:
     if not known.any():
         return []
     points, values = points[known], values[known]
-    return [find_top(points, values, place, reach * step, spread) for reach in _REACHES for spread in _SPREADS]
+    return [
+        find_top(points, values, place, reach * step, spread)
+        for reach in _REACHES
+        for spread in _SPREADS
+    ]
 
 
-def _suggest(place: Floats, best: float, compass: Floats, values: Floats, step: float) -> list[Floats]:
+def _suggest(
+    place: Floats, best: float, compass: Floats, values: Floats, step: float
+) -> list[Floats]:
     """Places that a parabola in each dimension and the slope suggest."""
     dimension = len(place)
     up, down = values[:dimension], values[dimension:]
@@ -78,13 +102,16 @@ def _suggest(place: Floats, best: float, compass: Floats, values: Floats, step: 
     found += [place + factor * step * along for factor in (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)]
     found += [place + factor * step * np.sign(gradient) for factor in (1.0, 4.0)]
     snapped = [
-        np.where(np.abs(one) > _NEAR_BOUND, np.sign(one), one) for one in (place, place + newton, place + better)
+        np.where(np.abs(one) > _NEAR_BOUND, np.sign(one), one)
+        for one in (place, place + newton, place + better)
     ]
     corner = np.where(gradient > 0.0, 1.0, np.where(gradient < 0.0, -1.0, place))
     return [*found, *snapped, corner]
 
 
-def find_top(points: Floats, values: Floats, place: Floats, radius: float, spread: float = 2.0) -> Floats:
+def find_top(
+    points: Floats, values: Floats, place: Floats, radius: float, spread: float = 2.0
+) -> Floats:
     """The highest place ``[dimension]`` of a quadratic fitted to the points, within ``radius`` in each dimension.
 
     It sees a ridge that lies across the dimensions, as slopes and curvatures along each of them do not.
@@ -101,7 +128,9 @@ def find_top(points: Floats, values: Floats, place: Floats, radius: float, sprea
     terms = np.column_stack([np.ones(len(near)), moved, moved[:, rows] * moved[:, columns]])
     weights = 1.0 / (_NEAR + (moved**2).sum(axis=1))
     normal = terms.T @ (weights[:, None] * terms) + _RIDGE * weights.sum() * np.eye(number)
-    coefficients = np.linalg.solve(normal, terms.T @ (weights * (values[near] - values[near].max())))
+    coefficients = np.linalg.solve(
+        normal, terms.T @ (weights * (values[near] - values[near].max()))
+    )
     slope, curvature = coefficients[1 : dimension + 1], np.zeros((dimension, dimension))
     curvature[rows, columns] = coefficients[dimension + 1 :]
     curvature += curvature.T

@@ -62,12 +62,18 @@ class RareEstimate:
     @property
     def failures(self) -> Floats:
         """Failures ``[point, dimension]``, distributed as failures are; of all repetitions."""
-        return np.concatenate([one.failures for one in self.repetitions]) if self.repetitions else np.empty((0, 0))
+        return (
+            np.concatenate([one.failures for one in self.repetitions])
+            if self.repetitions
+            else np.empty((0, 0))
+        )
 
     @property
     def plain(self) -> tuple[int, int]:
         """Failures and flights of the repetitions' first levels, which are drawn freely."""
-        return sum(one.plain_failures for one in self.repetitions), sum(len(one.points) for one in self.repetitions)
+        return sum(one.plain_failures for one in self.repetitions), sum(
+            len(one.points) for one in self.repetitions
+        )
 
     @property
     def unwarned_high(self) -> float | None:
@@ -75,7 +81,9 @@ class RareEstimate:
         return clopper_pearson(*self.plain, 2.0 * CONFIDENCE - 1.0)[1] if self.repetitions else None
 
 
-def estimate_rare(evaluate: Evaluate, plan: SubsetPlan, target_cov: float = 0.2, flights: int = 20000) -> RareEstimate:
+def estimate_rare(
+    evaluate: Evaluate, plan: SubsetPlan, target_cov: float = 0.2, flights: int = 20000
+) -> RareEstimate:
     """P(severity > threshold) of standard normal points, with an interval of 95 % confidence.
 
     The first repetitions run side by side; more are added until the interval is as narrow as that of a normal
@@ -95,7 +103,9 @@ def estimate_rare(evaluate: Evaluate, plan: SubsetPlan, target_cov: float = 0.2,
     repetitions = run_subset(counted, plan, range(FEWEST), flights, FEWEST)
     number = FEWEST
     while more := _count_more(repetitions, flights - check_flights - used, target_cov):
-        repetitions += run_subset(counted, plan, range(number, number + more), flights - check_flights - used)
+        repetitions += run_subset(
+            counted, plan, range(number, number + more), flights - check_flights - used
+        )
         number += more
     refusal = _judge(repetitions)
     probability, low, high, cov = _interval(repetitions)
@@ -105,15 +115,22 @@ def estimate_rare(evaluate: Evaluate, plan: SubsetPlan, target_cov: float = 0.2,
         failures = np.concatenate([one.failures for one in repetitions])
         if plan.dimension <= MOST_LOOKED and check_flights >= _FEWEST_CHECKED + LOOK_FLIGHTS:
             again = find_failures(counted, plan.dimension, plan.threshold, probability, plan.seed)
-            failures, check_flights = np.concatenate([failures, again]), check_flights - LOOK_FLIGHTS
+            failures, check_flights = (
+                np.concatenate([failures, again]),
+                check_flights - LOOK_FLIGHTS,
+            )
         check = sample_importance(counted, plan.threshold, failures, check_flights, plan.seed)
     if check is not None and check.effective >= _SEEN:
         apart, deviation = np.log(check.probability / probability), _HEAVY * check.cov
         factor = np.exp(stats.norm.ppf(0.5 + CONFIDENCE / 2.0) * deviation)
         contradicts = abs(apart) > 3.0 * np.hypot(check.cov, np.log(high / low) / 3.92)
-        if contradicts and apart > 0.0 and check.effective >= _ENOUGH:  # it has found what the levels left behind
+        if (
+            contradicts and apart > 0.0 and check.effective >= _ENOUGH
+        ):  # it has found what the levels left behind
             probability, low, cov = check.probability, check.probability / factor, deviation
-        elif contradicts and (apart > 0.0 or check.effective >= EXPECTED):  # smaller says nothing unless worth much
+        elif contradicts and (
+            apart > 0.0 or check.effective >= EXPECTED
+        ):  # smaller says nothing unless worth much
             refusal = f"importance sampling gives {check.probability:.2g}, subset simulation {probability:.2g}"
         high = max(high, min(1.0, check.probability * factor))
     return RareEstimate(probability, low, high, cov, used, tuple(repetitions), check, refusal)
@@ -128,7 +145,9 @@ def _half_width(repetitions: list[Repetition], number: int) -> float:
     chains = (_BEYOND_CHAINS * _chain_cov(repetitions)) ** 2
     own = len(logs) - 1
     variance = (_PRIOR * chains + own * logs.var(ddof=1)) / (_PRIOR + own)
-    return float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, _PRIOR + number - 1) * np.sqrt(variance / number))
+    return float(
+        stats.t.ppf(0.5 + CONFIDENCE / 2.0, _PRIOR + number - 1) * np.sqrt(variance / number)
+    )
 
 
 def _chain_cov(repetitions: list[Repetition]) -> float:
@@ -164,7 +183,9 @@ def _judge(repetitions: list[Repetition]) -> str | None:
     """Why these repetitions are not to be trusted; None where they are."""
     number = len(repetitions)
     missed = sum(not one.reached for one in repetitions)
-    deepest = min(float(np.prod([level.probability for level in one.levels])) for one in repetitions)
+    deepest = min(
+        float(np.prod([level.probability for level in one.levels])) for one in repetitions
+    )
     if any(one.cut_short for one in repetitions):
         return f"the flights suffice for {number - missed} of {number} repetitions, down to {deepest:.1g}"
     if missed == number:

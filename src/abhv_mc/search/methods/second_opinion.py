@@ -35,7 +35,9 @@ _STEPS = 30  # of a fit
 _SETTLED = 1e-3  # gain of the mean logarithm of the likelihood that ends a fit
 
 
-def find_failures(evaluate: Evaluate, dimension: int, threshold: float, probability: float, seed: int) -> Floats:
+def find_failures(
+    evaluate: Evaluate, dimension: int, threshold: float, probability: float, seed: int
+) -> Floats:
     """Failures ``[point, dimension]`` about as likely as failures are, of every branch that was found; perhaps none."""
     draw = make_generator(seed, _PLACE)
     directions = draw.standard_normal((_DIRECTIONS, dimension))
@@ -73,9 +75,13 @@ class Mixture:
     def log_parts(self, points: Floats) -> Floats:
         """Logarithms ``[point, component]`` of each component's part of the density."""
         parts = np.empty((len(points), len(self.weights)))
-        for k, (weight, mean, factor) in enumerate(zip(self.weights, self.means, self.factors, strict=True)):
+        for k, (weight, mean, factor) in enumerate(
+            zip(self.weights, self.means, self.factors, strict=True)
+        ):
             standard = np.linalg.solve(factor, (points - mean).T)
-            parts[:, k] = np.log(weight) - np.log(np.diag(factor)).sum() - 0.5 * (standard**2).sum(axis=0)
+            parts[:, k] = (
+                np.log(weight) - np.log(np.diag(factor)).sum() - 0.5 * (standard**2).sum(axis=0)
+            )
         return parts - 0.5 * points.shape[1] * np.log(2.0 * np.pi)
 
 
@@ -137,7 +143,10 @@ def choose_mixture(points: Floats, seed: int) -> Mixture:
         if components > 1 and free > number:
             break
         mixture = fit_mixture(distinct, components, make_generator(seed, components))
-        criterion = free * np.log(number) - 2.0 * np.logaddexp.reduce(mixture.log_parts(distinct), axis=1).sum()
+        criterion = (
+            free * np.log(number)
+            - 2.0 * np.logaddexp.reduce(mixture.log_parts(distinct), axis=1).sum()
+        )
         if criterion >= least:
             break
         best, least = mixture, criterion
@@ -152,7 +161,9 @@ def sample_importance(
     points = mixture.draw(flights, make_generator(seed, 0))
     failed = evaluate(points) > threshold
     log_normal = -0.5 * (points**2).sum(axis=1) - 0.5 * points.shape[1] * np.log(2.0 * np.pi)
-    ratios = np.where(failed, np.exp(log_normal - np.logaddexp.reduce(mixture.log_parts(points), axis=1)), 0.0)
+    ratios = np.where(
+        failed, np.exp(log_normal - np.logaddexp.reduce(mixture.log_parts(points), axis=1)), 0.0
+    )
     mean, squares = float(ratios.mean()), float((ratios**2).sum())
     if mean == 0.0:
         return ImportanceEstimate(0.0, np.inf, 0.0, flights)

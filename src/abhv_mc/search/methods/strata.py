@@ -58,7 +58,9 @@ def list_combinations(probabilities: Floats) -> list[tuple[tuple[int, ...], floa
     none = float(np.prod(1.0 - probabilities))
     listed: list[tuple[tuple[int, ...], float]] = []
     for number in range(len(probabilities) + 1):
-        more = [(on, none * float(np.prod(odds[list(on)]))) for on in combinations(switches, number)]
+        more = [
+            (on, none * float(np.prod(odds[list(on)]))) for on in combinations(switches, number)
+        ]
         listed += more
         if len(listed) + len(more) * len(probabilities) > _MOST_LISTED:
             break
@@ -88,10 +90,19 @@ class _Part:
         """Subset simulation's interval, or Clopper and Pearson's."""
         low, high = clopper_pearson(self.failures, self.flights, CONFIDENCE)
         found = Stratum(
-            self.on, float(self.weights.sum()), self.failures / self.flights, low, high, self.flights + self.levels
+            self.on,
+            float(self.weights.sum()),
+            self.failures / self.flights,
+            low,
+            high,
+            self.flights + self.levels,
         )
         one = self.estimate
-        return found if one is None else replace(found, probability=one.probability, low=one.low, high=one.high)
+        return (
+            found
+            if one is None
+            else replace(found, probability=one.probability, low=one.low, high=one.high)
+        )
 
 
 def estimate_switched(
@@ -109,7 +120,9 @@ def estimate_switched(
     largest. The estimate's repetitions are those of the heaviest combination.
     """
     if not len(probabilities):
-        return estimate_rare(lambda u: evaluate(u, np.zeros((len(u), 0), bool)), plan, target_cov, flights), ()
+        return estimate_rare(
+            lambda u: evaluate(u, np.zeros((len(u), 0), bool)), plan, target_cov, flights
+        ), ()
     used = 0
 
     def fly(points: Floats, on: Switched) -> Floats:
@@ -120,7 +133,9 @@ def estimate_switched(
     def fly_plainly(which: list[_Part], number: int) -> None:
         points, on = zip(*(part.draw(number, plan) for part in which), strict=True)
         failed = fly(np.concatenate(points), np.concatenate(on)) > plan.threshold
-        for part, failures in zip(which, failed.reshape(len(which), number).sum(axis=1), strict=True):
+        for part, failures in zip(
+            which, failed.reshape(len(which), number).sum(axis=1), strict=True
+        ):
             part.flights, part.failures = part.flights + number, part.failures + int(failures)
 
     parts = _list_parts(probabilities)
@@ -131,14 +146,24 @@ def estimate_switched(
     budget = min(int(_MAIN_SHARE * flights), flights - used)
     one: RareEstimate | None = None
     if main.failures < _FEWEST_FAILURES and enough > _MOST_PLAIN and budget >= FEWEST * plan.size:
-        one = estimate_rare(lambda u: fly(u, main.rows.repeat(len(u), axis=0)), plan, target_cov, budget)
+        one = estimate_rare(
+            lambda u: fly(u, main.rows.repeat(len(u), axis=0)), plan, target_cov, budget
+        )
         main.estimate = one if one.refusal is None else None
-        failures, number = (0, 0) if main.estimate else one.plain  # of levels without an estimate the first one counts
-        main.flights, main.failures, main.levels = main.flights + number, main.failures + failures, one.flights - number
+        failures, number = (
+            (0, 0) if main.estimate else one.plain
+        )  # of levels without an estimate the first one counts
+        main.flights, main.failures, main.levels = (
+            main.flights + number,
+            main.failures + failures,
+            one.flights - number,
+        )
     while flights - used >= LANES:
         plain = [part for part in parts if part.estimate is None]
         below, above = _ends([part.stratum() for part in plain])
-        if below + above <= _SHARE_OF_COV * 3.92 * target_cov * sum(part.stratum().value for part in parts):
+        if below + above <= _SHARE_OF_COV * 3.92 * target_cov * sum(
+            part.stratum().value for part in parts
+        ):
             break
         widest = max(plain, key=lambda part: sum(_ends([part.stratum()])))
         fly_plainly([widest], min(widest.flights, _MOST_AT_ONCE, flights - used) // LANES * LANES)
@@ -151,9 +176,14 @@ def _list_parts(probabilities: Floats) -> list[_Part]:
     listed = list_combinations(probabilities)
     weights = np.array([weight for _, weight in listed])
     rows = np.array([np.isin(np.arange(len(probabilities)), on) for on, _ in listed])
-    parts = [_Part(on, rows[[i]], weights[[i]], i) for i, (on, _) in enumerate(listed[:MOST_COMBINATIONS])]
+    parts = [
+        _Part(on, rows[[i]], weights[[i]], i)
+        for i, (on, _) in enumerate(listed[:MOST_COMBINATIONS])
+    ]
     if len(rest := weights[MOST_COMBINATIONS:]):
-        rest *= (1.0 - weights[:MOST_COMBINATIONS].sum()) / rest.sum()  # those that are not listed among them
+        rest *= (
+            1.0 - weights[:MOST_COMBINATIONS].sum()
+        ) / rest.sum()  # those that are not listed among them
         parts.append(_Part(None, rows[MOST_COMBINATIONS:], rest, len(parts)))
     return parts
 
@@ -165,7 +195,9 @@ def _ends(found: Sequence[Stratum]) -> tuple[float, float]:
     and so the sum of weight times p_i: the largest of what each would add alone.
     """
     below = [part.weight * (part.probability - part.low) for part in found]
-    above = [part.weight * (part.high - part.probability) for part in found if part.probability > 0.0]
+    above = [
+        part.weight * (part.high - part.probability) for part in found if part.probability > 0.0
+    ]
     clean = [-part.weight * np.log1p(-part.high) for part in found if part.probability == 0.0]
     return float(np.linalg.norm(below)), float(np.linalg.norm([*above, max(clean, default=0.0)]))
 

@@ -15,7 +15,9 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.search.methods.evaluation import Evaluate, make_generator
 
-_LENGTH = 10  # points of a chain, its first among them: a tenth of a level's points start the next level
+_LENGTH = (
+    10  # points of a chain, its first among them: a tenth of a level's points start the next level
+)
 _MOST_LEVELS = 12
 ACCEPTANCE = 0.44  # optimal for these chains: Papaioannou et al., section 4
 
@@ -36,7 +38,9 @@ class Repetition:
     """One independent subset simulation as it goes."""
 
     number: int
-    points: Floats  # [point, dimension] of the present level, chain by chain in blocks: [step, chain]
+    points: (
+        Floats  # [point, dimension] of the present level, chain by chain in blocks: [step, chain]
+    )
     values: Floats  # [point]
     flights: int  # evaluated for it so far
     plain_failures: int  # among its first level, which is drawn freely
@@ -55,7 +59,11 @@ class Repetition:
     @property
     def failures(self) -> Floats:
         """The failures ``[point, dimension]`` of the last level, a point once for every move that stayed there."""
-        return self.points[self.values > self.levels[-1].threshold] if self.reached else self.points[:0]
+        return (
+            self.points[self.values > self.levels[-1].threshold]
+            if self.reached
+            else self.points[:0]
+        )
 
     @property
     def cov(self) -> float:
@@ -78,7 +86,9 @@ class SubsetPlan:
         return self.chains * _LENGTH
 
 
-def run_subset(evaluate: Evaluate, plan: SubsetPlan, numbers: range, flights: int, fewest: int = 0) -> list[Repetition]:
+def run_subset(
+    evaluate: Evaluate, plan: SubsetPlan, numbers: range, flights: int, fewest: int = 0
+) -> list[Repetition]:
     """The repetitions ``numbers`` of a subset simulation for P(severity > threshold).
 
     Where ``flights`` do not suffice for another level of all, the last ones by number are given up and not returned,
@@ -88,7 +98,10 @@ def run_subset(evaluate: Evaluate, plan: SubsetPlan, numbers: range, flights: in
     ``reached`` False.
     """
     size = plan.size
-    drawn = [make_generator(plan.seed, number, 0).standard_normal((size, plan.dimension)) for number in numbers]
+    drawn = [
+        make_generator(plan.seed, number, 0).standard_normal((size, plan.dimension))
+        for number in numbers
+    ]
     values = evaluate(np.concatenate(drawn)).reshape(len(drawn), size)
     failed = (values > plan.threshold).sum(axis=1)
     kept = [Repetition(n, drawn[i], values[i], size, int(failed[i])) for i, n in enumerate(numbers)]
@@ -137,7 +150,9 @@ def _chain_inflation(inside: np.ndarray, chains: int) -> float:
     return float(max(1.0, 1.0 + 2.0 * np.sum((1.0 - lags / length) * products / variance)))
 
 
-def _move_chains(evaluate: Evaluate, active: list[Repetition], plan: SubsetPlan, level: int) -> None:
+def _move_chains(
+    evaluate: Evaluate, active: list[Repetition], plan: SubsetPlan, level: int
+) -> None:
     """Replace the points of each repetition by chains that start in its points beyond the last threshold."""
     seed, chains = plan.seed, plan.chains
     limits, histories, accepted = [], [], []
@@ -153,16 +168,25 @@ def _move_chains(evaluate: Evaluate, active: list[Repetition], plan: SubsetPlan,
         for one, history in zip(active, histories, strict=True):
             # One for all dimensions: those of the seeds, 64 points, made it 1.9 times too high at dimension 100.
             one.spread = min(1.0, one.scale)
-            noise = make_generator(seed, one.number, level, step).standard_normal(history[-1][0].shape)
+            noise = make_generator(seed, one.number, level, step).standard_normal(
+                history[-1][0].shape
+            )
             proposals.append(np.sqrt(1.0 - one.spread**2) * history[-1][0] + one.spread * noise)
         found = evaluate(np.concatenate(proposals)).reshape(len(active), chains)
         for i, one in enumerate(active):
             better = found[i] >= limits[i]
             points, values = histories[i][-1]
-            histories[i].append((np.where(better[:, None], proposals[i], points), np.where(better, found[i], values)))
+            histories[i].append(
+                (
+                    np.where(better[:, None], proposals[i], points),
+                    np.where(better, found[i], values),
+                )
+            )
             rate = float(better.mean())
             accepted[i] += rate / (_LENGTH - 1)
-            one.scale = float(np.clip(one.scale * np.exp((rate - ACCEPTANCE) / np.sqrt(step)), 1e-3, 10.0))
+            one.scale = float(
+                np.clip(one.scale * np.exp((rate - ACCEPTANCE) / np.sqrt(step)), 1e-3, 10.0)
+            )
     for i, one in enumerate(active):
         one.points = np.concatenate([points for points, _ in histories[i]])
         one.values = np.concatenate([values for _, values in histories[i]])

@@ -35,7 +35,9 @@ class Scores(NamedTuple):
 
     def rank(self) -> NDArray[np.intp]:
         """Place ``[candidate]`` of each in the order from best to worst; equal ones share a place."""
-        broken = np.where(np.isfinite(self.excess), np.maximum(self.excess, 0.0), np.inf).sum(axis=1)
+        broken = np.where(np.isfinite(self.excess), np.maximum(self.excess, 0.0), np.inf).sum(
+            axis=1
+        )
         broken = np.where(np.isfinite(self.objective), broken, np.inf)
         within = np.where(self.allowed, self.objective, 0.0)
         pairs = np.column_stack([broken, within])
@@ -60,7 +62,9 @@ class Tuning:
     def front(self) -> NDArray[np.intp]:
         """Candidates that keep every limit and that no other one beats in objective and usage, by their usage."""
         allowed = np.flatnonzero(self.scores.allowed)
-        return allowed[pareto_front(np.column_stack([self.scores.usage, self.scores.objective])[allowed])]
+        return allowed[
+            pareto_front(np.column_stack([self.scores.usage, self.scores.objective])[allowed])
+        ]
 
 
 def pareto_front(costs: Floats) -> NDArray[np.intp]:
@@ -97,7 +101,9 @@ def tune(
             mean[:dimension] = points[best]
             number = int(make_generator(seed, begun).integers(2**32))
             sigma = step if begun == 0 else step * _SMALL
-            cma = CMA(mean, sigma, bounds, n_max_resampling=1, seed=number, population_size=population)
+            cma = CMA(
+                mean, sigma, bounds, n_max_resampling=1, seed=number, population_size=population
+            )
             begun, stale = begun + 1, 0
         asked = np.array([cma.ask() for _ in range(population)])
         found = measure(asked[:, :dimension])

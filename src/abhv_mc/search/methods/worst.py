@@ -10,11 +10,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.search.methods.evaluation import LANES, Evaluate, Progress, Record, make_generator, round_up
+from abhv_mc.search.methods.evaluation import (
+    LANES,
+    Evaluate,
+    Progress,
+    Record,
+    make_generator,
+    round_up,
+)
 from abhv_mc.search.methods.first_points import explore
 from abhv_mc.search.methods.polish import polish
 
-_BATCHES = 15  # at least: a search learns from batch to batch, and workers want many flights at once
+_BATCHES = (
+    15  # at least: a search learns from batch to batch, and workers want many flights at once
+)
 _MOST_IN_BATCH = 512
 _POLISH_SHARE = 0.25  # of the evaluations, for the last climb
 _STEP = 0.3  # first standard deviation of a CMA-ES, half widths of the box
@@ -38,13 +47,19 @@ class WorstCase:
     @property
     def at_bounds(self) -> np.ndarray:
         """Which dimensions ``[dimension]`` sit on a bound, less those that change nothing there."""
-        idle = np.isfinite(self.sensitivity).any(axis=1) & (np.nan_to_num(self.sensitivity) == 0.0).all(axis=1)
+        idle = np.isfinite(self.sensitivity).any(axis=1) & (
+            np.nan_to_num(self.sensitivity) == 0.0
+        ).all(axis=1)
         return (np.abs(self.place) >= AT_BOUND) & ~idle
 
 
 def _choose_batch(evaluations: int) -> int:
     """Points of a batch: the more, the more evaluations there are, so that many workers have their share."""
-    return int(np.clip(evaluations // _BATCHES // (2 * LANES), 1, _MOST_IN_BATCH // (2 * LANES))) * 2 * LANES
+    return (
+        int(np.clip(evaluations // _BATCHES // (2 * LANES), 1, _MOST_IN_BATCH // (2 * LANES)))
+        * 2
+        * LANES
+    )
 
 
 def least_evaluations(dimension: int, evaluations: int) -> int:
@@ -52,13 +67,17 @@ def least_evaluations(dimension: int, evaluations: int) -> int:
     return 2 * round_up(2 * dimension + 1, _choose_batch(evaluations)) + round_up(2 * dimension)
 
 
-def search_worst(evaluate: Evaluate, dimension: int, evaluations: int = 2000, seed: int = 0) -> WorstCase:
+def search_worst(
+    evaluate: Evaluate, dimension: int, evaluations: int = 2000, seed: int = 0
+) -> WorstCase:
     """Search the box -1 .. 1 for the largest value with at most so many evaluations, `least_evaluations` or more."""
     batch = _choose_batch(evaluations)
     reserve = round_up(2 * dimension)
     record = Record(evaluate, evaluations)
     explore(record, dimension, seed, batch)
-    step = _evolve(record, dimension, seed, batch, max(int(_POLISH_SHARE * evaluations), reserve + 2 * batch))
+    step = _evolve(
+        record, dimension, seed, batch, max(int(_POLISH_SHARE * evaluations), reserve + 2 * batch)
+    )
     polish(record, step, seed, batch, reserve)
     sensitivity = _probe(record, dimension, reserve)
     return WorstCase(
@@ -110,9 +129,13 @@ def _evolve(record: Record, dimension: int, seed: int, batch: int, reserve: int)
 def _probe(record: Record, dimension: int, reserve: int) -> Floats:
     """How the value changes about the best place; the place may move where a probe is better."""
     place, best = record.place, record.best
-    probes = np.concatenate([place - _PROBE * np.eye(dimension), place + _PROBE * np.eye(dimension)])
+    probes = np.concatenate(
+        [place - _PROBE * np.eye(dimension), place + _PROBE * np.eye(dimension)]
+    )
     outside = np.abs(probes).max(axis=1) > 1.0 + 1e-12
-    filled = np.concatenate([np.clip(probes, -1.0, 1.0), np.tile(place, (reserve - 2 * dimension, 1))])
+    filled = np.concatenate(
+        [np.clip(probes, -1.0, 1.0), np.tile(place, (reserve - 2 * dimension, 1))]
+    )
     values = record.call(filled, "sensitivity")[: 2 * dimension]
     change = np.where(outside, np.nan, values - best)
     return np.column_stack([change[:dimension], change[dimension:]])

@@ -141,6 +141,8 @@ def _watcher(_: int) -> int:
     """The pipe to a process that ends those of this one."""
     theirs, ours = os.pipe()
     ends = [(os.POSIX_SPAWN_DUP2, theirs, 0)]
-    os.posix_spawn(sys.executable, [sys.executable, "-ISc", _WATCH], os.environ, file_actions=ends, setpgroup=0)
+    os.posix_spawn(
+        sys.executable, [sys.executable, "-ISc", _WATCH], os.environ, file_actions=ends, setpgroup=0
+    )
     os.close(theirs)
     return ours

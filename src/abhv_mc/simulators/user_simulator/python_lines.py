@@ -66,16 +66,24 @@ def _words(error: BaseException, python: str) -> str:
 
 def _only(declared: set[str], folder: str) -> Any:
     """An audit hook that refuses to read files of the folder that are not declared, but of installed packages."""
-    installed = tuple(f"{path}{os.sep}" for path in (*sysconfig.get_paths().values(), sys.prefix, sys.base_prefix))
+    installed = tuple(
+        f"{path}{os.sep}" for path in (*sysconfig.get_paths().values(), sys.prefix, sys.base_prefix)
+    )
 
     def check(event: str, arguments: tuple[Any, ...]) -> None:
-        if event == "open" and isinstance(arguments[0], str) and str(arguments[1] or "r").startswith("r"):
+        if (
+            event == "open"
+            and isinstance(arguments[0], str)
+            and str(arguments[1] or "r").startswith("r")
+        ):
             path = os.path.abspath(arguments[0])  # noqa: PTH100  links are as their user named them
             if path.startswith(folder) and not path.startswith(installed):
                 kept = path.endswith(".pyc") and Path(path).parent.name == "__pycache__"
                 path = importlib.util.source_from_cache(path) if kept else path
                 if path not in declared and Path(path).is_file():
-                    raise PermissionError(f"it reads {path.removeprefix(folder)}, which 'files' does not name")
+                    raise PermissionError(
+                        f"it reads {path.removeprefix(folder)}, which 'files' does not name"
+                    )
 
     return check
 

@@ -86,7 +86,9 @@ def seconds_of_a_flight(plans: Iterable[Any]) -> float:
     return max(_seconds.get((plan.process, plan.controller), 0.0) for plan in plans)
 
 
-def fly_user_simulator(plan: UserPlan, parameters: Floats, recorded: Recording | int | None = None) -> FlightBlock:
+def fly_user_simulator(
+    plan: UserPlan, parameters: Floats, recorded: Recording | int | None = None
+) -> FlightBlock:
     """Fly ``parameters`` [flight, input], in the inputs' own units; ``failed_to_run`` for what cannot be computed.
 
     ``recorded``: a Recording for bands over time, or so many times as far apart as histories are kept.
@@ -109,7 +111,9 @@ def fly_user_simulator(plan: UserPlan, parameters: Floats, recorded: Recording |
                         histories[done] = history
                 except ValueError as error:
                     if plan.command and "error" not in found:
-                        raise LostFlightError(str(error)) from None  # what follows may be of any flight
+                        raise LostFlightError(
+                            str(error)
+                        ) from None  # what follows may be of any flight
                     _tell(plan, str(error))
                 done += 1
         except (LostFlightError, OSError) as lost:
@@ -130,7 +134,11 @@ def fly_user_simulator(plan: UserPlan, parameters: Floats, recorded: Recording |
 
 
 def _tell(plan: UserPlan, reason: str) -> None:
-    which = "a first flight, flown for a check and none of the campaign's," if plan.check else "a flight"
+    which = (
+        "a first flight, flown for a check and none of the campaign's,"
+        if plan.check
+        else "a flight"
+    )
     if (words := f"{plan.controller}: {which} could not be computed: {reason}") not in _told:
         _told.add(words)
         print(words, file=sys.stderr, flush=True)
@@ -142,7 +150,9 @@ class Answer(NamedTuple):
     outcome: int
     end_time: float
     metrics: list[float]
-    history: Floats | None  # [column, sample]: its time, then the channels; None where none is declared
+    history: (
+        Floats | None
+    )  # [column, sample]: its time, then the channels; None where none is declared
 
 
 def read_answer(found: dict[str, Any], plan: UserPlan) -> Answer:
@@ -158,13 +168,20 @@ def read_answer(found: dict[str, Any], plan: UserPlan) -> Answer:
             raise ValueError(f"it returned '{name}', which the campaign does not declare")
         raise ValueError(f"it did not return {', '.join(sorted(plan.expected - held))}")
     try:
-        values = [math.nan if found[metric.name] is None else float(found[metric.name]) for metric in plan.metrics]
+        values = [
+            math.nan if found[metric.name] is None else float(found[metric.name])
+            for metric in plan.metrics
+        ]
         end = float(found.get("end_time", math.nan))
     except (TypeError, ValueError, OverflowError):
         raise ValueError("it returned a metric or an end_time that is no number") from None
     ok = code == "ok"
     if ok and not all(map(math.isfinite, values)):
-        name = next(each.name for each, value in zip(plan.metrics, values, strict=True) if not math.isfinite(value))
+        name = next(
+            each.name
+            for each, value in zip(plan.metrics, values, strict=True)
+            if not math.isfinite(value)
+        )
         raise ValueError(f"{name} is not a finite number, and the outcome is ok")
     history = _read_history(found["history"], plan, ok) if plan.channels else None
     return Answer(plan.outcomes[code], end if ok or math.isfinite(end) else 0.0, values, history)
@@ -175,7 +192,9 @@ def _read_history(given: Any, plan: UserPlan, ok: bool) -> Floats:
     columns = ["time", *(channel.name for channel in plan.channels)]
     if not isinstance(given, dict) or given.keys() != set(columns):
         held = ", ".join(given) if isinstance(given, dict) else f"{given!r:.80}"
-        raise ValueError(f"its history holds {held or 'nothing'}; declared are {', '.join(columns)}")
+        raise ValueError(
+            f"its history holds {held or 'nothing'}; declared are {', '.join(columns)}"
+        )
     try:
         history = np.array([given[name] for name in columns], np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -200,7 +219,10 @@ def sample_histories(
         for flight, (clock, *_) in histories.items()
     }
     first = min((start for start, _ in spans.values()), default=0) - beyond
-    times = np.arange(first, max((stop for _, stop in spans.values()), default=first - beyond) + beyond) / rate
+    times = (
+        np.arange(first, max((stop for _, stop in spans.values()), default=first - beyond) + beyond)
+        / rate
+    )
     sampled = np.full((flights, times.size, channels), np.nan, np.float32)
     for flight, (clock, *columns) in histories.items():
         own = slice(*(place - first for place in spans[flight]))
@@ -209,15 +231,22 @@ def sample_histories(
     return times, sampled
 
 
-def find_extremes(histories: Mapping[int, Floats], times: Floats, sampled: Singles) -> tuple[Singles, Singles]:
+def find_extremes(
+    histories: Mapping[int, Floats], times: Floats, sampled: Singles
+) -> tuple[Singles, Singles]:
     """Least and greatest values [time, channel] of all flights from the time before to the time after: of what was
     returned, and of the line between. ``times`` reach beyond all flights."""
-    placed = [(np.unique(np.searchsorted(times, each[0]), return_index=True), each[1:]) for each in histories.values()]
+    placed = [
+        (np.unique(np.searchsorted(times, each[0]), return_index=True), each[1:])
+        for each in histories.values()
+    ]
     ends = []
     for extreme in (np.fmin, np.fmax):
         at = np.full((times.size + 2, sampled.shape[2]), np.nan, np.float32)
         at[1:-1] = extreme.reduce(sampled, axis=0)
-        between = np.full((times.size + 1, sampled.shape[2]), np.nan, np.float32)  # of samples up to each time
+        between = np.full(
+            (times.size + 1, sampled.shape[2]), np.nan, np.float32
+        )  # of samples up to each time
         for (place, first), columns in placed:
             between[place] = extreme(between[place], extreme.reduceat(columns, first, axis=1).T)
         ends.append(extreme.reduce([at[:-2], at[1:-1], at[2:], between[:-1], between[1:]]))

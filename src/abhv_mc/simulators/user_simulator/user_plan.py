@@ -66,7 +66,8 @@ class UserPlan:
     @cached_property
     def _template(self) -> str:
         parts = (
-            f"{json.dumps(name)}: %{'d' if seed else 'r'}" for name, seed in zip(self.inputs, self.seeds, strict=True)
+            f"{json.dumps(name)}: %{'d' if seed else 'r'}"
+            for name, seed in zip(self.inputs, self.seeds, strict=True)
         )
         return f'{{"inputs": {{{", ".join(parts)}}}, "settings": {self.settings.replace("%", "%%")}}}\n'
 
@@ -83,7 +84,9 @@ class UserPlan:
             except OSError:
                 same = False
             if not same:
-                raise InputError(path, "other content than the campaign was begun with, or none", "the same file")
+                raise InputError(
+                    path, "other content than the campaign was begun with, or none", "the same file"
+                )
         program = Path(self.argv[0])
         if program.is_file() and not os.access(program, os.X_OK):  # a copy in a campaign's folder
             program.chmod(program.stat().st_mode | stat.S_IXUSR)
@@ -92,7 +95,10 @@ class UserPlan:
 def make_user_plans(campaign: Experiment, names: Iterable[str]) -> dict[str, UserPlan]:
     """The plans of some of a campaign's systems. Raises InputError where nothing flies it."""
     model, simulator, base = _find_simulator(campaign)
-    files = tuple((name, hashlib.sha256(content).hexdigest()) for name, content in simulator_source(campaign).files)
+    files = tuple(
+        (name, hashlib.sha256(content).hexdigest())
+        for name, content in simulator_source(campaign).files
+    )
     codes, records = campaign.outcomes.numbers, campaign.parameters.records
     return {
         name: UserPlan(
@@ -105,7 +111,9 @@ def make_user_plans(campaign: Experiment, names: Iterable[str]) -> dict[str, Use
             inputs=tuple(record.name for record in records),
             seeds=tuple(record.seed for record in records),
             metrics=campaign.measured,
-            outcomes={code: number for code, number in codes.items() if code != Outcome.FAILED_TO_RUN.code},
+            outcomes={
+                code: number for code, number in codes.items() if code != Outcome.FAILED_TO_RUN.code
+            },
             time_limit=simulator.time_limit,
             channels=campaign.channels,
             rate=model.keep.histories.rate,
@@ -120,7 +128,9 @@ def _find_simulator(campaign: Experiment) -> tuple[SimulatorCampaign, Simulator,
     model = campaign.user_model
     if model is None or model.simulator is None:
         found = "a campaign without a simulator: nothing can fly"
-        raise campaign.document.error((), found, "'simulator' here; abhv-mc adopt TABLE takes flights that were flown")
+        raise campaign.document.error(
+            (), found, "'simulator' here; abhv-mc adopt TABLE takes flights that were flown"
+        )
     return model, model.simulator, campaign.document.path.parent / model.simulator.folder
 
 
@@ -129,4 +139,6 @@ def simulator_source(campaign: Experiment) -> UserSource:
     _, simulator, base = _find_simulator(campaign)
     files = tuple((name, read_input(path)) for name, path in simulator.find_files(base).items())
     text = json.dumps([simulator.python, simulator.command])
-    return UserSource(text, str(base / (simulator.python or (simulator.command or ("",))[0])), files)
+    return UserSource(
+        text, str(base / (simulator.python or (simulator.command or ("",))[0])), files
+    )

@@ -13,7 +13,18 @@ from abhv_mc.topics.comparison.model import (
 from abhv_mc.topics.comparison.sentences import asked_of, comparison_sentences, survival_sentences
 from abhv_mc.topics.missed_requirements import requirement_words
 from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import Bullets, Cell, Fold, Item, Picture, Row, Section, Table, Text, interval_cell
+from abhv_mc.topics.section import (
+    Bullets,
+    Cell,
+    Fold,
+    Item,
+    Picture,
+    Row,
+    Section,
+    Table,
+    Text,
+    interval_cell,
+)
 from abhv_mc.topics.topic import Topic, figures_of
 from abhv_mc.topics.words import count_of, fixed, p_value, significant
 
@@ -35,7 +46,10 @@ def comparison_section(found: Comparison, names: Names) -> Section | None:
     pairs = [
         Fold(
             f"{names.label(pair.a)} against {names.label(pair.b)}",
-            (_difference_table(pair, names, asked_of(pair, names)), _failure_table(pair, names, words)),
+            (
+                _difference_table(pair, names, asked_of(pair, names)),
+                _failure_table(pair, names, words),
+            ),
         )
         for pair in found.pairs.values()
     ]
@@ -76,18 +90,26 @@ def _usage_row(found: Comparison, metric: str, names: Names) -> Row:
     return (
         Cell(names.metrics[metric].label_with_unit, head=True),
         *(Cell(interval_cell(found.medians[metric][name]).text) for name in names.controllers),
-        *(interval_cell(pair.metrics[metric].median_difference) if pair else Cell("") for pair in pairs),
+        *(
+            interval_cell(pair.metrics[metric].median_difference) if pair else Cell("")
+            for pair in pairs
+        ),
     )
 
 
 def _winner_cell(entry: ComparedMetric, names: Names) -> Cell:
     if not entry.compared:
         return Cell("")
-    return Cell("mixed" if entry.mixed else names.label(entry.winner) if entry.winner else "neither")
+    return Cell(
+        "mixed" if entry.mixed else names.label(entry.winner) if entry.winner else "neither"
+    )
 
 
 def pair_tables(
-    pair: ControllerPair, names: Names, metrics: Mapping[str, ComparedMetric], requirements: Sequence[str]
+    pair: ControllerPair,
+    names: Names,
+    metrics: Mapping[str, ComparedMetric],
+    requirements: Sequence[str],
 ) -> Iterator[Table]:
     """The tables of a pair by itself: differences in these metrics with who is better, and failures."""
     table = _difference_table(pair, names, metrics)
@@ -95,13 +117,22 @@ def pair_tables(
         (label, interval_cell(entry.median_difference), *cells, _winner_cell(entry, names))
         for (label, _, *cells), entry in zip(table.groups[0], metrics.values(), strict=True)
     )
-    heads = ("Metric", "Median difference", "of 95 % quantiles", "of 99.73 %", *table.heads[4:], "Better")
+    heads = (
+        "Metric",
+        "Median difference",
+        "of 95 % quantiles",
+        "of 99.73 %",
+        *table.heads[4:],
+        "Better",
+    )
     yield replace(table, title="Differences", heads=heads, groups=(rows,), caption=table.caption.replace(
         "Quantiles of", "Medians of the differences, and quantiles of", 1))  # fmt: skip
     yield _failure_table(pair, names, requirements)
 
 
-def _difference_table(pair: ControllerPair, names: Names, metrics: Mapping[str, ComparedMetric]) -> Table:
+def _difference_table(
+    pair: ControllerPair, names: Names, metrics: Mapping[str, ComparedMetric]
+) -> Table:
     a, b = names.label(pair.a), names.label(pair.b)
     rows = tuple(
         (
@@ -131,7 +162,11 @@ def _gain_words(entry: ComparedMetric) -> str:
 def _failure_table(pair: ControllerPair, names: Names, requirements: Sequence[str]) -> Table:
     """How often one alone misses each requirement, which are in words, and loses the flight."""
     a, b = names.label(pair.a), names.label(pair.b)
-    ended = "Reached the end of the mission" if names.campaign.kind == "controller" else "Reached its end"
+    ended = (
+        "Reached the end of the mission"
+        if names.campaign.kind == "controller"
+        else "Reached its end"
+    )
     missed = zip([*requirements, ended], [*pair.requirements, pair.ended_early], strict=True)
     return Table(
         f"Failures of one {names.campaign.kind} only, {a} against {b}",
@@ -153,5 +188,10 @@ def _failure_row(label: str, found: ListedFailures) -> Row:
 
 
 COMPARISON = Topic(
-    "comparison", Comparison, compute_comparison, comparison_section, comparison_sentences, figures_of(__name__)
+    "comparison",
+    Comparison,
+    compute_comparison,
+    comparison_section,
+    comparison_sentences,
+    figures_of(__name__),
 )

@@ -25,20 +25,28 @@ from abhv_mc.topics.section import FigureText
 
 _MOST_POINTS = 1000  # of a controller in a scatter plot
 _MOST_TRADES = 3
-_ENDS = (0.005, 0.995)  # quantiles of the differences that the axis spans: a few flights far out would hide the rest
+_ENDS = (
+    0.005,
+    0.995,
+)  # quantiles of the differences that the axis spans: a few flights far out would hide the rest
 
 
 def draw(_found: Comparison, names: Names) -> Iterator[tuple[FigureText, Figure]]:
     """Tracking errors that stand first, against usage."""
     results, records = names.results, names.metrics
-    errors = [metric for metric in names.asked if records[metric].group == "tracking"][:_MOST_TRADES]
+    errors = [metric for metric in names.asked if records[metric].group == "tracking"][
+        :_MOST_TRADES
+    ]
     if not errors or not set(SURFACE_USAGE) <= set(results.metrics):
         return
     flights = {name: results.flights[name] for name in names.controllers}
     flown = {name: ~table.failed for name, table in flights.items()}
     usage = {name: total_usage(table.metrics)[flown[name]] for name, table in flights.items()}
     trades = [
-        Trade(records[m].label_with_unit, {name: table.metrics[m][flown[name]] for name, table in flights.items()})
+        Trade(
+            records[m].label_with_unit,
+            {name: table.metrics[m][flown[name]] for name, table in flights.items()},
+        )
         for m in errors
     ]
     text = FigureText(
@@ -48,7 +56,12 @@ def draw(_found: Comparison, names: Names) -> Iterator[tuple[FigureText, Figure]
         "of the rms deflections of aileron, rudder and elevator from their trim. Lower is better at equal usage.",
     )
     colors = controller_colors(tuple(names.controllers))
-    yield text, plot_error_against_usage(usage, trades, "surface usage, rms (deg)", names.controllers, colors)
+    yield (
+        text,
+        plot_error_against_usage(
+            usage, trades, "surface usage, rms (deg)", names.controllers, colors
+        ),
+    )
 
 
 @dataclass(frozen=True)
@@ -78,7 +91,12 @@ def plot_error_against_usage(
             marker = MARKERS[i % len(MARKERS)]
             few = keep[:: max(1, keep.size // _MOST_POINTS)]
             small = {"markersize": 1.6, "alpha": 0.35, "markeredgewidth": 0, "rasterized": True}
-            large = {"markersize": 7, "markeredgecolor": "white", "label": labels[name], "zorder": 5}
+            large = {
+                "markersize": 7,
+                "markeredgecolor": "white",
+                "label": labels[name],
+                "zorder": 5,
+            }
             axes.plot(x[few], y[few], marker, color=colors[name], **small)
             axes.plot(np.median(x[keep]), np.median(y[keep]), marker, color=colors[name], **large)
         if not log_if_wide(axes, "y", list(trade.errors.values())):
@@ -94,32 +112,54 @@ class DifferencePanel:
     """One metric: the differences of each pair of controllers, and their median with its interval."""
 
     label: str
-    differences: Mapping[str, Floats]  # pair -> [flight]; infinite where only one of the two was lost
-    medians: Mapping[str, tuple[float | None, float | None, float | None]]  # value, low and high end; None: open
+    differences: Mapping[
+        str, Floats
+    ]  # pair -> [flight]; infinite where only one of the two was lost
+    medians: Mapping[
+        str, tuple[float | None, float | None, float | None]
+    ]  # value, low and high end; None: open
 
 
 @styled
 def plot_differences(
-    panels: Sequence[DifferencePanel], labels: Mapping[str, str], colors: Mapping[str, str], zero: str
+    panels: Sequence[DifferencePanel],
+    labels: Mapping[str, str],
+    colors: Mapping[str, str],
+    zero: str,
 ) -> Figure:
     """Share of flights at or below each difference, a panel a metric; a mark with its interval for the median.
 
     ``zero`` says what the line at no difference is.
     """
     columns = 3 if len(panels) > 4 else 2
-    figure, grid = new_panels(len(panels), columns, 1.25, between=(0.25, 0.55), top=0.12, sharey=True)
+    figure, grid = new_panels(
+        len(panels), columns, 1.25, between=(0.25, 0.55), top=0.12, sharey=True
+    )
     for axes, panel in zip(grid.flat, panels, strict=False):
         ends = [0.0]
         for i, (name, values) in enumerate(panel.differences.items()):
-            axes.step(*distribution_steps(values), where="post", color=colors[name], label=labels[name])
+            axes.step(
+                *distribution_steps(values), where="post", color=colors[name], label=labels[name]
+            )
             finite = values[np.isfinite(values)]
             ends += np.quantile(finite, _ENDS).tolist() if finite.size else []
             middle, low, high = panel.medians[name]
             if middle is not None:
                 ends += [end for end in (low, middle, high) if end is not None]
-                arms = [[0.0 if low is None else middle - low], [0.0 if high is None else high - middle]]
+                arms = [
+                    [0.0 if low is None else middle - low],
+                    [0.0 if high is None else high - middle],
+                ]
                 mark = MARKERS[i % len(MARKERS)]
-                axes.errorbar(middle, 0.5, xerr=arms, fmt=mark, color=colors[name], markersize=4.5, elinewidth=1.6)
+                axes.errorbar(
+                    middle,
+                    0.5,
+                    xerr=arms,
+                    fmt=mark,
+                    color=colors[name],
+                    markersize=4.5,
+                    elinewidth=1.6,
+                )
         room = 0.06 * (max(ends) - min(ends) or 1.0)
         axes.set_xlim(min(ends) - room, max(ends) + room)
         axes.xaxis.get_major_locator().set_params(nbins=4)

@@ -44,7 +44,9 @@ class ComparedMetric:
     loses_more: bool
     worst: tuple[float, float]
     median_difference: Interval
-    pairing_gain: float | None  # how many times the flights an unpaired comparison of means would need
+    pairing_gain: (
+        float | None
+    )  # how many times the flights an unpaired comparison of means would need
     quantile_differences: Mapping[str, Interval]  # by level
     # At how many values of the unknowns `a` and `b` are winners, and how many values there are.
     better_at: tuple[int, int, int] = field(default=(0, 0, 1), metadata={DRAWN: True})
@@ -86,20 +88,32 @@ class Comparison:
 
     pairs: Mapping[str, ControllerPair]
     # By metric in which a winner is named, and controller.
-    medians: Mapping[str, Mapping[str, Interval]] = field(default_factory=dict, metadata={DRAWN: True})
+    medians: Mapping[str, Mapping[str, Interval]] = field(
+        default_factory=dict, metadata={DRAWN: True}
+    )
 
 
 def compute_comparison(results: FlownCampaign) -> Comparison:
     """Pairs of all controllers with the first."""
     campaign, rivals = results.campaign, len(list(results.pairs))
     points = len(campaign.unknowns.points)
-    asked = results.metrics, results.compared, campaign.requirements, rivals, campaign.judged, points
+    asked = (
+        results.metrics,
+        results.compared,
+        campaign.requirements,
+        rivals,
+        campaign.judged,
+        points,
+    )
     pairs = {
-        f"{a} - {b}": compare_pair(results.flights[a], results.flights[b], (a, b), *asked) for a, b in results.pairs
+        f"{a} - {b}": compare_pair(results.flights[a], results.flights[b], (a, b), *asked)
+        for a, b in results.pairs
     }
     medians = {
         metric: {
-            name: quantile(severities(results.flights[name], metric), 0.5).in_sense(campaign.metrics[metric].bad)
+            name: quantile(severities(results.flights[name], metric), 0.5).in_sense(
+                campaign.metrics[metric].bad
+            )
             for name in results.controllers
         }
         for metric in results.compared
@@ -130,7 +144,11 @@ def compare_pair(
     rows = rivals * max(1, len(compared))
     lost = flights_a.failed[rows_a], flights_b.failed[rows_b]
     numbers = flights_a.flight[rows_a]
-    at = [numbers % points == point for point in range(points)] if points > 1 else [np.ones(len(numbers), bool)]
+    at = (
+        [numbers % points == point for point in range(points)]
+        if points > 1
+        else [np.ones(len(numbers), bool)]
+    )
     return ControllerPair(
         *names,
         pairs=int(rows_a.size),
@@ -148,14 +166,18 @@ def compare_pair(
         },
         requirements=tuple(
             _failures(
-                requirement_failures(flights_a, item)[rows_a], requirement_failures(flights_b, item)[rows_b], numbers
+                requirement_failures(flights_a, item)[rows_a],
+                requirement_failures(flights_b, item)[rows_b],
+                numbers,
             )
             for item in requirements
         ),
         ended_early=_lost_everywhere(*lost, numbers, at),
         usage=_usage(flights_a, flights_b, rows_a, rows_b, compared),
         surfaces={
-            metric: median_ratio(flights_a.metrics[metric][rows_a], flights_b.metrics[metric][rows_b])
+            metric: median_ratio(
+                flights_a.metrics[metric][rows_a], flights_b.metrics[metric][rows_b]
+            )
             for metric in SURFACE_USAGE
             if metric in flights_a.metrics and metric in flights_b.metrics
         },
@@ -180,7 +202,8 @@ def _metric(
     sense = "high" if record.band else record.bad
     sides = {"a": names[0], "b": names[1], "": None}
     worst_a, worst_b = (
-        float(metric_sign(record) * np.max(side, where=np.isfinite(side), initial=-np.inf)) for side in (a, b)
+        float(metric_sign(record) * np.max(side, where=np.isfinite(side), initial=-np.inf))
+        for side in (a, b)
     )
     return ComparedMetric(
         compared=rows > 0,
@@ -204,17 +227,24 @@ def _metric(
     )
 
 
-def _lost_everywhere(a: Mask, b: Mask, flight: NDArray[np.int64], at: Sequence[Mask]) -> ListedFailures:
+def _lost_everywhere(
+    a: Mask, b: Mask, flight: NDArray[np.int64], at: Sequence[Mask]
+) -> ListedFailures:
     """Lost flights; the p-value is the largest of those at each value of the unknowns, on the side that loses more."""
     found = _failures(a, b, flight)
     each = [compare_failures(a[k], b[k]) for k in at]
-    more = [one.p_value if (one.only_a > one.only_b) == (found.only_a > found.only_b) else 1.0 for one in each]
+    more = [
+        one.p_value if (one.only_a > one.only_b) == (found.only_a > found.only_b) else 1.0
+        for one in each
+    ]
     return replace(found, p_value=max(more))
 
 
 def _failures(a: Mask, b: Mask, flight: NDArray[np.int64]) -> ListedFailures:
     only_a, only_b = (tuple(flight[alone][:_LISTED].tolist()) for alone in (a & ~b, b & ~a))
-    return ListedFailures(**vars(compare_failures(a, b)), flights_only_a=only_a, flights_only_b=only_b)
+    return ListedFailures(
+        **vars(compare_failures(a, b)), flights_only_a=only_a, flights_only_b=only_b
+    )
 
 
 def compare_any_failures(
@@ -228,7 +258,9 @@ def compare_any_failures(
 
 def metric_differences(a: ControllerFlights, b: ControllerFlights, metric: str) -> Floats:
     """`a` minus `b` in a metric [pair], in its unit; infinite where only one was lost, 0 where both were."""
-    found = pair_differences(*(distances(f, metric, rows) for f, rows in zip((a, b), common_rows(a, b), strict=True)))
+    found = pair_differences(
+        *(distances(f, metric, rows) for f, rows in zip((a, b), common_rows(a, b), strict=True))
+    )
     return metric_sign(a.records[metric]) * found
 
 
@@ -244,7 +276,11 @@ def total_usage(metrics: Mapping[str, Floats]) -> Floats:
 
 
 def _usage(
-    a: ControllerFlights, b: ControllerFlights, rows_a: NDArray[np.intp], rows_b: NDArray[np.intp], of: Sequence[str]
+    a: ControllerFlights,
+    b: ControllerFlights,
+    rows_a: NDArray[np.intp],
+    rows_b: NDArray[np.intp],
+    of: Sequence[str],
 ) -> dict[str, PairedUsage | None]:
     """Tracking errors among the metrics ``of``, each beside the usage."""
     if not set(SURFACE_USAGE) <= set(a.metrics) & set(b.metrics):
@@ -252,7 +288,9 @@ def _usage(
     flown = ~(a.failed[rows_a] | b.failed[rows_b])
     use_a, use_b = total_usage(a.metrics)[rows_a][flown], total_usage(b.metrics)[rows_b][flown]
     return {
-        metric: compare_usage(a.metrics[metric][rows_a][flown], b.metrics[metric][rows_b][flown], use_a, use_b)
+        metric: compare_usage(
+            a.metrics[metric][rows_a][flown], b.metrics[metric][rows_b][flown], use_a, use_b
+        )
         for metric in of
         if a.records[metric].group == "tracking"
     }

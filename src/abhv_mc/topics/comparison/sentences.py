@@ -42,12 +42,18 @@ def closer_in(pair: ControllerPair, names: Names) -> Mapping[tuple[bool, bool], 
     rms = {
         (metric.of, metric.settled): name
         for name, metric in names.metrics.items()
-        if metric.statistic == Statistic.RMS and metric.start == 0.0 and metric.end == inf and name in pair.metrics
+        if metric.statistic == Statistic.RMS
+        and metric.start == 0.0
+        and metric.end == inf
+        and name in pair.metrics
     }
     found: dict[tuple[bool, bool], list[str]] = {}
     for of, settled in rms:
         if settled and (of, False) in rms:
-            whole, rest = (each.a_better > each.b_better for each in (pair.metrics[rms[of, s]] for s in (False, True)))
+            whole, rest = (
+                each.a_better > each.b_better
+                for each in (pair.metrics[rms[of, s]] for s in (False, True))
+            )
             word = names.metrics[rms[of, False]].phrase.removeprefix("rms ").removesuffix(" error")
             found.setdefault((whole, rest), []).append(word)
     return found
@@ -60,7 +66,9 @@ def _counts(pair: ControllerPair, metric: str, names: Names) -> str:
     words = [f"{word} on {percent(count / pair.pairs, 2)}" for word, count in shares]
     words += [f"equal on {percent(entry.ties / pair.pairs, 2)}"] if entry.ties else []
     unit = names.metrics[metric].unit.removeprefix("-")
-    return f" ({', '.join(words)}; worst {' and '.join(map(significant, entry.worst))} {unit})".replace(" )", ")")
+    return f" ({', '.join(words)}; worst {' and '.join(map(significant, entry.worst))} {unit})".replace(
+        " )", ")"
+    )
 
 
 def _contradiction(pair: ControllerPair, entry: ComparedMetric, names: Names) -> str:
@@ -93,7 +101,11 @@ def by_strength(found: Comparison, names: Names) -> list[ControllerPair]:
     def strength(pair: ControllerPair) -> tuple[int, int, int]:
         held = standing(pair, names)
         failed = sum(each.both + each.only_b for each in pair.requirements)
-        return order.index(verdict_of(pair, names)), len(held["better"]) - len(held["worse"]), failed
+        return (
+            order.index(verdict_of(pair, names)),
+            len(held["better"]) - len(held["worse"]),
+            failed,
+        )
 
     return sorted(found.pairs.values(), key=strength)
 
@@ -104,10 +116,16 @@ def _pair_sentences(found: Comparison, names: Names) -> list[str]:
     if not pairs:
         return []
     if not names.campaign.judged:
-        return [f"No winner is named: the flights of a {names.campaign.sampling} design are not independent draws."]
+        return [
+            f"No winner is named: the flights of a {names.campaign.sampling} design are not independent draws."
+        ]
     verdicts = {verdict_of(pair, names) for pair in pairs}
     name = names.label(pairs[0].a)
-    overall = {"better": f"{name} is better: ", "worse": f"{name} is worse: ", "open": "No difference is shown: "}
+    overall = {
+        "better": f"{name} is better: ",
+        "worse": f"{name} is worse: ",
+        "open": "No difference is shown: ",
+    }
     sentences = [
         f"against {names.label(pair.b)}, on the same {fixed(pair.pairs, 0)} flights, {pair_words(pair, names)}."
         for pair in pairs
@@ -149,7 +167,9 @@ def _usage_words(pair: ControllerPair, first: str) -> str:
         if abs(value - 1.0) < 0.01:
             parts.append(f"as much {surface}")
         elif abs(value - 1.0) < 0.2:
-            parts.append(f"{percent(abs(value - 1.0), 2)} {'more' if value > 1.0 else 'less'} {surface}")
+            parts.append(
+                f"{percent(abs(value - 1.0), 2)} {'more' if value > 1.0 else 'less'} {surface}"
+            )
         else:
             parts.append(f"{significant(value, 2)} times the {surface}")
     return f"; {first} uses {joined(parts)} (rms, median of the flights' ratios)" if parts else ""
@@ -171,10 +191,15 @@ def survival_sentences(comparison: Comparison, names: Names) -> list[str]:
             f"{p_value(found.p_value)})."
         )
         if pair.losing:
-            sentences.append(f"{a} loses {'more' if pair.losing == 'a' else 'fewer'} flights than {b}: {rest}")
+            sentences.append(
+                f"{a} loses {'more' if pair.losing == 'a' else 'fewer'} flights than {b}: {rest}"
+            )
         else:
             open_[b] = f"No difference is shown between {a} and {b} in lost flights: {rest}"
     if len(open_) > _OPEN:
         first = names.label(next(iter(names.controllers)))
-        return [*sentences, f"No difference in lost flights is shown between {first} and {joined(list(open_))}."]
+        return [
+            *sentences,
+            f"No difference in lost flights is shown between {first} and {joined(list(open_))}.",
+        ]
     return [*sentences, *open_.values()]

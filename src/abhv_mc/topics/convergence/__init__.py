@@ -5,7 +5,14 @@ from dataclasses import dataclass
 
 from abhv_mc.folder.controller_flights import severities
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.statistics.estimates import LEVELS, Interval, Sense, failure_trace, looks, quantile_traces
+from abhv_mc.statistics.estimates import (
+    LEVELS,
+    Interval,
+    Sense,
+    failure_trace,
+    looks,
+    quantile_traces,
+)
 from abhv_mc.topics.missed_requirements import requirement_failures
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.plain import level_name
@@ -50,7 +57,9 @@ def _of(results: FlownCampaign, controller: str) -> ControllerSettling:
     for metric in results.metrics:
         traces = quantile_traces(severities(flights, metric), counts)
         bad = flights.records[metric].bad
-        metrics[metric] = {level_name(level): _settling(t, bad) for level, t in zip(LEVELS, traces, strict=True)}
+        metrics[metric] = {
+            level_name(level): _settling(t, bad) for level, t in zip(LEVELS, traces, strict=True)
+        }
     missed = (requirement_failures(flights, item) for item in results.campaign.requirements)
     shares = tuple(_settling(failure_trace(failed, counts)) for failed in missed)
     return ControllerSettling(tuple(counts), metrics, shares)
@@ -58,14 +67,20 @@ def _of(results: FlownCampaign, controller: str) -> ControllerSettling:
 
 def _settling(trace: Iterable[Interval], bad: Sense = "high") -> Settling:
     found = [one.in_sense(bad) for one in trace]
-    return Settling(*(tuple(getattr(one, part) for one in found) for part in ("value", "low", "high")))
+    return Settling(
+        *(tuple(getattr(one, part) for one in found) for part in ("value", "low", "high"))
+    )
 
 
 def _section(found: Convergence, _names: Names) -> Section:
     words = "How each statistic converged. `report.json` holds these curves for every metric and requirement."
     if all(len(part.flights) < 2 for part in found.controllers.values()):
         words = "Too few flights to show how the numbers settled."
-    return Section("How sure", (Fold("How the numbers settled", (Text(words), Picture("convergence"))),))
+    return Section(
+        "How sure", (Fold("How the numbers settled", (Text(words), Picture("convergence"))),)
+    )
 
 
-CONVERGENCE = Topic("convergence", Convergence, compute_convergence, _section, figures=figures_of(__name__))
+CONVERGENCE = Topic(
+    "convergence", Convergence, compute_convergence, _section, figures=figures_of(__name__)
+)

@@ -9,7 +9,13 @@ from matplotlib.ticker import FixedLocator, NullFormatter, NullLocator, ScalarFo
 
 from abhv_mc.array_types import Floats
 from abhv_mc.topics.convergence import Convergence
-from abhv_mc.topics.figure_style import controller_colors, label_lowest, legend_below, new_panels, styled
+from abhv_mc.topics.figure_style import (
+    controller_colors,
+    label_lowest,
+    legend_below,
+    new_panels,
+    styled,
+)
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
@@ -23,11 +29,20 @@ def draw(found: Convergence, names: Names) -> Iterator[tuple[FigureText, Figure]
         reached = all(np.isfinite(table["q95"].value[-1]) for table in tables.values())
         level, words = ("q95", "95 % quantile") if reached else ("q50", "median")
         series = {
-            name: np.array([each[level].value, each[level].low, each[level].high]) for name, each in tables.items()
+            name: np.array([each[level].value, each[level].low, each[level].high])
+            for name, each in tables.items()
         }
         if any(np.isfinite(each[0]).any() for each in series.values()):
             label = f"{names.metrics[metric].label_with_unit}\n{words}"
-            panels.append((label, {name: np.where(np.isfinite(each), each, np.nan) for name, each in series.items()}))
+            panels.append(
+                (
+                    label,
+                    {
+                        name: np.where(np.isfinite(each), each, np.nan)
+                        for name, each in series.items()
+                    },
+                )
+            )
     if panels and max(each.size for each in flights.values()) > 1:
         text = FigureText(
             "convergence",
@@ -41,7 +56,9 @@ def draw(found: Convergence, names: Names) -> Iterator[tuple[FigureText, Figure]
 
 @styled
 def plot_convergence(
-    flights: Mapping[str, Floats], panels: Sequence[tuple[str, Mapping[str, Floats]]], labels: Mapping[str, str]
+    flights: Mapping[str, Floats],
+    panels: Sequence[tuple[str, Mapping[str, Floats]]],
+    labels: Mapping[str, str],
 ) -> Figure:
     """Each number [value, low, high; look] of each controller after so many flights [look]; NaN where unbounded."""
     colors = controller_colors(tuple(labels))
@@ -49,7 +66,9 @@ def plot_convergence(
     for axes, (title, series) in zip(grid.flat, panels, strict=False):
         for name, (value, low, high) in series.items():
             bounded = np.isfinite(low) & np.isfinite(high)
-            axes.fill_between(flights[name], low, high, where=bounded, color=colors[name], alpha=0.22, linewidth=0)
+            axes.fill_between(
+                flights[name], low, high, where=bounded, color=colors[name], alpha=0.22, linewidth=0
+            )
             axes.plot(flights[name], value, color=colors[name], label=labels[name])
         axes.set_xscale("log")
         _ticks(axes, np.concatenate(list(flights.values())))

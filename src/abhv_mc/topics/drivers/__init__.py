@@ -12,7 +12,17 @@ from abhv_mc.statistics.drivers import FALSE_DISCOVERY_RATE, RankDrivers, rank_d
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.statistics.given_data import given_data_indices
 from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import Cell, Fold, Picture, Row, Section, Table, Text, grouped, interval_cell
+from abhv_mc.topics.section import (
+    Cell,
+    Fold,
+    Picture,
+    Row,
+    Section,
+    Table,
+    Text,
+    grouped,
+    interval_cell,
+)
 from abhv_mc.topics.topic import Topic, figures_of
 from abhv_mc.topics.words import joined, parameter_doc, percent, spoken_name
 
@@ -99,7 +109,9 @@ def _coefficients(results: FlownCampaign, controller: str) -> dict[str, MetricDr
     table = {}
     for column, metric in enumerate(metrics):
         if np.isfinite(drivers.explained[column]):
-            order = np.argsort(-np.abs(np.nan_to_num(drivers.srrc[:, column])), kind="stable")[:_KEPT]
+            order = np.argsort(-np.abs(np.nan_to_num(drivers.srrc[:, column])), kind="stable")[
+                :_KEPT
+            ]
             table[metric] = MetricDrivers(
                 float(drivers.explained[column]),
                 bool(drivers.tells[column]),
@@ -127,7 +139,9 @@ def _driver(drivers: RankDrivers, names: list[str], row: int, column: int) -> Dr
     )
 
 
-def _given_data(results: FlownCampaign, inputs: Floats, outputs: Floats, tells: Mask) -> dict[str, tuple[Share, ...]]:
+def _given_data(
+    results: FlownCampaign, inputs: Floats, outputs: Floats, tells: Mask
+) -> dict[str, tuple[Share, ...]]:
     """Parameters that decide a headline error in another way than steadily up or down, largest first.
 
     By first-order and total indices from the flights, of metrics that the rank regression does not explain. Designs
@@ -135,7 +149,11 @@ def _given_data(results: FlownCampaign, inputs: Floats, outputs: Floats, tells: 
     """
     names, metrics = list(results.dispersed), list(results.metrics)
     chosen = [c for c, metric in enumerate(metrics) if metric in results.asked and not tells[c]]
-    found = given_data_indices(inputs, outputs[:, chosen]) if chosen and results.campaign.independent else None
+    found = (
+        given_data_indices(inputs, outputs[:, chosen])
+        if chosen and results.campaign.independent
+        else None
+    )
     if found is None:
         return {}
     return {
@@ -162,7 +180,11 @@ def otherwise_words(shares: Sequence[Share]) -> list[str]:
             continue
         told.add(share.parameter)
         name = spoken_name(share.parameter)
-        if share.partner is not None and share.partner not in told and share.first < share.total / 2.0:
+        if (
+            share.partner is not None
+            and share.partner not in told
+            and share.first < share.total / 2.0
+        ):
             told.add(share.partner)
             name += f" together with {spoken_name(share.partner)}"
         words.append(name)
@@ -182,7 +204,9 @@ def _sentence(label: str, drivers: ControllerDrivers, names: Names) -> str:
         if metric not in drivers.metrics:
             continue
         entry, phrase = drivers.metrics[metric], names.metrics[metric].phrase
-        found = dict.fromkeys(spoken_name(each.parameter) for each in entry.parameters if each.driver)
+        found = dict.fromkeys(
+            spoken_name(each.parameter) for each in entry.parameters if each.driver
+        )
         if words := (list(found) or otherwise_words(entry.otherwise))[:_NAMED]:
             parts.append(f"{phrase}: {joined(words)}")
         else:
@@ -201,7 +225,11 @@ def driver_section(drivers: Drivers, names: Names) -> Section:
     )
     title = "What moves the errors"
     if not groups:
-        return Section(title, (Text("Too few flights, or nothing dispersed: no drivers can be told."),), part=True)
+        return Section(
+            title,
+            (Text("Too few flights, or nothing dispersed: no drivers can be told."),),
+            part=True,
+        )
     rate = percent(drivers.false_discovery_rate, 1)
     method = (
         "Which dispersed parameters move each error: standardized rank regression coefficients (SRRC) and partial "
@@ -211,10 +239,14 @@ def driver_section(drivers: Drivers, names: Names) -> Section:
         f"not explain (false-discovery rate {rate} over all parameters and metrics)."
     )
     caption = (
-        "Drivers of the errors, largest first, and the share of the variation of ranks that all parameters explain"
+        "Drivers of the errors, largest first, and the share of the variation of ranks "
+        "that all parameters explain"
     )
     heads = (names.campaign.kind.capitalize(), "Error", "Explained", "Driver", "SRRC", "PRCC")
-    table = Fold("Rank coefficients in full", (Text(method), Table("Drivers of the errors", heads, groups, caption)))
+    table = Fold(
+        "Rank coefficients in full",
+        (Text(method), Table("Drivers of the errors", heads, groups, caption)),
+    )
     return Section(title, (Picture("drivers"), table), part=True)
 
 
@@ -222,13 +254,19 @@ def _group(names: Names, controller: str, metric: str, entry: MetricDrivers) -> 
     """A row for each driver."""
     rows = [_driver_row(each, names) for each in entry.parameters if each.driver][:_LISTED]
     first = Cell(names.label(controller), head=True), Cell(names.metrics[metric].label, head=True)
-    return grouped(rows or [(Cell(_otherwise(entry), columns=3),)], *first, Cell(percent(entry.explained, 2)))
+    return grouped(
+        rows or [(Cell(_otherwise(entry), columns=3),)], *first, Cell(percent(entry.explained, 2))
+    )
 
 
 def _driver_row(driver: Driver, names: Names) -> Row:
     words = spoken_name(driver.parameter) + (", high or low" if driver.either_way else "")
     note = f"moves with {spoken_name(driver.moves_with)}" if driver.moves_with else ""
-    name = Cell(words, note, hint=f"{driver.parameter}: {parameter_doc(driver.parameter, names.campaign.parameters)}")
+    name = Cell(
+        words,
+        note,
+        hint=f"{driver.parameter}: {parameter_doc(driver.parameter, names.campaign.parameters)}",
+    )
     return name, interval_cell(Interval(*driver.srrc)), interval_cell(Interval(*driver.prcc))
 
 
@@ -244,4 +282,6 @@ def _otherwise(entry: MetricDrivers) -> str:
     return f"{names}, not steadily up or down (of the variance of ranks: {'; '.join(shares)})"
 
 
-DRIVERS = Topic("drivers", Drivers, compute_drivers, driver_section, driver_sentences, figures_of(__name__))
+DRIVERS = Topic(
+    "drivers", Drivers, compute_drivers, driver_section, driver_sentences, figures_of(__name__)
+)

@@ -20,7 +20,9 @@ class TornadoBar:
     """One row: a parameter's effect under each controller (value, low, high; the share alone of one 'in all')."""
 
     label: str
-    effects: Sequence[tuple[float, float, float] | None]  # [controller]; None where chance explains it
+    effects: Sequence[
+        tuple[float, float, float] | None
+    ]  # [controller]; None where chance explains it
     shares: Sequence[bool]  # [controller] whether it is a share of the variance of ranks
 
 
@@ -49,9 +51,17 @@ def _bars(entries: Sequence[MetricDrivers | None]) -> list[TornadoBar]:
     for entry in entries:
         drivers = [each for each in entry.parameters if each.driver] if entry else []
         shares.append(entry is not None and not drivers)
-        found.append({spoken_name(d.parameter) + (", high or low" if d.either_way else ""): d.srrc for d in drivers})
+        found.append(
+            {
+                spoken_name(d.parameter) + (", high or low" if d.either_way else ""): d.srrc
+                for d in drivers
+            }
+        )
         if entry and not drivers:
-            found[-1] = {spoken_name(each.parameter): (each.total, each.first, each.total) for each in entry.otherwise}
+            found[-1] = {
+                spoken_name(each.parameter): (each.total, each.first, each.total)
+                for each in entry.otherwise
+            }
     largest: dict[str, float] = {}
     for effects in found:
         for name, (value, *_) in effects.items():
@@ -61,7 +71,9 @@ def _bars(entries: Sequence[MetricDrivers | None]) -> list[TornadoBar]:
 
 
 @styled
-def plot_tornado(charts: Sequence[tuple[str, Sequence[TornadoBar]]], labels: Mapping[str, str]) -> Figure:
+def plot_tornado(
+    charts: Sequence[tuple[str, Sequence[TornadoBar]]], labels: Mapping[str, str]
+) -> Figure:
     """A column a controller, a group of bars an error; one scale of -1 to 1 throughout."""
     heads, places = [], []
     y = 0.0

@@ -24,7 +24,9 @@ class Curve:
     label: str
     reference: str = ""
     off_reference: bool = False  # what is left of it without the reference
-    needles: bool = False  # whether it moves for a moment at each step of its command, which an inset shows
+    needles: bool = (
+        False  # whether it moves for a moment at each step of its command, which an inset shows
+    )
     paper: tuple[int, str] | None = None  # figure of the paper, and what it shows
 
 
@@ -46,7 +48,11 @@ CURVES = (
 
 def curves_of(campaign: Experiment) -> tuple[Curve, ...]:
     """Those that a sheet of its flights may show: all channels of a user's simulator."""
-    return tuple(Curve(each.name, each.axis) for each in campaign.channels) if campaign.user_model else CURVES
+    return (
+        tuple(Curve(each.name, each.axis) for each in campaign.channels)
+        if campaign.user_model
+        else CURVES
+    )
 
 
 @dataclass(frozen=True)
@@ -64,9 +70,16 @@ def compute_envelopes(results: FlownCampaign) -> Envelopes:
     for (controller, channel), envelope in results.envelopes.items():
         low, high = envelope.bands["min"], envelope.bands["max"]
         if not np.isnan(low).all():
-            ranges.setdefault(controller, {})[channel] = float(np.nanmin(low)), float(np.nanmax(high))
-    times = next((envelope.time for envelope in results.envelopes.values() if envelope.time.size > 1), None)
-    flown = max((int(each.flight.max(initial=-1)) + 1 for each in results.flights.values()), default=0)
+            ranges.setdefault(controller, {})[channel] = (
+                float(np.nanmin(low)),
+                float(np.nanmax(high)),
+            )
+    times = next(
+        (envelope.time for envelope in results.envelopes.values() if envelope.time.size > 1), None
+    )
+    flown = max(
+        (int(each.flight.max(initial=-1)) + 1 for each in results.flights.values()), default=0
+    )
     flights = min(flown, envelope_states.ENVELOPE_FLIGHTS)
     return Envelopes(ranges, None if times is None else float(times[1] - times[0]), flights)
 
@@ -78,14 +91,19 @@ def envelope_section(found: Envelopes, names: Names) -> Section | None:
     if not campaign.channels:
         return None
     if not campaign.has_bands:
-        text = "None are kept; `keep: {envelopes: {rate: 5 Hz}}` in the campaign file asks for them."
+        text = (
+            "None are kept; `keep: {envelopes: {rate: 5 Hz}}` in the campaign file asks for them."
+        )
         return Section("Bands over time", (Text(text),))
     if found.step_s is not None:
         flown = max(flights.flight.size for flights in names.results.flights.values())
         of = "" if found.flights >= flown else f" of flights 0 to {found.flights - 1}"
         who, ends = "flights still airborne", "at any control tick; the other bands are of samples"
         if campaign.user_model:
-            who, ends = "flights that have a history then", "of all samples returned; the other bands are of values"
+            who, ends = (
+                "flights that have a history then",
+                "of all samples returned; the other bands are of values",
+            )
         apart = " s apart, linear between samples" if campaign.user_model else " s apart"
         items.append(
             Text(
@@ -104,8 +122,14 @@ def envelope_section(found: Envelopes, names: Names) -> Section | None:
             )
     of_paper = campaign.model.figures == "paper"
     rows = tuple(_row(found, names, curve, of_paper) for curve in curves_of(campaign))
-    heads = ("Channel", *names.controllers.values(), *(["Figure", "The paper's single flight"] if of_paper else []))
-    table = Table("Smallest and largest value of each channel", heads, (tuple(row for row in rows if row),))
+    heads = (
+        "Channel",
+        *names.controllers.values(),
+        *(["Figure", "The paper's single flight"] if of_paper else []),
+    )
+    table = Table(
+        "Smallest and largest value of each channel", heads, (tuple(row for row in rows if row),)
+    )
     sheet = Fold("All channels on one sheet", (table, Picture("channels")))
     return Section("Bands over time", (*items, Widget("bands"), sheet))
 
@@ -128,4 +152,6 @@ def _ends(low: float, high: float) -> str:
     return f"{fixed(low, places)} to {fixed(high, places)}"
 
 
-ENVELOPES = Topic("envelopes", Envelopes, compute_envelopes, envelope_section, figures=figures_of(__name__))
+ENVELOPES = Topic(
+    "envelopes", Envelopes, compute_envelopes, envelope_section, figures=figures_of(__name__)
+)

@@ -7,7 +7,13 @@ from matplotlib.figure import Figure
 
 from abhv_mc.array_types import Floats
 from abhv_mc.topics.envelopes import CURVES, Curve, Envelopes, curves_of
-from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, bands_off, off_reference, plot_sheet
+from abhv_mc.topics.figure_bands import (
+    EnvelopePanel,
+    EnvelopeRow,
+    bands_off,
+    off_reference,
+    plot_sheet,
+)
 from abhv_mc.topics.figure_style import controller_colors
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
@@ -24,7 +30,11 @@ def draw(_found: Envelopes, names: Names) -> Iterator[tuple[FigureText, Figure]]
 
     def find(controller: str, channel: str) -> Bands | None:
         envelope = results.envelopes.get((controller, channel))
-        return (envelope.time, envelope.bands) if envelope and np.isfinite(envelope.median).any() else None
+        return (
+            (envelope.time, envelope.bands)
+            if envelope and np.isfinite(envelope.median).any()
+            else None
+        )
 
     if rows := _rows(find, controllers, results.reference, curves_of(campaign)):
         words = FigureText(
@@ -37,24 +47,36 @@ def draw(_found: Envelopes, names: Names) -> Iterator[tuple[FigureText, Figure]]
 
 
 def plot_flown(
-    flights: Mapping[str, Mapping[str, Floats]], reference: Mapping[str, Floats], labels: Mapping[str, str]
+    flights: Mapping[str, Mapping[str, Floats]],
+    reference: Mapping[str, Floats],
+    labels: Mapping[str, str],
 ) -> Figure:
     """The sheet of one flight of each controller; all columns [time] by channel."""
 
     def find(controller: str, channel: str) -> Bands:
         return flights[controller]["time"], {"q50": flights[controller][channel]}
 
-    return plot_sheet(_rows(find, tuple(flights), reference, CURVES), labels, controller_colors(tuple(flights)))
+    return plot_sheet(
+        _rows(find, tuple(flights), reference, CURVES), labels, controller_colors(tuple(flights))
+    )
 
 
 def _rows(
     find: Find, names: Sequence[str], reference: Mapping[str, Floats], curves: Sequence[Curve]
 ) -> list[EnvelopeRow]:
     """The ground track where it has a reference, then the channels that every controller has."""
-    track = [_track(find(name, "east_m"), find(name, "north_m"), reference) for name in names if reference]
+    track = [
+        _track(find(name, "east_m"), find(name, "north_m"), reference)
+        for name in names
+        if reference
+    ]
     rows = [EnvelopeRow("north over east (km)", [each for each in track if each])]
     for curve in curves:
-        panels = [panel_of(held, curve, reference) for name in names if (held := find(name, curve.channel))]
+        panels = [
+            panel_of(held, curve, reference)
+            for name in names
+            if (held := find(name, curve.channel))
+        ]
         rows.append(EnvelopeRow(curve.label, panels, inset=curve.needles))
     return [row for row in rows if len(row.panels) == len(names)]
 
@@ -67,16 +89,22 @@ def panel_of(held: Bands, curve: Curve, reference: Mapping[str, Floats]) -> Enve
     return EnvelopePanel(time, bands_off(time, held[1], clock, less), reference=shown)
 
 
-def flight_curve(history: Mapping[str, Floats], curve: Curve, reference: Mapping[str, Floats]) -> tuple[Floats, Floats]:
+def flight_curve(
+    history: Mapping[str, Floats], curve: Curve, reference: Mapping[str, Floats]
+) -> tuple[Floats, Floats]:
     """A flight's channel over time as its curve is drawn."""
     time, values = history["time"], history[curve.channel]
     less = reference[curve.reference] if curve.off_reference else None
     return time, off_reference(time, values, reference.get("time", time), less)
 
 
-def _track(east: Bands | None, north: Bands | None, reference: Mapping[str, Floats]) -> EnvelopePanel | None:
+def _track(
+    east: Bands | None, north: Bands | None, reference: Mapping[str, Floats]
+) -> EnvelopePanel | None:
     """North at each moment, against the median way east."""
     if east is None or north is None:
         return None
     given = reference["east_reference_m"] / 1e3, reference["north_reference_m"] / 1e3
-    return EnvelopePanel(east[1]["q50"] / 1e3, {k: band / 1e3 for k, band in north[1].items()}, reference=given)
+    return EnvelopePanel(
+        east[1]["q50"] / 1e3, {k: band / 1e3 for k, band in north[1].items()}, reference=given
+    )

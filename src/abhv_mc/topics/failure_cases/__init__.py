@@ -82,7 +82,9 @@ def drawn_cases(results: FlownCampaign) -> tuple[NDArray[np.str_], Floats]:
     samples, end = np.column_stack(columns), float(results.reference["time"][-1])
     nothing = np.zeros(len(samples))
     first = failure_times(names, samples)
-    return np.array(failure_cases(names, samples, nothing + end, nothing)), np.where(first < end, first, np.inf)
+    return np.array(failure_cases(names, samples, nothing + end, nothing)), np.where(
+        first < end, first, np.inf
+    )
 
 
 def cases_by_frequency(cases: NDArray[np.str_]) -> list[str]:
@@ -99,12 +101,18 @@ def compute_failure_cases(results: FlownCampaign) -> FailureCases:
     found = []
     for case in cases_by_frequency(cases):
         inside = {name: cases[results.flights[name].flight] == case for name in results.controllers}
-        flown = {name: _flown(results, name, case, rows, first) for name, rows in inside.items() if rows.any()}
+        flown = {
+            name: _flown(results, name, case, rows, first)
+            for name, rows in inside.items()
+            if rows.any()
+        }
         found.append(FailureCase(case, int(np.sum(cases == case)), flown))
     return FailureCases(tuple(found), float(results.reference["time"][-1]))
 
 
-def _flown(results: FlownCampaign, name: str, case: str, inside: NDArray[np.bool_], first: Floats) -> CaseFlights:
+def _flown(
+    results: FlownCampaign, name: str, case: str, inside: NDArray[np.bool_], first: Floats
+) -> CaseFlights:
     flights, campaign = results.flights[name], results.campaign
     lost, number = flights.failed & inside, int(inside.sum())
     failures = int(lost.sum())
@@ -122,7 +130,9 @@ def _flown(results: FlownCampaign, name: str, case: str, inside: NDArray[np.bool
         lost=failures,
         lost_before=int(np.sum(after < 0.0)) if case != NO_FAILURE else 0,
         survived=Interval(1.0 - failures / number, 1.0 - bounds[1], 1.0 - bounds[0]),
-        median_time_to_loss_s=float(np.median(times)) if times.size and case != NO_FAILURE else None,
+        median_time_to_loss_s=float(np.median(times))
+        if times.size and case != NO_FAILURE
+        else None,
         requirements=verdicts,
         margins=_margins(flights, inside),
     )
@@ -164,7 +174,11 @@ def failure_case_section(found: FailureCases, names: Names) -> Section | None:
                 "the same flights for every controller. Verdicts are of the flights of the case alone, each by itself: "
                 "no allowance is made for their number."
             ),
-            Table("Survival by failure case", heads, tuple(_group(entry, names) for entry in found.cases)),
+            Table(
+                "Survival by failure case",
+                heads,
+                tuple(_group(entry, names) for entry in found.cases),
+            ),
             Picture("failure_survival"),
             Picture("failure_bands"),
         ),
@@ -178,13 +192,25 @@ def _group(entry: FailureCase, names: Names) -> tuple[Row, ...]:
 
 def _row(label: str, cell: CaseFlights) -> Row:
     share = cell.survived
-    bounds = f"{percent(share.low, 1)} to {percent(share.high, 1)}" if share.low == share.low else ""  # nan: none
+    bounds = (
+        f"{percent(share.low, 1)} to {percent(share.high, 1)}" if share.low == share.low else ""
+    )  # nan: none
     time = "" if cell.median_time_to_loss_s is None else f"{cell.median_time_to_loss_s:.1f} s"
-    words = [f"{words}: missed by {each.missed}, {each.status}" for words, each in cell.requirements.items()]
+    words = [
+        f"{words}: missed by {each.missed}, {each.status}"
+        for words, each in cell.requirements.items()
+    ]
     if cell.margins is not None:
         unstable = count_of(cell.margins.unstable, cell.margins.flights)
-        words.append(f"least gain margin {cell.margins.median_db:.1f} dB in the median, unstable at a point {unstable}")
-    cells = Cell(percent(share.value, 1), bounds), Cell(str(cell.lost)), Cell(time), Cell("; ".join(words))
+        words.append(
+            f"least gain margin {cell.margins.median_db:.1f} dB in the median, unstable at a point {unstable}"
+        )
+    cells = (
+        Cell(percent(share.value, 1), bounds),
+        Cell(str(cell.lost)),
+        Cell(time),
+        Cell("; ".join(words)),
+    )
     return (Cell(label, head=True), *cells)
 
 

@@ -11,7 +11,15 @@ from abhv_mc.flight.failure_case import NO_FAILURE
 from abhv_mc.folder.flown_campaign import read_histories
 from abhv_mc.topics.failure_cases import FailureCases, cases_by_frequency, drawn_cases
 from abhv_mc.topics.figure_bands import off_reference
-from abhv_mc.topics.figure_style import DASHES, INK, controller_colors, label_lowest, legend_below, new_panels, styled
+from abhv_mc.topics.figure_style import (
+    DASHES,
+    INK,
+    controller_colors,
+    label_lowest,
+    legend_below,
+    new_panels,
+    styled,
+)
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
@@ -25,19 +33,31 @@ _CHANNELS = (  # of bands, with the axis' words and what is taken off
     ("sideslip_deg", "sideslip (deg)", ""),
 )
 
-Bands = Mapping[tuple[int, str, str], Floats]  # row of _CHANNELS, case, controller -> [least, median, most; time]
+Bands = Mapping[
+    tuple[int, str, str], Floats
+]  # row of _CHANNELS, case, controller -> [least, median, most; time]
 
 
 @styled
-def plot_survival(times: Floats, panels: Mapping[str, Mapping[str, Floats]], labels: Mapping[str, str]) -> Figure:
+def plot_survival(
+    times: Floats, panels: Mapping[str, Mapping[str, Floats]], labels: Mapping[str, str]
+) -> Figure:
     """Share still flying [time] against the time since the failure: a panel a case, a curve a controller."""
     colors = controller_colors(tuple(labels))
-    figure, grid = new_panels(len(panels), min(2, len(panels)), 1.0, between=(0.3, 0.55), sharex=True, sharey=True)
+    figure, grid = new_panels(
+        len(panels), min(2, len(panels)), 1.0, between=(0.3, 0.55), sharex=True, sharey=True
+    )
     for axes, (title, curves) in zip(grid.flat, panels.items(), strict=False):
         for i, name in enumerate(labels):
             if name in curves:
                 share = 100.0 * curves[name]
-                axes.plot(times, share, color=colors[name], linestyle=DASHES[i % len(DASHES)], label=labels[name])
+                axes.plot(
+                    times,
+                    share,
+                    color=colors[name],
+                    linestyle=DASHES[i % len(DASHES)],
+                    label=labels[name],
+                )
         axes.set_title(title, fontsize=8)
         axes.set_ylim(-3.0, 103.0)
     for axes in grid[:, 0]:
@@ -48,7 +68,9 @@ def plot_survival(times: Floats, panels: Mapping[str, Mapping[str, Floats]], lab
 
 
 @styled
-def plot_case_bands(times: Floats, bands: Bands, cases: Sequence[str], labels: Mapping[str, str]) -> Figure:
+def plot_case_bands(
+    times: Floats, bands: Bands, cases: Sequence[str], labels: Mapping[str, str]
+) -> Figure:
     """Channels after a failure: a row a channel, a column a case."""
     colors, count = controller_colors(tuple(labels)), len(_CHANNELS) * len(cases)
     figure, grid = new_panels(count, len(cases), 1.2, between=(0.2, 0.2), sharex=True, sharey="row")
@@ -103,7 +125,9 @@ def draw(_found: FailureCases, names: Names) -> Iterator[tuple[FigureText, Figur
         "comes later.",
     )
     yield text, plot_survival(times, panels, names.controllers)
-    yield from _draw_bands(names, [case for case in shown if " + " not in case][:_MOST_BANDS], cases, first)
+    yield from _draw_bands(
+        names, [case for case in shown if " + " not in case][:_MOST_BANDS], cases, first
+    )
 
 
 def _draw_bands(
@@ -111,7 +135,10 @@ def _draw_bands(
 ) -> Iterator[tuple[FigureText, Figure]]:
     """Kept histories about their first failure; none where the worst or the lost were kept, which stand for no case."""
     results, times, bands = names.results, np.arange(-2.0, 20.0, 0.25), {}
-    if any(str(item).startswith(("worst", "failed")) for item in results.campaign.model.keep.histories.flights):
+    if any(
+        str(item).startswith(("worst", "failed"))
+        for item in results.campaign.model.keep.histories.flights
+    ):
         return
     clock = results.reference["time"]
     for name in results.controllers:
@@ -121,14 +148,22 @@ def _draw_bands(
             for row, (channel, _, given) in enumerate(_CHANNELS):
                 off = results.reference[given] if given else None
                 values = [
-                    np.interp(times, h["time"] - at, off_reference(h["time"], h[channel], clock, off), np.nan, np.nan)
+                    np.interp(
+                        times,
+                        h["time"] - at,
+                        off_reference(h["time"], h[channel], clock, off),
+                        np.nan,
+                        np.nan,
+                    )
                     for at, h in flown
                     if channel in h
                 ]
                 if len(values) >= _FEWEST_KEPT:
                     there = np.isfinite(values).any(axis=0)
                     bands[row, case, name] = band = np.full((3, times.size), np.nan)
-                    band[:, there] = np.nanquantile(np.array(values)[:, there], (0.0, 0.5, 1.0), axis=0)
+                    band[:, there] = np.nanquantile(
+                        np.array(values)[:, there], (0.0, 0.5, 1.0), axis=0
+                    )
     if bands:
         caption = (
             "Median (line) and smallest to largest value (band) of the flights whose histories were kept, against the "

@@ -4,11 +4,25 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.topics.flights.model import FlightCounts, Flights, LargeDispersion, WorstFlight, compute_flights
+from abhv_mc.topics.flights.model import (
+    FlightCounts,
+    Flights,
+    LargeDispersion,
+    WorstFlight,
+    compute_flights,
+)
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Cell, Fold, Item, Picture, Row, Section, Table, Text, Widget
 from abhv_mc.topics.topic import Topic, figures_of
-from abhv_mc.topics.words import count_of, fixed, joined, parameter_doc, shown_value, significant, spoken_name
+from abhv_mc.topics.words import (
+    count_of,
+    fixed,
+    joined,
+    parameter_doc,
+    shown_value,
+    significant,
+    spoken_name,
+)
 
 _COLUMNS = 5  # metrics beside each of the worst flights
 
@@ -33,7 +47,9 @@ def flight_sentences(found: Flights, names: Names, off_cards: bool = False) -> S
                 ("ended early:", counts.failed, counts.flown),
                 ("surfaces reach a limit of deflection or rate in", part.saturated, part.flown), *cycles, *known,
             ]  # fmt: skip
-        words = [f"{text} {count_of(count, flown, 'flights')}" for text, count, flown in known if count]
+        words = [
+            f"{text} {count_of(count, flown, 'flights')}" for text, count, flown in known if count
+        ]
         said += [f"{names.label(name)}: {'; '.join(words)}."] if words else []
     return said
 
@@ -47,14 +63,24 @@ def _items(found: Flights, names: Names) -> Iterator[Item]:
     campaign = names.campaign
     yield Text(_flown(found, campaign, names))
     if found.dispersions:
-        rows = [_dispersion(name, _law(entry), _settings(entry), names) for name, entry in found.dispersions.items()]
+        rows = [
+            _dispersion(name, _law(entry), _settings(entry), names)
+            for name, entry in found.dispersions.items()
+        ]
         rows += [_dispersion(name, "derived", text, names) for name, text in found.derived.items()]
-        yield Table("Dispersions", ("Parameter", "Meaning", "Distribution", "Settings"), (tuple(rows),), numbers=False)
+        yield Table(
+            "Dispersions",
+            ("Parameter", "Meaning", "Distribution", "Settings"),
+            (tuple(rows),),
+            numbers=False,
+        )
     heads = (campaign.kind.capitalize(), "Flown", "Ended early", "Not computed", "Outcomes")
     counts = tuple(_counts(names.label(name), entry) for name, entry in found.counts.items())
     yield Table("How the flights ended", heads, (counts,), numbers=False)
     yield Widget("flights")
-    kept = "Their histories are kept: a number draws it" if campaign.channels else "A number opens it"
+    kept = (
+        "Their histories are kept: a number draws it" if campaign.channels else "A number opens it"
+    )
     words = (
         "Flights that ended early come first, the earliest before all others, then those furthest past (or nearest to) "
         "a limit, in units of it as in the chart (without requirements, of the median). "
@@ -65,7 +91,14 @@ def _items(found: Flights, names: Names) -> Iterator[Item]:
         words += "dispersions that still makes a flight fail."
     yield Text(words)
     asked = (names.metrics[metric].label_with_unit for metric in names.asked[:_COLUMNS])
-    worst_heads = ("Flight", "Outcome", "Worst in", "Beyond its limit (units of it)", *asked, "Largest dispersions")
+    worst_heads = (
+        "Flight",
+        "Outcome",
+        "Worst in",
+        "Beyond its limit (units of it)",
+        *asked,
+        "Largest dispersions",
+    )
     for name, flights in found.worst.items():
         title = f"Worst flights of {names.label(name)}"
         again = f"Again, bit for bit: `abhv-mc replay {names.folder} --controller {name} --flight NUMBER`"
@@ -109,11 +142,18 @@ def _settings(entry: Mapping[str, Any]) -> str:
 
 
 def _dispersion(name: str, law: str, settings: str, names: Names) -> Row:
-    return Cell(f"`{name}`", head=True), Cell(parameter_doc(name, names.campaign.parameters)), Cell(law), Cell(settings)
+    return (
+        Cell(f"`{name}`", head=True),
+        Cell(parameter_doc(name, names.campaign.parameters)),
+        Cell(law),
+        Cell(settings),
+    )
 
 
 def _counts(label: str, found: FlightCounts) -> Row:
-    outcomes = joined([f"{count} {code.replace('_', ' ')}" for code, count in found.outcomes.items()])
+    outcomes = joined(
+        [f"{count} {code.replace('_', ' ')}" for code, count in found.outcomes.items()]
+    )
     numbers = (fixed(count, 0) for count in (found.flown, found.failed, found.not_computed))
     return (Cell(label, head=True), *map(Cell, numbers), Cell(outcomes))
 
@@ -137,4 +177,6 @@ def _words(found: LargeDispersion, names: Names) -> str:
     return f"{spoken_name(found.parameter)} {value}{sigma}"
 
 
-FLIGHTS = Topic("flights", Flights, compute_flights, flight_section, flight_sentences, figures_of(__name__))
+FLIGHTS = Topic(
+    "flights", Flights, compute_flights, flight_section, flight_sentences, figures_of(__name__)
+)

@@ -23,15 +23,23 @@ def draw(found: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
     if not results.envelopes:
         return
     kept = {name: read_histories(results.folder, name) for name in controllers}
-    listed = {name: [each.flight for each in found.worst[name] if each.flight in kept[name]] for name in controllers}
+    listed = {
+        name: [each.flight for each in found.worst[name] if each.flight in kept[name]]
+        for name in controllers
+    }
     if not any(listed.values()):
         return
     rows, reference, campaign = [], results.reference, results.campaign
-    curves = [curve for curve in curves_of(campaign) if campaign.user_model or curve.channel in _CHANNELS]
+    curves = [
+        curve for curve in curves_of(campaign) if campaign.user_model or curve.channel in _CHANNELS
+    ]
     for curve in curves[: len(_CHANNELS)]:
         panels = []
         for name in controllers:
-            envelope, histories = results.envelopes.get((name, curve.channel)), [kept[name][k] for k in listed[name]]
+            envelope, histories = (
+                results.envelopes.get((name, curve.channel)),
+                [kept[name][k] for k in listed[name]],
+            )
             if envelope is None or (histories and curve.channel not in histories[0]):
                 break
             panel = panel_of((envelope.time, envelope.bands), curve, reference)

@@ -24,7 +24,9 @@ class LargeDispersion:
 
     parameter: str
     value: float
-    sigma: float | None  # distance in its standard deviations; None of what only some flights have, such as a failure
+    sigma: (
+        float | None
+    )  # distance in its standard deviations; None of what only some flights have, such as a failure
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,9 @@ class WorstFlight:
     outcome: str  # its code
     by: str | None  # metric; None where it ended early
     beyond: float  # distance beyond the limit, in units of it
-    metrics: Mapping[str, float]  # not-a-number where it was lost before the stretches that a metric counts
+    metrics: Mapping[
+        str, float
+    ]  # not-a-number where it was lost before the stretches that a metric counts
     samples: Mapping[str, float]
     largest: tuple[LargeDispersion, ...]
 
@@ -50,7 +54,9 @@ def listed_worst(results: FlownCampaign, name: str) -> list[int]:
 def rank_failed(results: FlownCampaign, controller: str) -> list[int]:
     """Numbers of the flights that ended early or missed a requirement, the worst first."""
     flights, rows = results.flights[controller], results.ranking.rows_of(controller)
-    return flights.flight[rows[failed_anyhow(flights, results.campaign.requirements)[rows]]].tolist()
+    return flights.flight[
+        rows[failed_anyhow(flights, results.campaign.requirements)[rows]]
+    ].tolist()
 
 
 def worst_flights(results: FlownCampaign) -> dict[str, tuple[WorstFlight, ...]]:
@@ -64,7 +70,9 @@ def moments_of(results: FlownCampaign) -> dict[str, tuple[float, float]]:
     return {key: _moments(results.samples[key]) for key in results.dispersed}
 
 
-def _of(results: FlownCampaign, name: str, moments: Mapping[str, tuple[float, float]]) -> list[WorstFlight]:
+def _of(
+    results: FlownCampaign, name: str, moments: Mapping[str, tuple[float, float]]
+) -> list[WorstFlight]:
     criteria, flights = results.campaign.criteria, results.flights[name]
     rows = np.array(listed_worst(results, name), dtype=np.intp)
     beyond, which = results.ranking.beyond[name], results.ranking.by[name]
@@ -90,21 +98,31 @@ def _of(results: FlownCampaign, name: str, moments: Mapping[str, tuple[float, fl
 
 def _moments(column: Floats) -> tuple[float, float]:
     """Mean and standard deviation; both infinite where some flights have an infinite value: it never comes to them."""
-    return (float(np.mean(column)), float(np.std(column))) if np.isfinite(column).all() else (np.inf, np.inf)
+    return (
+        (float(np.mean(column)), float(np.std(column)))
+        if np.isfinite(column).all()
+        else (np.inf, np.inf)
+    )
 
 
 def _sigmas(value: float, mean: float, sigma: float) -> float | None:
     return None if np.isinf(sigma) else (value - mean) / sigma if sigma > 0.0 else 0.0
 
 
-def _largest(samples: Mapping[str, float], spread: Mapping[str, tuple[float, float]]) -> tuple[LargeDispersion, ...]:
+def _largest(
+    samples: Mapping[str, float], spread: Mapping[str, tuple[float, float]]
+) -> tuple[LargeDispersion, ...]:
     """The dispersions furthest from the campaign's mean, furthest first; before them what only some flights have."""
     moved = [
         LargeDispersion(key, samples[key], _sigmas(samples[key], *spread[key]))
         for key in spread
         if np.isfinite(samples[key])
     ]
-    return tuple(sorted(moved, key=lambda each: -np.inf if each.sigma is None else -abs(each.sigma))[:_LARGEST])
+    return tuple(
+        sorted(moved, key=lambda each: -np.inf if each.sigma is None else -abs(each.sigma))[
+            :_LARGEST
+        ]
+    )
 
 
 def _counted(flights: ControllerFlights, metric: str, rows: NDArray[np.intp]) -> Floats:
@@ -114,7 +132,11 @@ def _counted(flights: ControllerFlights, metric: str, rows: NDArray[np.intp]) ->
 
 
 _CYCLES = 5.0  # deg, from side to side: ripple from which a flight is said to cycle
-_LIMITS = {"saturates": 0.0, "leaves_tables": 0.0, "cycles": _CYCLES}  # of a record's finding: what is more is said
+_LIMITS = {
+    "saturates": 0.0,
+    "leaves_tables": 0.0,
+    "cycles": _CYCLES,
+}  # of a record's finding: what is more is said
 
 
 @dataclass(frozen=True)
@@ -136,7 +158,9 @@ class Findings:
     saturated: int | None  # surfaces at a limit of deflection or rate; None where no flight says
     outside_tables: int | None
     cycling: Mapping[str, int]  # by channel
-    disturbed: bool  # whether gusts, turbulence or noise are dispersed: what swings then is no limit cycle
+    disturbed: (
+        bool  # whether gusts, turbulence or noise are dispersed: what swings then is no limit cycle
+    )
     ripple_deg: float = _CYCLES
 
 
@@ -148,7 +172,9 @@ class Flights:
     dispersions: Mapping[str, Mapping[str, object]]  # as the campaign writes them
     derived: Mapping[str, str]  # parameters that follow from others: their expressions
     counts: Mapping[str, FlightCounts]
-    left_out: Mapping[str, int]  # controllers of which the machine computed none, with their flights
+    left_out: Mapping[
+        str, int
+    ]  # controllers of which the machine computed none, with their flights
     findings: Mapping[str, Findings]
     worst: Mapping[str, tuple[WorstFlight, ...]]
 
@@ -170,18 +196,26 @@ def compute_flights(results: FlownCampaign) -> Flights:
 
 def _counts(flights: ControllerFlights, independent: bool) -> FlightCounts:
     flown, failed = int(flights.flight.size), int(flights.failed.sum())
-    share = Interval(failed / flown, *(clopper_pearson(failed, flown) if independent else (np.nan, np.nan)))
+    share = Interval(
+        failed / flown, *(clopper_pearson(failed, flown) if independent else (np.nan, np.nan))
+    )
     return FlightCounts(flown, failed, flights.not_computed, flights.count_outcomes(), share)
 
 
 def _left_out(results: FlownCampaign) -> dict[str, int]:
     listed = results.manifest.controllers.items()
     lost = {name: ended.outcomes.get("failed_to_run", 0) for name, ended in listed}
-    return {name: count for name, count in lost.items() if count and name not in results.controllers}
+    return {
+        name: count for name, count in lost.items() if count and name not in results.controllers
+    }
 
 
 def _findings(flights: ControllerFlights, disturbed: bool) -> Findings:
-    records = {name: record for name, record in flights.records.items() if record.finding and name in flights.metrics}
+    records = {
+        name: record
+        for name, record in flights.records.items()
+        if record.finding and name in flights.metrics
+    }
 
     def above(finding: str) -> dict[str, int]:
         return {

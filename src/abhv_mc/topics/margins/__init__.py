@@ -30,7 +30,9 @@ def missing_margins(margins: Margins, names: Names) -> Sequence[str]:
     said = []
     for name, flights in margins.missing.items():
         listed = ", ".join([*map(str, flights[:LISTED]), *["..."] * (len(flights) > LISTED)])
-        said.append(f"margins of {names.label(name)} could not be computed in {len(flights)} flights ({listed})")
+        said.append(
+            f"margins of {names.label(name)} could not be computed in {len(flights)} flights ({listed})"
+        )
     return said
 
 
@@ -82,7 +84,16 @@ def margin_section(margins: Margins, names: Names) -> Section | None:
         ),
         Table(
             "Stability margins of each loop, nominal and least over the corners",
-            ("Controller", "Loop", "Gain (dB)", "corners", "Phase (deg)", "corners", "Delay (ms)", "corners"),
+            (
+                "Controller",
+                "Loop",
+                "Gain (dB)",
+                "corners",
+                "Phase (deg)",
+                "corners",
+                "Delay (ms)",
+                "corners",
+            ),
             tuple(
                 _steady_group(names.label(name), entry, steady.corners, margin_words(margins, name))
                 for name, entry in steady.controllers.items()
@@ -95,7 +106,11 @@ def margin_section(margins: Margins, names: Names) -> Section | None:
 def _steady_group(label: str, entry: ControllerMargins, corners: int, why: str) -> tuple[Row, ...]:
     if not entry.nominal or not entry.nominal[-1].stable:
         return ((Cell(label, head=True), Cell(why, columns=7)),)
-    note = f"unstable at {entry.corners_unstable} of {corners} corners" if entry.corners_unstable else ""
+    note = (
+        f"unstable at {entry.corners_unstable} of {corners} corners"
+        if entry.corners_unstable
+        else ""
+    )
     least = {row.loop: row for row in entry.corners}
     rows = [_loop_row(row, least.get(row.loop, LoopMargins(row.loop))) for row in entry.nominal]
     return grouped(rows, Cell(label, note, head=True))
@@ -122,7 +137,9 @@ def _flight_items(margins: Margins, names: Names) -> Iterator[Item]:
     if not margins.flights:
         return
     where = " and ".join(
-        "in steady flight at the start" if point == "trim" else f"{point:g} s into the flight (reference frozen)"
+        "in steady flight at the start"
+        if point == "trim"
+        else f"{point:g} s into the flight (reference frozen)"
         for point in margins.points
     )
     yield Heading("Margins of the flights")
@@ -149,7 +166,12 @@ def _flights_row(label: str, entry: FlightMargins) -> Row:
         for name, digits in _DIGITS.items()
     ]
     counts = [count_of(count, entry.flights) for count in (entry.unstable, entry.at_limit)]
-    return (Cell(label, head=True), *map(Cell, ends), *map(Cell, counts), Cell(_failed_words(entry)))
+    return (
+        Cell(label, head=True),
+        *map(Cell, ends),
+        *map(Cell, counts),
+        Cell(_failed_words(entry)),
+    )
 
 
 def _failed_words(entry: FlightMargins) -> str:
@@ -165,10 +187,14 @@ def _least_group(controller: str, entry: FlightMargins, names: Names) -> tuple[R
     rows = []
     for flight in entry.least:
         values = [Cell(fixed(flight.margins[name], digits)) for name, digits in _DIGITS.items()]
-        command = f"`abhv-mc replay {names.folder} --flight {flight.flight} --controller {controller}`"
+        command = (
+            f"`abhv-mc replay {names.folder} --flight {flight.flight} --controller {controller}`"
+        )
         failed = Cell("yes" if flight.failed else "no")
         rows.append((Cell(str(flight.flight), head=True), *values, failed, Cell(command)))
     return grouped(rows, Cell(names.label(controller), head=True))
 
 
-MARGINS = Topic("margins", Margins, compute_margins, margin_section, margin_sentences, figures_of(__name__))
+MARGINS = Topic(
+    "margins", Margins, compute_margins, margin_section, margin_sentences, figures_of(__name__)
+)

@@ -6,7 +6,14 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from abhv_mc.flight.metrics import MARGIN_NAMES
-from abhv_mc.topics.figure_style import INK, MARKERS, controller_colors, legend_below, new_panels, styled
+from abhv_mc.topics.figure_style import (
+    INK,
+    MARKERS,
+    controller_colors,
+    legend_below,
+    new_panels,
+    styled,
+)
 from abhv_mc.topics.margins.model import Margins
 from abhv_mc.topics.missed_requirements import failed_anyhow
 from abhv_mc.topics.names import Names
@@ -26,9 +33,16 @@ def draw(margins: Margins, names: Names) -> Iterator[tuple[FigureText, Figure]]:
         "Margins against failure",
         f"Each mark is one flight: how far it is beyond the {words}, in units of its size, "
         "over its least gain and phase margin. "
-        + ("Filled marks failed; marks at the upper end ended early." if required else "Filled marks ended early."),
+        + (
+            "Filled marks failed; marks at the upper end ended early."
+            if required
+            else "Filled marks ended early."
+        ),
     )
-    yield text, plot_margins(margins, names, f"beyond a {'limit' if required else 'median'} (units of it)")
+    yield (
+        text,
+        plot_margins(margins, names, f"beyond a {'limit' if required else 'median'} (units of it)"),
+    )
 
 
 @styled
@@ -44,12 +58,27 @@ def plot_margins(margins: Margins, names: Names, label: str) -> Figure:
     finite = np.concatenate([beyond[np.isfinite(beyond)] for *_, beyond in shown.values()])
     low, high = float(finite.min(initial=0.0)), float(finite.max(initial=0.0))
     ceiling = high + 0.15 * (high - low or 1.0)
-    across = zip(grid.flat, MARGIN_NAMES, ("least gain margin (dB)", "least phase margin (deg)"), strict=False)
+    across = zip(
+        grid.flat,
+        MARGIN_NAMES,
+        ("least gain margin (dB)", "least phase margin (deg)"),
+        strict=False,
+    )
     for axes, margin, words in across:
         for i, (name, (rows, failed, beyond)) in enumerate(shown.items()):
-            height, value = np.where(np.isfinite(beyond), beyond, ceiling), results.flights[name].metrics[margin][rows]
-            style = {"s": 9, "marker": MARKERS[i % len(MARKERS)], "edgecolors": colors[name], "linewidths": 0.6}
-            axes.scatter(value[~failed], height[~failed], facecolors="none", label=names.label(name), **style)
+            height, value = (
+                np.where(np.isfinite(beyond), beyond, ceiling),
+                results.flights[name].metrics[margin][rows],
+            )
+            style = {
+                "s": 9,
+                "marker": MARKERS[i % len(MARKERS)],
+                "edgecolors": colors[name],
+                "linewidths": 0.6,
+            }
+            axes.scatter(
+                value[~failed], height[~failed], facecolors="none", label=names.label(name), **style
+            )
             axes.scatter(value[failed], height[failed], facecolors=colors[name], **style)
         axes.axhline(0.0, color=INK, linewidth=0.7, linestyle="--")
         axes.set_xlabel(words)

@@ -43,7 +43,9 @@ class FlightMargins:
     at_limit: int
     margins: Mapping[str, Spread]
     least: tuple[LeastFlight, ...]  # the smallest gain margin first
-    failed_below: tuple[int, int] | None  # of the flights below the customary gain margin: failed, and all
+    failed_below: (
+        tuple[int, int] | None
+    )  # of the flights below the customary gain margin: failed, and all
     failed_above: tuple[int, int] | None  # of the others; None without requirements
 
 
@@ -54,7 +56,9 @@ class Margins:
     steady: SteadyMargins
     points: tuple[str | float, ...]  # of the flights: "trim", or s
     flights: Mapping[str, FlightMargins]
-    missing: Mapping[str, tuple[int, ...]]  # flights that were to have margins, which could not be computed
+    missing: Mapping[
+        str, tuple[int, ...]
+    ]  # flights that were to have margins, which could not be computed
 
 
 @dataclass(frozen=True)
@@ -71,7 +75,9 @@ class LeastMargins:
     def words(self) -> tuple[str, str]:
         """'14.3 dB (rudder)' and '63 deg (elevator)'; '' where nothing bounds it."""
         gain = f"{fixed(self.gain, 1)} dB ({self.gain_loop})" if np.isfinite(self.gain) else ""
-        return gain, f"{fixed(self.phase, 0)} deg ({self.phase_loop})" if np.isfinite(self.phase) else ""
+        return gain, f"{fixed(self.phase, 0)} deg ({self.phase_loop})" if np.isfinite(
+            self.phase
+        ) else ""
 
     @property
     def little(self) -> bool:
@@ -91,7 +97,11 @@ def compute_margins(results: FlownCampaign) -> Margins:
         results.steady_margins,
         tuple(campaign.model.margins.at if campaign.model.margins else ()),
         {name: entry for name, entry in flights.items() if entry.flights},
-        {name: numbers for name in flights if (numbers := _missing(results.flights[name], campaign.margin_flights))},
+        {
+            name: numbers
+            for name in flights
+            if (numbers := _missing(results.flights[name], campaign.margin_flights))
+        },
     )
 
 
@@ -114,7 +124,11 @@ def _of_flights(results: FlownCampaign, controller: str) -> FlightMargins:
         flights=int(rows.size),
         unstable=unstable,
         at_limit=at_limit,
-        margins={name: Spread(float(np.median(each)), float(each.min())) for name, each in values.items() if rows.size},
+        margins={
+            name: Spread(float(np.median(each)), float(each.min()))
+            for name, each in values.items()
+            if rows.size
+        },
         least=tuple(
             LeastFlight(
                 int(flights.flight[rows[i]]),

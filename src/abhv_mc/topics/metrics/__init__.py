@@ -11,7 +11,17 @@ from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantiles, severity
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.plain import level_name
-from abhv_mc.topics.section import Cell, Fold, Picture, Row, Section, Table, Text, grouped, interval_cell
+from abhv_mc.topics.section import (
+    Cell,
+    Fold,
+    Picture,
+    Row,
+    Section,
+    Table,
+    Text,
+    grouped,
+    interval_cell,
+)
 from abhv_mc.topics.topic import Topic, figures_of
 from abhv_mc.topics.words import significant
 
@@ -30,7 +40,9 @@ class MetricTable:
     """One metric of every controller."""
 
     words: Mapping[str, str]  # what it is called
-    same_as: str | None  # the metric without the settled stretches' restriction that is the same in every flight
+    same_as: (
+        str | None
+    )  # the metric without the settled stretches' restriction that is the same in every flight
     controllers: Mapping[str, ControllerMetric]
 
 
@@ -50,7 +62,10 @@ def compute_metrics(results: FlownCampaign) -> Metrics:
         metric: MetricTable(
             records[metric].as_words(),
             _unsettled(results, records[metric]),
-            {name: _of(results.flights[name], metric, records[metric]) for name in results.controllers},
+            {
+                name: _of(results.flights[name], metric, records[metric])
+                for name in results.controllers
+            },
         )
         for metric in results.metrics
     }
@@ -75,10 +90,13 @@ def _unsettled(results: FlownCampaign, record: Metric) -> str | None:
     if not record.settled:
         return None
     for other in map(results.campaign.metrics.__getitem__, results.metrics):
-        same = replace(other, name="", doc="", label="", settled=True) == replace(record, name="", doc="", label="")
+        same = replace(other, name="", doc="", label="", settled=True) == replace(
+            record, name="", doc="", label=""
+        )
         if same and not other.settled:
             pairs = (
-                (flights.metrics[record.name], flights.metrics[other.name]) for flights in results.flights.values()
+                (flights.metrics[record.name], flights.metrics[other.name])
+                for flights in results.flights.values()
             )
             if all(np.array_equal(*pair, equal_nan=True) for pair in pairs):
                 return other.name
@@ -106,7 +124,10 @@ def metric_section(found: Metrics, names: Names) -> Section:
     )
     if not names.campaign.independent:
         text += " These intervals would be exact for independent flights, which those of this design are not."
-    return Section("How large the errors are", (Text(text), Picture("distribution_asked"), *_folds(found, names)))
+    return Section(
+        "How large the errors are",
+        (Text(text), Picture("distribution_asked"), *_folds(found, names)),
+    )
 
 
 def _folds(found: Metrics, names: Names) -> Iterator[Fold]:
@@ -117,7 +138,14 @@ def _folds(found: Metrics, names: Names) -> Iterator[Fold]:
             if own == group and (group == "asked" or not table.same_as):
                 listed.append(_rows(table, names))
         if listed:
-            yield Fold(title, (Table(title, ("Metric", names.campaign.kind.capitalize(), *_HEADS), tuple(listed)),))
+            yield Fold(
+                title,
+                (
+                    Table(
+                        title, ("Metric", names.campaign.kind.capitalize(), *_HEADS), tuple(listed)
+                    ),
+                ),
+            )
 
 
 def _rows(table: MetricTable, names: Names) -> tuple[Row, ...]:

@@ -34,13 +34,21 @@ class Spread:
 
 
 @styled
-def plot_distributions(spreads: Sequence[Spread], labels: Mapping[str, str], colors: Mapping[str, str]) -> Figure:
+def plot_distributions(
+    spreads: Sequence[Spread], labels: Mapping[str, str], colors: Mapping[str, str]
+) -> Figure:
     """Share of flights at or below each value, one panel a metric, one line a controller."""
     columns = 3 if len(spreads) > 4 else 2
-    figure, grid = new_panels(len(spreads), columns, 1.2, between=(0.25, 0.55), top=0.12, sharey=True)
+    figure, grid = new_panels(
+        len(spreads), columns, 1.2, between=(0.25, 0.55), top=0.12, sharey=True
+    )
     for axes, spread in zip(grid.flat, spreads, strict=False):
         for i, (name, values) in enumerate(spread.values.items()):
-            look = {"color": colors[name], "linestyle": DASHES[i % len(DASHES)], "label": labels[name]}
+            look = {
+                "color": colors[name],
+                "linestyle": DASHES[i % len(DASHES)],
+                "label": labels[name],
+            }
             axes.step(*distribution_steps(values), where="post", **look)
         if log_if_wide(axes, "x", list(spread.values.values())):
             finite = np.concatenate(list(spread.values.values()))
@@ -49,7 +57,9 @@ def plot_distributions(spreads: Sequence[Spread], labels: Mapping[str, str], col
         for limit in spread.limits:
             low, high = axes.get_xlim()
             if low - 0.5 * (high - low) <= limit <= high + 0.5 * (high - low):
-                axes.axvline(limit, color=INK, linewidth=0.8, linestyle=(0, (1, 1)), label="required limit")
+                axes.axvline(
+                    limit, color=INK, linewidth=0.8, linestyle=(0, (1, 1)), label="required limit"
+                )
             else:
                 far.append(f"limit {limit:g} {'right' if limit > high else 'left'} of here")
         axes.set_xlabel("\n".join([spread.label, *far]))
@@ -73,12 +83,20 @@ def draw(_found: Metrics, names: Names) -> Iterator[tuple[FigureText, Figure]]:
     """The distributions of the metrics that stand first."""
     if names.asked:
         spreads = [_spread(names.results, metric) for metric in names.asked]
-        yield _TEXT, plot_distributions(spreads, names.controllers, controller_colors(tuple(names.controllers)))
+        yield (
+            _TEXT,
+            plot_distributions(
+                spreads, names.controllers, controller_colors(tuple(names.controllers))
+            ),
+        )
 
 
 def _spread(results: FlownCampaign, metric: str) -> Spread:
     record = results.campaign.metrics[metric]
     lost = -np.inf if record.bad == "low" else np.inf
     flown = {name: results.flights[name] for name in results.controllers}
-    values = {name: np.where(flights.failed, lost, flights.metrics[metric]) for name, flights in flown.items()}
+    values = {
+        name: np.where(flights.failed, lost, flights.metrics[metric])
+        for name, flights in flown.items()
+    }
     return Spread(record.label_with_unit, values, results.campaign.limits_of(metric))

@@ -7,7 +7,12 @@ from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Cell, Row, Section, Table, Text, grouped
 from abhv_mc.topics.topic import Topic
-from abhv_mc.topics.verdicts.model import ControllerVerdict, JudgedRequirement, Verdicts, compute_verdicts
+from abhv_mc.topics.verdicts.model import (
+    ControllerVerdict,
+    JudgedRequirement,
+    Verdicts,
+    compute_verdicts,
+)
 from abhv_mc.topics.words import count_of, joined, percent, significant
 
 _DROPPED = 4  # verdicts that do not stand jointly, told by name
@@ -40,7 +45,9 @@ def verdict_sentences(verdicts: Verdicts, names: Names) -> Sequence[str]:
     parts = []
     for name in names.controllers:
         words = verdicts.statuses(name)
-        counts = [f"{words.count(word)} {word}" for word in ("PASS", "FAIL", "NOT SHOWN") if word in words]
+        counts = [
+            f"{words.count(word)} {word}" for word in ("PASS", "FAIL", "NOT SHOWN") if word in words
+        ]
         if "ESTIMATE" in words:
             counts = [f"{count_of(verdicts.kept(name), len(words))} kept in every flight"]
         parts.append(f"{names.label(name)} {joined(counts)}")
@@ -55,7 +62,9 @@ def _together_words(verdicts: Verdicts, names: Names) -> str:
     risk = f"at most {percent(held.risk, 2)} chance of any false PASS among {held.verdicts} verdicts (Holm)"
     if verdicts.family_risk or not held.dropped:
         return f" {'They hold' if verdicts.family_risk else 'All PASS also hold'} together, with {risk}."
-    dropped = [f"{verdicts.requirements[i].words} ({names.label(name)})" for i, name in held.dropped]
+    dropped = [
+        f"{verdicts.requirements[i].words} ({names.label(name)})" for i, name in held.dropped
+    ]
     passed = held.stand + len(dropped)
     named = f"; not {joined(dropped)}" if held.stand and len(dropped) <= _DROPPED else ""
     return f" Taken together, with {risk}, {held.stand or 'none'} of the {passed} PASS would stand{named}."
@@ -77,7 +86,10 @@ def _group(entry: JudgedRequirement, names: Names) -> tuple[Row, ...]:
     note = f"in {percent(item.probability)} of the flights, consumer's risk {percent(item.consumer_risk)}"
     told = " \N{MIDDLE DOT} ".join(traced[key] for key in TRACED if key != "id" and key in traced)
     notes = "; ".join(filter(None, (note, told)))
-    rows = [_row(names.label(name), name, item, verdict, names) for name, verdict in entry.controllers.items()]
+    rows = [
+        _row(names.label(name), name, item, verdict, names)
+        for name, verdict in entry.controllers.items()
+    ]
     return grouped(rows, Cell(f"{traced.get('id', '')} {entry.words}".strip(), notes, head=True))
 
 
@@ -101,7 +113,9 @@ def _tolerance(found: ControllerVerdict, item: Requirement, names: Names) -> tup
         return ("too many flights lost" if found.beyond_lost else "too few flights"), _DASH
     value, limits = found.tolerance_limit, item.limits
     sign = "" if limits.both else "> " if limits.high is None else "< "
-    limit = sign + names.metrics[item.metric].with_unit(significant(abs(value) if limits.both else value, 4))
+    limit = sign + names.metrics[item.metric].with_unit(
+        significant(abs(value) if limits.both else value, 4)
+    )
     if limits.both:
         limit += " outside" if value > 0.0 else " inside"
     if found.room is None:

@@ -28,10 +28,16 @@ class ControllerVerdict(Verdict):
     words: str
     ended_early: int  # of the failures
     advice: str  # how many flights would show it, where it is not shown
-    tolerance_limit: float | None  # what the required share of flights stays within; None where no number does
-    room: float | None  # from there to the limit, a share of the limit; of two limits, of half their distance
+    tolerance_limit: (
+        float | None
+    )  # what the required share of flights stays within; None where no number does
+    room: (
+        float | None
+    )  # from there to the limit, a share of the limit; of two limits, of half their distance
     beyond_lost: bool  # whether that is so because too many flights were lost
-    one_look_bound: float | None  # lower bound on the success probability, for one look at a number fixed before
+    one_look_bound: (
+        float | None
+    )  # lower bound on the success probability, for one look at a number fixed before
 
 
 @dataclass(frozen=True)
@@ -113,12 +119,17 @@ def compute_verdicts(results: FlownCampaign) -> Verdicts:
         JudgedRequirement(
             item,
             requirement_words(item, campaign.metrics),
-            {name: _verdict(results, item, name, *found[k * len(names) + n]) for n, name in enumerate(names)},
+            {
+                name: _verdict(results, item, name, *found[k * len(names) + n])
+                for n, name in enumerate(names)
+            },
         )
         for k, item in enumerate(items)
     )
     together = _together(requirements, campaign.family_risk) if campaign.judged else None
-    glance = [_glance(results, entry) for entry in requirements] or [_unlimited(results, m) for m in results.asked]
+    glance = [_glance(results, entry) for entry in requirements] or [
+        _unlimited(results, m) for m in results.asked
+    ]
     return Verdicts(requirements, together, campaign.family_risk, tuple(glance))
 
 
@@ -127,13 +138,20 @@ def _at_points(flights: ControllerFlights, requirement: Requirement, points: int
     failed = requirement_failures(flights, requirement)
     numbers = [flights.flight[failed], flights.flight, flights.absent]
     counts = [np.bincount(number % points, minlength=points).tolist() for number in numbers]
-    return [requirement.judge(missed, flown + absent, absent) for missed, flown, absent in zip(*counts, strict=True)]
+    return [
+        requirement.judge(missed, flown + absent, absent)
+        for missed, flown, absent in zip(*counts, strict=True)
+    ]
 
 
-def _verdict(results: FlownCampaign, item: Requirement, name: str, verdict: Verdict, point: int) -> ControllerVerdict:
+def _verdict(
+    results: FlownCampaign, item: Requirement, name: str, verdict: Verdict, point: int
+) -> ControllerVerdict:
     flights, points = results.flights[name], len(results.campaign.unknowns.points)
     given, early = results.campaign.judged, requirement_failures(flights, item) & flights.failed
-    tolerance, room, beyond = find_tolerance(flights, item, points) if given else (None, None, False)
+    tolerance, room, beyond = (
+        find_tolerance(flights, item, points) if given else (None, None, False)
+    )
     flies = not results.campaign.adopted
     return ControllerVerdict(
         **vars(verdict),
@@ -143,7 +161,9 @@ def _verdict(results: FlownCampaign, item: Requirement, name: str, verdict: Verd
         tolerance_limit=tolerance,
         room=room,
         beyond_lost=beyond,
-        one_look_bound=success_lower_bound(verdict.failures, verdict.flights, item.consumer_risk) if given else None,
+        one_look_bound=success_lower_bound(verdict.failures, verdict.flights, item.consumer_risk)
+        if given
+        else None,
     )
 
 
@@ -161,14 +181,18 @@ def find_tolerance(
     worse[np.isnan(worse) | (flights.failed & requirement.early_is_failure)] = np.inf
     at, absent = flights.flight % points, flights.absent % points
     asked = requirement.probability, requirement.consumer_risk
-    each = [tolerance_limit(worse[at == k], int(np.sum(absent == k)), *asked) for k in range(points)]
+    each = [
+        tolerance_limit(worse[at == k], int(np.sum(absent == k)), *asked) for k in range(points)
+    ]
     found = None if None in each else max(limit for limit in each if limit is not None)
     if found is None or not np.isfinite(found):
         return None, None, found is not None
     return limits.sign * found, (limits.limit - found) / limits.size if limits.size else None, False
 
 
-def _together(requirements: Sequence[JudgedRequirement], family_risk: float | None) -> Together | None:
+def _together(
+    requirements: Sequence[JudgedRequirement], family_risk: float | None
+) -> Together | None:
     verdicts = [verdict for entry in requirements for verdict in entry.controllers.values()]
     if not verdicts:
         return None
@@ -180,11 +204,17 @@ def _together(requirements: Sequence[JudgedRequirement], family_risk: float | No
         for place, alone, verdict in zip(names, verdicts, held, strict=True)
         if alone.status == "PASS" and verdict.status != "PASS"
     ]
-    return Together(risk, len(verdicts), sum(verdict.status == "PASS" for verdict in held), tuple(dropped))
+    return Together(
+        risk, len(verdicts), sum(verdict.status == "PASS" for verdict in held), tuple(dropped)
+    )
 
 
 def _glance(results: FlownCampaign, entry: JudgedRequirement) -> GlanceRow:
-    item, record, limits = entry.asked, results.campaign.metrics[entry.asked.metric], entry.asked.limits
+    item, record, limits = (
+        entry.asked,
+        results.campaign.metrics[entry.asked.metric],
+        entry.asked.limits,
+    )
     cells = {
         name: GlanceCell(
             *_quantiles(results, name, item.metric, limits),
@@ -203,7 +233,9 @@ def _unlimited(results: FlownCampaign, metric: str) -> GlanceRow:
     """A metric without a requirement: the first controller's median stands where a limit would."""
     record = results.campaign.metrics[metric]
     side = Bounds(low=0.0) if record.bad == "low" else Bounds(high=0.0)
-    cells = {name: GlanceCell(*_quantiles(results, name, metric, side)) for name in results.controllers}
+    cells = {
+        name: GlanceCell(*_quantiles(results, name, metric, side)) for name in results.controllers
+    }
     middle = next((cell.median for cell in cells.values() if np.isfinite(cell.median)), 0.0)
     text = f"median {significant(middle, 3)} {'' if record.unit == '-' else record.unit}".strip()
     size = abs(middle) or _size(side, results, metric)
@@ -215,7 +247,9 @@ def _size(limits: Bounds, results: FlownCampaign, metric: str) -> float:
     return limits.size or float(spread(first.metrics[metric][~first.failed]))
 
 
-def _quantiles(results: FlownCampaign, name: str, metric: str, limits: Bounds) -> tuple[float, float, float]:
+def _quantiles(
+    results: FlownCampaign, name: str, metric: str, limits: Bounds
+) -> tuple[float, float, float]:
     """Of the metric; of two limits, of the distance outside them, negative inside. Of several points of unknowns the
     least and the most: a probability box."""
     flights = results.flights[name]
@@ -223,6 +257,8 @@ def _quantiles(results: FlownCampaign, name: str, metric: str, limits: Bounds) -
     values: Floats = limits.sign * np.where(flights.failed | np.isnan(worse), np.inf, worse)
     at = flights.flight % len(results.campaign.unknowns.points)
     with np.errstate(invalid="ignore"):
-        each = np.array([np.percentile(values[at == k], _SHARES, method="nearest") for k in np.unique(at)])
+        each = np.array(
+            [np.percentile(values[at == k], _SHARES, method="nearest") for k in np.unique(at)]
+        )
     low, median, high = each[:, 0].min(), np.median(each[:, 1]), each[:, 2].max()
     return float(low), float(median), float(high)
