@@ -47,6 +47,14 @@ print(call(1.0), call(2.0))
 """
 
 
+@pytest.mark.skipif(jit.compiler() == "public", reason="numba's own cache")
+def test_a_copy_of_the_source_elsewhere_loads_compiled_kernels(source, tmp_path):
+    (source / "kernel" / "world" / "caller.py").write_text(ADD_ONE)
+    assert run(CALLER, source, tmp_path / "cache") == ["compiling", "2.0", "3.0"]
+    other = shutil.copytree(source, tmp_path / "clone" / source.name, copy_function=shutil.copy)
+    assert run(CALLER, other, tmp_path / "cache") == ["2.0", "3.0"]
+
+
 @pytest.mark.thorough
 @pytest.mark.skipif(jit.compiler() == "public", reason="numba's own cache")
 def test_a_flipped_bit_in_the_cache_is_not_executed(source, tmp_path):

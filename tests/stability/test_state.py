@@ -6,7 +6,8 @@ from stability.systems import assert_predicted, flight_plan, parameters, read, s
 
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.stability.analysis import analyse, make_rows
-from abhv_mc.stability.linearize import NO_EFFECT, STUCK, closed_loop, linearize
+from abhv_mc.stability.linear_model import NO_EFFECT, STUCK
+from abhv_mc.stability.linearize import closed_loop, linearize
 from abhv_mc.stability.points import flown_points
 from abhv_mc.stability.steady import trim_points
 

@@ -16,6 +16,7 @@ are inlined into a few kernels (``docs/explanation/performance.md``); its public
 import contextlib
 import functools
 import gc
+import hashlib
 import os
 import signal
 import threading
@@ -153,8 +154,13 @@ def _interrupts_kept() -> Iterator[None]:
 def _make_private() -> tuple[Any, Any]:
     """What makes a function that kernels call, and what makes a kernel, with numba's private classes."""
     from llvmlite.binding import parse_assembly
-    from numba.core import types
-    from numba.core.caching import FunctionCache, NullCache
+    from numba.core import config, types
+    from numba.core.caching import (
+        CompileResultCacheImpl,
+        FunctionCache,
+        NullCache,
+        UserProvidedCacheLocator,
+    )
     from numba.core.codegen import JITCodeLibrary
     from numba.core.compiler import Compiler
     from numba.core.registry import CPUDispatcher
@@ -256,8 +262,26 @@ def _make_private() -> tuple[Any, Any]:
             stubs = parse_assembly("\n".join(f'@"{name}" = global i8 0' for name in names))
             return self.name, "object", (self._get_compiled_object(), stubs.as_bitcode())
 
+    class ContentLocator(UserProvidedCacheLocator):
+        """Cache location by a module's name and content in place of its path and modification time.
+
+        Another clone, environment or container of the same source loads what the first one compiled.
+        """
+
+        def __init__(self, function: Any, file: str) -> None:
+            super().__init__(function, file)
+            self._cache_path = str(Path(config.CACHE_DIR) / function.__module__)
+
+        def get_source_stamp(self) -> str:
+            return hashlib.sha256(Path(self._py_file).read_bytes()).hexdigest()
+
+    class KernelCacheImpl(CompileResultCacheImpl):
+        _locator_classes = [ContentLocator, *CompileResultCacheImpl._locator_classes]
+
     class KernelCache(FunctionCache):
         """Loads a kernel without what only compiling needs: rules for all of numpy, which take longer than it."""
+
+        _impl_class = KernelCacheImpl
 
         def load_overload(self, sig: Any, target_context: Any) -> Any:
             rtsys.initialize(target_context)

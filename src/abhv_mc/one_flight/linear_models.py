@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from abhv_mc.flight.plan import FlightPlan
     from abhv_mc.stability.analysis import Stability, Time
-    from abhv_mc.stability.linearize import Linear
+    from abhv_mc.stability.linear_model import Linear
     from abhv_mc.stability.point_slopes import Points
 
 _MARGIN_UNITS = {

@@ -8,7 +8,8 @@ import numpy as np
 from abhv_mc.array_types import Complexes, Floats, Ints, Mask
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.stability.lifted import find_lifted_margins
-from abhv_mc.stability.linearize import REASONS, Linear, closed_period, linearize
+from abhv_mc.stability.linear_model import REASONS, Linear
+from abhv_mc.stability.linearize import closed_period, linearize
 from abhv_mc.stability.margins import (
     Margins,
     disk_gain_and_phase,

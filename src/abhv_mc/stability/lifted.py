@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from abhv_mc.array_types import Complexes, Floats, Ints
-from abhv_mc.stability.linearize import Linear, open_loop
+from abhv_mc.stability.linear_model import Linear
+from abhv_mc.stability.linearize import open_loop
 from abhv_mc.stability.margins import (
     Loops,
     Margins,

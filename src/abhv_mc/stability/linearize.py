@@ -4,17 +4,16 @@ Continuous plant in path coordinates; surfaces and engine of second order withou
 the control period; the law as the slopes of its own compiled tick with its memory. Arrays have the point first.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
-from abhv_mc.array_types import Floats, Ints
+from abhv_mc.array_types import Floats
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.kernel.flight.sensors import MAX_DELAY_TICKS
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import NEVER
 from abhv_mc.kernel.plant.vehicle import BANDWIDTH, IDEAL, MAX_EFFECTORS
 from abhv_mc.stability import path_coordinates as path
+from abhv_mc.stability.linear_model import NO_EFFECT, STUCK, Linear
 from abhv_mc.stability.periods import law_phases
 from abhv_mc.stability.plant_inputs import (
     INPUTS,
@@ -33,34 +32,6 @@ _AIR_SIDESLIP = _N_PATH  # behind the rates, in what plant_slopes gives
 _WHOLE = 1e-7  # how near to a whole number a slope of the measurement is taken for one
 _AT_ONCE = 1e5  # rad/s: of an ideal actuator, with a damping of 1: 0.02 ms late
 _FELT = 1e-8  # slope of a rate over a control, of which rounding leaves some
-
-# Why an input has no loop.
-STUCK, NO_EFFECT = 1, 2
-REASONS = {STUCK: "stuck", NO_EFFECT: "no effect"}
-
-
-class Linear(NamedTuple):
-    """Linear models, one for each point; discrete ones are x+ = A x + B u, y = C x + D u at the control rate."""
-
-    period: float  # s, of the control
-    plant_A: Floats  # [point, 10, 10] continuous, path coordinates
-    plant_B: (
-        Floats  # [point, 10, actuator] continuous, positions of surfaces or effectors, and engine
-    )
-    A: Floats  # [point, n, n] discrete, path coordinates and actuators: 18 states with three surfaces
-    B: Floats  # [point, n, input] commands
-    law_A: Floats  # [point, memory, memory], sensors' states behind the law's
-    law_B: Floats  # [point, memory, 10] measurement
-    law_C: Floats  # [point, input, memory] commands
-    law_D: Floats  # [point, input, 10]
-    delay: Ints  # [point] age of the measurement, control periods
-    sense: Floats  # [point, 10, n] measurement, delay apart; a frozen one is a row of zeros
-    cut: Ints  # [point, input] STUCK or NO_EFFECT where an input has no loop, else 0
-    phases: "tuple[Linear, ...]" = ()  # of a law of several rates: the models of each tick of its period, from this one
-    inputs: tuple[str, ...] = INPUTS  # of the plant, which the law commands
-    apart: "Linear | None" = (
-        None  # with effectors one by one as inputs, where the law commands axes that are mixed
-    )
 
 
 def linearize(plan: FlightPlan, points: Points) -> Linear:

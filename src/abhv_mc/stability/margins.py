@@ -19,7 +19,7 @@ from abhv_mc.kernel.stability.structured import (
     peak_of_structured_singular_values,
     structured_singular_values,
 )
-from abhv_mc.stability.linearize import Linear
+from abhv_mc.stability.linear_model import Linear
 from abhv_mc.stability.search import Quantity, changes_of_sign, refine_crossings, refine_peaks
 
 

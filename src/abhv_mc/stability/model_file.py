@@ -12,8 +12,8 @@ from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.input_error import InputError
 from abhv_mc.stability import path_coordinates as path
+from abhv_mc.stability.linear_model import Linear
 from abhv_mc.stability.linearize import (
-    Linear,
     actuator_matrices,
     closed_loop,
     closed_period,

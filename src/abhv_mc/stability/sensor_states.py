@@ -5,7 +5,6 @@ delayed measurement changes.
 """
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,11 +14,9 @@ from abhv_mc.flight.user_law import measured_count
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import ALL_SENSORS, PARAMETER_INDEX, SCALED_SENSORS
+from abhv_mc.stability.linear_model import Linear
 from abhv_mc.stability.periods import LONGEST
 from abhv_mc.stability.point_slopes import Points
-
-if TYPE_CHECKING:
-    from abhv_mc.stability.linearize import Linear
 
 _LAG, _INTERVAL, _SCALE = (
     PARAMETER_INDEX[f"sensor.altitude_{what}"] for what in ("lag", "interval", "scale")
@@ -63,9 +60,7 @@ def repeats_after(ticks: Ints, law: int) -> int:
     return count
 
 
-def add_sensors(
-    plan: FlightPlan, points: Points, phases: "tuple[Linear, ...]"
-) -> "tuple[Linear, ...]":
+def add_sensors(plan: FlightPlan, points: Points, phases: tuple[Linear, ...]) -> tuple[Linear, ...]:
     """Models of each tick with what sensors do, until law and samples both repeat. InputError if late."""
     given, lag, ticks, late, held = _sensors(plan, points)
     scale = np.ones_like(lag)
