@@ -143,7 +143,7 @@ def announce_compiling() -> None:
 @contextmanager
 def _tell(function: Any, elsewhere: bool) -> Iterator[None]:
     """While a kernel is compiled, here or by another process that is waited for."""
-    from abhv_mc.kernel.cache import user_folder
+    from abhv_mc.kernel.cache import cache_root
 
     part = _PARTS.get(function.__module__.removeprefix("abhv_mc.kernel.").split(".")[0], "a part")
     if elsewhere:
@@ -151,7 +151,7 @@ def _tell(function: Any, elsewhere: bool) -> Iterator[None]:
             yield
         return
     file, name = (
-        user_folder("XDG_CACHE_HOME", ".cache") / _TIMES,
+        cache_root() / _TIMES,
         f"{function.__module__}.{function.__name__}",
     )
     try:
