@@ -73,10 +73,11 @@ def new_table(
     left: Iterable[str], right: Iterable[str], title: str | None = None, **options: Any
 ) -> "Table":
     """An empty table: headings of columns of words, then of columns of numbers. ``options`` are those of rich."""
-    from rich.box import SIMPLE
+    from rich.box import ASCII, SIMPLE
     from rich.table import Table
 
-    table = Table(title=title, box=SIMPLE, **options)
+    is_unicode = (sys.stdout.encoding or "utf-8").lower().startswith("utf")
+    table = Table(title=title, box=SIMPLE if is_unicode else ASCII, **options)
     for heading in left:
         table.add_column(heading, no_wrap=True)
     for heading in right:

@@ -20,7 +20,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.cache import cache_root
 from abhv_mc.kernel.compiler_target import code_folder
 from abhv_mc.kernel.jit import compiler
-from abhv_mc.user_code.source import UserSource
+from abhv_mc.user_code.source import UserSource, package_folders
 from abhv_mc.user_code.unpack import unpack
 
 _SYSTEM = (
@@ -76,6 +76,7 @@ def _allowed() -> tuple[str, ...]:
     """Folders that any code may read: the interpreter, installed packages, caches, the system's own."""
     folders = [
         *sysconfig.get_paths().values(),
+        *package_folders(),
         sys.prefix,
         sys.base_prefix,
         str(Path(abhv_mc.__file__).parent),
