@@ -34,11 +34,13 @@ def shipped_files(kind: str) -> dict[str, Path]:
 def find_input(name: str | Path, *kinds: str) -> Path:
     """The file that is meant: a path, or the name of a shipped one of these kinds, the first kind that has it.
 
+    A folder is no input: a campaign's results may have the name of the shipped campaign.
+
     Raises :class:`abhv_mc.io.input_error.InputError` for a name that none has.
     """
     text = str(name)
-    there = os.path.exists(text)  # noqa: PTH110  Path's raises where the name is too long
-    if there or "/" in text or "\\" in text or text.endswith((".yaml", ".yml")):
+    is_file = os.path.exists(text) and not os.path.isdir(text)  # noqa: PTH110, PTH112  Path's raise for long names
+    if is_file or "/" in text or "\\" in text or text.endswith((".yaml", ".yml")):
         return Path(text)
     known = [shipped_files(kind) for kind in kinds]
     for files in known:

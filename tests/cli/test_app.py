@@ -26,17 +26,21 @@ def run_program(*arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def run_command(
-    body: str, before: str = "", stdout: Any = subprocess.PIPE
-) -> subprocess.CompletedProcess[str]:
-    """A program whose only command is ``body``, for standard output as it is buffered by default."""
-    code = (
+def command_code(body: str, before: str = "") -> str:
+    """A program whose only command is ``body``."""
+    return (
         f"import os, signal, sys, time\n{before}\nfrom abhv_mc.cli import app\n"
         f"def command():\n    {body}\n"
         "app.app.command('command')(command)\nsys.argv = ['abhv-mc', 'command']; app.main()\n"
     )
+
+
+def run_command(
+    body: str, before: str = "", stdout: Any = subprocess.PIPE
+) -> subprocess.CompletedProcess[str]:
+    """A program whose only command is ``body``, for standard output as it is buffered by default."""
     return subprocess.run(
-        [sys.executable, "-c", code],
+        [sys.executable, "-c", command_code(body, before)],
         stdout=stdout,
         stderr=subprocess.PIPE,
         text=True,
@@ -190,3 +194,48 @@ def test_a_shell_offers_shipped_names_and_the_folders_of_campaigns(tmp_path: Pat
         )
         assert offered in told.stdout.split(), told.stderr
         assert "reports/empty" not in told.stdout
+
+
+@pytest.mark.parametrize("closed", [(0,), (1,), (2,), (0, 1, 2)])
+def test_closed_standard_streams_change_no_exit_code(
+    closed: tuple[int, ...], tmp_path: Path
+) -> None:
+    """A file that is opened then must not get the number of a stream: prints would land in it."""
+    body = (
+        "from abhv_mc.cli.printing import say; file = open('out', 'w'); print('words'); "
+        "say('words', file=sys.stderr); os.write(1, b'words'); os.write(2, b'words'); file.close()"
+    )
+    closing = " ".join(f"{number}>&-" for number in closed)
+    done = subprocess.run(
+        ["sh", "-c", f'exec "$0" -c "$1" {closing}', sys.executable, command_code(body)],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert not (tmp_path / "out").read_text()
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
+def test_a_terminal_without_unicode_stops_no_command(encoding: str) -> None:
+    body = (
+        "from abhv_mc.cli.printing import new_table, print_table, say; "
+        "table = new_table(['angle \\u03b1'], ['n']); table.add_row('\\u2212', '1'); "
+        "print_table(table); say('\\u03b1', file=sys.stderr); print('end')"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", command_code(body)],
+        capture_output=True,
+        check=False,
+        env=os.environ | {"PYTHONIOENCODING": encoding},
+    )
+    shown = done.stdout.decode(encoding)
+    assert done.returncode == 0 and shown.rstrip().endswith("end"), done.stderr
+    assert ("\\u03b1" in shown) == (encoding != "utf-8") and "\\u2500" not in shown
+
+
+def test_too_many_open_files_is_no_defect(capsys: pytest.CaptureFixture[str]) -> None:
+    error = OSError(errno.EMFILE, os.strerror(errno.EMFILE), "flights/x.parquet")
+    assert exit_code_of(error) == ExitCode.INCOMPLETE
+    assert "ulimit -n" in capsys.readouterr().err

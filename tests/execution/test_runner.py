@@ -22,8 +22,8 @@ from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.folder import envelope_states as collector
 from abhv_mc.folder.hashes import find_damage
 from abhv_mc.folder.layout import CampaignFolder, StorageFullError
+from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.manifest import read_manifest
-from abhv_mc.folder.status import hold_lock
 from abhv_mc.io.input_error import InputError
 
 

@@ -1,25 +1,29 @@
 """Worker processes that stand still or lose the process they were forked from are replaced; flights are as ever."""
 
 import contextlib
+import multiprocessing
 import os
 import signal
 import subprocess
 import sys
 import threading
+from dataclasses import replace
 from multiprocessing import forkserver
 from pathlib import Path
 
 import numpy as np
 import psutil
 import pytest
-from fake_flight import fly, make_plan
+from fake_flight import ENGINE, fly, make_plan, run, write_campaign
 
 import abhv_mc
+from abhv_mc.campaign.file.config import PROCESSES
 from abhv_mc.cli import flying
 from abhv_mc.execution import worker_processes as module
 from abhv_mc.execution.executor import open_threads
 from abhv_mc.execution.worker_processes import WorkerPool
 from abhv_mc.flight.fly import nominal_parameters
+from abhv_mc.io.input_error import InputError
 from abhv_mc.shipped import find_input
 from abhv_mc.user_code.child import run_in_thread
 
@@ -161,3 +165,19 @@ def test_a_limit_and_an_interrupt_end_the_wait_for_a_thread(monkeypatch):
     finally:
         ended.set()
         signal.signal(signal.SIGINT, before)
+
+
+def run_in_pool(campaign, out):
+    """A campaign inside a process of multiprocessing.Pool, which may start no other."""
+    assert multiprocessing.current_process().daemon
+    return run(campaign, out, replace(ENGINE, isolation=PROCESSES)).manifest.digest
+
+
+def test_a_campaign_runs_inside_a_pool(tmp_path):
+    campaign = write_campaign(tmp_path / "inputs", runs="64")
+    demanding = write_campaign(tmp_path / "others", runs="64", execution="{isolation: processes}")
+    digest = run(campaign, tmp_path / "alone").manifest.digest
+    with multiprocessing.get_context("forkserver").Pool(1) as pool:
+        assert pool.apply(run_in_pool, (campaign, tmp_path / "out")) == digest
+        with pytest.raises(InputError, match="ProcessPoolExecutor"):
+            pool.apply(run_in_pool, (demanding, tmp_path / "none"))

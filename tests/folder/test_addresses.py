@@ -1,10 +1,7 @@
 """Who flies in a folder, the holder of its lock; and at an address, that of a lease by the store's clock. A key in an
 address goes to the store and nowhere else: logs, reports and manifests are kept, and shown to others."""
 
-import errno
-import fcntl
 import re
-import threading
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,7 +13,6 @@ from pyarrow import fs
 from abhv_mc.folder import remote
 from abhv_mc.folder import store as module
 from abhv_mc.folder.remote import Remote
-from abhv_mc.folder.status import hold_lock, lock_holder
 from abhv_mc.folder.store import LEASE, LEASE_NAME, Lease, Store, read_holder
 from abhv_mc.io.address import Address
 from abhv_mc.io.input_error import InputError
@@ -103,36 +99,6 @@ def test_an_object_that_is_no_lease_is_somebodys(store, content):
     store.write(LEASE_NAME, content)
     with pytest.raises(InputError, match="another process is flying"):
         take(store)
-
-
-def test_the_holder_is_named(tmp_path):
-    with hold_lock(tmp_path / ".lock"):
-        assert "process" in lock_holder(tmp_path / ".lock")
-        with (
-            pytest.raises(InputError, match=r"process .* is flying"),
-            hold_lock(tmp_path / ".lock"),
-        ):
-            pass
-    assert lock_holder(tmp_path / ".lock") is None
-
-
-def test_a_file_system_without_locks_is_refused(tmp_path, monkeypatch):
-    def refuse(*_):
-        raise OSError(errno.ENOLCK, "No locks available")
-
-    monkeypatch.setattr(fcntl, "flock", refuse)
-    with pytest.raises(InputError, match="No locks available"), hold_lock(tmp_path / ".lock"):
-        pass
-
-
-def test_a_look_at_the_lock_keeps_nobody_from_taking_it(tmp_path):
-    """`status` or `list` at the moment of a start made `run` refuse a folder in which nobody flew."""
-    (tmp_path / ".lock").touch()
-    look = (tmp_path / ".lock").open()
-    fcntl.flock(look, fcntl.LOCK_SH)
-    threading.Timer(0.1, look.close).start()
-    with hold_lock(tmp_path / ".lock"):
-        assert look.closed
 
 
 def test_a_key_is_written_nowhere(store, fake_engine, abhv_mc, tmp_path, monkeypatch):

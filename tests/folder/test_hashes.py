@@ -16,7 +16,7 @@ from abhv_mc.api import compare
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.folder.status import hold_lock
+from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.tables import export_csv, open_database
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.whatif import make_whatif

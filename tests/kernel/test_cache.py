@@ -1,7 +1,15 @@
 """Where compiled code is kept: never stale, and compiled once; it uses the whole width of a processor's vectors."""
 
 import contextlib
+import errno
+import fcntl
+import os
+import pwd
+import subprocess
+import sys
+import tempfile
 import threading
+from pathlib import Path
 
 import llvmlite.binding as llvm
 import numba
@@ -98,6 +106,109 @@ def test_only_who_has_to_compile_waits_and_says_so(tmp_path):
     kept.write_text("nachine code")
     assert enter_beside(tmp_path) == ["waits", "first", "second"] and not kept.exists()
     assert (tmp_path / "lanes._fly-7.py311.nbi").exists()
+
+
+NO_FOLDER = "/dev/null/none"  # which nobody can make
+
+
+@pytest.fixture
+def bare(monkeypatch, tmp_path):
+    """A container: an unknown user without a home; its folder for temporary files."""
+
+    def refuse(_):
+        raise KeyError
+
+    for name in ("HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR"):
+        monkeypatch.delenv(name, raising=False)
+    for name in ("XDG_CACHE_HOME", "MPLCONFIGDIR"):  # that the fallback sets
+        monkeypatch.setenv(name, NO_FOLDER)
+    monkeypatch.setattr(pwd, "getpwuid", refuse)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    cache._find_root.cache_clear()
+    return tmp_path / f"abhv-mc-{os.getuid()}"
+
+
+@pytest.mark.parametrize("name", ["XDG_CACHE_HOME", "NUMBA_CACHE_DIR", "HOME"])
+def test_the_first_folder_that_can_be_written_holds_the_cache(monkeypatch, tmp_path, bare, name):
+    names = ["XDG_CACHE_HOME", "NUMBA_CACHE_DIR", "HOME"]
+    for other in names[: names.index(name)]:
+        monkeypatch.setenv(other, NO_FOLDER)
+    for other in names[names.index(name) :]:
+        monkeypatch.setenv(other, str(tmp_path / other))
+    expected = tmp_path / name / ("" if name != "HOME" else ".cache") / "abhv-mc"
+    assert cache.cache_root() == expected and expected.is_dir()
+
+
+@pytest.mark.parametrize("home", [None, NO_FOLDER])
+def test_without_a_home_the_cache_is_a_private_temporary_folder(monkeypatch, bare, home):
+    if home:
+        monkeypatch.setenv("HOME", home)
+    with pytest.warns(RuntimeWarning, match="Set XDG_CACHE_HOME") as warned:
+        root = cache.cache_root()
+    assert root.parent == bare and bare.stat().st_mode & 0o777 == 0o700
+    assert cache.cache_root() == root and len(warned) == 1  # in child processes, too
+    assert Path(os.environ["XDG_CACHE_HOME"]) == bare
+
+
+@pytest.mark.parametrize("kind", ["link", "open", "file"])
+def test_a_temporary_folder_that_others_may_have_made_is_not_used(monkeypatch, bare, kind):
+    if kind == "link":
+        (bare.parent / "elsewhere").mkdir(mode=0o700)
+        bare.symlink_to("elsewhere")
+    elif kind == "open":
+        bare.mkdir()
+        bare.chmod(0o755)
+    else:
+        bare.touch()
+    ends = []
+    monkeypatch.setattr(
+        cache.atexit, "register", lambda *call, **options: ends.append((call, options))
+    )
+    with pytest.warns(RuntimeWarning, match="until this command ends"):
+        root = cache.cache_root()
+    assert root.parent.parent == bare.parent and root.parent != bare
+    for (function, *arguments), options in ends:
+        function(*arguments, **options)
+    assert not root.parent.exists()
+
+
+def test_a_file_system_without_locks_keeps_compiled_code(monkeypatch, tmp_path):
+    def refuse(*_):
+        raise OSError(errno.ENOSYS, "Function not implemented")
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    with cache.one_compiles(tmp_path, "fly"):
+        (tmp_path / "lanes.fly-7.py311.nbi").write_text("machine code")
+    assert cache.is_noted(tmp_path, "fly")
+
+
+TWO_KERNELS = """
+import fcntl
+def refuse(*_):
+    raise OSError(38, "Function not implemented")
+fcntl.flock = refuse
+from abhv_mc.kernel.jit import compiler, kernel
+def double(x):
+    return x + x
+first, second = kernel(double), kernel(double)
+file = second._cache._cache_file
+first(1.5)
+load, file._load_index = file._load_index, dict
+second(1)  # as a process that read the index before the first wrote it
+file._load_index = load
+from pathlib import Path
+print(compiler(), len(list(Path(first.stats.cache_path).glob("*double*.nbc"))))
+print(kernel(double)(1), kernel(double)(1.5))
+"""
+
+
+@pytest.mark.skipif(jit.compiler() == "public", reason="numba's own cache")
+def test_two_processes_without_locks_do_not_mix_two_kernels(tmp_path):
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
+    (tmp_path / "double.py").write_text(TWO_KERNELS)
+    command = [sys.executable, "-W", "error", str(tmp_path / "double.py")]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.stdout.split() == ["private", "2", "2", "3.0"], done.stderr
 
 
 class Features(dict):

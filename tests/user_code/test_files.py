@@ -1,6 +1,7 @@
 """What a law consists of: what it declares is hashed and found wherever it flies, anything else is refused by name."""
 
 import ctypes
+from contextlib import nullcontext
 from importlib import metadata
 
 import numba
@@ -12,10 +13,10 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.flight.memory import Z_ROWS
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.user_code import compiled
+from abhv_mc.user_code import compiled, watch
 from abhv_mc.user_code.compiled import compile_law
 from abhv_mc.user_code.law_source import read_law_source
-from abhv_mc.user_code.module import check_closure
+from abhv_mc.user_code.module import _run_watched, check_closure
 from abhv_mc.user_code.source import UserSource, find_package_versions
 from abhv_mc.user_code.unpack import unpack
 
@@ -136,6 +137,26 @@ def test_packages_and_what_it_wrote_itself_are_no_files_of_its_own(write):
     text = "import json, tempfile, scipy.linalg\nwith tempfile.TemporaryDirectory() as place:\n"
     text += "    file = Path(place) / 'x'\n    file.write_text('4.0')\n    K = float(file.read_text())\n"
     check_closure(write(text + LAW))
+
+
+@pytest.mark.parametrize("is_installed", [True, False])
+def test_packages_of_any_entry_of_the_path_may_be_imported(
+    write, tmp_path, monkeypatch, is_installed
+):
+    """The user's own site, PYTHONPATH and .pth files; but not the modules of a study that PYTHONPATH=. opens."""
+    name = f"package_{is_installed}"
+    (tmp_path / "site" / name).mkdir(parents=True)
+    (tmp_path / "site" / name / "__init__.py").write_text("K = 4.0\n")
+    if is_installed:
+        (tmp_path / "site" / f"{name}-1.0.dist-info").mkdir()
+    monkeypatch.syspath_prepend(tmp_path / "site")
+    source = write(f"from {name} import K\n" + LAW)
+    watch._allowed.cache_clear()
+    try:
+        with nullcontext() if is_installed else pytest.raises(InputError, match=name):
+            _run_watched(source)
+    finally:
+        watch._allowed.cache_clear()
 
 
 @pytest.mark.parametrize("entry", ["../law.yaml", "/etc/hosts", "nothing.csv"])

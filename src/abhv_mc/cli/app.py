@@ -25,7 +25,7 @@ from abhv_mc.cli import (
     searching,
     starting,
 )
-from abhv_mc.cli.errors import exit_code_of, settle_output
+from abhv_mc.cli.errors import exit_code_of, open_streams, settle_output
 from abhv_mc.cli.printing import say
 from abhv_mc.execution.interrupts import sigterm_as_interrupt
 from abhv_mc.io.address import hide_key
@@ -152,6 +152,7 @@ def main() -> None:
         100_000, 10, 10
     )  # libraries being loaded are no garbage: a tenth of a cached start
     sys.argv[1:] = map(hide_key, sys.argv[1:])
+    open_streams()
     with sigterm_as_interrupt():
         try:
             app(prog_name="abhv-mc")  # so that completion knows it, however it was started

@@ -1,6 +1,7 @@
 """What the command line says, and the code it exits with, when it does not end well."""
 
 import contextlib
+import io
 import os
 import sys
 import traceback
@@ -9,7 +10,7 @@ from pathlib import Path
 
 from abhv_mc.cli.printing import say
 from abhv_mc.folder.layout import StorageFullError, explain_os_error
-from abhv_mc.io.input_error import InputError, Refusal
+from abhv_mc.io.input_error import InputError, Refusal, is_exhausted
 
 
 class ExitCode(IntEnum):
@@ -47,6 +48,8 @@ def exit_code_of(error: BaseException) -> int | str | None:
         words = (
             "not enough memory: what was flown is kept; fewer workers or smaller blocks need less"
         )
+    elif is_exhausted(error):
+        words = f"{words}: what was flown is kept; fewer workers, or more open files (ulimit -n)"
     elif (
         type(error).__module__.partition(".")[0] == "distributed"
     ):  # of many kinds, as a scheduler or its host dies
@@ -63,6 +66,23 @@ def exit_code_of(error: BaseException) -> int | str | None:
         )
     _tell(words)
     return code
+
+
+def open_streams() -> None:
+    """Open the null device for standard streams that the caller closed: a file would take their numbers.
+
+    What a terminal's encoding does not have is printed as an escape.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # the lowest free number: this one
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(number, "w" if number else "r", closefd=False))  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def settle_output(code: int | str | None) -> int | str | None:

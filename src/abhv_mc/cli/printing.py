@@ -73,10 +73,11 @@ def new_table(
     left: Iterable[str], right: Iterable[str], title: str | None = None, **options: Any
 ) -> "Table":
     """An empty table: headings of columns of words, then of columns of numbers. ``options`` are those of rich."""
-    from rich.box import SIMPLE
+    from rich.box import ASCII, SIMPLE
     from rich.table import Table
 
-    table = Table(title=title, box=SIMPLE, **options)
+    is_unicode = (sys.stdout.encoding or "utf-8").lower().startswith("utf")
+    table = Table(title=title, box=SIMPLE if is_unicode else ASCII, **options)
     for heading in left:
         table.add_column(heading, no_wrap=True)
     for heading in right:
@@ -143,7 +144,7 @@ def announce_compiling() -> None:
 @contextmanager
 def _tell(function: Any, elsewhere: bool) -> Iterator[None]:
     """While a kernel is compiled, here or by another process that is waited for."""
-    from abhv_mc.kernel.cache import user_folder
+    from abhv_mc.kernel.cache import cache_root
 
     part = _PARTS.get(function.__module__.removeprefix("abhv_mc.kernel.").split(".")[0], "a part")
     if elsewhere:
@@ -151,7 +152,7 @@ def _tell(function: Any, elsewhere: bool) -> Iterator[None]:
             yield
         return
     file, name = (
-        user_folder("XDG_CACHE_HOME", ".cache") / _TIMES,
+        cache_root() / _TIMES,
         f"{function.__module__}.{function.__name__}",
     )
     try:

@@ -5,12 +5,13 @@ only flights that raise an exception.
 """
 
 import contextlib
+import multiprocessing
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.config import PROCESSES, Execution
+from abhv_mc.campaign.file.config import PROCESSES, THREADS, Execution
 from abhv_mc.execution.attest import Attestation, sign
 from abhv_mc.execution.blocks import choose_batch
 from abhv_mc.execution.cluster import Cluster
@@ -19,6 +20,7 @@ from abhv_mc.execution.retry import FlightLostError, fly_with_retries
 from abhv_mc.execution.worker_processes import WorkerPool
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks
 from abhv_mc.identity import count_cores
+from abhv_mc.io.input_error import InputError
 from abhv_mc.simulators.engine import Engine, Fly, Recorded
 
 
@@ -71,6 +73,14 @@ def open_executor(
     limit = execution.flight_time_limit
     number = workers or execution.workers or count_cores()
     isolation = engine.isolation if execution.isolation == "auto" else execution.isolation
+    if isolation == PROCESSES and multiprocessing.current_process().daemon:  # it may start none
+        if execution.isolation == PROCESSES:
+            found = (
+                "worker processes inside a process of multiprocessing.Pool, which may start none"
+            )
+            wish = "'isolation: threads', or concurrent.futures.ProcessPoolExecutor"
+            raise InputError("execution", found, wish)
+        isolation = THREADS
     if cluster is not None:
         cluster.engine, cluster.limit = engine, limit or cluster.limit
         cluster.check = (

@@ -7,6 +7,7 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.runner import RunResult, run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.merge import join_shards, order_shards
 from abhv_mc.folder.siblings import check_pool, join_seeds
@@ -31,5 +32,7 @@ def merge_campaign(
     check_user_code(
         read_campaign(folders[0].campaign), trust_code
     )  # flights are flown again for their histories
-    (join_shards if sharded else join_seeds)(folders, out)
-    return run_campaign(Request(CampaignFolder(out).campaign, out, trust_code=trust_code), engine)
+    target = CampaignFolder(out)
+    with hold_lock(target.lock):
+        (join_shards if sharded else join_seeds)(folders, out)
+    return run_campaign(Request(target.campaign, out, trust_code=trust_code), engine)

@@ -23,6 +23,7 @@ from abhv_mc.flight.failure_case import NO_FAILURE, failure_cases
 from abhv_mc.flight.metrics import ENGINE_FAILED, METRICS, Metric
 from abhv_mc.flight.outcome import OUTCOMES, Outcome, Outcomes
 from abhv_mc.folder.layout import write_whole
+from abhv_mc.io.input_error import is_exhausted
 from abhv_mc.io.parquet_columns import column_values, number_column, text_column
 from abhv_mc.plant.parameters import OURS, Parameter, Parameters
 
@@ -263,6 +264,8 @@ def read_pieces(path: Path, names: Sequence[str]) -> Iterator[tuple[FlightRows, 
                 yield rows, one
             expected = (file.schema_arrow.metadata or {}).get(_DIGEST, b"").decode()
     except (pa.ArrowException, OSError, KeyError, ValueError) as error:
+        if is_exhausted(error):
+            raise
         raise DamagedFileError(f"{path.name}: {str(error).splitlines()[0]}") from error
     if first != stop or str(digest) != expected:
         raise DamagedFileError(f"{path.name} does not hold what was written")

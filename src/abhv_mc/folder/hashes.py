@@ -5,8 +5,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from abhv_mc.folder.layout import CampaignFolder, hash_file, recording
+from abhv_mc.folder.lock import lock_holder
 from abhv_mc.folder.manifest import Manifest, read_manifest
-from abhv_mc.folder.status import lock_holder
 from abhv_mc.io.input_error import InputError
 
 DAMAGED = "a file that is not as the campaign wrote it: damaged, or changed since"

@@ -92,9 +92,9 @@ class CampaignFolder:
 
     def refuse_strange(self, fresh: bool) -> None:
         """Raises InputError, without a manifest, for files of others, and for flights that only ``fresh`` deletes."""
-        known = {*self.parts, self.lock}
         for path in sorted(self.root.iterdir() if self.root.is_dir() else ()):
-            if path not in known and not path.name.endswith(TEMPORARY):
+            is_own = path in self.parts or path.name.startswith(self.lock.name)
+            if not is_own and not path.name.endswith(TEMPORARY):
                 found = f"a folder with '{path.name}', which no campaign wrote"
                 raise InputError(self.root, found, "an empty folder or a campaign's")
         if not fresh and any(self.flights.glob("*.parquet")):

@@ -12,6 +12,7 @@ import numpy as np
 from abhv_mc.folder.envelope_states import merge_states
 from abhv_mc.folder.hashes import FileHashes, damage_error, find_damage, record_hashes
 from abhv_mc.folder.layout import CampaignFolder, write_whole
+from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.manifest import (
     INTERRUPTED,
     Manifest,
@@ -21,7 +22,6 @@ from abhv_mc.folder.manifest import (
 )
 from abhv_mc.folder.plan_file import read_stored_parts
 from abhv_mc.folder.samples import ROW_GROUP, SampleReader
-from abhv_mc.folder.status import hold_lock
 from abhv_mc.io.documents import InputError
 
 _SAME = ("campaign_hash", "source_hash", "inputs")
@@ -149,10 +149,11 @@ def is_joined(target: CampaignFolder, digests: tuple[str, ...]) -> bool:
 def begin_joined(
     parts: Sequence[CampaignFolder], target: CampaignFolder, also: Sequence[Path] = ()
 ) -> Iterator[FileHashes]:
-    """All folders locked; the target emptied, with the first one's inputs, plans, nominal flights and ``also``."""
+    """Lock the parts; empty the target, which the caller has locked, and give it the first part's inputs, plans,
+    nominal flights and ``also``."""
     first = parts[0]
     with ExitStack() as stack:
-        for folder in (*parts, target):
+        for folder in parts:
             stack.enter_context(hold_lock(folder.lock))
         target.clear()
         files = stack.enter_context(record_hashes(target, {}))

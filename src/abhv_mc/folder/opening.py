@@ -8,10 +8,9 @@ from abhv_mc.folder import envelope_states
 from abhv_mc.folder.hashes import FileHashes, damage_error, record_hashes
 from abhv_mc.folder.inputs import FolderInputs
 from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.manifest import RUNNING, Manifest, read_manifest, write_manifest
 from abhv_mc.folder.plan_file import write_plan
-from abhv_mc.folder.status import hold_lock
-from abhv_mc.io.input_error import InputError
 
 
 @dataclass(frozen=True)
@@ -24,15 +23,15 @@ class FlownFolder:
 
 
 def open_folder(folder: CampaignFolder, fresh: bool, stack: ExitStack) -> FlownFolder | None:
-    """Lock a folder that holds flights and prove its files; None where there is nothing to go on with.
+    """Lock a folder until ``stack`` closes and check its files; None if it holds nothing that a run can resume.
 
-    A damaged or missing block of flights is no fault: its flights are flown again. Raises InputError for any other
-    damaged file, where another process flies there, and for a folder that holds something else.
+    A damaged or missing block of flights is no error: its flights are run again. Raise InputError for any other
+    damaged file, if another process has the lock, and for a folder that holds something else.
     """
+    stack.enter_context(hold_lock(folder.lock))  # before the first look: another run may start
     if not folder.manifest.exists():
         folder.refuse_strange(fresh)
         return None
-    stack.enter_context(hold_lock(folder.lock))
     if fresh:
         return None
     manifest = read_manifest(folder.manifest)
@@ -47,15 +46,10 @@ def open_folder(folder: CampaignFolder, fresh: bool, stack: ExitStack) -> FlownF
 def begin_folder(
     folder: CampaignFolder, inputs: FolderInputs, plans: dict[str, FlightPlan], stack: ExitStack
 ) -> FileHashes:
-    """Lock the folder, delete what it holds of a campaign, and write the inputs and plans of a new one.
+    """Delete a campaign from a folder that open_folder has locked, and write the inputs and plans of a new one.
 
-    The caller writes the manifest when all is there that it needs: until then nothing looks like a campaign.
+    The caller writes the manifest once everything it lists is there: until then nothing looks like a campaign.
     """
-    if not folder.manifest.exists():  # else open_folder has locked it
-        stack.enter_context(hold_lock(folder.lock))
-        if folder.manifest.exists():
-            found = "a campaign that another process has started meanwhile"
-            raise InputError(folder.root, found, "the same command once more")
     folder.clear()
     files = stack.enter_context(record_hashes(folder, {}))
     inputs.write_copies(folder)

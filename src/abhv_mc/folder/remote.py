@@ -74,7 +74,11 @@ class Remote:
             if p.is_file()
         ]
         for name in names:
-            if name not in (_MANIFEST, LEASE_NAME) and not name.endswith(".temporary"):
+            if (
+                name != _MANIFEST
+                and not name.startswith(LEASE_NAME)
+                and not name.endswith(".temporary")
+            ):
                 self._upload(name)
         if content is not None:
             self._write(_MANIFEST, content)

@@ -1,6 +1,7 @@
 """What is said of bad input; apart from :mod:`abhv_mc.io.documents`, because the command line needs it at once."""
 
 import difflib
+import errno
 import unicodedata
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -67,6 +68,11 @@ def _sentence(found: str, expected: str) -> str:
         if expected.startswith("did you mean")
         else f"{found}; expected {expected}"
     )
+
+
+def is_exhausted(error: BaseException) -> bool:
+    """Return whether an error says that the process or the machine has too many open files: the file may be whole."""
+    return isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE)
 
 
 def printable(text: str) -> str:

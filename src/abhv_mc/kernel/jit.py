@@ -18,6 +18,7 @@ import functools
 import gc
 import hashlib
 import os
+import secrets
 import signal
 import threading
 import warnings
@@ -282,6 +283,13 @@ def _make_private() -> tuple[Any, Any]:
         """Loads a kernel without what only compiling needs: rules for all of numpy, which take longer than it."""
 
         _impl_class = KernelCacheImpl
+
+        def __init__(self, function: Any) -> None:
+            super().__init__(function)
+            # Without a lock on the folder two processes would number two kernels alike.
+            number = f"{{number:d}}-{secrets.token_hex(4)}"
+            pattern = self._cache_file._data_name_pattern.replace("{number:d}", number)
+            self._cache_file._data_name_pattern = pattern
 
         def load_overload(self, sig: Any, target_context: Any) -> Any:
             rtsys.initialize(target_context)

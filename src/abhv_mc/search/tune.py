@@ -22,7 +22,7 @@ from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.metrics import MARGIN_NAMES, Metric
 from abhv_mc.folder.inputs import collect_inputs
 from abhv_mc.folder.layout import write_whole
-from abhv_mc.folder.status import hold_lock
+from abhv_mc.folder.lock import hold_lock
 from abhv_mc.io.documents import Document, InputError, StrictModel, read_document, validate
 from abhv_mc.io.input_files import reading_once
 from abhv_mc.search.methods.tune import Scores, Tuning, tune

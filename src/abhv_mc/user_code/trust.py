@@ -3,10 +3,10 @@
 A file in a campaign's folder is nobody's own: it may come from anywhere.
 """
 
+import os
 from pathlib import Path
 
 from abhv_mc.io.input_error import InputError
-from abhv_mc.kernel.cache import user_folder
 from abhv_mc.user_code.source import UserSource
 
 _SIGNS = ("manifest.json", "campaign.yaml")  # a campaign's folder holds both
@@ -14,8 +14,12 @@ _trusted_now: set[str] = set()  # hashes of what the user of this process says t
 
 
 def list_file() -> Path:
-    """The list, in the user's own configuration."""
-    return user_folder("XDG_CONFIG_HOME", ".config") / "flown_laws"
+    """Return the list's path in the user's configuration. Raise OSError if the user has no home folder."""
+    try:
+        base = os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config"
+    except RuntimeError as error:  # no HOME, and the system does not know the user
+        raise FileNotFoundError(str(error)) from None
+    return Path(base, "abhv-mc", "flown_laws")
 
 
 def is_trusted(source: UserSource) -> bool:

@@ -17,10 +17,10 @@ from typing import Any
 
 import abhv_mc
 from abhv_mc.io.input_error import InputError
-from abhv_mc.kernel.cache import user_folder
+from abhv_mc.kernel.cache import cache_root
 from abhv_mc.kernel.compiler_target import code_folder
 from abhv_mc.kernel.jit import compiler
-from abhv_mc.user_code.source import UserSource
+from abhv_mc.user_code.source import UserSource, package_folders
 from abhv_mc.user_code.unpack import unpack
 
 _SYSTEM = (
@@ -76,14 +76,15 @@ def _allowed() -> tuple[str, ...]:
     """Folders that any code may read: the interpreter, installed packages, caches, the system's own."""
     folders = [
         *sysconfig.get_paths().values(),
+        *package_folders(),
         sys.prefix,
         sys.base_prefix,
         str(Path(abhv_mc.__file__).parent),
     ]
     caches = [
         str(code_folder(compiler())),
-        str(Path.home() / ".cache"),
-        str(user_folder("XDG_CACHE_HOME", ".cache")),
+        os.path.expanduser("~/.cache"),  # noqa: PTH111  Path's raises without a home
+        str(cache_root()),
     ]
     real = {os.path.realpath(folder) for folder in (*folders, *caches, *_SYSTEM)}
     return tuple(f"{folder}{os.sep}" for folder in sorted(real))

@@ -8,8 +8,8 @@ from typing import Any
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.hashes import find_damage
 from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.folder.lock import lock_holder
 from abhv_mc.folder.manifest import read_manifest
-from abhv_mc.folder.status import lock_holder
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.compare import compare_baseline
 from abhv_mc.report.numbers.report_numbers import make_numbers

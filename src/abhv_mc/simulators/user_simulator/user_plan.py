@@ -16,7 +16,7 @@ from abhv_mc.campaign.file.simulator import Simulator, SimulatorCampaign
 from abhv_mc.flight.channels import Signal
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.input_error import InputError, is_exhausted
 from abhv_mc.io.input_files import read_input
 from abhv_mc.user_code.source import UserSource
 
@@ -81,7 +81,9 @@ class UserPlan:
             path = Path(self.folder, name)
             try:
                 same = hashlib.sha256(path.read_bytes()).hexdigest() == digest
-            except OSError:
+            except OSError as error:
+                if is_exhausted(error):
+                    raise
                 same = False
             if not same:
                 raise InputError(

@@ -1,0 +1,216 @@
+"""Lock of a campaign's folder: one process computes flights there at a time.
+
+The lock is `flock`, which the system drops when its holder dies. Some file systems have none; there the holder
+creates a lease, a file that names its host, its process and the time when the process started.
+"""
+
+import contextlib
+import errno
+import fcntl
+import json
+import os
+import platform
+import secrets
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from abhv_mc.folder.layout import explain_os_error
+from abhv_mc.io.atomic_write import TEMPORARY
+from abhv_mc.io.input_error import InputError
+
+_NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK)
+_PATIENCE = 0.5  # s: `status` and `list` hold a lock briefly to learn whether it is free
+_POLL = 0.01  # s between two attempts
+_SETTLE = 0.2  # s until another process has put back a lease that it moved by mistake
+
+
+class _HeldError(Exception):
+    """Another process holds the lock; ``holder`` describes it, ``remedy`` says what frees the folder."""
+
+    def __init__(self, holder: str, remedy: str = "its end") -> None:
+        super().__init__(holder, remedy)
+        self.holder, self.remedy = holder, remedy
+
+
+@contextlib.contextmanager
+def hold_lock(path: Path) -> Iterator[None]:
+    """Hold the lock file ``path`` and create its folder, which is removed again if it stays empty.
+
+    Raise InputError, which names the holder, if another process has the lock.
+    """
+    created = [folder for folder in (path.parent, *path.parent.parents) if not folder.exists()]
+    with contextlib.ExitStack() as stack:
+        try:
+            with explain_os_error(path, writing=True):
+                descriptor, is_locked = _open_locked(path)
+                stack.callback(os.close, descriptor)
+                stack.callback(_remove_empty, path, created)
+                if not is_locked:
+                    lease = _lease_of(path)
+                    stack.callback(_drop_lease, lease, _take_lease(lease))
+        except _HeldError as error:
+            found = f"a campaign that {error.holder} is flying"
+            raise InputError(
+                path.parent, found, f"{error.remedy}, or another folder (-o DIR)"
+            ) from None
+        with contextlib.suppress(OSError):  # the lock holds on a full disk, too
+            os.ftruncate(descriptor, 0)
+            os.pwrite(descriptor, f"process {os.getpid()} on {platform.node()}".encode(), 0)
+        yield
+
+
+def lock_holder(path: Path) -> str | None:
+    """Describe the holder of the lock; None if nobody holds it, or if the lock cannot be tried."""
+    with contextlib.suppress(OSError):
+        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return _read_holder(path)
+        except OSError as error:
+            holder = _read_lease(_lease_of(path)) if error.errno in _NO_LOCKS else None
+            return None if holder is None or _has_died(holder) else _describe(holder)
+        finally:
+            os.close(descriptor)
+    return None
+
+
+def _open_locked(path: Path) -> tuple[int, bool]:
+    """Return the open lock file and whether it is locked, which it is not if the file system has no locks."""
+    deadline = time.monotonic() + _PATIENCE
+    while True:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with contextlib.suppress(FileNotFoundError):  # its folder was empty and is being removed
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if os.fstat(descriptor).st_nlink:  # else its last holder has deleted it
+                    return descriptor, True
+            except BlockingIOError:
+                pass
+            except OSError as error:
+                if error.errno in _NO_LOCKS:
+                    return descriptor, False
+                os.close(descriptor)
+                raise
+            os.close(descriptor)
+        if time.monotonic() > deadline:
+            raise _HeldError(_read_holder(path))
+        time.sleep(_POLL)
+
+
+def _remove_empty(path: Path, created: list[Path]) -> None:
+    """Delete the lock file, and the folders ``created`` for it, if there is nothing else."""
+    with contextlib.suppress(OSError):
+        if [entry.name for entry in path.parent.iterdir()] == [path.name]:
+            path.unlink()
+            for folder in created:
+                folder.rmdir()
+
+
+def _read_holder(path: Path) -> str:
+    with contextlib.suppress(OSError, ValueError):
+        return path.read_text(encoding="utf-8") or "another process"
+    return "another process"
+
+
+def _lease_of(path: Path) -> Path:
+    return path.with_name(f"{path.name}.lease")
+
+
+def _take_lease(lease: Path) -> str:
+    """Create the lease and return its text; take over the lease of a process of this host that has died.
+
+    The dead lease is moved aside and read again, because another process may have replaced it in the meantime.
+    """
+    text = json.dumps([platform.node(), os.getpid(), _start_of(os.getpid()), secrets.token_hex(4)])
+    while not _create(lease, text):
+        holder = _read_lease(lease)
+        if holder is None:
+            continue
+        if not _has_died(holder):
+            raise _held_error(lease, holder)
+        own = lease.with_name(f"{lease.name}.{secrets.token_hex(8)}{TEMPORARY}")
+        with contextlib.suppress(FileNotFoundError):  # another process was faster
+            lease.rename(own)
+            if _read_lease(own) != holder:
+                own.rename(lease)
+                continue
+            own.unlink()
+    time.sleep(_SETTLE)
+    holder = _read_lease(lease)
+    if holder != text:
+        raise _held_error(lease, holder or "")
+    return text
+
+
+def _create(lease: Path, text: str) -> bool:
+    try:
+        descriptor = os.open(lease, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+    except FileExistsError:
+        return False
+    try:
+        os.write(descriptor, text.encode())
+    finally:
+        os.close(descriptor)
+    return True
+
+
+def _drop_lease(lease: Path, text: str) -> None:
+    if _read_lease(lease) == text:
+        lease.unlink()
+
+
+def _read_lease(lease: Path) -> str | None:
+    """Return the text of a lease; None if there is none."""
+    try:
+        return lease.read_text(encoding="utf-8", errors="replace")
+    except FileNotFoundError:
+        return None
+
+
+def _parse(text: str) -> tuple[str, int, str] | None:
+    """Return the host, the process and its start; None for a lease that is being written or was cut off."""
+    try:
+        host, process, start, _ = json.loads(text)
+        return str(host), int(process), str(start)
+    except (ValueError, TypeError):
+        return None
+
+
+def _describe(text: str) -> str:
+    holder = _parse(text)
+    return f"process {holder[1]} on {holder[0]}" if holder else "another process"
+
+
+def _has_died(text: str) -> bool:
+    """Return whether the process of a lease ran on this host and has ended."""
+    holder = _parse(text)
+    return holder is not None and holder[0] == platform.node() and _start_of(holder[1]) != holder[2]
+
+
+def _held_error(lease: Path, text: str) -> _HeldError:
+    holder = _parse(text)
+    is_here = holder is not None and holder[0] == platform.node()
+    remedy = "its end" if is_here else f"its end (if it was killed: rm '{lease}')"
+    return _HeldError(_describe(text), remedy)
+
+
+def _start_of(process: int) -> str | None:
+    """Return when a process started, by the kernel's clock; "" if only its existence is known, None if it has ended."""
+    try:
+        fields = Path(f"/proc/{process}/stat").read_text(encoding="utf-8", errors="replace")
+        state, *rest = fields.rpartition(")")[2].split()
+        return None if state in "ZX" else rest[18]  # field 22; a zombie has ended
+    except OSError:
+        pass
+    try:
+        if Path("/proc/self/stat").exists():
+            return None
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return None
+    except OSError:
+        pass
+    return ""

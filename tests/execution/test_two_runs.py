@@ -1,0 +1,137 @@
+"""Two runs, searches or merges that start in one new folder: the second is rejected, whenever it starts."""
+
+from contextlib import contextmanager
+from dataclasses import replace
+
+import pytest
+from fake_flight import ENGINE, interrupted_after, run, write_campaign
+from search.known_flights import LINE, METRIC, write_line
+
+from abhv_mc.execution.merge import merge_campaign
+from abhv_mc.folder import merge
+from abhv_mc.folder.flown_campaign import read_flown
+from abhv_mc.folder.layout import recording
+from abhv_mc.io.input_error import InputError
+from abhv_mc.search.search_flights import SearchRequest
+from abhv_mc.search.worst import WorstSettings, find_worst
+
+KEEP = "{histories: {flights: [worst 5], rate: 10 Hz}, envelopes: {rate: 5 Hz}}"
+
+
+@contextmanager
+def at_each_file(start, files):
+    """Call ``start`` after each file that is written, which is noted in ``files``."""
+    is_starting = False
+
+    def note(path, _):
+        nonlocal is_starting
+        assert not is_starting, f"the second run wrote {path}"
+        files.append(path.name)
+        is_starting = True
+        start()
+        is_starting = False
+
+    with recording(note):
+        yield
+
+
+def expect_rejected(start):
+    """A function that expects ``start`` to be rejected because another process has the folder."""
+
+    def call():
+        with pytest.raises(InputError, match="is flying"):
+            start()
+
+    return call
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    return write_campaign(tmp_path / "inputs", runs="64", keep=KEEP)
+
+
+@pytest.mark.parametrize("fresh", [False, True])
+def test_a_second_run_is_rejected_at_each_file_of_the_first(campaign, tmp_path, fresh):
+    alone = run(campaign, tmp_path / "alone", seed=1).manifest
+    out, files = tmp_path / "out", []
+    if fresh:
+        run(campaign, out, seed=3)
+    second = expect_rejected(lambda: run(campaign, out, seed=2, fresh=fresh))
+
+    def prepare(*names):
+        second()
+        return ENGINE.prepare(*names)
+
+    with at_each_file(second, files):
+        first = run(campaign, out, replace(ENGINE, prepare=prepare), seed=1, fresh=fresh)
+    assert first.complete and first.manifest.digest == alone.digest
+    assert {"campaign.yaml", "samples.parquet", "manifest.json", "envelopes.parquet"} <= set(files)
+    read_flown(out)
+
+
+def test_a_second_search_is_rejected_at_each_file_of_the_first(tmp_path):
+    out, files = tmp_path / "out", []
+
+    line = write_line(tmp_path / "files")
+
+    def search(seed):
+        find_worst(SearchRequest(line, out, seed=seed), WorstSettings(METRIC, flights=200), LINE)
+
+    with at_each_file(expect_rejected(lambda: search(2)), files):
+        search(1)
+    assert "manifest.json" in files
+
+
+def test_a_second_merge_is_rejected_at_each_file_of_the_first(campaign, tmp_path):
+    parts = [run(campaign, tmp_path / f"{i}", shard=(i, 2)).folder for i in (1, 2)]
+    out, files = tmp_path / "out", []
+    whole = run(campaign, tmp_path / "whole").manifest
+    second = expect_rejected(lambda: merge_campaign(parts, out, ENGINE))
+    with at_each_file(second, files):
+        merged = merge_campaign(parts, out, ENGINE)
+    assert merged.manifest.digest == whole.digest and "manifest.json" in files
+
+
+def test_a_run_between_the_look_of_a_merge_and_its_start_keeps_its_flights(
+    campaign, tmp_path, monkeypatch
+):
+    """The merge looked before it locked, and then deleted what had been computed in the meantime."""
+    parts = [run(campaign, tmp_path / f"{i}", shard=(i, 2)).folder for i in (1, 2)]
+    out = tmp_path / "out"
+    check = merge._check_content
+
+    def check_while_another_run_starts(*words):
+        check(*words)
+        with pytest.raises(InputError, match="is flying"):
+            run(campaign, out, seed=7)
+
+    monkeypatch.setattr(merge, "_check_content", check_while_another_run_starts)
+    assert merge_campaign(parts, out, ENGINE).complete
+
+
+def test_a_rejected_campaign_leaves_no_folder(campaign, tmp_path):
+    out = tmp_path / "new" / "out"
+    refused = replace(ENGINE, prepare=lambda *_: _raise(InputError("x", "no plan", "one")))
+    for make_empty in (False, True):
+        if make_empty:
+            out.mkdir(parents=True)
+        with pytest.raises(InputError, match="no plan"):
+            run(campaign, out, refused)
+        assert out.exists() == make_empty and (tmp_path / "new").exists() == make_empty
+    assert not list(out.iterdir())
+
+
+def _raise(error):
+    raise error
+
+
+def test_fresh_deletes_nothing_for_a_rejected_campaign(campaign, tmp_path):
+    out = run(campaign, tmp_path / "out", interrupted_after(5)).folder
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    refused = replace(ENGINE, prepare=lambda *_: _raise(InputError("x", "no plan", "one")))
+    with pytest.raises(InputError, match="no plan"):
+        run(campaign, out, refused, fresh=True)
+    (campaign.parent / "two.yaml").write_text("nothing\n")
+    with pytest.raises(InputError, match="no gain"):
+        run(campaign, out, fresh=True)
+    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before

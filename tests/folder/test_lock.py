@@ -1,0 +1,191 @@
+"""The lock of a folder: one holder, also on file systems without flock, and no folder left behind."""
+
+import errno
+import fcntl
+import json
+import os
+import platform
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from abhv_mc.folder import lock as module
+from abhv_mc.folder.lock import hold_lock, lock_holder
+from abhv_mc.io.input_error import InputError
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "new" / "folder" / ".lock"
+
+
+@pytest.fixture(params=["flock", "ENOSYS", "EOPNOTSUPP", "ENOLCK"])
+def file_system(request, monkeypatch):
+    """A file system with locks, or one whose `flock` gives an error."""
+    if request.param != "flock":
+        refuse_locks(monkeypatch, getattr(errno, request.param))
+
+
+def refuse_locks(monkeypatch, number=errno.ENOSYS):
+    def refuse(*_):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+
+
+def write_lease(path, host, process, start):
+    lease = path.with_name(".lock.lease")
+    lease.parent.mkdir(parents=True, exist_ok=True)
+    lease.write_text(json.dumps([host, process, start, "0"]))
+    return lease
+
+
+@pytest.mark.usefixtures("file_system")
+def test_one_process_holds_a_folder_and_is_named(path):
+    with hold_lock(path):
+        assert lock_holder(path) == f"process {os.getpid()} on {platform.node()}"
+        with (
+            pytest.raises(InputError, match=f"process {os.getpid()} on .* is flying"),
+            hold_lock(path),
+        ):
+            pass
+        (path.parent / "file").touch()
+    assert lock_holder(path) is None
+    with hold_lock(path):
+        pass
+    assert path.parent.exists()
+
+
+@pytest.mark.usefixtures("file_system")
+def test_a_folder_that_stays_empty_is_removed(path):
+    with hold_lock(path):
+        assert path.exists()
+    assert not path.parent.parent.exists()
+    path.parent.mkdir(parents=True)
+    with hold_lock(path):
+        pass
+    assert not any(path.parent.iterdir())
+
+
+def test_a_lock_file_that_its_holder_deletes_locks_nobody_out(path, monkeypatch):
+    """Waiters have the deleted file open: a lock on it excludes nobody."""
+    flock, deleted = fcntl.flock, []
+
+    def flock_after_deletion(descriptor, how):
+        if not deleted:
+            deleted.append(os.fstat(descriptor).st_ino)
+            path.unlink()
+        flock(descriptor, how)
+
+    monkeypatch.setattr(fcntl, "flock", flock_after_deletion)
+    with hold_lock(path), pytest.raises(InputError, match="is flying"), hold_lock(path):
+        pass
+
+
+def test_other_errors_are_bad_input(path, monkeypatch):
+    refuse_locks(monkeypatch, errno.EROFS)
+    with pytest.raises(InputError, match="Read-only"), hold_lock(path):
+        pass
+
+
+def test_a_look_at_the_lock_keeps_nobody_from_taking_it(tmp_path):
+    """`status` or `list` at the moment of a start made `run` reject a folder that nobody held."""
+    (tmp_path / ".lock").touch()
+    look = (tmp_path / ".lock").open()
+    fcntl.flock(look, fcntl.LOCK_SH)
+    threading.Timer(0.1, look.close).start()
+    with hold_lock(tmp_path / ".lock"):
+        assert look.closed
+
+
+@pytest.mark.parametrize("kill", ["reaped", "zombie", "another start"])
+def test_the_lease_of_a_process_of_this_host_that_died_is_taken_over(path, monkeypatch, kill):
+    refuse_locks(monkeypatch)
+    process = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    start = module._start_of(process.pid)
+    write_lease(path, platform.node(), process.pid, "0" if kill == "another start" else start)
+    path.touch()
+    if kill != "another start":
+        assert lock_holder(path) == f"process {process.pid} on {platform.node()}"
+        with pytest.raises(InputError, match="its end, or another folder"), hold_lock(path):
+            pass
+        process.kill()
+        os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
+        if kill == "reaped":
+            process.wait()
+    assert lock_holder(path) is None
+    with hold_lock(path):
+        assert lock_holder(path) == f"process {os.getpid()} on {platform.node()}"
+    assert not path.with_name(".lock.lease").exists()
+    process.kill()
+    process.communicate()
+
+
+@pytest.mark.parametrize("text", ['["node7", 12, "3", "0"]', "", "[1]"])
+def test_the_lease_of_another_host_is_named_with_the_command_that_removes_it(
+    path, monkeypatch, text
+):
+    refuse_locks(monkeypatch)
+    lease = write_lease(path, "", 0, "")
+    lease.write_text(text)
+    path.touch()
+    assert lock_holder(path) == ("process 12 on node7" if "node7" in text else "another process")
+    with pytest.raises(InputError) as refused, hold_lock(path):
+        pass
+    assert f"rm '{lease}'" in str(refused.value)
+    lease.unlink()
+    with hold_lock(path):
+        pass
+
+
+def test_a_lease_that_was_taken_over_in_the_meantime_is_put_back(path, monkeypatch):
+    """The second process has seen a dead lease, and moves the one that the first has put in its place."""
+    refuse_locks(monkeypatch)
+    lease = write_lease(path, platform.node(), 2**22 + 1, "1")
+    path.touch()
+    has_died, first = module._has_died, hold_lock(path)
+
+    def see_before_the_first(text):
+        monkeypatch.setattr(module, "_has_died", has_died)
+        assert has_died(text)
+        first.__enter__()
+        return True
+
+    monkeypatch.setattr(module, "_has_died", see_before_the_first)
+    with pytest.raises(InputError, match=f"process {os.getpid()}"), hold_lock(path):
+        pass
+    assert lease.exists() and lock_holder(path) is not None
+    (path.parent / "file").touch()
+    first.__exit__(None, None, None)
+    assert sorted(entry.name for entry in path.parent.iterdir()) == [".lock", "file"]
+
+
+def test_a_dead_lease_has_one_heir(path, monkeypatch):
+    refuse_locks(monkeypatch)
+    switch = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        for _ in range(20):
+            write_lease(path, platform.node(), 2**22 + 1, "1")
+            start, end, won, lost = threading.Barrier(4), threading.Barrier(4), [], []
+
+            def take(start=start, end=end, won=won, lost=lost):
+                start.wait()
+                try:
+                    with hold_lock(path):
+                        won.append(1)
+                        end.wait()
+                except InputError:
+                    lost.append(1)
+                    end.wait()
+
+            threads = [threading.Thread(target=take) for _ in range(4)]
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+            assert (len(won), len(lost)) == (1, 3)
+    finally:
+        sys.setswitchinterval(switch)
