@@ -6,6 +6,7 @@ an input that keeps its nominal value in 95 % of the flights and a level of 0.1 
 """
 
 import sys
+from collections import Counter
 from itertools import chain, cycle, islice, product
 
 import numpy as np
@@ -19,7 +20,7 @@ from abhv_mc.campaign.sampling.marginals import (
     outside,
 )
 from abhv_mc.execution.table_draws import make_column
-from abhv_mc.statistics.table_checks import check_table, half_steps
+from abhv_mc.statistics.table_checks import RISK, check_table, half_steps
 
 LAWS = {
     "uniform": ContinuousMarginal("uniform", (-2.0, 4.0)),
@@ -71,7 +72,7 @@ def rounded(values, digits):
     return np.vectorize(lambda x: float(f"{x:.{digits - 1}e}"))(values)
 
 
-def judge(laws, values, matrix, risk=1e-6):
+def judge(laws, values, matrix, risk=RISK):
     """'rejected', 'estimate' or 'verdict', as `adopt` does."""
     columns = []
     for law, column in zip(laws.values(), values.T, strict=True):
@@ -85,22 +86,17 @@ def judge(laws, values, matrix, risk=1e-6):
     return "estimate" if findings.too_close or findings.constant else "verdict"
 
 
-def honest(tables, random):
-    """Count what becomes of honest tables, at the risk of the product and at one that is seen."""
-    laws = LAWS | ATOMS
+def honest(tables, random, risk=RISK):
+    """Count what becomes of honest tables."""
+    laws, counts = LAWS | ATOMS, Counter()
     cases = chain.from_iterable(({name: law}, laws) for name, law in laws.items())
     settings = cycle(product(cases, ROWS, DIGITS))
-    counts = {1e-6: {}, 0.01: {}}
     for k, (case, rows, digits) in enumerate(islice(settings, tables)):
         values, matrix = draw(case, rows, random)
-        values = rounded(values, digits)
-        for risk, count in counts.items():
-            found = judge(case, values, matrix, risk)
-            count[found] = count.get(found, 0) + 1
-            if risk < 0.01 and found != "verdict":
-                print(f"table {k}: {rows} rows, {digits} digits, {', '.join(case)}: {found}")
-    for risk, count in counts.items():
-        print(f"honest tables at a risk of {risk:g}: {count}")
+        counts[found := judge(case, rounded(values, digits), matrix, risk)] += 1
+        if found != "verdict":
+            print(f"  table {k}: {rows} rows, {digits} digits, {', '.join(case)}: {found}")
+    print(f"honest tables at a risk of {risk:g}: {dict(counts)}", flush=True)
 
 
 def scaled(tables, random):
@@ -109,33 +105,33 @@ def scaled(tables, random):
         shares = {}
         for name, law in LAWS.items():
             mean, sigma = find_moments(law)
-            step, caught = 0.1 * sigma, {1: 0, len(LAWS): 0}
             for case in ({name: law}, LAWS):
+                caught = 0
                 for _ in range(tables):
                     values, matrix = draw(case, 60, random)
                     j = list(case).index(name)
                     values[:, j] = mean + factor * (values[:, j] - mean)
-                    if digits != "all":  # to the next decimal step that is finer
-                        values = np.round(values, int(np.ceil(-np.log10(step))))
-                    caught[len(case)] += judge(case, values, matrix) != "verdict"
-            shares[name] = min(caught.values()) / tables
+                    if digits != "all":  # steps of the next decimal below a tenth of sigma
+                        values[:, j] = np.round(values[:, j], int(np.ceil(1.0 - np.log10(sigma))))
+                    caught += judge(case, values, matrix) != "verdict"
+                shares[f"{name}, {len(case)} inputs"] = caught / tables
+        least = min(shares, key=shares.get)
         print(
-            f"spread x {factor:.2g}, digits {digits}: least share found {min(shares.values()):.3f} {shares}"
+            f"spread x {factor:.2g}, digits {digits}: found {shares[least]:.3f} at least ({least})",
+            flush=True,
         )
 
 
 def designs(tables, random):
     """Share of Latin hypercubes and of rows pasted four times that get no verdict."""
     for rows in (30, 60, 300):
-        caught = [0, 0]
+        latin = pasted = 0
         for _ in range(tables):
             values, matrix = draw(LAWS, rows, random, latin=True)
-            caught[0] += judge(LAWS, values, matrix) != "verdict"
+            latin += judge(LAWS, values, matrix) != "verdict"
             values, matrix = draw(LAWS, rows, random)
-            caught[1] += judge(LAWS, np.tile(rounded(values, 4), (4, 1)), matrix) != "verdict"
-        print(
-            f"{rows} rows: Latin hypercube {caught[0] / tables:.3f}, pasted four times {caught[1] / tables:.3f}"
-        )
+            pasted += judge(LAWS, np.tile(rounded(values, 4), (4, 1)), matrix) != "verdict"
+        print(f"{rows} rows: Latin hypercube {latin / tables}, pasted four times {pasted / tables}")
 
 
 def main():
@@ -143,8 +139,9 @@ def main():
     smoke = "--smoke" in sys.argv[1:]
     random = np.random.default_rng(31)
     honest(30 if smoke else 2000, random)
-    scaled(1 if smoke else 50, random)
-    designs(1 if smoke else 50, random)
+    honest(30 if smoke else 500, random, risk=0.01)
+    scaled(1 if smoke else 40, random)
+    designs(1 if smoke else 20, random)
 
 
 if __name__ == "__main__":

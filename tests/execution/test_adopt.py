@@ -2,7 +2,6 @@
 
 import csv
 import json
-import random
 import re
 import signal
 import subprocess
@@ -127,7 +126,8 @@ def test_units_of_the_heads_are_converted(campaign: Path, flown: Path, tmp_path:
 def test_a_row_that_makes_no_sense_is_refused_with_its_line(
     line: int, changes: dict[str, str], words: str, flown: Path, tmp_path: Path
 ) -> None:
-    table = rewritten(flown, lambda i, row: {**row, **(changes if i == line else {})})
+    lines = (line, line + 300) if "delay" in changes else (line,)  # of both systems
+    table = rewritten(flown, lambda i, row: {**row, **(changes if i in lines else {})})
     with pytest.raises(InputError, match=words) as refused:
         adopt_table(table, asked(tmp_path), tmp_path / "adopted")
     assert refused.value.line == line
@@ -214,13 +214,13 @@ def drawn_table(folder: Path, change: Any = None, digits: int = 17) -> tuple[Pat
         "inputs": {"a": {"unit": "m", "nominal": 10.0}, "b": {"unit": "m"}},
         "dispersions": {
             "a": {"distribution": "normal", "sigma": "1 m"},
-            "b": {"distribution": "uniform", "half_width": "2 m"},
+            "b": {"distribution": "uniform", "half_width": "1.97 m"},
         },
         "metrics": {"miss": {"unit": "m"}},
         "requirements": [{"metric": "miss", "below": 15.0, "probability": "97 %"}],
     }
     draw = np.random.default_rng(31)
-    values = np.column_stack([draw.normal(10.0, 1.0, 60), draw.uniform(-2.0, 2.0, 60)])
+    values = np.column_stack([draw.normal(10.0, 1.0, 60), draw.uniform(-1.97, 1.97, 60)])
     values = values if change is None else change(values)
     campaign, table = folder / "drawn.yaml", folder / "drawn.csv"
     campaign.write_text(json.dumps(content))
@@ -243,15 +243,15 @@ def correlated(values: Any) -> Any:
 
 def latin(values: Any) -> Any:
     order = np.argsort(np.argsort(values[:, 1]))
-    return np.column_stack([values[:, 0], -2.0 + 4.0 * (order + 0.5) / len(values)])
+    return np.column_stack([values[:, 0], -1.97 + 3.94 * (order + 0.5) / len(values)])
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
         (lambda values: np.tile(values, (4, 1)), r":(\d+): 360 pairs of rows .*explains none"),
-        (constant, r":1: a column 'b' .*spread 1.155, found .*spread 0;.*failed flights may be"),
-        (scaled(1 / 3), "a column 'a' .*stated mean 10 and spread 1, found mean .*spread 0.3"),
+        (constant, r":1: a column 'b' .*spread 1.137, found .*spread 0;.*failed flights may be"),
+        (scaled(1 / 3), "a column 'a' .*stated mean 10 and spread 1, found mean .*spread 0.2"),
         (scaled(3.0), "a column 'a' .*'independent: no'"),
         (correlated, "rank correlation of 'a' and 'b' of 1, stated 0"),
     ],
@@ -289,19 +289,22 @@ def test_a_design_and_a_constant_that_rounding_may_explain_get_estimates(
 @pytest.mark.usefixtures("no_figures")
 def test_a_rounded_table_of_draws_is_judged_and_its_moments_are_shown(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    table, campaign = drawn_table(tmp_path, digits=2)
-    assert re.search(r"^\S+,-?2,", table.read_text(), re.M)  # rounded to the end of the uniform one
+    # 1.96 is rounded to 2, outside of its distribution.
+    table, campaign = drawn_table(tmp_path, lambda v: np.vstack([[v[0, 0], 1.96], v[1:]]), digits=2)
+    assert ",2," in table.read_text()
     (verdict,) = adopt_table(table, campaign, out).manifest.requirements
     assert verdict.verdict == "NOT SHOWN"
     page = build_report(out)
     inputs = json.loads((out / "report.json").read_text())["flights"]["inputs"]
     assert inputs["a"]["stated_mean"] == 10.0 and inputs["a"]["stated_sigma"] == 1.0
-    assert inputs["b"]["stated_sigma"] == pytest.approx(2.0 / 3.0**0.5)
+    assert inputs["b"]["stated_sigma"] == pytest.approx(1.97 / 3.0**0.5)
     held = pc.read_csv(table)
     for name in ("a", "b"):
         assert inputs[name]["mean"] == pytest.approx(np.mean(held[name].to_numpy()))
         assert inputs[name]["sigma"] == pytest.approx(np.std(held[name].to_numpy()))
-    assert "Inputs as stated and in the table" in shown_text(page)
+    row = re.search(r"Found spread\s+a\s+m\s+(\S+)\s+(\S+)\s+(\S+)\s+(\S+)", shown_text(page))
+    moments = [inputs["a"][key] for key in ("stated_mean", "mean", "stated_sigma", "sigma")]
+    assert row and [float(cell) for cell in row.groups()] == pytest.approx(moments, rel=1e-3)
 
 
 def test_stated_correlations_are_those_of_the_table(tmp_path: Path) -> None:
@@ -319,7 +322,7 @@ def test_stated_correlations_are_those_of_the_table(tmp_path: Path) -> None:
     adopt_table(table, campaign, tmp_path / "out")
     content["correlations"][0]["rank"] = -0.88
     campaign.write_text(json.dumps(content))
-    with pytest.raises(InputError, match="stated -0.88"):
+    with pytest.raises(InputError, match=r"stated -0\.88"):
         adopt_table(table, campaign, tmp_path / "other")
 
 
@@ -375,13 +378,13 @@ print(result.manifest.state, result.manifest.digest)
 def test_an_import_that_is_killed_at_any_file_goes_on_to_the_same_digest(tmp_path: Path) -> None:
     table, campaign = drawn_table(tmp_path)
     pq.write_table(pc.read_csv(table), parquet := tmp_path / "drawn.parquet")
-    expected, moments = adopt_table(table, campaign, tmp_path / "once").manifest, random.Random(31)
+    expected = adopt_table(table, campaign, tmp_path / "once").manifest
 
     def live(files: int) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, "-c", _KILLED, parquet, campaign, tmp_path / "out", str(files)]
-        return subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
+        return subprocess.run(command, capture_output=True, text=True, check=False)
 
-    for files in (1, 3, 5, 7, 9, 11, moments.randrange(2, 12)):
+    for files in (1, 3, 5, 6, 1, 2, 4, 6, 7, 8, 9):
         assert live(files).returncode == -signal.SIGKILL
     ended = live(0)
     assert ended.stdout.split() == ["complete", expected.digest], ended.stderr

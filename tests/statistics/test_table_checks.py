@@ -134,7 +134,7 @@ def test_rows_that_are_equal_beyond_rounding_are_found():
     assert first % 60 == second % 60 and first < second
     coarse = rounded(NORMAL.rvs(1000, random_state=random), 3)  # hundreds of equal pairs
     assert check(column(coarse)).equal is None
-    pair = rounded(NORMAL.rvs((300, 2), random_state=random), 3).T
+    pair = rounded(NORMAL.rvs((300, 2), random_state=random), 4).T
     assert check(*map(column, pair)).equal is None
     assert check(*(column(np.tile(v, 3)) for v in pair)).equal is not None
 

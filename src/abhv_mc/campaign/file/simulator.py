@@ -148,7 +148,7 @@ class SimulatorCampaign(Campaign):
     )
     independent: YesNo = Field(
         False,
-        description="without a simulator: yes where flights are independent draws of the dispersions",
+        description="without a simulator: yes if flights are independent draws of the dispersions; `adopt` tests it",
     )
     systems: Annotated[dict[Name, dict[str, Any]], Field(min_length=1)] = Field(
         {"system": {}},

@@ -77,10 +77,9 @@ def _items(found: Flights, names: Names) -> Iterator[Item]:
         )
     if found.inputs:
         yield Table(
-            "Inputs as stated and in the table",
+            "Mean and spread (standard deviation) of the inputs, as stated and as found in the table",
             ("Input", "Unit", "Stated mean", "Found mean", "Stated spread", "Found spread"),
             (tuple(_moments(name, found.inputs[name], names) for name in found.inputs),),
-            "The spread is the standard deviation",
         )
     heads = (campaign.kind.capitalize(), "Flown", "Ended early", "Not computed", "Outcomes")
     counts = tuple(_counts(names.label(name), entry) for name, entry in found.counts.items())
