@@ -1,11 +1,15 @@
-"""Flights that somebody else has flown, in a table."""
+"""Import of flights that another simulator computed."""
 
 import csv
 import json
 import re
+import signal
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow.csv as pc
 import pyarrow.parquet as pq
 import pytest
@@ -122,7 +126,8 @@ def test_units_of_the_heads_are_converted(campaign: Path, flown: Path, tmp_path:
 def test_a_row_that_makes_no_sense_is_refused_with_its_line(
     line: int, changes: dict[str, str], words: str, flown: Path, tmp_path: Path
 ) -> None:
-    table = rewritten(flown, lambda i, row: {**row, **(changes if i == line else {})})
+    lines = (line, line + 300) if "delay" in changes else (line,)  # of both systems
+    table = rewritten(flown, lambda i, row: {**row, **(changes if i in lines else {})})
     with pytest.raises(InputError, match=words) as refused:
         adopt_table(table, asked(tmp_path), tmp_path / "adopted")
     assert refused.value.line == line
@@ -199,6 +204,190 @@ def test_two_adopted_folders_are_compared_and_stopped_at_a_gate(
     assert (
         "abhv-mc compare" in page and "abhv-mc replay" not in page and "abhv-mc explain" not in page
     )
+
+
+def drawn_table(folder: Path, change: Any = None, digits: int = 17) -> tuple[Path, Path]:
+    """A campaign of two inputs, and a table of 60 independent draws, or of what ``change`` makes of these."""
+    content = {
+        "name": "drawn",
+        "independent": True,
+        "inputs": {"a": {"unit": "m", "nominal": 10.0}, "b": {"unit": "m"}},
+        "dispersions": {
+            "a": {"distribution": "normal", "sigma": "1 m"},
+            "b": {"distribution": "uniform", "half_width": "1.97 m"},
+        },
+        "metrics": {"miss": {"unit": "m"}},
+        "requirements": [{"metric": "miss", "below": 15.0, "probability": "97 %"}],
+    }
+    draw = np.random.default_rng(31)
+    values = np.column_stack([draw.normal(10.0, 1.0, 60), draw.uniform(-1.97, 1.97, 60)])
+    values = values if change is None else change(values)
+    campaign, table = folder / "drawn.yaml", folder / "drawn.csv"
+    campaign.write_text(json.dumps(content))
+    lines = [f"{a:.{digits}g},{b:.{digits}g},{a + b:.6g}" for a, b in values]
+    table.write_text("\n".join(["a,b,miss", *lines, ""]))
+    return table, campaign
+
+
+def constant(values: Any) -> Any:
+    return values * [1.0, 0.0]
+
+
+def scaled(factor: float) -> Any:
+    return lambda values: [10.0, 0.0] + (values - [10.0, 0.0]) * [factor, 1.0]
+
+
+def correlated(values: Any) -> Any:
+    return np.column_stack([np.sort(values[:, 0]), np.sort(values[:, 1])])
+
+
+def latin(values: Any) -> Any:
+    order = np.argsort(np.argsort(values[:, 1]))
+    return np.column_stack([values[:, 0], -1.97 + 3.94 * (order + 0.5) / len(values)])
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda values: np.tile(values, (4, 1)), r":(\d+): 360 pairs of rows .*explains none"),
+        (constant, r":1: a column 'b' .*spread 1.137, found .*spread 0;.*failed flights may be"),
+        (scaled(1 / 3), "a column 'a' .*stated mean 10 and spread 1, found mean .*spread 0.2"),
+        (scaled(3.0), "a column 'a' .*'independent: no'"),
+        (correlated, "rank correlation of 'a' and 'b' of 1, stated 0"),
+    ],
+)
+def test_a_table_that_holds_no_independent_draws_is_rejected(
+    change: Any, words: str, tmp_path: Path
+) -> None:
+    table, campaign = drawn_table(tmp_path, change)
+    with pytest.raises(InputError, match=words):
+        adopt_table(table, campaign, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    campaign.write_text(campaign.read_text().replace("true", "false"))
+    (verdict,) = adopt_table(table, campaign, tmp_path / "out").manifest.requirements
+    assert verdict.verdict == "ESTIMATE"
+
+
+@pytest.mark.usefixtures("no_figures")
+@pytest.mark.parametrize(
+    "change", [latin, lambda values: np.round(values * [0.0, 1.0] + [10.0, 0.0], 3)]
+)
+def test_a_design_and_a_constant_that_rounding_may_explain_get_estimates(
+    change: Any, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    manifest = adopt_table(*drawn_table(tmp_path, change), out).manifest
+    (verdict,), (warning,) = manifest.requirements, manifest.warnings
+    assert verdict.verdict == "ESTIMATE" and "estimates instead of verdicts" in warning
+    page = shown_text(build_report(out))
+    assert warning in page and "not taken as independent draws" in page
+    assert not list(verify_campaign(out))
+    again = adopt_table(*drawn_table(tmp_path, change), out)
+    assert again.manifest == manifest
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_a_rounded_table_of_draws_is_judged_and_its_moments_are_shown(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    # 1.96 is rounded to 2, outside of its distribution.
+    table, campaign = drawn_table(tmp_path, lambda v: np.vstack([[v[0, 0], 1.96], v[1:]]), digits=2)
+    assert ",2," in table.read_text()
+    (verdict,) = adopt_table(table, campaign, out).manifest.requirements
+    assert verdict.verdict == "NOT SHOWN"
+    page = build_report(out)
+    inputs = json.loads((out / "report.json").read_text())["flights"]["inputs"]
+    assert inputs["a"]["stated_mean"] == 10.0 and inputs["a"]["stated_sigma"] == 1.0
+    assert inputs["b"]["stated_sigma"] == pytest.approx(1.97 / 3.0**0.5)
+    held = pc.read_csv(table)
+    for name in ("a", "b"):
+        assert inputs[name]["mean"] == pytest.approx(np.mean(held[name].to_numpy()))
+        assert inputs[name]["sigma"] == pytest.approx(np.std(held[name].to_numpy()))
+    row = re.search(r"Found spread\s+a\s+m\s+(\S+)\s+(\S+)\s+(\S+)\s+(\S+)", shown_text(page))
+    moments = [inputs["a"][key] for key in ("stated_mean", "mean", "stated_sigma", "sigma")]
+    assert row and [float(cell) for cell in row.groups()] == pytest.approx(moments, rel=1e-3)
+
+
+def test_stated_correlations_are_those_of_the_table(tmp_path: Path) -> None:
+    def mixed(values: Any) -> Any:
+        order = np.argsort(values[:, 0] + np.random.default_rng(1).normal(0.0, 0.5, 60))
+        values[order, 1] = np.sort(values[:, 1])
+        return values
+
+    table, campaign = drawn_table(tmp_path, mixed)
+    with pytest.raises(InputError, match="rank correlation"):
+        adopt_table(table, campaign, tmp_path / "out")
+    content = json.loads(campaign.read_text())
+    content["correlations"] = [{"between": ["a", "b"], "rank": 0.88}]
+    campaign.write_text(json.dumps(content))
+    adopt_table(table, campaign, tmp_path / "out")
+    content["correlations"][0]["rank"] = -0.88
+    campaign.write_text(json.dumps(content))
+    with pytest.raises(InputError, match=r"stated -0\.88"):
+        adopt_table(table, campaign, tmp_path / "other")
+
+
+def test_a_repeated_import_ends_as_the_first_and_another_table_is_rejected(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    table, campaign = drawn_table(tmp_path)
+    first = adopt_table(table, campaign, out)
+    files = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    assert adopt_table(table, campaign, out).manifest == first.manifest
+    kept = {path: path.read_bytes() for path in files if path.name != ".lock"}
+    assert kept.items() <= files.items()
+    (block,) = (out / "flights").iterdir()
+    block.write_bytes(b"damaged")
+    assert adopt_table(table, campaign, out).manifest.digest == first.manifest.digest
+    assert block.read_bytes() == files[block]
+    text = table.read_text()
+    for change, words in (
+        (
+            lambda: table.write_text(text.replace(text.split(",")[-1].strip(), "14.9")),
+            "of another table",
+        ),
+        (lambda: drawn_table(tmp_path, lambda values: values[::-1]), "inputs of another table"),
+        (lambda: drawn_table(tmp_path, lambda values: values[:59]), "runs: 60 -> 59"),
+    ):
+        change()
+        with pytest.raises(InputError, match=words):
+            adopt_table(table, campaign, out)
+    assert adopt_table(table, campaign, out, fresh=True).manifest.runs_done == 59
+
+
+_KILLED = """
+import os, signal, sys
+from pathlib import Path
+from abhv_mc.execution import adopt
+from abhv_mc.folder import layout
+
+left, adopt._ROWS = int(sys.argv[4]), 25
+
+def killed(*_):
+    global left
+    left -= 1
+    if not left:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+layout.atomic_write = (lambda put: lambda *of: (killed(), put(*of))[1])(layout.atomic_write)
+with layout.recording(killed):
+    result = adopt.adopt_table(*map(Path, sys.argv[1:4]))
+print(result.manifest.state, result.manifest.digest)
+"""
+
+
+@pytest.mark.thorough
+def test_an_import_that_is_killed_at_any_file_goes_on_to_the_same_digest(tmp_path: Path) -> None:
+    table, campaign = drawn_table(tmp_path)
+    pq.write_table(pc.read_csv(table), parquet := tmp_path / "drawn.parquet")
+    expected = adopt_table(table, campaign, tmp_path / "once").manifest
+
+    def live(files: int) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-c", _KILLED, parquet, campaign, tmp_path / "out", str(files)]
+        return subprocess.run(command, capture_output=True, text=True, check=False)
+
+    for files in (1, 3, 5, 6, 1, 2, 4, 6, 7, 8, 9):
+        assert live(files).returncode == -signal.SIGKILL
+    ended = live(0)
+    assert ended.stdout.split() == ["complete", expected.digest], ended.stderr
 
 
 @pytest.mark.thorough

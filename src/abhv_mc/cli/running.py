@@ -275,10 +275,11 @@ def adopt(
     json: Json = None,
     junit: Junit = None,
 ) -> None:
-    """Make a campaign's folder, and its report, of flights that somebody else has flown.
+    """Import flights computed by another simulator and create their report.
 
-    TABLE has a column for each input and metric, system (of several), outcome and, where wanted, flight. Units stand
-    in the heads, as in 'altitude_min [ft]'. Verdicts need 'independent: true' in FILE.
+    TABLE has a column for each input and metric, system (of several), outcome and, if wanted, flight. Units stand
+    in the heads, as in 'altitude_min [ft]'. Verdicts need 'independent: true' in FILE, and rows that pass the tests of
+    independent draws. After an interruption, run the same command to resume. Exit codes are those of 'run'.
     """
     from abhv_mc.execution.adopt import adopt_table
 

@@ -1,4 +1,4 @@
-"""Flights that somebody else has flown: a table of them becomes a campaign's folder, which is judged like any other."""
+"""Import of a table of flights that another simulator computed into a campaign's folder."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -16,17 +16,24 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.sampling.marginals import outside
 from abhv_mc.execution.executor import Executor
+from abhv_mc.execution.interrupts import sigterm_as_interrupt
 from abhv_mc.execution.runner import RunResult, fly_opened
 from abhv_mc.execution.setup import OpenCampaign, make_manifest
+from abhv_mc.execution.table_draws import check_draws
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.folder.flights import END_TIME, FlightRows, flights_schema, write_block
-from abhv_mc.folder.inputs import collect_inputs
+from abhv_mc.folder.flights import END_TIME, Digest, FlightRows, flights_schema, write_block
+from abhv_mc.folder.hashes import FileHashes
+from abhv_mc.folder.inputs import (
+    FolderInputs,
+    collect_inputs,
+    describe_changes,
+    read_folder_inputs,
+)
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.manifest import INTERRUPTED, write_manifest
-from abhv_mc.folder.opening import begin_folder, open_folder
-from abhv_mc.folder.samples import write_samples
+from abhv_mc.folder.manifest import RUNNING, Manifest, write_manifest
+from abhv_mc.folder.opening import FlownFolder, begin_folder, open_folder
+from abhv_mc.folder.samples import SampleReader, write_samples
 from abhv_mc.io.input_error import InputError, Refusal, one_of
 from abhv_mc.io.units import parse_in_any_unit
 from abhv_mc.simulators.engine import engine_of
@@ -47,42 +54,109 @@ _Piece = tuple[
 def adopt_table(
     table: Path, campaign_file: Path, out: Path | None = None, fresh: bool = False
 ) -> RunResult:
-    """Make a folder of the flights of ``table`` by a campaign without a simulator. Raises InputError, with the row."""
+    """Import the flights of ``table`` into the folder of a campaign without a simulator, or finish doing so.
+
+    Requirements get verdicts only if the table holds independent draws as far as tests show. Raises InputError, with
+    the row.
+    """
     campaign = read_campaign(campaign_file, runs=1)
     if not campaign.adopted:
         wish = "one with 'inputs', without a simulator"
         raise campaign.document.error((), "a campaign that is flown by itself", wish)
-    pieces = list(_read(table, _find_columns(table, campaign), campaign))
-    samples = _join_samples(table, campaign, pieces)
+    columns = _find_columns(table, campaign)
+    pieces = list(_read(table, columns, campaign))
+    samples, lines = _join_samples(table, campaign, pieces)
     campaign = read_campaign(campaign_file, runs=len(samples))
-    source, known = {"table": table.name}, campaign.parameters
+    factors = columns.factors[: len(campaign.inputs)]
+    reasons = check_draws(table, campaign, samples, factors, lines)
+    if reasons:
+        campaign = _without_verdicts(campaign)
+    inputs, engine = collect_inputs(campaign), engine_of(campaign)
+    blocks = [rows for rows, _ in pieces]
     with ExitStack() as stack:
+        stack.enter_context(sigterm_as_interrupt())
         folder = CampaignFolder(out or Path("reports") / campaign.name)
-        if open_folder(folder, fresh, stack) is not None:
-            raise InputError(
-                folder.root, "a folder that holds flights", "another one (-o DIR), or --fresh"
+        flown = open_folder(folder, fresh, stack)
+        if flown is not None:
+            _check_same(flown, inputs, samples)
+            manifest, files = flown.manifest, flown.files
+        else:
+            files = begin_folder(folder, inputs, {}, stack)
+            write_samples(
+                folder.samples,
+                campaign.inputs,
+                len(samples),
+                lambda first, stop: samples[first:stop],
+                {"table": table.name},
+                table=campaign.parameters,
             )
-        inputs, engine = collect_inputs(campaign), engine_of(campaign)
-        files = begin_folder(folder, inputs, {}, stack)
-        write_samples(
-            folder.samples,
-            campaign.inputs,
-            len(samples),
-            lambda first, stop: samples[first:stop],
-            source,
-            table=known,
-        )
-        schema = flights_schema(
-            campaign.inputs, source, (*campaign.measured, END_TIME), known, campaign.outcomes
-        )
-        while pieces:
-            write_block(folder.flights, pieces.pop()[0], schema)
-        manifest = replace(
-            make_manifest(campaign, inputs, engine, {}, ()), state=INTERRUPTED, files=files.listed()
-        )
-        write_manifest(folder.manifest, manifest)
+            manifest = make_manifest(campaign, inputs, engine, {}, reasons)
+            manifest = replace(manifest, files=files.listed())
+            write_manifest(folder.manifest, manifest)
+        if manifest.complete and not _is_of(manifest, blocks):
+            found = "a folder that holds the flights of another table"
+            raise InputError(folder.root, found, "another folder (-o DIR), or --fresh")
+        if not (manifest.complete and _is_whole(folder, files)):
+            _write_blocks(folder, files, campaign, blocks, table.name)
+            manifest = replace(manifest, state=RUNNING)
         opened = OpenCampaign(folder, campaign, manifest, campaign.controllers, files)
         return fly_opened(opened, engine, Executor(engine.fly, 1))
+
+
+def _without_verdicts(campaign: Experiment) -> Experiment:
+    """Return the campaign as one whose flights are no independent draws."""
+    data: Any = campaign.document.data
+    document = replace(campaign.document, data={**data, "independent": False})
+    model = campaign.model.model_copy(update={"independent": False})
+    return replace(campaign, document=document, model=model)
+
+
+def _check_same(flown: FlownFolder, inputs: FolderInputs, samples: Floats) -> None:
+    """Raise InputError if a folder holds another campaign, or the inputs of another table."""
+    before = read_folder_inputs(flown.folder, flown.manifest)
+    changes = describe_changes(before, inputs, extensible=False)
+    if flown.manifest.search:
+        changes = ["the flights of a search"]
+    elif not changes:
+        held = SampleReader(flown.folder.samples)
+        if not np.array_equal(held.rows(0, held.flights), samples):
+            changes = ["samples: the inputs of another table"]
+    if changes:
+        found = "a folder that holds another campaign:\n  " + "\n  ".join(changes)
+        raise InputError(flown.folder.root, found, "another folder (-o DIR), or --fresh")
+
+
+def _is_of(manifest: Manifest, blocks: list[FlightRows]) -> bool:
+    """Return whether a complete folder holds these flights."""
+    return manifest.digest == str(sum((block.digest() for block in blocks), Digest()))
+
+
+def _is_whole(folder: CampaignFolder, files: FileHashes) -> bool:
+    paths = [path for path in files.paths() if path.parent == folder.flights]
+    return not any(files.damage(path) for path in paths)
+
+
+def _write_blocks(
+    folder: CampaignFolder,
+    files: FileHashes,
+    campaign: Experiment,
+    blocks: list[FlightRows],
+    source: str,
+) -> None:
+    """Write the flights, in place of those of a run that was interrupted."""
+    stale = list(folder.flights.glob("*.parquet"))
+    files.forget(*stale)
+    for path in stale:
+        path.unlink()
+    schema = flights_schema(
+        campaign.inputs,
+        {"table": source},
+        (*campaign.measured, END_TIME),
+        campaign.parameters,
+        campaign.outcomes,
+    )
+    for block in blocks:
+        write_block(folder.flights, block, schema)
 
 
 class _Columns(NamedTuple):
@@ -199,11 +273,6 @@ def _read(path: Path, columns: _Columns, campaign: Experiment) -> Iterator[_Piec
             raise InputError(
                 path, "an input that is no number", "a number in each cell", int(rows[at])
             )
-        for name, marginal in campaign.marginals.items():
-            drawn = samples[:, campaign.inputs.index(name)]
-            if (at := _first(outside(marginal, drawn))) is not None:
-                found = f"{name} {drawn[at]:.10g}, outside of its distribution"
-                raise InputError(path, found, "a draw of the stated dispersions", int(rows[at]))
         outcome[(outcome == ok) & ~np.isfinite(metrics).all(axis=1)] = lost
         metrics[outcome == lost] = np.nan
         end = given.get("end", np.full(len(values), np.nan))
@@ -234,8 +303,13 @@ def _first(wrong: Any) -> int | None:
     return int(np.argmax(wrong)) if wrong.any() else None
 
 
-def _join_samples(path: Path, campaign: Experiment, pieces: list[_Piece]) -> Floats:
-    """Samples [flight, input], equal for all systems. Raises InputError."""
+def _join_samples(
+    path: Path, campaign: Experiment, pieces: list[_Piece]
+) -> tuple[Floats, NDArray[np.int64]]:
+    """Return the samples [flight, input], equal for all systems, and the lines [flight] of those of the first.
+
+    Raises InputError.
+    """
     counts = {
         name: sum(len(each.samples) for each, _ in pieces if each.controller == name)
         for name in campaign.controllers
@@ -243,9 +317,8 @@ def _join_samples(path: Path, campaign: Experiment, pieces: list[_Piece]) -> Flo
     if len(set(counts.values())) > 1 or not pieces:
         words = ", ".join(f"{count} of '{name}'" for name, count in counts.items())
         raise InputError(path, f"flights: {words}", "as many of each system, one at least")
-    samples = np.concatenate(
-        [each.samples for each, _ in pieces if each.controller == campaign.controllers[0]]
-    )
+    first = [piece for piece in pieces if piece[0].controller == campaign.controllers[0]]
+    samples = np.concatenate([rows.samples for rows, _ in first])
     for each, rows in pieces:
         if (
             at := _first((samples[each.first : each.stop] != each.samples).any(axis=1))
@@ -253,4 +326,4 @@ def _join_samples(path: Path, campaign: Experiment, pieces: list[_Piece]) -> Flo
             found = f"flight {each.first + at} of '{each.controller}' with other inputs than of another system"
             wish = "the same inputs for all systems, or a folder for each"
             raise InputError(path, found, wish, int(rows[at]))
-    return samples
+    return samples, np.concatenate([lines for _, lines in first])

@@ -148,7 +148,7 @@ class SimulatorCampaign(Campaign):
     )
     independent: YesNo = Field(
         False,
-        description="without a simulator: yes where flights are independent draws of the dispersions",
+        description="without a simulator: yes if flights are independent draws of the dispersions; `adopt` tests it",
     )
     systems: Annotated[dict[Name, dict[str, Any]], Field(min_length=1)] = Field(
         {"system": {}},
@@ -222,7 +222,7 @@ def check_simulator(document: Document, model: SimulatorCampaign, errors: list[I
             model.simulator.find_files(document.path.parent / model.simulator.folder)
     except Refusal as refusal:
         errors.append(document.error(("simulator", *refusal.keys), refusal.found, refusal.expected))
-    for key in ("unknowns", "derived", "stop", "sampling", "correlations", "histories"):
+    for key in ("unknowns", "derived", "stop", "sampling", "histories"):
         if not model.simulator and key in model.model_fields_set:
             found = f"'{key}' of flights that have been flown"
             errors.append(document.key_error((key,), found, "a simulator, or none of it"))

@@ -153,7 +153,7 @@ class MixtureMarginal:
                 break
             reached = self.cdf(middle) >= probability
             low, high = np.where(reached, low, middle), np.where(reached, middle, high)
-        for atom in self._atoms():
+        for atom in find_atoms(self):
             above = self.cdf(np.array([atom]))[0]
             below = above - self.density(np.array([atom]))[0]
             high = np.where((below < probability) & (probability <= above), atom, high)
@@ -177,10 +177,6 @@ class MixtureMarginal:
 
     def _weighed(self) -> Iterator[tuple[float, Marginal]]:
         return zip(self.weights, self.parts, strict=True)
-
-    def _atoms(self) -> list[float]:
-        found = [part.values for part in self.parts if isinstance(part, DiscreteMarginal)]
-        return np.unique(np.concatenate(found)).tolist() if found else []
 
 
 @dataclass(frozen=True)
@@ -225,15 +221,51 @@ class SometimesMarginal:
 _SLACK = 1e-9  # of a distribution's width: values of a table may be rounded
 
 
-def outside(marginal: Marginal, values: Floats) -> Mask:
-    """Which values [flight] a distribution never has."""
+def outside(marginal: Marginal, values: Floats, rounding: Floats | float = 0.0) -> Mask:
+    """Return which values [flight] a distribution never has, ``rounding`` [flight] aside."""
     if isinstance(marginal, SometimesMarginal):
-        return outside(marginal.drawn, values) & (values != marginal.nominal)
+        off_nominal = np.abs(values - marginal.nominal) > rounding
+        return outside(marginal.drawn, values, rounding) & off_nominal
     if isinstance(marginal, MixtureMarginal):
-        return np.logical_and.reduce([outside(part, values) for part in marginal.parts])
+        return np.logical_and.reduce([outside(part, values, rounding) for part in marginal.parts])
     if isinstance(marginal, DiscreteMarginal):
-        slack = _SLACK * float(np.ptp(marginal.values))
+        slack = _SLACK * float(np.ptp(marginal.values)) + rounding
         return np.asarray(np.abs(values[:, None] - marginal.values).min(axis=1) > slack)
     low, high = marginal.frozen.support()  # type: ignore[attr-defined]
-    slack = _SLACK * (high - low) if np.isfinite(high - low) else 0.0
+    slack = (_SLACK * (high - low) if np.isfinite(high - low) else 0.0) + rounding
     return np.asarray((values < low - slack) | (values > high + slack))
+
+
+def find_atoms(marginal: Marginal) -> Floats:
+    """Return the values of positive probability."""
+    if isinstance(marginal, SometimesMarginal):
+        return np.union1d(find_atoms(marginal.drawn), [marginal.nominal])
+    if isinstance(marginal, MixtureMarginal):
+        return np.unique(np.concatenate([find_atoms(part) for part in marginal.parts]))
+    return marginal.values if isinstance(marginal, DiscreteMarginal) else np.empty(0)
+
+
+def find_moments(marginal: Marginal) -> tuple[float, float]:
+    """Return mean and standard deviation."""
+    if isinstance(marginal, ContinuousMarginal):
+        if marginal.law == "norm":
+            return marginal.arguments[0], marginal.arguments[1]
+        if marginal.law == "uniform":
+            low, width = marginal.arguments
+            return low + 0.5 * width, width / 12.0**0.5
+        mean, variance = marginal.frozen.stats("mv")
+        return float(mean), float(np.sqrt(variance))
+    if isinstance(marginal, DiscreteMarginal):
+        parts = [(value, 0.0) for value in marginal.values.tolist()]
+        weights = np.diff(marginal.cumulative, prepend=0.0)
+    elif isinstance(marginal, MixtureMarginal):
+        parts = [find_moments(part) for part in marginal.parts]
+        weights = np.array(marginal.weights)
+    elif isinstance(marginal, SometimesMarginal):
+        parts = [find_moments(marginal.drawn), (marginal.nominal, 0.0)]
+        weights = np.array([marginal.probability, 1.0 - marginal.probability])
+    else:
+        raise TypeError(f"no moments of {type(marginal).__name__}")
+    means, sigmas = np.array(parts).T
+    mean = float(weights @ means)
+    return mean, float(np.sqrt(weights @ (sigmas**2 + (means - mean) ** 2)))

@@ -7,6 +7,7 @@ from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.topics.flights.model import (
     FlightCounts,
     Flights,
+    InputMoments,
     LargeDispersion,
     WorstFlight,
     compute_flights,
@@ -74,6 +75,12 @@ def _items(found: Flights, names: Names) -> Iterator[Item]:
             (tuple(rows),),
             numbers=False,
         )
+    if found.inputs:
+        yield Table(
+            "Mean and spread (standard deviation) of the inputs, as stated and as found in the table",
+            ("Input", "Unit", "Stated mean", "Found mean", "Stated spread", "Found spread"),
+            (tuple(_moments(name, found.inputs[name], names) for name in found.inputs),),
+        )
     heads = (campaign.kind.capitalize(), "Flown", "Ended early", "Not computed", "Outcomes")
     counts = tuple(_counts(names.label(name), entry) for name, entry in found.counts.items())
     yield Table("How the flights ended", heads, (counts,), numbers=False)
@@ -115,8 +122,12 @@ def _flown(found: Flights, campaign: Experiment, names: Names) -> str:
         text += f" (at most {fixed(campaign.runs, 0)}; it stops when proven)"
     seeds = f"seeds {', '.join(map(str, campaign.pooled_seeds))} one after the other"
     if campaign.adopted:
-        independent = "are" if campaign.independent else "are not said to be"
-        return f"{text}, adopted from a table; they {independent} independent draws. "
+        claim = (
+            "No test contradicts that they are" if campaign.independent else "They are not taken as"
+        )
+        return (
+            f"{text}, imported from a table. {claim} independent draws of the stated dispersions. "
+        )
     text += f" ({campaign.sampling.replace('_', ' ')} sampling, "
     text += f"{seeds if campaign.pooled_seeds else f'seed {campaign.seed}'}). "
     if found.dispersions:
@@ -148,6 +159,13 @@ def _dispersion(name: str, law: str, settings: str, names: Names) -> Row:
         Cell(law),
         Cell(settings),
     )
+
+
+def _moments(name: str, found: InputMoments, names: Names) -> Row:
+    means = (significant(mean, 6) for mean in (found.stated_mean, found.mean))
+    spreads = (significant(sigma, 4) for sigma in (found.stated_sigma, found.sigma))
+    unit = names.campaign.parameters[name].unit
+    return (Cell(f"`{name}`", head=True), *map(Cell, (unit, *means, *spreads)))
 
 
 def _counts(label: str, found: FlightCounts) -> Row:

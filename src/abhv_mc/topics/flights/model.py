@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
+from abhv_mc.campaign.sampling.marginals import find_moments
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.flown_campaign import FlownCampaign, kept_flights
 from abhv_mc.plant.parameters import DISTURBANCES
@@ -165,6 +166,16 @@ class Findings:
 
 
 @dataclass(frozen=True)
+class InputMoments:
+    """Mean and standard deviation of a dispersed input, as the campaign states them and as a table has them."""
+
+    stated_mean: float
+    stated_sigma: float
+    mean: float
+    sigma: float
+
+
+@dataclass(frozen=True)
 class Flights:
     """The flights of each controller."""
 
@@ -177,20 +188,27 @@ class Flights:
     ]  # controllers of which the machine computed none, with their flights
     findings: Mapping[str, Findings]
     worst: Mapping[str, tuple[WorstFlight, ...]]
+    inputs: Mapping[str, InputMoments]  # of a table that was imported
 
 
 def compute_flights(results: FlownCampaign) -> Flights:
     """Everything of all controllers."""
     names = results.controllers
     disturbed = not set(DISTURBANCES).isdisjoint(results.campaign.varied)
+    campaign = results.campaign
+    stated = campaign.marginals.items() if campaign.adopted else ()
     return Flights(
-        results.dispersed,
-        results.campaign.dispersions,
-        dict(results.campaign.model.derived),
-        {name: _counts(results.flights[name], results.campaign.independent) for name in names},
-        _left_out(results),
-        {name: _findings(results.flights[name], disturbed) for name in names},
-        worst_flights(results),
+        parameters=results.dispersed,
+        dispersions=campaign.dispersions,
+        derived=dict(campaign.model.derived),
+        counts={name: _counts(results.flights[name], campaign.independent) for name in names},
+        left_out=_left_out(results),
+        findings={name: _findings(results.flights[name], disturbed) for name in names},
+        worst=worst_flights(results),
+        inputs={
+            name: InputMoments(*find_moments(marginal), *_moments(results.samples[name]))
+            for name, marginal in stated
+        },
     )
 
 

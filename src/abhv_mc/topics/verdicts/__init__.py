@@ -33,9 +33,10 @@ _RULE = (
     "a confidence of 1 less the consumer's risk; PASS says that it lies within the requirement."
 )
 _ESTIMATES = (
-    "The flights of this design are not independent draws. Exact binomial statistics need independent flights, so the "
-    "counts below are estimates and no verdict is given; fly the campaign with `sampling: random` for verdicts."
+    "These flights are not taken as independent draws. Exact binomial statistics need independent flights, so the "
+    "counts below are estimates and no verdict is given."
 )
+_FLY_RANDOM = " Fly the campaign with `sampling: random` for verdicts."
 
 
 def verdict_sentences(verdicts: Verdicts, names: Names) -> Sequence[str]:
@@ -78,7 +79,8 @@ def verdict_section(verdicts: Verdicts, names: Names) -> Section:
     groups = tuple(_group(entry, names) for entry in verdicts.requirements)
     heads = "Requirement", names.campaign.kind.capitalize(), *_HEADS
     table = Table("Requirements in full", heads, groups, numbers=False)
-    return Section(title, (Text(_ESTIMATES if verdicts.held_together is None else _RULE), table))
+    estimates = _ESTIMATES if names.campaign.adopted else _ESTIMATES + _FLY_RANDOM
+    return Section(title, (Text(estimates if verdicts.held_together is None else _RULE), table))
 
 
 def _group(entry: JudgedRequirement, names: Names) -> tuple[Row, ...]:

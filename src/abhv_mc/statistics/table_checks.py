@@ -1,0 +1,262 @@
+"""Tests of whether the rows of a table are independent draws of stated distributions.
+
+A table rounds its values, so each value stands for an interval of its distribution function, and each test takes the
+point of the interval that speaks most for the table. All tests together reject a table of independent draws with a
+probability of about 1e-6.
+
+Sources: Kolmogorov-Smirnov in its exact form (Simard & L'Ecuyer, J. Stat. Softw. 39(11), 2011) for columns too far
+from their distribution, and closer to it than chance allows; the sum of squared normal scores, which is chi-squared
+for draws; exact binomials for values of positive probability (Clopper & Pearson, Biometrika 26, 1934); rank
+correlations by Fisher's z with the variance of Bonett & Wright (Psychometrika 65, 2000) about their mean in a Gaussian
+copula (Moran, Biometrika 35, 1948); the Poisson law of coincidences for equal rows (Arratia, Goldstein & Gordon, Ann.
+Probab. 17, 1989).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import bdtr, bdtrc, chdtr, chdtrc, ndtr, ndtri, pdtrc
+
+from abhv_mc.array_types import Floats, Ints, Mask
+
+RISK = 1e-6  # of rejecting a table of independent draws
+_DIGITS = 15  # significant decimal digits that a float holds
+_SLACK = 1e-12  # of a value: a table in other units is converted
+_FEWEST_CORRELATED = 60  # rows, from which Fisher's z holds
+_MOST_CORRELATED = 20_000  # rows that are ranked; these show correlations of 0.05
+_LARGEST_CORRELATION = 0.95  # for which the variance of Fisher's z was found to hold
+
+
+@dataclass(frozen=True)
+class Column:
+    """An input of a table with its stated distribution function F."""
+
+    values: Floats  # [row]
+    half_step: Floats  # [row] largest rounding error of a value
+    low: Floats  # [row] F just below the least value that is rounded to this one
+    high: Floats  # [row] F at the largest such value
+    atoms: Floats  # [atom] values of positive probability
+    shares: Floats  # [atom] their probabilities
+
+    @property
+    def is_discrete(self) -> bool:
+        """Whether all values are atoms."""
+        return bool(self.shares.sum() > 1.0 - 1e-9)
+
+    @property
+    def continuous_rows(self) -> Mask:
+        """Rows [row] whose value is no atom."""
+        near = np.full(len(self.values), self.is_discrete)
+        for atom in self.atoms:
+            near |= self._is_at(atom)
+        return ~near
+
+    def _is_at(self, atom: float) -> Mask:
+        return np.asarray(np.abs(self.values - atom) <= self.half_step)
+
+    def count_atom(self, k: int) -> tuple[int, float]:
+        """Return the number of rows at an atom, and the probability of a value that is rounded to theirs."""
+        rows = self._is_at(self.atoms[k])
+        count = int(rows.sum())
+        return count, float(self.high[rows].max() - self.low[rows].min()) if count else 0.0
+
+
+@dataclass(frozen=True)
+class Level:
+    """A value whose frequency contradicts its probability."""
+
+    column: int
+    value: float
+    count: int  # of rows
+    probability: float
+
+
+@dataclass(frozen=True)
+class PairCorrelation:
+    """Two columns whose rank correlation contradicts the stated one."""
+
+    columns: tuple[int, int]
+    found: float
+    stated: float
+
+
+@dataclass(frozen=True)
+class EqualRows:
+    """Rows that are equal more often than rounding explains."""
+
+    pairs: int
+    explained: float  # pairs that rounding explains
+    example: tuple[int, int]  # two rows that are equal
+
+
+@dataclass(frozen=True)
+class TableFindings:
+    """Contradictions between a table and the claim that its rows are independent draws."""
+
+    too_far: tuple[int, ...]  # columns that contradict their distributions
+    levels: tuple[Level, ...]
+    correlations: tuple[PairCorrelation, ...]
+    equal: EqualRows | None
+    too_close: tuple[int, ...]  # columns closer to their distributions than draws: a design
+    constant: tuple[int, ...]  # columns of one value, which rounding may explain
+
+
+def half_steps(values: Floats) -> Floats:
+    """Return the largest rounding error [row] of the values of a column.
+
+    Half of the finest decimal step among the values of the same power of ten, which covers a fixed number of
+    decimals and of significant digits; zeros have the finest step of the column.
+    """
+    size = np.abs(values)
+    used = size > 0.0
+    exponent = np.floor(np.log10(size[used])).astype(np.int64)
+    digits = np.ones(exponent.size, np.int64)
+    left = np.arange(exponent.size)
+    for k in range(_DIGITS - 1):
+        scaled = size[used][left] * 10.0 ** (k - exponent[left])
+        left = left[np.abs(scaled - np.rint(scaled)) > 1e-15 * scaled]
+        digits[left] += 1
+    powers, group = np.unique(exponent, return_inverse=True)
+    finest = np.ones(powers.size, np.int64)
+    np.maximum.at(finest, group, digits)
+    steps = 10.0 ** (powers - finest + 1)
+    result = np.full(size.shape, steps.min(initial=np.inf) if powers.size else 0.0)
+    result[used] = steps[group]
+    return np.asarray(np.maximum(0.5 * result, _SLACK * size))
+
+
+def check_table(
+    columns: Sequence[Column], correlation: Floats, risk: float = RISK
+) -> TableFindings:
+    """Compare a table with the claim that its rows are independent draws.
+
+    `correlation` [column, column] belongs to the normal variables of the Gaussian copula. The tests of columns and
+    pairs share `risk` (Bonferroni); the one of equal rows has it once more.
+    """
+    smooth = [j for j, column in enumerate(columns) if not column.is_discrete]
+    levels = [(j, k) for j, column in enumerate(columns) for k in range(column.atoms.size)]
+    n = len(columns[0].values) if columns else 0
+    pairs = [(i, j) for j in range(len(columns)) for i in range(j) if n >= _FEWEST_CORRELATED]
+    pairs = [pair for pair in pairs if abs(correlation[pair]) <= _LARGEST_CORRELATION]
+    whole, risk = risk, risk / max(4 * len(smooth) + 2 * len(levels) + len(pairs), 1)
+    far, close = [], []
+    for j in smooth:
+        least, most = distance_p_values(columns[j].low, columns[j].high)
+        if min(least, *spread_p_values(columns[j].low, columns[j].high)) < risk:
+            far.append(j)
+        elif most < risk:
+            close.append(j)
+    constant = [
+        j
+        for j in smooth
+        if n > 1
+        and j not in far
+        and np.ptp(columns[j].values) == 0.0
+        and columns[j].continuous_rows.any()
+    ]
+    return TableFindings(
+        too_far=tuple(far),
+        levels=tuple(
+            level for place in levels if (level := _check_level(columns, *place, risk=risk))
+        ),
+        correlations=tuple(_check_correlations(columns, correlation, pairs, risk)),
+        equal=_check_equal(columns, correlation, whole) if n else None,
+        too_close=tuple(close),
+        constant=tuple(constant),
+    )
+
+
+def distance_p_values(low: Floats, high: Floats) -> tuple[float, float]:
+    """Return the p-values of Kolmogorov-Smirnov for values too far from their distribution, and too close to it.
+
+    Each value lies at the point of its interval `low` .. `high` [row] that gives the larger p-value.
+    """
+    from scipy.stats import kstwo
+
+    n = len(low)
+    low, high, rank = np.sort(low), np.sort(high), np.arange(n)
+    least = max(np.max((rank + 1) / n - high), np.max(low - rank / n), 0.5 / n)
+    most = max(np.max((rank + 1) / n - low), np.max(high - rank / n))
+    return float(kstwo.sf(least, n)), float(kstwo.cdf(most, n))
+
+
+def spread_p_values(low: Floats, high: Floats) -> tuple[float, float]:
+    """Return the p-values of the sum of squared normal scores for values too narrow, and too wide."""
+    ends = ndtri(np.clip([low, high], 0.0, 1.0)) ** 2
+    n, most = len(low), float(ends.max(axis=0).sum())
+    least = float(np.where((low <= 0.5) & (high >= 0.5), 0.0, ends.min(axis=0)).sum())
+    return float(chdtr(n, most)), float(chdtrc(n, least))
+
+
+def _check_level(columns: Sequence[Column], j: int, k: int, *, risk: float) -> Level | None:
+    column, n = columns[j], len(columns[j].values)
+    (count, near), share = column.count_atom(k), float(column.shares[k])
+    many = count > 0 and bdtrc(count - 1, n, min(near, 1.0)) < risk
+    few = count < n and bdtr(count, n, share) < risk
+    return Level(j, float(column.atoms[k]), count, share) if many or few else None
+
+
+def _check_correlations(
+    columns: Sequence[Column], correlation: Floats, pairs: Sequence[tuple[int, int]], risk: float
+) -> list[PairCorrelation]:
+    """Compare rank correlations with the stated ones; ties may be in any order."""
+    # Evenly spaced rows: the first ones of a sorted table are no sample of it.
+    values = [v[:: -(-v.size // _MOST_CORRELATED)] for v in (column.values for column in columns)]
+    contradictions = []
+    for i, j in pairs:
+        n, normal = len(values[i]), float(correlation[i, j])
+        # Mean of the rank correlation of n pairs of normal variables (Moran 1948), and its limit.
+        mean = np.arcsin(normal) + (n - 2) * np.arcsin(0.5 * normal)
+        mean, stated = 6.0 / np.pi * mean / (n + 1), 6.0 / np.pi * np.arcsin(0.5 * normal)
+        least, most = (_rank_correlation(values[i], sign * values[j]) * sign for sign in (-1, 1))
+        nearest = float(np.clip(mean, least, most))
+        sigma = np.sqrt((1.0 + 0.5 * stated**2) / (n - 3))
+        distance = abs(np.arctanh(np.clip(nearest, -1 + 1e-12, 1 - 1e-12)) - np.arctanh(mean))
+        if 2.0 * ndtr(-distance / sigma) < risk:
+            contradictions.append(PairCorrelation((i, j), nearest, float(stated)))
+    return contradictions
+
+
+def _rank_correlation(x: Floats, y: Floats) -> float:
+    """Return Spearman's correlation, the largest that any order of ties gives."""
+    n, ranks = len(x), np.empty((2, len(x)))
+    for rank, keys in zip(ranks, ((y, x), (x, y)), strict=True):
+        rank[np.lexsort(keys)] = np.arange(n)
+    return 1.0 - 6.0 * float(np.sum((ranks[0] - ranks[1]) ** 2)) / (n * (n**2 - 1.0))
+
+
+def _check_equal(columns: Sequence[Column], correlation: Floats, risk: float) -> EqualRows | None:
+    """Compare the pairs of equal rows, which lie off the atoms of a column at least, with those of rounding.
+
+    Two rows are rounded alike with the product of the probabilities of their values; of correlated columns, which
+    may move together, only the least probability counts.
+    """
+    rows = np.flatnonzero(np.logical_or.reduce([column.continuous_rows for column in columns]))
+    n, alike, left = len(columns[0].values), np.ones(rows.size), set(range(len(columns)))
+    while left:
+        group = _connected(min(left), correlation)
+        alike *= np.min([(columns[j].high - columns[j].low)[rows] for j in group], axis=0)
+        left -= group
+    explained = 0.5 * (n - 1) * float(alike.sum())
+    table = np.column_stack([column.values[rows] for column in columns])
+    order = np.lexsort(table.T)
+    equal = (table[order[1:]] == table[order[:-1]]).all(axis=1)
+    if not equal.any():
+        return None
+    sizes = np.diff(np.flatnonzero(np.concatenate([[True], ~equal, [True]])))
+    pairs = int(np.sum(sizes * (sizes - 1) // 2))
+    if pdtrc(pairs - 1, 2.0 * explained) >= risk:
+        return None
+    first, second = sorted(rows[order[int(np.argmax(equal)) :][:2]].tolist())
+    return EqualRows(pairs, explained, (first, second))
+
+
+def _connected(start: int, correlation: Floats) -> set[int]:
+    """Return the columns that correlations connect with a column."""
+    group, new = {start}, {start}
+    while new:
+        neighbours: Ints = np.flatnonzero((correlation[sorted(new)] != 0.0).any(axis=0))
+        new = set(neighbours.tolist()) - group
+        group |= new
+    return group

@@ -1,0 +1,173 @@
+"""Whether the rows of a table are independent draws."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from abhv_mc.statistics.table_checks import (
+    Column,
+    check_table,
+    distance_p_values,
+    half_steps,
+    spread_p_values,
+)
+
+NORMAL, NONE = stats.norm(20.0, 0.5), np.empty(0)
+
+
+def column(values, law=NORMAL, atoms=NONE, shares=NONE):
+    half = half_steps(values)
+    low, high = law.cdf(np.nextafter(values - half, -np.inf)), law.cdf(values + half)
+    return Column(values, half, low, high, atoms, shares)
+
+
+def rounded(values, digits):
+    return np.array([float(f"{value:.{digits - 1}e}") for value in values.flat]).reshape(
+        values.shape
+    )
+
+
+def check(*columns, correlation=None, **more):
+    matrix = np.eye(len(columns)) if correlation is None else np.array(correlation)
+    return check_table(columns, matrix, **more)
+
+
+@pytest.mark.parametrize(
+    ("values", "halves"),
+    [
+        ([12.3, 45.67, 10.0], [0.005, 0.005, 0.005]),  # two decimals
+        ([12.3, 9.87, 0.123, 11.0], [0.05, 0.005, 0.0005, 0.05]),  # three significant digits
+        ([0.25, -0.5, 0.0], [0.005, 0.005, 0.005]),
+        ([0.0, 0.0], [0.0, 0.0]),
+        ([3e-7, 2.5e-7], [5e-9, 5e-9]),
+    ],
+)
+def test_steps_are_those_of_decimals_and_of_digits(values, halves):
+    assert half_steps(np.array(values)) == pytest.approx(halves)
+
+
+def test_all_digits_leave_no_step():
+    values = np.random.default_rng(1).normal(20.0, 0.5, 1000)
+    assert half_steps(values).max() < 1e-10
+    assert half_steps(values * 0.3048 / 0.3048) == pytest.approx(half_steps(values), abs=1e-10)
+
+
+def test_p_values_of_exact_values_are_those_of_scipy():
+    uniform = np.random.default_rng(2).random(80)
+    far, close = distance_p_values(uniform, uniform)
+    exact = stats.kstest(uniform, "uniform", method="exact").pvalue
+    assert far == pytest.approx(exact) and close == pytest.approx(1.0 - exact)
+    score = np.sum(stats.norm.ppf(uniform) ** 2)
+    assert spread_p_values(uniform, uniform) == pytest.approx(
+        (stats.chi2.cdf(score, 80), stats.chi2.sf(score, 80))
+    )
+
+
+@pytest.mark.parametrize("digits", [2, 3])
+def test_rounding_makes_no_p_value_smaller(digits):
+    for seed in range(20):
+        values = NORMAL.rvs(60, random_state=seed)
+        exact, table = NORMAL.cdf(values), column(rounded(values, digits))
+        for p_values in (distance_p_values, spread_p_values):
+            for wide, point in zip(
+                p_values(table.low, table.high), p_values(exact, exact), strict=True
+            ):
+                assert wide >= point - 1e-12
+
+
+@pytest.mark.parametrize("digits", [None, 3])  # 3: a fifth of sigma
+@pytest.mark.parametrize("factor", [1 / 3, 3])
+def test_a_spread_three_times_too_narrow_or_wide_is_found(factor, digits):
+    for seed in range(10):
+        values = 20.0 + factor * (NORMAL.rvs(60, random_state=seed) - 20.0)
+        assert check(column(values if digits is None else rounded(values, digits))).too_far == (0,)
+
+
+def test_a_latin_hypercube_is_too_close_from_about_twenty_rows_on():
+    random = np.random.default_rng(3)
+    for rows in (20, 60):
+        values = NORMAL.ppf((random.permutation(rows) + random.random(rows)) / rows)
+        findings = check(column(values))
+        assert findings.too_close == (0,) and not findings.too_far
+    assert not check(column(NORMAL.rvs(1000, random_state=4))).too_close
+
+
+def test_a_constant_column_is_too_far_or_shows_no_dispersion():
+    assert check(column(np.full(60, 20.1234))).too_far == (0,)
+    findings = check(column(np.full(60, 20.0)))  # as rounded to tens
+    assert findings.constant == (0,) and not findings.too_far
+
+
+def test_levels_are_counted_exactly():
+    atoms, shares = np.array([0.0, 1.0]), np.array([0.999, 0.001])
+    law = stats.rv_discrete(values=(atoms.astype(int), shares))
+
+    def levels(ones, rows=1000):
+        return check(column(np.repeat([0.0, 1.0], [rows - ones, ones]), law, atoms, shares)).levels
+
+    assert not levels(0) and not levels(5)
+    (found,) = levels(12)[1:]
+    assert (found.value, found.count, found.probability) == (1.0, 12, 0.001)
+    assert levels(0, rows=20_000)
+
+
+def test_rank_correlations_are_compared_with_the_stated_ones():
+    random = np.random.default_rng(5)
+    x, y = random.multivariate_normal([0.0, 0.0], [[1.0, 0.9], [0.9, 1.0]], 300).T
+    stated = [[1.0, 0.9], [0.9, 1.0]]
+    law = stats.norm()
+    for digits in (None, 2):
+        pair = [column(v if digits is None else rounded(v, digits), law) for v in (x, y)]
+        assert not check(*pair, correlation=stated).correlations
+        (found,) = check(*pair).correlations
+        assert found.columns == (0, 1) and found.stated == 0.0
+        assert found.found == pytest.approx(stats.spearmanr(x, y).statistic, abs=0.02)
+    assert check(column(x, law), column(-y, law), correlation=stated).correlations
+
+
+def test_rows_that_are_equal_beyond_rounding_are_found():
+    random = np.random.default_rng(6)
+    values = rounded(NORMAL.rvs((60, 2), random_state=random), 4)
+    findings = check(*(column(np.tile(v, 4)) for v in values.T))
+    assert findings.equal is not None and findings.equal.pairs == 60 * 6
+    first, second = findings.equal.example
+    assert first % 60 == second % 60 and first < second
+    coarse = rounded(NORMAL.rvs(1000, random_state=random), 3)  # hundreds of equal pairs
+    assert check(column(coarse)).equal is None
+    pair = rounded(NORMAL.rvs((300, 2), random_state=random), 4).T
+    assert check(*map(column, pair)).equal is None
+    assert check(*(column(np.tile(v, 3)) for v in pair)).equal is not None
+
+
+def test_rows_at_the_atoms_alone_are_no_copies():
+    random = np.random.default_rng(7)
+    atoms, shares = np.array([0.0]), np.array([0.95])
+
+    class Switch:
+        @staticmethod
+        def cdf(x):
+            return 0.05 * stats.norm.cdf(x) + 0.95 * (x >= 0.0)
+
+    values = np.where(random.random((300, 2)) < 0.05, random.normal(size=(300, 2)), 0.0)
+    columns = [column(v, Switch, atoms, shares) for v in values.T]
+    assert check(*columns) == check(*columns, risk=1e-3)
+    assert check(*columns).equal is None
+
+
+def test_honest_tables_pass_at_a_risk_that_would_show():
+    laws = [stats.uniform(-2.0, 4.0), NORMAL, stats.lognorm(0.5), stats.beta(2.0, 5.0)]
+    wrong = 0
+    for seed in range(60):
+        random = np.random.default_rng([8, seed])
+        values = [law.rvs(60 + 5 * seed, random_state=random) for law in laws]
+        digits = (None, 4, 3, 2)[seed % 4]
+        findings = check(
+            *(
+                column(v if digits is None else rounded(v, digits), law)
+                for v, law in zip(values, laws, strict=True)
+            ),
+            risk=0.01,
+        )
+        wrong += findings.too_far != () or findings.too_close != () or findings.equal is not None
+        wrong += findings.correlations != ()
+    assert wrong <= 3  # 0.6 expected at most
