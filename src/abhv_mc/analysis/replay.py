@@ -58,7 +58,8 @@ def replay_flight(
     ]
     outcome, ends = int(block.outcome[0]), experiment.outcomes
     if ends.codes[outcome] != row.outcome[0]:
-        differences.append(f"outcome: {ends.codes[outcome]} instead of {row.outcome[0]}")
+        reason = f" ({block.reasons[0]})" if 0 in block.reasons else ""
+        differences.append(f"outcome: {ends.codes[outcome]}{reason} instead of {row.outcome[0]}")
     samples = dict(zip(experiment.inputs, row.samples[0].tolist(), strict=True))
     metrics = dict(zip(row.columns, values.tolist(), strict=False))
     end = end_of(experiment, controller, row.samples, outcome)
@@ -94,7 +95,7 @@ def find_rows(folder: CampaignFolder, controller: str, flights: Sequence[int]) -
                             at = slice(flight - rows.first, flight - rows.first + 1)
                             parts = {
                                 part: getattr(rows, part)[at]
-                                for part in ("samples", "outcome", "values")
+                                for part in ("samples", "outcome", "values", "reasons")
                             }
                             found[flight] = replace(rows, first=flight, **parts)
         except DamagedFileError as error:

@@ -255,6 +255,9 @@ class _Run:
                 np.inf
                 if self.campaign.user_model
                 else self.plans[block.controller].timing.duration,
+                tuple(flown.reasons.get(row, "") for row in range(block.flights))
+                if flown.reasons
+                else (),
             )
             digest = write_block(self.folder.flights, rows, self.schema)
             self.manifest = replace(self.manifest, flown_by=note_flyers(

@@ -1,6 +1,6 @@
 """What one controller's flights need, as plain values: made once by the launching process."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
 
@@ -161,6 +161,7 @@ class FlightBlock:
         None  # the time before to the one after, NaN where nobody flew; None where not asked for
     )
     flown_by: tuple[Flyer, ...] = ()  # processes, where it has been signed
+    reasons: Mapping[int, str] = field(default_factory=dict)  # why a flight failed to run, by row
 
     @property
     def extremes(self) -> tuple[Singles, Singles]:
@@ -179,7 +180,13 @@ def join_blocks(blocks: "list[FlightBlock]") -> FlightBlock:
     low = _reduce(np.fmin, [block.low for block in blocks if block.low is not None])
     high = _reduce(np.fmax, [block.high for block in blocks if block.high is not None])
     flyers = tuple(dict.fromkeys(flyer for block in blocks for flyer in block.flown_by))
-    return FlightBlock(**parts, times=blocks[0].times, low=low, high=high, flown_by=flyers)
+    reasons, first = dict[int, str](), 0
+    for block in blocks:
+        reasons |= {first + row: reason for row, reason in block.reasons.items()}
+        first += len(block.outcome)
+    return FlightBlock(
+        **parts, times=blocks[0].times, low=low, high=high, flown_by=flyers, reasons=reasons
+    )
 
 
 def _reduce(extreme: np.ufunc, ends: list[Singles]) -> Singles | None:

@@ -158,5 +158,5 @@ def begin_joined(
         files = stack.enter_context(record_hashes(target, {}))
         made = [path for path in (first.nominal, first.reference) if path.exists()]
         for path in (*also, *made, *first.input_files(), *sorted(first.plans.glob("*.npz"))):
-            write_whole(target.root / path.relative_to(first.root), partial(shutil.copyfile, path))
+            write_whole(target.root / path.relative_to(first.root), partial(shutil.copy, path))
         yield files

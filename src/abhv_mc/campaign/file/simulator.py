@@ -28,6 +28,7 @@ _TAKEN = {
     "end_time_s",
     "history",
     "error",
+    "reason",
     "point",
 }
 _OUTCOMES = {Outcome.OK.code, Outcome.FAILED_TO_RUN.code}

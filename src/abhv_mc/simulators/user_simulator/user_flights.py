@@ -98,7 +98,7 @@ def fly_user_simulator(
     flights, histories = len(parameters), dict[int, Floats]()
     metrics, end = np.full((flights, len(plan.metrics)), np.nan), np.full(flights, np.nan)
     outcome = np.full(flights, int(Outcome.FAILED_TO_RUN), np.int64)
-    pool, lines, done = _pool, plan.lines(parameters), 0
+    pool, lines, done, reasons = _pool, plan.lines(parameters), 0, dict[int, str]()
     process: Process | None = None
     begun = time.monotonic()
     while done < flights:
@@ -114,6 +114,7 @@ def fly_user_simulator(
                         raise LostFlightError(
                             str(error)
                         ) from None  # what follows may be of any flight
+                    reasons[done] = str(error)
                     _tell(plan, str(error))
                 done += 1
         except (LostFlightError, OSError) as lost:
@@ -122,6 +123,7 @@ def fly_user_simulator(
             process = None
             if pool.closed:
                 raise StoppedError("the campaign was stopped") from None
+            reasons[done] = str(lost)
             _tell(plan, str(lost))
             done += 1
     if process is not None:
@@ -130,7 +132,7 @@ def fly_user_simulator(
         _seconds[plan.process, plan.controller] = (time.monotonic() - begun) / flights
     times, sampled = sample_histories(histories, flights, len(plan.channels), rate, int(for_bands))
     low, high = find_extremes(histories, times, sampled) if for_bands else (None, None)
-    return FlightBlock(outcome, end, metrics, sampled, times, low=low, high=high)
+    return FlightBlock(outcome, end, metrics, sampled, times, low=low, high=high, reasons=reasons)
 
 
 def _tell(plan: UserPlan, reason: str) -> None:
