@@ -1,4 +1,4 @@
-"""Evidence from users' simulators: programs re-run from a results folder, and reasons of failures."""
+"""Evidence from users' simulators: programs re-run from a results folder, reasons of failures, and noise."""
 
 import json
 import os
@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from own_simulators import shown_text
 from typer.testing import CliRunner
 
 from abhv_mc.analysis.explain import explain_flight
@@ -17,6 +18,8 @@ from abhv_mc.execution.setup import Request
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.tables import ask
 from abhv_mc.io.input_error import InputError
+from abhv_mc.report.pages.build import build_report
+from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.results import Results
 from abhv_mc.simulators.engine import make_engine
 from abhv_mc.simulators.user_simulator.user_flights import end_processes
@@ -154,3 +157,112 @@ def test_reasons_are_stored_with_flights_and_enter_no_digest(tmp_path: Path) -> 
     changed = FAILING.replace("ends", "stops")
     other = run_campaign(Request(write_study(tmp_path / "own", changed), tmp_path / "other"))
     assert other.manifest.digest == result.manifest.digest
+
+
+SEEDED = """
+import numpy as np
+generator = np.random.default_rng({seed})
+
+def fly(inputs, settings):
+    total = inputs["a"] + inputs["b"]
+    return {{"total": total {noise}, "history": {{"time": [0.0, 1.0], "x": [0.0, total]}}}}
+"""
+NOISE = "+ 0.1 * generator.normal()"
+ROUNDED = "* (1.0 + 1e-15 * generator.integers(-2, 3))"
+CHANNELS = {"histories": {"x": {"unit": "m"}}, "keep": {"histories": {"flights": "none"}}}
+
+
+@pytest.mark.parametrize(
+    ("seed", "noise", "is_declared", "expected"),
+    [
+        ("7", NOISE, False, "no"),
+        ("", NOISE, False, "no"),
+        ("", NOISE, True, "no, independent noise"),
+        ("7", NOISE, True, "no, noise that processes share"),
+        ("", ROUNDED, False, "rounding"),
+        ("7", "", False, "yes"),
+    ],
+)
+def test_noise_is_found_and_what_is_stated_of_it_is_checked(
+    tmp_path: Path, seed: str, noise: str, is_declared: bool, expected: str
+) -> None:
+    source = SEEDED.format(seed=seed, noise=noise)
+    simulator = {"python": "sim.py"} | ({"repeatable": "no"} if is_declared else {})
+    path = write_study(tmp_path / "own", source, runs=60, simulator=simulator, **CHANNELS)
+    manifest = run_campaign(Request(path, tmp_path / "out")).manifest
+    assert manifest.repeatable == expected
+    is_estimate = expected in ("no", "no, noise that processes share")
+    assert [entry.verdict == "ESTIMATE" for entry in manifest.requirements] == [is_estimate]
+    text = shown_text(build_report(tmp_path / "out"))
+    assert ("No verdict is given" in text) == is_estimate
+    status = CliRunner().invoke(app, ["status", str(tmp_path / "out")]).output
+    assert f"repeatable   {expected}: " in status
+    assert list(verify_campaign(tmp_path / "out")) == []
+    grown = run_campaign(Request(path, tmp_path / "out", runs=80)).manifest
+    assert grown.repeatable == expected
+    assert (grown.requirements[0].verdict == "ESTIMATE") == is_estimate
+    replayed = CliRunner().invoke(app, ["replay", str(tmp_path / "out"), "--flight", "3"])
+    assert replayed.exit_code == (1 if is_estimate else 0), replayed.output
+
+
+def test_the_weakest_shard_decides(tmp_path: Path) -> None:
+    """Shards of one simulator, whose first flights show noise only where a file outside lies."""
+    switch = tmp_path / "switch"
+    noise = f"+ __import__('os').path.exists({str(switch)!r}) * generator.normal()"
+    path = write_study(tmp_path / "own", SEEDED.format(seed="", noise=noise), **CHANNELS)
+    shards = [tmp_path / "a", tmp_path / "b"]
+    run_campaign(Request(path, shards[0], shard=(1, 2)))
+    switch.touch()
+    run_campaign(Request(path, shards[1], shard=(2, 2)))
+    merged = merge_campaign(shards, tmp_path / "merged").manifest
+    assert merged.repeatable == "no"
+    assert [entry.verdict for entry in merged.requirements] == ["ESTIMATE"]
+
+
+def test_a_flight_that_fails_in_one_process_only_is_no_repeatable_flight(tmp_path: Path) -> None:
+    source = f"""
+import os
+
+def fly(inputs, settings):
+    os.mkdir({str(tmp_path / "once")!r}) if inputs["a"] > 4.0 else None
+    return {{"total": 1.0}}
+"""
+    manifest = run_campaign(
+        Request(write_study(tmp_path / "own", source), tmp_path / "out")
+    ).manifest
+    assert manifest.repeatable == "no"
+    assert any("outcome" in words for words in manifest.warnings)
+
+
+def test_the_report_tells_about_the_simulator(tmp_path: Path) -> None:
+    run_campaign(Request(write_study(tmp_path / "own", FAILING, runs=60), tmp_path / "out"))
+    facts = Results(tmp_path / "out").simulator
+    assert facts.repeatable == "yes"
+    assert facts.files == ("sim.py",)
+    counts = {each.reason: each.flights for each in facts.reasons["system"]}
+    flights = read_flown(tmp_path / "out").flights["system"]
+    assert sum(counts.values()) == flights.absent.size > 0
+    text = shown_text(build_report(tmp_path / "out"))
+    assert "Flights that failed to run, by reason" in text
+    assert "ValueError: the table ends at 6 ? (sim.py, line 6)" in text
+
+
+@pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="needs Linux's /proc")
+def test_files_that_a_program_keeps_open_are_compared_with_the_declared_ones(
+    tmp_path: Path,
+) -> None:
+    program = """#!/bin/sh
+exec 5<"{model}" 6<./gains.txt
+while read -r line; do echo '{{"total": 1}}'; done
+"""
+    path = write_study(
+        tmp_path / "own", "", simulator={"command": ["./model.sh"], "files": ["gains.txt"]}
+    )
+    for name in ("gains.txt", "model.txt"):
+        (tmp_path / "own" / name).write_text("2")
+    script = tmp_path / "own" / "model.sh"
+    script.write_text(program.format(model=tmp_path / "own" / "model.txt"))
+    script.chmod(0o755)
+    manifest = run_campaign(Request(path, tmp_path / "out")).manifest
+    (words,) = [words for words in manifest.warnings if "native code" in words]
+    assert "own/model.txt open" in words

@@ -10,6 +10,7 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from abhv_mc.bounds import Bounds
+from abhv_mc.flight.repeatability import Repeatability
 from abhv_mc.folder.layout import write_text
 from abhv_mc.identity import Flyer
 from abhv_mc.io.input_error import InputError
@@ -106,6 +107,7 @@ class Manifest:
     command: tuple[str, ...] = ()
     inputs: Mapping[str, str] = field(default_factory=dict)  # SHA-256 by path
     warnings: tuple[str, ...] = ()
+    repeatable: Repeatability | None = None  # of a user's simulator
     not_made: tuple[str, ...] = ()
     shard: tuple[int, int] | None = None  # part i of n
     merged_from: tuple[str, ...] | None = None  # digests

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from abhv_mc.flight.repeatability import weakest
 from abhv_mc.folder.envelope_states import merge_states
 from abhv_mc.folder.hashes import FileHashes, damage_error, find_damage, record_hashes
 from abhv_mc.folder.layout import CampaignFolder, write_whole
@@ -79,7 +80,8 @@ def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
         _check_content(first, shard, list(manifests[0].controllers))
     flyers = join_flyers(entry for manifest in manifests for entry in manifest.flown_by)
     merged = replace(manifests[0], shard=None, state=INTERRUPTED, merged_from=digests, flown_by=flyers,
-                     wall_time_s=sum(manifest.wall_time_s for manifest in manifests))  # fmt: skip
+                     wall_time_s=sum(manifest.wall_time_s for manifest in manifests),
+                     repeatable=weakest(manifest.repeatable for manifest in manifests))  # fmt: skip
     with begin_joined(shards, target, [first.campaign, first.samples]) as files:
         for shard in shards:
             for path in sorted(set(shard.flights.glob("*.parquet")) - damaged):
