@@ -197,6 +197,8 @@ def test_noise_is_found_and_what_is_stated_of_it_is_checked(
     assert ("No verdict is given" in text) == is_estimate
     status = CliRunner().invoke(app, ["status", str(tmp_path / "out")]).output
     assert f"repeatable   {expected}: " in status
+    summary = " ".join(Results(tmp_path / "out").summary)
+    assert ("No verdict is given" in summary) == is_estimate
     assert list(verify_campaign(tmp_path / "out")) == []
     grown = run_campaign(Request(path, tmp_path / "out", runs=80)).manifest
     assert grown.repeatable == expected
@@ -239,6 +241,9 @@ def test_the_report_tells_about_the_simulator(tmp_path: Path) -> None:
     facts = Results(tmp_path / "out").simulator
     assert facts.repeatable == "yes"
     assert facts.files == ("sim.py",)
+    assert facts.restarts == sum(
+        each.flights for each in facts.reasons["system"] if "SIGABRT" in each.reason
+    )
     counts = {each.reason: each.flights for each in facts.reasons["system"]}
     flights = read_flown(tmp_path / "out").flights["system"]
     assert sum(counts.values()) == flights.absent.size > 0

@@ -3,6 +3,7 @@
 They are simulated twice, each time in a new process, and a second time within each process.
 """
 
+import time
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple, cast
@@ -112,7 +113,10 @@ def _fly_twice(
     """Simulate ``rows`` in pairs of new processes at the same time; return the flights by system, pairs side by side,
     and warnings of files that native code reads."""
     pairs = max(1, min(executor.workers // 2, _PAIRS, len(rows)))
-    total = 2 * len(rows) * len(campaign.systems)
+    total, started = 2 * len(rows) * len(campaign.systems), time.time()
+
+    plan: Any = next(iter(campaign.systems.values())).plan
+    native = set[str]()
 
     def fly(process: int) -> dict[str, _Repeats]:
         own, given = _checked(campaign, process + 1), rows[process // 2 :: pairs]
@@ -123,6 +127,7 @@ def _fly_twice(
             order = given[:0]
         again = {name: simulate(own, name, order, None, executor.fly) for name in own.systems}
         progress.add(len(given) * len(own.systems))
+        native.update(find_native_reads(process_ids(), plan, started))
         if executor.workers == 1:  # there may be a licence for one process
             end_processes()
         return {name: _Repeats(given, first[name], again[name]) for name in own.systems}
@@ -132,10 +137,9 @@ def _fly_twice(
         open_threads(min(2 * pairs, executor.workers)) as threads,
     ):
         found = list(threads.map(fly, range(2 * pairs)))
-    plan: Any = next(iter(campaign.systems.values())).plan
     warnings = [
         f"native code keeps {path} open, which 'files' does not name: nobody will see if it changes"
-        for path in find_native_reads(process_ids(), plan)
+        for path in sorted(native)
     ]
     return {name: [each[name] for each in found] for name in campaign.systems}, warnings
 

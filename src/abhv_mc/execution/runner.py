@@ -255,14 +255,16 @@ class _Run:
                 np.inf
                 if self.campaign.user_model
                 else self.plans[block.controller].timing.duration,
-                tuple(flown.reasons.get(row, "") for row in range(block.flights))
-                if flown.reasons
-                else (),
+                flown.reason_texts,
             )
             digest = write_block(self.folder.flights, rows, self.schema)
             self.manifest = replace(self.manifest, flown_by=note_flyers(
                 self.manifest.flown_by, flown.flown_by, block.controller, block.first, block.stop
             ))  # fmt: skip
+            if flown.restarts:
+                self.manifest = replace(
+                    self.manifest, restarts=(self.manifest.restarts or 0) + flown.restarts
+                )
             self.completion.add(rows, digest)
             for flight in rows.flights[flown.outcome == Outcome.FAILED_TO_RUN]:
                 print(

@@ -162,6 +162,14 @@ class FlightBlock:
     )
     flown_by: tuple[Flyer, ...] = ()  # processes, where it has been signed
     reasons: Mapping[int, str] = field(default_factory=dict)  # why a flight failed to run, by row
+    restarts: int = 0  # of a user's simulator, after flights that ended its process
+
+    @property
+    def reason_texts(self) -> tuple[str, ...]:
+        """The reason of each flight, '' without one; empty if no flight has one."""
+        if not self.reasons:
+            return ()
+        return tuple(self.reasons.get(row, "") for row in range(len(self.outcome)))
 
     @property
     def extremes(self) -> tuple[Singles, Singles]:
@@ -185,7 +193,13 @@ def join_blocks(blocks: "list[FlightBlock]") -> FlightBlock:
         reasons |= {first + row: reason for row, reason in block.reasons.items()}
         first += len(block.outcome)
     return FlightBlock(
-        **parts, times=blocks[0].times, low=low, high=high, flown_by=flyers, reasons=reasons
+        **parts,
+        times=blocks[0].times,
+        low=low,
+        high=high,
+        flown_by=flyers,
+        reasons=reasons,
+        restarts=sum(block.restarts for block in blocks),
     )
 
 

@@ -108,6 +108,7 @@ class Manifest:
     inputs: Mapping[str, str] = field(default_factory=dict)  # SHA-256 by path
     warnings: tuple[str, ...] = ()
     repeatable: Repeatability | None = None  # of a user's simulator
+    restarts: int | None = None  # of its processes, after flights that ended them
     not_made: tuple[str, ...] = ()
     shard: tuple[int, int] | None = None  # part i of n
     merged_from: tuple[str, ...] | None = None  # digests

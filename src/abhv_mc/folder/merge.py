@@ -81,7 +81,8 @@ def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
     flyers = join_flyers(entry for manifest in manifests for entry in manifest.flown_by)
     merged = replace(manifests[0], shard=None, state=INTERRUPTED, merged_from=digests, flown_by=flyers,
                      wall_time_s=sum(manifest.wall_time_s for manifest in manifests),
-                     repeatable=weakest(manifest.repeatable for manifest in manifests))  # fmt: skip
+                     repeatable=weakest(manifest.repeatable for manifest in manifests),
+                     restarts=sum(manifest.restarts or 0 for manifest in manifests) or None)  # fmt: skip
     with begin_joined(shards, target, [first.campaign, first.samples]) as files:
         for shard in shards:
             for path in sorted(set(shard.flights.glob("*.parquet")) - damaged):

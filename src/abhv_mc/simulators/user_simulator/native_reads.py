@@ -11,9 +11,10 @@ from abhv_mc.user_code.read_guard import is_regular, simulator_guard
 _PACKAGES = {"site-packages", "dist-packages"}
 
 
-def find_native_reads(processes: Iterable[int], plan: UserPlan) -> list[str]:
+def find_native_reads(processes: Iterable[int], plan: UserPlan, started: float) -> list[str]:
     """Return the regular files that ``processes`` and their children map or keep open, and may not read.
 
+    Files created after ``started`` (s since the epoch) are the processes' own.
     Of programs that are no Python function only files in the simulator's and the campaign's folder are returned,
     because nothing tells which others belong to them.
     """
@@ -21,7 +22,7 @@ def find_native_reads(processes: Iterable[int], plan: UserPlan) -> list[str]:
     for process in {each for first in processes for each in _family(first)}:
         folder = _link(f"/proc/{process}/cwd")
         names = (name for name, _ in plan.files)
-        guard = simulator_guard(names, plan.folder, plan.campaign_folder, folder, float("inf"))
+        guard = simulator_guard(names, plan.folder, plan.campaign_folder, folder, started)
         for path in _open_files(process):
             if not is_regular(path) or guard.allows(path) or _PACKAGES & set(Path(path).parts):
                 continue

@@ -83,7 +83,7 @@ atexit.register(end_processes)
 
 def process_ids() -> list[int]:
     """Return the numbers of the processes that wait or simulate."""
-    return [process.number for process in _pool.all if process.number]
+    return [process.number for process in list(_pool.all) if process.number]
 
 
 def seconds_of_a_flight(plans: Iterable[Any]) -> float:
@@ -103,7 +103,8 @@ def fly_user_simulator(
     flights, histories = len(parameters), dict[int, Floats]()
     metrics, end = np.full((flights, len(plan.metrics)), np.nan), np.full(flights, np.nan)
     outcome = np.full(flights, int(Outcome.FAILED_TO_RUN), np.int64)
-    pool, lines, done, reasons = _pool, plan.lines(parameters), 0, dict[int, str]()
+    pool, lines, done = _pool, plan.lines(parameters), 0
+    reasons, restarts = dict[int, str](), 0
     process: Process | None = None
     begun = time.monotonic()
     while done < flights:
@@ -125,6 +126,7 @@ def fly_user_simulator(
         except (LostFlightError, OSError) as lost:
             if process is not None:
                 process.end()
+                restarts += 1
             process = None
             if pool.closed:
                 raise StoppedError("the campaign was stopped") from None
@@ -137,7 +139,17 @@ def fly_user_simulator(
         _seconds[plan.system] = (time.monotonic() - begun) / flights
     times, sampled = sample_histories(histories, flights, len(plan.channels), rate, int(for_bands))
     low, high = find_extremes(histories, times, sampled) if for_bands else (None, None)
-    return FlightBlock(outcome, end, metrics, sampled, times, low=low, high=high, reasons=reasons)
+    return FlightBlock(
+        outcome,
+        end,
+        metrics,
+        sampled,
+        times,
+        low=low,
+        high=high,
+        reasons=reasons,
+        restarts=restarts,
+    )
 
 
 def _tell(plan: UserPlan, reason: str) -> None:
