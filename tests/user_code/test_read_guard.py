@@ -51,6 +51,8 @@ UNDECLARED = {
     "system": "lambda: os.system('cat ' + at('model.txt'))",
     "spawn": "lambda: os.posix_spawn('/bin/cat', ['cat', at('model.txt')], os.environ)",
     "program": "lambda: subprocess.check_output([at('model.sh')])",
+    "program in the home": "lambda: subprocess.check_output([os.path.expanduser('~/solver.sh')])",
+    "program of a shell": "lambda: os.popen('~/solver.sh 2 || false').close()",
     "pyarrow": "lambda: __import__('pyarrow.csv').csv.read_csv('model.txt').num_rows + 1",
 }
 # Ways that real simulators use.
@@ -68,6 +70,7 @@ DECLARED = {
     "database in memory": "lambda: sqlite3.connect(':memory:').execute('select 2').fetchone()[0]",
     "folder": "lambda: len(os.listdir(STUDY))",
     "program": "lambda: subprocess.check_output(['./solver.sh', '2'])",
+    "program elsewhere": "lambda: subprocess.check_output([TOOLS + '/solver.sh', '2'])",
     "scipy": "lambda: __import__('scipy.optimize').optimize.brentq(lambda x: x - 2, 0, 5)",
     "pandas": "lambda: __import__('pandas').read_csv('gains.txt', header=None).size",
     "matplotlib": "lambda: (__import__('matplotlib.pyplot').pyplot.figure().savefig('x.png'), 2)[1]",
@@ -91,6 +94,9 @@ def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (folder / name).chmod(0o755)
     for name in ("libmodel.so", "model.db"):
         (folder / name).write_bytes(b"")
+    for place in ("home", "tools"):
+        (tmp_path / place).mkdir()
+        shutil.copy(folder / "solver.sh", tmp_path / place / "solver.sh")
     settings = tmp_path / "home" / ".config" / "solver.rc"
     settings.parent.mkdir(parents=True)
     settings.write_text("2")
@@ -104,9 +110,8 @@ def fly_ways(study: Path, own: Path, ways: dict[str, str]) -> dict[str, dict[str
     scratch = study.parents[1] / "scratch"
     scratch.mkdir(exist_ok=True)
     body = "".join(f"{name!r}: {code},\n" for name, code in ways.items())
-    (study / "sim.py").write_text(
-        f"SCRATCH = {str(scratch)!r}\n{HEAD.format(study=str(study))}{body}}}\n"
-    )
+    places = f"SCRATCH, TOOLS = {str(scratch)!r}, {str(scratch.with_name('tools'))!r}\n"
+    (study / "sim.py").write_text(f"{places}{HEAD.format(study=str(study))}{body}}}\n")
     if own != study:
         for name in declared:
             shutil.copy(study / name, own / name)

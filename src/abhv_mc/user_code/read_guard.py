@@ -102,7 +102,7 @@ class ReadGuard:
         programs = {0, 1, *(i + 1 for i, text in enumerate(texts) if text == "-c")}
         for i, text in enumerate(texts):
             pieces = [text, *filter(None, _SEPARATORS.split(text))]
-            for k, piece in enumerate(pieces):
+            for k, piece in enumerate(map(_expand, pieces)):
                 path = os.path.join(os.fsdecode(folder or "."), piece)  # noqa: PTH118
                 if i in programs and k <= 1 and os.sep not in piece:
                     path = shutil.which(piece) or path
@@ -186,6 +186,11 @@ def _created(path: str) -> float:
         return os.stat(path).st_ctime  # noqa: PTH116
     except (OSError, ValueError):
         return -float("inf")
+
+
+def _expand(word: str) -> str:
+    """Return what a shell makes of ``~`` and variables in a word."""
+    return os.path.expandvars(os.path.expanduser(word))  # noqa: PTH111
 
 
 def _as_folder(path: str | Path) -> str:
