@@ -241,7 +241,7 @@ def test_the_report_tells_about_the_simulator(tmp_path: Path) -> None:
     facts = Results(tmp_path / "out").simulator
     assert facts.repeatable == "yes"
     assert facts.files == ("sim.py",)
-    assert facts.restarts == sum(
+    assert facts.events["system"]["restarts"] == sum(
         each.flights for each in facts.reasons["system"] if "SIGABRT" in each.reason
     )
     counts = {each.reason: each.flights for each in facts.reasons["system"]}

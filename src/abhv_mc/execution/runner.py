@@ -36,6 +36,7 @@ from abhv_mc.folder.manifest import (
     INTERRUPTED,
     RUNNING,
     Manifest,
+    add_events,
     note_flyers,
     write_manifest,
 )
@@ -261,9 +262,11 @@ class _Run:
             self.manifest = replace(self.manifest, flown_by=note_flyers(
                 self.manifest.flown_by, flown.flown_by, block.controller, block.first, block.stop
             ))  # fmt: skip
-            if flown.restarts:
+            if flown.events:
+                events = {block.controller: flown.events}
                 self.manifest = replace(
-                    self.manifest, restarts=(self.manifest.restarts or 0) + flown.restarts
+                    self.manifest,
+                    simulator_events=add_events([self.manifest.simulator_events, events]),
                 )
             self.completion.add(rows, digest)
             for flight in rows.flights[flown.outcome == Outcome.FAILED_TO_RUN]:

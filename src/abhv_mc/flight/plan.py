@@ -1,5 +1,6 @@
 """What one controller's flights need, as plain values: made once by the launching process."""
 
+from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
@@ -162,7 +163,9 @@ class FlightBlock:
     )
     flown_by: tuple[Flyer, ...] = ()  # processes, where it has been signed
     reasons: Mapping[int, str] = field(default_factory=dict)  # why a flight failed to run, by row
-    restarts: int = 0  # of a user's simulator, after flights that ended its process
+    # Of a user's simulator: how often there was "surplus" output or a process restarted
+    # ("restarts"), flights computed again ("repeated").
+    events: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def reason_texts(self) -> tuple[str, ...]:
@@ -199,7 +202,7 @@ def join_blocks(blocks: "list[FlightBlock]") -> FlightBlock:
         high=high,
         flown_by=flyers,
         reasons=reasons,
-        restarts=sum(block.restarts for block in blocks),
+        events=sum((Counter(block.events) for block in blocks), Counter()),
     )
 
 

@@ -16,6 +16,7 @@ from abhv_mc.folder.layout import CampaignFolder, write_whole
 from abhv_mc.folder.manifest import (
     INTERRUPTED,
     Manifest,
+    add_events,
     join_flyers,
     read_manifest,
     write_manifest,
@@ -82,7 +83,7 @@ def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
     merged = replace(manifests[0], shard=None, state=INTERRUPTED, merged_from=digests, flown_by=flyers,
                      wall_time_s=sum(manifest.wall_time_s for manifest in manifests),
                      repeatable=weakest(manifest.repeatable for manifest in manifests),
-                     restarts=sum(manifest.restarts or 0 for manifest in manifests) or None)  # fmt: skip
+                     simulator_events=add_events(manifest.simulator_events for manifest in manifests))  # fmt: skip
     with begin_joined(shards, target, [first.campaign, first.samples]) as files:
         for shard in shards:
             for path in sorted(set(shard.flights.glob("*.parquet")) - damaged):

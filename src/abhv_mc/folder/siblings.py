@@ -20,6 +20,7 @@ from abhv_mc.folder.manifest import (
     INTERRUPTED,
     Manifest,
     Pooled,
+    add_events,
     join_flyers,
     read_manifest,
     shift_flyers,
@@ -145,6 +146,6 @@ def join_seeds(folders: Sequence[CampaignFolder], out: Path) -> None:
             campaign_hash=inputs.identity, flown_by=flyers, files=files.listed(), stopped_at=None,
             wall_time_s=sum(manifest.wall_time_s for manifest in manifests),
             repeatable=weakest(manifest.repeatable for manifest in manifests),
-            restarts=sum(manifest.restarts or 0 for manifest in manifests) or None,
+            simulator_events=add_events(manifest.simulator_events for manifest in manifests),
         )  # fmt: skip
         write_manifest(target.manifest, merged)

@@ -13,7 +13,11 @@ from abhv_mc.topics.words import fixed
 
 _SHOWN = 20  # reasons of a system
 _NO_REASON = "no reason is stored"
-_RESTARTS = "Processes started anew after a crash, a time-out or an answer that is none"
+_EVENTS = {
+    "restarts": "process started anew after a crash, a time-out or an answer that is none",
+    "surplus": "output that answers no request",
+    "repeated": "flight computed again, as its answer could belong to another one",
+}
 _PREFIX = "inputs/simulator/"
 
 
@@ -31,7 +35,7 @@ class SimulatorFacts:
     """What is known of a user's simulator; nothing of the program's own."""
 
     repeatable: str | None
-    restarts: int  # of its processes, after flights that ended them
+    events: Mapping[str, Mapping[str, int]]  # of its processes, how often, by system
     notes: tuple[str, ...]  # of its runs: surplus output, undeclared files, noise
     files: tuple[str, ...]  # that it consists of and reads
     reasons: Mapping[str, tuple[FailureReason, ...]]  # by system, the most frequent first
@@ -54,7 +58,7 @@ def compute_simulator(results: FlownCampaign) -> SimulatorFacts:
     is_flown = model is not None and model.simulator is not None
     return SimulatorFacts(
         repeatable=manifest.repeatable,
-        restarts=manifest.restarts or 0,
+        events=manifest.simulator_events or {},
         notes=manifest.warnings if is_flown else (),
         files=tuple(
             path.removeprefix(_PREFIX) for path in manifest.inputs if path.startswith(_PREFIX)
@@ -75,8 +79,18 @@ def _section(facts: SimulatorFacts, names: Names) -> Section | None:
     items: list[Item] = []
     if facts.repeatable is not None:
         items.append(Text(Repeatability(facts.repeatable).sentence))
-    if facts.restarts:
-        items.append(Text(f"{_RESTARTS}: {fixed(facts.restarts, 0)}."))
+    if facts.events:
+        rows = tuple(
+            (
+                Cell(names.label(name), head=True),
+                Cell(_EVENTS.get(event, event)),
+                Cell(fixed(count, 0)),
+            )
+            for name, events in facts.events.items()
+            for event, count in events.items()
+        )
+        columns = (names.campaign.kind.capitalize(), "Event", "How often")
+        items.append(Table("Events of its processes", columns, (rows,), numbers=False))
     if facts.notes:
         items.append(Bullets(tuple(f"{note[:1].upper()}{note[1:]}." for note in facts.notes)))
     if facts.files:

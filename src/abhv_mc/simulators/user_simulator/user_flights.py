@@ -9,6 +9,7 @@ import os
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
@@ -104,7 +105,7 @@ def fly_user_simulator(
     metrics, end = np.full((flights, len(plan.metrics)), np.nan), np.full(flights, np.nan)
     outcome = np.full(flights, int(Outcome.FAILED_TO_RUN), np.int64)
     pool, lines, done = _pool, plan.lines(parameters), 0
-    reasons, restarts = dict[int, str](), 0
+    reasons, events = dict[int, str](), Counter[str]()
     process: Process | None = None
     begun = time.monotonic()
     while done < flights:
@@ -126,7 +127,7 @@ def fly_user_simulator(
         except (LostFlightError, OSError) as lost:
             if process is not None:
                 process.end()
-                restarts += 1
+                events["restarts"] += 1
             process = None
             if pool.closed:
                 raise StoppedError("the campaign was stopped") from None
@@ -148,7 +149,7 @@ def fly_user_simulator(
         low=low,
         high=high,
         reasons=reasons,
-        restarts=restarts,
+        events=events,
     )
 
 
