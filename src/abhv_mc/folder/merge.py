@@ -162,5 +162,11 @@ def begin_joined(
         files = stack.enter_context(record_hashes(target, {}))
         made = [path for path in (first.nominal, first.reference) if path.exists()]
         for path in (*also, *made, *first.input_files(), *sorted(first.plans.glob("*.npz"))):
-            write_whole(target.root / path.relative_to(first.root), partial(shutil.copy, path))
+            write_whole(target.root / path.relative_to(first.root), partial(_copy, path))
         yield files
+
+
+def _copy(source: Path, target: Path) -> None:
+    """Copy a file with its mode: programs stay executable."""
+    shutil.copyfile(source, target)
+    shutil.copymode(source, target)
