@@ -56,8 +56,8 @@ def test_what_a_folder_holds(whole):
     assert whole.complete and whole.manifest.runs_done == 300
     table = flights(whole.folder)
     assert table.num_rows == 600
-    leading = ["flight", "controller", "outcome", "failure.case", "atmosphere.density", "aero.lift"]
-    assert table.column_names[:6] == leading
+    leading = ["flight", "controller", "outcome", "reason", "failure.case"]
+    assert table.column_names[:7] == [*leading, "atmosphere.density", "aero.lift"]
     samples = pq.read_table(whole.folder / "samples.parquet")
     for name in ("atmosphere.density", "aero.lift"):
         np.testing.assert_array_equal(table[name].to_numpy()[:300], samples[name].to_numpy())

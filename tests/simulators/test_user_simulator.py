@@ -13,7 +13,7 @@ from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.simulators.engine import make_ready, simulate
-from abhv_mc.simulators.user_simulator import process, python_lines
+from abhv_mc.simulators.user_simulator import process
 from abhv_mc.simulators.user_simulator.user_flights import end_processes
 from abhv_mc.simulators.user_simulator.user_plan import make_user_plans
 
@@ -223,20 +223,6 @@ def test_a_program_speaks_lines_and_what_is_no_answer_costs_its_flight_and_shift
     path = dive_campaign(tmp_path, simulator={"command": ["no-such-program"]})
     assert fly_delays(path, [1.0, 2.0]).outcome.tolist() == [LOST, LOST]
     assert "no-such-program" in capfd.readouterr().err
-
-
-def test_packages_beside_the_simulator_are_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    package, other = tmp_path / ".venv/lib/package.py", tmp_path / "other.py"
-    monkeypatch.setattr(sys, "prefix", str(tmp_path / ".venv"))
-    for path in (package, other):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.touch()
-    check = python_lines._only(set(), f"{tmp_path}/")
-    check("open", (str(package), "r", 0))
-    with pytest.raises(PermissionError, match="other"):
-        check("open", (str(other), "r", 0))
 
 
 def test_other_files_than_the_campaign_was_begun_with_do_not_fly(tmp_path: Path) -> None:

@@ -95,6 +95,10 @@ def explain_flight(
     campaign, margins = with_margins(campaign, controller, [failure])
     (found,) = smallest_sets(folder, campaign, controller, row.samples, [failure], fly, margins)
     if found is None:
+        again = simulate(campaign, controller, row.samples, None, fly, margins)
+        if again.outcome[0] == Outcome.FAILED_TO_RUN:
+            reason = again.reasons.get(0, "no reason is known")
+            raise InputError(root, f"flight {flight} failed to run: {reason}", "a flight that runs")
         wish = "the version of the program that flew it (see manifest.json)"
         raise InputError(root, f"a flight {flight} that does not fail when flown again", wish)
     names = campaign.dimensions

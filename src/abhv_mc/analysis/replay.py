@@ -9,9 +9,11 @@ import numpy as np
 from abhv_mc.flight.channels import CHANNELS, Signal
 from abhv_mc.flight.outcome import OUTCOMES, Outcomes
 from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.flight.repeatability import ROUNDING, Repeatability, relative_difference
 from abhv_mc.folder.flights import DamagedFileError, FlightRows, parse_block_name, read_pieces
 from abhv_mc.folder.hashes import read_checked
 from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError
 from abhv_mc.simulators.end_sentence import end_of
@@ -28,10 +30,11 @@ class Replay:
     block: FlightBlock  # of this flight alone
     samples: dict[str, float]
     metrics: dict[str, float]
-    differences: tuple[str, ...]  # what differs from the stored row in any bit
+    differences: tuple[str, ...]  # what differs from the stored row
     sentence: str  # how the flight ended
     ends: Outcomes = OUTCOMES
     channels: tuple[Signal, ...] = CHANNELS  # of the block's history, where it has one
+    repeatability: Repeatability | None = None  # of a user's simulator
 
     @property
     def outcome(self) -> str:
@@ -48,17 +51,21 @@ def replay_flight(
     (row,) = find_rows(folder, controller, [flight])
     block = simulate(experiment, controller, row.samples, every, fly_of(experiment, fly))
     values = np.append(block.metrics[0], block.end_time[0])
+    stored = row.values[0][: values.size]  # margins follow
+    repeatability = read_manifest(folder.manifest).repeatable
+    if repeatability is Repeatability.ROUNDING:
+        is_other = relative_difference(values, stored) > ROUNDING
+    else:  # to the bit: 0.0 is not -0.0
+        is_other = values.view(np.int64) != stored.view(np.int64)
+        is_other &= ~(np.isnan(values) & np.isnan(stored))
     differences = [
-        f"{name}: {new!r} instead of {old!r}"
-        for name, new, old in zip(
-            row.columns, values.tolist(), row.values[0].tolist(), strict=False
-        )  # margins follow
-        if np.float64(new).tobytes() != np.float64(old).tobytes()
-        and not (np.isnan(new) and np.isnan(old))
+        f"{row.columns[i]}: {float(values[i])!r} instead of {float(stored[i])!r}"
+        for i in np.flatnonzero(is_other)
     ]
     outcome, ends = int(block.outcome[0]), experiment.outcomes
     if ends.codes[outcome] != row.outcome[0]:
-        differences.append(f"outcome: {ends.codes[outcome]} instead of {row.outcome[0]}")
+        reason = f" ({block.reasons[0]})" if 0 in block.reasons else ""
+        differences.append(f"outcome: {ends.codes[outcome]}{reason} instead of {row.outcome[0]}")
     samples = dict(zip(experiment.inputs, row.samples[0].tolist(), strict=True))
     metrics = dict(zip(row.columns, values.tolist(), strict=False))
     end = end_of(experiment, controller, row.samples, outcome)
@@ -72,6 +79,7 @@ def replay_flight(
         end,
         ends,
         experiment.channels,
+        repeatability,
     )
 
 
@@ -94,7 +102,7 @@ def find_rows(folder: CampaignFolder, controller: str, flights: Sequence[int]) -
                             at = slice(flight - rows.first, flight - rows.first + 1)
                             parts = {
                                 part: getattr(rows, part)[at]
-                                for part in ("samples", "outcome", "values")
+                                for part in ("samples", "outcome", "values", "reasons")
                             }
                             found[flight] = replace(rows, first=flight, **parts)
         except DamagedFileError as error:

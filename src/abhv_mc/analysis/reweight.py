@@ -53,9 +53,8 @@ def parse_settings(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
 
 def make_change(campaign: Experiment, settings: Mapping[str, Mapping[str, Any]]) -> Change:
     """Check other settings of a campaign's dispersions. Raises InputError for what cannot be asked of its flights."""
-    design = campaign.sampling
     if not campaign.independent:
-        found = f"flights of the design '{design}', which are not independent draws"
+        found = "flights that are no evidence: " + campaign.dependence
         found = "flights at points of unknowns" if campaign.unknowns.names else found
         raise InputError(campaign.document.path, found, f"a campaign with sampling: {INDEPENDENT}")
     data: Any = campaign.document.data

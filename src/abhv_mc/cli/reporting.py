@@ -228,6 +228,8 @@ def _print_status(found: "Status", here: Path) -> None:
     for name, each in manifest.controllers.items():
         say(f"  {name:<12} {each.flights_done} flown: {describe_outcomes(each)}")
     print_requirements(manifest)
+    if manifest.repeatable is not None:
+        say(f"  repeatable   {manifest.repeatable}: {manifest.repeatable.sentence}")
     say(f"  digest       {manifest.digest}")
     say(f"  time flown   {manifest.wall_time_s:.1f} s")
     say(f"  on disk      {found.bytes / 1e6:.1f} MB")

@@ -186,6 +186,8 @@ def finish(
         again = ": the same command tries again" if flies else ""
         say(f"{count} could not be computed{again}", file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE)
+    if result.manifest.not_made:  # each entry was printed when it failed
+        raise typer.Exit(ExitCode.INCOMPLETE)
     siblings, merge = name_siblings(result.folder, result.manifest)
     if siblings:
         say(f"{siblings} All judged together: {merge}", file=told)

@@ -58,8 +58,9 @@ def estimate_campaign(campaign: Experiment, engine: Engine, workers: int | None 
     plans = make_plans(campaign, campaign.controllers, engine)
     campaign = make_ready(campaign, plans)
     every = history_every = cells = 0
+    first_flights: tuple[str, ...] = ()
     if campaign.user_model is not None:
-        fly_first(campaign, engine, workers)
+        first_flights = fly_first(campaign, engine, workers).warnings
         history_every = 1
     else:
         first = next(iter(plans.values()))
@@ -122,5 +123,5 @@ def estimate_campaign(campaign: Experiment, engine: Engine, workers: int | None 
         searched=searched,
         kept=kept,
         envelope_bytes=4 * cells * min(campaign.runs, ENVELOPE_FLIGHTS) * len(plans),
-        warnings=tuple(find_warnings(plans, campaign)),
+        warnings=(*find_warnings(plans, campaign), *first_flights),
     )

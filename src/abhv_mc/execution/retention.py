@@ -126,8 +126,9 @@ def write_kept_histories(
         for file, block in landed:
             lost = block.outcome == Outcome.FAILED_TO_RUN  # it flew the first time
             failed += [
-                f"no history of flight {k} of {file.controller}"
-                for k in np.array(file.flights)[lost]
+                f"no history of flight {file.flights[row]} of {file.controller}"
+                f" ({block.reasons.get(row, 'it failed to run')})"
+                for row in np.flatnonzero(lost).tolist()
             ]
             metadata = {} if lost.any() else {"kept": file.mark}
             of = file.path, file.controller, file.flights, block.times, block.history

@@ -7,6 +7,7 @@ have ended or held up its process, ``law_crashed`` or ``law_hung``, which count 
 import math
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -100,7 +101,8 @@ def _fly(
             outcome = (
                 find_lost_outcome(plan.law, error.hung) if error.process else Outcome.FAILED_TO_RUN
             )
-            return make_lost(plan, outcome, recording_of(recorded, plan), count_metrics(plan))
+            lost = make_lost(plan, outcome, recording_of(recorded, plan), count_metrics(plan))
+            return replace(lost, reasons={0: str(error)})
         pieces = np.split(parameters, range(sizes[0], len(parameters), sizes[0]))
         return join_blocks(
             [_fly(attempt, plan, piece, recorded, sizes[1:], reasons) for piece in pieces]

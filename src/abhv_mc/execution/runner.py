@@ -36,6 +36,7 @@ from abhv_mc.folder.manifest import (
     INTERRUPTED,
     RUNNING,
     Manifest,
+    add_events,
     note_flyers,
     write_manifest,
 )
@@ -255,11 +256,18 @@ class _Run:
                 np.inf
                 if self.campaign.user_model
                 else self.plans[block.controller].timing.duration,
+                flown.reason_texts,
             )
             digest = write_block(self.folder.flights, rows, self.schema)
             self.manifest = replace(self.manifest, flown_by=note_flyers(
                 self.manifest.flown_by, flown.flown_by, block.controller, block.first, block.stop
             ))  # fmt: skip
+            if flown.events:
+                events = {block.controller: flown.events}
+                self.manifest = replace(
+                    self.manifest,
+                    simulator_events=add_events([self.manifest.simulator_events, events]),
+                )
             self.completion.add(rows, digest)
             for flight in rows.flights[flown.outcome == Outcome.FAILED_TO_RUN]:
                 print(

@@ -13,7 +13,7 @@ from abhv_mc.campaign.file.check import check_campaign, read_campaign
 from abhv_mc.campaign.file.config import PROCESSES
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.designs import EXTENSIBLE
-from abhv_mc.execution.first_flights import fly_first
+from abhv_mc.execution.first_flights import FirstFlights, fly_first
 from abhv_mc.execution.name_points import name_points, with_points
 from abhv_mc.execution.probe_dispersions import fly_probes
 from abhv_mc.execution.worker_processes import start_fork_server
@@ -116,20 +116,19 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     if request.shard is None:
         _compile_margins(requested, plans, engine, stack)
     nominal = _fly_nominal(requested, plans, engine)
-    told = (
-        fly_first(make_ready(requested, plans), engine, request.workers)
-        if requested.user_model
-        else ()
-    )
+    first = FirstFlights()
+    if requested.user_model:
+        first = fly_first(make_ready(requested, plans), engine, request.workers)
     if requested.unknowns.names:
         requested = name_points(requested, plans, engine, request.workers)
         inputs = collect_inputs(requested)
+    requested = replace(requested, repeatability=first.repeatability)
     ready = make_ready(requested, plans, margins=True)
     files = begin_folder(folder, inputs, plans, stack)
     _write_samples(folder, requested)
     _write_nominal(folder, requested, plans, nominal)
     manifest = replace(
-        make_manifest(requested, inputs, engine, plans, told),
+        make_manifest(requested, inputs, engine, plans, first.warnings),
         shard=request.shard,
         files=files.listed(),
     )
@@ -220,6 +219,7 @@ def _resume(
         manifest = replace(manifest, files=files.listed())
         write_manifest(folder.manifest, manifest)
     ready = make_ready(campaign, plans, margins=True)
+    ready = replace(ready, repeatability=manifest.repeatable)
     return OpenCampaign(folder, ready, manifest, requested.controllers, files)
 
 
@@ -335,4 +335,5 @@ def make_manifest(
         command=tuple(sys.argv[1:]),
         inputs=inputs.hashes,
         warnings=(*told, *find_warnings(plans, campaign)),
+        repeatable=campaign.repeatability,
     )

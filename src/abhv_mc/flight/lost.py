@@ -9,6 +9,7 @@ import os
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -69,7 +70,8 @@ def fly_in_child(
             flush=True,
         )
         outcome = find_lost_outcome(plan.law, lost.hung)
-        return make_lost(plan, outcome, recording, len(plan.metrics), keep_states)
+        block = make_lost(plan, outcome, recording, len(plan.metrics), keep_states)
+        return replace(block, reasons={0: words})
 
 
 def make_lost(

@@ -1,6 +1,7 @@
 """What one controller's flights need, as plain values: made once by the launching process."""
 
-from collections.abc import Collection
+from collections import Counter
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
 
@@ -161,6 +162,17 @@ class FlightBlock:
         None  # the time before to the one after, NaN where nobody flew; None where not asked for
     )
     flown_by: tuple[Flyer, ...] = ()  # processes, where it has been signed
+    reasons: Mapping[int, str] = field(default_factory=dict)  # why a flight failed to run, by row
+    # Of a user's simulator: how often there was "surplus" output or a process restarted
+    # ("restarts"), flights computed again ("repeated").
+    events: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def reason_texts(self) -> tuple[str, ...]:
+        """The reason of each flight, '' without one; empty if no flight has one."""
+        if not self.reasons:
+            return ()
+        return tuple(self.reasons.get(row, "") for row in range(len(self.outcome)))
 
     @property
     def extremes(self) -> tuple[Singles, Singles]:
@@ -179,7 +191,19 @@ def join_blocks(blocks: "list[FlightBlock]") -> FlightBlock:
     low = _reduce(np.fmin, [block.low for block in blocks if block.low is not None])
     high = _reduce(np.fmax, [block.high for block in blocks if block.high is not None])
     flyers = tuple(dict.fromkeys(flyer for block in blocks for flyer in block.flown_by))
-    return FlightBlock(**parts, times=blocks[0].times, low=low, high=high, flown_by=flyers)
+    reasons, first = dict[int, str](), 0
+    for block in blocks:
+        reasons |= {first + row: reason for row, reason in block.reasons.items()}
+        first += len(block.outcome)
+    return FlightBlock(
+        **parts,
+        times=blocks[0].times,
+        low=low,
+        high=high,
+        flown_by=flyers,
+        reasons=reasons,
+        events=sum((Counter(block.events) for block in blocks), Counter()),
+    )
 
 
 def _reduce(extreme: np.ufunc, ends: list[Singles]) -> Singles | None:

@@ -17,7 +17,7 @@ from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flight.metrics import BUILT_IN, Metric
 from abhv_mc.flight.outcome import OUTCOMES, Outcome, Outcomes
 from abhv_mc.folder.file_columns import SpooledColumns, missing_file, read_pieces
-from abhv_mc.folder.flights import END_TIME, INPUT
+from abhv_mc.folder.flights import END_TIME, INPUT, REASON
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.parquet_columns import column_values, distinct_texts
 from abhv_mc.statistics.estimates import Criterion, severity, worst_first
@@ -37,6 +37,7 @@ class ControllerFlights:
         default_factory=lambda: BUILT_IN
     )  # of the metrics, with what is bad
     ends: Outcomes = OUTCOMES  # how they may end
+    reasons: Mapping[int, str] = field(default_factory=dict)  # of flights that failed to run
 
     @property
     def end_time(self) -> Floats:
@@ -96,6 +97,7 @@ class _Collected:
         self.outcome: list[NDArray[np.uint8]] = []
         self.metrics = SpooledColumns(metrics)
         self.absent: list[NDArray[np.int64]] = []
+        self.reasons: dict[int, str] = {}
 
     def add(self, flight: NDArray[np.int64], outcome: NDArray[np.uint8], values: Floats) -> None:
         """Rows of a block: [flight], [flight] and [metric, flight]."""
@@ -113,7 +115,13 @@ class _Collected:
             flight, outcome = flight[order], outcome[order]
             self.metrics.put_in_order(order)
         return ControllerFlights(
-            flight, outcome, self.metrics, np.sort(np.concatenate(self.absent)), records, ends
+            flight=flight,
+            outcome=outcome,
+            metrics=self.metrics,
+            absent=np.sort(np.concatenate(self.absent)),
+            records=records,
+            ends=ends,
+            reasons=self.reasons,
         )
 
 
@@ -135,10 +143,13 @@ def read_flights(
     files = [path for path in sorted(folder.glob("*.parquet")) if known is None or path in known]
     if not files:
         raise missing_file(folder, "at least one flown block (*.parquet)")
-    metrics = _find_metrics(next(read_pieces(files[0], _EXPECTED)).schema)
+    schema = next(read_pieces(files[0], _EXPECTED)).schema
+    metrics = _find_metrics(schema)
     metrics = [name for name in metrics if columns is None or name in columns]
     collected: dict[str, _Collected] = {}
     expected = ["flight", "controller", "outcome", *metrics]
+    if REASON in schema.names:  # folders of earlier versions have no reasons
+        expected.append(REASON)
     for table in chain.from_iterable(read_pieces(path, _EXPECTED, expected) for path in files):
         flight = column_values(table["flight"]).astype(np.int64)
         names, owner = distinct_texts(table["controller"])
@@ -150,6 +161,12 @@ def read_flights(
             collected.setdefault(name, _Collected(metrics)).add(
                 flight[rows], outcome[rows], values[:, rows]
             )
+        lost = np.flatnonzero(outcome == Outcome.FAILED_TO_RUN)
+        if REASON in expected and lost.size:
+            for row, reason in zip(
+                lost.tolist(), table[REASON].take(pa.array(lost)).to_pylist(), strict=True
+            ):
+                collected[names[owner[row]]].reasons[int(flight[row])] = reason
     flown = {name: found.finish(records, ends) for name, found in collected.items()}
     flown = {name: flights for name, flights in flown.items() if flights.flight.size}
     if not flown:

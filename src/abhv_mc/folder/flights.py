@@ -34,6 +34,8 @@ VALUES = (
 )  # the columns after the samples, and before them a campaign's own metrics
 _VALUE_NAMES = tuple(signal.name for signal in VALUES)
 CASE = "failure.case"
+REASON = "reason"  # why a flight failed to run; it enters no digest
+_LONGEST = 300  # characters of a reason
 INPUT = b"input"  # marks columns of samples whose names have no point
 _DIGEST = b"abhv_mc.digest"
 _MODULUS = 1 << 256
@@ -98,6 +100,7 @@ class FlightRows:
     values: Floats  # [flight, value]
     columns: tuple[str, ...] = _VALUE_NAMES  # of the values: the metrics, then the time of the end
     duration: float = np.inf  # of the mission, s
+    reasons: tuple[str, ...] = ()  # why flights failed to run; empty if none has a reason
 
     @property
     def stop(self) -> int:
@@ -164,6 +167,7 @@ def flights_schema(
         make_field("flight", pa.int64(), "-", "number of the flight"),
         make_field("controller", pa.string(), "-", "name of the controller"),
         make_field("outcome", pa.string(), "-", outcomes),
+        make_field(REASON, pa.string(), "-", "why the flight failed to run; empty otherwise"),
         make_field(
             CASE,
             pa.string(),
@@ -222,12 +226,19 @@ def parse_block_name(path: Path) -> tuple[str, int, int]:
 def write_block(folder: Path, rows: FlightRows, schema: pa.Schema) -> Digest:
     """Write one block's file into ``folder`` and give its digest."""
     digest = rows.digest()
-    texts = (rows.controller,) * len(rows.outcome), rows.outcome, rows.cases
+    count = len(rows.outcome)
+    reasons = tuple(map(_plain_text, rows.reasons)) or ("",) * count
+    texts = (rows.controller,) * count, rows.outcome, reasons, rows.cases
     columns = [number_column(rows.flights), *map(text_column, texts)]
     columns += map(number_column, (*rows.samples.T, *rows.values.T))
     table = pa.Table.from_arrays(columns, schema=schema)
     write_rows(block_path(folder, rows.controller, rows.first, rows.stop), schema, [table], digest)
     return digest
+
+
+def _plain_text(reason: str) -> str:
+    """Return a reason as one line of valid text."""
+    return " ".join(reason.encode(errors="replace").decode().split())[:_LONGEST]
 
 
 def write_rows(path: Path, schema: pa.Schema, pieces: Iterable[pa.Table], digest: Digest) -> None:
@@ -236,7 +247,12 @@ def write_rows(path: Path, schema: pa.Schema, pieces: Iterable[pa.Table], digest
     floats = [field.name for field in schema if pa.types.is_floating(field.type)]
     cast = (piece.replace_schema_metadata(schema.metadata) for piece in pieces)
     write_pieces(
-        path, schema, cast, floats, ["controller", "outcome", CASE], write_statistics=["flight"]
+        path,
+        schema,
+        cast,
+        floats,
+        ["controller", "outcome", REASON, CASE],
+        write_statistics=["flight"],
     )
 
 
@@ -285,4 +301,5 @@ def _take_rows(table: pa.Table, controller: str, first: int, names: Sequence[str
         tuple(table["outcome"].to_pylist()),
         values,
         columns,
+        reasons=tuple(table[REASON].to_pylist()) if REASON in held else (),
     )

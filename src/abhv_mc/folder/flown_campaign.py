@@ -1,7 +1,7 @@
 """A campaign's folder as plain arrays: what every table, figure and page of a report is made from."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -165,7 +165,7 @@ def read_flown(root: Path) -> FlownCampaign:
         found = "shard {}/{} of a campaign".format(*manifest.shard)
         raise InputError(root, found, "all of it: 'abhv-mc merge' joins its shards")
     samples = FileColumns(folder.samples, "the samples of a campaign", without=("flight", POINT))
-    campaign = read_folder_campaign(folder)
+    campaign = replace(read_folder_campaign(folder), repeatability=manifest.repeatable)
     files = data_files(folder, manifest)
     flights = read_flights(folder.flights, files, campaign.metrics, ends=campaign.outcomes)
     ours = campaign.user_model is None

@@ -32,6 +32,7 @@ class FolderInputs:
     document: Document
     copies: dict[str, bytes]  # place in the folder -> content
     hashes: dict[str, str]  # place in the folder -> SHA-256
+    executables: frozenset[str] = frozenset()  # places of the copies that are programs
 
     @property
     def data(self) -> dict[str, Any]:
@@ -63,7 +64,7 @@ class FolderInputs:
     def write_copies(self, folder: CampaignFolder) -> None:
         """Write the copies into the folder."""
         for place, content in self.copies.items():
-            write_bytes(folder.root / place, content)
+            write_bytes(folder.root / place, content, executable=place in self.executables)
 
     def write_campaign(self, folder: CampaignFolder) -> None:
         """Write the campaign file into the folder."""
@@ -79,6 +80,7 @@ def collect_inputs(campaign: Experiment) -> FolderInputs:
     model = campaign.model
     data: dict[str, Any] = dict(campaign.document.data)  # type: ignore[arg-type]
     copies: dict[str, bytes] = {}
+    executables: frozenset[str] = frozenset()
     if campaign.user_model is None:
         data["vehicle"] = _take(model.vehicle, "inputs/vehicle", copies)
         data["mission"] = _take(model.mission, "inputs/mission", copies)
@@ -89,10 +91,11 @@ def collect_inputs(campaign: Experiment) -> FolderInputs:
     else:
         if simulator := campaign.user_model.simulator:
             base, place = campaign.document.path.parent / simulator.folder, "inputs/simulator"
-            copies |= {
-                f"{place}/{name}": read_input(path)
-                for name, path in simulator.find_files(base).items()
-            }
+            files = simulator.find_files(base)
+            copies |= {f"{place}/{name}": read_input(path) for name, path in files.items()}
+            executables = frozenset(
+                f"{place}/{name}" for name, path in files.items() if os.access(path, os.X_OK)
+            )
             data["simulator"] = {**data["simulator"], "folder": place}
         data[SYSTEMS] = campaign.user_model.systems
     if model.channels is not None:
@@ -105,7 +108,7 @@ def collect_inputs(campaign: Experiment) -> FolderInputs:
         place = _take(model.sampling.path, "inputs/samples", copies)
         data["sampling"] = {**data["sampling"], "path": place}
     hashes = {place: hashlib.sha256(content).hexdigest() for place, content in copies.items()}
-    return FolderInputs(replace(campaign.document, data=data), copies, hashes)
+    return FolderInputs(replace(campaign.document, data=data), copies, hashes, executables)
 
 
 def _take(path: Path, place: str, copies: dict[str, bytes]) -> str:

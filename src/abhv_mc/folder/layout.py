@@ -201,9 +201,18 @@ def hash_file(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def write_bytes(path: Path, content: bytes, durable: bool = False) -> None:
-    """Write a file whole."""
-    write_whole(path, lambda temporary: temporary.write_bytes(content), durable)
+def write_bytes(
+    path: Path, content: bytes, durable: bool = False, executable: bool = False
+) -> None:
+    """Write a file whole; ``executable`` lets everybody who may read it run it."""
+
+    def write(temporary: Path) -> None:
+        temporary.write_bytes(content)
+        if executable:
+            mode = temporary.stat().st_mode
+            temporary.chmod(mode | (mode & 0o444) >> 2)
+
+    write_whole(path, write, durable)
 
 
 def write_text(path: Path, text: str) -> None:

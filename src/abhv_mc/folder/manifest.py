@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from abhv_mc.bounds import Bounds
+from abhv_mc.flight.repeatability import Repeatability
 from abhv_mc.folder.layout import write_text
 from abhv_mc.identity import Flyer
 from abhv_mc.io.input_error import InputError
@@ -106,6 +108,7 @@ class Manifest:
     command: tuple[str, ...] = ()
     inputs: Mapping[str, str] = field(default_factory=dict)  # SHA-256 by path
     warnings: tuple[str, ...] = ()
+    repeatable: Repeatability | None = None  # of a user's simulator
     not_made: tuple[str, ...] = ()
     shard: tuple[int, int] | None = None  # part i of n
     merged_from: tuple[str, ...] | None = None  # digests
@@ -115,6 +118,8 @@ class Manifest:
     result: Mapping[str, Any] | None = None  # and what it found
     files: Mapping[str, str] = field(default_factory=dict)  # SHA-256 by path
     flown_by: tuple[FlownBy, ...] = ()
+    # Of a user's simulator by system: how often "surplus", "repeated" and "restarts" occurred.
+    simulator_events: Mapping[str, Mapping[str, int]] | None = None
 
     @property
     def complete(self) -> bool:
@@ -183,6 +188,17 @@ def note_flyers(
         kept.append(replace(entry, blocks={**entry.blocks, controller: tuple(others)}))
     theirs = [FlownBy(*flyer[:5], blocks={controller: ((first, stop),)}) for flyer in flyers]
     return tuple(entry for entry in join_flyers([*kept, *theirs]) if any(entry.blocks.values()))
+
+
+def add_events(
+    parts: Iterable[Mapping[str, Mapping[str, int]] | None],
+) -> dict[str, dict[str, int]] | None:
+    """Return the sums of simulators' events by system; None without any."""
+    sums = defaultdict[str, Counter[str]](Counter)
+    for part in parts:
+        for name, events in (part or {}).items():
+            sums[name].update(events)
+    return {name: dict(events) for name, events in sums.items()} or None
 
 
 def shift_flyers(entries: Iterable[FlownBy], flights: int) -> list[FlownBy]:

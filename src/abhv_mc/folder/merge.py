@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from abhv_mc.flight.repeatability import weakest
 from abhv_mc.folder.envelope_states import merge_states
 from abhv_mc.folder.hashes import FileHashes, damage_error, find_damage, record_hashes
 from abhv_mc.folder.layout import CampaignFolder, write_whole
@@ -16,6 +17,7 @@ from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.manifest import (
     INTERRUPTED,
     Manifest,
+    add_events,
     join_flyers,
     read_manifest,
     write_manifest,
@@ -79,7 +81,9 @@ def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
         _check_content(first, shard, list(manifests[0].controllers))
     flyers = join_flyers(entry for manifest in manifests for entry in manifest.flown_by)
     merged = replace(manifests[0], shard=None, state=INTERRUPTED, merged_from=digests, flown_by=flyers,
-                     wall_time_s=sum(manifest.wall_time_s for manifest in manifests))  # fmt: skip
+                     wall_time_s=sum(manifest.wall_time_s for manifest in manifests),
+                     repeatable=weakest(manifest.repeatable for manifest in manifests),
+                     simulator_events=add_events(manifest.simulator_events for manifest in manifests))  # fmt: skip
     with begin_joined(shards, target, [first.campaign, first.samples]) as files:
         for shard in shards:
             for path in sorted(set(shard.flights.glob("*.parquet")) - damaged):
@@ -159,5 +163,11 @@ def begin_joined(
         files = stack.enter_context(record_hashes(target, {}))
         made = [path for path in (first.nominal, first.reference) if path.exists()]
         for path in (*also, *made, *first.input_files(), *sorted(first.plans.glob("*.npz"))):
-            write_whole(target.root / path.relative_to(first.root), partial(shutil.copyfile, path))
+            write_whole(target.root / path.relative_to(first.root), partial(_copy, path))
         yield files
+
+
+def _copy(source: Path, target: Path) -> None:
+    """Copy a file with its mode: programs stay executable."""
+    shutil.copyfile(source, target)
+    shutil.copymode(source, target)

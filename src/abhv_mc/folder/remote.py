@@ -55,6 +55,8 @@ class Remote:
                 path.open("wb") as target,
             ):
                 shutil.copyfileobj(source, target)
+            if name.startswith("inputs/simulator/"):  # object stores keep no executable bit
+                path.chmod(0o700)
             self._held[name] = _stamp(path)
 
     def push(self) -> None:

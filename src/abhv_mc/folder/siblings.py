@@ -11,6 +11,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
+from abhv_mc.flight.repeatability import weakest
 from abhv_mc.folder.flights import read_pieces, write_block
 from abhv_mc.folder.hashes import damage_error, find_damage
 from abhv_mc.folder.inputs import FolderInputs, read_folder_inputs
@@ -19,6 +20,7 @@ from abhv_mc.folder.manifest import (
     INTERRUPTED,
     Manifest,
     Pooled,
+    add_events,
     join_flyers,
     read_manifest,
     shift_flyers,
@@ -143,5 +145,7 @@ def join_seeds(folders: Sequence[CampaignFolder], out: Path) -> None:
             manifests[0], state=INTERRUPTED, merged_from=digests, pooled=tuple(pooled), runs_planned=starts[-1],
             campaign_hash=inputs.identity, flown_by=flyers, files=files.listed(), stopped_at=None,
             wall_time_s=sum(manifest.wall_time_s for manifest in manifests),
+            repeatable=weakest(manifest.repeatable for manifest in manifests),
+            simulator_events=add_events(manifest.simulator_events for manifest in manifests),
         )  # fmt: skip
         write_manifest(target.manifest, merged)

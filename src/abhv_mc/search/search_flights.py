@@ -206,7 +206,14 @@ class SearchFlights:
             [flown.metrics[:, :count], flown.end_time, flown.metrics[:, count:]]
         )
         return FlightRows(
-            self.plan.controller, first, names, samples, outcome, values, self.columns
+            controller=self.plan.controller,
+            first=first,
+            names=names,
+            samples=samples,
+            outcome=outcome,
+            values=values,
+            columns=self.columns,
+            reasons=flown.reason_texts,
         )
 
     def draw(self, severities: Floats) -> DrawnFlights | None:

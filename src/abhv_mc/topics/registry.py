@@ -14,12 +14,13 @@ from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.margins import MARGINS
 from abhv_mc.topics.metrics import METRICS
 from abhv_mc.topics.provenance import PROVENANCE
+from abhv_mc.topics.simulator import SIMULATOR
 from abhv_mc.topics.topic import REGISTERED, Drawn, Models, Topic, user_topics
 from abhv_mc.topics.verdicts import VERDICTS
 
 BUILT_IN: tuple[Topic[Any], ...] = (
-    VERDICTS, COMPARISON, METRICS, FLIGHTS, FAILURE_CASES, FAILURES, DRIVERS, ENVELOPES, MARGINS, CONVERGENCE,
-    PROVENANCE,
+    VERDICTS, COMPARISON, METRICS, FLIGHTS, FAILURE_CASES, FAILURES, DRIVERS, ENVELOPES, MARGINS, SIMULATOR,
+    CONVERGENCE, PROVENANCE,
 )  # fmt: skip
 
 

@@ -64,13 +64,6 @@ def compile_text(source: UserSource, flags: int = 0) -> Any:
         raise InputError(source.file, f"'{getattr(error, 'msg', error)}'", "Python", *at) from None
 
 
-def package_folders() -> list[str]:
-    """Return the entries of sys.path that hold installed packages: also the user's own site, and folders that
-    PYTHONPATH or a .pth file names. An entry without packages may be the folder of the user's study.
-    """
-    return [entry for entry in sys.path if entry and any(Path(entry).glob("*.dist-info"))]
-
-
 def find_package_versions(sources: Iterable[UserSource]) -> dict[str, str]:
     """Version of each installed package that the texts import, by its name; read from the texts, which are not run."""
     expected = (

@@ -8,7 +8,6 @@ import functools
 import importlib.util
 import os
 import sys
-import sysconfig
 from collections.abc import Iterator
 from contextvars import ContextVar
 from pathlib import Path
@@ -20,18 +19,11 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.cache import cache_root
 from abhv_mc.kernel.compiler_target import code_folder
 from abhv_mc.kernel.jit import compiler
-from abhv_mc.user_code.source import UserSource, package_folders
+from abhv_mc.user_code.read_guard import EVENTS, ReadGuard, package_folders
+from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import unpack
 
-_SYSTEM = (
-    "/dev",
-    "/etc",
-    "/proc",
-    "/sys",
-    "/usr/lib",
-    "/usr/share",
-)  # clocks, locales, what the machine is
-_CREATED = os.O_CREAT | os.O_TRUNC
+_SYSTEM = ("/dev", "/etc", "/proc", "/sys", "/usr/lib", "/usr/share")  # clocks, locales
 
 
 class _Watch:
@@ -40,11 +32,13 @@ class _Watch:
     def __init__(self, source: UserSource) -> None:
         self.source = source
         self.folder = str(unpack(source)) if source.files else ""
-        self.declared = {
-            os.path.realpath(os.path.join(self.folder, name))  # noqa: PTH118
-            for name, _ in source.files
-        }
-        self.written: set[str] = set()
+        declared = (os.path.join(self.folder, name) for name, _ in source.files)  # noqa: PTH118
+        self.guard = ReadGuard(
+            (*declared, source.file),
+            studies=[self.folder] if self.folder else [],
+            packages=_allowed(),
+            system=_SYSTEM,
+        )
         self.refused: InputError | None = None
 
 
@@ -72,26 +66,18 @@ def _install() -> None:
 
 
 @functools.cache
-def _allowed() -> tuple[str, ...]:
-    """Folders that any code may read: the interpreter, installed packages, caches, the system's own."""
-    folders = [
-        *sysconfig.get_paths().values(),
-        *package_folders(),
-        sys.prefix,
-        sys.base_prefix,
-        str(Path(abhv_mc.__file__).parent),
-    ]
-    caches = [
+def _allowed() -> frozenset[str]:
+    """Folders that any code may read: the interpreter, installed packages and caches."""
+    caches = (
         str(code_folder(compiler())),
         os.path.expanduser("~/.cache"),  # noqa: PTH111  Path's raises without a home
         str(cache_root()),
-    ]
-    real = {os.path.realpath(folder) for folder in (*folders, *caches, *_SYSTEM)}
-    return tuple(f"{folder}{os.sep}" for folder in sorted(real))
+    )
+    return frozenset({*package_folders(), str(Path(abhv_mc.__file__).parent), *caches})
 
 
 def _hook(event: str, arguments: tuple[Any, ...]) -> None:
-    if event not in ("open", "import", "ctypes.dlopen"):
+    if event not in EVENTS:
         return
     watch = _watched.get()
     if watch is None or watch.refused is not None:
@@ -104,32 +90,20 @@ def _hook(event: str, arguments: tuple[Any, ...]) -> None:
 
 
 def _check(watch: _Watch, event: str, arguments: tuple[Any, ...]) -> None:
-    name = arguments[1] if event == "import" else arguments[0]
-    if isinstance(name, int) or not isinstance(name, str | bytes | os.PathLike):
-        return  # an open file, or a module that is found first
-    path = os.fsdecode(name)
-    bare = event == "ctypes.dlopen" and os.sep not in path
-    real = path if bare else os.path.realpath(path)
-    mode, flags = arguments[1:3] if event == "open" else (None, 0)
-    if any(letter in mode for letter in "wxa") if mode else (flags or 0) & _CREATED:
-        watch.written.add(real)
-        return
-    own = (
-        Path(real).is_dir() or real in watch.written or real == os.path.realpath(watch.source.file)
-    )
-    inside = bool(watch.folder) and real.startswith(os.path.realpath(watch.folder) + os.sep)
-    own |= real in watch.declared or (inside and "__pycache__" in real)
-    if own or (not inside and real.startswith(_allowed())):
-        return
-    place = _find_line(watch, sys._getframe(2))
-    if place is None:
-        return  # not on behalf of the law
-    verb = "opens" if event == "open" and not real.endswith((".py", ".pyc")) else "loads"
-    short = path if bare else _shorten(watch, path)
-    found = f"code that {verb} '{short}', which it does not declare"
-    file, line = place
-    watch.refused = InputError(file, found, f"files: [{short}] in its controller file", line)
-    raise watch.refused
+    for path in watch.guard.find_reads(event, arguments):
+        bare = event == "ctypes.dlopen" and os.sep not in path
+        real = path if bare else os.path.realpath(path)
+        if Path(real).is_dir() or watch.guard.allows(real):
+            continue
+        place = _find_line(watch, sys._getframe(2))
+        if place is None:
+            return  # not on behalf of the law
+        verb = "opens" if event == "open" and not real.endswith((".py", ".pyc")) else "loads"
+        short = path if bare else _shorten(watch, path)
+        found = f"code that {verb} '{short}', which it does not declare"
+        file, line = place
+        watch.refused = InputError(file, found, f"files: [{short}] in its controller file", line)
+        raise watch.refused
 
 
 def _shorten(watch: _Watch, path: str) -> str:

@@ -30,6 +30,7 @@ from abhv_mc.flight.channels import CHANNELS, Signal, effector_channels
 from abhv_mc.flight.metrics import MARGINS, Metric
 from abhv_mc.flight.outcome import OUTCOMES, Outcomes, simulator_outcomes
 from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flight.repeatability import Repeatability
 from abhv_mc.io.documents import Document
 from abhv_mc.plant.parameters import OURS, Parameters
 from abhv_mc.statistics.estimates import Criterion
@@ -93,6 +94,7 @@ class Experiment:
     derived: Derived = ()  # parameters that follow from the others of their row
     unknowns: Unknowns = field(default_factory=Unknowns)
     parameters: Parameters = OURS  # what its flights may be given
+    repeatability: Repeatability | None = None  # of a user's simulator, as its folder says
 
     @property
     def name(self) -> str:
@@ -144,7 +146,21 @@ class Experiment:
         """Whether the flights at each point are independent draws, so that requirements get verdicts."""
         if self.user_model and self.adopted:
             return self.user_model.independent
-        return self.sampling == INDEPENDENT
+        return self.sampling == INDEPENDENT and not self.has_noise
+
+    @property
+    def has_noise(self) -> bool:
+        """Whether its simulator draws noise that is not shown to be independent between flights."""
+        return self.repeatability is not None and not self.repeatability.is_evidence
+
+    @property
+    def dependence(self) -> str:
+        """Why its flights are no independent draws, as a clause."""
+        if self.has_noise:
+            return "the simulator is not repeatable, and its noise is not shown to be independent"
+        if self.adopted:
+            return "the flights of this table are not taken as independent draws"
+        return f"the flights of a {self.sampling} design are not independent draws"
 
     @property
     def independent(self) -> bool:

@@ -28,10 +28,21 @@ _TAKEN = {
     "end_time_s",
     "history",
     "error",
+    "reason",
     "point",
 }
 _OUTCOMES = {Outcome.OK.code, Outcome.FAILED_TO_RUN.code}
 Unit = Annotated[str, Field(min_length=1, max_length=30)]
+
+YesNo = Annotated[
+    bool,
+    BeforeValidator(
+        lambda value: (
+            {"yes": True, "no": False}.get(value, value) if isinstance(value, str) else value
+        ),
+        json_schema_input_type=bool | Literal["yes", "no"],
+    ),
+]
 
 
 class Simulator(StrictModel):
@@ -50,6 +61,10 @@ class Simulator(StrictModel):
     folder: str = Field(".", description="where it lies and runs: these names are from there")
     time_limit: Annotated[Time, Field(gt=0.0)] = Field(
         60.0, description="of one flight, by the clock"
+    )
+    repeatable: YesNo = Field(
+        True,
+        description="no: it draws noise that is independent between flights and processes",
     )
 
     @model_validator(mode="after")
@@ -78,15 +93,6 @@ class Simulator(StrictModel):
         }
 
 
-YesNo = Annotated[
-    bool,
-    BeforeValidator(
-        lambda value: (
-            {"yes": True, "no": False}.get(value, value) if isinstance(value, str) else value
-        ),
-        json_schema_input_type=bool | Literal["yes", "no"],
-    ),
-]
 InputName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_.]*$", max_length=60)]
 
 

@@ -45,6 +45,7 @@ _TAKEN = {
     "controller",
     "outcome",
     "end_time_s",
+    "reason",
     *BUILT_IN,
     *(signal.name for signal in MARGIN_FAULTS),
 }

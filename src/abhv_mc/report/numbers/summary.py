@@ -62,9 +62,8 @@ def confidence_sentence(models: Models, warnings: Sequence[str] = ()) -> str:
         )
     elif not campaign.independent:
         text += (
-            f" The flights of {'this table' if campaign.adopted else f'a {campaign.sampling} design'} are not "
-            "independent draws: exact binomial statistics do "
-            "not hold, so quantiles, differences and their intervals are estimates and no verdict is given."
+            f" {campaign.dependence[:1].upper()}{campaign.dependence[1:]}: exact binomial statistics do not hold, so "
+            "quantiles, differences and their intervals are estimates and no verdict is given."
         )
     elif requirements:
         largest = max(entry.asked.consumer_risk for entry in requirements)

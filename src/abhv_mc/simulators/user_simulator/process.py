@@ -82,6 +82,11 @@ class Process:
                 yield self._answer(limit)
 
     @property
+    def number(self) -> int:
+        """Of the process; 0 once it has ended."""
+        return 0 if self._ended else self._process.pid
+
+    @property
     def is_silent(self) -> bool:
         """Whether nothing was read beyond the answers asked for."""
         return not (self._read or self._rest)

@@ -1,31 +1,35 @@
 """The program that a user's Python simulator runs in: a flight is a line of JSON in, and a line out.
 
-It imports nothing of this package. Files beside the simulator that its campaign does not name are not read: no hash
-would tell that they changed.
+It imports nothing of this package but the guard of reads, by its path: a file that the campaign does not name is not
+read, because no hash would tell that it changed.
 """
 
 import importlib.util
 import json
 import os
 import sys
-import sysconfig
+import time
 from pathlib import Path
 from typing import Any
 
+_GUARD = Path(__file__).parents[2] / "user_code" / "read_guard.py"
 
-def main(python: str, *declared: str) -> None:
-    """Fly what stands in the lines of standard input, until there are no more."""
+
+def main(python: str, base: str, campaign: str, *declared: str) -> None:
+    """Fly what stands in the lines of standard input, until there are no more.
+
+    ``base`` is the simulator's own folder, ``campaign`` that of the campaign file.
+    """
+    started = time.time()
     answers = os.fdopen(os.dup(1), "wb", buffering=0)
     os.dup2(2, 1)  # what it prints is no answer
     folder = Path.cwd()
-    sys.addaudithook(_only({str(folder / name) for name in declared}, f"{folder}{os.sep}"))
+    guard = _load("_abhv_mc_read_guard", _GUARD)
+    allowed = guard.simulator_guard(declared, base, campaign, str(folder), started)
+    guard.watch_reads(allowed, base)
     sys.path.insert(0, str(folder))
     try:
-        spec = importlib.util.spec_from_file_location("simulator", folder / python)
-        module: Any = importlib.util.module_from_spec(spec)  # type: ignore[arg-type]
-        sys.modules["simulator"] = module
-        spec.loader.exec_module(module)  # type: ignore[union-attr]
-        fly = module.fly
+        fly = _load("simulator", folder / python).fly
     except BaseException as error:
         answers.write(_line({"error": _words(error, python)}))
         return
@@ -64,28 +68,13 @@ def _words(error: BaseException, python: str) -> str:
     return f"{type(error).__name__}: {error}{at}"
 
 
-def _only(declared: set[str], folder: str) -> Any:
-    """An audit hook that refuses to read files of the folder that are not declared, but of installed packages."""
-    installed = tuple(
-        f"{path}{os.sep}" for path in (*sysconfig.get_paths().values(), sys.prefix, sys.base_prefix)
-    )
-
-    def check(event: str, arguments: tuple[Any, ...]) -> None:
-        if (
-            event == "open"
-            and isinstance(arguments[0], str)
-            and str(arguments[1] or "r").startswith("r")
-        ):
-            path = os.path.abspath(arguments[0])  # noqa: PTH100  links are as their user named them
-            if path.startswith(folder) and not path.startswith(installed):
-                kept = path.endswith(".pyc") and Path(path).parent.name == "__pycache__"
-                path = importlib.util.source_from_cache(path) if kept else path
-                if path not in declared and Path(path).is_file():
-                    raise PermissionError(
-                        f"it reads {path.removeprefix(folder)}, which 'files' does not name"
-                    )
-
-    return check
+def _load(name: str, path: Path) -> Any:
+    """Run a Python file as the module ``name``."""
+    spec: Any = importlib.util.spec_from_file_location(name, path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
 
 
 if __name__ == "__main__":

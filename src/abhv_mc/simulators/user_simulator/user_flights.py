@@ -9,6 +9,7 @@ import os
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
@@ -21,7 +22,7 @@ from abhv_mc.simulators.user_simulator.process import LostFlightError, Process
 from abhv_mc.simulators.user_simulator.user_plan import UserPlan
 
 _NEAR = 1e-6  # of the time between samples of a history: those that end so near to one have it
-_seconds: dict[object, float] = {}  # mean time of a flight of the last block, by process and system
+_seconds: dict[object, float] = {}  # mean time of a flight of the last block, by system
 _told: set[str] = set()  # reasons that were said already
 
 
@@ -81,9 +82,14 @@ def end_processes() -> None:
 atexit.register(end_processes)
 
 
+def process_ids() -> list[int]:
+    """Return the numbers of the processes that wait or simulate."""
+    return [process.number for process in list(_pool.all) if process.number]
+
+
 def seconds_of_a_flight(plans: Iterable[Any]) -> float:
     """Mean time of the flights flown last, of the slowest of some systems, s; 0 before any."""
-    return max(_seconds.get((plan.process, plan.controller), 0.0) for plan in plans)
+    return max(_seconds.get(plan.system, 0.0) for plan in plans)
 
 
 def fly_user_simulator(
@@ -99,6 +105,7 @@ def fly_user_simulator(
     metrics, end = np.full((flights, len(plan.metrics)), np.nan), np.full(flights, np.nan)
     outcome = np.full(flights, int(Outcome.FAILED_TO_RUN), np.int64)
     pool, lines, done = _pool, plan.lines(parameters), 0
+    reasons, events = dict[int, str](), Counter[str]()
     process: Process | None = None
     begun = time.monotonic()
     while done < flights:
@@ -114,23 +121,36 @@ def fly_user_simulator(
                         raise LostFlightError(
                             str(error)
                         ) from None  # what follows may be of any flight
+                    reasons[done] = str(error)
                     _tell(plan, str(error))
                 done += 1
         except (LostFlightError, OSError) as lost:
             if process is not None:
                 process.end()
+                events["restarts"] += 1
             process = None
             if pool.closed:
                 raise StoppedError("the campaign was stopped") from None
+            reasons[done] = str(lost)
             _tell(plan, str(lost))
             done += 1
     if process is not None:
         pool.give_back(plan, process)
     if flights:
-        _seconds[plan.process, plan.controller] = (time.monotonic() - begun) / flights
+        _seconds[plan.system] = (time.monotonic() - begun) / flights
     times, sampled = sample_histories(histories, flights, len(plan.channels), rate, int(for_bands))
     low, high = find_extremes(histories, times, sampled) if for_bands else (None, None)
-    return FlightBlock(outcome, end, metrics, sampled, times, low=low, high=high)
+    return FlightBlock(
+        outcome,
+        end,
+        metrics,
+        sampled,
+        times,
+        low=low,
+        high=high,
+        reasons=reasons,
+        events=events,
+    )
 
 
 def _tell(plan: UserPlan, reason: str) -> None:

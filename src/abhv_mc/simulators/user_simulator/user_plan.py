@@ -42,18 +42,25 @@ class UserPlan:
     rate: float = 10.0  # Hz that it is recorded with, and for bands over time
     band_rate: float = 5.0
     effectors: tuple[str, ...] = ()
-    check: bool = False  # whether its flights are flown for a check, none of the campaign's
+    campaign_folder: str = ""  # that the campaign file lies in
+    check: int = 0  # number of the process that simulates it for a check; 0: for the campaign
 
     @property
     def process(self) -> tuple[object, ...]:
         """What a process that flies it is known by: it may fly the other systems, too."""
-        return self.command, self.folder, self.files, self.python
+        return self.command, self.folder, self.files, self.python, self.check
+
+    @property
+    def system(self) -> tuple[object, ...]:
+        """What is simulated, in whatever process."""
+        return self.command, self.folder, self.files, self.python, self.controller
 
     @property
     def argv(self) -> list[str]:
         """What starts the process."""
         if self.python:
-            return [*_PYTHON, self.python, *(name for name, _ in self.files)]
+            names = (name for name, _ in self.files)
+            return [*_PYTHON, self.python, self.folder, self.campaign_folder, *names]
         first, *rest = self.command
         file = Path(self.folder, first)
         return [str(file.resolve()) if file.is_file() else first, *rest]
@@ -120,6 +127,7 @@ def make_user_plans(campaign: Experiment, names: Iterable[str]) -> dict[str, Use
             channels=campaign.channels,
             rate=model.keep.histories.rate,
             band_rate=model.keep.envelopes.rate,
+            campaign_folder=str(campaign.document.path.parent.resolve()),
         )
         for name in names
     }

@@ -116,7 +116,7 @@ def _pair_sentences(found: Comparison, names: Names) -> list[str]:
     if not pairs:
         return []
     if not names.campaign.judged:
-        return ["No winner is named: the flights are not independent draws."]
+        return [f"No winner is named: {names.campaign.dependence}."]
     verdicts = {verdict_of(pair, names) for pair in pairs}
     name = names.label(pairs[0].a)
     overall = {

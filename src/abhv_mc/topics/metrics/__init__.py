@@ -123,7 +123,7 @@ def metric_section(found: Metrics, names: Names) -> Section:
         "on paper stand those that are asked."
     )
     if not names.campaign.independent:
-        text += " These intervals would be exact for independent flights, which those of this design are not."
+        text += " These intervals would be exact for independent flights, which these are not."
     return Section(
         "How large the errors are",
         (Text(text), Picture("distribution_asked"), *_folds(found, names)),

@@ -32,11 +32,8 @@ _RULE = (
     "producer's risk. NOT SHOWN: neither. The tolerance limit is what the required share of flights stays within, with "
     "a confidence of 1 less the consumer's risk; PASS says that it lies within the requirement."
 )
-_ESTIMATES = (
-    "These flights are not taken as independent draws. Exact binomial statistics need independent flights, so the "
-    "counts below are estimates and no verdict is given."
-)
-_FLY_RANDOM = " Fly the campaign with `sampling: random` for verdicts."
+_ESTIMATES = "Exact binomial statistics need independent flights: the counts below are estimates"
+_RANDOM = "; fly the campaign with `sampling: random` for verdicts"
 
 
 def verdict_sentences(verdicts: Verdicts, names: Names) -> Sequence[str]:
@@ -79,8 +76,13 @@ def verdict_section(verdicts: Verdicts, names: Names) -> Section:
     groups = tuple(_group(entry, names) for entry in verdicts.requirements)
     heads = "Requirement", names.campaign.kind.capitalize(), *_HEADS
     table = Table("Requirements in full", heads, groups, numbers=False)
-    estimates = _ESTIMATES if names.campaign.adopted else _ESTIMATES + _FLY_RANDOM
-    return Section(title, (Text(estimates if verdicts.held_together is None else _RULE), table))
+    text = _RULE
+    if verdicts.held_together is None:
+        campaign = names.campaign
+        why = f"{campaign.dependence[:1].upper()}{campaign.dependence[1:]}."
+        is_random = campaign.has_noise or campaign.adopted
+        text = f"{why} {_ESTIMATES}{'' if is_random else _RANDOM}."
+    return Section(title, (Text(text), table))
 
 
 def _group(entry: JudgedRequirement, names: Names) -> tuple[Row, ...]:

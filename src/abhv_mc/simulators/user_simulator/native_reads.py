@@ -1,0 +1,69 @@
+"""Files that a simulator's native code maps or keeps open, which no audit hook sees; on Linux."""
+
+import contextlib
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+from abhv_mc.simulators.user_simulator.user_plan import UserPlan
+from abhv_mc.user_code.read_guard import is_regular, simulator_guard
+
+_PACKAGES = {"site-packages", "dist-packages"}
+
+
+def find_native_reads(processes: Iterable[int], plan: UserPlan, started: float) -> list[str]:
+    """Return the regular files that ``processes`` and their children map or keep open, and may not read.
+
+    Files created after ``started`` (s since the epoch) are the processes' own.
+    Of programs that are no Python function only files in the simulator's and the campaign's folder are returned,
+    because nothing tells which others belong to them.
+    """
+    found = set[str]()
+    for process in {each for first in processes for each in _family(first)}:
+        folder = _link(f"/proc/{process}/cwd")
+        names = (name for name, _ in plan.files)
+        guard = simulator_guard(names, plan.folder, plan.campaign_folder, folder, started)
+        for path in _open_files(process):
+            if not is_regular(path) or guard.allows(path) or _PACKAGES & set(Path(path).parts):
+                continue
+            if plan.python or path.startswith(guard.studies):
+                found.add(path)
+    return sorted(found)
+
+
+def _family(process: int) -> set[int]:
+    """Return a process and its descendants."""
+    family = {process}
+    with contextlib.suppress(OSError):
+        for task in Path(f"/proc/{process}/task").iterdir():
+            for child in (task / "children").read_text().split():
+                family |= _family(int(child))
+    return family
+
+
+def _open_files(process: int) -> set[str]:
+    """Return the paths of files that a process reads through a descriptor or maps."""
+    paths = set[str]()
+    with contextlib.suppress(OSError):
+        lines = Path(f"/proc/{process}/maps").read_text(errors="replace").splitlines()
+        paths = {line.split(maxsplit=5)[5] for line in lines if line.count("/")}
+    with contextlib.suppress(OSError):
+        for descriptor in os.listdir(f"/proc/{process}/fd"):  # noqa: PTH208
+            if _is_read(process, descriptor):
+                paths.add(_link(f"/proc/{process}/fd/{descriptor}"))
+    return paths - {""}
+
+
+def _is_read(process: int, descriptor: str) -> bool:
+    """Return whether a descriptor is open for reading."""
+    with contextlib.suppress(OSError, ValueError, IndexError):
+        text = Path(f"/proc/{process}/fdinfo/{descriptor}").read_text()
+        flags = int(text.partition("flags:")[2].split()[0], 8)
+        return flags & (os.O_WRONLY | os.O_RDWR) != os.O_WRONLY
+    return False
+
+
+def _link(path: str) -> str:
+    with contextlib.suppress(OSError):
+        return os.readlink(path)  # noqa: PTH115
+    return ""

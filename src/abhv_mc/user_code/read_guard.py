@@ -1,0 +1,198 @@
+"""Which files a user's code may read: one rule for control laws and simulators, with a list for each.
+
+The module needs Python's library alone, because the process of a user's simulator imports it by its path.
+"""
+
+import contextlib
+import importlib.util
+import os
+import re
+import shutil
+import stat
+import sys
+import sysconfig
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+PROGRAMS = ("subprocess.Popen", "os.exec", "os.posix_spawn", "os.spawn", "os.system")
+EVENTS = ("open", "import", "ctypes.dlopen", "sqlite3.connect")
+SYSTEM = ("/bin", "/dev", "/etc", "/lib", "/lib32", "/lib64", "/libx32", "/opt", "/proc", "/run",
+          "/sbin", "/sys", "/usr", "/var")  # fmt: skip
+_CLOCK_STEP = 0.01  # s that the clock of a file system may lag behind
+_SEPARATORS = re.compile(r"[\s=<>|;&\"'`(),]+")
+
+
+class ReadGuard:
+    """Files that code may read: declared ones, its own, those of installed packages and of the system."""
+
+    def __init__(
+        self,
+        declared: Iterable[str],
+        *,
+        studies: Iterable[str],
+        packages: Iterable[str],
+        system: Iterable[str] = SYSTEM,
+        own: str = "",
+        started: float = float("inf"),
+    ) -> None:
+        """Take places as paths.
+
+        ``studies``: folders of the user's files, in which only ``packages`` that lie there may be read; ``own``: the
+        process's folder, all of which it may read; files created after ``started`` (s since the epoch) are its own.
+        """
+        self.declared = {os.path.realpath(path) for path in declared}
+        self.studies = tuple(map(_as_folder, studies))
+        self.packages = {_as_folder(path) for path in packages}
+        self.system = tuple(map(_as_folder, system))
+        self.home = _as_folder(os.path.expanduser("~"))  # noqa: PTH111  Path's raises without a home
+        own = _as_folder(own) if own else ""
+        shared = any(study.startswith(own) for study in self.studies)
+        self.own = "" if shared else own
+        self.started = started - _CLOCK_STEP
+        self.written: set[str] = set()
+
+    def allows(self, real: str) -> bool:
+        """Return whether the file at a real path may be read."""
+        if Path(real).parent.name == "__pycache__" and real.endswith(".pyc"):
+            with contextlib.suppress(ValueError):  # another name than Python gives
+                real = importlib.util.source_from_cache(real)
+        if real in self.declared or real in self.written:
+            return True
+        if (self.own and real.startswith(self.own)) or _created(real) >= self.started:
+            return True
+        studies = [study for study in self.studies if real.startswith(study)]
+        return any(
+            real.startswith(folder)
+            and all(folder.startswith(study) and folder != study for study in studies)
+            for folder in self.packages
+        ) or (not studies and real.startswith(self.system))
+
+    def find_reads(self, event: str, arguments: Sequence[Any]) -> Iterator[str]:
+        """Yield the paths that an audit event (PEP 578) is about to read, and note the files that it creates."""
+        if event not in EVENTS:
+            return
+        name = arguments[1] if event == "import" else arguments[0]
+        if isinstance(name, int) or not isinstance(name, str | bytes | os.PathLike):
+            return  # an open file, or a module that is found first
+        path = os.fsdecode(name)
+        if event == "sqlite3.connect":
+            path = path.removeprefix("file:").partition("?")[0]
+        elif event == "open":
+            flags = arguments[2] or 0
+            creates = flags & os.O_CREAT and (flags & os.O_EXCL or not os.path.lexists(path))
+            if creates or flags & os.O_TRUNC:
+                self.written.add(os.path.realpath(path))
+                return
+            if flags & (os.O_WRONLY | os.O_RDWR) == os.O_WRONLY:
+                return
+        yield path
+
+    def find_programs(self, event: str, arguments: Sequence[Any]) -> Iterator[str]:
+        """Yield the files that an event which starts a program names: itself, and those in its arguments."""
+        if event not in PROGRAMS:
+            return
+        first = 1 if event == "os.spawn" else 0
+        folder = arguments[2] if event == "subprocess.Popen" else None
+        words = [arguments[first]] if event != "os.system" else ["sh", "-c", arguments[first]]
+        if event != "os.system":
+            more = arguments[first + 1]
+            words += [more] if isinstance(more, str | bytes | os.PathLike) else list(more or ())
+        texts = [os.fsdecode(word) for word in words if isinstance(word, str | bytes | os.PathLike)]
+        programs = {0, 1, *(i + 1 for i, text in enumerate(texts) if text == "-c")}
+        for i, text in enumerate(texts):
+            pieces = [text, *filter(None, _SEPARATORS.split(text))]
+            for k, piece in enumerate(map(_expand, pieces)):
+                path = os.path.join(os.fsdecode(folder or "."), piece)  # noqa: PTH118
+                if i in programs and k <= 1 and os.sep not in piece:
+                    path = shutil.which(piece) or path
+                is_program = i in programs and k <= 1
+                if not is_program or os.path.realpath(path).startswith((*self.studies, self.home)):
+                    yield path
+
+
+def package_folders() -> set[str]:
+    """Return the interpreter's folders and the entries of ``sys.path`` that hold installed packages."""
+    folders = {*sysconfig.get_paths().values(), sys.prefix, sys.base_prefix, sys.exec_prefix}
+    return folders | {entry for entry in sys.path if entry and any(Path(entry).glob("*.dist-info"))}
+
+
+def cache_folders() -> set[str]:
+    """Return the user's folders of caches and settings."""
+    names = (
+        "NUMBA_CACHE_DIR",
+        "MPLCONFIGDIR",
+        "XDG_CACHE_HOME",
+        "XDG_CONFIG_HOME",
+        "XDG_DATA_HOME",
+    )
+    folders = {os.environ[name] for name in names if os.environ.get(name)}
+    home = os.path.expanduser("~")  # noqa: PTH111
+    return folders | {f"{home}/{name}" for name in (".cache", ".config", ".local/share")}
+
+
+def simulator_guard(
+    declared: Iterable[str], folder: str, campaign: str, own: str, started: float
+) -> ReadGuard:
+    """Return the guard of a user's simulator: names ``declared`` in ``folder``, of a campaign in ``campaign``."""
+    return ReadGuard(
+        (os.path.join(folder, name) for name in declared),  # noqa: PTH118
+        studies=(folder, campaign),
+        packages=package_folders() | cache_folders() | {str(Path(__file__).parents[1])},
+        own=own,
+        started=started,
+    )
+
+
+def watch_reads(guard: ReadGuard, folder: str) -> None:
+    """Raise PermissionError from now on where this process reads a regular file that ``guard`` does not allow."""
+
+    def check(event: str, arguments: tuple[Any, ...]) -> None:
+        if event not in EVENTS and event not in PROGRAMS:
+            return
+        for path in (*guard.find_reads(event, arguments), *guard.find_programs(event, arguments)):
+            if event == "ctypes.dlopen" and os.sep not in path:
+                continue  # the loader looks for it among the system's libraries
+            real = os.path.realpath(path)
+            if is_regular(real) and not guard.allows(real):
+                guard.packages |= set(map(_as_folder, package_folders()))  # sys.path may have grown
+                if not guard.allows(real):
+                    raise PermissionError(undeclared_words(real, folder))
+
+    sys.addaudithook(check)
+
+
+def undeclared_words(real: str, folder: str) -> str:
+    """Return the sentence about a file that is read and not declared, named from the simulator's ``folder``."""
+    place = Path(os.path.realpath(folder))
+    if Path(real).is_relative_to(place):
+        return f"it reads {Path(real).relative_to(place)}, which 'files' does not name"
+    remedy = "link it into the simulator's folder and name the link"
+    if Path(real).is_relative_to(place.parent):
+        remedy = "with 'folder: ..' it can name files one folder up"
+    return f"it reads {real}, which 'files' does not name ({remedy})"
+
+
+def is_regular(path: str) -> bool:
+    """Return whether a path leads to a regular file."""
+    try:
+        return stat.S_ISREG(os.stat(path).st_mode)  # noqa: PTH116
+    except (OSError, ValueError):
+        return False
+
+
+def _created(path: str) -> float:
+    """Return when a file was created at the latest, s since the epoch; infinitely long ago if there is none."""
+    try:
+        return os.stat(path).st_ctime  # noqa: PTH116
+    except (OSError, ValueError):
+        return -float("inf")
+
+
+def _expand(word: str) -> str:
+    """Return what a shell makes of ``~`` and variables in a word."""
+    return os.path.expandvars(os.path.expanduser(word))  # noqa: PTH111
+
+
+def _as_folder(path: str | Path) -> str:
+    return os.path.join(os.path.realpath(path), "")  # noqa: PTH118

@@ -1,0 +1,273 @@
+"""Evidence from users' simulators: programs re-run from a results folder, reasons of failures, and noise."""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+from own_simulators import shown_text
+from typer.testing import CliRunner
+
+from abhv_mc.analysis.explain import explain_flight
+from abhv_mc.analysis.replay import replay_flight
+from abhv_mc.cli.app import app
+from abhv_mc.execution.merge import merge_campaign
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.execution.setup import Request
+from abhv_mc.folder.flown_campaign import read_flown
+from abhv_mc.folder.tables import ask
+from abhv_mc.io.input_error import InputError
+from abhv_mc.report.pages.build import build_report
+from abhv_mc.report.pages.verify import verify_campaign
+from abhv_mc.results import Results
+from abhv_mc.simulators.engine import make_engine
+from abhv_mc.simulators.user_simulator.user_flights import end_processes
+
+pytestmark = pytest.mark.usefixtures("no_figures")
+
+
+@pytest.fixture(autouse=True)
+def own_list(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The list of what this user has flown."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+
+
+def write_study(folder: Path, source: str, **changes: Any) -> Path:
+    """Write a campaign with two inputs and the metric ``total``, simulated by the Python text ``source``."""
+    folder.mkdir(exist_ok=True)
+    (folder / "sim.py").write_text(source)
+    content: dict[str, Any] = {
+        "name": "study",
+        "question": "Does it hold?",
+        "simulator": {"python": "sim.py"},
+        "inputs": {name: {"unit": "m", "nominal": 5} for name in "ab"},
+        "dispersions": {name: {"distribution": "normal", "sigma": "1 m"} for name in "ab"},
+        "metrics": {"total": {"unit": "m", "bad": "high"}},
+        "requirements": [
+            {"id": "R1", "metric": "total", "below": "11 m", "probability": "90 %"},
+        ],
+        "runs": 20,
+    }
+    path = folder / "study.yaml"
+    path.write_text(json.dumps(content | changes))
+    return path
+
+
+PROGRAM = """#!/bin/sh
+awk -v a="$1" -v b="$2" 'BEGIN {printf "%.17g\\n", a + b}'
+"""
+CALLER = """
+import subprocess
+
+def fly(inputs, settings):
+    words = ["./model.sh", repr(inputs["a"]), repr(inputs["b"])]
+    total = float(subprocess.run(words, capture_output=True, text=True, check=True).stdout)
+    return {"total": total, "history": {"time": [0.0, 1.0], "x": [0.0, total]}}
+"""
+WITH_HISTORIES = {
+    "histories": {"x": {"unit": "m"}},
+    "keep": {"histories": {"flights": "worst 3", "rate": "1 Hz"}},
+    "simulator": {"python": "sim.py", "files": ["model.sh"]},
+}
+
+
+@pytest.fixture
+def calling_study(tmp_path: Path) -> Path:
+    """A campaign whose simulator starts a program that it declares."""
+    path = write_study(tmp_path / "own", CALLER, **WITH_HISTORIES)
+    (tmp_path / "own" / "model.sh").write_text(PROGRAM)
+    (tmp_path / "own" / "model.sh").chmod(0o755)
+    return path
+
+
+def test_a_declared_program_runs_from_the_results_folder(
+    calling_study: Path, tmp_path: Path
+) -> None:
+    shards = [tmp_path / "a", tmp_path / "b"]
+    for number, shard in enumerate(shards, 1):
+        run_campaign(Request(calling_study, shard, shard=(number, 2)))
+    end_processes()
+    merged = merge_campaign(shards, tmp_path / "merged")
+    assert merged.manifest.not_made == ()
+    assert Results(merged.folder).histories["flight"].nunique() == 3
+    totals = read_flown(merged.folder).flights["system"].metrics["total"]
+    assert replay_flight(merged.folder, "system", 0, make_engine().fly).differences == ()
+    worst = int(totals.argmax())
+    assert explain_flight(merged.folder, "system", worst, make_engine().fly).causes
+    copies = merged.folder / "inputs" / "simulator"
+    assert os.access(copies / "model.sh", os.X_OK) and not os.access(copies / "sim.py", os.X_OK)
+
+
+def test_lost_histories_and_the_simulators_own_error_are_reported(
+    calling_study: Path, tmp_path: Path
+) -> None:
+    """The results folder's copy of the program cannot be started: another machine, perhaps."""
+    shards = [tmp_path / "a", tmp_path / "b"]
+    for number, shard in enumerate(shards, 1):
+        run_campaign(Request(calling_study, shard, shard=(number, 2)))
+    end_processes()
+    for shard in shards:
+        (shard / "inputs" / "simulator" / "model.sh").chmod(0o644)
+    out = tmp_path / "merged"
+    merged = CliRunner().invoke(app, ["merge", *map(str, shards), "-o", str(out), "--no-report"])
+    assert merged.exit_code == 3
+    (reason,) = {
+        words.partition(" (")[2] for words in Results(out).manifest.not_made if " (" in words
+    }
+    assert "PermissionError" in reason
+    worst = int(read_flown(out).flights["system"].metrics["total"].argmax())
+    with pytest.raises(InputError, match="PermissionError"):
+        explain_flight(out, "system", worst, make_engine().fly)
+    (difference,) = [
+        words
+        for words in replay_flight(out, "system", worst, make_engine().fly).differences
+        if words.startswith("outcome")
+    ]
+    assert "PermissionError" in difference
+
+
+FAILING = """
+import os
+
+def fly(inputs, settings):
+    if inputs["a"] > 6.0:
+        raise ValueError("the table ends at 6\\n\\ud800")
+    if inputs["b"] > 6.0:
+        os.abort()
+    return {"total": inputs["a"] + inputs["b"]}
+"""
+
+
+def test_reasons_are_stored_with_flights_and_enter_no_digest(tmp_path: Path) -> None:
+    result = run_campaign(Request(write_study(tmp_path / "own", FAILING), tmp_path / "out"))
+    sql = "select outcome, a, b, reason from flights order by flight"
+    rows = ask(tmp_path / "out", sql, lambda table: table.fetchall())
+    assert rows
+    for outcome, a, b, reason in rows:
+        if a > 6.0:
+            assert reason == "ValueError: the table ends at 6 ? (sim.py, line 6)"
+        elif b > 6.0:
+            assert "SIGABRT" in reason
+        else:
+            assert (outcome, reason) == ("ok", "")
+    assert {row[0] for row in rows} == {"ok", "failed_to_run"}
+    flights = read_flown(tmp_path / "out").flights["system"]
+    assert sorted(flights.reasons) == flights.absent.tolist()
+    changed = FAILING.replace("ends", "stops")
+    other = run_campaign(Request(write_study(tmp_path / "own", changed), tmp_path / "other"))
+    assert other.manifest.digest == result.manifest.digest
+
+
+SEEDED = """
+import numpy as np
+generator = np.random.default_rng({seed})
+
+def fly(inputs, settings):
+    total = inputs["a"] + inputs["b"]
+    return {{"total": total {noise}, "history": {{"time": [0.0, 1.0], "x": [0.0, total]}}}}
+"""
+NOISE = "+ 0.1 * generator.normal()"
+ROUNDED = "* (1.0 + 1e-15 * generator.integers(-2, 3))"
+CHANNELS = {"histories": {"x": {"unit": "m"}}, "keep": {"histories": {"flights": "none"}}}
+
+
+@pytest.mark.parametrize(
+    ("seed", "noise", "is_declared", "expected"),
+    [
+        ("7", NOISE, False, "no"),
+        ("", NOISE, False, "no"),
+        ("", NOISE, True, "no, independent noise"),
+        ("7", NOISE, True, "no, noise that processes share"),
+        ("", ROUNDED, False, "rounding"),
+        ("7", "", False, "yes"),
+    ],
+)
+def test_noise_is_found_and_what_is_stated_of_it_is_checked(
+    tmp_path: Path, seed: str, noise: str, is_declared: bool, expected: str
+) -> None:
+    source = SEEDED.format(seed=seed, noise=noise)
+    simulator = {"python": "sim.py"} | ({"repeatable": "no"} if is_declared else {})
+    path = write_study(tmp_path / "own", source, runs=60, simulator=simulator, **CHANNELS)
+    manifest = run_campaign(Request(path, tmp_path / "out")).manifest
+    assert manifest.repeatable == expected
+    is_estimate = expected in ("no", "no, noise that processes share")
+    assert [entry.verdict == "ESTIMATE" for entry in manifest.requirements] == [is_estimate]
+    text = shown_text(build_report(tmp_path / "out"))
+    assert ("No verdict is given" in text) == is_estimate
+    status = CliRunner().invoke(app, ["status", str(tmp_path / "out")]).output
+    assert f"repeatable   {expected}: " in status
+    summary = " ".join(Results(tmp_path / "out").summary)
+    assert ("No verdict is given" in summary) == is_estimate
+    assert list(verify_campaign(tmp_path / "out")) == []
+    grown = run_campaign(Request(path, tmp_path / "out", runs=80)).manifest
+    assert grown.repeatable == expected
+    assert (grown.requirements[0].verdict == "ESTIMATE") == is_estimate
+    replayed = CliRunner().invoke(app, ["replay", str(tmp_path / "out"), "--flight", "3"])
+    assert replayed.exit_code == (1 if is_estimate else 0), replayed.output
+
+
+def test_the_weakest_shard_decides(tmp_path: Path) -> None:
+    """Shards of one simulator, whose first flights show noise only where a file outside lies."""
+    switch = tmp_path / "switch"
+    noise = f"+ __import__('os').path.exists({str(switch)!r}) * generator.normal()"
+    path = write_study(tmp_path / "own", SEEDED.format(seed="", noise=noise), **CHANNELS)
+    shards = [tmp_path / "a", tmp_path / "b"]
+    run_campaign(Request(path, shards[0], shard=(1, 2)))
+    switch.touch()
+    run_campaign(Request(path, shards[1], shard=(2, 2)))
+    merged = merge_campaign(shards, tmp_path / "merged").manifest
+    assert merged.repeatable == "no"
+    assert [entry.verdict for entry in merged.requirements] == ["ESTIMATE"]
+
+
+def test_a_flight_that_fails_in_one_process_only_is_no_repeatable_flight(tmp_path: Path) -> None:
+    source = f"""
+import os
+
+def fly(inputs, settings):
+    os.mkdir({str(tmp_path / "once")!r}) if inputs["a"] > 4.0 else None
+    return {{"total": 1.0}}
+"""
+    manifest = run_campaign(
+        Request(write_study(tmp_path / "own", source), tmp_path / "out")
+    ).manifest
+    assert manifest.repeatable == "no"
+    assert any("outcome" in words for words in manifest.warnings)
+
+
+def test_the_report_tells_about_the_simulator(tmp_path: Path) -> None:
+    run_campaign(Request(write_study(tmp_path / "own", FAILING, runs=60), tmp_path / "out"))
+    facts = Results(tmp_path / "out").simulator
+    assert facts.repeatable == "yes"
+    assert facts.files == ("sim.py",)
+    assert facts.events["system"]["restarts"] == sum(
+        each.flights for each in facts.reasons["system"] if "SIGABRT" in each.reason
+    )
+    counts = {each.reason: each.flights for each in facts.reasons["system"]}
+    flights = read_flown(tmp_path / "out").flights["system"]
+    assert sum(counts.values()) == flights.absent.size > 0
+    text = shown_text(build_report(tmp_path / "out"))
+    assert "Flights that failed to run, by reason" in text
+    assert "ValueError: the table ends at 6 ? (sim.py, line 6)" in text
+
+
+@pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="needs Linux's /proc")
+def test_files_that_a_program_keeps_open_are_compared_with_the_declared_ones(
+    tmp_path: Path,
+) -> None:
+    program = """#!/bin/sh
+exec 5<"{model}" 6<./gains.txt
+while read -r line; do echo '{{"total": 1}}'; done
+"""
+    path = write_study(
+        tmp_path / "own", "", simulator={"command": ["./model.sh"], "files": ["gains.txt"]}
+    )
+    for name in ("gains.txt", "model.txt"):
+        (tmp_path / "own" / name).write_text("2")
+    script = tmp_path / "own" / "model.sh"
+    script.write_text(program.format(model=tmp_path / "own" / "model.txt"))
+    script.chmod(0o755)
+    manifest = run_campaign(Request(path, tmp_path / "out")).manifest
+    (words,) = [words for words in manifest.warnings if "native code" in words]
+    assert "own/model.txt open" in words
