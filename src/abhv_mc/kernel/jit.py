@@ -271,7 +271,7 @@ def _make_private() -> tuple[Any, Any]:
 
         def __init__(self, function: Any, file: str) -> None:
             super().__init__(function, file)
-            self._cache_path = str(Path(config.CACHE_DIR) / function.__module__)
+            self._cache_path = str(Path(config.CACHE_DIR) / function.__module__)  # type: ignore[attr-defined]
 
         def get_source_stamp(self) -> str:
             return hashlib.sha256(Path(self._py_file).read_bytes()).hexdigest()
