@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from math import exp
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr, ndtri
 
 from abhv_mc.statistics.evidence import log_fail_evidence, most_failures
 from abhv_mc.statistics.unknowns import (
@@ -53,7 +53,7 @@ class System:
 
     def mean(self, points):
         """Mean [point], -z at the worst."""
-        worst = norm.ppf(self.rate * Q0)
+        worst = ndtri(self.rate * Q0)
         if self.shape == "ramp":
             return worst - self.rise * (1.0 - points.mean(axis=1))
         if self.shape == "bump":
@@ -66,7 +66,7 @@ class System:
         if self.shape == "spread":
             return 1.2 * points[:, 1:].mean(axis=1) - 1.25 * points[:, 0] - 3.65
         if self.shape == "wide":
-            return np.where(self._inside(points), WIDE * worst, norm.ppf(OUTSIDE * Q0))
+            return np.where(self._inside(points), WIDE * worst, ndtri(OUTSIDE * Q0))
         return np.full(len(points), worst)
 
     def scale(self, points):
@@ -88,16 +88,27 @@ class System:
         directions = 2**self.unknowns if self.shape == "corners" else self.unknowns
         return draw.standard_normal(flights), draw.standard_normal((flights, directions))
 
+    def _noise(self, points, flights):
+        """Noise [point, flight], and the standard deviation [point] that makes severities of it."""
+        own, direction = flights
+        scale = self.scale(points)
+        if self.shape == "corners":  # each corner has flights of its own
+            return self._weights(points) @ direction.T, np.ones(len(points))
+        if self.mixed == 0.0:
+            return np.broadcast_to(own, (len(points), len(own))), scale
+        noise = self.mixed * points @ direction.T
+        noise += own
+        return noise, scale / np.sqrt(1.0 + self.mixed**2 * np.sum(points**2, axis=1))
+
     def severity(self, points, flights):
         """Severity [point, flight]."""
-        own, direction = flights
-        mean, scale = self.mean(points)[:, None], self.scale(points)
-        if self.shape == "corners":  # each corner has flights of its own
-            return mean + self._weights(points) @ direction.T
-        if self.mixed == 0.0:
-            return mean + scale[:, None] * own
-        scale = scale / np.sqrt(1.0 + self.mixed**2 * np.sum(points**2, axis=1))
-        return mean + scale[:, None] * (own + self.mixed * points @ direction.T)
+        noise, scale = self._noise(points, flights)
+        return self.mean(points)[:, None] + scale[:, None] * noise
+
+    def failed(self, points, flights):
+        """Which flights fail [point, flight]."""
+        noise, scale = self._noise(points, flights)
+        return noise > (-self.mean(points) / scale)[:, None]
 
     def drawn(self, draw, flights):
         """Severity [flight] where each flight draws its own point."""
@@ -106,12 +117,13 @@ class System:
 
     def worst_rate(self, points):
         """Largest failure rate over points, in q0."""
-        return float(np.max(norm.cdf(self.mean(points) / self.scale(points)))) / Q0
+        return float(np.max(ndtr(self.mean(points) / self.scale(points)))) / Q0
 
 
 def decide(failed):
     """Whether there is a PASS, and a FAIL, at any look; failed [point, flight]."""
-    counts = np.cumsum(failed.reshape(len(failed), len(LOOKS), -1).sum(axis=2), axis=1)
+    between = np.add.reduceat(failed, np.append(0, LOOKS[:-1]), axis=1, dtype=np.int32)
+    counts = np.cumsum(between, axis=1)
     passed = bool(np.any(np.all(counts <= MOST_PASS, axis=0)))
     evidence = E_FAIL[np.arange(len(LOOKS)), np.minimum(counts, _COUNTS - 1)].mean(axis=0)
     return passed, bool(np.any(evidence >= 1.0 / RISK))
@@ -146,8 +158,8 @@ def simulate(system, repetitions, seed=29):
         flights = system.scatter(draw, LOOKS[-1])
         ends = np.vstack([corners(system.unknowns), np.zeros(system.unknowns)])
         drawn = decide(system.drawn(draw, LOOKS[-1])[None] > 0.0)[0]
-        at_ends = decide(system.severity(ends, flights) > 0.0)
-        failed = system.severity(points, flights) > 0.0
+        at_ends = decide(system.failed(ends, flights))
+        failed = system.failed(points, flights)
         counts += [drawn, *at_ends, decide(failed[:ranked])[0], *decide(failed)]
         rates.append(system.worst_rate(points))
     return dict(zip(COLUMNS, counts / repetitions, strict=True)), float(np.median(rates))
