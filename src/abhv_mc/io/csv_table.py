@@ -1,6 +1,6 @@
 """CSV tables that other programs read: one writer, safe for spreadsheets.
 
-A spreadsheet runs a cell that begins with ``= + - @`` or a control character as a formula (CWE-1236), and requirement
+A spreadsheet runs a cell that begins with ``= + - @`` or a tab as a formula (CWE-1236), and requirement
 ids, texts and units are free text. Such text is written behind an apostrophe; numbers are written as they are.
 """
 
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import pyarrow as pa
 
-_FORMULA = r"^[=+\-@\t\r]"
+_FORMULA = r"^[=+\-@\t]"
 
 
 def csv_text(rows: Iterable[Sequence[object]]) -> str:
