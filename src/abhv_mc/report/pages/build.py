@@ -192,8 +192,8 @@ def build_report(
     }
     if results.campaign.requirements:
         pages[written.matrix] = make_matrix(models[VERDICTS], results.campaign.metrics)
-    for path, text in pages.items():
-        write_text(path, text)
+    for path, content in pages.items():
+        write_text(path, content)
     pictures = hash_pages(out, [path.relative_to(out).as_posix() for path in sorted(kept)])
     names = [path.name for path in pages]
     numbers |= {"pages": hash_pages(out, names), "pictures": pictures, "key": key}
