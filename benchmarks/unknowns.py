@@ -2,9 +2,11 @@
 
 An unknown has one value for the whole programme. A flight's severity here is a normal number that fails above 0; its
 mean goes with the unknowns, and so does part of its scatter, but for plain ramps: flights that are bad at one value
-need not be at another.
+need not be at another. `spread` is a case in which the value with the largest 95 % quantile never fails and another
+one fails 5.5 times too often; `wide` regions fail by scatter, where everything else has the larger quantile.
 99.73 % at a risk of 10 %, looked at every 100 flights up to 4000. `drawn`: the unknowns are drawn for each flight,
-as dispersions. `corners`: judged at the corners and the centre. `rule`: at the points of the search, too.
+as dispersions. `corners`: judged at the corners and the centre. `ranked`: at the points that the search ranks worst by
+a quantile. `rule`: also at the point where the search saw the most failures.
 """
 
 import sys
@@ -12,14 +14,15 @@ from dataclasses import dataclass, field
 from math import exp
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr, ndtri
 
 from abhv_mc.statistics.evidence import log_fail_evidence, most_failures
 from abhv_mc.statistics.unknowns import (
     SEARCH_FLIGHTS,
     SEARCH_QUANTILE,
+    Trial,
+    choose_points,
     corners,
-    points_flown,
     search_worst,
 )
 
@@ -27,6 +30,8 @@ PROBABILITY, RISK = 0.9973, 0.10
 Q0 = 1.0 - PROBABILITY
 LOOKS = np.arange(100, 4001, 100)
 MOST_PASS = np.array([most_failures(int(n), PROBABILITY, RISK) for n in LOOKS])
+WIDE = 3.0  # standard deviation in a wide region
+OUTSIDE = 0.05  # failure rate elsewhere, q0
 _COUNTS = 200  # failures; beyond, FAIL is certain
 E_FAIL = np.array([[exp(min(log_fail_evidence(k, int(n), PROBABILITY), 700.0)) if k <= n else np.inf
                     for k in range(_COUNTS)] for n in LOOKS])  # fmt: skip
@@ -39,15 +44,16 @@ class System:
     words: str
     unknowns: int
     rate: float  # at the worst point, in q0
-    shape: str  # ramp, bump, interaction, corners
-    width: float = 0.0  # of a bump, half-boxes
+    shape: str  # ramp, bump, interaction, corners, spread, wide
+    width: float = 0.0  # of a bump, half-boxes; where a wide region begins
     rise: float = 0.0  # of the mean, from the centre of a ramp to its worst corner; of a bump
     mixed: float = 0.5  # scatter that goes with the unknowns, beside 1 that does not
     peak: np.ndarray = field(default_factory=lambda: np.zeros(0))  # of a bump
+    sides: int = 0  # unknowns that bound a wide region
 
     def mean(self, points):
         """Mean [point], -z at the worst."""
-        worst = norm.ppf(self.rate * Q0)
+        worst = ndtri(self.rate * Q0)
         if self.shape == "ramp":
             return worst - self.rise * (1.0 - points.mean(axis=1))
         if self.shape == "bump":
@@ -57,116 +63,149 @@ class System:
             return worst - self.rise * (
                 1.0 - 0.5 * (points[:, 0] * points[:, 1] - points[:, 2] * points[:, 3])
             )
+        if self.shape == "spread":
+            return 1.2 * points[:, 1:].mean(axis=1) - 1.25 * points[:, 0] - 3.65
+        if self.shape == "wide":
+            return np.where(self._inside(points), WIDE * worst, ndtri(OUTSIDE * Q0))
         return np.full(len(points), worst)
+
+    def scale(self, points):
+        """Standard deviation [point]."""
+        if self.shape == "corners":
+            return np.sqrt(np.sum(self._weights(points) ** 2, axis=1))
+        if self.shape == "spread":
+            return 1.0 + 0.7 * points[:, 0]
+        return np.where(self._inside(points), WIDE, 1.0)
+
+    def _inside(self, points):
+        return (points[:, : self.sides] > self.width).all(axis=1) & (self.sides > 0)
+
+    def _weights(self, points):
+        return np.prod(0.5 * (1.0 + points[:, None, :] * corners(self.unknowns)), axis=2)
 
     def scatter(self, draw, flights):
         """What the flights are: a number of their own, and a direction in the box (or one for each corner)."""
         directions = 2**self.unknowns if self.shape == "corners" else self.unknowns
         return draw.standard_normal(flights), draw.standard_normal((flights, directions))
 
-    def severity(self, points, flights):
-        """Severity [point, flight]; its scatter has variance 1 at each point, but between the corners less."""
+    def _noise(self, points, flights):
+        """Noise [point, flight], and the standard deviation [point] that makes severities of it."""
         own, direction = flights
+        scale = self.scale(points)
         if self.shape == "corners":  # each corner has flights of its own
-            weights = np.prod(0.5 * (1.0 + points[:, None, :] * corners(self.unknowns)), axis=2)
-            return self.mean(points)[:, None] + weights @ direction.T
-        scatter = own + self.mixed * points @ direction.T
-        return (
-            self.mean(points)[:, None]
-            + scatter / np.sqrt(1.0 + self.mixed**2 * np.sum(points**2, axis=1))[:, None]
-        )
+            return self._weights(points) @ direction.T, np.ones(len(points))
+        if self.mixed == 0.0:
+            return np.broadcast_to(own, (len(points), len(own))), scale
+        noise = self.mixed * points @ direction.T
+        noise += own
+        return noise, scale / np.sqrt(1.0 + self.mixed**2 * np.sum(points**2, axis=1))
+
+    def severity(self, points, flights):
+        """Severity [point, flight]."""
+        noise, scale = self._noise(points, flights)
+        return self.mean(points)[:, None] + scale[:, None] * noise
+
+    def failed(self, points, flights):
+        """Which flights fail [point, flight]."""
+        noise, scale = self._noise(points, flights)
+        return noise > (-self.mean(points) / scale)[:, None]
 
     def drawn(self, draw, flights):
         """Severity [flight] where each flight draws its own point."""
         points = draw.uniform(-1.0, 1.0, (flights, self.unknowns))
-        return self.mean(points) + draw.standard_normal(flights)
+        return self.mean(points) + self.scale(points) * draw.standard_normal(flights)
 
     def worst_rate(self, points):
         """Largest failure rate over points, in q0."""
-        spread = 1.0
-        if self.shape == "corners":
-            spread = np.sqrt(
-                np.sum(
-                    np.prod(0.5 * (1.0 + points[:, None, :] * corners(self.unknowns)), axis=2) ** 2,
-                    1,
-                )
-            )
-        return float(np.max(norm.cdf(self.mean(points) / spread))) / Q0
+        return float(np.max(ndtr(self.mean(points) / self.scale(points)))) / Q0
 
 
 def decide(failed):
     """Whether there is a PASS, and a FAIL, at any look; failed [point, flight]."""
-    counts = np.cumsum(failed, axis=1)[:, LOOKS - 1]
+    between = np.add.reduceat(failed, np.append(0, LOOKS[:-1]), axis=1, dtype=np.int32)
+    counts = np.cumsum(between, axis=1)
     passed = bool(np.any(np.all(counts <= MOST_PASS, axis=0)))
     evidence = E_FAIL[np.arange(len(LOOKS)), np.minimum(counts, _COUNTS - 1)].mean(axis=0)
     return passed, bool(np.any(evidence >= 1.0 / RISK))
 
 
-def points_of(system, draw):
-    """Points that the search of the rule names."""
+def judged_points(system, draw):
+    """Points that the search chooses, and how many of them are ranked worst by the quantile."""
     flights = system.scatter(draw, SEARCH_FLIGHTS)
 
-    def severity(points):
-        return np.quantile(system.severity(points, flights), SEARCH_QUANTILE, axis=1)[:, None]
+    def evaluate(points):
+        ordered = np.sort(system.severity(points, flights), axis=1)[:, :, None]
+        quantile = ordered[:, int(np.ceil(SEARCH_QUANTILE * (SEARCH_FLIGHTS - 1)))]
+        return Trial(quantile, np.sum(ordered > 0.0, axis=1), ordered[:, -1])
 
-    return points_flown(system.unknowns, [search_worst(severity, system.unknowns, draw)])
+    chosen = choose_points(system.unknowns, [search_worst(evaluate, system.unknowns, draw)])
+    return chosen.points, chosen.shared
+
+
+COLUMNS = (
+    "drawn PASS", "corners PASS", "corners FAIL", "ranked PASS", "rule PASS", "rule FAIL"
+)  # fmt: skip
 
 
 def simulate(system, repetitions, seed=29):
-    """Shares of campaigns: drawn PASS; corners PASS, FAIL; rule PASS, FAIL; and the median of the worst rate flown."""
-    counts, found = np.zeros(5), []
+    """Shares of campaigns by column, and the median of the worst rate at the judged points."""
+    counts, rates = np.zeros(len(COLUMNS)), []
     for repetition in range(repetitions):
         draw = np.random.default_rng([seed, repetition])
         if system.shape == "bump":
             system.peak = draw.uniform(-0.6, 0.6, system.unknowns)
-        points = points_of(system, draw)
+        points, ranked = judged_points(system, draw)
         flights = system.scatter(draw, LOOKS[-1])
         ends = np.vstack([corners(system.unknowns), np.zeros(system.unknowns)])
         drawn = decide(system.drawn(draw, LOOKS[-1])[None] > 0.0)[0]
-        at_ends = decide(system.severity(ends, flights) > 0.0)
-        counts += [drawn, *at_ends, *decide(system.severity(points, flights) > 0.0)]
-        found.append(system.worst_rate(points))
-    return counts / repetitions, float(np.median(found))
+        at_ends = decide(system.failed(ends, flights))
+        failed = system.failed(points, flights)
+        counts += [drawn, *at_ends, decide(failed[:ranked])[0], *decide(failed)]
+        rates.append(system.worst_rate(points))
+    return dict(zip(COLUMNS, counts / repetitions, strict=True)), float(np.median(rates))
 
 
 def systems():
-    """Those of the table, and those by which the rule was accepted."""
+    """Systems of the table on the page, and those by which the rule was accepted."""
     for mixed, words in ((0.0, ""), (0.5, ", mixed")):
         for rate in (3.0, 1.0, 0.2):
-            for unknowns in (1, 3):
-                yield System(
-                    f"{unknowns} unknown, ramp{words}",
-                    unknowns,
-                    rate,
-                    "ramp",
-                    rise=0.9,
-                    mixed=mixed,
-                )
+            for unknowns in (1, 3, *((5,) if rate == 0.2 else ())):
+                words_of = f"{unknowns} unknown, ramp{words}"
+                yield System(words_of, unknowns, rate, "ramp", rise=0.9, mixed=mixed)
     for rate in (3.0, 1.0):
         for width in (0.8, 0.4):
             yield System(f"3 unknown, bump of {width}", 3, rate, "bump", width, 1.2)
     for rate in (3.0, 1.0):
         yield System("5 unknown, t1 t2 - t3 t4", 5, rate, "interaction", rise=0.8)
     yield System("3 unknown, corners differ", 3, 0.2, "corners")
+    yield System("5 unknown, corners differ", 5, 0.2, "corners")
     for unknowns in (5, 7):
         for width in (0.8, 0.4):
             yield System(f"{unknowns} unknown, bump of {width}", unknowns, 3.0, "bump", width, 1.2)
+    yield System("5 unknown, spread", 5, 5.5, "spread", mixed=0.0)
+    for unknowns in (5, 7):
+        for sides in (1, 2):
+            words = f"{unknowns} unknown, wide in 1 of {2**sides}"
+            yield System(words, unknowns, 3.0, "wide", 0.5, sides=sides)
+        for rate in (3.0, 15.0):
+            words = f"{unknowns} unknown, wide at a corner"
+            yield System(words, unknowns, rate, "wide", 0.7, sides=unknowns)
 
 
 def main():
     """Print a line a system."""
     repetitions = int(sys.argv[1]) if len(sys.argv) > 1 else 300
-    print(f"{'':34}{'drawn':>8}{'corners':>16}{'rule':>16}{'worst rate':>12}")
+    print(f"{'':40}" + "".join(f"{word:>9}" for name in COLUMNS for word in [name.split()[0]]))
     print(
-        f"{'worst value at':>34}{'PASS':>8}{'PASS':>8}{'FAIL':>8}{'PASS':>8}{'FAIL':>8}{'flown, q0':>12}"
+        f"{'worst value at':>40}"
+        + "".join(f"{name.split()[1]:>9}" for name in COLUMNS)
+        + f"{'judged, q0':>12}"
     )
     for system in systems():
-        shares, found = simulate(system, repetitions)
+        shares, rate = simulate(system, repetitions)
         words = f"{system.words}, {system.rate:g} q0"
-        print(
-            f"{words:34}" + "".join(f"{share:8.3f}" for share in shares) + f"{found:12.2f}",
-            flush=True,
-        )
+        cells = "".join(f"{share:9.3f}" for share in shares.values())
+        print(f"{words:40}{cells}{rate:12.2f}", flush=True)
 
 
 if __name__ == "__main__":

@@ -224,6 +224,11 @@ def test_what_does_not_go_together_is_refused(whole, tmp_path):
         ({"unknowns": "{aero.lift: {low: 5 m, high: 1.1}}"}, "unknowns", "5 m"),
         ({"sampling": "sobol"}, "unknowns", "the design 'sobol'"),
         ({"points": "{at: {aero.lift: [1.0]}}"}, "points", "points of aero.lift"),
+        (
+            {"points": "{at: {aero.lift: [1.0], aero.drag: [1.0]}, shared: 2}"},
+            "points",
+            "more than the 1 points",
+        ),
         ({"pooled": "[{seed: 5, runs: 80}]"}, "pooled", "80 pooled flights"),
     ],
 )
@@ -249,5 +254,41 @@ def test_bounds_in_percent_of_an_input_in_percent_are_no_change(tmp_path):
 
 def test_plan_tells_the_flights(tmp_path):
     planned = plan_campaign(read_campaign(make(tmp_path)))
-    assert planned.runs == 80 and planned.most_points == 4 + 1 + 2 * 2
+    assert planned.runs == 80 and planned.most_points == 4 + 1 + 2 * 2 * 2
     assert planned.search_flights == 2 * 256 * (4 + 1 + 32 + 2 * 64)
+
+
+def test_a_point_of_the_most_failures_is_judged_for_its_requirement_alone(tmp_path):
+    """Only at the third point both metrics exceed their limits; the second requirement is not judged there."""
+    requirements = (
+        "[{metric: speed_error_max_mps, below: 1.8, probability: 0.99, ended_early: as_measured},"
+        " {metric: altitude_error_max_m, below: 1.8, probability: 0.99, ended_early: as_measured}]"
+    )
+    points = (
+        "{tried: 7, at: {aero.lift: [0.9, 0.9, 1.1], aero.drag: [0.8, 1.15, 1.15]}, shared: 2, most_failures:"
+        " [{controller: one, requirement: 0, point: 2, failures: 9, tried: 7},"
+        " {controller: one, requirement: 1, point: 1, failures: 0, tried: 7}]}"
+    )
+    campaign = make(tmp_path / "f", points=points, requirements=requirements, runs="20")
+    results = read_flown(run(campaign, tmp_path / "out").folder)
+    flights = results.flights["one"]
+    speed, altitude = compute_verdicts(results).requirements
+    for entry, judged in ((speed, (0, 1, 2)), (altitude, (0, 1))):
+        failed = entry.asked.limits.failures(flights.metrics[entry.asked.metric])
+        counts = [int(failed[flights.flight % 3 == k].sum()) for k in range(3)]
+        verdict = entry.controllers["one"]
+        assert verdict.failures == max(counts[k] for k in judged)
+        assert counts[2] > max(counts[:2])
+        assert f"{len(judged)} values of the unknowns" in verdict.note
+        if entry is speed:
+            said = f"most failures were 9 of 256 at lift +10 %, drag +15 %, there {counts[2]} of 20 flights"
+            assert said in verdict.note
+        else:
+            assert "of 7 values tried none failed in 256 flights" in verdict.note
+    held = {(v.metric, v.controller): v for v in results.manifest.requirements}
+    for entry in (speed, altitude):
+        shown = held[entry.asked.metric, "one"]
+        assert (shown.verdict, shown.words) == (
+            entry.controllers["one"].status,
+            entry.controllers["one"].words,
+        )

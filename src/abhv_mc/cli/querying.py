@@ -202,16 +202,15 @@ def _draw(found: "DuckDBPyRelation") -> str:
 
 def _write_csv(columns: list[str], rows: list[tuple[object, ...]], file: Path) -> None:
     """CSV as it is into a file or a pipe; on a terminal nothing that would move its cursor."""
-    import csv
+    from abhv_mc.io.csv_table import csv_text
 
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([columns, *rows])
+    text = csv_text([columns, *rows])
     if file != Path("-"):
-        write_text(file, text.getvalue())
+        write_text(file, text)
     elif sys.stdout.isatty():
-        say(text.getvalue(), end="")
+        say(text, end="")
     else:
-        sys.stdout.write(text.getvalue())
+        sys.stdout.write(text)
 
 
 def _as_records(columns: list[str], rows: list[tuple[object, ...]]) -> list[dict[str, object]]:

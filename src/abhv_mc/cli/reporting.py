@@ -27,7 +27,7 @@ from abhv_mc.cli.printing import (
 )
 from abhv_mc.cli.running import describe_outcomes, print_judgement, print_requirements
 from abhv_mc.execution.progress import Waiting
-from abhv_mc.folder.layout import CampaignFolder, write_whole
+from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.address import read_address
 
 if TYPE_CHECKING:
@@ -50,9 +50,6 @@ def report(
     letter: Annotated[bool, typer.Option("--letter", help="Print it on US letter.")] = False,
 ) -> None:
     """Make the page, the figures and report.json from a campaign's Parquet alone."""
-    import shutil
-    from functools import partial
-
     from abhv_mc.folder.manifest import read_manifest
     from abhv_mc.folder.remote import fetched, local_path
     from abhv_mc.report.pages.build import build_report
@@ -61,16 +58,11 @@ def report(
     browser = find_browser() if pdf or letter else None
 
     with fetched(folder) as source:
-        page = build_report(source, baseline, svg, stage=Waiting)
         if out is None and local_path(folder) is None:
             out = output_folder(
                 Path("reports") / read_manifest(CampaignFolder(source).manifest).name
             )
-        if out is not None:
-            figures = (f"figures/{path.name}" for path in (source / "figures").iterdir())
-            for name in (page.name, "report.json", *figures):
-                write_whole(out / name, partial(shutil.copyfile, source / name))
-            page = out / page.name
+        page = build_report(source, baseline, svg, stage=Waiting, out=out)
         say(page)
         if browser is not None:
             with Waiting("report: PDF"):

@@ -94,6 +94,7 @@ def fly_first(campaign: Experiment, engine: Engine, workers: int | None) -> Firs
             warnings += [
                 f"'{name}' from {low:g} to {high:g} changes no flight"
                 for name, low, high in unchanging(campaign, trials, flown)
+                if name in campaign.names  # three values do not show that an unknown has no effect
             ]
     return FirstFlights(tuple(warnings), repeatability)
 

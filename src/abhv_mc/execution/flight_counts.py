@@ -145,7 +145,10 @@ def judge_counts(
             )
             group.append(count.requirement.judge(failures, number, uncomputed))
         groups.append(group)
-    return [(*pair, *found) for pair, found in zip(counted, campaign.judge(groups), strict=True)]
+    return [
+        (*pair, *found)
+        for pair, found in zip(counted, campaign.judge(tuple(all_counts), groups), strict=True)
+    ]
 
 
 def judge_requirements(

@@ -1,4 +1,4 @@
-"""At which values of its unknowns a campaign is judged: searched for before its folder is made, and named in it."""
+"""Select the points of the unknown parameters at which requirements are judged."""
 
 import sys
 from dataclasses import replace
@@ -21,7 +21,8 @@ from abhv_mc.simulators.engine import Engine, make_ready, simulate
 from abhv_mc.statistics.unknowns import (
     SEARCH_FLIGHTS,
     SEARCH_QUANTILE,
-    points_flown,
+    Trial,
+    choose_points,
     search_flights,
     search_worst,
 )
@@ -30,12 +31,15 @@ from abhv_mc.statistics.unknowns import (
 def name_points(
     campaign: Experiment, plans: dict[str, FlightPlan], engine: Engine, workers: int | None
 ) -> Experiment:
-    """The campaign with the points that a search of each controller finds; as it is where it has no unknowns, or
-    names their points itself. The flights of the search are other ones than are judged."""
+    """Return the campaign with the points that a search of each controller finds.
+
+    A campaign without unknowns, or with points of its own, is returned as it is. The flights of the search are not
+    judged.
+    """
     unknowns = campaign.unknowns
     if not unknowns.names or campaign.model.points is not None:
         return campaign
-    number, searched = len(unknowns.names), []
+    number, searches = len(unknowns.names), []
     if campaign.requirements:
         ready = make_ready(campaign, plans, margins=True)
         total = len(plans) * search_flights(number, len(campaign.requirements))
@@ -47,12 +51,12 @@ def name_points(
             Progress("search of the unknowns' worst values: flights", total) as progress,
         ):
             for name in plans:
-                severity = partial(_severity, ready, name, executor, progress)
-                searched.append(
-                    search_worst(severity, number, make_generator(campaign.seed, name, "unknowns"))
+                evaluate = partial(_evaluate, ready, name, executor, progress)
+                searches.append(
+                    search_worst(evaluate, number, make_generator(campaign.seed, name, "unknowns"))
                 )
-    tried = len(np.unique(np.vstack([points for points, _ in searched]), axis=0)) if searched else 0
-    return with_points(campaign, points_entry(unknowns, points_flown(number, searched), tried))
+    chosen = choose_points(number, searches)
+    return with_points(campaign, points_entry(unknowns, chosen, tuple(plans), searches))
 
 
 def with_points(campaign: Experiment, points: object) -> Experiment:
@@ -63,23 +67,23 @@ def with_points(campaign: Experiment, points: object) -> Experiment:
     return check_campaign(replace(campaign.document, data=data))
 
 
-def _severity(
-    campaign: Experiment, name: str, executor: Executor, progress: Progress, places: Floats
-) -> Floats:
-    """Quantile [point, requirement] of how far the flights at each place go beyond each requirement's limit."""
-    rows = campaign.search_rows(SEARCH_FLIGHTS, campaign.unknowns.values(places))
+def _evaluate(
+    campaign: Experiment, name: str, executor: Executor, progress: Progress, points: Floats
+) -> Trial:
+    """Simulate the flights of the search at each point [point, unknown] of the box."""
+    rows = campaign.search_rows(SEARCH_FLIGHTS, campaign.unknowns.values(points))
     margins = campaign.model.margins is not None
     block = simulate(campaign, name, rows, None, executor.fly_side_by_side, margins)
     progress.add(len(rows))
     columns = [signal.name for signal in (*campaign.measured, *MARGIN_VALUES)]
-    found = []
+    trials = []
     for item in campaign.requirements:
-        worse = item.limits.worse(block.metrics[:, columns.index(item.metric)])
-        worse = np.where(
-            np.isnan(worse) | (item.early_is_failure & (block.outcome != Outcome.OK)), np.inf, worse
-        )
-        # The higher of two values: between a number and infinity lies nothing.
-        found.append(
-            np.quantile(worse.reshape(len(places), -1), SEARCH_QUANTILE, axis=1, method="higher")
-        )
-    return np.column_stack(found)
+        values = block.metrics[:, columns.index(item.metric)]
+        early = item.early_is_failure & (block.outcome != Outcome.OK)
+        severity = item.limits.worse(values)
+        severity = np.where(np.isnan(severity) | early, np.inf, severity).reshape(len(points), -1)
+        # The higher of two values, as there is none between a number and infinity.
+        quantile = np.quantile(severity, SEARCH_QUANTILE, axis=1, method="higher")
+        failures = item.limits.failures(values, early).reshape(severity.shape).sum(axis=1)
+        trials.append((quantile, failures, severity.max(axis=1)))
+    return Trial(*map(np.column_stack, zip(*trials, strict=True)))

@@ -1,9 +1,7 @@
 """The view's server: on the loopback address alone, and only for who has the token in the address."""
 
-import csv
 import gzip
 import hmac
-import io
 import json
 import secrets
 import sys
@@ -27,6 +25,7 @@ from abhv_mc.explore.counts import (
 )
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder.flown_campaign import read_histories
+from abhv_mc.io.csv_table import csv_text
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.pages.flights_view import SCRIPTS, STYLES, template_text
 from abhv_mc.report.pages.interactive import band_names, channel_curves
@@ -202,9 +201,7 @@ class _Handler(BaseHTTPRequestHandler):
             "text/csv; charset=utf-8", {"Content-Disposition": 'attachment; filename="flights.csv"'}
         )
         for part in chain([[heads]], flights):
-            text = io.StringIO()
-            csv.writer(text, lineterminator="\n").writerows(part)
-            self.wfile.write(text.getvalue().encode())
+            self.wfile.write(csv_text(part).encode())
 
     def _refuse(self, status: HTTPStatus, words: str) -> None:
         self._send(json.dumps({"error": words}).encode(), "application/json", status)

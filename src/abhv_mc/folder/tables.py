@@ -7,16 +7,17 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-import pyarrow.csv as pc
 import pyarrow.parquet as pq
 
 from abhv_mc.folder.hashes import data_files, read_checked, unchanged
 from abhv_mc.folder.layout import CampaignFolder, write_whole
 from abhv_mc.folder.manifest import Manifest
+from abhv_mc.io.csv_table import write_batches
 from abhv_mc.io.input_error import InputError
 from abhv_mc.user_code.child import run_in_thread
 
 if TYPE_CHECKING:
+    import pyarrow as pa
     from duckdb import DuckDBPyConnection, DuckDBPyRelation
 
 T = TypeVar("T")
@@ -58,11 +59,13 @@ def export_csv(root: Path, out: Path) -> Iterator[Path]:
 
 def _write_csv(files: list[Path], path: Path) -> None:
     schema = pq.read_schema(files[0]).remove_metadata()
-    with pc.CSVWriter(path, schema) as writer:
-        for file in files:
-            with pq.ParquetFile(file) as part:
-                for batch in part.iter_batches():
-                    writer.write_batch(batch.cast(schema))
+    write_batches(path, schema, _read_batches(files))
+
+
+def _read_batches(files: list[Path]) -> "Iterator[pa.RecordBatch]":
+    for file in files:
+        with pq.ParquetFile(file) as part:
+            yield from part.iter_batches()
 
 
 @contextlib.contextmanager

@@ -6,6 +6,7 @@ import numpy as np
 
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.atomic_write import atomic_write
+from abhv_mc.io.csv_table import csv_text
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.laws.columns import LQR_GAINS, TIME, TLC_GAINS
 
@@ -42,10 +43,8 @@ def write_gains(file: Path, plan: FlightPlan) -> None:
         elif file.suffix == ".h":
             stream.write(_make_header(plan.controller, names, times, gains).encode())
         else:
-            import pandas as pd
-
-            table = pd.DataFrame(np.column_stack([times, gains]), columns=["time_s", *names])
-            table.to_csv(stream, index=False)
+            rows = np.column_stack([times, gains]).tolist()
+            stream.write(csv_text([["time_s", *names], *rows]).encode())
 
 
 def _make_header(

@@ -7,8 +7,10 @@ from -1 (its low end) to 1 (its high end). Every point flies the same samples of
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.statistics.verdicts import Status, Verdict
@@ -20,6 +22,41 @@ _HALTON = 32
 _STEPS = 64  # for each requirement; half of them about the worst of all, half about the worst that is no corner
 _FIRST_STEP, _SHRINK = 0.5, 0.95  # half-boxes; at each miss
 _ALL_CORNERS_FLOWN, _ALL_CORNERS_TRIED = 4, 7  # unknowns
+_SHOWING = 2  # failures in a search with which a value has about an even chance to have the most
+
+
+class Trial(NamedTuple):
+    """What the flights of a search show at points, by requirement: larger values are worse."""
+
+    severity: Floats  # [point, requirement] quantile of the severity, by which the search ranks
+    failures: NDArray[np.int64]  # [point, requirement]
+    largest: Floats  # [point, requirement] severity of the worst flight
+
+
+class Search(NamedTuple):
+    """The points tried for one controller, each once, and what their flights show."""
+
+    points: Floats  # [point, unknown]
+    trial: Trial
+
+
+class MostFailures(NamedTuple):
+    """The judged point at which a search saw a requirement fail most often."""
+
+    search: int  # index of the controller
+    requirement: int
+    point: int
+    failures: int  # of SEARCH_FLIGHTS
+
+
+class JudgedPoints(NamedTuple):
+    """Points at which requirements are judged: the first ``shared`` of them all requirements."""
+
+    points: Floats  # [point, unknown]
+    shared: int
+    most_failures: tuple[
+        MostFailures, ...
+    ]  # each other point is judged for the requirement named here
 
 
 def corners(unknowns: int) -> Floats:
@@ -37,33 +74,41 @@ def corners(unknowns: int) -> Floats:
 
 
 def search_worst(
-    severity: Callable[[Floats], Floats], unknowns: int, draw: np.random.Generator
-) -> tuple[Floats, Floats]:
-    """Points tried ``[point, unknown]`` and their severities ``[point, requirement]``, larger being worse.
+    evaluate: Callable[[Floats], Trial], unknowns: int, draw: np.random.Generator
+) -> Search:
+    """Search the box for the values of the unknowns that are worst for each requirement.
 
-    ``severity`` gives those of points. Corners, centre and Halton points are tried first, in this order, then for
-    each requirement two chains of Gaussian steps, from the worst of all and from the worst that is no corner.
+    ``evaluate`` simulates the flights at points [point, unknown]. Corners, centre and Halton points are tried first, in
+    this order, then for each requirement two chains of Gaussian steps, from the worst of all points and from the worst
+    that is not a corner.
     """
     from scipy.stats import qmc
 
     ends = corners(unknowns)
     halton = 2.0 * qmc.Halton(unknowns, rng=draw).random(_HALTON) - 1.0
     tried = np.vstack([ends, np.zeros((1, unknowns)), halton])
-    found = severity(tried)
-    inner = found[len(ends) :].argmax(axis=0) + len(ends)
-    columns = np.tile(np.arange(found.shape[1]), 2)  # of the chains
-    best = np.concatenate([found.argmax(axis=0), inner])
-    center, worst = tried[best], found[best, columns]
+    first = evaluate(tried)
+    points, trials = [tried], [first]
+    inner = first.severity[len(ends) :].argmax(axis=0) + len(ends)
+    columns = np.tile(np.arange(first.severity.shape[1]), 2)  # of the chains
+    best = np.concatenate([first.severity.argmax(axis=0), inner])
+    center, worst = tried[best], first.severity[best, columns]
     size = np.full(len(best), _FIRST_STEP)
     for _ in range(_STEPS // 2):
         step = np.clip(center + size[:, None] * draw.standard_normal(center.shape), -1.0, 1.0)
-        values = severity(step)
-        tried, found = np.vstack([tried, step]), np.vstack([found, values])
-        value = values[np.arange(len(step)), columns]
+        trial = evaluate(step)
+        points.append(step)
+        trials.append(trial)
+        value = trial.severity[np.arange(len(step)), columns]
         worse = value > worst
         center[worse], worst[worse] = step[worse], value[worse]
         size[~worse] *= _SHRINK
-    return tried, found
+    tried = np.vstack(points)
+    _, unique = np.unique(tried, axis=0, return_index=True)  # steps may be clipped to one corner
+    rows = np.sort(unique)
+    return Search(
+        tried[rows], Trial(*(np.vstack(values)[rows] for values in zip(*trials, strict=True)))
+    )
 
 
 def search_flights(unknowns: int, requirements: int) -> int:
@@ -73,7 +118,7 @@ def search_flights(unknowns: int, requirements: int) -> int:
 
 def most_points(unknowns: int, searches: int) -> int:
     """The most points that are judged where so many pairs of controller and requirement are searched."""
-    return len(standing_points(unknowns)) + searches * (1 if unknowns <= _ALL_CORNERS_FLOWN else 3)
+    return len(standing_points(unknowns)) + searches * (2 if unknowns <= _ALL_CORNERS_FLOWN else 4)
 
 
 def standing_points(unknowns: int) -> Floats:
@@ -82,19 +127,57 @@ def standing_points(unknowns: int) -> Floats:
     return np.vstack([ends, np.zeros((1, unknowns))])
 
 
-def points_flown(unknowns: int, searched: Sequence[tuple[Floats, Floats]]) -> Floats:
-    """Points ``[point, unknown]`` at which requirements are judged, from what a search of each controller gave.
+def choose_points(unknowns: int, searches: Sequence[Search]) -> JudgedPoints:
+    """Choose the points at which requirements are judged, from the search of each controller.
 
-    Up to four unknowns all corners and the centre, then each requirement's worst; beyond four, in place of all corners
-    each requirement's worst and its opposite.
+    Up to four unknowns all corners and the centre, then the worst point of each controller and requirement; beyond
+    four, in place of all corners the worst corner of each and its opposite. Each requirement is also judged at the
+    point where a search saw it fail most often, unless a judged point failed as often there: the quantile by which
+    points are ranked does not see failures of less than 5 % of the flights. If no flight failed at any point, that is
+    the point of the flight nearest to the limit.
     """
     ends, rows = corners(unknowns), [*standing_points(unknowns)]
-    for points, values in searched:
+    for points, trial in searches:
         if unknowns > _ALL_CORNERS_FLOWN:
-            worst = ends[values[: len(ends)].argmax(axis=0)]
+            worst = ends[trial.severity[: len(ends)].argmax(axis=0)]
             rows += [*worst, *-worst]
-        rows += [*points[values.argmax(axis=0)]]
-    return np.array(list(dict.fromkeys(tuple((row + 0.0).tolist()) for row in rows)))
+        rows += [*points[trial.severity.argmax(axis=0)]]
+    judged = list(dict.fromkeys(_key(row) for row in rows))
+    shared, most = len(judged), list[MostFailures]()
+    for search, (points, trial) in enumerate(searches):
+        keys = [_key(point) for point in points]
+        for requirement in range(trial.failures.shape[1]):
+            failures, largest = trial.failures[:, requirement], trial.largest[:, requirement]
+            own = {*judged[:shared]}
+            own |= {judged[entry.point] for entry in most if entry.requirement == requirement}
+            nearest = np.where(failures == 0, largest, 0.0)
+            order = np.lexsort([trial.severity[:, requirement], nearest, failures])
+            worst_first = order[::-1].tolist()
+            point = worst_first[0]
+            known = next((i for i in worst_first if keys[i] in own), None)
+            if (
+                known is not None
+                and failures[known] == failures[point]
+                and nearest[known] == nearest[point]
+            ):
+                point = known
+            if keys[point] not in judged:
+                judged.append(keys[point])
+            at = judged.index(keys[point])
+            most.append(MostFailures(search, requirement, at, int(failures[point])))
+    return JudgedPoints(np.array(judged), shared, tuple(most))
+
+
+def _key(point: Floats) -> tuple[float, ...]:
+    return tuple((point + 0.0).tolist())
+
+
+def showing_factor(probability: float) -> float:
+    """How many times too often a value of the unknowns fails that a search finds with about an even chance.
+
+    Two failures are expected there; simulated by ``benchmarks/unknowns.py`` for a single corner.
+    """
+    return _SHOWING / (SEARCH_FLIGHTS * (1.0 - probability))
 
 
 def judge_points(verdicts: Sequence[Verdict]) -> tuple[Verdict, int]:

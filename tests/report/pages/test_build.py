@@ -1,6 +1,7 @@
 """Reports are made when something is new; a bit that is another is told; what pipelines read of verdicts."""
 
 import csv
+import json
 import shutil
 from xml.etree import ElementTree
 
@@ -19,7 +20,7 @@ from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import ControllerCount, Manifest
 from abhv_mc.io.documents import InputError
-from abhv_mc.report.pages.build import build_report, is_up_to_date
+from abhv_mc.report.pages.build import build_report, hash_pages, is_up_to_date
 from abhv_mc.report.pages.verify import differences, verify_campaign
 from abhv_mc.shipped import shipped_campaigns
 from abhv_mc.topics.envelopes import ENVELOPES
@@ -85,13 +86,61 @@ def flipped(path, place):
 
 
 @pytest.mark.parametrize(
-    ("name", "place"), [("report.html", "pages"), ("figures/channels.png", "pictures")]
+    ("name", "place"),
+    [
+        ("report.html", "pages"),
+        ("metrics.csv", "pages"),
+        ("verification_matrix.csv", "pages"),
+        ("figures/channels.png", "pictures"),
+    ],
 )
 def test_a_bit_of_a_page_or_figure_is_told_and_one_that_is_gone(copy, name, place):
     flipped(copy / name, (copy / name).stat().st_size // 2)
     assert next(verify_campaign(copy)).startswith(f"{place}.{name}: ")
     (copy / name).unlink()
     assert next(verify_campaign(copy)).startswith(f"{place}.{name}: ")
+
+
+def test_a_verdict_changed_in_the_matrix_is_found(copy):
+    matrix = copy / "verification_matrix.csv"
+    text = matrix.read_text(encoding="utf-8")
+    assert ",FAIL," in text
+    matrix.write_text(text.replace(",FAIL,", ",PASS,", 1), encoding="utf-8")
+    assert [line.split(":")[0] for line in verify_campaign(copy)] == [f"pages.{matrix.name}"]
+    assert not is_up_to_date(copy)
+
+
+def contents(folder):
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_a_report_elsewhere_leaves_the_folder_as_it_was(copy, tmp_path):
+    before, parts = contents(copy), [copy, *copy.rglob("*")]
+    for path in parts:
+        path.chmod(0o555 if path.is_dir() else 0o444)
+    out = tmp_path / "there" / "deep"
+    page = build_report(copy, out=out)
+    for path in parts:
+        path.chmod(0o755 if path.is_dir() else 0o644)
+    assert page == out / "report.html" and contents(copy) == before
+    tables = {"report.html", "metrics.csv", "verification_matrix.csv"}
+    assert {path.name for path in contents(out)} == {*tables, "report.json"}
+    written = json.loads((out / "report.json").read_text(encoding="utf-8"))
+    assert written["pages"] == hash_pages(out, tables)
+
+
+def test_rows_computed_again_in_other_blocks_are_the_same_rows(tmp_path):
+    path = write_fake(tmp_path / "f", requirements=REQUIREMENTS)
+    out = tmp_path / "out"
+    run_campaign(Request(path, out), ENGINE)
+    build_page(out)
+    blocks = {file.name for file in (out / "flights").glob("*.parquet")}
+    next((out / "flights").glob("*.parquet")).unlink()
+    path = write_fake(tmp_path / "f", requirements=REQUIREMENTS, execution="{batch: 7}")
+    assert run_campaign(Request(path, out), ENGINE).complete
+    assert {file.name for file in (out / "flights").glob("*.parquet")} != blocks
+    assert list(verify_campaign(out)) == []
 
 
 def test_a_folder_without_a_report_is_bad_input(tmp_path):

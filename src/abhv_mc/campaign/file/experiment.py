@@ -321,19 +321,30 @@ class Experiment:
         names = self.unknowns.names
         return samples_at_points(samples, len(self.names), names, points) if names else samples
 
-    def judge(self, groups: Sequence[Sequence[Verdict]]) -> list[tuple[Verdict, int]]:
-        """The verdict of each requirement and controller from those at each point, and the point that it names."""
-        found = judge_family(groups, self.judged, self.family_risk)
+    def judge(
+        self, controllers: Sequence[str], groups: Sequence[Sequence[Verdict]]
+    ) -> list[tuple[Verdict, int]]:
+        """Judge every requirement on each controller; return its verdict and the point with these counts.
+
+        ``groups`` holds the verdicts at every point of the unknowns, by controller, then requirement.
+        """
         if not self.unknowns.names:
-            return found
-        notes = [
-            filter(None, (self.unknowns.note(at, verdict.failures), verdict.note))
-            for verdict, at in found
-        ]
-        return [
-            (replace(verdict, note="; ".join(note)), at)
-            for (verdict, at), note in zip(found, notes, strict=True)
-        ]
+            return judge_family(groups, self.judged, self.family_risk)
+        requirements = range(len(self.requirements))
+        pairs = [(name, number) for name in controllers for number in requirements]
+        points = [self.unknowns.judged(number) for _, number in pairs]
+        judged = [[group[k] for k in own] for own, group in zip(points, groups, strict=True)]
+        verdicts = []
+        for pair, own, group, (verdict, k) in zip(
+            pairs,
+            points,
+            groups,
+            judge_family(judged, self.judged, self.family_risk),
+            strict=True,
+        ):
+            notes = filter(None, (self.unknowns.note(*pair, group, own[k]), verdict.note))
+            verdicts.append((replace(verdict, note="; ".join(notes)), own[k]))
+        return verdicts
 
     def rows(self, values: Floats) -> Floats:
         """Full rows ``[flight, parameter]`` of rows of its inputs."""

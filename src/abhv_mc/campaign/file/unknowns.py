@@ -1,5 +1,6 @@
 """A campaign's unknowns: parameters with one value for the whole programme, of which only bounds are known."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated
 
@@ -11,7 +12,15 @@ from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.campaign.sampling.distributions import Value
 from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, one_of
 from abhv_mc.plant.parameters import OURS, Parameter, Parameters
-from abhv_mc.statistics.unknowns import MOST_UNKNOWNS, standing_points
+from abhv_mc.statistics.unknowns import (
+    MOST_UNKNOWNS,
+    SEARCH_FLIGHTS,
+    JudgedPoints,
+    Search,
+    showing_factor,
+    standing_points,
+)
+from abhv_mc.statistics.verdicts import Verdict
 
 
 class Unknown(StrictModel):
@@ -23,10 +32,31 @@ class Unknown(StrictModel):
     high: Value = Field(description="upper bound")
 
 
+Count = Annotated[int, Field(ge=0)]
+
+
+class MostFailures(StrictModel):
+    """Where the search of a controller saw a requirement fail most often."""
+
+    controller: str = Field(description="whose search")
+    requirement: Count = Field(description="number of the requirement, from 0")
+    point: Count = Field(description="number of the point, from 0")
+    failures: Count = Field(description=f"of {SEARCH_FLIGHTS} flights")
+    tried: Count = Field(description="how many values were tried")
+
+
 class UnknownPoints(StrictModel):
     """Values of the unknowns at which requirements are judged, as `run` found them."""
 
-    tried: Annotated[int, Field(ge=0)] = Field(0, description="how many were tried to find them")
+    tried: Count = Field(0, description="how many were tried to find them")
+    shared: Count | None = Field(
+        None,
+        description="how many of the first points judge all requirements; left out: all points. Each of the others "
+        "judges the requirements that name it in `most_failures`",
+    )
+    most_failures: tuple[MostFailures, ...] = Field(
+        (), description="where the search of each controller saw each requirement fail most often"
+    )
     at: dict[str, tuple[float, ...]] = Field(
         description="values by unknown, SI; each flight is flown at every point"
     )
@@ -41,6 +71,8 @@ class Unknowns:
     high: Floats = field(default_factory=lambda: np.empty(0))
     points: Floats = field(default_factory=lambda: np.empty((1, 0)))  # [point, unknown], SI
     tried: int = 0
+    shared: int | None = None  # how many of the first points judge all requirements; None: all
+    most_failures: tuple[MostFailures, ...] = ()
     parameters: Parameters = OURS
 
     def values(self, places: Floats) -> Floats:
@@ -60,21 +92,72 @@ class Unknowns:
             parts.append(f"{(name.partition('.')[2] or name).replace('_', ' ')} {text}")
         return ", ".join(parts)
 
-    def note(self, point: int, failures: int) -> str:
-        """What a verdict over all points says of the one that is furthest from a PASS, and has so many failures."""
-        number, tried = len(self.points), f"; {self.tried} tried" if self.tried else ""
-        if not failures:
-            return f"at each of {number} values of the unknowns{tried}"
-        return f"at the worst of {number} values of the unknowns ({self.words(point)}){tried}"
+    def judged(self, requirement: int) -> list[int]:
+        """Return the numbers of the points at which a requirement is judged."""
+        own = {entry.point for entry in self.most_failures if entry.requirement == requirement}
+        shared = len(self.points) if self.shared is None else self.shared
+        return sorted({*range(shared), *own})
+
+    def note(
+        self, controller: str, requirement: int, verdicts: Sequence[Verdict], worst: int
+    ) -> str:
+        """Describe where a requirement was judged and what its search saw.
+
+        ``verdicts`` [point] are those at every point; ``worst`` is the point farthest from a PASS.
+        """
+        number = len(self.judged(requirement))
+        text = f"at each of {number} values of the unknowns"
+        if verdicts[worst].failures:
+            text = f"at the worst of {number} values of the unknowns ({self.words(worst)})"
+        pair = controller, requirement
+        for entry in self.most_failures:
+            if (entry.controller, entry.requirement) == pair:
+                return f"{text}; {self._most_words(entry, verdicts[entry.point])}"
+        return f"{text}; {self.tried} tried" if self.tried else text
+
+    def _most_words(self, entry: MostFailures, verdict: Verdict) -> str:
+        text = f"of {entry.tried} values tried "
+        if entry.failures:
+            text += f"the most failures were {entry.failures} of {SEARCH_FLIGHTS} at "
+        else:
+            text += f"none failed in {SEARCH_FLIGHTS} flights; nearest to the limit came "
+        text += f"{self.words(entry.point)}, there {verdict.failures:,} of {verdict.flights:,} flights failed"
+        factor = showing_factor(verdict.probability)
+        if factor <= 1.0:
+            return text
+        return (
+            f"{text}; a value that fails {float(f'{factor:.1g}'):,.0f} times too often shows there in about half "
+            "of the campaigns"
+        )
 
 
-def points_entry(unknowns: Unknowns, places: Floats, tried: int) -> dict[str, object]:
-    """The file's `points` of places [point, unknown] in the box."""
-    values = unknowns.values(places)
-    return {
-        "tried": tried,
+def points_entry(
+    unknowns: Unknowns,
+    chosen: JudgedPoints,
+    controllers: Sequence[str],
+    searches: Sequence[Search],
+) -> dict[str, object]:
+    """Return the file's `points` from those chosen in the box and the search of each controller."""
+    values = unknowns.values(chosen.points)
+    entry: dict[str, object] = {
+        "tried": len(np.unique(np.vstack([search.points for search in searches]), axis=0))
+        if searches
+        else 0,
         "at": {name: values[:, i].tolist() for i, name in enumerate(unknowns.names)},
     }
+    if searches:
+        entry["shared"] = chosen.shared
+        entry["most_failures"] = [
+            {
+                "controller": controllers[most.search],
+                "requirement": most.requirement,
+                "point": most.point,
+                "failures": most.failures,
+                "tried": len(searches[most.search].points),
+            }
+            for most in chosen.most_failures
+        ]
+    return entry
 
 
 def check_unknowns(
@@ -130,6 +213,10 @@ def check_unknowns(
                     ("points",), f"points of {', '.join(points.at) or 'nothing'}", wish
                 )
             )
+        number = min(lengths, default=0)
+        if max([entry.point + 1 for entry in points.most_failures] + [points.shared or 0]) > number:
+            found = f"more than the {number} points of 'at' in 'shared' or 'most_failures'"
+            errors.append(document.key_error(("points",), found, "numbers of points, from 0"))
     if len(errors) > before or not unknowns:
         return Unknowns()
     low, high = np.array(ends).T
@@ -137,7 +224,11 @@ def check_unknowns(
     if points is None:
         return replace(box, points=box.values(standing_points(len(box.names))))
     return replace(
-        box, points=np.column_stack([points.at[name] for name in box.names]), tried=points.tried
+        box,
+        points=np.column_stack([points.at[name] for name in box.names]),
+        tried=points.tried,
+        shared=points.shared,
+        most_failures=points.most_failures,
     )
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+from abhv_mc.campaign.file.unknowns import Unknowns
 from abhv_mc.folder.siblings import name_siblings
 from abhv_mc.report.numbers.report_numbers import warnings_of
 from abhv_mc.topics.convergence import CONVERGENCE
@@ -38,6 +39,16 @@ def section_leads(models: Models, warnings: Sequence[str] = ()) -> Mapping[str, 
     }
 
 
+def _judged_words(unknowns: Unknowns) -> str:
+    shared = unknowns.shared
+    if shared is None or shared == len(unknowns.points):
+        return "A verdict is of every one of these"
+    return (
+        f"A verdict is of the first {shared} of these, and of those where the search saw its "
+        "requirement fail most often"
+    )
+
+
 def confidence_sentence(models: Models, warnings: Sequence[str] = ()) -> str:
     """What the intervals and verdicts rest on; ``warnings``: what else is missing."""
     campaign, names, requirements = (
@@ -56,7 +67,7 @@ def confidence_sentence(models: Models, warnings: Sequence[str] = ()) -> str:
     if campaign.unknowns.names:
         text += (
             f" They are {fixed(campaign.runs_at_point, 0)} flights at each of {len(campaign.unknowns.points)} values "
-            "of the unknowns. A verdict is of every one of these; what lies between them was searched, not proven. "
+            f"of the unknowns. {_judged_words(campaign.unknowns)}; what lies between them was searched, not proven. "
             "Quantiles, envelopes and differences are of all of them together; a winner is named where it is one at "
             "every value."
         )

@@ -9,6 +9,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
+from abhv_mc.folder.flights import Digest, parse_block_name, read_digest
 from abhv_mc.folder.hashes import data_files
 from abhv_mc.folder.layout import CampaignFolder, hash_file
 from abhv_mc.folder.manifest import Manifest, read_manifest
@@ -19,14 +20,22 @@ Stage = Callable[[str], AbstractContextManager[object]]
 
 
 def hash_files(folder: Path) -> dict[str, str]:
-    """SHA-256 of every file that the report is made from, by its path in the folder, as the manifest lists them."""
+    """Return what a report is made from: the SHA-256 of files by path, and the digest of each controller's rows.
+
+    How the rows are divided into block files says nothing about them: a block that is computed again may have another
+    name.
+    """
     paths = CampaignFolder(folder)
     manifest = read_manifest(paths.manifest)
-    names = [
-        path.relative_to(paths.root).as_posix()
-        for path in (paths.campaign, *data_files(paths, manifest))
-    ]
-    return {name: manifest.files[name] for name in names}
+    hashes, digests = {}, dict[str, Digest]()
+    for path in (paths.campaign, *data_files(paths, manifest)):
+        if path.parent == paths.flights:
+            controller = parse_block_name(path)[0]
+            digests[controller] = digests.get(controller, Digest()) + read_digest(path)
+        else:
+            name = path.relative_to(paths.root).as_posix()
+            hashes[name] = manifest.files[name]
+    return hashes | {f"flights/{name}": str(digest) for name, digest in digests.items()}
 
 
 def hash_pages(folder: Path, names: Iterable[str]) -> dict[str, str | None]:
@@ -115,11 +124,18 @@ def _seldom_collecting() -> Iterator[None]:
 
 @_seldom_collecting()
 def build_report(
-    folder: Path, baseline: Path | None = None, svg: bool = False, stage: Stage = nullcontext
+    folder: Path,
+    baseline: Path | None = None,
+    svg: bool = False,
+    stage: Stage = nullcontext,
+    out: Path | None = None,
 ) -> Path:
-    """Write a folder's report and return its page; ``svg``: each figure as SVG, too. Raises InputError."""
+    """Write a folder's report into ``out``, by default the folder itself, and return its page.
+
+    ``svg`` also writes each figure as SVG. Raises InputError.
+    """
     from abhv_mc.folder.flown_campaign import read_flown
-    from abhv_mc.folder.layout import write_text
+    from abhv_mc.folder.layout import explain_os_error, write_text
     from abhv_mc.report.numbers.compare import compare_baseline
     from abhv_mc.report.numbers.report_numbers import make_numbers
     from abhv_mc.report.pages.matrix import make_matrix, make_metrics
@@ -137,8 +153,11 @@ def build_report(
     held = compare_baseline(results, baseline) if baseline else None
     with stage("report: statistics"):
         numbers = {**make_numbers(models, held), "files": hash_files(folder)}
-    figures_folder = folder / "figures"
-    figures_folder.mkdir(exist_ok=True)
+    out = out or folder
+    written = CampaignFolder(out)
+    figures_folder = out / "figures"
+    with explain_os_error(figures_folder, writing=True):
+        figures_folder.mkdir(parents=True, exist_ok=True)
     figures, failed = [], []
     with stage("report: figures"):
         for shown, made in make_figures(models).items():
@@ -166,14 +185,17 @@ def build_report(
     }
     for stale in {*figures_folder.glob("*.png"), *figures_folder.glob("*.svg")} - kept:
         stale.unlink(missing_ok=True)  # another report of this folder may do the same
-    page = folder / "report.html"
-    write_text(CampaignFolder(folder).metrics, make_metrics(models[METRICS]))
-    write_text(page, make_page(models, figures, failed, held))
+    page = out / "report.html"
+    pages = {
+        page: make_page(models, figures, failed, held),
+        written.metrics: make_metrics(models[METRICS]),
+    }
     if results.campaign.requirements:
-        write_text(
-            CampaignFolder(folder).matrix, make_matrix(models[VERDICTS], results.campaign.metrics)
-        )
-    pictures = hash_pages(folder, [path.relative_to(folder).as_posix() for path in sorted(kept)])
-    numbers |= {"pages": hash_pages(folder, [page.name]), "pictures": pictures, "key": key}
-    write_text(folder / "report.json", json.dumps(numbers, indent=1, allow_nan=False) + "\n")
+        pages[written.matrix] = make_matrix(models[VERDICTS], results.campaign.metrics)
+    for path, content in pages.items():
+        write_text(path, content)
+    pictures = hash_pages(out, [path.relative_to(out).as_posix() for path in sorted(kept)])
+    names = [path.name for path in pages]
+    numbers |= {"pages": hash_pages(out, names), "pictures": pictures, "key": key}
+    write_text(out / "report.json", json.dumps(numbers, indent=1, allow_nan=False) + "\n")
     return page

@@ -1,14 +1,13 @@
 """Results as other programs read them: a verification matrix and the metrics (CSV), and JUnit XML for pipelines."""
 
-import csv
-import io
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 from xml.etree import ElementTree
 
 from abhv_mc.campaign.file.config import TRACED
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.manifest import RequirementVerdict
+from abhv_mc.io.csv_table import csv_text
 from abhv_mc.topics.metrics import Metrics
 from abhv_mc.topics.plain import plain
 from abhv_mc.topics.verdicts.model import Verdicts
@@ -21,9 +20,7 @@ _COLUMNS = (
 
 def make_matrix(verdicts: Verdicts, metrics: Mapping[str, Metric]) -> str:
     """A row for each requirement and controller; ``metrics`` are the records of the campaign."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, _COLUMNS, lineterminator="\n")
-    writer.writeheader()
+    rows: list[Sequence[object]] = [_COLUMNS]
     for entry in verdicts.requirements:
         item = entry.asked
         asked = {**item.traced, **item.limits.as_entry(), "metric": item.metric, "probability": item.probability,
@@ -34,16 +31,10 @@ def make_matrix(verdicts: Verdicts, metrics: Mapping[str, Metric]) -> str:
                 for key in ("failures", "flights", "tolerance_limit", "words")
             }
             binding = "yes" if name in item.controllers else "no"
-            writer.writerow(
-                {
-                    **asked,
-                    **found,
-                    "controller": name,
-                    "binding": binding,
-                    "verdict": verdict.status,
-                }
-            )
-    return text.getvalue()
+            found |= {"controller": name, "binding": binding, "verdict": verdict.status}
+            cells = {**asked, **found}
+            rows.append([cells.get(column) for column in _COLUMNS])
+    return csv_text(rows)
 
 
 def make_metrics(found: Metrics) -> str:
@@ -56,11 +47,8 @@ def make_metrics(found: Metrics) -> str:
             for level, interval in each.quantiles.items():
                 row |= {f"{level}_{end}": value for end, value in plain(interval).items()}
             rows.append({**row, "worst": each.worst, "worst_flight": each.worst_flight})
-    text = io.StringIO()
-    writer = csv.DictWriter(text, rows[0] if rows else (), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+    columns = list(rows[0]) if rows else []
+    return csv_text([columns, *([row.get(column) for column in columns] for row in rows)])
 
 
 class Case(NamedTuple):

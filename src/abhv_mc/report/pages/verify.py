@@ -23,11 +23,9 @@ def verify_campaign(root: Path) -> Iterator[str]:
     manifest = read_manifest(folder.manifest)
     if holder := lock_holder(folder.lock):
         raise InputError(root, f"a campaign that {holder} is flying", "the end of that run")
-    yield from (
-        f"{path.relative_to(folder.root).as_posix()}: {found}"
-        for path, found in find_damage(folder, manifest)
-    )
-    if manifest.search is None:
+    damage = list(find_damage(folder, manifest))
+    yield from (f"{path.relative_to(folder.root).as_posix()}: {words}" for path, words in damage)
+    if not damage and manifest.search is None:
         yield from _report_differences(root)
 
 

@@ -114,13 +114,14 @@ def compute_verdicts(results: FlownCampaign) -> Verdicts:
     counted = [_at_points(results.flights[name], item, points) for item in items for name in names]
     # In the manifest's order: by controller, then requirement.
     order = [k * len(names) + n for n in range(len(names)) for k in range(len(items))]
-    found = dict(zip(order, campaign.judge([counted[k] for k in order]), strict=True))
+    judged = campaign.judge(names, [counted[k] for k in order])
+    found = dict(zip(order, judged, strict=True))
     requirements = tuple(
         JudgedRequirement(
             item,
             requirement_words(item, campaign.metrics),
             {
-                name: _verdict(results, item, name, *found[k * len(names) + n])
+                name: _verdict(results, k, name, *found[k * len(names) + n])
                 for n, name in enumerate(names)
             },
         )
@@ -145,12 +146,15 @@ def _at_points(flights: ControllerFlights, requirement: Requirement, points: int
 
 
 def _verdict(
-    results: FlownCampaign, item: Requirement, name: str, verdict: Verdict, point: int
+    results: FlownCampaign, number: int, name: str, verdict: Verdict, point: int
 ) -> ControllerVerdict:
-    flights, points = results.flights[name], len(results.campaign.unknowns.points)
+    flights, unknowns = results.flights[name], results.campaign.unknowns
+    item, points = results.campaign.requirements[number], len(unknowns.points)
     given, early = results.campaign.judged, requirement_failures(flights, item) & flights.failed
     tolerance, room, beyond = (
-        find_tolerance(flights, item, points) if given else (None, None, False)
+        find_tolerance(flights, item, points, unknowns.judged(number))
+        if given
+        else (None, None, False)
     )
     flies = not results.campaign.adopted
     return ControllerVerdict(
@@ -168,10 +172,13 @@ def _verdict(
 
 
 def find_tolerance(
-    flights: ControllerFlights, requirement: Requirement, points: int = 1
+    flights: ControllerFlights,
+    requirement: Requirement,
+    points: int = 1,
+    judged: Sequence[int] = (0,),
 ) -> tuple[float | None, float | None, bool]:
     """What the required share of flights stays within, by the rule of the verdict, and the room to the limit: the worst
-    over the points of the unknowns.
+    over the points of the unknowns at which the requirement is ``judged``.
 
     Both are None where the flights are too few, or too many were lost (the third); the room is a share of the limit.
     Of two limits the first is the distance outside them, negative inside, and the room a share of half their distance.
@@ -181,9 +188,7 @@ def find_tolerance(
     worse[np.isnan(worse) | (flights.failed & requirement.early_is_failure)] = np.inf
     at, absent = flights.flight % points, flights.absent % points
     asked = requirement.probability, requirement.consumer_risk
-    each = [
-        tolerance_limit(worse[at == k], int(np.sum(absent == k)), *asked) for k in range(points)
-    ]
+    each = [tolerance_limit(worse[at == k], int(np.sum(absent == k)), *asked) for k in judged]
     found = None if None in each else max(limit for limit in each if limit is not None)
     if found is None or not np.isfinite(found):
         return None, None, found is not None

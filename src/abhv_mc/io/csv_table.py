@@ -1,0 +1,48 @@
+"""CSV tables that other programs read: one writer, safe for spreadsheets.
+
+A spreadsheet runs a cell that begins with ``= + - @`` or a tab as a formula (CWE-1236), and requirement
+ids, texts and units are free text. Such text is written behind an apostrophe; numbers are written as they are.
+"""
+
+import csv
+import io
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_FORMULA = r"^[=+\-@\t]"
+
+
+def csv_text(rows: Iterable[Sequence[object]]) -> str:
+    """Return rows as CSV."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(map(_escape, row) for row in rows)
+    return text.getvalue()
+
+
+def write_batches(path: Path, schema: "pa.Schema", batches: "Iterable[pa.RecordBatch]") -> None:
+    """Write the batches of a table as a CSV file, one at a time."""
+    import pyarrow as pa
+    import pyarrow.csv as arrow_csv
+
+    with arrow_csv.CSVWriter(path, schema) as writer:
+        for batch in batches:
+            columns = [_escape_column(column) for column in batch.cast(schema).columns]
+            writer.write_batch(pa.record_batch(columns, schema=schema))
+
+
+def _escape(cell: Any) -> Any:
+    return f"'{cell}" if isinstance(cell, str) and re.match(_FORMULA, cell) else cell
+
+
+def _escape_column(column: "pa.Array") -> "pa.Array":
+    import pyarrow.compute as pc
+    import pyarrow.types as kinds
+
+    if not (kinds.is_string(column.type) or kinds.is_large_string(column.type)):
+        return column
+    return pc.replace_substring_regex(column, f"({_FORMULA})", r"'\1")
