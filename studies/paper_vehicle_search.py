@@ -33,8 +33,8 @@ LEVELS = {  # a trait's middle level; the others are STEP times less and more. M
     "rudder": 21.0,
     "sideslip": 13.5,
     "elevator": 2.6,
-    "angle_of_attack": 3.7,
-    "rates": 0.8,
+    "angle_of_attack": 3.4,
+    "rates": 0.5,
 }
 STEP, _AIM, _APART = 1.7, 1.06, 1.55  # nothing pulls within _AIM of a level, or beyond _APART
 _PITCH = (
@@ -99,6 +99,8 @@ def rank(candidate: Candidate, search: Search) -> float:
     """The ends that are not in plus the largest miss; infinite for what cannot be a member."""
     axes = [each for each in candidate.seen if each.axis.figure != search.left_out]
     if not axes or candidate.off_node < OFF_NODE or candidate.cycle > _CYCLE:
+        return float("inf")
+    if not candidate.keeps_sides:
         return float("inf")
     if not all(
         third_trait(candidate.traits, other) >= np.log(DIFFERENT) for other in search.others
