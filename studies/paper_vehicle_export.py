@@ -44,7 +44,7 @@ def write_table(file: Path, machs: Floats, alphas: Floats, values: Floats) -> No
 def write_tables(values: dict[str, float], folder: Path) -> dict[str, Floats]:
     """Write every table of a member, and return the nodes of tables and inertias."""
     nodes = changed_tables(values)
-    folder.mkdir(exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     for name, (_, variable) in TABLES.items():
         shown = nodes[name] * (np.pi / 180.0 if variable in _PER_DEGREE else 1.0)
         write_table(folder / f"{name}.csv", *grids_of(name), shown)
@@ -138,6 +138,17 @@ name: paper_s
     return head + "\n" + text[text.index("start:") : start] + s + text[end:]
 
 
+def write_files(name: str, results: Path, configs: Path) -> None:
+    """Write the vehicle and the mission of a member below a folder of configurations."""
+    ensemble = json.loads(results.read_text(encoding="utf-8"))["ensemble"]
+    member = next(m for m in ensemble if m["name"] == name)
+    nodes = write_tables(member["values"], configs / "vehicle/abhv")
+    vehicle, mission = configs / "vehicle/abhv.yaml", configs / "mission/paper_s.yaml"
+    vehicle.write_text(vehicle_text(member, nodes), encoding="utf-8")
+    mission.parent.mkdir(exist_ok=True)
+    mission.write_text(mission_text(member["values"]), encoding="utf-8")
+
+
 def main() -> None:
     """Write the files."""
     parser = argparse.ArgumentParser(
@@ -147,15 +158,7 @@ def main() -> None:
     parser.add_argument("--results", type=Path, default=ROOT / "studies/paper_vehicle.json")
     parser.add_argument("--configs", type=Path, default=ROOT / "configs")
     arguments = parser.parse_args()
-    ensemble = json.loads(arguments.results.read_text(encoding="utf-8"))["ensemble"]
-    member = next(m for m in ensemble if m["name"] == arguments.member)
-    nodes = write_tables(member["values"], arguments.configs / "vehicle/abhv")
-    (arguments.configs / "vehicle/abhv.yaml").write_text(
-        vehicle_text(member, nodes), encoding="utf-8"
-    )
-    (arguments.configs / "mission/paper_s.yaml").write_text(
-        mission_text(member["values"]), encoding="utf-8"
-    )
+    write_files(arguments.member, arguments.results, arguments.configs)
 
 
 if __name__ == "__main__":

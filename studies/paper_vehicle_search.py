@@ -21,10 +21,11 @@ ENDS = 18  # of the 20 in their intervals
 DIFFERENT = 1.5  # by this factor or in sign, in three traits, any two members differ
 OFF_NODE = 0.1  # deg, of the trim from a node of the tables
 _DIFFERENCE = 0.03  # of the unit of the search's numbers, for slopes
+_DIFFERENCED = 3  # of so many slopes one is of differences
 _DRAWS = 50
 _STAGES = (
-    ("linear", 12),
-    ("soft_l1", 12),
+    ("linear", 15),
+    ("soft_l1", 15),
 )  # all ends nearer first; then many in, one or two left out
 _CYCLE = 0.05  # of Candidate.cycle: what counts as settled
 LEVELS = {  # a trait's middle level; the others are STEP times less and more. Moments of roll and yaw go together:
@@ -36,7 +37,7 @@ LEVELS = {  # a trait's middle level; the others are STEP times less and more. M
     "angle_of_attack": 3.4,
     "rates": 0.5,
 }
-STEP, _AIM, _APART = 1.7, 1.06, 1.55  # nothing pulls within _AIM of a level, or beyond _APART
+STEP, _AIM, _APART = 1.7, 1.2, 1.55  # nothing pulls within _AIM of a level, or beyond _APART
 _PITCH = (
     (-1, -1, 0),
     (0, 0, -1),
@@ -143,17 +144,34 @@ def run(search: Search, folder: Path, go_on: Callable[[], bool]) -> Outcome:
             raise _Stop
         return np.array(residuals)
 
+    known: dict[bytes, Floats] = {}
+    slope_calls: list[tuple[Floats, Floats, Floats]] = []  # numbers, residuals, slopes
+
     def residuals(numbers: Floats) -> Floats:
-        return answer(to_values(numbers))
+        key = numbers.tobytes()
+        if key not in known:
+            known[key] = answer(to_values(numbers))
+        return known[key]
 
     def slopes(numbers: Floats) -> Floats:
         here = residuals(numbers)
-        middle = 0.5 * (limits()[0] + limits()[1])
-        steps = np.where(numbers > middle, -_DIFFERENCE, _DIFFERENCE)  # never out of the box
-        return np.stack(
-            [(residuals(numbers + step) - here) / step[i] for i, step in enumerate(np.diag(steps))],
-            axis=1,
-        )
+        if len(slope_calls) % _DIFFERENCED:  # Broyden's update of the last ones
+            before, theirs, last = slope_calls[-1]
+            step = numbers - before
+            missing = here - theirs - last @ step
+            found = last + np.outer(missing, step) / max(float(step @ step), 1e-12)
+        else:
+            middle = 0.5 * (limits()[0] + limits()[1])
+            steps = np.where(numbers > middle, -_DIFFERENCE, _DIFFERENCE)  # never out of the box
+            found = np.stack(
+                [
+                    (residuals(numbers + step) - here) / step[i]
+                    for i, step in enumerate(np.diag(steps))
+                ],
+                axis=1,
+            )
+        slope_calls.append((numbers.copy(), here, found))
+        return found
 
     try:
         numbers = to_numbers(_draw(search.seed, answer))

@@ -1,12 +1,13 @@
 """What a vehicle of the class must have: measured traits and the sides that they have to lie within.
 
-    python studies/paper_vehicle_sides.py
+    python studies/paper_vehicle_sides.py [--smoke]
 
 Prints the traits of `abhv`, of the members of studies/paper_vehicle.json, of GHAME and of the winged cone. Traits are
 taken at the Mach number of the S and the trim at 1 g, if the name says nothing else. Coefficients are about the centre
 of gravity, per rad, rates as p b/2V, q c/2V and r b/2V.
 """
 
+import argparse
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -246,12 +247,13 @@ def table(traits: dict[str, dict[str, float]]) -> Iterator[str]:
 
 def main() -> None:
     """Print the traits."""
-    vehicles = {
-        name: load_vehicle(ROOT / f"configs/vehicle/{name}.yaml")
-        for name in ("abhv", "ghame", "winged_cone")
-    }
+    parser = argparse.ArgumentParser(description="Print the traits of vehicles beside their sides.")
+    parser.add_argument("--smoke", action="store_true", help="only of abhv")
+    names = ("abhv",) if parser.parse_args().smoke else ("abhv", "ghame", "winged_cone")
+    vehicles = {name: load_vehicle(ROOT / f"configs/vehicle/{name}.yaml") for name in names}
     file = ROOT / "studies/paper_vehicle.json"
-    for member in json.loads(file.read_text(encoding="utf-8"))["ensemble"]:
+    members = json.loads(file.read_text(encoding="utf-8"))["ensemble"] if len(names) > 1 else ()
+    for member in members:
         vehicles[member["name"]] = make_vehicle(member["values"])
     print(*table({name: measure(v, *find_trim(v)) for name, v in vehicles.items()}), sep="\n")
 
