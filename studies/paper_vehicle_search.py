@@ -22,6 +22,7 @@ DIFFERENT = 1.5  # by this factor or in sign, in three traits, any two members d
 OFF_NODE = 0.1  # deg, of the trim from a node of the tables
 _DIFFERENCE = 0.03  # of the unit of the search's numbers, for slopes
 _DIFFERENCED = 3  # of so many slopes one is of differences
+_PATIENCE = 150  # candidates, after which any member is enough
 _DRAWS = 50
 _STAGES = (
     ("linear", 15),
@@ -139,7 +140,7 @@ def run(search: Search, folder: Path, go_on: Callable[[], bool]) -> Outcome:
         outcome.flown += 1
         if found < min(outcome.rank, 100.0):
             outcome.rank, outcome.values = found, values
-        if found <= READING:
+        if outcome.rank <= READING or (outcome.flown >= _PATIENCE and outcome.values is not None):
             outcome.done = True
             raise _Stop
         return np.array(residuals)
