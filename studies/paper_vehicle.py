@@ -24,7 +24,7 @@ from paper_vehicle_box import first_mean
 from paper_vehicle_flights import TRAITS, Seen, fly_candidate
 from paper_vehicle_search import Outcome, Search, run
 
-SEEDS = tuple(range(1, 10))
+SEEDS = (2, 1, *range(3, 10))  # the shipped vehicle first
 FIGURES = (4, 5, 6, 7, 8, 9, 10, 11)
 LEFT_OUT_FOR = 3  # members
 
