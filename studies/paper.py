@@ -107,9 +107,9 @@ The tables begin at Mach 2, because below it GHAME's values times these factors 
 [CLASS]
 
 GHAME itself keeps few of these sides: at this flight condition its trimmed L/D is {ghame_lift_to_drag} and its thrust
-over weight {ghame_thrust_to_weight}; its best L/D at this Mach number is 2.45 at 18 deg. A ratio of the equivalence
-ratio in the turn to that in straight flight as in Figure 11, about 1.2 over 0.84, needs an L/D between 3 and 5: the
-paper cannot have used GHAME's drag.
+over weight {ghame_thrust_to_weight}; its best L/D at this Mach number is 2.45, at 18 deg. In Figure 11 the equivalence
+ratio rises from about 0.84 in straight flight to about 1.2 at 50 deg of bank. With induced drag that asks for an L/D of
+3 to 5, so the paper did not use GHAME's drag.
 
 Published values of the class are few. The X-43A was 3.66 m long, spanned 1.52 m and weighed 1,275 kg; with a reference
 area of 3.36 m2 its wing loading was 380 kg/m2 (Marshall et al., AIAA 2005-3332). Kuechemann's limit at Mach 4.74 is an
