@@ -33,7 +33,9 @@ from abhv_mc.flight.prepare import prepare
 from abhv_mc.plant.parameters import PARAMETERS
 
 configs, law = Path(sys.argv[1]), sys.argv[2]
-files = (configs / "vehicle/ghame_x.yaml", configs / "mission/s_manoeuvre.yaml", configs / f"control/{law}.yaml")
+names = f"{law}.yaml", f"{law}_ghame_x.yaml"  # older versions have no name of the vehicle
+controller = next(file for name in names for file in (configs / "control").rglob(name))
+files = (configs / "vehicle/ghame_x.yaml", configs / "mission/s_manoeuvre.yaml", controller)
 plan, parameters, draw = prepare(*files, law), nominal_parameters(64), np.random.default_rng(1)
 varied = {"atmosphere.density": 0.1, "aero.lift": 0.1, "aero.drag": 0.15}
 if hasattr(plan, "lean_for"):

@@ -21,8 +21,8 @@ ANGLES = ("angle of attack", "sideslip", "bank")
 NAMED = {
     "tlc": "Table 1",
     "lqr": "the paper's LQR weights",
-    "tlc_robust": "TLC robust (shipped)",
-    "lqr_robust": "LQR robust (shipped)",
+    "tlc_robust_abhv": "TLC robust (shipped)",
+    "lqr_robust_abhv": "LQR robust (shipped)",
 }
 SLACK = 1.03  # of a budget: its usage was that of 16 flights
 HEAD = """# Does TLC track better with nearly the same control usage?
@@ -47,7 +47,8 @@ attack, sideslip and bank.
 
 {fronts}
 
-Search 1 began with the printed and the shipped robust gains, search 2, twice as long, with random points. {agreement}
+Search 1 began with the printed gains and those tuned on `ghame_x`, search 2, twice as long, with random points. \
+{agreement}
 
 ## What was searched
 

@@ -9,10 +9,10 @@ with 40 ms of delay, which are neither lost nor cycle.
 - *Usage*: the mean of six ratios, rms from the trim and travel of each surface.
 - *Path*: no error of altitude, speed or heading above ``PATH`` times the larger of the printed designs'; or a law would
   follow commands that it makes easy.
-Two searches of 14 free entries share nothing: the first starts from the printed and the shipped robust gains, the
-second from random points and twice as long. Each step is a CMA-ES for small errors within a budget of usage, from the
-best candidate so far for it. A step is a file in ``--work``: the command goes on where it stopped. A round takes some
-12 minutes of a core a vehicle; then ``fronts_results.py``.
+Two searches of 14 free entries share nothing: the first starts from the printed gains and the robust ones of
+`ghame_x`, the second from random points and twice as long. Each step is a CMA-ES for small errors within a budget of
+usage, from the best candidate so far for it. A step is a file in ``--work``: the command goes on where it stopped.
+A round takes some 12 minutes of a core a vehicle; then ``fronts_results.py``.
 """
 
 import argparse
@@ -34,6 +34,7 @@ from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.io.documents import read_document
 from abhv_mc.search.methods.tune import Scores, pareto_front, tune
+from abhv_mc.shipped import find_input
 from abhv_mc.simulators.candidates import ControllerNumbers
 from abhv_mc.stability.analysis import margins_of_flights
 
@@ -131,7 +132,7 @@ class Trials:
         plan = make_plan(self.duel.vehicle, self.duel.mission, printed, "lqr")
         printed_path = self.medians(self.duel.fly(plan, self.flights))[0][PATHS]
         self.path = np.maximum(printed_path / self.table_1[0][PATHS], 1.0)
-        document = read_document(ROOT / f"configs/control/{law}_robust.yaml")
+        document = read_document(find_input(f"{law}_robust_ghame_x", "control"))
         self.numbers = ControllerNumbers(
             document, tuple(Free(key=key, factor=FACTOR[law]) for key in KEYS[law])
         )
@@ -143,7 +144,7 @@ class Trials:
 
     def place(self, file: str) -> Floats:
         """The point of a controller's file; what lies beyond the box comes to its edge."""
-        data = read_document(ROOT / f"configs/control/{file}.yaml")
+        data = read_document(find_input(file, "control"))
         theirs, ours = (
             ControllerNumbers(each, self.numbers.free) for each in (data, self.numbers.document)
         )
@@ -215,7 +216,7 @@ class Archive:
         """Points that a search begins with."""
         if search == RANDOM:
             return np.random.default_rng(1000 * search).uniform(-0.5, 0.5, (DRAWN, len(KEYS[law])))
-        return np.array([trials.place(file) for file in (law, f"{law}_robust")])
+        return np.array([trials.place(file) for file in (law, f"{law}_robust_ghame_x")])
 
     def seconds(self) -> float:
         """What the steps took."""

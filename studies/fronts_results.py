@@ -21,6 +21,7 @@ from robust_flights import CORNER, NOMINAL, Flown, random_flights, search_flight
 from abhv_mc.control.controller_file import Controller, read_controller
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.prepare import make_plan
+from abhv_mc.shipped import find_input
 from abhv_mc.stability.steady import make_steady_plan
 from abhv_mc.statistics.estimates import Interval, quantile
 
@@ -164,10 +165,8 @@ def main() -> None:
             "usage": rounded(judge.references[1]),
         }
         told["shipped"] = {
-            name: judge.told(
-                judge.fly(read_controller(ROOT / f"configs/control/{name}.yaml"), name)
-            )
-            for name in ("tlc", "lqr", "tlc_robust", "lqr_robust")
+            name: judge.told(judge.fly(read_controller(find_input(name, "control")), name))
+            for name in ("tlc", "lqr", "tlc_robust_abhv", "lqr_robust_abhv")
         }
         for law in LAWS:
             for search in SEARCHES:

@@ -1,6 +1,6 @@
 """Vehicles on which the paper's S comes out as its figures show it: an ensemble, found from several seeds.
 
-    OPENBLAS_NUM_THREADS=1 python studies/paper_vehicle.py [--state DIR] [--minutes N]
+    OPENBLAS_NUM_THREADS=1 python studies/paper_vehicle.py [--state DIR] [--minutes N] [--smoke]
 
 Zhu and Shen (2014) print neither their tables nor their S. Searched are vehicles of the class (paper_vehicle_box.py)
 on which Table 1 and the printed LQR weights show what Figures 3 to 11 show (paper_vehicle_flights.py). Each seed draws
@@ -18,11 +18,13 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from experiment import ROOT
+from paper_vehicle_box import first_mean
 from paper_vehicle_flights import TRAITS, Seen, fly_candidate
 from paper_vehicle_search import Outcome, Search, run
 
-SEEDS = tuple(range(1, 10))
+SEEDS = (2, 1, *range(3, 10))  # the shipped vehicle first
 FIGURES = (4, 5, 6, 7, 8, 9, 10, 11)
 LEFT_OUT_FOR = 3  # members
 
@@ -52,6 +54,7 @@ def describe(seed: int, values: dict[str, float]) -> dict[str, Any]:
         "worst": round(candidate.worst, 4),
         "values": values,
         "traits": dict(zip(TRAITS, candidate.traits, strict=True)),
+        "class_traits": {name: float(f"{x:.4g}") for name, x in candidate.class_traits.items()},
     }
 
 
@@ -114,7 +117,13 @@ def main() -> None:
     parser.add_argument(
         "--minutes", type=float, default=float("inf"), help="stop then; the same command goes on"
     )
+    parser.add_argument(
+        "--smoke", action="store_true", help="simulate and print one candidate, and write nothing"
+    )
     arguments = parser.parse_args()
+    if arguments.smoke:
+        print(describe(1, first_mean(np.random.default_rng(1))))
+        return
     arguments.state.mkdir(parents=True, exist_ok=True)
     end: float = time.monotonic() + 60.0 * arguments.minutes
     find(arguments.state, lambda: time.monotonic() < end)

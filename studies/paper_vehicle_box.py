@@ -1,12 +1,14 @@
-"""Vehicles near `ghame_x` with the paper's S: what is free, within which box, and the tables scaled in memory.
+"""Vehicles of the class of GHAME with the paper's S: the free numbers, their box, and tables in memory.
 
-A side is a ratio or a factor on `ghame_x` (CADAC++ GHAME6, P. H. Zipfel, at a smaller size), which is at 1. Beside it
-stands the winged cone (NASA TM-102610, by `winged_cone.yaml`), computed like GHAME at the S's Mach number and angle of
-attack, full, inertias over mass times area. Only these two were computed; HL-20, X-43A and X-51A were not checked.
-The sides are judgement; most hold both vehicles. GHAME's rudder yaws less than its side asks, and the cone is out with
-its instability in yaw, less pitch inertia and damping, more lift slope, lift by the elevator and roll by sideslip, and
-far more yaw by roll rate and by yaw rate. Yaw by aileron, roll rate and yaw rate keeps the sign that both have.
-Mass and size stay: inertias, moment tables and offsets doubled together change no number.
+The base is `ghame_x` (CADAC++ GHAME6, P. H. Zipfel, at a smaller size) at `HEAVIER` times its mass and inertias: a wing
+loading of 393 kg/m2. Most free numbers are factors on GHAME's own coefficients. Beside them stands the winged cone
+(NASA TM-102610, `winged_cone.yaml`) relative to GHAME at the Mach number and angle of attack of the S, full, inertias
+over mass times area. Yaw by aileron, roll rate and yaw rate keeps the sign that both have.
+Drag is a polar, `CD = CD0 g(M) + k |CL tan(alpha - alpha_0)|`: `alpha_0` is the zero-lift angle of a straight line
+through CL below 10 deg at a Mach number, `g` GHAME's drag at 3 deg relative to its value at Mach 4.744.
+What a vehicle of the class must have besides (`paper_vehicle_sides.py`) limits combinations of these numbers.
+The size stays. Inertias, moment tables and offsets doubled together change no number of a simulation, and neither do
+mass, inertias, all coefficients and the cowl area.
 """
 
 from dataclasses import dataclass
@@ -16,7 +18,7 @@ import numpy as np
 from experiment import ROOT, Floats
 
 from abhv_mc.control.mission import Mission, read_mission
-from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, FIXED_TABLE_ROWS, VARIABLES, Vehicle
+from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, FIXED_TABLE_ROWS, VARIABLES, Tables, Vehicle
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.evaluate import make_variables, table_rows
 
@@ -40,6 +42,7 @@ TABLES = {  # the vehicle file's table: its coefficient and what it multiplies
     "yaw_rudder": ("yawing_moment", "rudder"),
     "yaw_roll_rate": ("yawing_moment", "roll_rate_hat"),
     "yaw_yaw_rate": ("yawing_moment", "yaw_rate_hat"),
+    "roll_yaw_rate": ("rolling_moment", "yaw_rate_hat"),
 }
 
 
@@ -57,49 +60,50 @@ def _signed(low: float, high: float, first: tuple[float, float]) -> Free:
     return Free(low, high, first, False)
 
 
+HEAVIER = 2.3  # mass and inertias over those of ghame_x
+ALPHA_LIMIT = np.deg2rad(15.0)  # the upper limit of the angle of attack
 FREE = {
-    "inertia_xx": Free(0.5, 3.0, (0.6, 2.0)),  # cone 1.13
-    "inertia_yy": Free(0.7, 1.4, (0.72, 1.1)),  # cone 0.61
-    "inertia_zz": Free(0.9, 1.12, (0.95, 1.08)),  # of the pitch inertia's factor; cone 0.96
-    "inertia_matrix_element_13": _signed(-1.0, 2.0, (0.0, 1.2)),
-    "roll_aileron": Free(0.4, 4.0, (0.8, 2.5)),  # cone 1.05
-    "yaw_aileron": _signed(0.0, 2.5, (0.3, 2.0)),  # cone 1.39
-    "side_aileron": _signed(-3.0, 5.0, (0.0, 1.5)),  # cone 0.01
-    "roll_rudder": _signed(
-        -0.8, 0.8, (0.0, 0.7)
-    ),  # roll by the rudder over roll by the aileron; GHAME 0.48, cone 0.38
-    "yaw_rudder": Free(
-        0.05, 1.6, (0.4, 1.4)
-    ),  # yaw by the rudder over yaw by sideslip; GHAME 0.04, cone 0.90
-    "side_rudder": Free(0.3, 3.0, (0.5, 1.5)),  # cone 0.67
-    "pitch_elevator": Free(0.3, 4.0, (0.6, 2.0)),  # cone 3.76
-    "lift_elevator": Free(0.3, 3.0, (0.5, 1.5)),  # cone 3.72
-    "roll_sideslip": Free(0.2, 8.0, (1.0, 5.0)),  # cone 8.36
-    "yaw_sideslip": Free(0.09, 1.1, (0.1, 0.4)),  # cone -0.09
-    "side_sideslip": Free(0.4, 2.5, (0.6, 1.6)),  # cone 1.52
-    "roll_roll_rate": Free(0.3, 3.0, (0.6, 1.8)),  # cone 1.40
-    "pitch_pitch_rate": Free(0.3, 3.0, (0.7, 2.8)),  # cone 0.25
-    "yaw_yaw_rate": Free(0.3, 3.0, (0.5, 1.8)),  # cone 8.31
-    "yaw_roll_rate": _signed(0.0, 2.0, (0.2, 1.5)),  # cone 5.62
-    "lift_basic": Free(0.3, 1.2, (0.32, 0.45)),  # cone 1.33
-    "lift_offset": _signed(-0.005, 0.025, (0.012, 0.016)),  # CL
-    "pitch_offset": _signed(-0.0015, 0.0015, (-0.0003, 0.0003)),  # Cm
-    "pitch_slope": _signed(-0.0006, 0.0003, (-0.0002, 0.00005)),  # Cm per deg
-    "drag_offset": _signed(-0.025, 0.01, (-0.017, -0.01)),  # CD
-    "drag_rise": Free(
-        0.0003, 0.008, (0.0018, 0.004)
-    ),  # CD per deg2 about 3 deg, with the difference's sign
-    "cowl_area": Free(0.4, 1.4, (0.65, 0.95)),
-    "thrust_arm": _signed(-1.0, 2.0, (0.5, 1.3)),
-    "length": _signed(45.0, 59.0, (51.0, 55.0)),  # of the S, s
-    "bank_time": Free(0.7, 4.0, (1.2, 2.5)),  # s
-    "sharpness": Free(1.0, 3.0, (1.4, 2.4)),
+    "inertia_xx": Free(0.5, 3.0, (0.9, 1.6)),  # cone 1.13
+    "inertia_yy": Free(0.7, 1.4, (0.9, 1.3)),  # cone 0.61
+    "inertia_zz": Free(0.9, 1.12, (1.02, 1.08)),  # of the pitch inertia's factor; cone 0.96
+    "inertia_matrix_element_13": _signed(-1.0, 2.0, (-1.0, 0.0)),
+    "roll_aileron": Free(0.9, 9.2, (3.0, 4.8)),  # cone 1.05
+    "yaw_aileron": _signed(0.0, 5.8, (4.8, 5.7)),  # cone 1.39
+    "side_aileron": _signed(-6.9, 11.5, (-5.0, -2.5)),  # cone 0.01
+    # Roll by the rudder over roll by the aileron; GHAME 0.48, cone 0.38.
+    "roll_rudder": _signed(-0.8, 0.8, (0.68, 0.8)),
+    # Yaw by the rudder over yaw by sideslip; GHAME 0.04, cone 0.90.
+    "yaw_rudder": Free(0.05, 1.6, (1.5, 1.6)),
+    "side_rudder": Free(0.7, 8.0, (4.8, 7.0)),  # cone 0.67
+    "pitch_elevator": Free(0.7, 9.2, (1.6, 3.4)),  # cone 3.76
+    "lift_elevator": Free(0.7, 6.9, (0.75, 1.6)),  # cone 3.72
+    "roll_sideslip": Free(0.5, 18.4, (6.0, 12.0)),  # cone 8.36
+    "yaw_sideslip": Free(0.2, 2.5, (0.23, 0.35)),  # cone -0.09
+    "side_sideslip": Free(0.9, 5.8, (1.2, 1.65)),  # cone 1.52
+    "roll_roll_rate": Free(0.3, 6.9, (0.8, 1.3)),  # cone 1.40
+    "pitch_pitch_rate": Free(0.3, 6.9, (1.7, 2.3)),  # cone 0.25
+    "yaw_yaw_rate": Free(0.7, 6.9, (5.0, 6.8)),  # cone 8.31
+    "yaw_roll_rate": _signed(0.0, 4.6, (0.0, 1.5)),  # cone 5.62
+    "lift_basic": Free(0.6, 1.4, (0.7, 0.9)),  # cone 1.33
+    "lift_offset": _signed(-0.01, 0.06, (0.034, 0.041)),  # CL
+    "pitch_offset": _signed(-0.0035, 0.0035, (-0.0002, 0.0003)),  # Cm
+    "pitch_slope": _signed(-0.0014, 0.0007, (-0.0002, 0.0)),  # Cm per deg
+    "drag_zero_lift": Free(0.0025, 0.028, (0.0036, 0.0044)),  # CD0 at the Mach number of the S
+    "drag_tilt": Free(1.0, 2.0, (1.62, 1.8)),  # k
+    "cowl_area": Free(0.1, 3.2, (0.29, 0.36)),
+    "thrust_arm": _signed(-8.0, 12.0, (4.5, 5.2)),
+    "length": _signed(45.0, 59.0, (53.0, 54.2)),  # of the S, s
+    "bank_time": Free(0.7, 4.0, (1.7, 2.4)),  # s
+    "sharpness": Free(1.0, 3.0, (1.5, 1.6)),
 }
+FIXED = {"pitch_basic": HEAVIER, "roll_yaw_rate": HEAVIER}  # factors
 _INERTIAS = {f"inertia_{axes}": f"inertia_{axes}" for axes in ("xx", "yy", "zz")}
 _INERTIAS["inertia_matrix_element_13"] = "inertia_13"
+_ENTRIES = _INERTIAS | {"capture_area_ratio": "capture_area_ratio"}  # of FIXED_TABLE_ROWS
 MISSION = ("length", "bank_time", "sharpness")
 
-BASE = load_vehicle(ROOT / "configs/vehicle/ghame_x.yaml")
+
+_GHAME_X = load_vehicle(ROOT / "configs/vehicle/ghame_x.yaml")
 BASE_MISSION = read_mission(ROOT / "configs/mission/s_manoeuvre.yaml")
 
 
@@ -154,18 +158,24 @@ def _unit(free: Free) -> float:
 
 def _row_of(name: str) -> int:
     """The packed row of a table or an inertia."""
-    if name in _INERTIAS:
-        return int(BASE.tables.fixed_row[FIXED_TABLE_ROWS.index(_INERTIAS[name])])
+    if name in _ENTRIES:
+        return int(_GHAME_X.tables.fixed_row[FIXED_TABLE_ROWS.index(_ENTRIES[name])])
     wanted = COEFFICIENTS.index(TABLES[name][0]), VARIABLES.index(TABLES[name][1])
-    terms = zip(BASE.build_up.coefficient, BASE.build_up.table, BASE.build_up.variable, strict=True)
+    terms = zip(
+        _GHAME_X.build_up.coefficient,
+        _GHAME_X.build_up.table,
+        _GHAME_X.build_up.variable,
+        strict=True,
+    )
     return next(
         int(row) for coefficient, row, variable in terms if (coefficient, variable) == wanted
     )
 
 
-def _axes_of(row: int) -> tuple[int, list[int], list[tuple[str, Floats]]]:
+def _axes_of(
+    row: int, tables: Tables = _GHAME_X.tables
+) -> tuple[int, list[int], list[tuple[str, Floats]]]:
     """Where a row's first node lies in the packed data, the strides and the axes (variable, nodes)."""
-    tables = BASE.tables
     group = max(np.flatnonzero(tables.group_row <= row), key=lambda g: tables.group_row[g])
     used = [d for d in range(3) if tables.group_stride[group][d]]
     axes = []
@@ -191,10 +201,37 @@ def _cells_of(name: str) -> tuple[Any, Floats]:
 
 def grids_of(name: str) -> list[Floats]:
     """The nodes of a table's axes: Mach, angle of attack (rad)."""
-    return [nodes for _, nodes in _axes_of(_row_of(name))[2]]
+    return [nodes for _, nodes in _axes_of(_row_of(name), BASE.tables)[2]]
+
+
+def cells_of(name: str) -> Any:
+    """Return where a table's nodes lie in the packed data."""
+    return _cells_of(name)[0]
 
 
 _CELLS = {name: _cells_of(name) for name in (*TABLES, *_INERTIAS)}
+
+
+def _make_base() -> Vehicle:
+    """Return `ghame_x` with mass and inertias times HEAVIER and its limit of angle of attack."""
+    constants, tables, factor = _GHAME_X.constants, _GHAME_X.tables, HEAVIER
+    constants = constants._replace(
+        mass_start=factor * constants.mass_start,
+        mass_empty=factor * constants.mass_empty,
+        angle_of_attack_max=ALPHA_LIMIT,
+    )
+    grid, inverse_step, data = tables.grid.copy(), tables.inverse_step.copy(), tables.data.copy()
+    (axis,) = np.flatnonzero(tables.axis_variable == VARIABLES.index("mass"))
+    nodes = slice(tables.axis_start[axis], tables.axis_start[axis] + tables.axis_length[axis])
+    grid[nodes] *= factor
+    inverse_step[nodes] /= factor
+    for name in _INERTIAS:
+        data[_CELLS[name][0]] *= factor
+    tables = tables._replace(grid=grid, inverse_step=inverse_step, data=data)
+    return _GHAME_X._replace(constants=constants, tables=tables)
+
+
+BASE = _make_base()
 _ROWS = table_rows(BASE.tables, make_variables(BASE, mach=MACH, angle_of_attack=np.deg2rad(ALPHA)))
 
 
@@ -207,9 +244,16 @@ _RUDDER_ROLL = _at_s("roll_rudder") / _at_s("roll_aileron")
 _RUDDER_YAW = abs(_at_s("yaw_rudder") / _at_s("yaw_sideslip"))
 
 
+_MACHS, _ALPHAS = grids_of("drag_basic")
+_DRAG_AT_3 = np.array(
+    [np.interp(np.deg2rad(3.0), _ALPHAS, row) for row in BASE.tables.data[_CELLS["drag_basic"][0]]]
+)
+_DRAG_OVER_MACH = _DRAG_AT_3 / np.interp(MACH, _MACHS, _DRAG_AT_3)
+
+
 def factors_of(values: dict[str, float]) -> dict[str, float]:
     """Factors on GHAME's tables and inertias; the inertias kept to a rigid body at both mass points."""
-    factors = {name: values.get(name, 1.0) for name in _CELLS}
+    factors = {name: (FIXED | values).get(name, 1.0) for name in _CELLS}
     factors["roll_rudder"] = values["roll_rudder"] * values["roll_aileron"] / _RUDDER_ROLL
     factors["yaw_rudder"] = values["yaw_rudder"] * values["yaw_sideslip"] / _RUDDER_YAW
     at_ends = {name: BASE.tables.data[_CELLS[name][0]].ravel() for name in _INERTIAS}
@@ -226,20 +270,25 @@ def factors_of(values: dict[str, float]) -> dict[str, float]:
 
 
 def changed_tables(values: dict[str, float]) -> dict[str, Floats]:
-    """The nodes of every table and inertia that the vehicle changes, per rad."""
+    """Return the nodes of every table and inertia of a vehicle, per rad."""
     nodes = {}
     for name, factor in factors_of(values).items():
-        cells, alpha = _CELLS[name]
-        nodes[name] = factor * BASE.tables.data[cells]
-        if name == "lift_basic":
-            nodes[name] += values["lift_offset"]
-        elif name == "pitch_basic":
-            nodes[name] += values["pitch_offset"] + values["pitch_slope"] * (alpha - 3.0)
-        elif name == "drag_basic":
-            nodes[name] += values["drag_offset"] + values["drag_rise"] * (alpha - 3.0) * np.abs(
-                alpha - 3.0
-            )
+        nodes[name] = factor * BASE.tables.data[_CELLS[name][0]]
+    alpha = _CELLS["pitch_basic"][1]
+    nodes["lift_basic"] += values["lift_offset"]
+    nodes["pitch_basic"] += values["pitch_offset"] + values["pitch_slope"] * (alpha - 3.0)
+    nodes["drag_basic"] = _drag_polar(nodes["lift_basic"], values)
     return nodes
+
+
+def _drag_polar(lift: Floats, values: dict[str, float]) -> Floats:
+    """Return CD [Mach, angle of attack] of a lift table on the same nodes."""
+    alpha = np.deg2rad(_CELLS["lift_basic"][1])
+    straight = alpha[0] < np.deg2rad(10.0)
+    slope, offset = np.polyfit(alpha[0, straight], lift[:, straight].T, 1)
+    zero_lift = -offset / slope
+    induced = np.abs(lift * np.tan(alpha - zero_lift[:, None]))
+    return values["drag_zero_lift"] * _DRAG_OVER_MACH[:, None] + values["drag_tilt"] * induced
 
 
 def make_vehicle(values: dict[str, float]) -> Vehicle:

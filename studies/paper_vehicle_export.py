@@ -14,56 +14,83 @@ from typing import Any
 
 import numpy as np
 from experiment import ROOT, Floats, wrapped
-from paper_vehicle_box import BASE, TABLES, changed_tables, grids_of
+from paper_vehicle_box import BASE, TABLES, cells_of, changed_tables, grids_of
+from paper_vehicle_sides import LEAST_MACH
 
 ABHV = "seed-2"  # the member that configs/vehicle/abhv.yaml is
 _PER_DEGREE = ("sideslip", "aileron", "rudder", "elevator")
 _DIGITS = 6
-_POINTS = ("783.8064 kg", "1959.5088 kg")
+_MASS = """mass:
+  start: {start} kg # half of the fuel
+  empty: {empty} kg
+  points: # linear in between; empty and full
+{points}
+"""
+
+
+def write_table(file: Path, machs: Floats, alphas: Floats, values: Floats) -> None:
+    """Write the nodes from LEAST_MACH up."""
+    with file.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(["mach", "alpha_deg", "value"])
+        for mach, row in zip(machs, values, strict=True):
+            if mach >= LEAST_MACH:
+                writer.writerows(
+                    [f"{mach:g}", f"{np.rad2deg(alpha):g}", f"{value:.{_DIGITS}g}"]
+                    for alpha, value in zip(alphas, row, strict=True)
+                )
 
 
 def write_tables(values: dict[str, float], folder: Path) -> dict[str, Floats]:
-    """Every table that differs from GHAME's; gives the nodes of all that the vehicle changes."""
+    """Write every table of a member, and return the nodes of tables and inertias."""
     nodes = changed_tables(values)
-    folder.mkdir(exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     for name, (_, variable) in TABLES.items():
         shown = nodes[name] * (np.pi / 180.0 if variable in _PER_DEGREE else 1.0)
-        machs, alphas = grids_of(name)
-        with (folder / f"{name}.csv").open("w", encoding="utf-8", newline="") as stream:
-            writer = csv.writer(stream, lineterminator="\n")
-            writer.writerow(["mach", "alpha_deg", "value"])
-            for i, mach in enumerate(machs):
-                for j, alpha in enumerate(alphas):
-                    writer.writerow(
-                        [f"{mach:g}", f"{np.rad2deg(alpha):g}", f"{shown[i, j]:.{_DIGITS}g}"]
-                    )
+        write_table(folder / f"{name}.csv", *grids_of(name), shown)
+    engine = grids_of("capture_area_ratio")
+    write_table(
+        folder / "capture_area_ratio.csv", *engine, BASE.tables.data[cells_of("capture_area_ratio")]
+    )
     return nodes
 
 
+def mass_text(nodes: dict[str, Floats]) -> str:
+    """Return the section on mass."""
+    (masses,) = grids_of("inertia_xx")
+    points = []
+    for i, mass in enumerate(masses):
+        points.append(f"    - mass: {mass:.7g} kg")
+        points += [
+            f"      {name}: {nodes[name].ravel()[i]:.{_DIGITS}g} kg m2"
+            for name in nodes
+            if name.startswith("inertia")
+        ]
+    start, empty = (f"{m:.7g}" for m in (BASE.constants.mass_start, BASE.constants.mass_empty))
+    return _MASS.format(start=start, empty=empty, points="\n".join(points))
+
+
 def vehicle_text(member: dict[str, Any], nodes: dict[str, Floats]) -> str:
-    """`ghame_x.yaml` with the member's numbers."""
+    """Return `ghame_x.yaml` with the numbers of a member."""
     text = (ROOT / "configs/vehicle/ghame_x.yaml").read_text(encoding="utf-8")
     body = text[text.index("reference:") :]
+    body = re.sub(r" # (557.42|24.38|22.86) k[^\n]*", "", body)
     values = member["values"]
-    for i, mass in enumerate(_POINTS):
-        start = body.index(f"- mass: {mass}")
-        part = body[start:]
-        for name in (n for n in nodes if n.startswith("inertia")):
-            part = re.sub(
-                rf"({name}: )[^\n]*",
-                rf"\g<1>{nodes[name].ravel()[i]:.{_DIGITS}g} kg m2",
-                part,
-                count=1,
-            )
-        body = body[:start] + part
+    body = body[: body.index("mass:")] + mass_text(nodes) + "\n" + body[body.index("surfaces:") :]
     c = BASE.constants
     cowl, arm = 0.2448 * values["cowl_area"], c.thrust_offset_z * values["thrust_arm"]
     body = re.sub(r"cowl_area: [^\n]*", f"cowl_area: {cowl:.{_DIGITS}g} m2", body)
     body = re.sub(
         r"offset: [^\n]*", f"offset: {arm:.{_DIGITS}g} m # below the centre of gravity", body
     )
+    limits = [np.rad2deg(x) for x in (c.angle_of_attack_min, c.angle_of_attack_max)]
+    body = re.sub(
+        r"angle_of_attack: \[[^\n]*",
+        f"angle_of_attack: [{limits[0]:g} deg, {limits[1]:g} deg]",
+        body,
+    )
     body = re.sub(r" # node totals:[^\n]*", "", body)
-    for name in TABLES:
+    for name in (*TABLES, "capture_area_ratio"):
         body = re.sub(rf"(  {name}: {{file: )[^,}}]*", rf"\g<1>abhv/{name}.csv", body)
     head = (
         f"A vehicle on which the paper's S comes out as its figures show it: {member['ends_in']} of the 20 ends of "
@@ -72,8 +99,9 @@ def vehicle_text(member: dict[str, Any], nodes: dict[str, Floats]) -> str:
     )
     made = (
         f"Identified by studies/paper_vehicle.py (member {member['name']}), written by "
-        "studies/paper_vehicle_export.py: GHAME's tables at the size of an X-51, as ghame_x, each times a factor or "
-        "with an offset, inside a box of what vehicles of the class have. The factors: "
+        "studies/paper_vehicle_export.py: GHAME's tables from Mach 2 up, each times a factor or with an offset, and a "
+        "drag polar, on a vehicle of the size of an X-51 and the wing loading of an X-43A, within sides that vehicles "
+        "of the class keep (studies/paper_vehicle_sides.py). The factors: "
         + ", ".join(f"{name} {value:.4g}" for name, value in values.items())
         + ". Those of yaw_rudder and roll_rudder are ratios to sideslip's yaw and to the aileron's roll."
     )
@@ -82,9 +110,10 @@ def vehicle_text(member: dict[str, Any], nodes: dict[str, Floats]) -> str:
         "Hypersonic Aerodynamic Model Example."
     )
     lines = [f"# {line}" for part in (head, made, source) for line in wrapped(part).splitlines()]
+    size = f"8.6 m and {BASE.constants.mass_start:.0f} kg"
     lines += [
         "name: abhv",
-        "description: a vehicle that flies the paper's S as its figures show it, 8.6 m and 1372 kg",
+        f"description: a vehicle that flies the paper's S as its figures show it, {size}",
     ]
     return "\n".join(lines) + "\n\n" + body
 
@@ -109,6 +138,17 @@ name: paper_s
     return head + "\n" + text[text.index("start:") : start] + s + text[end:]
 
 
+def write_files(name: str, results: Path, configs: Path) -> None:
+    """Write the vehicle and the mission of a member below a folder of configurations."""
+    ensemble = json.loads(results.read_text(encoding="utf-8"))["ensemble"]
+    member = next(m for m in ensemble if m["name"] == name)
+    nodes = write_tables(member["values"], configs / "vehicle/abhv")
+    vehicle, mission = configs / "vehicle/abhv.yaml", configs / "mission/paper_s.yaml"
+    vehicle.write_text(vehicle_text(member, nodes), encoding="utf-8")
+    mission.parent.mkdir(exist_ok=True)
+    mission.write_text(mission_text(member["values"]), encoding="utf-8")
+
+
 def main() -> None:
     """Write the files."""
     parser = argparse.ArgumentParser(
@@ -118,15 +158,7 @@ def main() -> None:
     parser.add_argument("--results", type=Path, default=ROOT / "studies/paper_vehicle.json")
     parser.add_argument("--configs", type=Path, default=ROOT / "configs")
     arguments = parser.parse_args()
-    ensemble = json.loads(arguments.results.read_text(encoding="utf-8"))["ensemble"]
-    member = next(m for m in ensemble if m["name"] == arguments.member)
-    nodes = write_tables(member["values"], arguments.configs / "vehicle/abhv")
-    (arguments.configs / "vehicle/abhv.yaml").write_text(
-        vehicle_text(member, nodes), encoding="utf-8"
-    )
-    (arguments.configs / "mission/paper_s.yaml").write_text(
-        mission_text(member["values"]), encoding="utf-8"
-    )
+    write_files(arguments.member, arguments.results, arguments.configs)
 
 
 if __name__ == "__main__":

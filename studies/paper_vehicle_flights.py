@@ -5,12 +5,13 @@ latitudes, fewer knots of gains, one lane.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from experiment import ROOT, Floats
 from paper_vehicle_box import BASE, BASE_MISSION, make_mission, make_vehicle
+from paper_vehicle_sides import excesses, measure
 
 from abhv_mc.control.controller_file import LqrController, TlcController, read_controller
 from abhv_mc.control.design.design_model import guidance_rates, make_environment, make_places
@@ -37,6 +38,7 @@ READING = 0.02  # of an axis: what counts as in
 FURTHEST = 0.20  # of an axis, that a member's worst end may be out
 TICK, TICKS = 0.01, 6000
 OFF_NODE_AIM = 0.12  # deg
+INNER_SIDES = 0.02  # of a side's unit, that a search keeps from its ends
 _INNER = 0.12  # of an interval's length, at each end
 _UNKNOWN = 2.0  # of an axis: a miss that is not known, and the largest that counts
 ANGLES = np.deg2rad(-2.0), np.deg2rad(12.0)  # of attack, of the trim tables
@@ -181,6 +183,12 @@ class Candidate:
     traits: tuple[float, ...] = ()  # in the order of TRAITS
     off_node: float = 0.0  # deg, the trim's distance from a node of the tables
     cycle: float = 0.0  # of the surfaces at the end, deg from sample to sample
+    class_traits: dict[str, float] = field(default_factory=dict)  # of SIDES
+
+    @property
+    def keeps_sides(self) -> bool:
+        """Whether each trait lies within its sides."""
+        return bool(self.class_traits) and not excesses(self.class_traits).any()
 
     @property
     def ends_in(self) -> int:
@@ -205,7 +213,12 @@ class Candidate:
                 else [asked * float(np.clip(x, -_UNKNOWN, _UNKNOWN)) for x in each.aside]
             )
         return np.array(
-            [*found, 2.0 * max(OFF_NODE_AIM - self.off_node, 0.0), min(self.cycle, 1.0)]
+            [
+                *found,
+                2.0 * max(OFF_NODE_AIM - self.off_node, 0.0),
+                min(self.cycle, 1.0),
+                *excesses(self.class_traits, INNER_SIDES),
+            ]
         )
 
 
@@ -219,6 +232,13 @@ TRAITS = {
     "lift_slope": "trimmed lift per angle of attack over the S, 1/rad",
     "drag_slope": "trimmed drag per angle of attack over the S, 1/rad",
 }
+
+
+def make_quick_trim_tables(vehicle: Vehicle) -> Tables:
+    """Return trim tables over the angles of attack that the S needs."""
+    low, high = ANGLES
+    constants = vehicle.constants._replace(angle_of_attack_min=low, angle_of_attack_max=high)
+    return make_trim_tables(vehicle._replace(constants=constants), 20e3, (1400.0, 1400.0))
 
 
 def make_quick_reference(
@@ -373,7 +393,7 @@ def _base_plan(law: str) -> FlightPlan:
 def fly_candidate(values: dict[str, float]) -> Candidate:
     """Both laws' nominal flights of one candidate; what its nominal controls miss far is not flown."""
     vehicle, mission = make_vehicle(values), make_mission(values)
-    trim_tables = make_trim_tables(vehicle, 20e3, (1400.0, 1400.0), ANGLES)
+    trim_tables = make_quick_trim_tables(vehicle)
     reference, trimmed = make_quick_reference(vehicle, mission, trim_tables)
     column = dict(zip(REFERENCE, reference.T, strict=True))
     shown = {
@@ -386,13 +406,16 @@ def fly_candidate(values: dict[str, float]) -> Candidate:
     outside = sum(sum(each.misses) for each in expected if each is not None)
     off_node = float(np.abs(NODES - np.rad2deg(column["angle_of_attack"][0])).min())
     traits = find_traits(vehicle, trim_tables, reference)
-    if not trimmed or outside > 2.5:
-        return Candidate((), expected, traits, off_node)
-    start: dict[str, Any] = dict.fromkeys(TrimPoint._fields, 0.0) | {"fault": ""}
-    start |= {
+    start_controls = {
         name: float(column[name][0])
         for name in ("angle_of_attack", "elevator", "equivalence_ratio")
     }
+    class_traits = measure(vehicle, *start_controls.values())
+    unflown = Candidate((), expected, traits, off_node, class_traits=class_traits)
+    if not trimmed or outside > 2.5:
+        return unflown
+    start: dict[str, Any] = dict.fromkeys(TrimPoint._fields, 0.0) | {"fault": ""}
+    start |= start_controls
     parts: dict[str, Any] = {
         "vehicle": vehicle,
         "trim_tables": trim_tables,
@@ -412,7 +435,7 @@ def fly_candidate(values: dict[str, float]) -> Candidate:
             replace(_base_plan(law), **parts, gains=gains), nominal_parameters(), RECORDED, lanes=1
         )
         if block.outcome[0] != Outcome.OK:
-            return Candidate((), expected, traits, off_node)
+            return unflown
         flown[law] = dict(zip(SHOWN, block.history[0].T.astype(np.float64), strict=True))
         # What does not settle by the end: the spread of the surfaces' steps from sample to sample.
         late = [
@@ -421,7 +444,7 @@ def fly_candidate(values: dict[str, float]) -> Candidate:
         ]
         cycle += max(5.0 * sum(late) - 0.01, 0.0)
     seen = tuple(look_together(axis, flown) for axis in AXES)
-    return Candidate(seen, expected, traits, off_node, cycle)
+    return Candidate(seen, expected, traits, off_node, cycle, class_traits)
 
 
 def look_together(axis: Axis, flown: dict[str, dict[str, Floats]]) -> Seen:

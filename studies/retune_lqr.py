@@ -170,7 +170,10 @@ def main() -> None:
         help="LQR files whose weights the search starts from",
     )
     parser.add_argument(
-        "-o", "--output", type=Path, default=ROOT / "configs/control/lqr_retuned.yaml"
+        "-o",
+        "--output",
+        type=Path,
+        default=ROOT / "configs/control/ghame_x/lqr_retuned_ghame_x.yaml",
     )
     arguments = parser.parse_args()
     study = Study(arguments.vehicle, arguments.mission)

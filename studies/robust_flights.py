@@ -69,14 +69,15 @@ def search_flights() -> Floats:
 
 
 def read_place(vehicle: str) -> tuple[Vehicle, Mission]:
-    """A member of the paper's ensemble with its own S, or a file's vehicle with the S that steps."""
+    """Return a member of the ensemble or `abhv` with its own S, or a file's vehicle with the S that steps."""
     for member in json.loads((ROOT / "studies/paper_vehicle.json").read_text(encoding="utf-8"))[
         "ensemble"
     ]:
         if member["name"] == vehicle:
             return make_vehicle(member["values"]), make_mission(member["values"])
+    mission = "paper_s" if vehicle == "abhv" else "s_manoeuvre"
     return load_vehicle(ROOT / f"configs/vehicle/{vehicle}.yaml"), read_mission(
-        ROOT / "configs/mission/s_manoeuvre.yaml"
+        ROOT / f"configs/mission/{mission}.yaml"
     )
 
 

@@ -26,9 +26,16 @@ def shipped_campaigns() -> Path:
 
 
 def shipped_files(kind: str) -> dict[str, Path]:
-    """The shipped files of a kind by name: ``campaign``, ``vehicle``, ``mission`` or ``control``."""
+    """Return the shipped files of a kind by name: ``campaign``, ``vehicle``, ``mission`` or ``control``.
+
+    Controllers made for one vehicle are in a folder with its name.
+    """
     folder = shipped_campaigns() if kind == "campaign" else shipped_configs() / kind
-    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+    folders = [folder]
+    if kind == "control":
+        folders += [folder / vehicle for vehicle in shipped_files("vehicle")]
+    paths = [path for each in folders for path in each.glob("*.yaml")]
+    return {path.stem: path for path in sorted(paths, key=lambda path: path.stem)}
 
 
 def find_input(name: str | Path, *kinds: str) -> Path:

@@ -173,7 +173,7 @@ def test_a_shell_offers_shipped_names_and_the_folders_of_campaigns(tmp_path: Pat
     (tmp_path / "reports/flown/manifest.json").touch()
     for words, offered in (
         ("run s_man", "s_manoeuvre"),
-        ("fly level --controllers tlc,lqr_rob", "tlc,lqr_robust"),
+        ("fly level --controllers tlc,lqr_robust_abh", "tlc,lqr_robust_abhv"),
         ("worst x --metric bank_error_settled", "bank_error_settled_max_deg"),
         ("report re", "reports/flown"),
     ):

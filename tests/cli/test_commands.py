@@ -159,16 +159,23 @@ def test_margins_writes_rows_for_each_controller_time_and_loop(tmp_path):
         "--at",
         "trim,2s",
         "--controllers",
-        "tlc,lqr_retuned",
+        "tlc,lqr_retuned_ghame_x",
     )
     rows = json.loads(run(*words, "--json", "-").stdout)["rows"]
     loops = ["aileron", "rudder", "elevator", "equivalence_ratio", "all"]
     assert [row["loop"] for row in rows] == loops * 4
     assert [row["time_s"] for row in rows[::5]] == [None, 2.0, None, 2.0]
-    assert [row["controller"] for row in rows[::5]] == ["tlc", "tlc", "lqr_retuned", "lqr_retuned"]
+    assert [row["controller"] for row in rows[::5]] == [
+        "tlc",
+        "tlc",
+        "lqr_retuned_ghame_x",
+        "lqr_retuned_ghame_x",
+    ]
     assert all(list(row) == KEYS for row in rows if row["loop"] != "all")
     rudder = next(
-        row for row in rows if row["controller"] == "lqr_retuned" and row["loop"] == "rudder"
+        row
+        for row in rows
+        if row["controller"] == "lqr_retuned_ghame_x" and row["loop"] == "rudder"
     )
     assert rudder["gain_margin_low_db"] is None and rudder["gain_margin_high_db"] == pytest.approx(
         5.55, abs=0.01
@@ -235,7 +242,7 @@ def test_linearize_writes_a_model_that_python_control_opens(tmp_path):
 
 def test_linearize_says_the_same_in_each_format(tmp_path):
     for suffix in (".npz", ".mat", ".json"):
-        _linearize(tmp_path / f"new/model{suffix}", "lqr_retuned", "1s")
+        _linearize(tmp_path / f"new/model{suffix}", "lqr_retuned_ghame_x", "1s")
     text = json.loads((tmp_path / "new/model.json").read_text())
     matlab = scipy.io.loadmat(tmp_path / "new/model.mat", simplify_cells=True)
     with np.load(tmp_path / "new/model.npz", allow_pickle=False) as packed:

@@ -46,7 +46,7 @@ def declare(plan, **entries):
 @pytest.fixture(scope="module")
 def plan():
     """The first 8 s of the S: the bank steps at once, so that 5 s are not settled."""
-    return short_plan(TICKS, "lqr_retuned")
+    return short_plan(TICKS, "lqr_retuned_ghame_x")
 
 
 @pytest.fixture(scope="module")
@@ -224,7 +224,7 @@ def test_a_tick_that_is_not_a_number_makes_the_metric_not_a_number(plan, paramet
 def test_many_flights_with_quantiles_are_as_few():
     """They are flown in groups, so that the ticks that are kept do not grow with the flights."""
     entry = {"of": "pitch_rate_dps", "statistic": "quantile", "share": 0.025}
-    made, rows = declare(short_plan(50, "lqr_retuned"), low=entry), nominal_parameters(600)
+    made, rows = declare(short_plan(50, "lqr_retuned_ghame_x"), low=entry), nominal_parameters(600)
     rows[:, PARAMETER_INDEX["aero.lift"]] = np.linspace(0.9, 1.1, 600)
     block = fly(made, rows)
     assert (

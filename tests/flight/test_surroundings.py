@@ -115,7 +115,7 @@ def test_thrust_is_dispersed_at_the_same_fuel_flow(plan, parameter, ratio):
 
 
 def test_rotary_gusts_have_the_rms_of_their_spectra():
-    plan = make_flight_plan({"base": "level", "duration": "60 s"}, "ghame_x", "lqr_robust")
+    plan = make_flight_plan({"base": "level", "duration": "60 s"}, "ghame_x", "lqr_robust_ghame_x")
     rows = nominal_parameters(40)
     for name, value in {
         "turbulence": 0.3,

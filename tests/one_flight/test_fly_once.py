@@ -136,7 +136,7 @@ LOOPS = ["aileron", "rudder", "elevator", "equivalence_ratio", "all"]
 
 
 def test_margins_are_a_table_by_loop_with_units():
-    table = abhv_mc.margins("level", "ghame_x", "lqr_retuned")
+    table = abhv_mc.margins("level", "ghame_x", "lqr_retuned_ghame_x")
     assert list(table.index) == LOOPS and table.index.name == "loop"
     assert list(table.attrs["units"]) == list(table.columns)
     assert table.gain_margin_high_db["aileron"] == pytest.approx(
@@ -152,7 +152,7 @@ def test_margins_are_a_table_by_loop_with_units():
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     ("controller", "pole", "end"),
-    [("tlc", 8.55, 22.5), ("tlc_robust", 4.08, 25.0), ("lqr_robust", None, 60.0)],
+    [("tlc", 8.55, 22.5), ("tlc_robust_ghame_x", 4.08, 25.0), ("lqr_robust_ghame_x", None, 60.0)],
 )
 def test_a_stuck_aileron_is_lost_where_the_loop_without_it_grows(controller, pole, end):
     """The table of docs/how-to/failures.md."""
@@ -184,7 +184,7 @@ def test_a_stuck_aileron_is_lost_where_the_loop_without_it_grows(controller, pol
 
 def test_a_linear_model_has_names_and_units_and_goes_to_python_control():
     model = abhv_mc.linearize(
-        "level", "ghame_x", controller="lqr_retuned", dispersions={"sensor.delay": "10 ms"}
+        "level", "ghame_x", controller="lqr_retuned_ghame_x", dispersions={"sensor.delay": "10 ms"}
     )
     assert model.period_s == 0.01 and model.measurement_delay_periods == 1
     assert model.plant.A.shape == (18, 18) and list(model.plant.B.columns) == LOOPS[:4]
@@ -196,7 +196,7 @@ def test_a_linear_model_has_names_and_units_and_goes_to_python_control():
     poles = control.ss(*model.closed, model.period_s).poles()
     growing = np.log(poles[np.abs(poles) > 0.0].astype(complex)) / model.period_s
     table = abhv_mc.margins(
-        "level", "ghame_x", controller="lqr_retuned", dispersions={"sensor.delay": 0.01}
+        "level", "ghame_x", controller="lqr_retuned_ghame_x", dispersions={"sensor.delay": 0.01}
     )
     np.testing.assert_allclose(growing.real.max(), table.attrs["poles"][0].real, rtol=1e-6)
     assert model.law.D.loc["elevator", "pitch_rate"] > 0.0

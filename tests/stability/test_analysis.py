@@ -16,7 +16,7 @@ from abhv_mc.stability.analysis import analyse, make_rows, margins_of_flights
 
 
 def test_the_least_margin_over_loops_and_times_counts():
-    plan, steady = flight_plan("lqr_retuned", 3.0), steady_plan("lqr_retuned")
+    plan, steady = flight_plan("lqr_retuned_ghame_x", 3.0), steady_plan("lqr_retuned_ghame_x")
     each = [margins_of_flights(plan, steady, parameters(), [time]) for time in ("trim", 1.0)]
     both = margins_of_flights(plan, steady, parameters(), ["trim", 1.0])
     np.testing.assert_allclose(both.table, np.minimum(each[0].table, each[1].table), rtol=1e-6)
@@ -32,7 +32,7 @@ def test_200_frequencies_find_what_1000_find():
     dispersions = parameters(
         3, aero__lift=np.array([1.0, 0.9, 1.1]), atmosphere__density=np.array([1.0, 0.9, 1.1])
     )
-    for controller in ("tlc", "lqr_retuned"):
+    for controller in ("tlc", "lqr_retuned_ghame_x"):
         plan = steady_plan(controller)
         few, many = (
             margins_of_flights(plan, plan, dispersions, ["trim"], count) for count in (200, 1000)
@@ -74,7 +74,7 @@ def test_a_delay_takes_what_the_delay_margin_says():
 
 
 def test_rows_have_none_for_what_is_infinite():
-    rows = make_rows("lqr_retuned", None, stability_at_trim("lqr_retuned"))
+    rows = make_rows("lqr_retuned_ghame_x", None, stability_at_trim("lqr_retuned_ghame_x"))
     assert (
         rows[1]["loop"] == "rudder"
         and rows[1]["gain_margin_low_db"] is None
@@ -82,7 +82,7 @@ def test_rows_have_none_for_what_is_infinite():
     )
     together = rows[4]
     assert (together.pop("controller"), together.pop("time_s"), together.pop("loop")) == (
-        "lqr_retuned",
+        "lqr_retuned_ghame_x",
         None,
         "all",
     )
@@ -97,7 +97,7 @@ def test_rows_have_none_for_what_is_infinite():
 
 def test_a_loop_that_is_no_numbers_has_no_poles():
     """A density of 1e300 in a file of samples ended a campaign in numpy's LinAlgError after its last flight."""
-    linear = linear_at_trim("lqr_retuned")
+    linear = linear_at_trim("lqr_retuned_ghame_x")
     found = analyse(linear._replace(A=np.full_like(linear.A, np.nan)))
     assert not found.stable.any() and found.poles[0].size == 0
     assert np.isnan(found.margins.gain_high).all()

@@ -35,7 +35,7 @@ WORKED = {
         "elevator": (-28.97, 16.64, 63.8, 140.1, 1.28),
         "equivalence_ratio": (-42.17, 30.74, 81.3, 1460.4, 1.09),
     },
-    "lqr_retuned": {
+    "lqr_retuned_ghame_x": {
         "aileron": (-35.11, 5.65, 27.1, 17.7, 3.06),
         "rudder": (None, 5.55, 24.5, 15.9, 3.18),
         "elevator": (-58.99, 17.34, 50.9, 118.8, 1.30),
@@ -84,7 +84,7 @@ def test_tlcs_throttle_is_the_simulators_with_shorter_cells_of_its_trim_tables(m
 
 @pytest.mark.parametrize(
     ("controller", "disk", "delay", "pole"),
-    [("tlc", 0.0579, 87.0, -23.99 + 28.02j), ("lqr_retuned", 0.1408, 7.8, -1.09 + 16.3j)],
+    [("tlc", 0.0579, 87.0, -23.99 + 28.02j), ("lqr_retuned_ghame_x", 0.1408, 7.8, -1.09 + 16.3j)],
 )
 def test_all_loops_at_once_and_poles_are_those_of_an_independent_simulator(
     controller, disk, delay, pole
@@ -138,7 +138,7 @@ def test_a_banked_trim_turns_as_its_reference_does():
 @pytest.mark.parametrize(
     ("controller", "delay"),
     [
-        pytest.param("lqr_retuned", 0.0, marks=pytest.mark.thorough),
+        pytest.param("lqr_retuned_ghame_x", 0.0, marks=pytest.mark.thorough),
         ("tlc", 0.03),
         pytest.param("lqr", 0.02, marks=pytest.mark.thorough),
     ],
@@ -151,7 +151,7 @@ def test_a_small_disturbance_flies_as_the_linear_model_says(controller, delay):
 
 NEUTRAL = [
     ("ghame_x", "level", "tlc", "aileron", "gain_low"),
-    ("ghame_x", "level", "lqr_retuned", "aileron", "gain_high"),
+    ("ghame_x", "level", "lqr_retuned_ghame_x", "aileron", "gain_high"),
     # TLC's slope over its last deflections is nothing here: steps of any size must stay in the tables' cells.
     ("winged_cone", "level_mach15", "tlc", "rudder", "gain_low"),
     pytest.param(
@@ -186,8 +186,8 @@ def test_flights_begin_to_cycle_where_the_gain_margin_ends(
 def test_slopes_end_at_the_tables_nodes():
     """Beside a node and on either side of it, the slope is the cell's, not the mean over both."""
     plan, point = (
-        steady_plan("lqr_retuned"),
-        trim_points(steady_plan("lqr_retuned"), parameters()).points,
+        steady_plan("lqr_retuned_ghame_x"),
+        trim_points(steady_plan("lqr_retuned_ghame_x"), parameters()).points,
     )
     eta = np.array([1.0 - 1e-6, 1.0 + 1e-6, 1.0 - 1e-3, 1.0 + 1e-3])
     points = point._replace(

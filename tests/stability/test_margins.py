@@ -79,7 +79,7 @@ def test_responses_are_those_of_dense_linear_algebra():
         np.testing.assert_allclose(L, expected, rtol=1e-8, atol=1e-9 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("controller", ["tlc", "lqr_retuned"])
+@pytest.mark.parametrize("controller", ["tlc", "lqr_retuned_ghame_x"])
 def test_single_loops_agree_with_python_control(controller):
     linear, found = linear_at_trim(controller), stability_at_trim(controller).margins
     for i in range(4):
@@ -112,7 +112,7 @@ def test_single_loops_agree_with_python_control(controller):
         np.testing.assert_allclose(worst, found.crossover[0, i], rtol=1e-6)
 
 
-@pytest.mark.parametrize("controller", ["tlc", "lqr_retuned"])
+@pytest.mark.parametrize("controller", ["tlc", "lqr_retuned_ghame_x"])
 def test_all_inputs_agree_with_disk_margins_of_python_control(controller):
     linear, found = linear_at_trim(controller), stability_at_trim(controller).margins
     peak = found.all_disk_frequency[0]

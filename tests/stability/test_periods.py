@@ -217,7 +217,7 @@ def test_the_linear_models_predict_the_flight():
 
 @pytest.mark.parametrize("lag", [0.004, 0.08])
 def test_one_lag_of_all_that_is_measured_multiplies_every_loop(lag):
-    plan = steady_plan("lqr_retuned")
+    plan = steady_plan("lqr_retuned_ghame_x")
     without, with_lag = at_trim(plan)[0], at_trim(plan, **of_all("lag", lag))[0]
     assert not with_lag.phases
     omega = np.array([0.3, 3.0, 30.0])
@@ -238,7 +238,7 @@ def test_one_lag_of_all_that_is_measured_multiplies_every_loop(lag):
 @pytest.mark.parametrize("late", [0, 2])
 def test_samples_that_are_held_and_late_are_the_map_computed_apart(late):
     """A law without memory whose command changes ``late`` ticks after every tenth: [state, command] over ten ticks."""
-    plan = steady_plan("lqr_retuned")
+    plan = steady_plan("lqr_retuned_ghame_x")
     linear, _ = at_trim(plan, **of_all("interval", 0.1), sensor__delay=0.01 * late)
     assert len(linear.phases) == 10
     A, B, D = linear.A[0], linear.B[0], at_trim(plan)[0].law_D[0] @ linear.sense[0]
@@ -265,7 +265,7 @@ def test_sensors_and_a_law_repeat_together(tmp_path):
 
 
 def test_intervals_that_differ_between_flights_are_not_linearized_together():
-    plan, rows = steady_plan("lqr_retuned"), parameters(2)
+    plan, rows = steady_plan("lqr_retuned_ghame_x"), parameters(2)
     rows[1] = parameters(sensor__speed_interval=0.1)[0]
     with pytest.raises(InputError, match="differ"):
         margins_of_flights(plan, plan, rows, ["trim"])

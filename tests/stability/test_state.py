@@ -89,7 +89,7 @@ def test_a_loss_in_flight_grows_as_the_same_loss_at_the_trim():
 
 
 def test_a_stuck_surface_and_an_engine_that_is_out_have_no_loop():
-    plan = flight_plan("lqr_retuned", 3.0)
+    plan = flight_plan("lqr_retuned_ghame_x", 3.0)
     failed = parameters(2, failure__elevator__stuck_time=1.9)
     failed[1] = parameters(failure__engine__time=0.0)  # its thrust decays with the engine's lag
     linear = linearize(plan, flown_points(plan, failed, 2.9).points)
@@ -99,7 +99,9 @@ def test_a_stuck_surface_and_an_engine_that_is_out_have_no_loop():
         (("elevator", "stuck"), ("equivalence_ratio", "no effect"))
     ):
         row = next(
-            row for row in make_rows("lqr_retuned", 2.9, stability, system) if row["loop"] == loop
+            row
+            for row in make_rows("lqr_retuned_ghame_x", 2.9, stability, system)
+            if row["loop"] == loop
         )
         assert row["reason"] == reason and row["phase_margin_deg"] is None
 

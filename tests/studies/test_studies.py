@@ -1,5 +1,7 @@
 """The search for the paper's vehicle, and what the other studies count and decide, on made-up curves."""
 
+import json
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -11,20 +13,23 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "studies"))
 
 import fronts
 import paper_vehicle_box as box
+import paper_vehicle_export as export
 import paper_vehicle_flights as flights
+import paper_vehicle_search as search
+import paper_vehicle_sides as sides
 import tuning_flights
-from experiment import CORNERS, corner_parameters, random_parameters
+from experiment import CORNERS, ROOT, corner_parameters, random_parameters
 
 from abhv_mc.control.design.lqr_design import attitude_slopes, make_lqr_gains, make_nominal
 from abhv_mc.control.design.reference import make_mission_trim_tables, solve_reference
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
 
 VALUES = box.first_mean(np.random.default_rng(5))
 GHAMES = dict.fromkeys(box.FREE, 1.0) | {
-    **dict.fromkeys(
-        ("lift_offset", "pitch_offset", "pitch_slope", "drag_offset", "drag_rise"), 0.0
-    ),
+    **dict.fromkeys(("lift_offset", "pitch_offset", "pitch_slope"), 0.0),
+    **dict.fromkeys(box.FIXED, 1.0),
     "roll_rudder": 0.4843949,
     "yaw_rudder": 0.0354146,
 }
@@ -37,21 +42,45 @@ def coefficients(values: dict[str, float], **at: float) -> Any:
 
 
 def test_factors_of_one_are_ghame() -> None:
-    np.testing.assert_allclose(
-        box.make_vehicle(GHAMES).tables.data, box.BASE.tables.data, rtol=1e-6, atol=1e-12
+    """Except for drag, which is a polar."""
+    ours = box.make_vehicle(GHAMES).tables.data.copy()
+    drag = box.cells_of("drag_basic")
+    ours[drag] = box.BASE.tables.data[drag]
+    np.testing.assert_allclose(ours, box.BASE.tables.data, rtol=1e-6, atol=1e-12)
+
+
+def test_a_heavier_vehicle_with_greater_coefficients_accelerates_as_before() -> None:
+    """The base is `ghame_x` with mass and inertias times a factor, at each mass times the factor."""
+    light = load_vehicle(ROOT / "configs/vehicle/ghame_x.yaml")
+    ours, theirs = (
+        evaluate_fixed(vehicle, make_variables(vehicle, mach=4.744, mass=mass))
+        for vehicle, mass in ((box.BASE, 1300.0 * box.HEAVIER), (light, 1300.0))
     )
+    for name in ("inertia_xx", "inertia_yy", "inertia_zz", "inertia_13"):
+        assert ours[name][0] == pytest.approx(box.HEAVIER * theirs[name][0])
+
+
+def test_drag_is_a_polar() -> None:
+    """CD0 at the Mach number of the S where the lift is zero, and induced drag of k |CL tan(alpha - alpha_0)|."""
+    values = VALUES | {"drag_zero_lift": 0.004, "drag_tilt": 1.5}
+    alphas = np.deg2rad([0.0, 3.0, 6.0, 9.0])
+    vehicle = box.make_vehicle(values)
+    found = sides.polar(vehicle, box.MACH, alphas)
+    slope, offset = np.polyfit(alphas, found[0], 1)
+    induced = 1.5 * np.abs(found[0] * np.tan(alphas + offset / slope))
+    # Between two nodes of the Mach number.
+    np.testing.assert_allclose(found[1], 0.004 + induced, rtol=0.02)
 
 
 def test_each_factor_changes_its_own_coefficient() -> None:
     at = {"angle_of_attack": np.deg2rad(5.0), "sideslip": 0.01}
     plain, _ = coefficients(GHAMES, **at)
     changed, fixed = coefficients(
-        GHAMES | {"yaw_sideslip": 0.5, "drag_rise": 0.002, "inertia_xx": 1.5}, **at
+        GHAMES | {"yaw_sideslip": 0.5, "pitch_slope": 0.002, "inertia_xx": 1.5}, **at
     )
     assert changed[5] == pytest.approx(0.5 * plain[5])
-    # Between the nodes at 3 and 6 deg: two thirds of 0.002 (6 - 3)^2.
-    assert changed[1] == pytest.approx(plain[1] + 0.012)
-    np.testing.assert_allclose(changed[[0, 2, 3, 4]], plain[[0, 2, 3, 4]])
+    assert changed[4] == pytest.approx(plain[4] + 0.004)  # 0.002 (5 - 3)
+    np.testing.assert_allclose(changed[:4], plain[:4])
     assert fixed["inertia_xx"][0] == pytest.approx(1.5 * coefficients(GHAMES)[1]["inertia_xx"][0])
 
 
@@ -128,3 +157,40 @@ def test_a_front_is_of_designs_within_limits_that_none_beats() -> None:
         2,
         0,
     ]  # none: the nearest
+
+
+ENSEMBLE = json.loads((ROOT / "studies/paper_vehicle.json").read_text(encoding="utf-8"))["ensemble"]
+
+
+@pytest.mark.parametrize("name", [member["name"] for member in ENSEMBLE])
+def test_a_member_of_the_ensemble_shows_the_figures_and_keeps_its_sides(name: str) -> None:
+    member = next(each for each in ENSEMBLE if each["name"] == name)
+    candidate = flights.fly_candidate(member["values"])
+    assert candidate.ends_in == member["ends_in"] >= search.ENDS
+    assert candidate.worst == pytest.approx(member["worst"], abs=2e-3)
+    assert candidate.keeps_sides
+    for other in ENSEMBLE:
+        if other is not member:
+            apart = flights.third_trait(candidate.traits, tuple(other["traits"].values()))
+            assert apart >= np.log(search.DIFFERENT) - 1e-3
+
+
+def test_there_are_eight_members() -> None:
+    assert len(ENSEMBLE) >= 8
+
+
+def test_the_shipped_vehicle_is_the_member_that_its_file_names(tmp_path: Path) -> None:
+    """Also the files are what the export writes."""
+    export.write_files(export.ABHV, ROOT / "studies/paper_vehicle.json", tmp_path)
+    for file in tmp_path.rglob("*.*"):
+        shipped = ROOT / "configs" / file.relative_to(tmp_path)
+        assert file.read_bytes() == shipped.read_bytes(), file.name
+    vehicle = load_vehicle(ROOT / "configs/vehicle/abhv.yaml")
+    traits = sides.measure(vehicle, *sides.find_trim(vehicle))
+    assert not sides.excesses(traits).any()
+
+
+@pytest.mark.parametrize("script", ["paper_vehicle.py --smoke", "paper_vehicle_sides.py --smoke"])
+def test_a_script_runs(script: str) -> None:
+    name, *options = script.split()
+    subprocess.run([sys.executable, str(ROOT / "studies" / name), *options], check=True)

@@ -188,7 +188,7 @@ def test_a_function_that_does_not_fit_is_said_with_its_line(tmp_path: Path) -> N
 @pytest.mark.thorough
 def test_margins_are_those_of_the_tables(tmp_path: Path) -> None:
     plans = [
-        make_flight_plan("s_manoeuvre", each, "lqr_retuned")
+        make_flight_plan("s_manoeuvre", each, "lqr_retuned_ghame_x")
         for each in ("ghame_x", str(write_ghame_x(tmp_path)))
     ]
     tables, functions = (
