@@ -20,6 +20,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.cache import user_folder
 from abhv_mc.kernel.compiler_target import code_folder
 from abhv_mc.kernel.jit import compiler
+from abhv_mc.shipped import PACKAGES
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import unpack
 
@@ -78,7 +79,7 @@ def _allowed() -> tuple[str, ...]:
         *sysconfig.get_paths().values(),
         sys.prefix,
         sys.base_prefix,
-        str(Path(abhv_mc.__file__).parent),
+        *(str(Path(abhv_mc.__file__).parents[1] / name) for name in PACKAGES),
     ]
     caches = [
         str(code_folder(compiler())),
