@@ -1,6 +1,8 @@
 """How many floating-point operations a flight takes: the flight itself, flown in plain Python by counted floats.
 
-    python -m benchmarks.operations        counts the default campaign's flights into src/abhv_mc/bench/operations.json
+    python -m benchmarks.operations        counts the default campaign's flights
+
+They are written to src/abhv_mc_verification/bench/operations.json.
 
 Counted is what depends on the lane: the state, the dispersions, the tables' values and all that follows from them.
 What the lanes share (constants, gains and references of a tick, weights computed from those alone) is not; nor are
@@ -19,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.bench.speed import OPERATIONS_FILE, make_work
 from abhv_mc.flight.plan import FlightPlan
+from abhv_mc_verification.bench.speed import OPERATIONS_FILE, make_work
 from benchmarks.document import write_json
 
 _FIRST, _LAST = 5, 25  # ticks: past the start, where differentiators and hints settle

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.bench.speed import make_work, read_operations
 from abhv_mc.flight.arguments import make_kernel_plan, make_results
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.plan import FlightPlan, Recording
@@ -44,6 +43,7 @@ from abhv_mc.kernel.plant.air_data import air_data, deflections
 from abhv_mc.kernel.plant.disturbance import calm, disturb
 from abhv_mc.kernel.plant.effectors import place_effectors
 from abhv_mc.kernel.plant.equations import equations_of_motion, finish_step, runge_kutta_stage
+from abhv_mc_verification.bench.speed import make_work, read_operations
 from benchmarks.document import replace_part, write_json
 from benchmarks.spread import Spread, describe_machine, find_spreads, make_note, make_parser, repeat
 from benchmarks.timing import measure_time

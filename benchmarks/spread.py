@@ -51,8 +51,8 @@ def describe_machine(load_before: float) -> dict[str, Any]:
     Call it when all is measured: libraries that it loads would share their pages with the measured processes, whose
     memory would then count for less.
     """
-    from abhv_mc.bench.speed import find_simd
     from abhv_mc.identity import find_machine
+    from abhv_mc_verification.bench.speed import find_simd
 
     return {**find_machine(), "simd": find_simd(), "load_before": load_before}
 

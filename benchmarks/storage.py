@@ -16,7 +16,6 @@ import time
 from pathlib import Path
 from statistics import median
 
-from abhv_mc.bench.speed import measure_peak
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.runner import run_campaign
@@ -24,6 +23,7 @@ from abhv_mc.execution.setup import Request
 from abhv_mc.flight.fly import fly
 from abhv_mc.simulators.engine import make_engine
 from abhv_mc.simulators.make_plans import make_plans
+from abhv_mc_verification.bench.speed import measure_peak
 
 CAMPAIGN = Path(__file__).parents[1] / "campaigns" / "harder_vehicle.yaml"
 LAWS = ("tlc", "lqr")

@@ -10,10 +10,10 @@ import dataclasses
 import sys
 
 from abhv_mc.array_types import Floats
-from abhv_mc.bench.speed import find_simd, make_work
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.kernel.flight.interface import LANES
+from abhv_mc_verification.bench.speed import find_simd, make_work
 from benchmarks.timing import measure_ratio
 
 LIMITS = {"AVX-512": 2.0, "AVX2": 1.4}

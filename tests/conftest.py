@@ -37,6 +37,7 @@ _THOROUGH = (
     "report/test_flights_view.py",
     "report/test_reading.py",
     "studies",
+    "test_golden.py",
     "test_public_numba.py",
     "test_wheel.py",
 )

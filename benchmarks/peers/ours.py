@@ -1,8 +1,8 @@
 """abhv-mc itself: both controllers, batched and one at a time, metrics included."""
 
-from abhv_mc.bench.speed import measure_peak
 from abhv_mc.flight.fly import fly
 from abhv_mc.kernel.flight.interface import LANES
+from abhv_mc_verification.bench.speed import measure_peak
 from benchmarks.peers.peer import measure, read_work, write_result
 
 ALONE = 16  # flights of a repeat, one at a time

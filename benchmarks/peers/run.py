@@ -81,8 +81,8 @@ def install() -> Path:
 
 def write_work(path: Path, flights: int, repeats: int) -> None:
     """What every peer flies, and how ours ends under LQR."""
-    from abhv_mc.bench.speed import make_work
     from abhv_mc.flight.fly import fly
+    from abhv_mc_verification.bench.speed import make_work
 
     plans, parameters = make_work(flights)
     block = fly(plans["lqr"], parameters, record_every=plans["lqr"].timing.ticks, keep_states=True)

@@ -1,10 +1,11 @@
-"""The configurations and campaigns that come with the program, from a checkout and from a wheel alike."""
+"""What comes with the program, from a checkout and from a wheel alike: packages, configurations and campaigns."""
 
 import os
 from pathlib import Path
 
 from abhv_mc.io.input_error import InputError, one_of
 
+PACKAGES = ("abhv_mc", "abhv_mc_daveml", "abhv_mc_explore", "abhv_mc_verification")  # side by side
 _PACKAGE = Path(__file__).parent
 DEFAULT_VEHICLE = "abhv"  # of a flight, trim or margins that name none
 

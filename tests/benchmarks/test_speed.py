@@ -7,20 +7,20 @@ import shutil
 import numpy as np
 import pytest
 
-from abhv_mc.bench.speed import (
-    _peak_memory,
-    compare_speeds,
-    make_work,
-    multiply_and_add,
-    read_operations,
-)
-from abhv_mc.cli.proving import bench
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.one_flight.given import make_flight_plan
 from abhv_mc.plant.parameters import PARAMETERS
+from abhv_mc_verification.bench.speed import (
+    _peak_memory,
+    compare_speeds,
+    make_work,
+    multiply_and_add,
+    read_operations,
+)
+from abhv_mc_verification.commands import bench
 from benchmarks.counted import COUNTS, Counted, counted_sqrt
 from benchmarks.operations import count_operations
 from benchmarks.peers.twin import compile_twin, fly_twin
@@ -45,8 +45,10 @@ def test_the_ratios_and_the_table(monkeypatch, tmp_path, capsys):
     }
     speed |= {"two_workers_over_one": 1.9, "step_s": 0.01, "control_rate_hz": 100.0, "flights": 640}
     starts = {"cold_start_s": 20.0, "warm_start_s": 1.0, "import_s": 0.01, "peak_memory_mb": 500.0}
-    monkeypatch.setattr("abhv_mc.bench.speed.measure_speed", lambda repetitions: speed)
-    monkeypatch.setattr("abhv_mc.bench.speed.measure_start", lambda repetitions: starts)
+    monkeypatch.setattr("abhv_mc_verification.bench.speed.measure_speed", lambda repetitions: speed)
+    monkeypatch.setattr(
+        "abhv_mc_verification.bench.speed.measure_start", lambda repetitions: starts
+    )
     bench(json=tmp_path / "bench.json", repetitions=1)
     assert json.loads((tmp_path / "bench.json").read_text()) == speed | starts
     out = capsys.readouterr().out

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from daveml.graph import Graph
 
-from abhv_mc.daveml.graph import read_model
-from abhv_mc.daveml.import_vehicle import import_daveml
-from abhv_mc.daveml.writer import make_function, run_shots
 from abhv_mc.io.documents import read_document
 from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc.plant.trim import FlightPoint, trim
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.verification.nesc_cases import ELLIPSOID
+from abhv_mc_daveml.graph import read_model
+from abhv_mc_daveml.import_vehicle import import_daveml
+from abhv_mc_daveml.writer import make_function, run_shots
+from abhv_mc_verification.nesc_cases import ELLIPSOID
 
 FILES = sorted((Path(__file__).parents[1] / "reference" / "daveml").glob("*.dml"))
 SHOTS = {"F16_aero.dml": 16, "F16_prop.dml": 9}

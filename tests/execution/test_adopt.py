@@ -20,8 +20,6 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.adopt import adopt_table
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
-from abhv_mc.explore.counts import open_flights
-from abhv_mc.explore.server import ExploreServer
 from abhv_mc.flight.outcome import OUTCOMES
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.samples import SampleReader
@@ -36,6 +34,8 @@ from abhv_mc.simulators.engine import make_engine
 from abhv_mc.topics.failures import FAILURES
 from abhv_mc.topics.plain import plain
 from abhv_mc.topics.topic import Models
+from abhv_mc_explore.counts import open_flights
+from abhv_mc_explore.server import ExploreServer
 
 
 @pytest.fixture(scope="module")

@@ -19,8 +19,6 @@ from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
-from abhv_mc.explore.counts import open_flights
-from abhv_mc.explore.server import ExploreServer
 from abhv_mc.folder import envelope_states
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.histories import QUANTILES
@@ -30,6 +28,8 @@ from abhv_mc.report.pages.flights_view import make_flights_view
 from abhv_mc.results import Results
 from abhv_mc.simulators.check_inputs import check_inputs
 from abhv_mc.simulators.engine import make_engine
+from abhv_mc_explore.counts import open_flights
+from abhv_mc_explore.server import ExploreServer
 
 pytestmark = pytest.mark.usefixtures("no_figures")
 

@@ -5,8 +5,10 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from abhv_mc.explore import counts
-from abhv_mc.explore.counts import (
+from abhv_mc.io.documents import InputError
+from abhv_mc.topics.missed_requirements import requirement_failures
+from abhv_mc_explore import counts
+from abhv_mc_explore.counts import (
     Asked,
     count_flights,
     find_flight,
@@ -15,8 +17,6 @@ from abhv_mc.explore.counts import (
     open_flights,
     parse_asked,
 )
-from abhv_mc.io.documents import InputError
-from abhv_mc.topics.missed_requirements import requirement_failures
 
 X, Y, BRUSHED = "aero.lift", "speed_error_max_mps", "atmosphere.density"
 

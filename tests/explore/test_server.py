@@ -10,8 +10,8 @@ import pytest
 from fake_flight import ENGINE, run, write_campaign
 from report.browser import open_browser
 
-from abhv_mc.explore.counts import open_flights
-from abhv_mc.explore.server import ExploreServer
+from abhv_mc_explore.counts import open_flights
+from abhv_mc_explore.server import ExploreServer
 
 
 @pytest.fixture(scope="module")

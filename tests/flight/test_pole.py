@@ -14,9 +14,9 @@ from abhv_mc.kernel.plant import state as s
 from abhv_mc.one_flight.given import make_flight_plan
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.verification.fly_recording import make_motion, make_replay_plan, make_start, replay
-from abhv_mc.verification.nesc_cases import ELLIPSOID
-from abhv_mc.verification.nesc_f16 import RATE, fly_aircraft
+from abhv_mc_verification.fly_recording import make_motion, make_replay_plan, make_start, replay
+from abhv_mc_verification.nesc_cases import ELLIPSOID
+from abhv_mc_verification.nesc_f16 import RATE, fly_aircraft
 
 CONFIGS = shipped_configs()
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from abhv_mc.verification.check_rows import Row
+from abhv_mc_verification.check_rows import Row
 
 
 def check(rows: Sequence[Row]) -> None:

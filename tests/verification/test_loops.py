@@ -40,8 +40,8 @@ from abhv_mc.kernel.plant.vehicle import VARIABLES, BuildUp, Vehicle
 from abhv_mc.kernel.world.earth import WGS84, Earth
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.probe import ask_plant, begin
-from abhv_mc.verification.check_rows import Row
-from abhv_mc.verification.fly_recording import make_replay_plan
+from abhv_mc_verification.check_rows import Row
+from abhv_mc_verification.fly_recording import make_replay_plan
 
 NOMINALS = 100
 LOOPS = ("2 velocity", "3 attitude", "4 body rates")

@@ -11,11 +11,11 @@ from verification.independent import FT, World, fly_sphere, write_case
 from verification.shown import check
 
 from abhv_mc.topics.plain import plain
-from abhv_mc.verification.check_rows import Row, all_ok, rows_record
-from abhv_mc.verification.everything import verify_paper
-from abhv_mc.verification.fly_recording import at_times, make_motion
-from abhv_mc.verification.nesc import _flown, find_files, verify_nesc
-from abhv_mc.verification.nesc_f16 import RATE, fly_aircraft
+from abhv_mc_verification.check_rows import Row, all_ok, rows_record
+from abhv_mc_verification.everything import verify_paper
+from abhv_mc_verification.fly_recording import at_times, make_motion
+from abhv_mc_verification.nesc import _flown, find_files, verify_nesc
+from abhv_mc_verification.nesc_f16 import RATE, fly_aircraft
 
 ROUND = {"a": 20_902_255.199 * FT, "f": 0.0, "gm": 1.407644311e16 * FT**3, "j2": 0.0}
 TUMBLING = (10.0, 20.0, 30.0)

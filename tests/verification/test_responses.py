@@ -25,7 +25,7 @@ from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.kernel.plant.vehicle import VARIABLES, BuildUp, Vehicle
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.verification.check_rows import Row
+from abhv_mc_verification.check_rows import Row
 
 # Sub-loops from inside out; all channels of one are slowed together, and what lies outside it even more.
 LOOPS = ("rates", "attitude", "velocity", "altitude")

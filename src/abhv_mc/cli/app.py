@@ -1,7 +1,8 @@
 """The command line's frame: which commands there are, and how an error leaves.
 
 A command is a function, or a ``typer.Typer`` where it has commands of its own; commands of one kind share a file.
-Python takes all of them in at every start: what is heavy is imported inside a command's function.
+Python takes all of the core's in at every start: what is heavy is imported inside a command's function. Those that
+packages add (:mod:`abhv_mc.cli.added_commands`) stand in the panels by name.
 """
 
 import gc
@@ -25,10 +26,12 @@ from abhv_mc.cli import (
     searching,
     starting,
 )
+from abhv_mc.cli.added_commands import Commands
 from abhv_mc.cli.errors import exit_code_of, open_streams, settle_output
 from abhv_mc.cli.printing import say
 from abhv_mc.execution.interrupts import sigterm_as_interrupt
 from abhv_mc.io.address import hide_key
+from abhv_mc.shipped import PACKAGES
 
 _SHORT = {"bool": "", "int": "N", "float": "X", "str": "TEXT"}
 
@@ -63,27 +66,66 @@ class Command(_Short, TyperCommand):
         )  # no markup: units stand in brackets
 
 
-class Group(_Short, TyperGroup):
-    """A group of commands."""
-
-
-_PANELS: dict[str, tuple[Any, ...]] = {
+_PANELS: dict[str, tuple[Any, ...]] = {  # by name: added by a package
     "Start": (starting.new, starting.imports, starting.validate, starting.plan, querying.lists),
     "Fly": (running.run, running.adopt, running.merge, flying.fly, replaying.replay),
     "Search": (searching.worst, searching.rare, searching.tune),
     "Look": (
-        *(
-            reporting.report,
-            reporting.show,
-            replaying.explore,
-            reporting.compare,
-            replaying.explain,
-        ),
+        *(reporting.report, reporting.show, "explore", reporting.compare, replaying.explain),
         *(reporting.whatif, reporting.status, querying.query, querying.export, flying.trim),
     ),
     "Analyse": (linearizing.margins, linearizing.linearize),
-    "Prove": (proving.verify, proving.bench),
+    "Prove": (proving.verify, "bench"),
 }
+_OTHERS = "Extensions"  # the panel of other packages' commands
+_PROGRAM = "abhv-mc"
+
+
+def _name(command: Any) -> str:
+    if isinstance(command, str):
+        return command
+    return str(command.info.name if isinstance(command, typer.Typer) else command.__name__)
+
+
+_PANEL_OF = {_name(command): panel for panel, commands in _PANELS.items() for command in commands}
+
+
+class Group(_Short, TyperGroup):
+    """A group of commands, those that packages add to it among them."""
+
+    def __init__(self, *, name: str | None = None, commands: Any = None, **options: Any) -> None:
+        first = name == _PROGRAM
+        added: Any = Commands(
+            own=commands or {},
+            family="" if first else f"{name}.",
+            order=_PANEL_OF if first else (),
+            make=lambda name, command: _make_command(
+                name, command, _PANEL_OF.get(name, _OTHERS) if first else None
+            ),
+        )
+        super().__init__(name=name, commands=added, **options)
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Names, in their order; of some of them there may turn out to be no command."""
+        return list(self.commands)
+
+
+def _add_command(parent: typer.Typer, name: str, command: Any, panel: str | None) -> None:
+    if isinstance(command, typer.Typer):
+        for inner in command.registered_commands:
+            inner.cls = Command
+        parent.add_typer(command, name=name, cls=Group, rich_help_panel=panel)
+    else:
+        parent.command(name, cls=Command, rich_help_panel=panel)(command)
+
+
+def _make_command(name: str, command: Any, panel: str | None) -> Any:
+    """What a package's function is on the command line."""
+    parent = typer.Typer(cls=TyperGroup)
+    _add_command(parent, name, command, panel)
+    return typer.main.get_group(parent).commands[name]
+
+
 _LIBRARIES = (
     "numba",
     "llvmlite",
@@ -97,7 +139,7 @@ _LIBRARIES = (
 )
 
 app = typer.Typer(
-    name="abhv-mc",
+    name=_PROGRAM,
     cls=Group,
     help="Monte Carlo dispersion analysis of a six-degree-of-freedom air-breathing hypersonic vehicle.",
     epilog="Exit codes: 0 done; 1 done, but a requirement or a verification failed; 2 bad input; "
@@ -113,11 +155,15 @@ def _print_versions(expected: bool) -> None:
     if expected:
         import platform
         from importlib.metadata import version
+        from importlib.util import find_spec
 
         say(f"abhv-mc {__version__}")
         say(f"python {platform.python_version()} on {platform.platform()}")
         for library in _LIBRARIES:
             say(f"{library} {version(library)}")
+        for package in PACKAGES:
+            if find_spec(package) is None:
+                say(f"{package} is missing, and its commands with it")
         raise typer.Exit
 
 
@@ -136,12 +182,8 @@ def _options(
 
 for _panel, _commands in _PANELS.items():
     for _command in _commands:
-        if isinstance(_command, typer.Typer):
-            for _inner in _command.registered_commands:
-                _inner.cls = Command
-            app.add_typer(_command, name=_command.info.name, cls=Group, rich_help_panel=_panel)
-        else:
-            app.command(_command.__name__, cls=Command, rich_help_panel=_panel)(_command)
+        if not isinstance(_command, str):
+            _add_command(app, _name(_command), _command, _panel)
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""``replay``, ``explain``, ``explore``: single flights of a campaign, again."""
+"""``replay``, ``explain``: single flights of a campaign, again."""
 
 from math import isnan
 from pathlib import Path
@@ -167,37 +167,3 @@ def _map_all(folder: Path, controller: str | None, json: Path | None, trust_code
         say(f"map       {path}; abhv-mc report {folder} shows it")
 
     answer(found.controllers, json, in_words)
-
-
-def explore(
-    folder: Folder,
-    port: Annotated[
-        int, typer.Option(min=0, max=65535, help="Port on this machine.", show_default="a free one")
-    ] = 0,
-    browser: Annotated[bool, typer.Option(help="Open the browser.")] = True,
-    trust_code: TrustCode = False,
-) -> None:
-    """Look at up to a million flights in the browser: brush, filter, and click a flight to fly it again.
-
-    Serves this machine alone, at an address with a token, until Ctrl-C. Only the campaign's Parquet is read; a click
-    flies a flight again as `replay` does.
-    """
-    import webbrowser
-    from contextlib import suppress
-
-    from abhv_mc.explore.counts import open_flights
-    from abhv_mc.explore.server import ExploreServer
-    from abhv_mc.simulators.engine import make_engine
-
-    with open_flights(folder) as table:
-        announce_compiling()
-        try:
-            server = ExploreServer(folder, table, make_engine(), port, trust_code)
-        except OSError as error:
-            raise InputError("--port", f"{port}: {error.strerror}", "a port that is free") from None
-        with server:
-            say(server.url, flush=True)
-            if browser:
-                webbrowser.open(server.url)
-            with suppress(KeyboardInterrupt):  # how one ends it
-                server.serve_forever()

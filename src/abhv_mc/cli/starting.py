@@ -92,28 +92,6 @@ imports = typer.Typer(
 )
 
 
-@imports.callback()
-def _family() -> None:
-    """Make files of your own from other people's models."""
-
-
-@imports.command("daveml")
-def daveml(
-    files: Annotated[
-        list[Path], typer.Argument(metavar="FILE.dml...", help="DAVE-ML files of one vehicle.")
-    ],
-    out: Annotated[Path, output(output_folder, "DIR", "Folder for the vehicle.")],
-) -> None:
-    """Write DAVE-ML files (ANSI/AIAA S-119) as readable Python functions; their check shots must pass.
-
-    What the files leave open is asked for in DIR/import.yaml.
-    """
-    from abhv_mc.daveml.import_vehicle import import_daveml
-
-    for path in import_daveml(files, out):
-        say(path)
-
-
 def validate(
     files: Annotated[
         list[str],

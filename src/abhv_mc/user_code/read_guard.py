@@ -135,10 +135,11 @@ def simulator_guard(
     declared: Iterable[str], folder: str, campaign: str, own: str, started: float
 ) -> ReadGuard:
     """Return the guard of a user's simulator: names ``declared`` in ``folder``, of a campaign in ``campaign``."""
+    ours = set(map(str, Path(__file__).parents[2].glob("abhv_mc*")))
     return ReadGuard(
         (os.path.join(folder, name) for name in declared),  # noqa: PTH118
         studies=(folder, campaign),
-        packages=package_folders() | cache_folders() | {str(Path(__file__).parents[1])},
+        packages=package_folders() | cache_folders() | ours,
         own=own,
         started=started,
     )

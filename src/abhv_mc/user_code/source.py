@@ -13,6 +13,7 @@ from typing import Any
 
 from abhv_mc.io.input_error import InputError
 from abhv_mc.io.input_files import read_input
+from abhv_mc.shipped import PACKAGES
 
 
 @dataclass(frozen=True)
@@ -66,11 +67,8 @@ def compile_text(source: UserSource, flags: int = 0) -> Any:
 
 def find_package_versions(sources: Iterable[UserSource]) -> dict[str, str]:
     """Version of each installed package that the texts import, by its name; read from the texts, which are not run."""
-    expected = (
-        {name for source in sources for name in _imported(source)}
-        - sys.stdlib_module_names
-        - {"abhv_mc"}
-    )
+    imported = {name for source in sources for name in _imported(source)}
+    expected = imported - sys.stdlib_module_names - set(PACKAGES)
     if not expected:
         return {}
     distributions = metadata.packages_distributions()

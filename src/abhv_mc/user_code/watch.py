@@ -19,6 +19,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.cache import cache_root
 from abhv_mc.kernel.compiler_target import code_folder
 from abhv_mc.kernel.jit import compiler
+from abhv_mc.shipped import PACKAGES
 from abhv_mc.user_code.read_guard import EVENTS, ReadGuard, package_folders
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import unpack
@@ -73,7 +74,8 @@ def _allowed() -> frozenset[str]:
         os.path.expanduser("~/.cache"),  # noqa: PTH111  Path's raises without a home
         str(cache_root()),
     )
-    return frozenset({*package_folders(), str(Path(abhv_mc.__file__).parent), *caches})
+    ours = (str(Path(abhv_mc.__file__).parents[1] / name) for name in PACKAGES)
+    return frozenset({*package_folders(), *ours, *caches})
 
 
 def _hook(event: str, arguments: tuple[Any, ...]) -> None:

@@ -17,9 +17,9 @@ from abhv_mc.kernel.world.earth import WGS84
 from abhv_mc.plant.trim import FlightPoint, trim
 from abhv_mc.shipped import shipped_campaigns, shipped_configs
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.verification.check_rows import Row
-from abhv_mc.verification.ghame6 import verify_ghame6
-from abhv_mc.verification.nesc import verify_nesc
+from abhv_mc_verification.check_rows import Row
+from abhv_mc_verification.ghame6 import verify_ghame6
+from abhv_mc_verification.nesc import verify_nesc
 
 _PUBLISHED_TRIM = (1.7, 1.8)  # deg at Mach 15 and 33.5 km
 _CONE_MISSIONS = ("level", "turn", "level_mach15", "turn_mach15")

@@ -7,7 +7,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from abhv_mc.daveml.adapters import (
+from abhv_mc.io.atomic_write import atomic_write
+from abhv_mc.io.documents import read_document
+from abhv_mc.io.input_error import InputError, describe
+from abhv_mc_daveml.adapters import (
     Answer,
     command_inputs,
     command_unit,
@@ -18,13 +21,10 @@ from abhv_mc.daveml.adapters import (
     write_law,
     write_thrust,
 )
-from abhv_mc.daveml.graph import Model, read_model
-from abhv_mc.daveml.signals import find_signals, kinds_of, quantity_of
-from abhv_mc.daveml.writer import Line, make_function, run_shots, write_module
-from abhv_mc.daveml.xml_reader import fold
-from abhv_mc.io.atomic_write import atomic_write
-from abhv_mc.io.documents import read_document
-from abhv_mc.io.input_error import InputError, describe
+from abhv_mc_daveml.graph import Model, read_model
+from abhv_mc_daveml.signals import find_signals, kinds_of, quantity_of
+from abhv_mc_daveml.writer import Line, make_function, run_shots, write_module
+from abhv_mc_daveml.xml_reader import fold
 
 ANSWERS = "import.yaml"
 Answers = dict[str, dict[str, Answer]]  # [file name][varID]

@@ -14,13 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from abhv_mc import extend
-from abhv_mc.daveml.formulas import FROM_MATH, MODEL, OUTPUTS, free_name, number
-from abhv_mc.daveml.graph import Model, Variable
-from abhv_mc.daveml.look_ups import LookUp
-from abhv_mc.daveml.xml_reader import fold
 from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc.user_code.module import run_module
 from abhv_mc.user_code.source import UserSource
+from abhv_mc_daveml.formulas import FROM_MATH, MODEL, OUTPUTS, free_name, number
+from abhv_mc_daveml.graph import Model, Variable
+from abhv_mc_daveml.look_ups import LookUp
+from abhv_mc_daveml.xml_reader import fold
 
 WIDTH = 116
 _INDENT = "    "

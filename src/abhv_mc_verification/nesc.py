@@ -15,8 +15,8 @@ from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.verification.check_rows import Row
-from abhv_mc.verification.fly_recording import (
+from abhv_mc_verification.check_rows import Row
+from abhv_mc_verification.fly_recording import (
     at_times,
     check_times,
     make_motion,
@@ -26,8 +26,8 @@ from abhv_mc.verification.fly_recording import (
     replay,
     wrap_degrees,
 )
-from abhv_mc.verification.nesc_cases import CASES, FOOT, CheckCase, tolerances
-from abhv_mc.verification.nesc_f16 import RATE, fly_aircraft, read_aircraft_cases
+from abhv_mc_verification.nesc_cases import CASES, FOOT, CheckCase, tolerances
+from abhv_mc_verification.nesc_f16 import RATE, fly_aircraft, read_aircraft_cases
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -22,8 +22,8 @@ from abhv_mc.kernel.world.atmosphere import atmosphere
 from abhv_mc.kernel.world.earth import Earth
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.verification.check_rows import Row
-from abhv_mc.verification.fly_recording import (
+from abhv_mc_verification.check_rows import Row
+from abhv_mc_verification.fly_recording import (
     check_times,
     make_motion,
     make_replay_plan,

@@ -5,11 +5,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from abhv_mc.daveml.formulas import free_name, read_formula
-from abhv_mc.daveml.look_ups import LookUp, read_look_ups
-from abhv_mc.daveml.s119_units import parse_s119_unit
-from abhv_mc.daveml.xml_reader import Node, read_xml
 from abhv_mc.io.input_error import InputError, Refusal, one_of
+from abhv_mc_daveml.formulas import free_name, read_formula
+from abhv_mc_daveml.look_ups import LookUp, read_look_ups
+from abhv_mc_daveml.s119_units import parse_s119_unit
+from abhv_mc_daveml.xml_reader import Node, read_xml
 
 _WITHOUT_TOLERANCE = 1e-6  # of a check value for which the file gives none
 

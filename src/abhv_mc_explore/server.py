@@ -15,14 +15,6 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from abhv_mc.analysis.replay import replay_flight
-from abhv_mc.explore.counts import (
-    FlightTable,
-    count_flights,
-    find_flight,
-    find_nearest,
-    list_flights,
-    parse_asked,
-)
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder.flown_campaign import read_histories
 from abhv_mc.io.csv_table import csv_text
@@ -33,6 +25,14 @@ from abhv_mc.report.pages.page import make_environment
 from abhv_mc.simulators.engine import Engine
 from abhv_mc.topics.plain import plain
 from abhv_mc.user_code.child import run_in_thread
+from abhv_mc_explore.counts import (
+    FlightTable,
+    count_flights,
+    find_flight,
+    find_nearest,
+    list_flights,
+    parse_asked,
+)
 
 _HOST = "127.0.0.1"
 _MOST_BYTES = 100_000  # of a request
@@ -45,7 +45,7 @@ _POLICY = (
 
 def _page(place: str, token: str) -> tuple[str, str] | None:
     """A page's text and its kind; None where there is none."""
-    own = files("abhv_mc") / "explore"
+    own = files("abhv_mc_explore")
     if place == "/":
         frame = make_environment().from_string((own / "explore.html.j2").read_text("utf-8"))
         return frame.render(token=token), "text/html"

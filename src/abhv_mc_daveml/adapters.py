@@ -3,13 +3,13 @@
 import math
 from collections.abc import Mapping
 
-from abhv_mc.daveml.formulas import MODEL, number
-from abhv_mc.daveml.graph import Model, Variable
-from abhv_mc.daveml.s119_units import parse_s119_unit
-from abhv_mc.daveml.signals import SI, find_signals, kinds_of, quantity_of, sign_of
-from abhv_mc.daveml.writer import Line, call, declare, define, names_in
 from abhv_mc.io.input_error import InputError, Refusal
 from abhv_mc.io.units import parse_unit
+from abhv_mc_daveml.formulas import MODEL, number
+from abhv_mc_daveml.graph import Model, Variable
+from abhv_mc_daveml.s119_units import parse_s119_unit
+from abhv_mc_daveml.signals import SI, find_signals, kinds_of, quantity_of, sign_of
+from abhv_mc_daveml.writer import Line, call, declare, define, names_in
 
 Answer = (
     float | str | None

@@ -12,8 +12,8 @@ import re
 from collections.abc import Iterable, Mapping
 
 from abhv_mc import extend
-from abhv_mc.daveml.xml_reader import Node
 from abhv_mc.io.input_error import one_of
+from abhv_mc_daveml.xml_reader import Node
 
 FROM_MATH = ("ceil", "floor", "fmod", "trunc")
 OUTPUTS, MODEL = "Outputs", "model"

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable
 
-from abhv_mc.daveml.graph import Model, Variable
+from abhv_mc_daveml.graph import Model, Variable
 
 # Quantity: its unit in the program, and names that stand for it, compared without regard to case and to anything but
 # letters and digits.

@@ -28,8 +28,8 @@ from abhv_mc.user_code.module import Law
 from abhv_mc.user_code.settings import CommandSteps
 from abhv_mc.user_code.source import read_source
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.verification.fly_recording import make_replay_plan, replay
-from abhv_mc.verification.nesc_cases import ELLIPSOID
+from abhv_mc_verification.fly_recording import make_replay_plan, replay
+from abhv_mc_verification.nesc_cases import ELLIPSOID
 
 RATE = 500.0  # Hz of the autopilot, which in the cases is continuous
 _TRIM_STEP = 1e-3  # s, of the accelerations that the trim makes zero

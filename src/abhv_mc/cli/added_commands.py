@@ -1,0 +1,68 @@
+"""Commands that packages add, by entry points of the group ``abhv_mc.commands``.
+
+The name of an entry point is that of the command, after its group's and a dot where it has one: ``bench``,
+``verify.nesc``. Its object is a function, annotated as typer wants it, or a ``typer.Typer``. A package is imported when
+one of its commands is run or listed; one that cannot be imported costs a warning and its own commands.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping
+from functools import cached_property
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+from abhv_mc.cli.printing import announce_warnings
+
+GROUP = "abhv_mc.commands"
+
+
+class Commands(MutableMapping[str, Any]):
+    """The commands of a group: its own, and those that packages add to it."""
+
+    def __init__(
+        self,
+        own: Mapping[str, Any],
+        family: str,
+        order: Iterable[str],
+        make: Callable[[str, Any], Any],
+    ) -> None:
+        self._commands, self._family, self._make = dict(own), family, make
+        self._order = {name: k for k, name in enumerate(order)}
+        self._unusable: set[str] = set()  # packages
+
+    @cached_property
+    def _added(self) -> dict[str, EntryPoint]:
+        entries = {
+            entry.name.removeprefix(self._family): entry
+            for entry in entry_points(group=GROUP)
+            if entry.name.startswith(self._family)
+        }
+        return {name: entry for name, entry in entries.items() if "." not in name}
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self._commands:
+            self._commands[name] = self._make(name, self._load(name, self._added[name]))
+        return self._commands[name]
+
+    def _load(self, name: str, entry: EntryPoint) -> Any:
+        package = entry.module.partition(".")[0]
+        try:
+            return entry.load()
+        except Exception as error:
+            if package not in self._unusable:
+                self._unusable.add(package)
+                reason = f"{type(error).__name__}: {error}"
+                announce_warnings([f"the commands of {package} are left out ({reason})"])
+            raise KeyError(name) from None
+
+    def __setitem__(self, name: str, command: Any) -> None:
+        self._commands[name] = command
+
+    def __delitem__(self, name: str) -> None:
+        del self._commands[name]
+
+    def __iter__(self) -> Iterator[str]:
+        names = dict.fromkeys((*self._commands, *self._added))
+        return iter(sorted(names, key=lambda name: self._order.get(name, len(self._order))))
+
+    def __len__(self) -> int:
+        return len({*self._commands, *self._added})

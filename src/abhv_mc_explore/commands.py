@@ -1,0 +1,43 @@
+"""The command ``explore``."""
+
+from typing import Annotated
+
+import typer
+
+from abhv_mc.cli.options import Folder, TrustCode
+from abhv_mc.cli.printing import announce_compiling, say
+from abhv_mc.io.input_error import InputError
+
+
+def explore(
+    folder: Folder,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port on this machine.", show_default="a free one")
+    ] = 0,
+    browser: Annotated[bool, typer.Option(help="Open the browser.")] = True,
+    trust_code: TrustCode = False,
+) -> None:
+    """Look at up to a million flights in the browser: brush, filter, and click a flight to fly it again.
+
+    Serves this machine alone, at an address with a token, until Ctrl-C. Only the campaign's Parquet is read; a click
+    flies a flight again as `replay` does.
+    """
+    import webbrowser
+    from contextlib import suppress
+
+    from abhv_mc.simulators.engine import make_engine
+    from abhv_mc_explore.counts import open_flights
+    from abhv_mc_explore.server import ExploreServer
+
+    with open_flights(folder) as table:
+        announce_compiling()
+        try:
+            server = ExploreServer(folder, table, make_engine(), port, trust_code)
+        except OSError as error:
+            raise InputError("--port", f"{port}: {error.strerror}", "a port that is free") from None
+        with server:
+            say(server.url, flush=True)
+            if browser:
+                webbrowser.open(server.url)
+            with suppress(KeyboardInterrupt):  # how one ends it
+                server.serve_forever()

@@ -1,0 +1,30 @@
+"""A change of structure moves no number: small reports of all kinds of campaigns beside stored ones."""
+
+import copy
+from itertools import islice
+
+import pytest
+from golden import CASES, STORED, find_differences, make_report, read_stored
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_every_number_of_a_report_is_the_stored_one(case, tmp_path):
+    differences = list(find_differences(read_stored(case), make_report(case, tmp_path)))
+    assert not differences, "\n".join((f"{len(differences)} in all", *islice(differences, 20)))
+
+
+def test_every_stored_report_is_of_a_case():
+    assert {path.name for path in STORED.iterdir()} == {f"{case}.json.gz" for case in CASES}
+
+
+def test_a_moved_number_and_a_lost_one_are_named():
+    stored = {"a": [1.0, {"b": 2.0, "c": "PASS"}], "d": None, "e": 0.0}
+    found = copy.deepcopy(stored)
+    found["a"][0] *= 1.0 + 1e-10
+    found["new"] = 1
+    found["e"] = 1e-14
+    assert not list(find_differences(stored, found))
+    found["a"][1] |= {"b": 2.0 + 1e-6, "c": "FAIL"}
+    del found["d"]
+    places = [text.partition(":")[0] for text in find_differences(stored, found)]
+    assert places == ["/a/1/b", "/a/1/c", "/d"]
