@@ -3,6 +3,7 @@
 They fly in the workers, side by side. Where a flight takes long they are the campaign's first rows alone.
 """
 
+from collections import Counter
 from dataclasses import replace
 from typing import Any, cast
 
@@ -16,7 +17,7 @@ from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.simulators.engine import Engine, simulate
-from abhv_mc.simulators.user_simulator.user_flights import seconds_of_a_flight
+from abhv_mc.simulators.user_simulator.user_flights import describe_events, seconds_of_a_flight
 
 _LONG = 1.0  # s: flights that take longer are not flown for a check alone
 
@@ -27,7 +28,7 @@ def fly_first(campaign: Experiment, engine: Engine, workers: int | None) -> list
     Raises InputError where no flight of a system can be computed.
     """
     checks = {
-        name: each._replace(plan=replace(cast("Any", each.plan), check=True))
+        name: each._replace(plan=replace(cast("Any", each.plan), check=True, is_proven=True))
         for name, each in campaign.systems.items()
     }
     campaign = replace(campaign, systems=checks)
@@ -35,6 +36,7 @@ def fly_first(campaign: Experiment, engine: Engine, workers: int | None) -> list
     systems = list(campaign.systems)
     plans = [system.plan for system in campaign.systems.values()]
     told: list[str] = []
+    events: dict[str, Counter[str]] = {name: Counter() for name in systems}
     with open_executor(engine, campaign.model.execution, workers, None) as executor:
 
         def fly(jobs: list[tuple[str, Floats]]) -> list[FlightBlock]:
@@ -48,6 +50,8 @@ def fly_first(campaign: Experiment, engine: Engine, workers: int | None) -> list
                 ):
                     progress.add(len(block.outcome))
                     blocks.append(block)
+                for (name, _), block in zip(jobs, blocks, strict=True):
+                    events[name].update(block.events)
                 return blocks
 
         pairs = fly([(name, given) for name in systems for given in (rows, rows[::-1])])
@@ -65,6 +69,7 @@ def fly_first(campaign: Experiment, engine: Engine, workers: int | None) -> list
                 f"'{name}' from {low:g} to {high:g} changes no flight"
                 for name, low, high in unchanging(campaign, trials, flown)
             ]
+    told += [words for name in systems for words in describe_events(name, events[name])]
     return told
 
 

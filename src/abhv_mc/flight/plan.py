@@ -1,6 +1,7 @@
 """What one controller's flights need, as plain values: made once by the launching process."""
 
-from collections.abc import Collection
+from collections import Counter
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
 
@@ -161,6 +162,10 @@ class FlightBlock:
         None  # the time before to the one after, NaN where nobody flew; None where not asked for
     )
     flown_by: tuple[Flyer, ...] = ()  # processes, where it has been signed
+    # Of a user's simulator: how often there was "surplus" output or a process restarted
+    # ("restarts"), flights computed again ("repeated"); and an excerpt of its standard error.
+    events: Mapping[str, int] = field(default_factory=dict)
+    standard_error: str = ""
 
     @property
     def extremes(self) -> tuple[Singles, Singles]:
@@ -179,7 +184,15 @@ def join_blocks(blocks: "list[FlightBlock]") -> FlightBlock:
     low = _reduce(np.fmin, [block.low for block in blocks if block.low is not None])
     high = _reduce(np.fmax, [block.high for block in blocks if block.high is not None])
     flyers = tuple(dict.fromkeys(flyer for block in blocks for flyer in block.flown_by))
-    return FlightBlock(**parts, times=blocks[0].times, low=low, high=high, flown_by=flyers)
+    return FlightBlock(
+        **parts,
+        times=blocks[0].times,
+        low=low,
+        high=high,
+        flown_by=flyers,
+        events=sum((Counter(block.events) for block in blocks), Counter()),
+        standard_error="".join(block.standard_error for block in blocks),
+    )
 
 
 def _reduce(extreme: np.ufunc, ends: list[Singles]) -> Singles | None:

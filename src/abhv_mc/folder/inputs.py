@@ -94,6 +94,11 @@ def collect_inputs(campaign: Experiment) -> FolderInputs:
                 for name, path in simulator.find_files(base).items()
             }
             data["simulator"] = {**data["simulator"], "folder": place}
+            if folders := simulator.find_folders(base):  # the results folder holds files alone
+                data["simulator"]["files"] = [
+                    f"{entry.rstrip('/')}/" if entry in folders else entry
+                    for entry in simulator.files
+                ]
         data[SYSTEMS] = campaign.user_model.systems
     if model.channels is not None:
         data["channels"] = _take(model.channels, "inputs/channels", copies)

@@ -115,6 +115,8 @@ class Manifest:
     result: Mapping[str, Any] | None = None  # and what it found
     files: Mapping[str, str] = field(default_factory=dict)  # SHA-256 by path
     flown_by: tuple[FlownBy, ...] = ()
+    # Of a user's simulator by system: how often "surplus", "repeated" and "restarts" occurred.
+    simulator_events: Mapping[str, Mapping[str, int]] | None = None
 
     @property
     def complete(self) -> bool:

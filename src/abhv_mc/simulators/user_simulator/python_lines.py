@@ -13,12 +13,21 @@ from pathlib import Path
 from typing import Any
 
 
-def main(python: str, *declared: str) -> None:
-    """Fly what stands in the lines of standard input, until there are no more."""
+def main(python: str, source: str, *declared: str) -> None:
+    """Run the requests on standard input until there are no more.
+
+    ``python`` and ``declared`` lie in the working folder; ``source`` is the user's own folder.
+    """
+    # What a flight starts inherits neither pipe: it would swallow requests and write answers.
+    requests = os.fdopen(os.dup(0), "rb")
     answers = os.fdopen(os.dup(1), "wb", buffering=0)
+    null = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(null, 0)
+    os.close(null)
     os.dup2(2, 1)  # what it prints is no answer
     folder = Path.cwd()
-    sys.addaudithook(_only({str(folder / name) for name in declared}, f"{folder}{os.sep}"))
+    readable = {str(place / name) for place in (folder, Path(source)) for name in declared}
+    sys.addaudithook(_only(readable, f"{source}{os.sep}"))
     sys.path.insert(0, str(folder))
     try:
         spec = importlib.util.spec_from_file_location("simulator", folder / python)
@@ -30,16 +39,20 @@ def main(python: str, *declared: str) -> None:
         answers.write(_line({"error": _words(error, python)}))
         return
     answers.write(_line({"ready": True}))
-    read, loads, dumps = sys.stdin.buffer.readline, json.loads, json.dumps
+    read, loads, dumps, own = requests.readline, json.loads, json.dumps, os.getpid()
     while line := read():
-        given = loads(line)
+        request = loads(line)
         try:
-            found = fly(given["inputs"], given["settings"])
-            if not isinstance(found, dict):
-                raise TypeError(f"fly returned {found!r:.80}, which is no mapping")
-            answer = dumps(found, default=_plain).encode() + b"\n"
+            result = fly(request["inputs"], request["settings"])
+            if not isinstance(result, dict):
+                raise TypeError(f"fly returned {result!r:.80}, which is no mapping")
+            if "flight" in result:
+                raise ValueError("fly returned 'flight', a key that is reserved")
+            answer = dumps({**result, "flight": request["flight"]}, default=_plain).encode() + b"\n"
         except Exception as error:
-            answer = _line({"error": _words(error, python)})
+            answer = _line({"error": _words(error, python), "flight": request["flight"]})
+        if os.getpid() != own:
+            os._exit(0)  # a child that the flight has forked answers nothing
         answers.write(answer)
 
 
