@@ -25,7 +25,8 @@ from abhv_mc.simulators.user_simulator import (
     user_flights,
     working_folder,
 )
-from abhv_mc.simulators.user_simulator.user_flights import end_processes, prove_blocks
+from abhv_mc.simulators.user_simulator.process_pool import end_processes
+from abhv_mc.simulators.user_simulator.user_flights import prove_blocks
 from abhv_mc.simulators.user_simulator.user_plan import make_user_plans
 
 LOST = int(Outcome.FAILED_TO_RUN)

@@ -134,8 +134,8 @@ class Process:
         """
         if is_last:
             self._process.stdin.close()
-        if self._read or self._rest:
-            return False
+        if self._ended or self._read or self._rest:
+            return self._ended
         if not self._poll.poll(1e3 * seconds):
             return True
         return not os.read(self._process.stdout.fileno(), _READ)  # it ended

@@ -1,37 +1,32 @@
-"""Flights of a user's simulator: a crash or a hang costs the flight that was under way, and none is flown twice.
+"""Flights of a user's simulator: a crash or a hang costs the flight that was under way.
 
-What it answers is read, and its histories are sampled at common times.
+An answer is accepted only if it belongs to its request.
 """
 
-import atexit
-import json
-import math
-import os
 import sys
-import threading
 import time
-from collections import Counter, defaultdict
+from collections import Counter, defaultdict, deque
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 
-from abhv_mc.array_types import Floats, Singles
+from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, Recording
+from abhv_mc.simulators.user_simulator.answers import find_extremes, read_answer, sample_histories
 from abhv_mc.simulators.user_simulator.process import LostFlightError, OutOfStepError, Process
+from abhv_mc.simulators.user_simulator.process_pool import StoppedError, current_pool
 from abhv_mc.simulators.user_simulator.user_plan import UserPlan
 
-_NEAR = 1e-6  # of the time between samples of a history: those that end so near to one have it
 _AHEAD = 1e-3  # s: shorter flights are requested ahead of their answers
 _SLACK = 0.02  # s that a proof of silence takes beyond twice the longest answer
 _SHORT_PROOF = 0.25  # s that it may take after fewer flights than
 _PROOF = 20  # flights of a process
 _RARE = 300  # so many pieces of the usual flights between two surplus lines are proven one by one
 _START_TIMES, _START_SLACK = 10.0, 10.0  # times the first answer before, and s, that a start takes
-_LARGEST = 1 << 1023  # whole number below which each has a floating-point one
 Key = tuple[object, str]  # process and system
 
 
@@ -40,69 +35,14 @@ class _Record:
 
     def __init__(self) -> None:
         self.seconds = 0.0  # mean of a flight of the last block
-        self.longest = 0.0  # s of an answer, but of a process's first
+        # s of the longest answer before each of the last proofs, but of a process's first answer
+        self.longest: deque[float] = deque(maxlen=_PROOF)
         self.start: float | None = None  # s, the longest first answer
         self.flights = self.surplus = 0
 
 
 _records: dict[Key, _Record] = defaultdict(_Record)
 _told: set[str] = set()  # reasons that were said already
-
-
-class StoppedError(Exception):
-    """The campaign was stopped while a flight was under way."""
-
-
-class _Pool:
-    """Processes of this one that run flights; threads share it."""
-
-    def __init__(self) -> None:
-        self.idle: dict[object, list[Process]] = {}
-        self.all: set[Process] = set()
-        self.lock = threading.Lock()
-        self.closed = False
-        self.owner = os.getpid()
-
-    def take(self, plan: UserPlan) -> Process:
-        """Return a process that waits for flights, or a new one."""
-        with self.lock:
-            if idle := self.idle.get(plan.process):
-                return idle.pop()
-        process = Process(plan)
-        with self.lock:
-            self.all.add(process)
-        if self.closed:
-            process.end()
-        return process
-
-    def give_back(self, plan: UserPlan, process: Process) -> None:
-        with self.lock:
-            self.idle.setdefault(plan.process, []).append(process)
-
-    def end(self, process: Process) -> None:
-        process.end()
-        with self.lock:
-            self.all.discard(process)
-
-    def close(self) -> None:
-        """End all of them; flights under way are lost."""
-        self.closed = True
-        if self.owner == os.getpid():
-            for process in list(self.all):
-                process.end()
-
-
-_pool = _Pool()
-
-
-def end_processes() -> None:
-    """End every process that waits or flies; flights that come later have new ones."""
-    global _pool
-    ended, _pool = _pool, _Pool()
-    ended.close()
-
-
-atexit.register(end_processes)
 
 
 def seconds_of_a_flight(plans: Iterable[Any]) -> float:
@@ -189,7 +129,7 @@ class _Flights:
         self.histories: dict[int, Floats] = {}
         self.events: Counter[str] = Counter()
         self.errors: list[str] = []
-        self.pool = _pool
+        self.pool = current_pool()
         self.record = _records[plan.process, plan.controller]
         flights, surplus = plan.seen
         self.record.flights = max(self.record.flights, flights)
@@ -268,7 +208,7 @@ class _Flights:
                 self._keep(flight, answer)
             is_last = process.flights == plan.flights_per_process
             self._wait_for_silence(process, self._full_proof(process), is_last)
-            process.unproven = 0
+            self._note_proof(process)
             self._leave(process)
         except OutOfStepError:
             self._end(process)
@@ -287,9 +227,9 @@ class _Flights:
             begun = time.monotonic()
             process = self.pool.take(self.plan)
             self.waited += time.monotonic() - begun
-            if self.pool.closed or process.has_ended():  # the latter is no flight's fault
-                self._end(process)
-            elif not process.is_silent(0.0):
+            if self.pool.closed or (process.flights and process.has_ended()):
+                self._end(process)  # it ended while it was idle: no flight's fault
+            elif process.flights and not process.is_silent(0.0):
                 self._note_surplus()
                 self._end(process)
             elif is_proven and process.unproven:
@@ -306,8 +246,8 @@ class _Flights:
 
     def _full_proof(self, process: Process) -> float:
         """Return the seconds after which a surplus line would have come."""
-        self.record.longest = max(self.record.longest, process.longest)
-        return 2.0 * (self.record.longest or process.first_time) + _SLACK
+        longest = max(process.longest, *self.record.longest, 0.0)
+        return 2.0 * (longest or process.first_time) + _SLACK
 
     def _prove(self, process: Process) -> None:
         """Wait for surplus output of a process. Raise OutOfStepError if there is any."""
@@ -323,7 +263,12 @@ class _Flights:
             return
         self._wait_for_silence(process, wait, is_last)
         if wait == full:
-            process.unproven = 0
+            self._note_proof(process)
+
+    def _note_proof(self, process: Process) -> None:
+        if process.longest:
+            self.record.longest.append(process.longest)
+        process.unproven, process.longest = 0, 0.0
 
     def _wait_for_silence(self, process: Process, seconds: float, is_last: bool) -> None:
         begun = time.monotonic()
@@ -390,122 +335,3 @@ def _tell(plan: UserPlan, reason: str) -> None:
     if (words := f"{plan.controller}: {which} could not be computed: {reason}") not in _told:
         _told.add(words)
         print(words, file=sys.stderr, flush=True)
-
-
-class Answer(NamedTuple):
-    """A flight that was computed."""
-
-    outcome: int
-    end_time: float
-    metrics: list[float]
-    history: (
-        Floats | None
-    )  # [column, sample]: its time, then the channels; None where none is declared
-
-
-def read_answer(found: dict[str, Any], plan: UserPlan) -> Answer:
-    """Raises ValueError where it is not what the campaign declares."""
-    if "error" in found:
-        raise ValueError(str(found["error"]))
-    code = found.get("outcome", "ok")
-    if not isinstance(code, str) or code not in plan.outcomes:
-        raise ValueError(f"it returned the outcome '{code}', which the campaign does not declare")
-    held = found.keys() - {"outcome", "end_time", "flight"}
-    if held != plan.expected:
-        for name in sorted(held - plan.expected):
-            raise ValueError(f"it returned '{name}', which the campaign does not declare")
-        raise ValueError(f"it did not return {', '.join(sorted(plan.expected - held))}")
-    values = [_read_number(found[metric.name], metric.name) for metric in plan.metrics]
-    end = _read_number(found.get("end_time"), "end_time")
-    ok = code == "ok"
-    if ok and not all(map(math.isfinite, values)):
-        name = next(
-            each.name
-            for each, value in zip(plan.metrics, values, strict=True)
-            if not math.isfinite(value)
-        )
-        raise ValueError(f"{name} is not a finite number, and the outcome is ok")
-    history = _read_history(found["history"], plan, ok) if plan.channels else None
-    return Answer(plan.outcomes[code], end if ok or math.isfinite(end) else 0.0, values, history)
-
-
-def _read_number(value: Any, name: str) -> float:
-    """Return a JSON number, NaN for null. Raises ValueError for anything else."""
-    if value is None:
-        return math.nan
-    if type(value) is float:
-        return value
-    if type(value) is int and abs(value) < _LARGEST:
-        return float(value)
-    hint = "too large" if type(value) is int else "no number"
-    if isinstance(value, bool):
-        hint += f" (return {int(value)} for it)"
-    raise ValueError(f"it returned {json.dumps(value):.40} for {name}, which is {hint}")
-
-
-def _read_history(given: Any, plan: UserPlan, ok: bool) -> Floats:
-    """Time and channels [column, sample] of a flight. Raises ValueError where they are none."""
-    columns = ["time", *(channel.name for channel in plan.channels)]
-    if not isinstance(given, dict) or given.keys() != set(columns):
-        held = ", ".join(given) if isinstance(given, dict) else f"{given!r:.80}"
-        raise ValueError(
-            f"its history holds {held or 'nothing'}; declared are {', '.join(columns)}"
-        )
-    try:
-        lists = [np.array(given[name]) for name in columns]
-        is_text = any(column.dtype.kind in "Ub" for column in lists)
-        history = np.array([] if is_text else lists, np.float64)
-    except (TypeError, ValueError, OverflowError):
-        history = np.empty(0)
-    if history.ndim != 2 or not history.size:
-        raise ValueError("the columns of its history are no lists of numbers of one length")
-    if not np.isfinite(history[0]).all() or (np.diff(history[0]) < 0.0).any():
-        raise ValueError("the time of its history does not ascend")
-    if ok and not np.isfinite(history).all():
-        name = columns[int(np.argmin(np.isfinite(history).all(axis=1)))]
-        raise ValueError(f"{name} of its history is not a finite number, and the outcome is ok")
-    return history
-
-
-def sample_histories(
-    histories: Mapping[int, Floats], flights: int, channels: int, rate: float, beyond: int = 0
-) -> tuple[Floats, Singles]:
-    """Times [time] s, ``rate`` of them a second, and the histories there [flight, time, channel]: linear between what
-    was returned, NaN before and after it. The times reach so many ``beyond`` the flights on either side."""
-    spans = {
-        flight: (math.ceil(clock[0] * rate - _NEAR), math.floor(clock[-1] * rate + _NEAR) + 1)
-        for flight, (clock, *_) in histories.items()
-    }
-    first = min((start for start, _ in spans.values()), default=0) - beyond
-    times = (
-        np.arange(first, max((stop for _, stop in spans.values()), default=first - beyond) + beyond)
-        / rate
-    )
-    sampled = np.full((flights, times.size, channels), np.nan, np.float32)
-    for flight, (clock, *columns) in histories.items():
-        own = slice(*(place - first for place in spans[flight]))
-        for i, column in enumerate(columns):
-            sampled[flight, own, i] = np.interp(times[own], clock, column)
-    return times, sampled
-
-
-def find_extremes(
-    histories: Mapping[int, Floats], times: Floats, sampled: Singles
-) -> tuple[Singles, Singles]:
-    """Least and greatest values [time, channel] of all flights from the time before to the time after: of what was
-    returned, and of the line between. ``times`` reach beyond all flights."""
-    placed = [
-        (np.unique(np.searchsorted(times, each[0]), return_index=True), each[1:])
-        for each in histories.values()
-    ]
-    ends = []
-    for extreme in (np.fmin, np.fmax):
-        at = np.full((times.size + 2, sampled.shape[2]), np.nan, np.float32)
-        at[1:-1] = extreme.reduce(sampled, axis=0)
-        between = np.full(
-            (times.size + 1, sampled.shape[2]), np.nan, np.float32
-        )  # of samples up to each time
-        for (place, first), columns in placed:
-            between[place] = extreme(between[place], extreme.reduceat(columns, first, axis=1).T)
-        ends.append(extreme.reduce([at[:-2], at[1:-1], at[2:], between[:-1], between[1:]]))
-    return ends[0], ends[1]

@@ -51,7 +51,8 @@ class UserPlan:
     @property
     def process(self) -> tuple[object, ...]:
         """Key of the processes that can run this plan: they may run other systems, too."""
-        return self.command, self.folder, self.files, self.python
+        files = self.folder, self.files, self.folders
+        return self.command, self.python, files, self.flights_per_process
 
     def argv(self, working_folder: Path) -> list[str]:
         """Return the command that starts a process in its working folder."""
