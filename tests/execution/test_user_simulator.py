@@ -130,6 +130,44 @@ def test_what_flies_nothing_is_refused_before_anything_is_written(tmp_path: Path
     assert not out.exists()
 
 
+def test_surplus_output_is_a_warning_and_what_the_program_says_is_kept(tmp_path: Path) -> None:
+    text = (
+        "import json, sys\nfor line in sys.stdin:\n    x = json.loads(line)['inputs']['thrust']\n"
+    )
+    text += "    answer = json.dumps({'altitude_min': x, 'load': x})\n"
+    text += "    print('flying', file=sys.stderr)\n    if x > 1.03:\n        print(answer)\n"
+    text += "    print(answer, flush=True)\n"
+    out = tmp_path / "out"
+    simulator = {"command": [sys.executable, "sim.py"], "files": ["results/"]}
+    path = dive_campaign(tmp_path / "own", simulator=simulator, runs=60)
+    (tmp_path / "own" / "sim.py").write_text(text)
+    manifest = run_campaign(Request(path, out, workers=2)).manifest
+    flown = read_flown(out)
+    thrust = flown.samples["thrust"]
+    for name in ("v1", "v2"):
+        flights = flown.flights[name]
+        assert flights.flight.tolist() == np.flatnonzero(thrust <= 1.03).tolist()
+        assert np.array_equal(flights.metrics["altitude_min"], thrust[flights.flight])
+        assert any(f"'{name}' wrote lines that answer no request" in w for w in manifest.warnings)
+        assert manifest.simulator_events and manifest.simulator_events[name]["surplus"]
+    assert "wrote lines that answer no request" in shown_text(build_report(out))
+    assert "flying" in (out / "simulator.log").read_text()
+    before = {path: path.stat() for path in out.rglob("*")}
+    flight = int(np.argmin(thrust))
+    assert replay_flight(out, "v1", flight, make_engine().fly).differences == ()
+    assert {path: path.stat().st_mtime_ns for path in out.rglob("*")} == {
+        path: each.st_mtime_ns for path, each in before.items()
+    }
+    again = run_campaign(Request(out / "campaign.yaml", tmp_path / "again")).manifest
+    assert again.digest == manifest.digest
+
+
+def test_validate_says_once_that_answers_are_matched_by_order(tmp_path: Path) -> None:
+    path = dive_campaign(tmp_path, simulator={"command": ["cat"]}, runs=300)
+    (checked,) = check_inputs(path)
+    assert [words for words in checked.warnings if "by order" in words]
+
+
 def test_a_flight_that_hangs_ends_with_the_command_that_is_killed(tmp_path: Path) -> None:
     alive = tmp_path / "alive"
     os.mkfifo(alive)
@@ -140,15 +178,25 @@ def test_a_flight_that_hangs_ends_with_the_command_that_is_killed(tmp_path: Path
     path = dive_campaign(
         tmp_path / "own", source, simulator={"python": "dive.py", "time_limit": "600 s"}
     )
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
     command = [sys.executable, "-m", "abhv_mc", "run", str(path), "-o", str(tmp_path / "out")]
-    process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.DEVNULL)
+    process = subprocess.Popen(
+        command,
+        start_new_session=True,
+        stderr=subprocess.DEVNULL,
+        env=os.environ | {"TMPDIR": str(scratch)},
+    )
     with alive.open("rb", buffering=0) as held:
         assert held.read(1)
+        assert list(scratch.glob("abhv-mc-*/dive.py"))
         process.kill()
         process.wait()
         while (ready := select.select([held], [], [], 60.0)[0]) and held.read(1):
             pass
         assert ready  # nobody holds it any more
+    while list(scratch.iterdir()):  # the watcher deletes the working folders
+        select.select([], [], [], 0.05)
 
 
 RATE = 4.0  # Hz

@@ -1,7 +1,12 @@
 """Flights of a user's simulator: each is accounted for, whatever it does."""
 
+import shutil
 import sys
+import tempfile
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,9 +17,16 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.io.input_error import InputErrors
 from abhv_mc.simulators.engine import make_ready, simulate
-from abhv_mc.simulators.user_simulator import process
-from abhv_mc.simulators.user_simulator.user_flights import end_processes
+from abhv_mc.simulators.user_simulator import (
+    process,
+    python_lines,
+    user_flights,
+    working_folder,
+)
+from abhv_mc.simulators.user_simulator.process_pool import end_processes
+from abhv_mc.simulators.user_simulator.user_flights import prove_blocks
 from abhv_mc.simulators.user_simulator.user_plan import make_user_plans
 
 LOST = int(Outcome.FAILED_TO_RUN)
@@ -30,11 +42,17 @@ WRONG = {  # by the delay that is asked for: what the flight returns, and what i
     7.0: ("found | {'other': 1.0}", "it returned 'other', which the campaign does not declare"),
     8.0: ("found | {'outcome': 'elsewhere'}", "it returned the outcome 'elsewhere'"),
     10.0: ("5", "which is no mapping"),
-    11.0: ("found | {'load': 'much'}", "a metric or an end_time that is no number"),
-    12.0: ("open('secret.txt').read()", "it reads secret.txt, which 'files' does not name"),
+    11.0: ("found | {'load': '6.5'}", 'it returned "6.5" for load, which is no number'),
+    12.0: (
+        "open('secret.txt').read()",
+        "secret.txt lies in the simulator's folder but not in 'files'",
+    ),
     13.0: ("sys.exit(3)", "exit code 3"),
     14.0: ("found | {'outcome': ['ok']}", "it returned the outcome '['ok']'"),
-    15.0: ("found | {'load': 10**400}", "a metric or an end_time that is no number"),
+    15.0: ("found | {'load': 10**400}", "for load, which is too large"),
+    16.0: ("found | {'load': True}", "it returned true for load, which is no number (return 1"),
+    17.0: ("found | {'end_time': '1_000'}", 'it returned "1_000" for end_time, which is no number'),
+    18.0: ("found | {'flight': 1}", "fly returned 'flight', a key that is reserved"),
 }
 WRONG_HISTORIES = {  # what is done to the history
     2.0: (
@@ -97,7 +115,8 @@ def test_what_goes_wrong_costs_one_flight_and_none_is_flown_twice(
         DIVE
         + "\nwell = fly\n\ndef fly(inputs, settings):\n    print('a flight')\n    delay = inputs['delay']\n"
     )
-    source += "    open('flown', 'a').write(f'{delay}\\n')\n    found = well(inputs, settings)\n    if delay == 9.0:\n"
+    source += f"    open({str(tmp_path / 'flown')!r}, 'a').write(f'{{delay}}\\n')\n"
+    source += "    found = well(inputs, settings)\n    if delay == 9.0:\n"
     source += "        return {'altitude_min': None, 'load': math.nan, 'outcome': 'ground'}\n"
     source += "".join(
         f"    if delay == {delay}:\n        return {code}\n" for delay, (code, _) in WRONG.items()
@@ -126,6 +145,9 @@ def test_what_goes_wrong_costs_one_flight_and_none_is_flown_twice(
         13.0,
         14.0,
         15.0,
+        16.0,
+        17.0,
+        18.0,
         1.3,
     ]
     block = fly_delays(path, delays)
@@ -167,10 +189,7 @@ def test_a_history_that_is_none_costs_its_flight(
     assert "it returned 'history', which the campaign does not declare" in capfd.readouterr().err
 
 
-def test_declared_files_are_read_and_modules_imported_and_what_python_compiled_of_them(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)
+def test_declared_files_are_read_and_modules_imported(tmp_path: Path) -> None:
     source = DIVE.replace("import json", "import model\nimport json").replace(
         "return found", "return found | model.own()"
     )
@@ -182,13 +201,111 @@ def test_declared_files_are_read_and_modules_imported_and_what_python_compiled_o
     path = dive_campaign(
         tmp_path, source, simulator={"python": "dive.py", "files": ["model.py", "data"]}
     )
-    for _ in range(2):  # written, by a temporary file beside it, then read
-        end_processes()
-        assert fly_delays(path, [1.0]).metrics[0, 1] == 6.5
-        assert list(tmp_path.glob("__pycache__/model.*.pyc"))
+    assert fly_delays(path, [1.0]).metrics[0, 1] == 6.5
     undeclared = dive_campaign(tmp_path, source, simulator={"python": "dive.py", "files": ["data"]})
     end_processes()
     assert fly_delays(undeclared, [1.0]).outcome.tolist() == [LOST]
+
+
+# Writes its case into its working folder, over a declared file, and reads it after a while.
+DECK = """
+import json, os, sys, time
+for line in sys.stdin:
+    delay = json.loads(line)["inputs"]["delay"]
+    with open("case.in", "w") as file:
+        file.write(str(delay))
+    os.listdir("out")
+    time.sleep(0.02)
+    print(json.dumps({"altitude_min": float(open("case.in").read()), "load": 1.0}), flush=True)
+"""
+
+
+def test_each_process_works_in_a_folder_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(scratch))
+    own = tmp_path / "own"
+    (own / "out").mkdir(parents=True)
+    (own / "deck.py").write_text(DECK)
+    (own / "case.in").write_text("as it was")
+    simulator = {"command": [sys.executable, "deck.py"], "files": ["case.in", "out"]}
+    campaign = ready(dive_campaign(own, simulator=simulator))
+    before = sorted(own.rglob("*"))
+
+    def fly(first: int) -> None:
+        delays = np.arange(first, first + 20, dtype=float)
+        rows = np.tile([2330.0, 560.0, 1.5, 1.0], (20, 1))
+        rows[:, 2] = delays
+        assert simulate(campaign, "v1", rows).metrics[:, 0].tolist() == delays.tolist()
+
+    with ThreadPoolExecutor(4) as threads:
+        list(threads.map(fly, range(0, 80, 20)))
+    assert len(list(scratch.iterdir())) == 4
+    end_processes()
+    assert not list(scratch.iterdir())
+    assert (own / "case.in").read_text() == "as it was" and sorted(own.rglob("*")) == before
+
+
+def test_a_working_folder_holds_copies_with_their_modes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(working_folder, "_LARGEST_COPY", 1000)
+    shutil.copy("/bin/true", tmp_path / "program")
+    for name, text, mode in (("run.sh", "#!/bin/sh\n", 0o755), ("data.txt", "1", 0o444)):
+        (tmp_path / name).write_text(text)
+        (tmp_path / name).chmod(mode)
+    (tmp_path / "large.bin").write_bytes(bytes(1001))
+    files = ["program", "run.sh", "data.txt", "large.bin", "made/"]
+    path = dive_campaign(tmp_path, simulator={"python": "dive.py", "files": files})
+    plan: Any = ready(path).systems["v1"].plan
+    folder = working_folder.make_working_folder(plan)
+    assert sorted(folder.linked) == ["large.bin", "program"]
+    for name in ("dive.py", "run.sh", "data.txt"):
+        assert not (folder.path / name).is_symlink()
+        assert (folder.path / name).stat().st_mode == (tmp_path / name).stat().st_mode
+    assert (folder.path / "made").is_dir()
+    folder.delete()
+    assert not folder.path.exists()
+
+
+def test_a_word_that_leads_out_of_the_folder_is_rejected(tmp_path: Path) -> None:
+    (tmp_path / "sim.py").touch()
+    path = dive_campaign(tmp_path / "own", simulator={"command": ["python3", "../sim.py"]})
+    with pytest.raises(InputErrors, match=r"'folder: \.\.'"):
+        read_campaign(path)
+    path = dive_campaign(
+        tmp_path / "own", simulator={"command": ["python3", "own/dive.py"], "folder": ".."}
+    )
+    assert dict(ready(path).systems["v1"].plan.files).keys() == {"own/dive.py"}  # type: ignore[union-attr]
+
+
+SWALLOWS = (
+    DIVE
+    + """
+import subprocess
+once = fly
+def fly(inputs, settings):
+    subprocess.run(["cat"], timeout=20.0)
+    subprocess.run(["echo", "no answer"])
+    if os.fork() == 0:
+        return once(inputs, settings) | {"load": 0.0}
+    os.wait()
+    return once(inputs, settings)
+"""
+)
+
+
+def test_what_a_flight_starts_reads_no_request_and_writes_no_answer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(user_flights, "_AHEAD", np.inf)
+    path = dive_campaign(tmp_path, SWALLOWS)
+    delays = np.linspace(1.0, 2.0, 30).tolist()
+    fly_delays(path, delays[:1])
+    plain = fly_delays(dive_campaign(tmp_path / "plain"), delays)
+    assert np.array_equal(fly_delays(path, delays).metrics, plain.metrics)
 
 
 PROGRAM = """
@@ -223,6 +340,107 @@ def test_a_program_speaks_lines_and_what_is_no_answer_costs_its_flight_and_shift
     path = dive_campaign(tmp_path, simulator={"command": ["no-such-program"]})
     assert fly_delays(path, [1.0, 2.0]).outcome.tolist() == [LOST, LOST]
     assert "no-such-program" in capfd.readouterr().err
+
+
+# Answers some flights twice, and others not at all.
+UNEVEN = """
+import json, os, sys, threading, time
+def late():
+    time.sleep(0.08)
+    print(json.dumps({"altitude_min": -1.0, "load": 1.0}), flush=True)
+for line in sys.stdin:
+    given = json.loads(line)
+    delay = given["inputs"]["delay"]
+    time.sleep(0.005 * (MODE == "thread"))
+    answer = {"altitude_min": delay, "load": 1.0}
+    if ECHOES:
+        answer["flight"] = given["flight"]
+    if delay % 10 == 3:
+        if MODE == "thread":
+            threading.Thread(target=late).start()
+        elif MODE == "error":
+            print(json.dumps({"error": "diverged"}))
+        else:
+            print(json.dumps(answer), flush=True)
+            time.sleep(0.005 * (MODE == "late"))
+    if delay % 50 == 7 and MODE == "few":
+        continue
+    print(json.dumps(answer), flush=True)
+"""
+
+
+@pytest.mark.parametrize("echoes", [False, True])
+@pytest.mark.parametrize("mode", ["error", "twice", "late", "thread", "few"])
+def test_no_flight_has_the_numbers_of_another(
+    tmp_path: Path,
+    mode: str,
+    echoes: bool,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(user_flights, "_told", set())
+    text = UNEVEN.replace("MODE", repr(mode)).replace("ECHOES", repr(echoes))
+    (tmp_path / "uneven.py").write_text(text)
+    simulator = {"command": [sys.executable, "uneven.py"], "time_limit": "1 s"}
+    campaign = prove_blocks(ready(dive_campaign(tmp_path, simulator=simulator)))
+    delays = np.arange(60.0)
+    events: Counter[str] = Counter()
+    for block in np.split(delays, 2):
+        rows = np.tile([2330.0, 560.0, 1.5, 1.0], (len(block), 1))
+        rows[:, 2] = block
+        flown = simulate(campaign, "v1", rows)
+        events.update(flown.events)
+        lost = flown.outcome == LOST
+        assert np.array_equal(flown.metrics[~lost, 0], block[~lost])
+        assert lost.sum() <= 6
+    assert events["surplus"]
+    assert ("it answered twice" in capfd.readouterr().err) or mode == "thread"
+
+
+def test_a_process_is_replaced_after_so_many_flights_and_says_what_it_wrote(
+    tmp_path: Path,
+) -> None:
+    text = "import json, os, sys\nfor line in sys.stdin:\n    given = json.loads(line)['inputs']\n"
+    text += "    print('flying', file=sys.stderr)\n"
+    text += "    print(json.dumps({'altitude_min': os.getpid(), 'load': 1.0}), flush=True)\n"
+    (tmp_path / "sim.py").write_text(text)
+    simulator = {"command": [sys.executable, "sim.py"], "flights_per_process": 3}
+    block = fly_delays(dive_campaign(tmp_path, simulator=simulator), [1.0] * 7)
+    numbers = block.metrics[:, 0].tolist()
+    assert [numbers.count(each) for each in dict.fromkeys(numbers)] == [3, 3, 1]
+    assert block.events == {"restarts": 2}
+    assert block.standard_error.count("flying") == 7
+
+
+def test_a_program_may_take_its_time_to_start_and_has_to_flush(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)
+    text = "import json, sys, time\ntime.sleep(1.0)\nfor line in sys.stdin:\n"
+    text += '    print(\'{"altitude_min": 1.0, "load": 1.0}\', flush=FLUSH)\n'
+    (tmp_path / "slow.py").write_text(text.replace("FLUSH", "True"))
+    simulator: dict[str, Any] = {"command": [sys.executable, "slow.py"], "time_limit": "300 ms"}
+    assert (fly_delays(dive_campaign(tmp_path, simulator=simulator), [1.0]).outcome == 0).all()
+    end_processes()
+    (tmp_path / "slow.py").write_text(text.replace("FLUSH", "False"))
+    simulator["start_limit"] = "1 s"
+    path = dive_campaign(tmp_path, simulator=simulator)
+    assert fly_delays(path, [1.0]).outcome.tolist() == [LOST]
+    assert "does it flush its standard output" in capfd.readouterr().err
+
+
+def test_packages_beside_the_simulator_are_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package, other = tmp_path / ".venv/lib/package.py", tmp_path / "other.py"
+    monkeypatch.setattr(sys, "prefix", str(tmp_path / ".venv"))
+    for path in (package, other):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    check = python_lines._only(set(), f"{tmp_path}/")
+    check("open", (str(package), "r", 0))
+    with pytest.raises(PermissionError, match="other"):
+        check("open", (str(other), "r", 0))
 
 
 def test_other_files_than_the_campaign_was_begun_with_do_not_fly(tmp_path: Path) -> None:

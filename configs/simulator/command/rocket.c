@@ -1,8 +1,8 @@
 /* A sounding rocket, straight up, that shall reach 3000 m, no less and no more: air brakes take away what is too much.
  *
  * A program that flies: each line of standard input is a flight, such as
- *   {"inputs": {"mass": 20.1, "drag": 0.98}, "settings": {"brakes": "timed", "from": 4.5, "to": 7.0}}
- * and is answered by one line of JSON. It may read its lines in any other way, too, such as by a library.
+ *   {"inputs": {"mass": 20.1, "drag": 0.98}, "settings": {"brakes": "timed"}, "flight": "9e3779b9"}
+ * and is answered by one line of JSON with the same "flight". It may read its lines in any other way, too, such as by a library.
  */
 #include <math.h>
 #include <stdio.h>
@@ -49,8 +49,10 @@ int main(void) {
             time += STEP;
             load = fmax(load, fabs(force / mass) / GRAVITY);
         }
-        printf("{\"apogee\": %.17g, \"apogee_miss\": %.17g, \"load_max\": %.17g, \"end_time\": %.17g}\n", height,
-               fabs(height - TARGET), load, time);
+        /* Each request ends with "flight": "TEXT"}. So does its answer: it belongs to this flight and no other. */
+        const char *flight = strstr(line, "\"flight\": ");
+        printf("{\"apogee\": %.17g, \"apogee_miss\": %.17g, \"load_max\": %.17g, \"end_time\": %.17g, %s", height,
+               fabs(height - TARGET), load, time, flight ? flight : "\"error\": \"no flight\"}\n");
         fflush(stdout); /* each flight is answered when it is done: a later one may crash */
     }
     return 0;

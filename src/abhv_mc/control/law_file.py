@@ -3,7 +3,7 @@
 import contextlib
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -203,10 +203,14 @@ def find_files(law: UserController) -> dict[str, Path]:
     return {path.relative_to(root).as_posix(): path for path in paths}
 
 
-def expand(folder: Path, patterns: Sequence[str]) -> list[Path]:
-    """The files that entries of ``files`` name in a folder. Raises Refusal."""
+def expand(
+    folder: Path, patterns: Sequence[str], empty_folders: Collection[str] = ()
+) -> list[Path]:
+    """Return the files that entries of ``files`` name in a folder. Raises Refusal."""
     found: dict[Path, None] = {}
     for i, pattern in enumerate(patterns):
+        if pattern in empty_folders:
+            continue
         parts = Path(pattern).parts
         if not parts or Path(pattern).is_absolute() or ".." in parts:
             raise Refusal(

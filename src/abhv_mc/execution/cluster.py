@@ -12,7 +12,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -33,11 +33,14 @@ from abhv_mc.identity import code_hash
 from abhv_mc.io.input_error import InputError
 from abhv_mc.simulators.engine import Engine, Fly, Recorded
 from abhv_mc.simulators.stored_plans import Code, code_of, rebuild_sent
+from abhv_mc.simulators.user_simulator.user_flights import note_surplus, with_surplus
 from abhv_mc.user_code.c_source import refuse_platform
 from abhv_mc.user_code.child import allow_here
 
 if TYPE_CHECKING:
     from distributed import Client, Future
+
+    from abhv_mc.simulators.user_simulator.user_plan import UserPlan
 
 Arrays = dict[str, np.ndarray]
 
@@ -141,7 +144,10 @@ class Cluster:
         if self.engine.close is None:
             return fly_with_retries(partial(self._attempt, plan), plan, parameters, recorded)
         try:
-            return self._attempt(plan, parameters, recorded)
+            user_plan = cast("UserPlan", plan)
+            block = self._attempt(with_surplus(user_plan), parameters, recorded)  # type: ignore[arg-type]
+            note_surplus(user_plan, len(parameters), block.events.get("surplus", 0))
+            return block
         except FlightLostError as lost:  # its flights cost no worker: it is the machine
             raise UnusableError(str(lost)) from None
 

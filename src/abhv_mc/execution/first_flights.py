@@ -4,6 +4,7 @@ They are simulated twice, each time in a new process, and a second time within e
 """
 
 import time
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple, cast
@@ -20,8 +21,9 @@ from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.flight.repeatability import ROUNDING, Repeatability, relative_difference
 from abhv_mc.simulators.engine import Engine, simulate
 from abhv_mc.simulators.user_simulator.native_reads import find_native_reads
+from abhv_mc.simulators.user_simulator.process_pool import end_processes
 from abhv_mc.simulators.user_simulator.user_flights import (
-    end_processes,
+    describe_events,
     process_ids,
     seconds_of_a_flight,
 )
@@ -75,6 +77,10 @@ def fly_first(campaign: Experiment, engine: Engine, workers: int | None) -> Firs
                 found = f"no flight of '{name}' that can be computed: {reason}"
                 wish = "a simulator that flies the first rows"
                 raise campaign.document.key_error(("simulator",), found, wish)
+        events = {
+            name: sum((Counter(block.events) for _, *pair in each for block in pair), Counter())
+            for name, each in repeats.items()
+        }
         repeatability, noise = _judge_repeats(campaign, repeats)
         warnings += noise
         plans = [system.plan for system in _checked(campaign).systems.values()]
@@ -96,13 +102,16 @@ def fly_first(campaign: Experiment, engine: Engine, workers: int | None) -> Firs
                 for name, low, high in unchanging(campaign, trials, flown)
                 if name in campaign.names  # three values do not show that an unknown has no effect
             ]
+            for name, block in zip(campaign.systems, flown, strict=True):
+                events[name].update(block.events)
+        warnings += [words for name in events for words in describe_events(name, events[name])]
     return FirstFlights(tuple(warnings), repeatability)
 
 
 def _checked(campaign: Experiment, process: int = 1) -> Experiment:
     """Return the campaign with plans for checks, whose flights have a process of this number for themselves."""
     systems = {
-        name: each._replace(plan=replace(cast("Any", each.plan), check=process))
+        name: each._replace(plan=replace(cast("Any", each.plan), check=process, is_proven=True))
         for name, each in campaign.systems.items()
     }
     return replace(campaign, systems=systems)

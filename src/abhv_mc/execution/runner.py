@@ -30,7 +30,7 @@ from abhv_mc.folder.envelope_states import Cells, Collector
 from abhv_mc.folder.flights import FlightRows, flights_schema, write_block
 from abhv_mc.folder.flown_blocks import find_joins, join_files, read_flown_blocks
 from abhv_mc.folder.histories import write_envelopes
-from abhv_mc.folder.layout import write_text
+from abhv_mc.folder.layout import append_log, write_text
 from abhv_mc.folder.manifest import (
     COMPLETE,
     INTERRUPTED,
@@ -43,7 +43,11 @@ from abhv_mc.folder.manifest import (
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.simulators.engine import Engine, check_source, engine_of, make_engine, simulate
 from abhv_mc.simulators.make_plans import record_every
-from abhv_mc.simulators.user_simulator.user_flights import seconds_of_a_flight
+from abhv_mc.simulators.user_simulator.user_flights import (
+    describe_events,
+    prove_blocks,
+    seconds_of_a_flight,
+)
 
 _SAVE_INTERVAL = 5.0  # s between manifests on disk
 
@@ -88,7 +92,8 @@ def fly_opened(opened: OpenCampaign, engine: Engine, executor: Executor) -> RunR
 
 class _Run:
     def __init__(self, opened: OpenCampaign, engine: Engine, executor: Executor) -> None:
-        self.folder, self.campaign, self.plans = opened.folder, opened.campaign, opened.plans
+        self.folder, self.plans = opened.folder, opened.plans
+        self.campaign = prove_blocks(opened.campaign)
         self.manifest, self.engine = opened.manifest, engine
         self.files = opened.files
         model = self.campaign.model
@@ -262,19 +267,32 @@ class _Run:
             self.manifest = replace(self.manifest, flown_by=note_flyers(
                 self.manifest.flown_by, flown.flown_by, block.controller, block.first, block.stop
             ))  # fmt: skip
-            if flown.events:
-                events = {block.controller: flown.events}
-                self.manifest = replace(
-                    self.manifest,
-                    simulator_events=add_events([self.manifest.simulator_events, events]),
-                )
             self.completion.add(rows, digest)
+            self._note_events(block, flown)
             for flight in rows.flights[flown.outcome == Outcome.FAILED_TO_RUN]:
                 print(
                     f"flight {flight} of {block.controller} failed to run",
                     file=sys.stderr,
                     flush=True,
                 )
+
+    def _note_events(self, block: Block, flown: FlightBlock) -> None:
+        """Note what a user's simulator did beside its flights: events, and its standard error."""
+        if flown.events:
+            name = block.controller
+            events = add_events([self.manifest.simulator_events, {name: flown.events}])
+            warnings = *self.manifest.warnings, *describe_events(name, flown.events)
+            self.manifest = replace(
+                self.manifest,
+                simulator_events=events,
+                warnings=tuple(dict.fromkeys(warnings)),
+            )
+        if flown.standard_error:
+            append_log(
+                self.folder.log,
+                f"flights {block.first} to {block.stop - 1} of {block.controller}",
+                flown.standard_error,
+            )
 
     def _make_values(self, flown: FlightBlock) -> Floats:
         """Values ``[flight, value]``; margins come last, nan where they were not asked for."""

@@ -164,8 +164,9 @@ class FlightBlock:
     flown_by: tuple[Flyer, ...] = ()  # processes, where it has been signed
     reasons: Mapping[int, str] = field(default_factory=dict)  # why a flight failed to run, by row
     # Of a user's simulator: how often there was "surplus" output or a process restarted
-    # ("restarts"), flights computed again ("repeated").
+    # ("restarts"), flights computed again ("repeated"); and an excerpt of its standard error.
     events: Mapping[str, int] = field(default_factory=dict)
+    standard_error: str = ""
 
     @property
     def reason_texts(self) -> tuple[str, ...]:
@@ -203,6 +204,7 @@ def join_blocks(blocks: "list[FlightBlock]") -> FlightBlock:
         flown_by=flyers,
         reasons=reasons,
         events=sum((Counter(block.events) for block in blocks), Counter()),
+        standard_error="".join(block.standard_error for block in blocks),
     )
 
 

@@ -97,6 +97,11 @@ def collect_inputs(campaign: Experiment) -> FolderInputs:
                 f"{place}/{name}" for name, path in files.items() if os.access(path, os.X_OK)
             )
             data["simulator"] = {**data["simulator"], "folder": place}
+            if folders := simulator.find_folders(base):  # the results folder holds files alone
+                data["simulator"]["files"] = [
+                    f"{entry.rstrip('/')}/" if entry in folders else entry
+                    for entry in simulator.files
+                ]
         data[SYSTEMS] = campaign.user_model.systems
     if model.channels is not None:
         data["channels"] = _take(model.channels, "inputs/channels", copies)

@@ -24,6 +24,7 @@ _CLOSED = (
 _UNWRITABLE = (
     *_CLOSED, errno.EISDIR, errno.ENOTEMPTY, errno.ENOENT, errno.EINVAL, errno.EBUSY, errno.ENOLCK, errno.EOPNOTSUPP,
 )  # fmt: skip
+_LARGEST_LOG = 1 << 20  # bytes
 _recorders: list[Callable[[Path, str], None]] = []  # told of every file that is put whole
 
 
@@ -53,6 +54,7 @@ class CampaignFolder:
         self.envelope_states = root / "envelope_states"
         self.explained = root / "explained"
         self.failure_map = self.explained / "failures.json"
+        self.log = root / "simulator.log"
         self.lock = root / ".lock"
 
     def plan(self, controller: str) -> Path:
@@ -79,6 +81,7 @@ class CampaignFolder:
             self.nominal,
             self.reference,
             self.margins,
+            self.log,
         )
         folders = (
             self.inputs,
@@ -218,3 +221,10 @@ def write_bytes(
 def write_text(path: Path, text: str) -> None:
     """Write a text file whole and durably."""
     write_bytes(path, text.encode(), durable=True)
+
+
+def append_log(path: Path, head: str, text: str) -> None:
+    """Append an excerpt to a log with a line above it; a log of a megabyte takes no more."""
+    with explain_os_error(path, writing=True), path.open("a", encoding="utf-8") as file:
+        if file.tell() < _LARGEST_LOG:
+            file.write(f"== {head}\n{text.rstrip()}\n")

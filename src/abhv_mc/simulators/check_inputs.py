@@ -102,6 +102,11 @@ def _check(
                     ("simulator",), str(error), "a simulator that starts"
                 )
                 raise InputErrors([place]) from None
+            if checked.user_model.simulator and checked.user_model.simulator.command:
+                yield (
+                    "answers of the program are matched to requests by order,"
+                    " unless each repeats the text of its request's key 'flight'"
+                )
             return
         flown = campaign.vehicle, campaign.mission
         pending += [(campaign.vehicle, "vehicle", None), (campaign.mission, "mission", None)]

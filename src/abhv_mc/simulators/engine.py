@@ -15,7 +15,8 @@ from abhv_mc.identity import code_hash
 from abhv_mc.io.documents import InputError
 from abhv_mc.simulators.corner_margins import describe_stability
 from abhv_mc.simulators.margin_plans import make_margin_plans
-from abhv_mc.simulators.user_simulator.user_flights import end_processes, fly_user_simulator
+from abhv_mc.simulators.user_simulator.process_pool import end_processes
+from abhv_mc.simulators.user_simulator.user_flights import fly_user_simulator
 from abhv_mc.simulators.user_simulator.user_plan import UserPlan
 
 Recorded = Recording | int | None  # as flight.fly takes it

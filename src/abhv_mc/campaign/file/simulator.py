@@ -56,15 +56,29 @@ class Simulator(StrictModel):
         description="a program and its arguments: a flight is a line of JSON in, and a line out",
     )
     files: tuple[str, ...] = Field(
-        (), description="what else it consists of and reads: files, folders, or with *"
+        (),
+        description="what else it consists of and reads: files, folders, or with *;"
+        " an empty folder, or one to be made, ends with /",
     )
-    folder: str = Field(".", description="where it lies and runs: these names are from there")
+    folder: str = Field(
+        ".",
+        description="where it lies: these names are from there;"
+        " each process runs in a temporary folder with copies of them",
+    )
     time_limit: Annotated[Time, Field(gt=0.0)] = Field(
         60.0, description="of one flight, by the clock"
     )
     repeatable: YesNo = Field(
         True,
         description="no: it draws noise that is independent between flights and processes",
+    )
+    start_limit: Annotated[Time, Field(gt=0.0)] = Field(
+        600.0,
+        description="of a start: to import the Python file, or beyond time_limit"
+        " to a program's first answer",
+    )
+    flights_per_process: Annotated[int, Field(ge=1)] | None = Field(
+        None, description="flights after which a process is replaced; left out: it is kept"
     )
 
     @model_validator(mode="after")
@@ -74,23 +88,45 @@ class Simulator(StrictModel):
         return self
 
     def find_files(self, folder: Path) -> dict[str, Path]:
-        """Its files by place in ``folder``: what starts it, then what command and ``files`` name. Raises Refusal."""
+        """Return its files by their place in ``folder``: those that start it, then ``files``.
+
+        Raises Refusal.
+        """
         base = Path(os.path.normpath(folder))
-        words = [
-            Path(os.path.normpath(base / word))
+        words = {
+            word: Path(os.path.normpath(base / word))
             for word in (self.python, *(self.command or ()))
             if word
-        ]
-        named = [path for path in words if path.is_relative_to(base) and path.is_file()]
+        }
+        for word, path in words.items():
+            if ".." in Path(word).parts and path.is_file() and not path.is_relative_to(base):
+                raise Refusal(
+                    f"'{word}', a file outside the simulator's folder",
+                    "'folder: ..' (or further up) in 'simulator', and names from there",
+                    ("python" if self.python else "command",),
+                )
+        named = [path for path in words.values() if path.is_relative_to(base) and path.is_file()]
         if self.python and not named:
             raise Refusal(
                 f"'{self.python}'",
                 "a Python file in this file's folder, or in 'folder'",
                 ("python",),
             )
-        return {
-            path.relative_to(base).as_posix(): path for path in (*named, *expand(base, self.files))
-        }
+        declared = expand(base, self.files, self.find_folders(base))
+        return {path.relative_to(base).as_posix(): path for path in (*named, *declared)}
+
+    def find_folders(self, folder: Path) -> list[str]:
+        """Return the entries of ``files`` that are folders without a file."""
+        return [
+            entry
+            for entry in self.files
+            if not (Path(entry).is_absolute() or ".." in Path(entry).parts)
+            and (
+                not any(path.is_file() for path in (folder / entry).rglob("*"))
+                if (folder / entry).is_dir()
+                else entry.endswith("/") and not (folder / entry).exists()
+            )
+        ]
 
 
 InputName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_.]*$", max_length=60)]

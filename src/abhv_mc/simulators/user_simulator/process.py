@@ -1,8 +1,9 @@
-"""One process of a user's simulator: it is sent lines of JSON, and watched flight by flight."""
+"""One process of a user's simulator: it receives requests as lines of JSON and is watched flight by flight."""
 
 import contextlib
-import functools
+import fcntl
 import json
+import math
 import os
 import select
 import signal
@@ -16,113 +17,215 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from abhv_mc.simulators.user_simulator.user_plan import UserPlan
+from abhv_mc.simulators.user_simulator.watcher import unwatch, watch
+from abhv_mc.simulators.user_simulator.working_folder import make_working_folder
 from abhv_mc.user_code.child import describe_exit
 
-_AHEAD = 64  # lines that are sent before the first of them is answered,
+_AHEAD = 64  # requests that are sent before the first of them is answered,
 _FITS = 1 << 15  # and bytes: less than an empty pipe takes at once
-_START = 600.0  # s for a Python simulator to be imported
 _READ = 1 << 18
 _ENDING = 2.0  # s for a process to end that has closed its standard output
-_WATCH = """
-import os, sys
-running = set()
-for line in sys.stdin:
-    (running.add if int(line) > 0 else running.discard)(abs(int(line)))
-for process in running:
-    try:
-        os.killpg(process, 9)
-    except OSError:
-        pass
-"""
-_watching = threading.Lock()
+_LOOK = 1.0  # s between looks at a process that computes
+_EXCERPT = 2000  # bytes kept of the beginning and of the end of its standard error
+_MOST_ERRORS = 1 << 20  # bytes of standard error on disk, give or take one look
+# No process starts while another one's script is being written: Linux would not run the script.
+_starting = threading.Lock()
 
 
 class LostFlightError(Exception):
     """The flight under way is lost, and the process with it."""
 
 
+class OutOfStepError(Exception):
+    """The process wrote a line that answers no request: its answers may be of other flights."""
+
+
 class Process:
-    """It is read with a limit, so that a flight that hangs is seen."""
+    """A running simulator with a working folder of its own."""
 
     def __init__(self, plan: UserPlan) -> None:
-        """Raises OSError where it cannot be started, and LostFlightError where its Python file does not run."""
+        """Raise OSError if it does not start, LostFlightError if its Python file fails."""
         self._errors: Any = tempfile.TemporaryFile()  # noqa: SIM115  it lives as long as the process
+        fcntl.fcntl(self._errors, fcntl.F_SETFL, os.O_APPEND)  # it may be truncated meanwhile
         try:
-            started: Any = subprocess.Popen(  # noqa: S603  what the user's campaign names
-                plan.argv,
-                cwd=plan.folder,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=self._errors,
-                bufsize=0,
-                start_new_session=True,  # Ctrl-C is for the process that the user sees
-            )
-        except OSError:
+            with _starting:
+                self.folder = make_working_folder(plan)
+                try:
+                    started: Any = subprocess.Popen(  # noqa: S603  what the user's campaign names
+                        plan.argv(self.folder.path),
+                        cwd=self.folder.path,
+                        stdin=subprocess.PIPE,
+                        stdout=subprocess.PIPE,
+                        stderr=self._errors,
+                        bufsize=0,
+                        start_new_session=True,  # Ctrl-C is for the process that the user sees
+                    )
+                except OSError:
+                    self.folder.delete()
+                    raise
+        except BaseException:
             self._errors.close()
             raise
         self._process = started
-        _tell_watcher(started.pid)
+        watch(started.pid)
         self._poll = select.poll()
         self._poll.register(self._process.stdout.fileno(), select.POLLIN)
         self._rest = b""  # of an answer
         self._ended = False
         self._read: deque[bytes] = deque()
-        if plan.python and (error := self._answer(_START).get("error")) is not None:
-            self.end()
-            raise LostFlightError(error)
+        self._has_written = False
+        self._excerpt = b""
+        self._next_flight = int.from_bytes(os.urandom(4), "big")
+        self.flights = 0  # that it was asked for and answered
+        self.unproven = 0  # of these, answered without their text since it was last seen silent
+        self.first_time = 0.0  # s to its first answer, with its start
+        self.longest = 0.0  # s to any later one
+        if plan.python:
+            error = self._answer(plan.start_limit, "loaded").get("error")
+            if error is not None:
+                self.end()
+                raise LostFlightError(self._without_folder(error))
 
-    def answers(self, lines: Sequence[bytes], limit: float) -> Iterator[dict[str, Any]]:
-        """The answers to ``lines`` one by one, each within ``limit`` s of the one before. Raises LostFlightError."""
-        ahead = max(1, min(_AHEAD, _FITS // max(map(len, lines), default=1)))
-        for first in range(0, len(lines), ahead):
-            sent = lines[first : first + ahead]
+    def answers(
+        self, requests: Sequence[bytes], limit: float, *, start: float = 0.0, ahead: bool = False
+    ) -> Iterator[dict[str, Any]]:
+        """Yield the answer to each of ``requests``, within ``limit`` s of the one before.
+
+        ``start``: further seconds for the first answer of the process; ``ahead``: send several
+        requests at a time. Raises LostFlightError and OutOfStepError.
+        """
+        size = max(1, min(_AHEAD, _FITS // (16 + max(map(len, requests), default=1))))
+        step = size if ahead else 1
+        for first in range(0, len(requests), step):
+            batch = requests[first : first + step]
+            texts = [self._make_text() for _ in batch]
             with contextlib.suppress(BrokenPipeError):  # its end is read next
-                self._process.stdin.write(b"".join(sent))
-            for _ in sent:
-                yield self._answer(limit)
+                self._process.stdin.write(
+                    b"".join(
+                        b'%s"%s"}\n' % (request, text.encode())
+                        for request, text in zip(batch, texts, strict=True)
+                    )
+                )
+            for text in texts:
+                begun = time.monotonic()
+                answer = self._answer(limit + (0.0 if self.flights else start), notice=limit)
+                seconds = time.monotonic() - begun
+                if self.flights:
+                    self.longest = max(self.longest, seconds)
+                else:
+                    self.first_time = seconds
+                self.flights += 1
+                echo = answer.pop("flight", None)
+                if echo is None:
+                    self.unproven += 1
+                elif echo != text:
+                    raise OutOfStepError
+                yield answer
 
     @property
     def number(self) -> int:
-        """Of the process; 0 once it has ended."""
+        """Number of the process; 0 once it has ended."""
         return 0 if self._ended else self._process.pid
 
-    @property
-    def is_silent(self) -> bool:
-        """Whether nothing was read beyond the answers asked for."""
-        return not (self._read or self._rest)
+    def _make_text(self) -> str:
+        """Return a text that is unique in this process and means nothing."""
+        self._next_flight += 1
+        return f"{self._next_flight * 2654435761 & 0xFFFFFFFF:08x}"
 
-    def _answer(self, limit: float) -> dict[str, Any]:
-        deadline = time.monotonic() + limit
+    def is_silent(self, seconds: float, is_last: bool = False) -> bool:
+        """Return whether it writes nothing for so long, beyond the answers that were read.
+
+        ``is_last``: no request follows; the end of its input then makes it end sooner.
+        """
+        if is_last:
+            self._process.stdin.close()
+        if self._ended or self._read or self._rest:
+            return self._ended
+        if not self._poll.poll(1e3 * seconds):
+            return True
+        return not os.read(self._process.stdout.fileno(), _READ)  # it ended
+
+    def has_ended(self) -> bool:
+        """Return whether the process is gone."""
+        return self._ended or self._process.poll() is not None
+
+    def _answer(self, limit: float, verb: str = "done", notice: float = math.inf) -> dict[str, Any]:
+        """Read a line within ``limit`` s; say after ``notice`` s that a first one is awaited."""
+        deadline, notice = time.monotonic() + limit, time.monotonic() + notice
         while not self._read:
-            if not self._poll.poll(max(0.0, 1e3 * (deadline - time.monotonic()))):
-                self.end()
-                raise LostFlightError(f"not done in {limit:g} s")
-            held = os.read(self._process.stdout.fileno(), _READ)
-            if not held:
+            left = max(0.0, deadline - time.monotonic())
+            if not self._poll.poll(1e3 * min(left, _LOOK)):
+                self._bound_errors()
+                if left <= _LOOK:
+                    self.end()
+                    raise LostFlightError(f"not {verb} in {limit:g} s{self._flush_hint()}")
+                if notice < time.monotonic():
+                    notice = math.inf
+                    words = f"still waiting for its first answer, for {left:.0f} s more at most"
+                    print(f"simulator: {words} (start_limit)", file=sys.stderr, flush=True)
+                if self._process.poll() is None or self._poll.poll(0):
+                    continue  # else its children hold its standard output open
                 raise LostFlightError(f"its process ended: {self._describe_end()}")
-            *whole, self._rest = (self._rest + held).split(b"\n")
+            content = os.read(self._process.stdout.fileno(), _READ)
+            if not content:
+                raise LostFlightError(f"its process ended: {self._describe_end()}")
+            self._has_written = True
+            *whole, self._rest = (self._rest + content).split(b"\n")
             self._read.extend(whole)
         line = self._read.popleft()
         with contextlib.suppress(ValueError):
-            if isinstance(found := json.loads(line), dict):
-                return found
+            if isinstance(answer := json.loads(line), dict):
+                return answer
         self.end()  # what it answers next might be of any flight
         raise LostFlightError(f"it answered {line[:80]!r}, which is no mapping in JSON")
 
+    def _flush_hint(self) -> str:
+        if self._has_written:
+            return ""
+        return "; it wrote nothing at all: does it flush its standard output after each answer?"
+
     def _describe_end(self) -> str:
-        """How it ended, with the last line that it wrote on standard error."""
+        """Describe how it ended, with the last line that it wrote on standard error."""
         try:
             code = self._process.wait(_ENDING)
         except subprocess.TimeoutExpired:
             self.end()
             return "it closed its standard output, and was stopped"
-        self._errors.seek(max(0, self._errors.seek(0, os.SEEK_END) - 2000))
-        last = self._errors.read().decode(errors="replace").strip().splitlines()[-1:]
         self.end()
-        return ", ".join([describe_exit(code), *(f"'{words:.200}'" for words in last)])
+        last = self._excerpt.decode(errors="replace").strip().splitlines()[-1:]
+        quoted = (f"'{self._without_folder(text):.200}'" for text in last)
+        return ", ".join([describe_exit(code), *quoted])
+
+    def _without_folder(self, text: str) -> str:
+        """Name its files as its user does."""
+        return text.replace(f"{self.folder.path}{os.sep}", "")
+
+    def take_errors(self) -> str:
+        """Return an excerpt of what it wrote on standard error since the last call."""
+        if not self._ended:
+            self._gather_errors()
+        excerpt, self._excerpt = self._excerpt, b""
+        return self._without_folder(excerpt.decode(errors="replace"))
+
+    def _bound_errors(self) -> None:
+        if os.fstat(self._errors.fileno()).st_size > _MOST_ERRORS:
+            self._gather_errors()
+
+    def _gather_errors(self) -> None:
+        """Move the beginning and the end of its standard error from the disk to the excerpt."""
+        file = self._errors.fileno()
+        if not (size := os.fstat(file).st_size):
+            return
+        new = os.pread(file, 2 * _EXCERPT, 0)
+        if size > 2 * _EXCERPT:
+            new = new[:_EXCERPT] + b"\n...\n" + os.pread(file, _EXCERPT, size - _EXCERPT)
+        os.ftruncate(file, 0)
+        text = self._excerpt + new
+        is_short = len(text) <= 3 * _EXCERPT
+        self._excerpt = text if is_short else text[:_EXCERPT] + b"\n...\n" + text[-_EXCERPT:]
 
     def end(self) -> None:
-        """End it and what it started, whatever they do; once, for its number is then free for another process."""
+        """End it and what it started, and delete its folder; once, as its number is then free."""
         if self._ended:
             return
         self._ended = True
@@ -130,24 +233,8 @@ class Process:
             with contextlib.suppress(OSError):
                 stop()
         self._process.wait()
-        _tell_watcher(-self._process.pid)
+        self._gather_errors()
+        unwatch(self._process.pid)
         for stream in (self._process.stdin, self._process.stdout, self._errors):
             stream.close()
-
-
-def _tell_watcher(process: int) -> None:
-    """That a process has begun, or (below zero) ended: where this one is killed, its pipe ends, and they with it."""
-    with _watching, contextlib.suppress(OSError):
-        os.write(_watcher(os.getpid()), b"%d\n" % process)
-
-
-@functools.cache
-def _watcher(_: int) -> int:
-    """The pipe to a process that ends those of this one."""
-    theirs, ours = os.pipe()
-    ends = [(os.POSIX_SPAWN_DUP2, theirs, 0)]
-    os.posix_spawn(
-        sys.executable, [sys.executable, "-ISc", _WATCH], os.environ, file_actions=ends, setpgroup=0
-    )
-    os.close(theirs)
-    return ours
+        self.folder.delete()

@@ -1,7 +1,7 @@
 """The program that a user's Python simulator runs in: a flight is a line of JSON in, and a line out.
 
-It imports nothing of this package but the guard of reads, by its path: a file that the campaign does not name is not
-read, because no hash would tell that it changed.
+It imports nothing of this package but the guard of reads, by its path: a file that the campaign
+does not name is not read, because no hash would tell that it changed.
 """
 
 import importlib.util
@@ -15,18 +15,25 @@ from typing import Any
 _GUARD = Path(__file__).parents[2] / "user_code" / "read_guard.py"
 
 
-def main(python: str, base: str, campaign: str, *declared: str) -> None:
-    """Fly what stands in the lines of standard input, until there are no more.
+def main(python: str, source: str, campaign: str, *declared: str) -> None:
+    """Run the requests on standard input until there are no more.
 
-    ``base`` is the simulator's own folder, ``campaign`` that of the campaign file.
+    ``python`` and ``declared`` lie in the working folder; ``source`` is the user's own folder and
+    ``campaign`` that of the campaign file.
     """
     started = time.time()
+    # What a flight starts inherits neither pipe: it would swallow requests and write answers.
+    requests = os.fdopen(os.dup(0), "rb")
     answers = os.fdopen(os.dup(1), "wb", buffering=0)
+    null = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(null, 0)
+    os.close(null)
     os.dup2(2, 1)  # what it prints is no answer
     folder = Path.cwd()
     guard = _load("_abhv_mc_read_guard", _GUARD)
-    allowed = guard.simulator_guard(declared, base, campaign, str(folder), started)
-    guard.watch_reads(allowed, base)
+    guard.watch_reads(
+        guard.simulator_guard(declared, source, campaign, str(folder), started), source
+    )
     sys.path.insert(0, str(folder))
     try:
         fly = _load("simulator", folder / python).fly
@@ -34,16 +41,20 @@ def main(python: str, base: str, campaign: str, *declared: str) -> None:
         answers.write(_line({"error": _words(error, python)}))
         return
     answers.write(_line({"ready": True}))
-    read, loads, dumps = sys.stdin.buffer.readline, json.loads, json.dumps
+    read, loads, dumps, own = requests.readline, json.loads, json.dumps, os.getpid()
     while line := read():
-        given = loads(line)
+        request = loads(line)
         try:
-            found = fly(given["inputs"], given["settings"])
-            if not isinstance(found, dict):
-                raise TypeError(f"fly returned {found!r:.80}, which is no mapping")
-            answer = dumps(found, default=_plain).encode() + b"\n"
+            result = fly(request["inputs"], request["settings"])
+            if not isinstance(result, dict):
+                raise TypeError(f"fly returned {result!r:.80}, which is no mapping")
+            if "flight" in result:
+                raise ValueError("fly returned 'flight', a key that is reserved")
+            answer = dumps({**result, "flight": request["flight"]}, default=_plain).encode() + b"\n"
         except Exception as error:
-            answer = _line({"error": _words(error, python)})
+            answer = _line({"error": _words(error, python), "flight": request["flight"]})
+        if os.getpid() != own:
+            os._exit(0)  # a child that the flight has forked answers nothing
         answers.write(answer)
 
 

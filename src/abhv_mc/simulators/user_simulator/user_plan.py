@@ -3,7 +3,7 @@
 import hashlib
 import json
 import os
-import stat
+import re
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -16,7 +16,6 @@ from abhv_mc.campaign.file.simulator import Simulator, SimulatorCampaign
 from abhv_mc.flight.channels import Signal
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.io.input_error import InputError, is_exhausted
 from abhv_mc.io.input_files import read_input
 from abhv_mc.user_code.source import UserSource
 
@@ -29,7 +28,7 @@ class UserPlan:
 
     controller: str  # its name in the campaign
     command: tuple[str, ...]
-    folder: str  # that it lies and runs in
+    folder: str  # that it lies in
     files: tuple[tuple[str, str], ...]  # place in the folder and SHA-256 of what it consists of
     python: str  # the file of a Python function, '' for a program
     settings: str  # JSON
@@ -42,28 +41,51 @@ class UserPlan:
     rate: float = 10.0  # Hz that it is recorded with, and for bands over time
     band_rate: float = 5.0
     effectors: tuple[str, ...] = ()
+    folders: tuple[str, ...] = ()  # empty ones that it needs
+    start_limit: float = 600.0  # s to start
+    flights_per_process: int | None = None
     campaign_folder: str = ""  # that the campaign file lies in
     check: int = 0  # number of the process that simulates it for a check; 0: for the campaign
+    is_proven: bool = False  # whether each block of its flights ends with a proof of silence
+    seen: tuple[int, int] = (0, 0)  # flights and surplus lines that other processes know of
 
     @property
     def process(self) -> tuple[object, ...]:
-        """What a process that flies it is known by: it may fly the other systems, too."""
-        return self.command, self.folder, self.files, self.python, self.check
+        """Key of the processes that can run this plan: they may run other systems, too."""
+        files = self.folder, self.files, self.folders
+        return self.command, self.python, files, self.flights_per_process, self.check
 
     @property
     def system(self) -> tuple[object, ...]:
-        """What is simulated, in whatever process."""
-        return self.command, self.folder, self.files, self.python, self.controller
+        """Key of what is simulated, in whatever process."""
+        return self.command, self.python, self.folder, self.files, self.controller
 
-    @property
-    def argv(self) -> list[str]:
-        """What starts the process."""
+    def argv(self, working_folder: Path) -> list[str]:
+        """Return the command that starts a process in its working folder."""
+        names = [name for name, _ in self.files]
         if self.python:
-            names = (name for name, _ in self.files)
             return [*_PYTHON, self.python, self.folder, self.campaign_folder, *names]
-        first, *rest = self.command
-        file = Path(self.folder, first)
-        return [str(file.resolve()) if file.is_file() else first, *rest]
+        return [
+            str(working_folder / name)
+            if (name := self._find_declared(word)) and (i == 0 or Path(word).is_absolute())
+            else word
+            for i, word in enumerate(self.command)
+        ]
+
+    def _find_declared(self, word: str) -> str:
+        """Return the name of the declared file that a word of the command names, or ''."""
+        name = os.path.relpath(os.path.normpath(Path(self.folder, word)), self.folder)
+        return name if any(name == declared for declared, _ in self.files) else ""
+
+    def name_undeclared(self, message: str) -> str:
+        """Return what is wrong if an error message names a file that `files` lacks, or ''."""
+        for word in re.findall(r"[\w.+/-]+", message):
+            for path in (word.strip("."), f"{word.replace('.', '/')}.py"):
+                name = os.path.normpath(path)
+                is_inside = name[0] not in "./" and Path(self.folder, name).is_file()
+                if is_inside and not self._find_declared(name):
+                    return f"; {name} lies in the simulator's folder but not in 'files'"
+        return ""
 
     @cached_property
     def expected(self) -> set[str]:
@@ -76,29 +98,12 @@ class UserPlan:
             f"{json.dumps(name)}: %{'d' if seed else 'r'}"
             for name, seed in zip(self.inputs, self.seeds, strict=True)
         )
-        return f'{{"inputs": {{{", ".join(parts)}}}, "settings": {self.settings.replace("%", "%%")}}}\n'
+        settings = self.settings.replace("%", "%%")
+        return f'{{"inputs": {{{", ".join(parts)}}}, "settings": {settings}, "flight": '
 
-    def lines(self, rows: Floats) -> list[bytes]:
-        """A line of JSON for each of ``rows`` [flight, input]."""
+    def requests(self, rows: Floats) -> list[bytes]:
+        """Return a line of JSON for each of ``rows`` [flight, input], up to the flight's text."""
         return [(self._template % tuple(row)).encode() for row in rows.tolist()]
-
-    def check_files(self) -> None:
-        """Raise InputError where its files are not, on this machine, those that the campaign was begun with."""
-        for name, digest in self.files:
-            path = Path(self.folder, name)
-            try:
-                same = hashlib.sha256(path.read_bytes()).hexdigest() == digest
-            except OSError as error:
-                if is_exhausted(error):
-                    raise
-                same = False
-            if not same:
-                raise InputError(
-                    path, "other content than the campaign was begun with, or none", "the same file"
-                )
-        program = Path(self.argv[0])
-        if program.is_file() and not os.access(program, os.X_OK):  # a copy in a campaign's folder
-            program.chmod(program.stat().st_mode | stat.S_IXUSR)
 
 
 def make_user_plans(campaign: Experiment, names: Iterable[str]) -> dict[str, UserPlan]:
@@ -124,6 +129,9 @@ def make_user_plans(campaign: Experiment, names: Iterable[str]) -> dict[str, Use
                 code: number for code, number in codes.items() if code != Outcome.FAILED_TO_RUN.code
             },
             time_limit=simulator.time_limit,
+            folders=tuple(simulator.find_folders(base)),
+            start_limit=simulator.start_limit,
+            flights_per_process=simulator.flights_per_process,
             channels=campaign.channels,
             rate=model.keep.histories.rate,
             band_rate=model.keep.envelopes.rate,

@@ -1,0 +1,103 @@
+"""The working folder of a simulator's process: a temporary folder with copies of its declared files."""
+
+import functools
+import hashlib
+import os
+import shutil
+import stat
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+from abhv_mc.io.input_error import InputError, is_exhausted
+from abhv_mc.simulators.user_simulator.user_plan import UserPlan
+from abhv_mc.simulators.user_simulator.watcher import unwatch, watch
+
+_LARGEST_COPY = 1 << 24  # bytes
+_BINARY = (b"\x7fELF", b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe")
+
+
+class WorkingFolder(NamedTuple):
+    """A process's own folder."""
+
+    path: Path
+    linked: tuple[str, ...]  # declared files that are links to the user's, not copies
+
+    def delete(self) -> None:
+        """Delete it with all that the process has written there."""
+        shutil.rmtree(self.path, ignore_errors=True)
+        unwatch(str(self.path))
+
+
+def make_working_folder(plan: UserPlan) -> WorkingFolder:
+    """Copy the declared files of ``plan``, with their modes, into a new folder under ``TMPDIR``.
+
+    Large files and compiled programs are linked: a program's copy would not run on a file system
+    mounted noexec. Scripts are copied: many change into the folder that holds them. Raises
+    InputError if a file is not the one that the campaign was started with.
+    """
+    try:
+        folder = Path(os.path.realpath(tempfile.mkdtemp(prefix="abhv-mc-")))
+        watch(str(folder))
+    except OSError as error:
+        raise _unusable_place(error) from None
+    linked = []
+    try:
+        for name, digest in plan.files:
+            if _place(Path(plan.folder, name), folder / name, digest, plan):
+                linked.append(name)
+        for name in plan.folders:
+            (folder / name).mkdir(parents=True, exist_ok=True)
+    except BaseException as error:
+        WorkingFolder(folder, ()).delete()
+        if isinstance(error, OSError) and not is_exhausted(error):
+            raise _unusable_place(error) from None
+        raise
+    return WorkingFolder(folder, tuple(linked))
+
+
+def _place(source: Path, target: Path, digest: str, plan: UserPlan) -> bool:
+    """Copy or link one file; return whether it is linked."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        status = source.stat()
+        mode = stat.S_IMODE(status.st_mode)
+        with source.open("rb") as file:
+            is_program = bool(mode & stat.S_IXUSR) and file.read(4).startswith(_BINARY)
+        is_linked = is_program or status.st_size > _LARGEST_COPY
+        content = b"" if is_linked else source.read_bytes()
+        found = (
+            _hash_file(source, status.st_ino, status.st_size, status.st_mtime_ns)
+            if is_linked
+            else hashlib.sha256(content).hexdigest()
+        )
+    except OSError as error:
+        if is_exhausted(error):
+            raise
+        found = ""
+    if found != digest:
+        message = "other content than the campaign was begun with, or none"
+        raise InputError(source, message, "the same file")
+    if is_linked:
+        target.symlink_to(source)
+    else:
+        target.write_bytes(content)
+        # A folder written by an older version holds programs without their executable bit.
+        is_started = plan.command and source == Path(os.path.normpath(plan.folder), plan.command[0])
+        target.chmod(mode | stat.S_IXUSR if is_started else mode)
+    return is_linked
+
+
+@functools.lru_cache(maxsize=256)
+def _hash_file(path: Path, *_signature: int) -> str:
+    """SHA-256 of a file; the signature changes when the file does."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _unusable_place(error: OSError) -> InputError:
+    return InputError(
+        tempfile.gettempdir(),
+        f"a simulator's working folder cannot be made here ({error.strerror or error})",
+        "free space, or another folder in TMPDIR",
+    )
