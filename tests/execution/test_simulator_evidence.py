@@ -22,7 +22,7 @@ from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.results import Results
 from abhv_mc.simulators.engine import make_engine
-from abhv_mc.simulators.user_simulator.user_flights import end_processes
+from abhv_mc.simulators.user_simulator.process_pool import end_processes
 
 pytestmark = pytest.mark.usefixtures("no_figures")
 
