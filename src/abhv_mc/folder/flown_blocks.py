@@ -45,7 +45,9 @@ def read_flown_blocks(
     """
     flown = {name: np.zeros(number, bool) for name, number in runs.items()}
     known = [path for path in files.paths() if path.parent == folder.flights]
-    files.forget(*(path for path in known if not path.is_file()))  # their flights are computed again
+    files.forget(
+        *(path for path in known if not path.is_file())
+    )  # their flights are computed again
     for path in sorted(
         folder.flights.glob("*.parquet"), key=lambda path: (not files.knows(path), path)
     ):
