@@ -3,6 +3,8 @@
 Errors of 300 and 1000 flights, lognormal with a 95 % quantile of 105 m, required below 150 m; a share of 5 %.
 """
 
+import sys
+
 import numpy as np
 
 from abhv_mc.statistics.gate import judge_change
@@ -55,10 +57,11 @@ def count_stopped(change, flights, systems, seed=23, required=True):
 
 
 if __name__ == "__main__":
-    print(f"stopped of {SYSTEMS}: with the requirement (by the metric alone)")
+    systems = 2 if sys.argv[1:] == ["--smoke"] else SYSTEMS
+    print(f"stopped of {systems}: with the requirement (by the metric alone)")
     for name, change in CHANGES.items():
         for flights in (300, 1000):
             with_it, alone = (
-                count_stopped(change, flights, SYSTEMS, required=flag) for flag in (True, False)
+                count_stopped(change, flights, systems, required=flag) for flag in (True, False)
             )
             print(f"{name:<24} {flights:>5} flights  {with_it:>5} ({alone})", flush=True)

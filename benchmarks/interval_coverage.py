@@ -3,6 +3,8 @@
 `whatif` in widened tails, and differences of quantiles of dependent pairs.
 """
 
+import sys
+
 import numpy as np
 from scipy import stats
 
@@ -57,9 +59,9 @@ def whatif(fails, inputs, scale, flights, truth, campaigns=CAMPAIGNS, widened=Tr
     return answered / campaigns, missed / max(answered, 1)
 
 
-def differences(words, law, size, together):
+def differences(words, law, size, together, campaigns):
     """Print how often the difference of quantiles lies outside its interval, on each side, at its worst level."""
-    normal = np.random.default_rng(8).standard_normal((2, CAMPAIGNS, size))
+    normal = np.random.default_rng(8).standard_normal((2, campaigns, size))
     normal[1] = together * normal[0] + np.sqrt(1.0 - together**2) * normal[1]
     a, b = law(stats.norm.cdf(normal))
     b = 2.0 * b
@@ -69,19 +71,20 @@ def differences(words, law, size, together):
             truth = -float(law(LEVELS[k]))
             missed[:, k] += truth < found.low, truth > found.high
     print(
-        f"difference, {words}, {size} pairs, correlation {together:+.1f}: {missed.max(axis=1) / CAMPAIGNS}"
+        f"difference, {words}, {size} pairs, correlation {together:+.1f}: {missed.max(axis=1) / campaigns}"
     )
 
 
 def main():
     """All cases."""
+    campaigns = 2 if sys.argv[1:] == ["--smoke"] else CAMPAIGNS
     for case in (
         *(("sum", 3, 1.2, 2000, truth) for truth in (3.8e-3, 1e-3, 2e-2)),
         ("one", 3, 1.2, 2000, 3.8e-3),
         ("radius", 3, 1.2, 2000, 3.8e-3),
         ("sum", 5, 1.1, 1000, 3.8e-3),
     ):
-        answered, (share, quantile) = whatif(*case)
+        answered, (share, quantile) = whatif(*case, campaigns)
         words = "whatif {}, {} inputs, sigma x {}, {} flights, P {:g}".format(*case)
         print(
             f"{words}: answers {answered:.2f}; truth below and above the share's {share}, the quantile's {quantile}"
@@ -91,7 +94,7 @@ def main():
     for words, law in laws.items():
         for size in (30, 100, 1000):
             for together in (-1.0, -0.5, 0.0, 0.5, 0.9, 1.0):
-                differences(words, law, size, together)
+                differences(words, law, size, together, campaigns)
 
 
 if __name__ == "__main__":

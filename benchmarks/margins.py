@@ -72,7 +72,10 @@ def main():
     parser.add_argument("--flights", type=int, default=10_000)
     parser.add_argument("--cores", type=int, default=2)
     parser.add_argument("--controller", default="tlc")
+    parser.add_argument("--smoke", action="store_true", help="the least work; writes no result")
     options = parser.parse_args()
+    if options.smoke:
+        options.flights, options.cores = 2, 1
     context = multiprocessing.get_context("spawn")
     ready, go, results = context.Semaphore(0), context.Event(), context.Queue()
     share = options.flights // options.cores

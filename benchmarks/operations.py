@@ -96,6 +96,10 @@ def _main(paths: list[str]) -> None:
     if not paths:
         write_json(OPERATIONS_FILE, count_operations(make_work(1)[0]))
         return
+    if paths == ["--smoke"]:
+        name, plan = next(iter(make_work(1)[0].items()))
+        print(count_operations({name: plan}))
+        return
     if os.environ.get("NUMBA_DISABLE_JIT") != "1":
         raise SystemExit("counting needs NUMBA_DISABLE_JIT=1")
     from abhv_mc.shipped import find_input

@@ -121,7 +121,11 @@ def main() -> None:
         "--files", type=int, help="flights of a campaign whose files are counted, and nothing else"
     )
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--smoke", action="store_true", help="the least work; writes no result")
     given = parser.parse_args()
+    if given.smoke:
+        print(run(2 * _BLOCK, 2, 0.0))
+        return
     if given.files:
         count_files(given.files)
         return

@@ -242,8 +242,9 @@ def main() -> None:
     parser.add_argument(
         "--once", action="store_true", help="measure in this process, print JSON, write nothing"
     )
+    parser.add_argument("--smoke", action="store_true", help="the least work; writes no result")
     options = parser.parse_args()
-    if options.once:
+    if options.once or options.smoke:
         print(json.dumps(measure_parts()))
         return
     load = os.getloadavg()[0]

@@ -12,6 +12,7 @@ flights beyond each limit, and where the levels of each repetition lie.
 
 import argparse
 import json
+import subprocess
 import sys
 from pathlib import Path
 
@@ -76,13 +77,31 @@ def plot_tails(label: str, plain: np.ndarray, result: dict, limit: float) -> Fig
     return figure
 
 
+def fly_both(plain: Path, rare: Path) -> None:
+    """Fly a few plain flights and a search for rare failures."""
+    campaign, program = (
+        Path(__file__).with_name("rare_tail.yaml"),
+        [sys.executable, "-m", "abhv_mc"],
+    )
+    run = ["run", str(campaign), "--runs", "64", "-o", str(plain), "--no-report"]
+    search = ["rare", str(campaign), "--requirement", "altitude_error_max_m", "-o", str(rare)]
+    for words in (run, search):
+        subprocess.run([*program, *words], check=words is search)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("plain", type=Path)
-    parser.add_argument("rare", type=Path)
+    parser.add_argument("plain", type=Path, nargs="?")
+    parser.add_argument("rare", type=Path, nargs="?")
+    parser.add_argument(
+        "--smoke", action="store_true", help="both from 64 plain flights, in new folders here"
+    )
     parser.add_argument("--json", type=Path, default=None)
     parser.add_argument("--figure", type=Path, default=None)
     arguments = parser.parse_args()
+    if arguments.smoke:
+        arguments.plain, arguments.rare = Path("plain"), Path("rare")
+        fly_both(arguments.plain, arguments.rare)
     manifest = read_manifest(arguments.rare / "manifest.json")
     result = manifest.result
     if result["refusal"]:
@@ -130,7 +149,7 @@ def main() -> None:
         write_png(
             plot_tails(BUILT_IN[metric].label_with_unit, shown, result, limit), arguments.figure
         )
-    sys.exit(apart > _TOO_FAR)
+    sys.exit(apart > _TOO_FAR and not arguments.smoke)
 
 
 if __name__ == "__main__":

@@ -127,7 +127,11 @@ def main() -> None:
         action="store_true",
         help="rare switches, branches masked or without warning instead",
     )
+    parser.add_argument("--smoke", action="store_true", help="the least work; writes no result")
     arguments = parser.parse_args()
+    cases = held_out_cases() if arguments.held_out else all_cases()
+    if arguments.smoke:
+        arguments.seeds, cases = 1, list(cases)[:1]
     if arguments.missed:
         study_missed(arguments.seeds)
         return
@@ -144,7 +148,7 @@ def main() -> None:
     )
     print("| " + " | ".join((*heads, "plain / these")) + " |")
     print("|---|---|---|---|---|---|---|---|---|")
-    for case in held_out_cases() if arguments.held_out else all_cases():
+    for case in cases:
         start = time.monotonic()
         row = study(case, arguments.first_seed, arguments.seeds)
         rows.append(row)

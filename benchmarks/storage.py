@@ -44,7 +44,9 @@ def main() -> None:
     """Print the ratios."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--rounds", type=int, default=3)
-    rounds = parser.parse_args().rounds
+    parser.add_argument("--smoke", action="store_true", help="the least work; writes no result")
+    options = parser.parse_args()
+    rounds, sizes = (1, {"two flights": (1, 2)}) if options.smoke else (options.rounds, SIZES)
     campaign = read_campaign(CAMPAIGN, BATCH, None, LAWS)
     samples = campaign.make_samples()
     parameters = full_rows(samples.names, samples.draw(0, BATCH), ())
@@ -58,7 +60,7 @@ def main() -> None:
 
     kernel()  # loads or compiles
     run(64)
-    for words, (few, many) in SIZES.items():
+    for words, (few, many) in sizes.items():
         ratios, rates = [], []
         for _ in range(rounds):
             before, small, between, large, after = kernel(), run(few), kernel(), run(many), kernel()

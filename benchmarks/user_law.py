@@ -15,7 +15,11 @@ from abhv_mc.io.documents import Document
 from abhv_mc.user_code.child import allow_here
 
 ROOT = Path(__file__).parents[1]
-FLIGHTS, ROUNDS = 128, int(sys.argv[1]) if len(sys.argv) > 1 else 9
+FLIGHTS, ROUNDS = 128, 9
+if sys.argv[1:] == ["--smoke"]:
+    FLIGHTS, ROUNDS = 2, 1
+elif sys.argv[1:]:
+    ROUNDS = int(sys.argv[1])
 METRICS = {
     f"m{i}": {"of": of, "statistic": statistic}
     for i, (of, statistic) in enumerate(

@@ -164,9 +164,19 @@ def main() -> None:
     parser.add_argument("checkout", type=Path)
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--cold", type=int, default=1)
+    parser.add_argument("--smoke", action="store_true", help="the least work; writes no result")
     options = parser.parse_args()
     here, other = Path(__file__).resolve().parents[1], options.checkout.resolve()
     campaign = other / "campaigns/s_manoeuvre.yaml"
+    if options.smoke:
+        with tempfile.TemporaryDirectory() as folder:
+            cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+            version = Version(other, cache, campaign)
+            print(version.flight(LAWS[0]))
+            print(
+                version.command("-m", "abhv_mc", "run", str(campaign), "--runs", "2", "-o", folder)
+            )
+        return
     load = os.getloadavg()[0]
     with tempfile.TemporaryDirectory() as caches:
         ours, theirs = (

@@ -72,7 +72,7 @@ def take_picture(page: Path, profile: Path) -> None:
     subprocess.run([browser, *options, f"--screenshot={picture}", page.as_uri()], check=True)  # noqa: S603
 
 
-def main(target: Path) -> None:
+def main(target: Path, *options: str) -> None:
     """Fly, report, keep."""
     with tempfile.TemporaryDirectory() as temporary:
 
@@ -84,7 +84,7 @@ def main(target: Path) -> None:
         flown = Path(
             "reports/s_manoeuvre"
         )  # relative, so that the commands in the report name no machine's folder
-        abhv_mc("run", "s_manoeuvre", "-o", flown.as_posix())
+        abhv_mc("run", "s_manoeuvre", "-o", flown.as_posix(), *options)
         folder = Path(temporary) / flown
         shutil.rmtree(target, ignore_errors=True)
         shutil.copytree(folder / "figures", target / "figures")
@@ -97,4 +97,8 @@ def main(target: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]).resolve() if len(sys.argv) > 1 else EXAMPLE)
+    if sys.argv[1:] == ["--smoke"]:
+        with tempfile.TemporaryDirectory() as trial:
+            main(Path(trial), "--runs", "2")
+    else:
+        main(Path(sys.argv[1]).resolve() if len(sys.argv) > 1 else EXAMPLE)

@@ -271,7 +271,12 @@ def main() -> None:
     parser.add_argument("--law", nargs="+", choices=LAWS, default=LAWS)
     parser.add_argument("--rounds", type=int, default=1)
     parser.add_argument("--work", type=Path, default=ROOT / "build/fronts")
+    parser.add_argument("--smoke", action="store_true", help="the least work; writes no result")
     arguments = parser.parse_args()
+    if arguments.smoke:
+        trials = Trials(VEHICLES[0], "lqr")
+        print(trials.measure(trials.place("lqr")[None]))
+        return
     for vehicle in arguments.vehicle:
         archive = Archive(arguments.work, vehicle)
         trials = {law: Trials(vehicle, law) for law in arguments.law}

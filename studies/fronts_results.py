@@ -45,12 +45,15 @@ class Fresh:
 class Judge:
     """Flies designs of one vehicle on fresh seeds."""
 
-    def __init__(self, vehicle: str) -> None:
+    def __init__(self, vehicle: str, flights: int = FLIGHTS) -> None:
         self.name = vehicle
         self.trials = {law: Trials(vehicle, law) for law in LAWS}
         self.duel = self.trials["tlc"].duel
-        self.paper = random_parameters(FLIGHTS, PAPER_SEED)
-        self.corners, self.wide = search_flights()[9:137], random_flights(WIDE, WIDE_SEED)
+        self.paper = random_parameters(flights, PAPER_SEED)
+        self.corners, self.wide = (
+            search_flights()[9:137],
+            random_flights(min(flights, WIDE), WIDE_SEED),
+        )
         block = fly(self.duel.table_1_plan, self.paper)
         self.table_1 = columns(block, ERRORS), columns(block, USAGE)
         self.references = tuple(np.median(part, axis=0) for part in self.table_1)
@@ -151,7 +154,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Fly the designs that fronts.py found.")
     parser.add_argument("--work", type=Path, default=ROOT / "build/fronts")
     parser.add_argument("--vehicle", nargs="+", choices=VEHICLES, default=VEHICLES)
+    parser.add_argument("--smoke", action="store_true", help="the least work; writes no result")
     arguments = parser.parse_args()
+    if arguments.smoke:
+        judge = Judge(VEHICLES[0], 2)
+        print(judge.told(judge.fly(read_controller(ROOT / "configs/control/lqr.yaml"), "lqr")))
+        return
     into = ROOT / "studies/fronts/results.json"
     for vehicle in arguments.vehicle:
         archive, judge = Archive(arguments.work, vehicle), Judge(vehicle)

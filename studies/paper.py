@@ -342,9 +342,13 @@ def main() -> None:
     """Fly, write the page and its figures."""
     parser = argparse.ArgumentParser(description="Set the ensemble beside the paper.")
     parser.add_argument("--flights", type=int, default=200)
+    parser.add_argument("--smoke", action="store_true", help="the least work; writes no result")
     arguments = parser.parse_args()
     check_gains()
     result = json.loads((ROOT / "studies/paper_vehicle.json").read_text(encoding="utf-8"))
+    if arguments.smoke:
+        print(judge(result["ensemble"][0]["values"], 2))
+        return
     judged = {
         member["name"]: judge(member["values"], arguments.flights) for member in result["ensemble"]
     }

@@ -175,8 +175,12 @@ def main() -> None:
         type=Path,
         default=ROOT / "configs/control/ghame_x/lqr_retuned_ghame_x.yaml",
     )
+    parser.add_argument("--smoke", action="store_true", help="the least work; writes no result")
     arguments = parser.parse_args()
     study = Study(arguments.vehicle, arguments.mission)
+    if arguments.smoke:
+        print(f"score {study.score(np.zeros(len(VARIED))):.4f}")
+        return
     starts = [study.exponents_of(read_lqr(file)) for file in arguments.also]
     first = BOUND * (2.0 * Sobol(len(VARIED), seed=2014).random(POPULATION) - 1.0)
     first[0] = 0.0

@@ -191,12 +191,16 @@ def main() -> None:
         "--step", type=float, default=0.1, help="first standard deviation, of the box -1 .. 1"
     )
     parser.add_argument("--seed", type=int, default=2014)
-    parser.add_argument("-o", "--output", type=Path, required=True)
+    parser.add_argument("-o", "--output", type=Path, default=Path("robust.yaml"))
+    parser.add_argument("--smoke", action="store_true", help="the least work; writes no result")
     arguments = parser.parse_args()
     duel = Duel(arguments.vehicle, arguments.law)
     numbers = start_numbers(arguments.law, arguments.start)
     search = Search(duel, numbers, arguments.ordered)
     start = np.zeros(len(numbers.free))
+    if arguments.smoke:
+        print(search.measure(start[None]))
+        return
     found = tune(search.measure, start, arguments.candidates, arguments.seed, arguments.step)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "robust.yaml"

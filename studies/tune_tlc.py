@@ -290,7 +290,11 @@ def main() -> None:
     """Fly and write."""
     parser = argparse.ArgumentParser(description="Repeat section 6 of the paper.")
     parser.add_argument("--vehicle", type=Path, default=ROOT / "configs/vehicle/ghame_x.yaml")
+    parser.add_argument("--smoke", action="store_true", help="the least work; writes no result")
     arguments = parser.parse_args()
+    if arguments.smoke:
+        print(Tuning(arguments.vehicle).fly({}))
+        return
     text, figures = page(Tuning(arguments.vehicle), arguments.vehicle.stem)
     folder = ROOT / "docs/images"
     folder.mkdir(exist_ok=True)

@@ -53,11 +53,15 @@ def main() -> None:
     )
     parser.add_argument("--flights", type=int, default=1000)
     parser.add_argument("--to", type=Path, default=Path("grid.csv"))
+    parser.add_argument("--smoke", action="store_true", help="the least work; writes no result")
     options = parser.parse_args()
     campaign = abhv_mc.Campaign.read(CAMPAIGN)
     starts = (
         campaign.draw_samples().drop(columns=list(HALF_WIDTHS)).drop_duplicates()[: options.flights]
     )
+    if options.smoke:
+        print(fly(campaign, CONTROLLERS[0], starts[:2], np.ones((1, len(HALF_WIDTHS)))))
+        return
     lines = [np.linspace(1.0 - half, 1.0 + half, 9) for half in HALF_WIDTHS.values()]
     values = np.array(list(itertools.product(*lines)))
     rows = [(name, start) for name in CONTROLLERS for start in range(0, len(values), AT_ONCE)]

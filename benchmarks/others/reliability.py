@@ -100,8 +100,11 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=20_000)
     parser.add_argument("--problems", default=None, help="names, with commas; left out: all")
     parser.add_argument("--json", type=Path, default=None)
+    parser.add_argument("--smoke", action="store_true", help="the least work; writes no result")
     arguments = parser.parse_args()
     problems, rows = import_problems(), []
+    if arguments.smoke:
+        problems, arguments.seeds = problems[:1], 1
     if arguments.problems is not None:
         problems = [one for one in problems if one.getName() in arguments.problems.split(",")]
     for row in study(problems, arguments.first_seed, arguments.seeds):

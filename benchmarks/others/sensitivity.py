@@ -138,7 +138,10 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=20)
     parser.add_argument("--flights", type=int, default=2000)
     parser.add_argument("--json", type=Path, default=None)
+    parser.add_argument("--smoke", action="store_true", help="the least work; writes no result")
     arguments = parser.parse_args()
+    if arguments.smoke:
+        arguments.samples, arguments.flights = 2, 200
     rows = []
     for row in study(arguments.samples, arguments.flights):
         rows.append(row)

@@ -239,3 +239,28 @@ def test_too_many_open_files_is_no_defect(capsys: pytest.CaptureFixture[str]) ->
     error = OSError(errno.EMFILE, os.strerror(errno.EMFILE), "flights/x.parquet")
     assert exit_code_of(error) == ExitCode.INCOMPLETE
     assert "ulimit -n" in capsys.readouterr().err
+
+
+def test_a_container_without_a_home_runs_a_simulator(tmp_path: Path) -> None:
+    """`HOME=/` and no HOME at all ended every command; /dev/null is a home in which even root makes no folder."""
+    names = ("XDG_CACHE_HOME", "XDG_CONFIG_HOME", "NUMBA_CACHE_DIR", "MPLCONFIGDIR")
+    environment = {name: value for name, value in os.environ.items() if name not in names}
+    environment |= {"HOME": "/dev/null", "TMPDIR": str(tmp_path)}
+
+    def run(*words: str) -> str:
+        done = subprocess.run(
+            [sys.executable, "-m", "abhv_mc", *words],
+            cwd=tmp_path,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode in (ExitCode.DONE, ExitCode.FAILED), done.stderr
+        return done.stderr
+
+    run("new", "mine", "--simulator", "python")
+    said = run("run", "mine/campaign.yaml", "--runs", "20", "-o", "out")
+    assert said.count("Set XDG_CACHE_HOME") == 1 and "atplotlib" not in said
+    assert (tmp_path / "out" / "report.html").exists()
+    assert (tmp_path / f"abhv-mc-{os.getuid()}").stat().st_mode & 0o077 == 0

@@ -1,0 +1,77 @@
+"""Every script of studies and benchmarks that a page names runs: one candidate, two flights."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+STUDIES = ("example", "fronts", "fronts_results", "paper", "retune_lqr", "robust lqr", "tune_tlc")
+BENCHMARKS = (
+    *("gate", "growth", "interval_coverage", "limit", "margins", "operations", "parent", "parts"),
+    *("rare_against_plain", "rare_coverage", "storage", "unknowns", "user_law", "verdict_errors"),
+    *(f"versions {ROOT}", "worst_seeds", "others.sensitivity"),
+)
+# These need what is not installed here (other programs, the network), run whole in other tests or in
+# `make test-thorough`, or belong to a script that runs.
+OTHERS = {
+    "benchmarks.watch": "runs whole in make test-thorough",
+    "benchmarks.others.page": "test_others.py",
+    "benchmarks.others.rocketpy_table": "test_others.py",
+    "benchmarks.others.rocketpy_monte_carlo": "needs RocketPy",
+    "benchmarks.others.reliability": "downloads otbenchmark",
+    "benchmarks.others.gcas_search": "needs AeroBenchVVPython",
+    "benchmarks.others.gcas.gcas": "is the simulator of gcas_search",
+    "benchmarks.peers.run": "installs other simulators",
+}
+
+
+def list_changes() -> str:
+    """What git says of the folders that results are written to."""
+    words = ["git", "-C", str(ROOT), "status", "--porcelain", "benchmarks", "docs", "studies"]
+    return subprocess.run(words, capture_output=True, text=True, check=False).stdout
+
+
+def run(*words: str, folder: Path) -> None:
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests")])}
+    before = list_changes()
+    done = subprocess.run(
+        [sys.executable, *words, "--smoke"],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert list_changes() == before
+
+
+@pytest.mark.parametrize("words", [*STUDIES, "unknown_grid"])
+def test_a_study_runs(words: str, tmp_path: Path) -> None:
+    name, *rest = words.split()
+    run(str(ROOT / "studies" / f"{name}.py"), *rest, folder=tmp_path)
+
+
+@pytest.mark.parametrize("words", BENCHMARKS)
+def test_a_benchmark_runs(words: str, tmp_path: Path) -> None:
+    name, *rest = words.split()
+    run("-m", f"benchmarks.{name}", *rest, folder=tmp_path)
+
+
+def test_every_script_that_a_page_names_is_run() -> None:
+    pages = [ROOT / "README.md", ROOT / "Makefile", *ROOT.glob("docs/*/*.md")]
+    text = "\n".join(page.read_text(encoding="utf-8") for page in pages)
+    named = re.findall(r"\b(?:studies|benchmarks)(?:[./]\w+)+", text)
+    modules = {name.replace("/", ".").removesuffix(".py") for name in named}
+    scripts = {name for name in modules if (ROOT / f"{name.replace('.', '/')}.py").is_file()}
+    run_here = {f"studies.{words.split()[0]}" for words in (*STUDIES, "unknown_grid")}
+    run_here |= {f"benchmarks.{words.split()[0]}" for words in BENCHMARKS}
+    paper_vehicle = {name for name in scripts if name.startswith("studies.paper_vehicle")}
+    assert scripts - paper_vehicle <= run_here | OTHERS.keys()
+    assert all(
+        (ROOT / f"{name.replace('.', '/')}.py").is_file() for name in run_here | OTHERS.keys()
+    )
