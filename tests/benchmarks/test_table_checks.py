@@ -1,0 +1,18 @@
+"""The study of what `adopt` tests runs, and says of a few tables what it says of many."""
+
+import re
+
+import pytest
+
+from benchmarks import table_checks
+
+
+def test_the_study_rejects_no_honest_table_and_finds_the_others(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.argv", ["table_checks.py", "--smoke"])
+    table_checks.main()
+    printed = capsys.readouterr().out
+    assert "honest tables at a risk of 1e-06: {'verdict': 30}" in printed
+    assert re.findall(r"found (\S+) at least", printed) == ["1.000"] * 4
+    assert printed.count("Latin hypercube 1.0, pasted four times 1.0") == 3
