@@ -14,14 +14,14 @@ from abhv_mc.control.controller_file import (
 )
 from abhv_mc.control.design.design_model import make_environment, slope, wrench_at
 from abhv_mc.control.design.guidance_trim import trim_faults
-from abhv_mc.control.design.lqr_design import make_lqr_gains, make_lqr_settings
+from abhv_mc.control.design.lqr_design import make_lqr_gains
 from abhv_mc.control.design.reference import (
     make_mission_trim_tables,
     make_start_trim,
     on_glide_path,
     solve_reference,
 )
-from abhv_mc.control.design.tlc_design import make_tlc_gains, make_tlc_settings
+from abhv_mc.control.design.tlc_design import make_limit_settings, make_tlc_gains, make_tlc_settings
 from abhv_mc.control.law_file import USER_LAWS, CController, PythonController, UserController
 from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.flight.metrics import effector_metrics, pack_metrics
@@ -229,12 +229,12 @@ def make_gains(
     """Names, if the law is a user's, gains [tick, gain] along the model's reference, settings. Raises InputError."""
     if isinstance(controller, TlcController):
         gains = make_tlc_gains(controller, model.table, model.vehicle, model.trim_tables)
-        return (), gains, make_tlc_settings(controller)
+        return (), gains, make_tlc_settings(controller, model.vehicle)
     if isinstance(controller, LqrController):
         gains = make_lqr_gains(
             controller, model.mission, model.table, model.vehicle, model.trim_tables
         )
-        return (), gains, make_lqr_settings(controller)
+        return (), gains, make_limit_settings(controller.limits, model.vehicle)
     if user_code is None:
         raise ValueError("a controller of the user's own without its law")
     names, gains = watched_design(user_code.source, model, user_code.settings)
