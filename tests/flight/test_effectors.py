@@ -7,6 +7,7 @@ from short_flights import cut, rows_of, short_plan, write_law
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.io.input_error import InputError
+from abhv_mc.kernel.laws.columns import LQR_SETTINGS, TLC_SETTINGS
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.one_flight.given import make_document, write_inputs
 from abhv_mc.simulators.engine import make_engine
@@ -54,6 +55,21 @@ def test_effectors_that_there_are_not_are_refused(tmp_path, given: str, words: s
     law = write_own_law(tmp_path, given, compiled=True)
     with pytest.raises(InputError, match=words):
         short_plan(5, law, "level", {"base": "ghame_x", "effectors": DRIVEN})
+
+
+@pytest.mark.parametrize("law", ["tlc", "lqr"])
+def test_laws_limit_their_commands_to_what_the_effectors_can_do(law: str) -> None:
+    """The bank step asks for 20 deg of aileron; elevons of 1 and -1.5 deg leave 1 deg to either side."""
+    limits = {"left": ["-1.5 deg", "1 deg"], "right": ["-1.5 deg", "1 deg"]}
+    effectors = {name: DRIVEN[name] | {"limits": limits[name]} for name in MIXED}
+    plan = short_plan(100, law, "s_manoeuvre", {"base": "ghame_x", "effectors": effectors})
+    last = dict(zip({"tlc": TLC_SETTINGS, "lqr": LQR_SETTINGS}[law], plan.settings, strict=True))
+    ends = [last[f"{axis}_{end}"] for axis in ("aileron", "elevator") for end in ("min", "max")]
+    np.testing.assert_allclose(np.rad2deg(ends), [-1.0, 1.0, -1.5, 1.0])
+    history = fly(plan, nominal_parameters(1), 1).history[0]
+    names = [channel.name for channel in plan.channels]
+    aileron = history[:, names.index("aileron_command_deg")]
+    assert np.abs(aileron).max() == pytest.approx(1.0, rel=1e-5)
 
 
 def test_a_campaign_with_failures_of_axes_is_refused_where_effectors_move_themselves(

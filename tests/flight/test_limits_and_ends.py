@@ -124,6 +124,17 @@ def test_the_tighter_limit_of_vehicle_and_mission_holds() -> None:
             _loads({}, wrong)
 
 
+def test_the_speed_is_limited_by_the_mission_or_to_twice_its_reference(plan: FlightPlan) -> None:
+    assert plan.limits.speed_max == pytest.approx(2.0 * 1400.0)
+    mission = {"base": "s_manoeuvre", "limits": {"speed": "1.45 km/s"}}
+    assert make_flight_plan(mission, "ghame_x").limits.speed_max == 1450.0
+    speed = fly(plan, nominal_parameters(), 1).history[0, :, CHANNEL_INDEX["speed_mps"]]
+    limit = 0.5 * (float(speed[0]) + float(speed.max()))
+    _, outcome, last = _ended(replace(plan, limits=plan.limits._replace(speed_max=limit)))
+    assert outcome is Outcome.SPEED_LIMIT
+    assert last == np.flatnonzero(speed > limit)[0]
+
+
 def test_a_mission_ends_by_condition_and_has_been_flown() -> None:
     plan = make_flight_plan({"base": "climb", "end": {"altitude_above": "20.5 km"}}, "ghame_x")
     assert plan.limits.end == EndBounds(altitude=(-math.inf, 20500.0))

@@ -233,6 +233,41 @@ def test_no_shipped_vehicle_is_doubted(repository, name):
     assert find_vehicle_warnings(load_vehicle(repository / f"configs/vehicle/{name}.yaml")) == []
 
 
+def test_static_instability_in_pitch_is_not_doubted(repository):
+    """The F-16 is unstable on purpose; its file burns no fuel, which is said."""
+    (warning,) = find_vehicle_warnings(load_vehicle(repository / "configs/vehicle/f16.yaml"))
+    assert "mass.empty" in warning
+
+
+def _with_drag(repository, change):
+    """ghame_x with another drag [Mach, angle of attack]."""
+    file = read_vehicle_file(repository / "configs/vehicle/ghame_x.yaml")
+    (term,) = file.content.aerodynamics.drag
+    table = file.tables[term.table]
+    axes = [axis.grid for axis in table.axes]
+    drag = replace(table, values=change(table.values, *np.meshgrid(*axes, indexing="ij")))
+    return pack_vehicle(replace(file, tables={**file.tables, term.table: drag}), PARAMETER_INDEX)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda drag, mach, alpha: drag - 0.05, r"not positive at \d+ of \d+ nodes.* CD is -0.0"),
+        (
+            lambda drag, mach, alpha: drag + 0.02 * np.cos(alpha * 60.0),
+            r"at Mach [\d.]+ has a minimum at each of .* and .* deg",
+        ),
+        (
+            lambda drag, mach, alpha: 0.05 * drag,
+            r"lift-to-drag ratio is [\d.]+ at Mach [\d.]+ and .* more than any vehicle",
+        ),
+    ],
+)
+def test_an_implausible_drag_is_said(repository, change, words):
+    warnings = find_vehicle_warnings(_with_drag(repository, change))
+    assert any(re.search(words, warning) for warning in warnings), warnings
+
+
 @pytest.mark.parametrize(
     ("coefficient", "times", "factor", "words"),
     [

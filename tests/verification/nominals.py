@@ -93,7 +93,7 @@ def _make_nominal(vehicle: Vehicle, values: dict[str, float]) -> Nominal:
     speed = values["mach"] * around.sound_speed
     alpha, bank, gamma = values["angle_of_attack"], values["bank"], values["flight_path_angle"]
     at = [np.array([x]) for x in (speed, alpha, values["equivalence_ratio"])]
-    elevator = float(trim_elevator(vehicle, around, at[0], at[1], at[2])[0][0])
+    elevator = float(trim_elevator(vehicle, around, at[0], at[1], at[2])[0])
 
     # What the law reads from its tables: forces and their slopes over alpha and beta.
     def forces_of(x: Numbers) -> Numbers:

@@ -229,7 +229,7 @@ def trim_slope(vehicle: Vehicle, nominal: Nominal) -> float:
     """Slope of the trimmed elevator over speed."""
     speed = nominal.values["speed"] + np.array([1e-2, -1e-2])
     others = (np.full(2, nominal.values[name]) for name in ("angle_of_attack", "equivalence_ratio"))
-    elevator, _ = trim_elevator(vehicle, nominal.around, speed, *others)
+    elevator = trim_elevator(vehicle, nominal.around, speed, *others)
     return float(elevator[0] - elevator[1]) / 2e-2
 
 

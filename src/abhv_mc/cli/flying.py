@@ -1,5 +1,6 @@
 """``fly``, ``trim``: one nominal flight, and the controls of steady flight."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -88,18 +89,31 @@ def _print_flights(title: str, flights: "dict[str, OneFlight]") -> None:
         say(f"{name}: {flight.sentence}")
 
 
-# Columns of the table: key of the JSON, heading, unit, divisor, digits.
-_COLUMNS = (
-    ("bank_deg", "bank", "deg", 1.0, 1),
-    ("angle_of_attack_deg", "alpha", "deg", 1.0, 3),
-    ("flight_path_angle_deg", "path", "deg", 1.0, 3),
+# Rows of the table: key of the JSON, words, unit, divisor, digits.
+_TRIM_ROWS = (
+    ("angle_of_attack_deg", "angle of attack", "deg", 1.0, 3),
+    ("flight_path_angle_deg", "flight path angle", "deg", 1.0, 3),
     ("elevator_deg", "elevator", "deg", 1.0, 3),
     ("equivalence_ratio", "throttle", "-", 1.0, 4),
-    ("thrust_n", "thrust", "kN", 1e3, 1),
+    ("lift_coefficient", "CL", "-", 1.0, 5),
+    ("drag_coefficient", "CD", "-", 1.0, 5),
     ("lift_to_drag", "L/D", "-", 1.0, 3),
-    ("c_tn", "c_tn", "-", 1.0, 5),
-    ("load_factor_g", "load", "g", 1.0, 3),
-    ("fuel_flow_kgps", "fuel", "kg/s", 1.0, 3),
+    ("c_tn", "CL of the thrust", "-", 1.0, 5),
+    ("drag_n", "drag", "kN", 1e3, 2),
+    ("thrust_n", "thrust", "kN", 1e3, 2),
+    ("thrust_to_weight", "thrust / weight", "-", 1.0, 3),
+    ("load_factor_g", "load factor", "g", 1.0, 3),
+    ("fuel_flow_kgps", "fuel flow", "kg/s", 1.0, 3),
+    ("static_margin_percent", "static margin", "% chord", 1.0, 2),
+    ("short_period_frequency_rad_s", "short period", "rad/s", 1.0, 3),
+    ("short_period_damping", "  damping", "-", 1.0, 3),
+    ("pitch_time_to_double_s", "  time to double", "s", 1.0, 2),
+    ("dutch_roll_frequency_rad_s", "Dutch roll", "rad/s", 1.0, 3),
+    ("dutch_roll_damping", "  damping", "-", 1.0, 3),
+    ("lateral_time_to_double_s", "lateral time to double", "s", 1.0, 2),
+    ("aileron_power_1ps2", "aileron power", "1/s2", 1.0, 3),
+    ("rudder_power_1ps2", "rudder power", "1/s2", 1.0, 3),
+    ("elevator_power_1ps2", "elevator power", "1/s2", 1.0, 3),
 )
 
 
@@ -117,7 +131,7 @@ def trim(
     rotating: Annotated[bool, typer.Option("--rotating", help="Let the Earth turn.")] = False,
     json: Json = None,
 ) -> None:
-    """Print angle of attack, elevator and throttle of steady flight at each bank angle.
+    """Print controls, forces and flying qualities of steady flight at each bank angle.
 
     No sideslip, aileron or rudder; Earth at rest unless told. Exit code 1 where a bank angle has no trim.
     """
@@ -142,6 +156,7 @@ def trim(
         mass=None if mass is None else parse_option("--mass", mass, MASS, "kg"),
         rotating=rotating,
     )
+    announce_warnings(table.attrs["warnings"])
     points = table.reset_index().to_dict("records")
     head = {
         "vehicle": str(vehicle),
@@ -159,11 +174,14 @@ def _print_trims(
 ) -> None:
     mach, pressure = points[0]["mach"], points[0]["dynamic_pressure_pa"]
     title = f"{vehicle.stem}: {altitude / 1e3:g} km, {speed:g} m/s, Mach {mach:.3f}, {pressure / 1e3:.2f} kPa"
-    headings = [f"{heading}\n{unit}" for _, heading, unit, _, _ in _COLUMNS]
-    table = new_table((), headings, title, padding=(0, 1, 0, 0))
-    for point in points:
+    banks = [f"{point['bank_deg']:g} deg" for point in points]
+    table = new_table(("at a bank of", ""), banks, title, padding=(0, 1, 0, 0))
+    for name, words, unit, divisor, digits in _TRIM_ROWS:
+        values = [point[name] / divisor for point in points]
         table.add_row(
-            *(f"{point[name] / divisor:.{digits}f}" for name, _, _, divisor, digits in _COLUMNS)
+            words,
+            unit.replace("-", ""),
+            *(f"{value:.{digits}f}" if math.isfinite(value) else "-" for value in values),
         )
     print_table(table)
     for point in points:

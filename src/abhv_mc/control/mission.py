@@ -191,6 +191,9 @@ class MissionLimits(LoadLimits):
     altitude: Annotated[tuple[Length, Length], Rising] = Field(
         (10e3, 40e3), description="lowest and highest"
     )
+    speed: Annotated[Speed, Positive] | None = Field(
+        None, description="greatest; left out: twice the largest speed of the reference"
+    )
     fuel_out: bool = Field(
         True, description="whether a flight ends where its fuel is burnt; false: it flies on"
     )

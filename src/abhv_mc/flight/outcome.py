@@ -30,6 +30,7 @@ class Outcome(IntEnum):
     OSCILLATION_LIMIT = 10
     FUEL_OUT = 11
     POLE_LIMIT = 12
+    SPEED_LIMIT = 13
     LAW_FAILED = 50
     LAW_CRASHED = 51
     LAW_HUNG = 52
@@ -83,6 +84,7 @@ SENTENCES: dict[Outcome, str] = {
     Outcome.OSCILLATION_LIMIT: "An angle oscillated by more than the limit of the mission or the vehicle.",
     Outcome.FUEL_OUT: "The fuel was burnt before the end of the mission.",
     Outcome.POLE_LIMIT: "The flight came nearer to a pole than the model can follow its longitude and heading.",
+    Outcome.SPEED_LIMIT: "The speed exceeded the mission's limit, by default twice the largest of its reference.",
     Outcome.LAW_FAILED: "The control law, one of the user's own, raised an exception or returned an error.",
     Outcome.LAW_CRASHED: "The control law, one of the user's own, ended its process (a crash), twice.",
     Outcome.LAW_HUNG: "The control law, one of the user's own, did not return in time, twice.",
@@ -127,6 +129,7 @@ class Limits(NamedTuple):
     loads: LoadBounds = LoadBounds()
     end: EndBounds = EndBounds()
     fuel_min: float = -math.inf  # kg
+    speed_max: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -168,6 +171,7 @@ LIMITS: tuple[Limit, ...] = (
     *map(_end, EndBounds._fields),
     *(_above(Outcome.OSCILLATION_LIMIT, f"{name}_deg", name, _DEG) for name in _RIPPLES),
     Limit(Outcome.BANK_LIMIT, "bank", lambda limits: (-limits.loads.bank, limits.loads.bank)),
+    Limit(Outcome.SPEED_LIMIT, "speed", lambda limits: (-math.inf, limits.speed_max)),
     _above(Outcome.HEAT_FLUX_LIMIT, "stagnation_heat_flux_w_m2", "heat_flux"),
     _above(Outcome.LOAD_FACTOR_LIMIT, "load_factor_g", "load_factor"),
     _above(Outcome.DYNAMIC_PRESSURE_LIMIT, "q_bar", "dynamic_pressure"),

@@ -14,14 +14,14 @@ from abhv_mc.control.controller_file import (
 )
 from abhv_mc.control.design.design_model import make_environment, slope, wrench_at
 from abhv_mc.control.design.guidance_trim import trim_faults
-from abhv_mc.control.design.lqr_design import make_lqr_gains, make_lqr_settings
+from abhv_mc.control.design.lqr_design import make_lqr_gains
 from abhv_mc.control.design.reference import (
     make_mission_trim_tables,
     make_start_trim,
     on_glide_path,
     solve_reference,
 )
-from abhv_mc.control.design.tlc_design import make_tlc_gains, make_tlc_settings
+from abhv_mc.control.design.tlc_design import make_limit_settings, make_tlc_gains, make_tlc_settings
 from abhv_mc.control.law_file import USER_LAWS, CController, PythonController, UserController
 from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.flight.metrics import effector_metrics, pack_metrics
@@ -32,10 +32,10 @@ from abhv_mc.flight.user_law import NATIVE, open_law, plan_source
 from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.flight.interface import LANES, Timing
 from abhv_mc.kernel.flight.start import multiply
-from abhv_mc.kernel.laws.columns import ANGLE_OF_ATTACK, BANK, MASS, TIME
+from abhv_mc.kernel.laws.columns import ANGLE_OF_ATTACK, BANK, MASS, REFERENCE, SPEED, TIME
 from abhv_mc.kernel.numerics.quaternion import from_euler, rotate_to_body
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.vehicle import Vehicle
+from abhv_mc.kernel.plant.vehicle import VARIABLES, Vehicle
 from abhv_mc.kernel.world.earth import Earth, radii
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.plant.trim import GRAVITY, TrimPoint
@@ -53,6 +53,8 @@ from abhv_mc.vehicle.shared_keys import choose_sensing, tighter
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
 
 _LEAST_FUEL = 1e-9  # kg: below it there is none
+_SPEED_FACTOR = 2.0  # on the reference's largest speed: the default limit
+_OUTSIDE = 1.0  # s of the reference outside the vehicle's tables, of which to warn
 _ALPHA_OF_AUTHORITY = np.deg2rad(1.2)  # a small angle inside of most tables' cells
 
 
@@ -170,6 +172,7 @@ def make_plan(
     if not isinstance(controller, UserController):
         warnings += limit_faults(controller, reference)
     warnings += find_vehicle_warnings(vehicle)
+    warnings += table_faults(vehicle, reference, timing.tick)
     dry = np.flatnonzero(reference[:, MASS] <= vehicle.constants.mass_empty + _LEAST_FUEL)
     if vehicle.constants.burns_fuel and dry.size:
         lasts = reference[dry[0], TIME]
@@ -205,6 +208,7 @@ def make_plan(
             loads,
             EndBounds(*(mission.end.range_of(name) for name in EndBounds._fields)),
             _LEAST_FUEL if mission.limits.fuel_out and constants.burns_fuel else -np.inf,
+            mission.limits.speed or _SPEED_FACTOR * float(reference[:, SPEED].max()),
         ),
         initial_state=make_initial_state(mission, vehicle, start),
         reference=reference,
@@ -229,12 +233,12 @@ def make_gains(
     """Names, if the law is a user's, gains [tick, gain] along the model's reference, settings. Raises InputError."""
     if isinstance(controller, TlcController):
         gains = make_tlc_gains(controller, model.table, model.vehicle, model.trim_tables)
-        return (), gains, make_tlc_settings(controller)
+        return (), gains, make_tlc_settings(controller, model.vehicle)
     if isinstance(controller, LqrController):
         gains = make_lqr_gains(
             controller, model.mission, model.table, model.vehicle, model.trim_tables
         )
-        return (), gains, make_lqr_settings(controller)
+        return (), gains, make_limit_settings(controller.limits, model.vehicle)
     if user_code is None:
         raise ValueError("a controller of the user's own without its law")
     names, gains = watched_design(user_code.source, model, user_code.settings)
@@ -257,6 +261,28 @@ def limit_faults(controller: TlcController | LqrController, reference: Floats) -
             first = reference[where[0], TIME]
             faults.append(
                 f"the mission takes {worst:.1f} deg of {words}, which the controller limits, at {first:.2f} s"
+            )
+    return faults
+
+
+def table_faults(vehicle: Vehicle, reference: Floats, tick: float) -> list[str]:
+    """Return a sentence for each variable that is outside its tables along the reference for a second or more."""
+    column = dict(zip(REFERENCE, reference.T, strict=True))
+    column["mach"] = column["speed"] / column["sound_speed"]
+    faults = []
+    tables = vehicle.tables
+    for name in ("mach", "angle_of_attack", "elevator", "equivalence_ratio", "altitude", "mass"):
+        low, high = -np.inf, np.inf
+        for axis in np.flatnonzero(tables.axis_variable == VARIABLES.index(name)):
+            grid = tables.grid[tables.axis_start[axis] :][: tables.axis_length[axis]]
+            low, high = max(low, grid[0]), min(high, grid[-1])
+        slack = 1e-9 * (1.0 + np.abs(column[name]))
+        outside = (column[name] < low - slack) | (column[name] > high + slack)
+        if np.sum(outside) * tick >= _OUTSIDE:
+            first = reference[np.flatnonzero(outside)[0], TIME]
+            faults.append(
+                f"the reference leaves the vehicle's tables in {name.replace('_', ' ')} for "
+                f"{np.sum(outside) * tick:.1f} s, first at {first:.2f} s: the values of the edge are used there"
             )
     return faults
 

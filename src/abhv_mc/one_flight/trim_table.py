@@ -1,7 +1,7 @@
-"""Steady flight at several bank angles, as a table."""
+"""Controls, forces and flying qualities of steady flight at several bank angles, as a table."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
@@ -13,24 +13,36 @@ from abhv_mc.shipped import DEFAULT_VEHICLE
 if TYPE_CHECKING:
     import pandas as pd
 
+    from abhv_mc.control.design.flying_qualities import FlyingQualities
     from abhv_mc.plant.trim import TrimPoint
 
-_COLUMNS: dict[
-    str, tuple[str, Callable[["TrimPoint"], float]]
-] = {  # unit and value, after the bank
-    "flight_path_angle_deg": ("deg", lambda found: math.degrees(found.flight_path_angle)),
-    "angle_of_attack_deg": ("deg", lambda found: math.degrees(found.angle_of_attack)),
-    "elevator_deg": ("deg", lambda found: math.degrees(found.elevator)),
-    "equivalence_ratio": ("-", lambda found: found.equivalence_ratio),
-    "thrust_n": ("N", lambda found: found.thrust),
-    "lift_n": ("N", lambda found: found.lift),
-    "drag_n": ("N", lambda found: found.drag),
-    "lift_to_drag": ("-", lambda found: found.lift / found.drag if found.drag else math.nan),
-    "c_tn": ("-", lambda found: found.c_tn),
-    "load_factor_g": ("g", lambda found: found.load_factor),
-    "fuel_flow_kgps": ("kg/s", lambda found: found.fuel_flow),
-    "mach": ("-", lambda found: found.mach),
-    "dynamic_pressure_pa": ("Pa", lambda found: found.dynamic_pressure),
+COLUMNS = {  # unit, after the bank
+    "flight_path_angle_deg": "deg",
+    "angle_of_attack_deg": "deg",
+    "elevator_deg": "deg",
+    "equivalence_ratio": "-",
+    "mach": "-",
+    "dynamic_pressure_pa": "Pa",
+    "lift_coefficient": "-",
+    "drag_coefficient": "-",
+    "lift_to_drag": "-",
+    "thrust_to_weight": "-",
+    "lift_n": "N",
+    "drag_n": "N",
+    "thrust_n": "N",
+    "c_tn": "-",
+    "load_factor_g": "g",
+    "fuel_flow_kgps": "kg/s",
+    "static_margin_percent": "% chord",
+    "short_period_frequency_rad_s": "rad/s",
+    "short_period_damping": "-",
+    "pitch_time_to_double_s": "s",
+    "dutch_roll_frequency_rad_s": "rad/s",
+    "dutch_roll_damping": "-",
+    "lateral_time_to_double_s": "s",
+    "aileron_power_1ps2": "1/s2",
+    "rudder_power_1ps2": "1/s2",
+    "elevator_power_1ps2": "1/s2",
 }
 _LIMITS = {  # in SI
     "altitude": (LENGTH, -500.0, 86e3),
@@ -55,7 +67,7 @@ def trim(
     mass: Quantity | None = None,
     rotating: bool = False,
 ) -> "pd.DataFrame":
-    """The controls of steady flight. A vehicle without an engine is trimmed on its glide path.
+    """Controls, forces and flying qualities of steady flight; a vehicle without an engine glides.
 
     Parameters
     ----------
@@ -73,8 +85,12 @@ def trim(
     Returns
     -------
     pandas.DataFrame
-        One row a bank angle, indexed by ``bank_deg``; ``attrs["units"]`` by column. ``trimmed`` is False where the
-        vehicle's limits allow no balance, and ``fault`` says why.
+        One row a bank angle, indexed by ``bank_deg``; ``attrs`` have the ``units`` by column, ``mass_kg`` and
+        ``warnings``, which say what is implausible about the vehicle. ``trimmed`` is False where the
+        vehicle's limits allow no balance, and ``fault`` says why. The static margin is that of the air alone, about
+        the centre of gravity, the elevator fixed. Frequencies, dampings, times to double (infinite if the motion
+        decays) and control powers (angular acceleration per deflection) are those of small motions of the attitude
+        with fixed controls, speed and flight path. A mode that does not exist is not-a-number.
 
     Raises
     ------
@@ -83,10 +99,12 @@ def trim(
     """
     import pandas as pd
 
+    from abhv_mc.control.design.flying_qualities import find_flying_qualities
     from abhv_mc.kernel.world.earth import WGS84
     from abhv_mc.plant.trim import FlightPoint
     from abhv_mc.plant.trim import trim as balance
     from abhv_mc.user_code.vehicle_functions import load_vehicle
+    from abhv_mc.vehicle.warnings import find_vehicle_warnings
 
     document: Any = make_document("vehicle", vehicle)
     banks = [bank] if isinstance(bank, str | int | float | Real) else list(bank)
@@ -105,21 +123,61 @@ def trim(
     if craft.constants.surface_limit == 0.0:
         raise InputError(document.path, "a vehicle without surfaces", "one with them, to trim it")
     earth = WGS84 if rotating else WGS84._replace(rotation_rate=0.0)
-    found = [balance(craft, earth, FlightPoint(bank=angle, **point), kilograms) for angle in angles]
-    columns: dict[str, list[Any]] = {
-        name: [value(each) for each in found] for name, (_, value) in _COLUMNS.items()
-    }
-    columns["trimmed"] = [not each.fault for each in found]
-    columns["fault"] = pd.Series(
-        [each.fault or None for each in found], dtype=object
-    )  # None stays None
-    table = pd.DataFrame(columns).set_index(pd.Index(map(math.degrees, angles), name="bank_deg"))
-    start = craft.constants.mass_start
+    weighed = craft.constants.mass_start if kilograms is None else kilograms
+    rows, faults = [], []
+    for angle in angles:
+        flight_point = FlightPoint(bank=angle, **point)
+        balanced = balance(craft, earth, flight_point, weighed)
+        qualities = find_flying_qualities(craft, earth, flight_point, balanced, weighed)
+        rows.append(_make_row(balanced, qualities, craft.constants.area, weighed))
+        faults.append(balanced.fault)
+    table = pd.DataFrame(rows, columns=list(COLUMNS))
+    table["trimmed"] = [not fault for fault in faults]
+    table["fault"] = pd.Series([fault or None for fault in faults], dtype=object)  # None stays None
+    table.index = pd.Index(map(math.degrees, angles), name="bank_deg")
     table.attrs = {
-        "units": {"bank_deg": "deg"} | {name: unit for name, (unit, _) in _COLUMNS.items()},
-        "mass_kg": start if kilograms is None else kilograms,
+        "units": {"bank_deg": "deg"} | COLUMNS,
+        "mass_kg": weighed,
+        "warnings": find_vehicle_warnings(craft),
     }
     return table
+
+
+def _make_row(
+    trim: "TrimPoint", qualities: "FlyingQualities", area: float, mass: float
+) -> tuple[float, ...]:
+    """Values of COLUMNS."""
+    from abhv_mc.plant.trim import GRAVITY
+
+    pressure_area = trim.dynamic_pressure * area
+    return (
+        math.degrees(trim.flight_path_angle),
+        math.degrees(trim.angle_of_attack),
+        math.degrees(trim.elevator),
+        trim.equivalence_ratio,
+        trim.mach,
+        trim.dynamic_pressure,
+        trim.lift / pressure_area,
+        trim.drag / pressure_area,
+        trim.lift / trim.drag if trim.drag else math.nan,
+        trim.thrust / (mass * GRAVITY),
+        trim.lift,
+        trim.drag,
+        trim.thrust,
+        trim.c_tn,
+        trim.load_factor,
+        trim.fuel_flow,
+        100.0 * qualities.static_margin,
+        qualities.short_period_frequency,
+        qualities.short_period_damping,
+        qualities.pitch_time_to_double,
+        qualities.dutch_roll_frequency,
+        qualities.dutch_roll_damping,
+        qualities.lateral_time_to_double,
+        qualities.aileron_power,
+        qualities.rudder_power,
+        qualities.elevator_power,
+    )
 
 
 def _quantity(name: str, value: Quantity) -> float:

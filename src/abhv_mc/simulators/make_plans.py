@@ -10,6 +10,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.user_metrics import pack_sources
 from abhv_mc.control.design.reference import COLUMN_INDEX
+from abhv_mc.control.law_file import USER_LAWS
 from abhv_mc.flight.channels import REFERENCE_CHANNELS
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.metrics import pack_metrics
@@ -30,7 +31,7 @@ from abhv_mc.user_code.effector_commands import find_driven
 from abhv_mc.user_code.module import check_closure
 from abhv_mc.user_code.source import read_source
 from abhv_mc.user_code.user_channels import compile_channels
-from abhv_mc.vehicle.actuators import drive, name_effectors
+from abhv_mc.vehicle.actuators import axis_limits, drive, name_effectors
 from abhv_mc.vehicle.shared_keys import IN_WIND, STILL_AIR, describe_sensing, refuse_oscillation
 
 _AXIS_FAILURES = tuple(f"failure.{axis}." for axis in AXES)
@@ -103,7 +104,10 @@ def declare(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
     All of its laws fly one list of actuators.
     """
     if find_driven(campaign.model.vehicle, campaign.model.controllers.values()):
-        plan = replace(plan, vehicle=drive(plan.vehicle))
+        plan = replace(plan, vehicle=drive(plan.vehicle), settings=plan.settings.copy())
+        if plan.law not in USER_LAWS:  # what the actuators of the effectors leave of each axis
+            limits = axis_limits(plan.vehicle)
+            plan.settings[-limits.size :] = limits
     if campaign.model.channels is not None:
         channels = read_source(campaign.model.channels)
         check_closure(channels)

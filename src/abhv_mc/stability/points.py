@@ -15,6 +15,7 @@ from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.user_law import measured_count
 from abhv_mc.kernel.flight.memory import Z_ROWS
 from abhv_mc.kernel.flight.observe import ALIVE
+from abhv_mc.kernel.laws.columns import N_LIMITS
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.effectors import POSITION, STAGE
 from abhv_mc.kernel.plant.parameter_names import NEVER
@@ -72,7 +73,7 @@ def behind_limit(plan: FlightPlan, points: Points) -> Mask:
     beyond = np.asarray(outside.any(axis=1))
     if plan.law in USER_LAWS:  # its limits of the angle of attack and the bank are in its code
         return beyond
-    low, high, bank = plan.settings[-3:]
+    low, high, bank = plan.settings[-N_LIMITS:][:3]
     alpha, sigma = free.guidance[:, 1], np.abs(free.guidance[:, 2])
     return np.asarray(beyond | (alpha < low) | (alpha > high) | (sigma > bank))
 

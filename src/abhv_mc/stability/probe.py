@@ -27,6 +27,7 @@ from abhv_mc.flight.user_law import (
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.flight.memory import SAVED_ROWS, Z_ROWS, make_memory
 from abhv_mc.kernel.jit import is_kept
+from abhv_mc.kernel.laws.columns import N_LIMITS
 from abhv_mc.kernel.laws.tlc import D_ALPHA, D_R, I_ALTITUDE, I_RATE
 from abhv_mc.kernel.laws.user import FAULT
 from abhv_mc.kernel.plant import state as s
@@ -268,11 +269,7 @@ def _without_limits(plan: FlightPlan, tick: int) -> FlightPlan:
     )
     settings = plan.settings.copy()
     if plan.law not in USER_LAWS:
-        settings[-3:] = (
-            -_WIDE,
-            _WIDE,
-            _WIDE,
-        )  # lowest and highest angle of attack, bank: last in both laws' settings
+        settings[-N_LIMITS:] = (-_WIDE, _WIDE, _WIDE, *(3 * (-_WIDE, _WIDE)))
     free = replace(plan, vehicle=plan.vehicle._replace(constants=constants), settings=settings)
     if tick > 0:
         return free

@@ -98,6 +98,11 @@ def drive(vehicle: Vehicle, driven: bool = True) -> Vehicle:
     return vehicle._replace(constants=vehicle.constants._replace(driven=float(driven)))
 
 
+def axis_limits(vehicle: Vehicle) -> Floats:
+    """Return the least and greatest deflection (rad) of aileron, rudder and elevator, one after another [6]."""
+    return np.array([deflection_range(vehicle, axis) for axis in range(3)]).ravel()
+
+
 def deflection_range(vehicle: Vehicle, axis: int) -> tuple[float, float]:
     """Least and greatest deflection (rad) of aileron, rudder or elevator alone that its effectors can follow."""
     low, high = -vehicle.constants.surface_limit, vehicle.constants.surface_limit

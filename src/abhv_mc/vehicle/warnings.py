@@ -1,25 +1,35 @@
-"""What a valid vehicle file probably does not mean: an engine without fuel, a derivative in another unit or sign.
+"""What a valid vehicle file probably does not mean: no fuel, a derivative in another unit or sign, an odd drag.
 
 A derivative per degree where one per radian is wanted is 57.3 times too small. The ranges are wider than what aircraft
 and hypersonic vehicles have (Roskam, "Airplane Flight Dynamics", appendix B; GHAME; NASA's winged cone), so that a
 vehicle within them is not doubted. The middle of the tables stands for the vehicle.
 """
 
+from typing import Any
+
 import numpy as np
 
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, Vehicle
-from abhv_mc.vehicle.evaluate import evaluate_coefficients, make_variables
+from abhv_mc.vehicle.actuators import deflection_range
+from abhv_mc.vehicle.evaluate import (
+    evaluate_coefficients,
+    evaluate_fixed,
+    evaluate_tables,
+    make_variables,
+)
 from abhv_mc.vehicle.pack import nodes_of
 
 _STEP = 0.02  # rad, and of a dimensionless rate
 _SMALL_ANGLES = (-0.05, 0.2)  # rad of angle of attack
 _ALTITUDE = 20_000.0  # m
+_BISECTIONS = 30
+_SECOND_MINIMUM = 0.05  # depth of a second minimum of the drag, of the least drag
 
 # Coefficient, variable, least and greatest usual size (per radian or per dimensionless rate), sign of a stable vehicle
 # in the conventions of a vehicle file, and what the other sign means.
 _USUAL = (
     ("lift", "angle_of_attack", 0.1, 12.0, 1, "lift falls with the angle of attack"),
-    ("pitching_moment", "angle_of_attack", 0.0, 20.0, -1, "statically unstable in pitch"),
+    ("pitching_moment", "angle_of_attack", 0.0, 20.0, 0, ""),  # instability in pitch is common
     ("side_force", "sideslip", 0.02, 6.0, -1, "a sideslip pushes the vehicle further aside"),
     ("yawing_moment", "sideslip", 0.002, 1.3, 1, "statically unstable in yaw"),
     ("rolling_moment", "roll_rate_hat", 0.008, 2.0, -1, "rolling drives itself"),
@@ -69,4 +79,80 @@ def find_vehicle_warnings(vehicle: Vehicle) -> list[str]:
             warnings.append(f"{words}, {usual} make it {other:.3g}")
         elif sign and np.sign(value) != sign:
             warnings.append(f"{words}: {meaning}")
+    return warnings + _find_drag_warnings(vehicle)
+
+
+def _find_drag_warnings(vehicle: Vehicle) -> list[str]:
+    """Return a sentence for each way in which drag and lift at the nodes inside the limits are implausible.
+
+    Deflections are zero for the drag, and balance the pitching moment of the air for the lift-to-drag ratio. Angles of
+    attack are the tables' nodes within the limits, and the limits.
+    """
+    from scipy.signal import find_peaks
+
+    limits = vehicle.constants.angle_of_attack_min, vehicle.constants.angle_of_attack_max
+    machs, angles = (nodes_of(vehicle.tables, name) for name in ("mach", "angle_of_attack"))
+    inside = angles[(angles > limits[0]) & (angles < limits[1])]
+    if not machs.size or not inside.size:  # functions have no nodes
+        return []
+    angles = np.array([limits[0], *inside, limits[1]])
+    mach, alpha = np.meshgrid(machs, angles, indexing="ij")
+    point = {"mach": mach, "angle_of_attack": alpha, "altitude": np.full(mach.shape, _ALTITUDE)}
+    point["mass"] = np.full(mach.shape, vehicle.constants.mass_start)
+
+    def coefficients(elevator: Any) -> dict[str, Any]:
+        variables = make_variables(vehicle, **point, elevator=elevator)
+        rows = evaluate_tables(vehicle.tables, variables)
+        values = evaluate_coefficients(vehicle, variables, rows=rows)
+        coefficient = dict(zip(COEFFICIENTS, values, strict=True))
+        fixed = evaluate_fixed(vehicle, variables, rows)
+        lift, drag = coefficient["lift"], coefficient["drag"]
+        forward = lift * np.sin(alpha) - drag * np.cos(alpha)
+        down = -lift * np.cos(alpha) - drag * np.sin(alpha)
+        arm = fixed["center_of_gravity_x"] * down - fixed["center_of_gravity_z"] * forward
+        coefficient["pitching_moment"] += (
+            arm / vehicle.constants.chord
+        )  # about the centre of gravity
+        return coefficient
+
+    def words(mach: float, alpha: float) -> str:
+        return f"at Mach {mach:g} and {np.degrees(alpha):g} deg of angle of attack"
+
+    warnings = []
+    still = coefficients(0.0)
+    drag = still["drag"]
+    if (drag <= 0.0).any():
+        worst = np.unravel_index(np.argmin(drag), drag.shape)
+        warnings.append(
+            f"drag is not positive at {np.sum(drag <= 0.0)} of {drag.size} nodes inside the limits: CD is "
+            f"{drag[worst]:.3g} {words(mach[worst], alpha[worst])}"
+        )
+    for number, curve in zip(machs, drag, strict=True):
+        least = float(np.min(curve))
+        padded = np.concatenate([[-np.inf], -curve, [-np.inf]])  # an end can be a minimum, too
+        minima, _ = find_peaks(padded, prominence=_SECOND_MINIMUM * abs(least))
+        if minima.size > 1:
+            at = " and ".join(f"{np.degrees(angles[i - 1]):g}" for i in minima)
+            warnings.append(
+                f"the drag at Mach {number:g} has a minimum at each of {at} deg of angle of attack"
+            )
+            break
+
+    low, high = (np.full(mach.shape, limit) for limit in deflection_range(vehicle, 2))
+    sign = np.sign(coefficients(low)["pitching_moment"])
+    trimmed = sign * coefficients(high)["pitching_moment"] <= 0.0
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        same = sign * coefficients(middle)["pitching_moment"] > 0.0
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    balanced = coefficients(0.5 * (low + high))
+    counted = trimmed & (balanced["drag"] > 0.0) & (mach > 2.0)
+    ratio = np.where(counted, balanced["lift"] / np.where(counted, balanced["drag"], 1.0), 0.0)
+    excess = ratio / (6.0 * (mach + 2.0) / mach)
+    if (excess > 1.0).any():
+        worst = np.unravel_index(np.argmax(excess), excess.shape)
+        warnings.append(
+            f"the trimmed lift-to-drag ratio is {ratio[worst]:.1f} {words(mach[worst], alpha[worst])}, where "
+            f"{ratio[worst] / excess[worst]:.1f}, 6 (M + 2) / M, is more than any vehicle has reached"
+        )
     return warnings

@@ -37,7 +37,7 @@ def test_gains_of_the_inner_loops_are_table_1(
     np.testing.assert_allclose(
         gains[0, TLC_RATE : TLC_RATE + 6], [1.44, 8.16, 1.44, 8.16, 2.25, 10.2]
     )
-    settings = dict(zip(TLC_SETTINGS, make_tlc_settings(controller), strict=True))
+    settings = dict(zip(TLC_SETTINGS, make_tlc_settings(controller, vehicle), strict=True))
     assert settings["attitude_differentiator"] == 0.3
     assert settings["rate_differentiator"] == 1.5
     assert np.rad2deg(settings["angle_of_attack_max"]) == pytest.approx(12.0)

@@ -5,11 +5,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from abhv_mc.array_types import Floats
 from abhv_mc.control.design.design_model import Environment
 from abhv_mc.control.design.kept import kept
-from abhv_mc.control.design.trim_tables import make_trim_tables, trim_elevator
+from abhv_mc.control.design.reference import (
+    COLUMN_INDEX,
+    make_mission_trim_tables,
+    solve_reference,
+)
+from abhv_mc.control.design.trim_tables import LONGEST, make_trim_tables, trim_elevator
+from abhv_mc.control.mission import Mission
 from abhv_mc.kernel.laws.trim_lookup import TRIM_ROWS
-from abhv_mc.kernel.plant.vehicle import Vehicle
+from abhv_mc.kernel.plant.vehicle import CHUNK, Vehicle
 from abhv_mc.kernel.world.atmosphere import atmosphere
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.evaluate import (
@@ -20,6 +27,7 @@ from abhv_mc.vehicle.evaluate import (
 )
 
 ALTITUDE = 20e3
+TICK, TICKS = 0.01, 6000
 VEHICLES = Path(__file__).parents[3] / "configs" / "vehicle"
 
 
@@ -35,12 +43,12 @@ def test_interpolation_errs_by_little(name: str) -> None:
     alpha = generator.uniform(np.deg2rad(-1.0), np.deg2rad(12.0), 500)
     eta = generator.uniform(0.25, constants.equivalence_ratio_max, 500)
     around = Environment(ALTITUDE, density, sound_speed, 9.75, 6.37e6, 0.0)
-    exact, trimmed = trim_elevator(vehicle, around, speed, alpha, eta)
+    exact = trim_elevator(vehicle, around, speed, alpha, eta)
     # The vehicle's own tables at the interpolated and at the exact elevator differ by the moment of the difference.
     point = {"mach": speed / sound_speed, "angle_of_attack": alpha, "equivalence_ratio": eta}
     inside = make_variables(vehicle, **point)
     row = dict(zip(TRIM_ROWS, table_rows(tables, inside), strict=False))
-    good = trimmed & (row["untrimmed"] == 0.0)
+    good = np.abs(exact) < constants.surface_limit
     assert good.sum() > 150
     assert np.rad2deg(np.abs(row["elevator"] - exact)[good]).max() < 0.01
 
@@ -71,19 +79,50 @@ def test_interpolation_errs_by_little(name: str) -> None:
     assert (np.abs(row["thrust"][good] - thrust) < 0.0015 * thrust / eta[good]).all()
 
 
-def test_a_node_without_trim_is_marked_and_clamped(vehicle: Vehicle) -> None:
-    limit = np.deg2rad(1.0)
-    weak = vehicle._replace(constants=vehicle.constants._replace(surface_limit=limit))
-    tables = make_trim_tables(weak, ALTITUDE, (1400.0, 1400.0))
-    values = tables.data.reshape(-1, tables.group_width[0])
-    elevator, untrimmed = values[:, 0], values[:, TRIM_ROWS.index("untrimmed")]
-    assert 0 < untrimmed.sum() < untrimmed.size
-    np.testing.assert_array_equal(np.abs(elevator[untrimmed == 1.0]), limit)
-    assert (np.abs(elevator[untrimmed == 0.0]) < limit).all()
-    strong = make_trim_tables(vehicle, ALTITUDE, (1400.0, 1400.0)).data.reshape(
-        -1, tables.group_width[0]
-    )[:, 0]
-    np.testing.assert_array_equal(np.sign(elevator), np.sign(strong))  # the end nearest to the trim
+def test_elevators_of_nodes_do_not_depend_on_the_limit(vehicle: Vehicle) -> None:
+    """GHAME's pitching moment is linear in the elevator, so that the line through the limits is exact."""
+    weak = vehicle._replace(constants=vehicle.constants._replace(surface_limit=np.deg2rad(1.0)))
+    limited, free = (
+        make_trim_tables(craft, ALTITUDE, (1400.0, 1400.0)).data.reshape(-1, CHUNK)[:, 0]
+        for craft in (weak, vehicle)
+    )
+    assert 0 < np.sum(np.abs(free) > np.deg2rad(1.0)) < free.size
+    np.testing.assert_allclose(limited, free, rtol=0.0, atol=1e-11)
+
+
+def test_an_elevator_next_to_its_limit_is_compared_after_interpolation(
+    vehicle: Vehicle, mission: Mission, column: dict[str, Floats]
+) -> None:
+    """A limit that a reference just keeps changes nothing; one that it exceeds is kept, with a status."""
+    largest = np.abs(column["elevator"]).max()
+    for limit, trimmed in ((1.001 * largest, True), (0.9 * largest, False)):
+        craft = vehicle._replace(constants=vehicle.constants._replace(surface_limit=limit))
+        tables = make_mission_trim_tables(mission, craft)
+        reference, trim = solve_reference(mission, craft, tables, TICK, TICKS)
+        assert (not trim.status.any()) is trimmed
+        elevator = np.clip(column["elevator"], -limit, limit)
+        np.testing.assert_allclose(reference[:, COLUMN_INDEX["elevator"]], elevator, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("speeds", "steady"),
+    [
+        ((1400.0, 1400.0), (4.7446,)),
+        ((1400.0, 1430.0), (4.7446, 4.8463)),  # in one cell of GHAME's, both
+        ((1180.0, 1475.5), (4.0,)),  # GHAME's own node
+        ((1180.0, 1475.5), (4.015,)),
+        ((1180.0, 1475.5), (4.03, 4.9)),
+    ],
+)
+def test_steady_mach_numbers_are_in_the_middle_half_of_a_cell(
+    vehicle: Vehicle, speeds: tuple[float, float], steady: tuple[float, ...]
+) -> None:
+    tables = make_trim_tables(vehicle, ALTITUDE, speeds, np.array(steady))
+    grid = tables.grid[: tables.axis_length[0]]
+    assert np.diff(grid).max() <= LONGEST["mach"] + 1e-9 and np.diff(grid).min() > 0.01
+    for mach in steady:
+        cell = np.searchsorted(grid, mach) - 1
+        assert 0.25 < (mach - grid[cell]) / (grid[cell + 1] - grid[cell]) < 0.75
 
 
 def test_equal_contents_share_a_result_and_others_do_not():

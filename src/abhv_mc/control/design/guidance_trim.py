@@ -23,6 +23,7 @@ from abhv_mc.kernel.laws.trim_search import (
     fill_trim,
 )
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
+from abhv_mc.vehicle.actuators import deflection_range
 
 
 class GuidanceTrim(NamedTuple):
@@ -49,8 +50,9 @@ def trim_along(
 ) -> GuidanceTrim:
     """Solve (12) at every point in order, each search starting about the last solution.
 
-    mass: at the first point, kg; with ``tick`` (s between points) the fuel burnt on the way leaves it. Where an
-    interval (trim tables, BANK_LIMIT) holds no root, the end with the smaller residual stands and the status says so.
+    mass: at the first point, kg; with ``tick`` (s between points) the fuel burnt on the way leaves it. If an interval
+    (trim tables, BANK_LIMIT, the elevator's limits) holds no root, the solution is the end with the smaller residual,
+    and the status says so.
     """
     constants = vehicle.constants
     alpha_nodes, eta_nodes = (
@@ -60,7 +62,13 @@ def trim_along(
         )
     )
     eta_range = (constants.equivalence_ratio_min, constants.equivalence_ratio_max)
-    bounds = SearchBounds(float(alpha_nodes[0]), float(alpha_nodes[-1]), *eta_range, 2)
+    bounds = SearchBounds(
+        float(alpha_nodes[0]),
+        float(alpha_nodes[-1]),
+        *eta_range,
+        *deflection_range(vehicle, 2),
+        searches=2,
+    )
     points = GuidancePoints(*(np.array(x, dtype=np.float64) for x in np.broadcast_arrays(*points)))
     solution = np.empty((points.speed.size, 6))
     held = -1.0 if held_equivalence_ratio is None else held_equivalence_ratio

@@ -66,11 +66,6 @@ class Piece(NamedTuple):
     models: list[LinearModels]  # at each knot
 
 
-def make_lqr_settings(controller: LqrController) -> Floats:
-    """The law's constants in the order of LQR_SETTINGS."""
-    return np.array([*controller.limits.angle_of_attack, controller.limits.bank])
-
-
 def make_lqr_gains(
     controller: LqrController,
     mission: Mission,

@@ -12,11 +12,13 @@ from abhv_mc.control.mission import Mission
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.laws.trim_search import GuidancePoints
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
+from abhv_mc.kernel.world.atmosphere import atmosphere
 from abhv_mc.kernel.world.earth import Earth, radii
 from abhv_mc.plant.trim import FlightPoint, TrimPoint, trim
 
 COLUMN_INDEX = {name: i for i, name in enumerate(REFERENCE)}
 
+_STEADY = 1e-9  # change of a Mach number that stays, between two points of the profile
 SETTLING = 5.0  # s after a ramp or a step of the reference that "settled" metrics leave out, as they do the ramp
 
 
@@ -25,9 +27,10 @@ def make_mission_trim_tables(mission: Mission, vehicle: Vehicle) -> Tables:
     """Trim tables for the mission's speeds at the middle of its altitudes."""
     profile = make_profile(mission, np.linspace(0.0, mission.duration, 201))
     speeds = (float(profile.speed.min()), float(profile.speed.max()))
-    return make_trim_tables(
-        vehicle, float(profile.altitude.min() + profile.altitude.max()) / 2.0, speeds
-    )
+    middle = float(profile.altitude.min() + profile.altitude.max()) / 2.0
+    mach = profile.speed / np.array([atmosphere(height)[3] for height in profile.altitude])
+    steady = np.unique(np.round(mach[1:][np.abs(np.diff(mach)) < _STEADY], 6))
+    return make_trim_tables(vehicle, middle, speeds, steady)
 
 
 @kept

@@ -8,20 +8,25 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Floats, Numbers
-from abhv_mc.control.controller_file import Channel, Schedule, TlcController
+from abhv_mc.control.controller_file import Channel, CommandLimits, Schedule, TlcController
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
+from abhv_mc.vehicle.actuators import axis_limits
 from abhv_mc.vehicle.evaluate import make_variables, table_rows
 
 _LARGEST_CONDITION = 1e12  # of B: what is left of an input without effect is rounding
 
 
-def make_tlc_settings(controller: TlcController) -> Floats:
+def make_tlc_settings(controller: TlcController, vehicle: Vehicle) -> Floats:
     """The law's constants in the order of TLC_SETTINGS."""
-    limits, differentiators = controller.limits, controller.differentiators
-    return np.array(
-        [differentiators.attitude, differentiators.rates, *limits.angle_of_attack, limits.bank]
-    )
+    differentiators = controller.differentiators
+    limits = make_limit_settings(controller.limits, vehicle)
+    return np.array([differentiators.attitude, differentiators.rates, *limits])
+
+
+def make_limit_settings(limits: CommandLimits, vehicle: Vehicle) -> Floats:
+    """Return the limits of the commands that TLC and LQR share, last in the settings of both."""
+    return np.array([*limits.angle_of_attack, limits.bank, *axis_limits(vehicle)])
 
 
 def make_tlc_gains(

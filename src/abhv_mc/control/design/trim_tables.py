@@ -4,7 +4,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.control.design.design_model import Environment, engine_at, thrust_at, wrench_at
@@ -23,23 +22,34 @@ from abhv_mc.vehicle.pack import Axis, Table, nodes_of, pack_tables
 # Longest cells, in Mach, radians and equivalence ratio. With them interpolation errs on the shipped vehicles by less
 # than 0.0005 deg of angle of attack, 0.01 deg of elevator and, above a ratio of 0.25, 0.001 of equivalence ratio.
 LONGEST = {"mach": 0.25, "angle_of_attack": np.deg2rad(1.0), "equivalence_ratio": 0.0625}
+_SHORTEST = 0.04  # of the Mach cells that are shortened to keep nodes away from steady Mach numbers
 
 _ANGLES_OF_ATTACK = np.deg2rad([-10.0, 30.0])
 
 
-def make_trim_tables(vehicle: Vehicle, altitude: float, speed_range: tuple[float, float]) -> Tables:
+def make_trim_tables(
+    vehicle: Vehicle,
+    altitude: float,
+    speed_range: tuple[float, float],
+    steady_mach: Floats | None = None,
+) -> Tables:
     """Pack TRIM_ROWS over Mach, angle of attack and equivalence ratio, at the altitude (m) where the mission flies.
 
     speed_range (m/s) is widened by a tenth on each side. T / (q_bar S) of a breathing engine goes with 1 / V, V of a
-    Mach number with the altitude: 2 % in 10 km. Where no deflection balances the moment, the nearest limit stands.
+    Mach number with the altitude: 2 % in 10 km. The elevator is not limited: it may be beyond the deflections that
+    the vehicle has, so that interpolation next to a limit is as good as elsewhere. steady_mach: Mach numbers that the
+    reference keeps, by default those of the ends of speed_range; no node is within a quarter of a cell of them, where
+    the slopes that gains are made of would be those of one side.
     """
     constants = vehicle.constants
     density, _, _, sound_speed = atmosphere(altitude)
     low, high = 0.9 * speed_range[0] / sound_speed, 1.1 * speed_range[1] / sound_speed
     alpha_low = max(_ANGLES_OF_ATTACK[0], constants.angle_of_attack_min)
     alpha_high = min(_ANGLES_OF_ATTACK[1], constants.angle_of_attack_max)
+    if steady_mach is None:
+        steady_mach = np.unique(speed_range) / sound_speed
     axes = (
-        _axis(vehicle.tables, "mach", low, high),
+        _axis(vehicle.tables, "mach", low, high, steady_mach),
         _axis(vehicle.tables, "angle_of_attack", alpha_low, alpha_high),
         _axis(
             vehicle.tables,
@@ -53,7 +63,7 @@ def make_trim_tables(vehicle: Vehicle, altitude: float, speed_range: tuple[float
         x.ravel() for x in np.meshgrid(*(axis.grid for axis in axes), indexing="ij")
     )
     around = Environment(altitude, density, sound_speed, 0.0, 0.0, 0.0)
-    elevator, trimmed = trim_elevator(vehicle, around, mach * sound_speed, alpha, eta)
+    elevator = trim_elevator(vehicle, around, mach * sound_speed, alpha, eta)
 
     variables = make_variables(
         vehicle,
@@ -89,7 +99,6 @@ def make_trim_tables(vehicle: Vehicle, altitude: float, speed_range: tuple[float
         drag,
         thrust,
         impulse,
-        np.where(trimmed, 0.0, 1.0),
         np.zeros(mach.size),
     )
     return _pack(axes, [np.ascontiguousarray(value).reshape(shape) for value in values])
@@ -123,8 +132,12 @@ def _pack(axes: tuple[Axis, ...], values: list[Floats]) -> Tables:
 
 def trim_elevator(
     vehicle: Vehicle, around: Environment, speed: Floats, alpha: Floats, eta: Floats
-) -> tuple[Floats, NDArray[np.bool_]]:
-    """Elevator (rad) of zero pitching moment at each point, by Chandrupatla's method, and whether there is one."""
+) -> Floats:
+    """Return the elevator (rad) of zero pitching moment at each point, by Chandrupatla's method within its limits.
+
+    Where both limits leave a moment of the same sign, the straight line through the two gives a deflection beyond
+    the limit that is nearer to a balance, at most a right angle beyond.
+    """
     from scipy.optimize import elementwise
 
     mass = vehicle.constants.mass_start
@@ -138,26 +151,58 @@ def trim_elevator(
             around.density * speed**2 * vehicle.constants.area * vehicle.constants.chord
         )
 
-    ends = [pitching_moment(np.full_like(speed, end), speed, alpha, eta) for end in (low, high)]
-    bracketed = np.sign(ends[0]) * np.sign(ends[1]) <= 0.0
-    elevator = np.where(np.abs(ends[0]) < np.abs(ends[1]), low, high)
+    at_low, at_high = (
+        pitching_moment(np.full_like(speed, limit), speed, alpha, eta) for limit in (low, high)
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):  # an elevator without effect
+        secant = low - at_low * (high - low) / (at_high - at_low)
+    nearer_low = np.abs(at_low) < np.abs(at_high)
+    farthest = np.where(nearer_low, low - 0.5 * np.pi, high + 0.5 * np.pi)
+    elevator = np.where(np.isfinite(secant), secant, farthest)
+    elevator = np.clip(elevator, low - 0.5 * np.pi, high + 0.5 * np.pi)
+    bracketed = np.sign(at_low) * np.sign(at_high) <= 0.0
     if bracketed.any():
-        found = elementwise.find_root(
+        elevator[bracketed] = elementwise.find_root(
             pitching_moment,
             (low, high),
             args=(speed[bracketed], alpha[bracketed], eta[bracketed]),
             tolerances={"xatol": 1e-13},
-        )
-        elevator[bracketed] = found.x
-    return elevator, bracketed
+        ).x
+    return elevator
 
 
-def _axis(tables: Tables, name: str, low: float, high: float) -> Axis:
-    """The vehicle's own nodes of a variable between two ends, cells no longer than LONGEST."""
+def _axis(tables: Tables, name: str, low: float, high: float, steady: Floats | None = None) -> Axis:
+    """Axis between two ends with the vehicle's own nodes and cells no longer than LONGEST.
+
+    Cells are shortened until each of the ``steady`` values is in the middle half of its cell. An own node that is
+    nearer to one than half of _SHORTEST gives way to a cell across it.
+    """
     nodes = nodes_of(tables, name)
-    ends = np.unique(np.round([low, high, *nodes[(nodes > low) & (nodes < high)]], 12))
+    nodes = nodes[(nodes > low) & (nodes < high)]
+    steady = np.zeros(0) if steady is None else steady
+    distance = np.abs(nodes[:, None] - steady)
+    crossed = steady[(distance < 0.5 * _SHORTEST).any(axis=0)]
+    nodes = nodes[(distance >= 0.5 * _SHORTEST).all(axis=1)]
+    across = np.concatenate([crossed - 0.5 * _SHORTEST, crossed + 0.5 * _SHORTEST])
+    ends = np.unique(np.round([low, high, *nodes, *across], 12))
     cells_of = [ends[:1]]
     for left, right in pairwise(ends):
-        cells = max(1, int(np.ceil((right - left) / LONGEST[name] - 1e-9)))
+        fewest = max(1, int(np.ceil((right - left) / LONGEST[name] - 1e-9)))
+        inside = steady[(steady > left) & (steady < right)]
+        cells = _count_cells(fewest, (inside - left) / (right - left), right - left)
         cells_of.append(np.linspace(left, right, cells + 1)[1:])
     return Axis(VARIABLES.index(name), np.concatenate(cells_of))
+
+
+def _count_cells(fewest: int, steady: Floats, length: float) -> int:
+    """Return the smallest number of equal cells with every steady value in the middle half of one.
+
+    ``steady`` are fractions of the length. Without such a number: the one that comes nearest, of cells not shorter
+    than _SHORTEST.
+    """
+    if not steady.size:
+        return fewest
+    counts = np.arange(fewest, max(fewest, int(length / _SHORTEST)) + 1)
+    fraction = np.outer(counts, steady) % 1.0
+    margin = np.minimum(fraction, 1.0 - fraction).min(axis=1)
+    return int(counts[np.argmax(margin >= min(0.2501, margin.max()))])

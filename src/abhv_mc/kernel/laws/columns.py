@@ -55,13 +55,12 @@ TLC_GAINS = (
     ),
 )
 TLC_K1, TLC_K2, TLC_ATTITUDE, TLC_RATE = 0, 2, 20, 26
-TLC_SETTINGS = (
-    "attitude_differentiator",  # rad/s
-    "rate_differentiator",  # rad/s
-    "angle_of_attack_min",  # rad, limits of the commands
-    "angle_of_attack_max",
-    "bank_max",
+_LIMITS = (  # rad, of the commands; those of deflections are what the vehicle's effectors can follow
+    *("angle_of_attack_min", "angle_of_attack_max", "bank_max"),
+    *(f"{axis}_{end}" for axis in ("aileron", "rudder", "elevator") for end in ("min", "max")),
 )
+N_LIMITS = len(_LIMITS)  # they stand last in both laws' settings
+TLC_SETTINGS = ("attitude_differentiator", "rate_differentiator", *_LIMITS)  # rad/s, rad/s
 
 # LQR: u = nominal - K (x - nominal), SI and radians (deflections too).
 LQR_GAINS = (
@@ -78,7 +77,7 @@ LQR_GAINS = (
     ),
 )
 LQR_GUIDANCE, LQR_ELEVATOR, LQR_LATERAL = 0, 12, 14
-LQR_SETTINGS = ("angle_of_attack_min", "angle_of_attack_max", "bank_max")
+LQR_SETTINGS = _LIMITS
 
 # No law, to replay published flights: deflections and equivalence ratio at the tick, then their slopes to the next.
 RECORDED_GAINS = (

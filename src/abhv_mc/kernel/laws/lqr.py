@@ -17,7 +17,6 @@ def lqr_tick(plan, memory, width, tick):
     """Commands from the measurement at a control tick."""
     Z, reference, settings = memory.Z, plan.reference, plan.settings
     constants = plan.vehicle.constants
-    limit = constants.surface_limit
     k = plan.gains[tick]
     gravitational_parameter = plan.earth.gravitational_parameter
     for lane in range(width):
@@ -59,7 +58,7 @@ def lqr_tick(plan, memory, width, tick):
         Z[s.GAMMA_CMD, lane] = reference[tick, ref.FLIGHT_PATH_ANGLE]
         Z[s.ALPHA_CMD, lane] = alpha_cmd
         Z[s.BANK_CMD, lane] = bank_cmd
-        Z[s.CMD_AILERON, lane] = clamp(aileron, -limit, limit)
-        Z[s.CMD_RUDDER, lane] = clamp(rudder, -limit, limit)
-        Z[s.CMD_ELEVATOR, lane] = clamp(elevator, -limit, limit)
+        Z[s.CMD_AILERON, lane] = clamp(aileron, settings[3], settings[4])
+        Z[s.CMD_RUDDER, lane] = clamp(rudder, settings[5], settings[6])
+        Z[s.CMD_ELEVATOR, lane] = clamp(elevator, settings[7], settings[8])
         Z[s.CMD_ETA, lane] = eta_cmd

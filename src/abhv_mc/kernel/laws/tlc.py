@@ -122,9 +122,10 @@ def nominal_variables(Z, width, vehicle, reference, k):
 def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, first):
     """Sub-loops 3 and 4 and the allocation: deflection commands."""
     constants = vehicle.constants
-    limit = constants.surface_limit
     mass = reference[k, ref.MASS]
     wd_attitude, wd_rate = settings[0], settings[1]
+    aileron_min, aileron_max, rudder_min = settings[5], settings[6], settings[7]
+    rudder_max, elevator_min, elevator_max = settings[8], settings[9], settings[10]
     decay_attitude, decay_rate = exp(-wd_attitude * dt), exp(-wd_rate * dt)
     g = gains[k]
     attitude_spectrum, rate_spectrum = (
@@ -250,9 +251,9 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
         aileron = Z[s.CMD_AILERON, lane] + da
         rudder = Z[s.CMD_RUDDER, lane] + dr
         elevator = Z[s.CMD_ELEVATOR, lane] + de
-        aileron_cmd = clamp(aileron, -limit, limit)
-        rudder_cmd = clamp(rudder, -limit, limit)
-        elevator_cmd = clamp(elevator, -limit, limit)
+        aileron_cmd = clamp(aileron, aileron_min, aileron_max)
+        rudder_cmd = clamp(rudder, rudder_min, rudder_max)
+        elevator_cmd = clamp(elevator, elevator_min, elevator_max)
         Z[s.CMD_AILERON, lane] = aileron_cmd
         Z[s.CMD_RUDDER, lane] = rudder_cmd
         Z[s.CMD_ELEVATOR, lane] = elevator_cmd

@@ -13,9 +13,9 @@ from abhv_mc.kernel.plant.vehicle import CHUNK
 
 AXES = 3  # Mach, angle of attack, equivalence ratio
 
-# Rows of the trim tables: rad, -, -, T / (q_bar S), s; and 1 at the nodes that have no trim, else 0.
-TRIM_ROWS = ("elevator", "lift", "drag", "thrust", "specific_impulse", "untrimmed")
-ELEVATOR, LIFT, DRAG, THRUST, IMPULSE, UNTRIMMED = range(len(TRIM_ROWS))
+# Rows of the trim tables: rad (not limited), -, -, T / (q_bar S), s.
+TRIM_ROWS = ("elevator", "lift", "drag", "thrust", "specific_impulse")
+ELEVATOR, LIFT, DRAG, THRUST, IMPULSE = range(len(TRIM_ROWS))
 
 
 class TrimCells(NamedTuple):

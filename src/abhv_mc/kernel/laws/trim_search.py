@@ -13,7 +13,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.kernel.jit import kernel, routine, scalar
-from abhv_mc.kernel.laws.trim_lookup import DRAG, ELEVATOR, IMPULSE, LIFT, THRUST, UNTRIMMED
+from abhv_mc.kernel.laws.trim_lookup import DRAG, ELEVATOR, IMPULSE, LIFT, THRUST
 from abhv_mc.kernel.numerics.root_finding import NO_SIGN_CHANGE, brent
 from abhv_mc.kernel.numerics.tables import bracket
 
@@ -51,6 +51,8 @@ class SearchBounds(NamedTuple):
     alpha_high: float
     eta_low: float
     eta_high: float
+    elevator_low: float
+    elevator_high: float
     searches: int  # 2: a shortened bracket may fail once; a constant here would be unrolled and compile for long
 
 
@@ -228,11 +230,13 @@ def fill_trim(tables, constants, points, mass, tick, held_eta, warm, bounds, cut
         normal = _normal_force(alpha, cut, expected)
         sine = _sin_bank_of(normal, expected.lateral)
         status += NO_BANK if abs(normal * sine - expected.lateral) > 1e-9 * abs(normal) else 0
-        status += NO_ELEVATOR if _look_up(alpha, UNTRIMMED, cut) > 0.0 else 0
+        elevator = _look_up(alpha, ELEVATOR, cut)
+        limited = min(max(elevator, bounds.elevator_low), bounds.elevator_high)
+        status += NO_ELEVATOR if elevator != limited else 0
         solution[k, 0] = alpha
         solution[k, 1] = np.arcsin(sine)
         solution[k, 2] = eta
-        solution[k, 3] = _look_up(alpha, ELEVATOR, cut)
+        solution[k, 3] = limited
         solution[k, 4] = mass
         solution[k, 5] = status
         if warm:

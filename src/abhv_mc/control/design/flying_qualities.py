@@ -1,0 +1,108 @@
+"""Static margin, oscillatory modes and control powers of a vehicle in trim, its controls fixed."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from abhv_mc.array_types import Floats, Numbers
+from abhv_mc.control.design.design_model import make_environment, slope
+from abhv_mc.control.design.lqr_design import Nominal, attitude_slopes
+from abhv_mc.kernel.plant.vehicle import Vehicle
+from abhv_mc.kernel.world.earth import Earth
+from abhv_mc.plant.trim import FlightPoint, TrimPoint
+from abhv_mc.vehicle.evaluate import (
+    evaluate_coefficients,
+    evaluate_fixed,
+    make_variables,
+    table_rows,
+)
+
+_ALPHA, _BETA, _BANK, _P, _Q, _R, _AILERON, _RUDDER, _ELEVATOR = range(9)
+
+
+class FlyingQualities(NamedTuple):
+    """Flying qualities at one trim point, SI and radians; not-a-number if there is no such mode."""
+
+    static_margin: float  # -dCm/dCL about the centre of gravity, of the air alone, in chords
+    short_period_frequency: float  # rad/s, undamped
+    short_period_damping: float
+    dutch_roll_frequency: float  # rad/s, undamped
+    dutch_roll_damping: float
+    pitch_time_to_double: float  # s; infinite if the mode decays
+    lateral_time_to_double: float
+    aileron_power: float  # 1/s2: angular acceleration about the axis per deflection
+    rudder_power: float
+    elevator_power: float
+
+
+def find_flying_qualities(
+    vehicle: Vehicle, earth: Earth, point: FlightPoint, trim: TrimPoint, mass: float
+) -> FlyingQualities:
+    """Linearize the attitude dynamics at a trim point, speed and flight path held.
+
+    Short period: angle of attack and pitch rate; Dutch roll: the fastest oscillation of bank, sideslip, roll and yaw
+    rate. Slopes are those in the cells of the vehicle's tables.
+    """
+    nominal = Nominal(
+        around=make_environment(earth, point.altitude, point.latitude),
+        mass=mass,
+        speed=point.speed,
+        flight_path_angle=trim.flight_path_angle,
+        heading=point.heading,
+        angle_of_attack=trim.angle_of_attack,
+        bank=point.bank,
+        equivalence_ratio=trim.equivalence_ratio,
+        elevator=trim.elevator,
+    )
+    slopes = attitude_slopes(vehicle, nominal)
+    pitch = slopes[np.ix_([_ALPHA, _Q], [_ALPHA, _Q])]
+    lateral = np.linalg.eigvals(slopes[np.ix_(*2 * ([_BANK, _BETA, _P, _R],))])
+    stiffness = float(np.linalg.det(pitch))
+    short_period = math.sqrt(stiffness) if stiffness > 0.0 else math.nan
+    swings = lateral[lateral.imag > 0.0]
+    dutch_roll = swings[np.argmax(np.abs(swings))] if swings.size else complex(math.nan)
+    return FlyingQualities(
+        static_margin=_static_margin(vehicle, nominal),
+        short_period_frequency=short_period,
+        short_period_damping=-float(np.trace(pitch)) / (2.0 * short_period),
+        dutch_roll_frequency=float(abs(dutch_roll)),
+        dutch_roll_damping=-float(dutch_roll.real / abs(dutch_roll)),
+        pitch_time_to_double=_time_to_double(np.linalg.eigvals(pitch)),
+        lateral_time_to_double=_time_to_double(lateral),
+        aileron_power=float(slopes[_P, _AILERON]),
+        rudder_power=float(slopes[_R, _RUDDER]),
+        elevator_power=float(slopes[_Q, _ELEVATOR]),
+    )
+
+
+def _static_margin(vehicle: Vehicle, nominal: Nominal) -> float:
+    """Return -dCm/dCL at a fixed elevator, about the centre of gravity, without the engine's forces."""
+
+    def lift_and_moment(angle: Numbers) -> Numbers:
+        alpha = angle[0]
+        variables = make_variables(
+            vehicle,
+            mach=nominal.speed / nominal.around.sound_speed,
+            angle_of_attack=alpha,
+            elevator=nominal.elevator,
+            equivalence_ratio=nominal.equivalence_ratio,
+            altitude=nominal.around.altitude,
+            mass=nominal.mass,
+        )
+        rows = table_rows(vehicle.tables, variables)
+        lift, drag, _, _, moment, _ = evaluate_coefficients(vehicle, variables, rows=rows)
+        fixed = evaluate_fixed(vehicle, variables, rows)
+        forward = lift * np.sin(alpha) - drag * np.cos(alpha)
+        down = -lift * np.cos(alpha) - drag * np.sin(alpha)
+        arm = fixed["center_of_gravity_x"] * down - fixed["center_of_gravity_z"] * forward
+        return np.stack([lift, moment + arm / vehicle.constants.chord])
+
+    by_lift, by_moment = slope(lift_and_moment, [nominal.angle_of_attack])[:, 0].tolist()
+    return -by_moment / by_lift if by_lift else math.nan
+
+
+def _time_to_double(eigenvalues: Floats) -> float:
+    """Return the time in which the fastest growing motion doubles, infinite if none grows."""
+    growth = float(np.max(np.real(eigenvalues)))
+    return math.log(2.0) / growth if growth > 0.0 else math.inf
