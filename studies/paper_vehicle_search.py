@@ -32,11 +32,11 @@ _STAGES = (
 _CYCLE = 0.05  # of Candidate.cycle: what counts as settled
 LEVELS = {  # a trait's middle level; the others are STEP times less and more. Moments of roll and yaw go together:
     # the figures leave their common size free and fix their ratios to 1.5 or so
-    "aileron": 140.0,
-    "rudder": 21.0,
-    "sideslip": 13.5,
+    "aileron": 120.0,
+    "rudder": 19.0,
+    "sideslip": 11.5,
     "elevator": 2.6,
-    "angle_of_attack": 3.4,
+    "angle_of_attack": 3.6,
     "rates": 0.5,
 }
 STEP, _AIM, _APART = 1.7, 1.2, 1.55  # nothing pulls within _AIM of a level, or beyond _APART
@@ -81,7 +81,7 @@ class Search:
             (np.log(_APART) - third_trait(traits, other) for other in self.others if traits),
             default=0.0,
         )
-        return [_PULL * float(x) for x in (*pull, max(near, 0.0))]
+        return [*(_PULL * float(x) for x in pull), max(near, 0.0)]
 
 
 @dataclass

@@ -61,15 +61,19 @@ def test_a_heavier_vehicle_with_greater_coefficients_accelerates_as_before() -> 
 
 
 def test_drag_is_a_polar() -> None:
-    """CD0 at the Mach number of the S where the lift is zero, and induced drag of k |CL tan(alpha - alpha_0)|."""
-    values = VALUES | {"drag_zero_lift": 0.004, "drag_tilt": 1.5}
-    alphas = np.deg2rad([0.0, 3.0, 6.0, 9.0])
-    vehicle = box.make_vehicle(values)
-    found = sides.polar(vehicle, box.MACH, alphas)
-    slope, offset = np.polyfit(alphas, found[0], 1)
-    induced = 1.5 * np.abs(found[0] * np.tan(alphas + offset / slope))
-    # Between two nodes of the Mach number.
-    np.testing.assert_allclose(found[1], 0.004 + induced, rtol=0.02)
+    """At a node of the Mach number the induced drag is k |CL tan(alpha - alpha_0)|."""
+    values = VALUES | {"drag_tilt": 1.5}
+    alphas = np.deg2rad([-3.0, 0.0, 3.0, 6.0, 9.0])
+    lift, drag = sides.polar(box.make_vehicle(values), 6.0, alphas)[:2]
+    slope, offset = np.polyfit(alphas, lift, 1)
+    induced = 1.5 * np.abs(lift * np.tan(alphas + offset / slope))
+    np.testing.assert_allclose(drag - drag[0], induced - induced[0], rtol=1e-3)
+    twice = box.make_vehicle(values | {"drag_zero_lift": 2.0 * values["drag_zero_lift"]})
+    more = (
+        sides.polar(twice, box.MACH, alphas)[1]
+        - sides.polar(box.make_vehicle(values), box.MACH, alphas)[1]
+    )
+    np.testing.assert_allclose(more, values["drag_zero_lift"], rtol=1e-9)
 
 
 def test_each_factor_changes_its_own_coefficient() -> None:
