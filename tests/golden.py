@@ -15,6 +15,7 @@ import re
 import sys
 import tempfile
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -27,6 +28,10 @@ from abhv_mc.shipped import shipped_configs, shipped_files
 STORED = Path(__file__).parent / "reference" / "golden"
 CASES = (*shipped_files("campaign"), "rocket", "dive", "table")
 FLIGHTS = 8
+_PATCHES = {  # drawing and searching take most of the time
+    "abhv_mc.topics.registry.make_figures": lambda models: {},
+    "abhv_mc.execution.name_points.SEARCH_FLIGHTS": 8,
+}
 # What is another in each folder, on each machine or in each version; texts are tested elsewhere.
 _OTHER = {"key", "pages", "files", "pictures", "digest", "warnings", "versions", "labels"}
 _STATUS = re.compile(r"[A-Za-z][\w.]*|NOT SHOWN")
@@ -37,11 +42,11 @@ _ZERO = 1e-12  # beside a number that is zero but for rounding
 
 def run_program(folder: Path, *words: object) -> None:
     """Run a command of the program in this process; its exit code says no more than its verdicts."""
-    with (
-        patch.dict(os.environ, {"XDG_CONFIG_HOME": str(folder / "config")}),
-        patch.object(sys, "argv", ["abhv-mc", *map(str, words)]),
-        patch("abhv_mc.topics.registry.make_figures", lambda models: {}),
-    ):
+    with ExitStack() as stack:
+        stack.enter_context(patch.dict(os.environ, {"XDG_CONFIG_HOME": str(folder / "config")}))
+        stack.enter_context(patch.object(sys, "argv", ["abhv-mc", *map(str, words)]))
+        for name, value in _PATCHES.items():
+            stack.enter_context(patch(name, value))
         try:
             main()
         except SystemExit as ended:
