@@ -68,8 +68,8 @@ def find_flying_qualities(
         short_period_damping=-float(np.trace(pitch)) / (2.0 * short_period),
         dutch_roll_frequency=float(abs(dutch_roll)),
         dutch_roll_damping=-float(dutch_roll.real / abs(dutch_roll)),
-        pitch_time_to_double=_time_to_double(np.linalg.eigvals(pitch)),
-        lateral_time_to_double=_time_to_double(lateral),
+        pitch_time_to_double=_time_to_double(np.linalg.eigvals(pitch).real),
+        lateral_time_to_double=_time_to_double(lateral.real),
         aileron_power=float(slopes[_P, _AILERON]),
         rudder_power=float(slopes[_R, _RUDDER]),
         elevator_power=float(slopes[_Q, _ELEVATOR]),
@@ -102,7 +102,7 @@ def _static_margin(vehicle: Vehicle, nominal: Nominal) -> float:
     return -by_moment / by_lift if by_lift else math.nan
 
 
-def _time_to_double(eigenvalues: Floats) -> float:
-    """Return the time in which the fastest growing motion doubles, infinite if none grows."""
-    growth = float(np.max(np.real(eigenvalues)))
+def _time_to_double(real_parts: Floats) -> float:
+    """Return the time (s) in which the fastest growing eigenmotion doubles, else infinity."""
+    growth = float(np.max(real_parts))
     return math.log(2.0) / growth if growth > 0.0 else math.inf
