@@ -107,13 +107,7 @@ class Process:
                     )
                 )
             for text in texts:
-                begun = time.monotonic()
-                answer = self._answer(limit + (0.0 if self.flights else start), notice=limit)
-                seconds = time.monotonic() - begun
-                if self.flights:
-                    self.longest = max(self.longest, seconds)
-                else:
-                    self.first_time = seconds
+                answer = self._answer(limit) if self._read else self._time_answer(limit, start)
                 self.flights += 1
                 echo = answer.pop("flight", None)
                 if echo is None:
@@ -126,6 +120,16 @@ class Process:
     def number(self) -> int:
         """Number of the process; 0 once it has ended."""
         return 0 if self._ended else self._process.pid
+
+    def _time_answer(self, limit: float, start: float) -> dict[str, Any]:
+        begun = time.monotonic()
+        answer = self._answer(limit + (0.0 if self.flights else start), notice=limit)
+        seconds = time.monotonic() - begun
+        if self.flights:
+            self.longest = max(self.longest, seconds)
+        else:
+            self.first_time = seconds
+        return answer
 
     def _make_text(self) -> str:
         """Return a text that is unique in this process and means nothing."""
@@ -150,7 +154,17 @@ class Process:
         return self._ended or self._process.poll() is not None
 
     def _answer(self, limit: float, verb: str = "done", notice: float = math.inf) -> dict[str, Any]:
-        """Read a line within ``limit`` s; say after ``notice`` s that a first one is awaited."""
+        """Read an answer within ``limit`` s; say after ``notice`` s that a first one is awaited."""
+        if not self._read:
+            self._read_lines(limit, verb, notice)
+        line = self._read.popleft()
+        with contextlib.suppress(ValueError):
+            if isinstance(answer := json.loads(line), dict):
+                return answer
+        self.end()  # what it answers next might be of any flight
+        raise LostFlightError(f"it answered {line[:80]!r}, which is no mapping in JSON")
+
+    def _read_lines(self, limit: float, verb: str, notice: float) -> None:
         deadline, notice = time.monotonic() + limit, time.monotonic() + notice
         while not self._read:
             left = max(0.0, deadline - time.monotonic())
@@ -172,12 +186,6 @@ class Process:
             self._has_written = True
             *whole, self._rest = (self._rest + content).split(b"\n")
             self._read.extend(whole)
-        line = self._read.popleft()
-        with contextlib.suppress(ValueError):
-            if isinstance(answer := json.loads(line), dict):
-                return answer
-        self.end()  # what it answers next might be of any flight
-        raise LostFlightError(f"it answered {line[:80]!r}, which is no mapping in JSON")
 
     def _flush_hint(self) -> str:
         if self._has_written:

@@ -50,7 +50,8 @@ def main(python: str, source: str, campaign: str, *declared: str) -> None:
                 raise TypeError(f"fly returned {result!r:.80}, which is no mapping")
             if "flight" in result:
                 raise ValueError("fly returned 'flight', a key that is reserved")
-            answer = dumps({**result, "flight": request["flight"]}, default=_plain).encode() + b"\n"
+            start = dumps(result, default=_plain)[:-1] + ", " * bool(result)
+            answer = f'{start}"flight": "{request["flight"]}"}}\n'.encode()
         except Exception as error:
             answer = _line({"error": _words(error, python), "flight": request["flight"]})
         if os.getpid() != own:
