@@ -33,6 +33,7 @@ MISSIONS: dict[str, tuple[Any, ...]] = {
     "winged_cone": ("level_mach15", "turn_mach15"),
     "f16": ("f16_level",),
 }
+_NO_THRUST = 1.0  # N: a failed engine's thrust dies away with its lag; drag is a hundred times more
 DEFLECTION, SIDESLIP = np.deg2rad(20.0), np.deg2rad(15.0)
 
 
@@ -74,9 +75,10 @@ def test_energy_falls_at_each_tick_without_thrust(
         channels[:, CHANNEL_INDEX[name]]
         for name in ("altitude_m", "latitude_deg", "speed_mps", "thrust_n")
     )
-    assert ticks > 100 and np.all(thrust == 0.0)
-    left = energy(plan.earth, altitude, np.deg2rad(latitude), speed)
-    assert np.diff(left).max() < 0.0
+    without = np.maximum(thrust[1:], thrust[:-1]) < _NO_THRUST
+    assert np.sum(~without) * plan.timing.tick < 2.0 < ticks * plan.timing.tick
+    change = np.diff(energy(plan.earth, altitude, np.deg2rad(latitude), speed))
+    assert change[without].max() < 0.0
 
 
 @pytest.mark.thorough
