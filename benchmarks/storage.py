@@ -19,8 +19,8 @@ from statistics import median
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.flight.fly import fly
+from abhv_mc.requests import Request
 from abhv_mc.simulators.engine import make_engine
 from abhv_mc.simulators.make_plans import make_plans
 from abhv_mc_verification.bench.speed import measure_peak

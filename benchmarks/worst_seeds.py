@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 from document import write_json
 
+from abhv_mc.requests import WorstRequest
 from abhv_mc.search.methods.worst import search_worst
-from abhv_mc.search.search_flights import SearchRequest, open_search
+from abhv_mc.search.search_flights import open_search
 from abhv_mc.search.severity import ENDED_EARLY, Severity
-from abhv_mc.search.worst import WorstSettings
 from abhv_mc.simulators.engine import make_engine
 from abhv_mc.statistics.estimates import Criterion
 
@@ -50,11 +50,14 @@ def main() -> None:
         arguments.seeds, arguments.flights = 1, 128
     held, rows = 0, []
     with tempfile.TemporaryDirectory() as folder:
-        request = SearchRequest(arguments.campaign, Path(folder) / "search", arguments.controller)
-        settings = {
-            "kind": "worst",
-            **vars(WorstSettings(arguments.metric, flights=arguments.flights)),
-        }
+        request = WorstRequest(
+            arguments.campaign,
+            Path(folder) / "search",
+            arguments.metric,
+            controller=arguments.controller,
+            flights=arguments.flights,
+        )
+        settings = {"kind": "worst", **request.settings}
         with open_search(request, settings, 1, make_engine()) as search:
             search.progress = None
             space = search.space

@@ -178,7 +178,7 @@ def interrupted_after(calls: int, engine: Engine = ENGINE) -> Engine:
 def run(campaign: Path, out: Path, engine: Engine = ENGINE, **options: Any) -> "RunResult":
     """Fly a campaign; ``options`` are those of a request."""
     from abhv_mc.execution.runner import run_campaign  # not where workers import this file
-    from abhv_mc.execution.setup import Request
+    from abhv_mc.requests import Request
 
     return run_campaign(Request(campaign, out, **options), engine)
 

@@ -22,7 +22,7 @@ def test_a_moved_number_and_a_lost_one_are_named():
     found = copy.deepcopy(stored)
     found["a"][0] *= 1.0 + 1e-10
     found["new"] = 1
-    found["e"] = 1e-14
+    found["e"] = 1e-12
     assert not list(find_differences(stored, found))
     found["a"][1] |= {"b": 2.0 + 1e-6, "c": "FAIL"}
     del found["d"]

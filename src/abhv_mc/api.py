@@ -3,22 +3,31 @@
 ``abhv_mc`` has these names too; what is heavy is imported where it is used.
 """
 
+import os
 import shutil
 import weakref
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from tempfile import mkdtemp
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
-from abhv_mc.campaign import MOST_WORKERS
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.io.documents import InputError, InputErrors, describe
-from abhv_mc.io.units import FRACTION
+from abhv_mc.io.documents import InputError, InputErrors
 from abhv_mc.one_flight.fly_once import fly
-from abhv_mc.one_flight.given import check_count, check_mapping, to_si, write_inputs
+from abhv_mc.one_flight.given import check_mapping, write_inputs
 from abhv_mc.one_flight.linear_models import LinearModel, StateSpace, fly_on, linearize, margins
 from abhv_mc.one_flight.trim_table import trim
+from abhv_mc.requests import (
+    Paths,
+    RareRequest,
+    Request,
+    TuneRequest,
+    WorstRequest,
+    check_count,
+    takes,
+)
 from abhv_mc.results import Results, as_html, open_results
 from abhv_mc.shipped import find_input
 
@@ -27,7 +36,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from abhv_mc.search.rare import RareFound
-    from abhv_mc.search.search_flights import SearchRequest
     from abhv_mc.search.tune import TuneFound
     from abhv_mc.search.worst import WorstFound
 
@@ -51,11 +59,9 @@ __all__ = [
     "worst",
 ]
 
-Paths = str | Path
-
 
 class Campaign:
-    """A campaign file, read and checked; :meth:`run` flies it."""
+    """A campaign file, read and checked; :meth:`run` flies it. It takes the place of its path as an argument."""
 
     def __init__(self, path: Path, checked: Experiment) -> None:
         self.path, self._checked = (
@@ -69,6 +75,9 @@ class Campaign:
             checked.controllers
         )  # the first is compared with the others
         self.parameters: tuple[str, ...] = checked.names  # that are dispersed
+
+    def __fspath__(self) -> str:
+        return str(self.path)
 
     @classmethod
     def read(cls, path: Paths) -> "Campaign":
@@ -106,23 +115,9 @@ class Campaign:
         index = pd.RangeIndex(number, name="flight")
         return pd.DataFrame(source.draw(0, number), columns=list(source.names), index=index)
 
-    def run(
-        self,
-        output: Paths | None = None,
-        runs: int | None = None,
-        seed: int | None = None,
-        controllers: Sequence[str] | None = None,
-        workers: int | None = None,
-        fresh: bool = False,
-    ) -> "Results":
+    @takes(Request, of="campaign")
+    def run(request: Request) -> "Results":  # noqa: N805  of which the campaign is a part
         """Fly it, or what its folder misses of it, as ``abhv-mc run`` does, and open the results.
-
-        Parameters
-        ----------
-        output
-            ``reports/<name>`` by default; ``fresh`` deletes what it holds first.
-        runs, seed, controllers, workers
-            In the place of the file's.
 
         Returns
         -------
@@ -135,15 +130,8 @@ class Campaign:
             For what is wrong; StorageFullError on a full disk.
         """
         from abhv_mc.execution.runner import run_campaign
-        from abhv_mc.execution.setup import Request
 
-        names = tuple(controllers) if controllers is not None else None
-        if workers is not None:
-            workers = check_count(workers, 1, "workers", MOST_WORKERS)
-        out = Path(output) if output is not None else None
-        return Results(
-            run_campaign(Request(self.path, out, runs, seed, names, workers, fresh)).folder
-        )
+        return Results(run_campaign(request).folder)
 
     def _repr_html_(self) -> str:
         """What a notebook shows: what it asks, who flies, and what is dispersed."""
@@ -164,36 +152,9 @@ class Campaign:
         )
 
 
-Searched = Campaign | Paths  # read already, or a campaign file, or the name of a shipped one
-
-
-def worst(
-    campaign: Searched,
-    output: Paths,
-    metric: str,
-    controller: str | None = None,
-    bad: Literal["high", "low"] | None = None,
-    flights: int = 2000,
-    box: float = 3.0,
-    seed: int | None = None,
-    workers: int | None = None,
-    fresh: bool = False,
-    scheduler: str | None = None,
-) -> "WorstFound":
+@takes(WorstRequest)
+def worst(request: WorstRequest) -> "WorstFound":
     """Search the box of a campaign's dispersions for the worst value of a metric, as ``abhv-mc worst`` does.
-
-    Parameters
-    ----------
-    campaign
-        A :class:`Campaign`, a campaign file, or the name of a shipped one.
-    output
-        The folder of flights and ``report.html``; ``fresh`` deletes what it holds of a campaign first.
-    metric, controller, flights, seed, workers, scheduler
-        As the command's options; ``controller`` is the campaign's first by default.
-    bad
-        Which values are bad; those that the campaign takes for bad by default.
-    box
-        In sigma, of unbounded distributions.
 
     Returns
     -------
@@ -207,42 +168,16 @@ def worst(
     """
     from abhv_mc.report.pages.page import write_answer
     from abhv_mc.report.pages.worst_page import make_worst_answer
-    from abhv_mc.search.worst import WorstSettings, find_worst
+    from abhv_mc.search.worst import find_worst
 
-    if bad not in ("high", "low", None):
-        raise InputError("bad", describe(bad), "'high', 'low' or None")
-    settings = WorstSettings(
-        metric, bad, check_count(flights, 1, "flights"), _between("box", float(box), 0.1, 8.0)
-    )
-    found = find_worst(
-        _request(campaign, output, controller, seed, workers, scheduler, fresh), settings
-    )
-    write_answer(make_worst_answer(found, Path(output)), Path(output) / "report.html")
+    found, folder = find_worst(request), Path(request.output)
+    write_answer(make_worst_answer(found, folder), folder / "report.html")
     return found
 
 
-def rare(
-    campaign: Searched,
-    output: Paths,
-    requirement: str,
-    controller: str | None = None,
-    target_cov: float | str = "20 %",
-    flights: int = 20_000,
-    seed: int | None = None,
-    workers: int | None = None,
-    fresh: bool = False,
-    scheduler: str | None = None,
-) -> "RareFound":
+@takes(RareRequest)
+def rare(request: RareRequest) -> "RareFound":
     """Estimate how probable it is that a flight breaks the requirement on a metric, as ``abhv-mc rare`` does.
-
-    Parameters
-    ----------
-    campaign, output, controller, flights, seed, workers, fresh, scheduler
-        As of :func:`worst`.
-    requirement
-        Its metric.
-    target_cov
-        The coefficient of variation to reach.
 
     Returns
     -------
@@ -257,40 +192,18 @@ def rare(
     """
     from abhv_mc.report.pages.page import write_answer
     from abhv_mc.report.pages.rare_page import make_rare_answer
-    from abhv_mc.search.rare import RareSettings, find_rare
+    from abhv_mc.search.rare import find_rare
 
-    cov = _between("target_cov", to_si(target_cov, FRACTION, "target_cov"), 0.01, 1.0)
-    settings = RareSettings(requirement, cov, check_count(flights, 1, "flights"))
-    found = find_rare(
-        _request(campaign, output, controller, seed, workers, scheduler, fresh), settings
-    )
-    write_answer(make_rare_answer(found, Path(output)), Path(output) / "report.html")
+    found, folder = find_rare(request), Path(request.output)
+    write_answer(make_rare_answer(found, folder), folder / "report.html")
     return found
 
 
-def tune(
-    campaign: Searched,
-    output: Paths,
-    controller: str | None = None,
-    block: Paths | None = None,
-    seed: int | None = None,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    tell: "Callable[[TuneFound], None] | None" = None,
-) -> "TuneFound":
+@takes(TuneRequest)
+def tune(request: TuneRequest) -> "TuneFound":
     """Tune the free numbers of a controller, as ``abhv-mc tune`` does.
 
-    Parameters
-    ----------
-    campaign, controller, seed, workers, scheduler
-        As of :func:`worst`.
-    output
-        The new controller's file, written where the result is ``.shown`` to be better within all limits; a page lies
-        beside it.
-    block
-        A file with the entry ``tune``; the campaign by default.
-    tell
-        Called with the result before the new file is there, with which the same call would not run again.
+    The controller file is written where the result is ``.shown`` to be better within all limits.
 
     Returns
     -------
@@ -304,27 +217,21 @@ def tune(
     """
     from abhv_mc.report.pages.page import write_answer
     from abhv_mc.report.pages.tune_page import make_tune_answer
-    from abhv_mc.search.tune import TuneRequest, tune_controller
+    from abhv_mc.search.tune import tune_controller
 
-    out = Path(output)
-    given = Path(block) if block else None
+    out = Path(request.output)
 
     def finish(found: "TuneFound") -> None:
-        if tell is not None:
-            tell(found)
-        write_answer(
-            make_tune_answer(found),
-            out.with_suffix(".html"),
-            out.with_suffix(".tuning") / "figures",
-        )
+        if request.tell is not None:
+            request.tell(found)
+        figures = out.with_suffix(".tuning") / "figures"
+        write_answer(make_tune_answer(found), out.with_suffix(".html"), figures)
 
-    return tune_controller(
-        TuneRequest(_path(campaign), out, controller, given, seed, workers, scheduler), tell=finish
-    )
+    return tune_controller(replace(request, tell=finish))
 
 
 def simulate(
-    campaign: Campaign | Paths,
+    campaign: Paths,
     inputs: "pd.DataFrame",
     controllers: Sequence[str] | None = None,
     channels: Sequence[str] = (),
@@ -356,7 +263,8 @@ def simulate(
     """
     from abhv_mc.execution.in_memory import simulate_table
 
-    return simulate_table(read_campaign(_path(campaign)), inputs, controllers, channels)
+    path = find_input(os.fspath(campaign), "campaign")
+    return simulate_table(read_campaign(path), inputs, controllers, channels)
 
 
 def compare(
@@ -401,21 +309,3 @@ def compare(
     )
     numbers: dict[str, Any] = plain(compared.found)
     return numbers
-
-
-def _path(campaign: Searched) -> Path:
-    return (
-        campaign.path if isinstance(campaign, Campaign) else find_input(str(campaign), "campaign")
-    )
-
-
-def _request(campaign: Searched, output: Paths, *more: Any) -> "SearchRequest":
-    from abhv_mc.search.search_flights import SearchRequest
-
-    return SearchRequest(_path(campaign), Path(output), *more)
-
-
-def _between(name: str, value: float, low: float, high: float) -> float:
-    if not low <= value <= high:
-        raise InputError(name, f"{value:g}", f"a number from {low:g} to {high:g}")
-    return value

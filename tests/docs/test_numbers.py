@@ -12,9 +12,9 @@ import pytest
 
 import abhv_mc
 from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.report.numbers.report_numbers import make_numbers
+from abhv_mc.requests import Request
 from abhv_mc.topics.topic import Models
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "studies"))

@@ -19,7 +19,6 @@ from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.adopt import adopt_table
 from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.flight.outcome import OUTCOMES
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.samples import SampleReader
@@ -29,6 +28,7 @@ from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.compare_page import compare_folders
 from abhv_mc.report.pages.verify import differences, verify_campaign
+from abhv_mc.requests import Request
 from abhv_mc.shipped import shipped_folder
 from abhv_mc.simulators.engine import make_engine
 from abhv_mc.topics.failures import FAILURES

@@ -22,13 +22,12 @@ from abhv_mc.execution.cluster import connect_cluster
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.retry import UnusableError
 from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.io.input_error import InputError
-from abhv_mc.search.rare import RareSettings, find_rare
-from abhv_mc.search.search_flights import SearchRequest
+from abhv_mc.requests import RareRequest, Request, WorstRequest
+from abhv_mc.search.rare import find_rare
 from abhv_mc.search.tune import tune_controller
-from abhv_mc.search.worst import WorstSettings, find_worst
+from abhv_mc.search.worst import find_worst
 from abhv_mc.shipped import shipped_campaigns
 from abhv_mc.simulators.engine import make_engine
 
@@ -131,12 +130,12 @@ def test_a_cluster_shards_and_one_worker_give_the_same_bits(local_folder, two_wo
     folders = [run_campaign(asked, make_engine()).folder]
     folders.append(
         run_campaign(
-            replace(asked, out=tmp_path / "one", scheduler=None, workers=1), make_engine()
+            replace(asked, output=tmp_path / "one", scheduler=None, workers=1), make_engine()
         ).folder
     )
     parts = [tmp_path / "part1", tmp_path / "part2"]
     for i, part in enumerate(parts, 1):
-        run_campaign(replace(asked, out=part, scheduler=None, shard=(i, 2)), make_engine())
+        run_campaign(replace(asked, output=part, scheduler=None, shard=(i, 2)), make_engine())
     folders.append(merge_campaign(parts, tmp_path / "merged").folder)
     digests = {
         json.loads((folder / "manifest.json").read_text())["digest"]
@@ -245,14 +244,13 @@ def test_no_scheduler_is_bad_input(tmp_path, monkeypatch, address):
 
 def test_searches_find_the_same_on_a_cluster(tmp_path, two_workers):
     line, address = write_line(tmp_path / "files"), two_workers.address
-    for find, settings in (
-        (find_rare, RareSettings(METRIC, flights=2000, target_cov=0.5)),
-        (find_worst, WorstSettings(METRIC, flights=200)),
+    for find, request, options in (
+        (find_rare, RareRequest, {"flights": 2000, "target_cov": 0.5}),
+        (find_worst, WorstRequest, {"flights": 200}),
     ):
         here, there = (
             find(
-                SearchRequest(line, tmp_path / f"{find.__name__}{i}", scheduler=where),
-                settings,
+                request(line, tmp_path / f"{find.__name__}{i}", METRIC, scheduler=where, **options),
                 LINE,
             ).numbers()
             for i, where in enumerate((None, address))
@@ -260,7 +258,7 @@ def test_searches_find_the_same_on_a_cluster(tmp_path, two_workers):
         assert here == there
     request = write_tuned(tmp_path)
     here = tune_controller(request, TUNED).as_json()
-    elsewhere = replace(request, out=tmp_path / "there.yaml", scheduler=address)
+    elsewhere = replace(request, output=tmp_path / "there.yaml", scheduler=address)
     assert tune_controller(elsewhere, TUNED).as_json() == here
 
 

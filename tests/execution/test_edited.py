@@ -11,8 +11,8 @@ from abhv_mc.flight.metrics import METRICS
 from abhv_mc.folder.hashes import read_checked
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.input_files import read_input
-from abhv_mc.search.search_flights import SearchRequest
-from abhv_mc.search.worst import WorstSettings, find_worst
+from abhv_mc.requests import WorstRequest
+from abhv_mc.search.worst import find_worst
 
 FILES = ("vehicle.yaml", "tables/cl.csv", "mission.yaml", "one.yaml")
 
@@ -76,9 +76,10 @@ def test_what_flies_is_what_was_read(whole, campaign, tmp_path, name, when):
 
 
 def test_a_search_flies_what_was_read(campaign, tmp_path):
-    request = SearchRequest(campaign, tmp_path / "out", "one", workers=1)
-    settings = WorstSettings(METRICS[0].name, flights=160)
-    find_worst(request, settings, editing(campaign.parent / "vehicle.yaml", "prepare"))
+    request = WorstRequest(
+        campaign, tmp_path / "out", METRICS[0].name, controller="one", workers=1, flights=160
+    )
+    find_worst(request, editing(campaign.parent / "vehicle.yaml", "prepare"))
     assert "edited" not in (tmp_path / "out/inputs/vehicle/vehicle.yaml").read_text()
 
 

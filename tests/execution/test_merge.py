@@ -12,11 +12,11 @@ from fake_flight import ENGINE, run, write_campaign
 
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.folder import envelope_states as collector
 from abhv_mc.folder.layout import StorageFullError
 from abhv_mc.folder.manifest import read_manifest, write_manifest
 from abhv_mc.io.input_error import InputError
+from abhv_mc.requests import Request
 from abhv_mc.results import open_results
 
 FILES = (
@@ -197,11 +197,11 @@ def test_plans_travel_from_folder_to_folder(tmp_path):
     def never(*_):
         raise AssertionError("prepared anew")
 
-    request = Request(campaign, tmp_path / "b", shard=(1, 2), plans_from=parts[0])
+    request = Request(campaign, tmp_path / "b", shard=(1, 2), plans=parts[0])
     assert run_campaign(request, replace(ENGINE, prepare=never)).complete
     (campaign.parent / "one.yaml").write_text("gain: 3.0\n", encoding="utf-8")
     with pytest.raises(InputError, match=r"another inputs/controllers/one/one\.yaml"):
-        run(campaign, tmp_path / "c", plans_from=parts[0])
+        run(campaign, tmp_path / "c", plans=parts[0])
 
 
 @pytest.mark.parametrize("shard", [(4, 3), (1, 301)])

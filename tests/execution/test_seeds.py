@@ -13,11 +13,11 @@ from fake_flight import ENGINE, interrupted_after, run, write_campaign
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.siblings import name_siblings
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.pages.build import is_up_to_date
+from abhv_mc.requests import Request
 from abhv_mc.statistics.verdicts import judge, verdict_words
 from abhv_mc.topics.verdicts.model import compute_verdicts
 

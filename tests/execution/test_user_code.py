@@ -19,15 +19,14 @@ from abhv_mc.control.controller_file import read_controller
 from abhv_mc.execution.estimate import estimate_campaign
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.io.documents import InputError, InputErrors
-from abhv_mc.search.search_flights import SearchRequest
-from abhv_mc.search.tune import TuneRequest, tune_controller
-from abhv_mc.search.worst import WorstSettings, find_worst
+from abhv_mc.requests import Request, TuneRequest, WorstRequest
+from abhv_mc.search.tune import tune_controller
+from abhv_mc.search.worst import find_worst
 from abhv_mc.shipped import find_input
 from abhv_mc.simulators.check_inputs import check_inputs
 from abhv_mc.simulators.engine import make_engine
@@ -181,16 +180,16 @@ def test_a_crash_and_a_hang_in_c_cost_a_flight_each_of_a_campaign_that_ends_and_
     found = run_campaign(request, make_engine()).manifest
     assert found.state == "complete"
     assert found.controllers["mine"].outcomes == {"law_crashed": 1, "law_hung": 1, "ok": 138}
-    flown = read_flown(request.out).flights
+    flown = read_flown(request.output).flights
     assert [Outcome(code).code for code in flown["mine"].outcome[[61, 137]]] == [
         "law_hung",
         "law_crashed",
     ]
     rest = flown["mine"].outcome == Outcome.OK
     assert np.array_equal(
-        read_errors(request.out, "mine")[rest], read_errors(request.out, "lqr")[rest]
+        read_errors(request.output, "mine")[rest], read_errors(request.output, "lqr")[rest]
     )
-    assert build_page(request.out).exists()
+    assert build_page(request.output).exists()
     told = capfd.readouterr().err
     for words, flight in (("SIGSEGV", 137), ("not done in 1 s", 61)):  # the second time alone
         assert f"{words}, at 0 s (tick 0), measured: altitude {int(heights[flight])}." in told
@@ -206,24 +205,31 @@ def test_a_law_in_c_flies_on_a_cluster_is_replayed_explained_and_tuned(
     cluster = Dask(tmp_path)
     try:
         cluster.start_worker()
-        remote = dataclasses.replace(request, out=tmp_path / "remote", scheduler=cluster.address)
+        remote = dataclasses.replace(request, output=tmp_path / "remote", scheduler=cluster.address)
         flown = run_campaign(remote, make_engine()).manifest
     finally:
         cluster.close()
     whole = run_campaign(request, make_engine()).manifest
     assert whole.digest == flown.digest
-    failed = np.flatnonzero(read_flown(request.out).flights["mine"].outcome == Outcome.LAW_FAILED)
+    failed = np.flatnonzero(
+        read_flown(request.output).flights["mine"].outcome == Outcome.LAW_FAILED
+    )
     assert 0 < failed.size < 24
     ok = np.setdiff1d(np.arange(24), failed)
-    assert np.array_equal(read_errors(request.out, "mine")[ok], read_errors(request.out, "lqr")[ok])
-    assert replay_flight(request.out, "mine", int(ok[0]), fly).differences == ()
-    assert explain_flight(request.out, "mine", int(failed[0]), fly).causes == ("initial.altitude",)
+    assert np.array_equal(
+        read_errors(request.output, "mine")[ok], read_errors(request.output, "lqr")[ok]
+    )
+    assert replay_flight(request.output, "mine", int(ok[0]), fly).differences == ()
+    assert explain_flight(request.output, "mine", int(failed[0]), fly).causes == (
+        "initial.altitude",
+    )
     block = "tune: {free: [{key: settings.bank_limit}], minimise: {metric: bank_error_rms_deg, quantile: 0.5}, "
     (tmp_path / "tune.yaml").write_text(block + "candidates: 17, flights: 32, validation: 100}\n")
     new = tmp_path / "elsewhere" / "new.yaml"
     new.parent.mkdir()
     tune_controller(
-        TuneRequest(request.campaign, new, "mine", tmp_path / "tune.yaml"), make_engine()
+        TuneRequest(request.campaign, new, controller="mine", block=tmp_path / "tune.yaml"),
+        make_engine(),
     )
     assert (
         read_controller(new).sources[0].samefile(tmp_path / "lqr.c")
@@ -261,10 +267,10 @@ def test_nobodys_code_runs_unasked(study, tmp_path, monkeypatch, place):
         (controller.parent / place).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(law, controller.parent / place)
         controller.write_text(controller.read_text().replace("law.py", place))
-    settings = WorstSettings("bank_error_settled_max_deg", flights=64)
+    metric = "bank_error_settled_max_deg"
     asks = (
         lambda: run_campaign(Request(campaign, again, runs=4), threads()),
-        lambda: find_worst(SearchRequest(campaign, again), settings, threads()),
+        lambda: find_worst(WorstRequest(campaign, again, metric, flights=64), threads()),
         lambda: tune_controller(TuneRequest(campaign, tmp_path / "new.yaml"), threads()),
         lambda: estimate_campaign(read_campaign(campaign), threads()),
         lambda: margins(campaign, controllers="mine"),

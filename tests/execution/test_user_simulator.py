@@ -18,13 +18,13 @@ from abhv_mc.analysis.failure_map import map_failures
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.folder import envelope_states
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.histories import QUANTILES
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.flights_view import make_flights_view
+from abhv_mc.requests import Request
 from abhv_mc.results import Results
 from abhv_mc.simulators.check_inputs import check_inputs
 from abhv_mc.simulators.engine import make_engine

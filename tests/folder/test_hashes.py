@@ -14,7 +14,6 @@ from search.known_flights import LINE, write_line
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.api import compare
 from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.tables import export_csv, open_database
@@ -22,16 +21,16 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.whatif import make_whatif
 from abhv_mc.report.pages.build import build_report, is_up_to_date
 from abhv_mc.report.pages.verify import verify_campaign
+from abhv_mc.requests import Request, WorstRequest
 from abhv_mc.results import open_results
-from abhv_mc.search.search_flights import SearchRequest
-from abhv_mc.search.worst import WorstSettings, find_worst
+from abhv_mc.search.worst import find_worst
 from abhv_mc.topics import registry
 
 CHANGED = "a run has written here meanwhile"
 
 
 KEEP = "{histories: {flights: [worst 3], rate: 10 Hz}, envelopes: {rate: 2 Hz, channels: [altitude_m, bank_deg]}}"
-WORST = WorstSettings("altitude_error_max_m", flights=160)
+METRIC = "altitude_error_max_m"
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +50,7 @@ def request_(flown, tmp_path):
 @pytest.fixture(scope="module")
 def searched(tmp_path_factory):
     root = tmp_path_factory.mktemp("searched")
-    find_worst(SearchRequest(write_line(root / "f"), root / "out"), WORST, LINE)
+    find_worst(WorstRequest(write_line(root / "f"), root / "out", METRIC, flights=160), LINE)
     return root / "out"
 
 
@@ -63,7 +62,7 @@ def fly_meanwhile(request_):
 
 def test_a_query(request_, fly_meanwhile):
     def ask():
-        with open_database(request_.out) as database:
+        with open_database(request_.output) as database:
             fly_meanwhile()
             return database.sql("select count(*) from samples, flights").fetchall()
 
@@ -82,7 +81,7 @@ def test_a_query(request_, fly_meanwhile):
 def test_a_notebook(request_, fly_meanwhile, monkeypatch, ask):
     """Flights of one campaign stood beside samples of the other, which drivers then came from."""
     monkeypatch.setattr("abhv_mc.simulators.engine.make_engine", lambda: ENGINE)
-    results = open_results(request_.out)
+    results = open_results(request_.output)
     run_campaign(request_, ENGINE)  # with nothing to do: it disturbs nobody
     before = results.flights
     assert results.controllers == ("one", "two")
@@ -94,15 +93,15 @@ def test_a_notebook(request_, fly_meanwhile, monkeypatch, ask):
 
 def test_a_report(request_, fly_meanwhile, monkeypatch):
     """It was 'up to date' ever after, with numbers of the campaign before."""
-    build_page(request_.out)
+    build_page(request_.output)
     make_figures = registry.make_figures
     monkeypatch.setattr(registry, "make_figures", lambda *a: (fly_meanwhile(), make_figures(*a))[1])
     with pytest.raises(InputError, match=CHANGED):
-        build_page(request_.out)
+        build_page(request_.output)
     monkeypatch.undo()
-    assert not is_up_to_date(request_.out)
-    build_page(request_.out)
-    assert is_up_to_date(request_.out)
+    assert not is_up_to_date(request_.output)
+    build_page(request_.output)
+    assert is_up_to_date(request_.output)
 
 
 READERS = {
@@ -200,9 +199,10 @@ def test_the_search_flies_a_damaged_block_again(searched, tmp_path):
         for file in files_of(searched)
         if file.name != "manifest.json"
     }
-    request = SearchRequest(searched.parent / "f/campaign.yaml", tmp_path / "out")
+    campaign = searched.parent / "f/campaign.yaml"
+    request = WorstRequest(campaign, tmp_path / "out", METRIC, flights=160)
     for file in (file for file in whole if file.parts[0] == "flights"):
-        shutil.copytree(searched, request.out, dirs_exist_ok=True)
-        flip(request.out / file, 1000, 3)
-        find_worst(request, WORST, LINE)
-        assert {name: (request.out / name).read_bytes() for name in whole} == whole, file
+        shutil.copytree(searched, request.output, dirs_exist_ok=True)
+        flip(request.output / file, 1000, 3)
+        find_worst(request, LINE)
+        assert {name: (request.output / name).read_bytes() for name in whole} == whole, file

@@ -15,8 +15,8 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.folder.flights import END_TIME
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.pages.verify import verify_campaign
-from abhv_mc.search.rare import RareSettings, find_rare
-from abhv_mc.search.search_flights import SearchRequest
+from abhv_mc.requests import RareRequest
+from abhv_mc.search.rare import find_rare
 from abhv_mc.statistics.evidence import most_failures
 
 LOW, BAND = "angle_of_attack_min_deg", "altitude_error_max_m"
@@ -117,7 +117,7 @@ def test_margins_are_no_rare_event(tmp_path):
     asked = "[{metric: gain_margin_min_db, above: 6, probability: 0.9}]"
     path = write_campaign(tmp_path, requirements=asked, margins="{at: [trim], flights: all}")
     with pytest.raises(InputError, match="many flights share the value 0 or 60"):
-        find_rare(SearchRequest(path, tmp_path / "out"), RareSettings("gain_margin_min_db"), ENGINE)
+        find_rare(RareRequest(path, tmp_path / "out", "gain_margin_min_db"), ENGINE)
 
 
 def test_whoever_is_on_either_side_of_the_band_fails(band):

@@ -11,9 +11,9 @@ from own_simulators import dive_campaign
 from scipy.spatial.transform import Rotation
 
 from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.report.pages.build import build_report
+from abhv_mc.requests import Request
 from abhv_mc.topics.missed_requirements import requirement_failures
 from abhv_mc.topics.words import shown_value, spoken_name
 

@@ -1,5 +1,6 @@
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,9 +15,9 @@ from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc.search.rare import RareSettings, find_rare
-from abhv_mc.search.search_flights import SearchRequest
-from abhv_mc.search.worst import WorstSettings, find_worst, find_worst_margins
+from abhv_mc.requests import RareRequest, WorstRequest
+from abhv_mc.search.rare import find_rare
+from abhv_mc.search.worst import find_worst, find_worst_margins
 from abhv_mc.simulators.engine import Engine
 
 
@@ -26,23 +27,24 @@ def line(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "find, settings, last",
-    [
-        (find_rare, RareSettings(METRIC, flights=8000), 20),
-        (find_worst, WorstSettings(METRIC, flights=1000), 8),
-    ],
+    "find, make, flights, last",
+    [(find_rare, RareRequest, 8000, 20), (find_worst, WorstRequest, 1000, 8)],
 )
 def test_an_interrupted_search_goes_on_to_the_same_for_any_number_of_workers(
-    tmp_path, line, find, settings, last
+    tmp_path, line, find, make, flights, last
 ):
-    whole = find(SearchRequest(line, tmp_path / "whole", workers=1), settings, LINE)
     cut = tmp_path / "cut"
+    whole, one, two = (
+        make(line, folder, METRIC, flights=flights, workers=workers)
+        for folder, workers in ((tmp_path / "whole", 1), (cut, 1), (cut, 2))
+    )
+    whole = find(whole, LINE)
     with pytest.raises(KeyboardInterrupt):
-        find(SearchRequest(line, cut, workers=1), settings, interrupted_after(last - 1, LINE))
+        find(one, interrupted_after(last - 1, LINE))
     assert read_manifest(cut / "manifest.json").state == "interrupted"
     stored = sorted(path.name for path in (cut / "flights").glob("*.parquet"))
     assert stored
-    again = find(SearchRequest(line, cut, workers=2), settings, LINE)
+    again = find(two, LINE)
     assert again.numbers() == whole.numbers()
     assert (
         read_manifest(cut / "manifest.json").digest
@@ -55,9 +57,7 @@ def test_an_interrupted_search_goes_on_to_the_same_for_any_number_of_workers(
         flown.append(len(parameters))
         return fly_line(plan, parameters, record_every)
 
-    once_more = find(
-        SearchRequest(line, cut, workers=1), settings, Engine(prepare, fly_counted, "line")
-    )
+    once_more = find(one, Engine(prepare, fly_counted, "line"))
     assert once_more.numbers() == whole.numbers()
     assert (
         sum(flown) <= 4
@@ -73,8 +73,7 @@ def test_early_ends_count_as_failures_where_the_requirement_says_so(tmp_path):
         limit = f"[{{metric: {METRIC}, below: 1000, probability: 0.9, ended_early: {said}}}]"
         campaign = write_campaign(tmp_path / said, dispersions=dispersions, requirements=limit)
         found = find_rare(
-            SearchRequest(campaign, tmp_path / f"{said}_out"),
-            RareSettings(METRIC, flights=8000),
+            RareRequest(campaign, tmp_path / f"{said}_out", METRIC, flights=8000),
             ENGINE,
         )
         if probability is None:
@@ -84,9 +83,7 @@ def test_early_ends_count_as_failures_where_the_requirement_says_so(tmp_path):
 
 
 def test_worst_finds_the_corner_and_its_folder_reads_like_a_campaigns(tmp_path, line):
-    found = find_worst(
-        SearchRequest(line, tmp_path / "out"), WorstSettings(METRIC, flights=400, box=2.5), LINE
-    )
+    found = find_worst(WorstRequest(line, tmp_path / "out", METRIC, flights=400, box=2.5), LINE)
     numbers = found.numbers()
     assert numbers["value"] == pytest.approx(2.5)
     assert "aero.lift" in numbers["at_bounds"]
@@ -97,16 +94,14 @@ def test_worst_finds_the_corner_and_its_folder_reads_like_a_campaigns(tmp_path, 
     assert reader.flights == found.flights.stop
     np.testing.assert_array_equal(reader.rows(0, reader.flights), found.flights.samples)
     smallest = find_worst(
-        SearchRequest(line, tmp_path / "low"), WorstSettings(METRIC, "low", 400, 2.5), LINE
+        WorstRequest(line, tmp_path / "low", METRIC, bad="low", flights=400, box=2.5), LINE
     )
     assert smallest.numbers()["value"] == pytest.approx(-2.5)
 
 
 def test_an_early_end_is_worse_than_any_value(tmp_path):
     campaign = write_campaign(tmp_path / "files")
-    found = find_worst(
-        SearchRequest(campaign, tmp_path / "out"), WorstSettings(METRIC, flights=400), ENGINE
-    )
+    found = find_worst(WorstRequest(campaign, tmp_path / "out", METRIC, flights=400), ENGINE)
     assert found.numbers()["outcome"] == Outcome.SIDESLIP_LIMIT.code
     assert found.numbers()["parameters"]["atmosphere.density"] < LOST_BELOW
 
@@ -117,14 +112,11 @@ def test_flights_that_cannot_be_computed_are_flown_again(tmp_path, line):
         block.outcome[parameters[:, LIFT] > 1.1] = int(Outcome.FAILED_TO_RUN)
         return block
 
-    request, settings = (
-        SearchRequest(line, tmp_path / "out"),
-        WorstSettings(METRIC, flights=400, box=2.5),
-    )
-    weak = find_worst(request, settings, Engine(prepare, fly_weak, "line"))
+    request = WorstRequest(line, tmp_path / "out", METRIC, flights=400, box=2.5)
+    weak = find_worst(request, Engine(prepare, fly_weak, "line"))
     assert weak.failed_to_run > 0
     assert weak.numbers()["value"] <= 2.0 + 1e-9  # never the worst
-    healed = find_worst(request, settings, LINE)
+    healed = find_worst(request, LINE)
     assert healed.failed_to_run == 0
     assert healed.numbers()["value"] == pytest.approx(2.5)
 
@@ -140,15 +132,11 @@ def test_seeds_are_common_in_worst_and_each_flights_own_in_rare(tmp_path):
         return block
 
     engine = Engine(prepare, fly_turbulence, "line")
-    rare = find_rare(
-        SearchRequest(campaign, tmp_path / "rare"), RareSettings(METRIC, flights=8000), engine
-    )
+    rare = find_rare(RareRequest(campaign, tmp_path / "rare", METRIC, flights=8000), engine)
     seeds = rare.flights.samples[:, rare.flights.names.index("wind.turbulence_seed")]
     assert len(np.unique(seeds)) == len(seeds)
     assert stats.kstest(seeds, "uniform").pvalue > 1e-3
-    worst = find_worst(
-        SearchRequest(campaign, tmp_path / "worst"), WorstSettings(METRIC, flights=400), engine
-    )
+    worst = find_worst(WorstRequest(campaign, tmp_path / "worst", METRIC, flights=400), engine)
     assert (
         len(np.unique(worst.flights.samples[:, worst.flights.names.index("wind.turbulence_seed")]))
         == 1
@@ -157,17 +145,17 @@ def test_seeds_are_common_in_worst_and_each_flights_own_in_rare(tmp_path):
 
 
 def test_another_search_in_the_same_folder_is_refused(tmp_path, line):
-    request = SearchRequest(line, tmp_path / "out")
-    find_worst(request, WorstSettings(METRIC, flights=400), LINE)
+    request = WorstRequest(line, tmp_path / "out", METRIC, flights=400)
+    find_worst(request, LINE)
     before = (tmp_path / "out/manifest.json").read_bytes()
     with pytest.raises(
         InputError, match=r"flights: 400 -> 500; expected another folder .*from its beginning"
     ):
-        find_worst(request, WorstSettings(METRIC, flights=500), LINE)
+        find_worst(replace(request, flights=500), LINE)
     with pytest.raises(InputError, match="another search"):
-        find_rare(request, RareSettings(METRIC, flights=8000), LINE)
+        find_rare(RareRequest(line, tmp_path / "out", METRIC, flights=8000), LINE)
     with pytest.raises(InputError, match="another version"):
-        find_worst(request, WorstSettings(METRIC, flights=400), Engine(prepare, fly_line, "newer"))
+        find_worst(request, Engine(prepare, fly_line, "newer"))
     assert (tmp_path / "out/manifest.json").read_bytes() == before
 
 
@@ -177,13 +165,10 @@ def test_a_metric_that_the_campaign_declares_is_searched_like_any_other(tmp_path
         metrics="{swing: {of: bank_deg, statistic: peak_to_peak}}",
         requirements="[{metric: swing, below: 3 deg, probability: 0.9}]",
     )
-    found = find_rare(
-        SearchRequest(campaign, tmp_path / "out"), RareSettings("swing", flights=8000), LINE
-    )
+    found = find_rare(RareRequest(campaign, tmp_path / "out", "swing", flights=8000), LINE)
     assert found.estimate.low <= stats.norm.sf(3.0) <= found.estimate.high
     worst = find_worst(
-        SearchRequest(campaign, tmp_path / "worst"),
-        WorstSettings("swing", flights=400, box=2.5),
+        WorstRequest(campaign, tmp_path / "worst", "swing", flights=400, box=2.5),
         LINE,
     )
     assert worst.numbers()["value"] == pytest.approx(2.5)
@@ -242,14 +227,10 @@ def test_searches_of_a_users_simulator_find_what_is_known_of_its_function(tmp_pa
     }
     path = tmp_path / "paraboloid.yaml"
     path.write_text(json.dumps(content))
-    worst = find_worst(
-        SearchRequest(path, tmp_path / "worst"), WorstSettings("miss", flights=400)
-    ).numbers()
+    worst = find_worst(WorstRequest(path, tmp_path / "worst", "miss", flights=400)).numbers()
     assert worst["value"] == pytest.approx(3.0 + 0.5 * 9.0)
     assert worst["parameters"]["a"] == pytest.approx(3.0) and abs(
         worst["parameters"]["b"]
     ) == pytest.approx(3.0)
-    found = find_rare(
-        SearchRequest(path, tmp_path / "rare"), RareSettings("miss", 0.2, 8000)
-    ).estimate
+    found = find_rare(RareRequest(path, tmp_path / "rare", "miss", flights=8000)).estimate
     assert found.refusal is None and found.low <= paraboloid(2, 7.0, 0.5).probability <= found.high

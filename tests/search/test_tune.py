@@ -10,9 +10,10 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.folder.arrays import write_array
 from abhv_mc.io.documents import InputError
+from abhv_mc.requests import TuneRequest
 from abhv_mc.search import tune as module
 from abhv_mc.search.methods.tune import Scores, pareto_front, tune
-from abhv_mc.search.tune import TuneRequest, tune_controller
+from abhv_mc.search.tune import tune_controller
 from abhv_mc.simulators.engine import Engine
 
 
@@ -30,12 +31,12 @@ def tuned(tmp_path_factory):
 
 def test_finds_the_best_numbers_within_the_limit_and_writes_them(tuned):
     request, found = tuned
-    law = read_controller(request.out)
+    law = read_controller(request.output)
     assert law.altitude.damping == pytest.approx(3.0, rel=0.05)
     assert law.altitude.bandwidth == pytest.approx(0.045, rel=0.02)  # 1.5 times the start's travel
     assert law.altitude.bandwidth <= 0.045
     assert found.shown and found.validation.high < 0.0
-    text = request.out.read_text(encoding="utf-8")
+    text = request.output.read_text(encoding="utf-8")
     assert text.startswith("# Made by `abhv-mc tune ") and "95 % interval" in text
     numbers = found.as_json()
     assert numbers["shown_better"] and len(numbers["front"]) > 1
@@ -44,7 +45,7 @@ def test_finds_the_best_numbers_within_the_limit_and_writes_them(tuned):
 def test_goes_on_where_it_was_interrupted_with_the_same_result(request_, tmp_path, tuned):
     with pytest.raises(KeyboardInterrupt):
         tune_controller(request_, interrupted_after(60, TUNED))
-    assert not request_.out.exists()
+    assert not request_.output.exists()
     stored = len(list((tmp_path / "new.tuning").glob("*.npy")))
     assert stored >= 50
     found = tune_controller(
@@ -76,8 +77,8 @@ def test_a_file_that_is_edited_meanwhile_changes_nothing(request_, tmp_path, tun
 
 def test_what_is_kept_and_damaged_is_flown_again(tuned, tmp_path):
     request, found = tuned
-    shutil.copytree(request.out.parent, tmp_path, dirs_exist_ok=True)
-    request = replace(request, out=tmp_path / request.out.name)
+    shutil.copytree(request.output.parent, tmp_path, dirs_exist_ok=True)
+    request = replace(request, output=tmp_path / request.output.name)
     kept = sorted((tmp_path / "new.tuning").glob("*.npy"))
     for file, place in zip(kept, (0, 7, 60, 200, -1), strict=False):
         content = bytearray(file.read_bytes())
@@ -89,7 +90,7 @@ def test_what_is_kept_and_damaged_is_flown_again(tuned, tmp_path):
         [np.zeros((2, 2)), np.zeros(0), np.array([["a"]]), np.zeros((64, 3), np.int64)]
     ):
         write_array(kept[-3 - i], other)  # whole, but nothing that tuning writes
-    request.out.unlink()
+    request.output.unlink()
     assert tune_controller(request, TUNED).as_json() == found.as_json()
 
 
@@ -101,7 +102,7 @@ def test_what_is_no_better_is_not_written(request_, tmp_path):
     )
     found = tune_controller(request_, TUNED)
     assert not found.shown
-    assert not request_.out.exists()
+    assert not request_.output.exists()
 
 
 def test_a_stability_margin_is_a_limit_of_the_nominal_vehicle_or_of_all_corners(
@@ -121,7 +122,7 @@ def test_a_stability_margin_is_a_limit_of_the_nominal_vehicle_or_of_all_corners(
     start = BLOCK[: BLOCK.index("limits:")]
     for vehicles, vehicle_count, wanted in (("", 1, 0.05), (", vehicles: corners", 3, 0.02)):
         request_.block.write_text(start + text % vehicles, encoding="utf-8")
-        out = request_.out.with_name(f"new{vehicle_count}.yaml")
+        out = request_.output.with_name(f"new{vehicle_count}.yaml")
         found = tune_controller(
             TuneRequest(request_.campaign, out, block=request_.block, workers=2), TUNED
         )
@@ -185,8 +186,8 @@ def test_a_block_that_is_wrong_is_refused_with_its_place(request_, old, new, mat
     request_.block.write_text(BLOCK.replace(old, new), encoding="utf-8")
     with pytest.raises(InputError, match=match):
         tune_controller(request_, TUNED)
-    assert not request_.out.exists()
-    assert not request_.out.with_suffix(".tuning").exists()
+    assert not request_.output.exists()
+    assert not request_.output.with_suffix(".tuning").exists()
 
 
 @pytest.mark.parametrize(
@@ -196,7 +197,7 @@ def test_a_block_that_is_wrong_is_refused_with_its_place(request_, old, new, mat
 def test_a_name_that_is_taken_is_refused(request_, tmp_path, name, found):
     """The candidates' folder was in the result's way when all was flown, and the page was written over the result."""
     with pytest.raises(InputError, match=found):
-        tune_controller(replace(request_, out=tmp_path / name), TUNED)
+        tune_controller(replace(request_, output=tmp_path / name), TUNED)
     assert not list(tmp_path.glob("new.*")) and request_.block.read_text(encoding="utf-8") == BLOCK
 
 

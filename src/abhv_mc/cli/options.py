@@ -8,7 +8,6 @@ from typing import Annotated, Any
 
 import typer
 
-from abhv_mc.campaign import MOST_WORKERS
 from abhv_mc.cli.outputs import json_file, output_file
 from abhv_mc.io.input_error import InputError, Refusal
 from abhv_mc.shipped import DEFAULT_VEHICLE, find_input, shipped_files
@@ -82,7 +81,6 @@ ControllerFiles = Annotated[
         "Controller files or shipped names.", show_default="tlc,lqr, or the campaign's"
     ),
 ]
-Controllers = Annotated[str | None, controllers_option("Only these of its controllers.")]
 Controller = Annotated[
     str | None, controller_option("Controller.", "NAME", show_default="the first")
 ]
@@ -94,16 +92,10 @@ def folder_argument(words: str = "A campaign's folder.", metavar: str = "DIR") -
 
 
 Folder = Annotated[Path, folder_argument()]
-Seed = Annotated[int | None, typer.Option(min=0, help="Seed.", show_default="the campaign's")]
 Runs = Annotated[
     int | None,
     typer.Option(min=1, help="Flights of each controller.", show_default="the campaign's"),
 ]
-Workers = Annotated[
-    int | None,
-    typer.Option(min=1, max=MOST_WORKERS, help="Flights in parallel.", show_default="cores"),
-]
-Scheduler = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Fly on this Dask cluster.")]
 Fresh = Annotated[
     bool, typer.Option("--fresh", help="Delete what the folder holds of a campaign first.")
 ]

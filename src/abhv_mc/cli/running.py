@@ -4,6 +4,7 @@ import shlex
 import sys
 from collections import Counter
 from contextlib import ExitStack, nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,20 +13,13 @@ import typer
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import (
     Baseline,
-    CampaignFile,
-    Controllers,
     Fresh,
     Json,
     Junit,
     NoReport,
-    Runs,
-    Scheduler,
-    Seed,
     TrustCode,
-    Workers,
-    parse_names,
 )
-from abhv_mc.cli.outputs import campaign_folder, campaign_folder_or_address, output, output_folder
+from abhv_mc.cli.outputs import campaign_folder, output, output_folder
 from abhv_mc.cli.printing import (
     announce_compiling,
     announce_warnings,
@@ -35,10 +29,12 @@ from abhv_mc.cli.printing import (
     print_table,
     say,
 )
+from abhv_mc.cli.request_options import takes_options
 from abhv_mc.execution.progress import Waiting
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.address import read_address
-from abhv_mc.io.input_error import InputError, Refusal
+from abhv_mc.io.input_error import Refusal
+from abhv_mc.requests import Request
 from abhv_mc.shipped import find_input
 
 if TYPE_CHECKING:
@@ -46,37 +42,13 @@ if TYPE_CHECKING:
     from abhv_mc.folder.manifest import ControllerCount, Manifest
 
 
+@takes_options(Request)
 def run(
-    campaign: CampaignFile,
-    out: Annotated[
-        Path | None,
-        output(
-            campaign_folder_or_address,
-            "DIR",
-            "Folder, or an address such as s3://bucket/folder.",
-            default="reports/NAME",
-        ),
-    ] = None,
-    runs: Runs = None,
-    seed: Seed = None,
-    controllers: Controllers = None,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
-    shard: Annotated[
-        str | None, typer.Option(metavar="I/N", help="Only part I of N; merge joins them.")
-    ] = None,
-    plans: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR", help="Fly the plans of this campaign's folder.", show_default="new"
-        ),
-    ] = None,
+    request: Request,
     no_report: NoReport = False,
     baseline: Baseline = None,
-    fresh: Fresh = False,
     json: Json = None,
     junit: Junit = None,
-    trust_code: TrustCode = False,
     staging: Annotated[
         Path | None,
         typer.Option(
@@ -86,12 +58,6 @@ def run(
             show_default="temporary",
         ),
     ] = None,
-    check_workers: Annotated[
-        bool,
-        typer.Option(
-            "--check-workers", help="Fly one flight of each worker again here; compare its bits."
-        ),
-    ] = False,
 ) -> None:
     """Fly a campaign, resuming what its folder already holds, and make the report.
 
@@ -101,35 +67,21 @@ def run(
     announce_compiling()
     from abhv_mc.execution.retry import UnusableError
     from abhv_mc.execution.runner import run_campaign
-    from abhv_mc.execution.setup import Request
     from abhv_mc.folder.remote import mirrored
 
-    names = parse_names(controllers)
-    part = _parse_shard(shard) if shard else None
     if baseline is not None:
         from abhv_mc.campaign.file.check import read_campaign
         from abhv_mc.report.numbers.compare import check_baseline
 
-        if no_report or part is not None:
+        if no_report or request.shard is not None:
             raise Refusal("--baseline without a report", "--baseline, or --no-report or --shard")
-        check_baseline(read_campaign(campaign, runs, seed, names), baseline)
+        asked = read_campaign(request.campaign, request.runs, request.seed, request.controllers)
+        check_baseline(asked, baseline)
+    out = None if request.output is None else Path(request.output)
     try:
         with mirrored(out, staging) if out else nullcontext() as folder:
-            request = Request(
-                campaign,
-                folder,
-                runs,
-                seed,
-                names,
-                workers,
-                fresh,
-                scheduler,
-                part,
-                plans,
-                trust_code,
-                check_workers,
-            )
-            finish(run_campaign(request), no_report or part is not None, json, out, junit, baseline)
+            result = run_campaign(replace(request, output=folder))
+            finish(result, no_report or request.shard is not None, json, out, junit, baseline)
     except UnusableError as error:
         say(error, file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE) from None
@@ -195,13 +147,6 @@ def finish(
         say(f"verdicts  {describe_verdicts(result.manifest)}", file=told)
     if any(entry.verdict == "FAIL" for entry in entries):
         raise typer.Exit(ExitCode.FAILED)
-
-
-def _parse_shard(text: str) -> tuple[int, int]:
-    i, slash, n = text.partition("/")
-    if not (text.isascii() and slash and i.isdecimal() and n.isdecimal()):
-        raise InputError("--shard", f"'{text}'", "part and number of parts such as 3/8")
-    return int(i), int(n)
 
 
 def _print_result(result: "RunResult", named: str) -> None:

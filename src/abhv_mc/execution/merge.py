@@ -5,12 +5,12 @@ from pathlib import Path
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.runner import RunResult, run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.merge import join_shards, order_shards
 from abhv_mc.folder.siblings import check_pool, join_seeds
+from abhv_mc.requests import Request
 from abhv_mc.simulators.campaign_code import check_user_code
 from abhv_mc.simulators.engine import Engine, check_source, make_engine
 

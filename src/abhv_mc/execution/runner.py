@@ -20,7 +20,7 @@ from abhv_mc.execution.fly_batches import AT_ONCE
 from abhv_mc.execution.interrupts import interrupts_deferred, sigterm_as_interrupt
 from abhv_mc.execution.progress import Progress, Waiting
 from abhv_mc.execution.retention import HistoryFile, list_histories, write_kept_histories
-from abhv_mc.execution.setup import OpenCampaign, Request, open_campaign
+from abhv_mc.execution.setup import OpenCampaign, open_campaign
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.outcome import Outcome
@@ -41,6 +41,7 @@ from abhv_mc.folder.manifest import (
     write_manifest,
 )
 from abhv_mc.folder.samples import SampleReader
+from abhv_mc.requests import Request
 from abhv_mc.simulators.engine import Engine, check_source, engine_of, make_engine, simulate
 from abhv_mc.simulators.make_plans import record_every
 from abhv_mc.simulators.user_simulator.user_flights import (

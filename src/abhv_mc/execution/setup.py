@@ -34,6 +34,7 @@ from abhv_mc.folder.samples import ROW_GROUP, SampleReader, write_samples
 from abhv_mc.identity import find_commit, find_compiler, find_machine, find_versions
 from abhv_mc.io.documents import InputError
 from abhv_mc.io.input_files import reading_once
+from abhv_mc.requests import Request
 from abhv_mc.simulators.campaign_code import check_user_code
 from abhv_mc.simulators.corner_margins import is_compiled
 from abhv_mc.simulators.engine import Engine, check_source, engine_of, make_ready
@@ -48,24 +49,6 @@ from abhv_mc.simulators.stored_plans import read_trusted_plan
 from abhv_mc.user_code.child import called_beside
 from abhv_mc.user_code.source import find_package_versions
 from abhv_mc.user_code.trust import trust
-
-
-@dataclass(frozen=True)
-class Request:
-    """What is asked of a run: by the command line, a notebook or merge."""
-
-    campaign: Path
-    out: Path | None = None  # reports/<campaign name> by default
-    runs: int | None = None
-    seed: int | None = None
-    controllers: tuple[str, ...] | None = None
-    workers: int | None = None
-    fresh: bool = False
-    scheduler: str | None = None  # address of a Dask cluster's scheduler
-    shard: tuple[int, int] | None = None  # (i, n): fly only part i of n, from 1
-    plans_from: Path | None = None  # a campaign's folder whose plans to fly instead of new ones
-    trust_code: bool = False  # run Python code of a folder that its user has not flown
-    check_workers: bool = False  # fly one flight of each worker again here
 
 
 @dataclass(frozen=True)
@@ -98,7 +81,7 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     stack.enter_context(reading_once())
     requested = read_campaign(request.campaign, request.runs, request.seed, request.controllers)
     engine = engine_of(requested, engine)
-    folder = CampaignFolder(request.out or Path("reports") / requested.model.name)
+    folder = CampaignFolder(Path(request.output or Path("reports") / requested.model.name))
     for source in check_user_code(requested, request.trust_code):
         trust(source)  # his own file: he has flown it
     _check_shard(request, requested)
@@ -111,7 +94,8 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
             inputs = collect_inputs(requested)
         return _resume(flown, requested, inputs, engine, request)
     _start_workers(request, engine)
-    plans = take_plans(request.plans_from, requested, inputs, engine, request.trust_code)
+    others = Path(request.plans) if request.plans else None
+    plans = take_plans(others, requested, inputs, engine, request.trust_code)
     plans = plans or make_plans(requested, requested.controllers, engine)
     if request.shard is None:
         _compile_margins(requested, plans, engine, stack)

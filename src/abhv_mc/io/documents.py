@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
 from io import StringIO
+from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -81,7 +82,7 @@ class Document:
         return self.path.parent / text
 
 
-def read_document(path: "str | Path | Document") -> Document:
+def read_document(path: "str | PathLike[str] | Document") -> Document:
     """Read one YAML file; a document is what was read already. Raises :class:`InputError`."""
     if isinstance(path, Document):
         return path

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.io.input_error import InputError
-from abhv_mc.one_flight.given import Input, Quantity, check_count, make_flight_plan, make_parameters
+from abhv_mc.one_flight.given import Input, Quantity, make_flight_plan, make_parameters
+from abhv_mc.requests import check_count
 from abhv_mc.shipped import DEFAULT_VEHICLE
 
 if TYPE_CHECKING:

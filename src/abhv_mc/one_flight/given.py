@@ -11,7 +11,6 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable, Mapping
-from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -122,19 +121,6 @@ def make_parameters(dispersions: Mapping[str, Quantity] | None) -> "NDArray[np.f
         except Refusal as refusal:
             raise InputError("dispersions", f"{name}: {refusal.found}", refusal.expected) from None
     return row
-
-
-def check_count(value: int, least: int, name: str, most: int | None = None) -> int:
-    """A whole number that is not below ``least`` or above ``most``. Raises InputError, which calls it ``name``."""
-    whole = isinstance(value, Integral) and not isinstance(value, bool)
-    if not whole or value < least or (most is not None and value > most):
-        expected = (
-            f"a whole number, {least} or more"
-            if most is None
-            else f"a whole number from {least} to {most}"
-        )
-        raise InputError(name, describe(value), expected)
-    return int(value)
 
 
 def check_mapping(value: Mapping[str, Any], name: str) -> Mapping[str, Any]:

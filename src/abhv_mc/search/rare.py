@@ -11,11 +11,12 @@ from abhv_mc.flight.metrics import BUILT_IN, Metric
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.plant.parameters import Parameters
+from abhv_mc.requests import RareRequest
 from abhv_mc.search.methods.rare import CONFIDENCE, FEWEST, RareEstimate, choose_chains
 from abhv_mc.search.methods.second_opinion import MOST_LOOKED, MOST_SAMPLED
 from abhv_mc.search.methods.strata import Stratum, Switched, estimate_switched
 from abhv_mc.search.methods.subset import SubsetPlan
-from abhv_mc.search.search_flights import DrawnFlights, SearchRequest, open_search, read_searched
+from abhv_mc.search.search_flights import DrawnFlights, open_search, read_searched
 from abhv_mc.search.severity import FAILS_ABOVE, Severity, ended_early, rank_distinct
 from abhv_mc.search.space import Space, make_space
 from abhv_mc.simulators.engine import Engine, make_engine
@@ -23,19 +24,10 @@ from abhv_mc.statistics.estimates import Criterion
 
 
 @dataclass(frozen=True)
-class RareSettings:
-    """What is estimated, and how well."""
-
-    requirement: str  # the metric of one of the campaign's requirements
-    target_cov: float = 0.2
-    flights: int = 20_000
-
-
-@dataclass(frozen=True)
 class RareFound:
     """An estimate and the flights that it comes from."""
 
-    settings: RareSettings
+    request: RareRequest
     controller: str
     requirement: Requirement
     metric: Metric
@@ -90,7 +82,7 @@ class RareFound:
         refused = found.refusal is not None
         check = found.check
         return {
-            "requirement": self.settings.requirement,
+            "requirement": self.request.requirement,
             **self.requirement.limits.as_entry(),
             "controller": self.controller,
             "probability": None if refused else found.probability,
@@ -125,21 +117,19 @@ class RareFound:
         }
 
 
-def find_rare(
-    request: SearchRequest, settings: RareSettings, engine: Engine | None = None
-) -> RareFound:
+def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
     """Estimate P(failure) of one requirement. Raises InputError for a request that is wrong."""
     campaign, controller = read_searched(request.campaign, request.controller, request.seed)
-    requirement = _find_requirement(campaign, controller, settings.requirement)
+    requirement = _find_requirement(campaign, controller, request.requirement)
     space = make_space(campaign)
-    chains = choose_chains(settings.flights)
+    chains = choose_chains(request.flights)
     least = FEWEST * SubsetPlan(1, 0.0, 0, chains).size
-    if settings.flights < least:
-        raise InputError("--flights", f"{settings.flights}", f"at least {least}")
-    criterion = Criterion(settings.requirement, "high", requirement.limits)
+    if request.flights < least:
+        raise InputError("--flights", f"{request.flights}", f"at least {least}")
+    criterion = Criterion(request.requirement, "high", requirement.limits)
     early = requirement.early_is_failure
     with open_search(
-        request, {"kind": "rare", **vars(settings)}, settings.flights, engine or make_engine()
+        request, {"kind": "rare", **request.settings}, request.flights, engine or make_engine()
     ) as search:
         severity = Severity(criterion, search.duration, early)
 
@@ -151,12 +141,12 @@ def find_rare(
         plan = SubsetPlan(len(space.names), FAILS_ABOVE, search.seed, chains)
         switches = np.array(list(space.probabilities.values()))
         estimate, strata = estimate_switched(
-            evaluate, switches, plan, settings.target_cov, settings.flights
+            evaluate, switches, plan, float(request.target_cov), request.flights
         )
         rows = search.rows()
         severities = severity.ranked(rows)
         found = RareFound(
-            settings,
+            request,
             controller,
             requirement,
             campaign.metrics[requirement.metric],

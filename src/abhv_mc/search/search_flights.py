@@ -49,6 +49,7 @@ from abhv_mc.folder.samples import write_samples
 from abhv_mc.identity import find_commit, find_machine, find_versions
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.io.input_files import reading_once
+from abhv_mc.requests import Paths, SearchRequest
 from abhv_mc.search.severity import not_computed, rank_distinct
 from abhv_mc.search.space import Space, make_space
 from abhv_mc.simulators.campaign_code import check_user_code
@@ -62,22 +63,9 @@ DRAWN_APART = 0.1  # of the range flown, rms over the parameters: so far apart t
 _DRAWN_STEP = 0.1  # s
 
 
-@dataclass(frozen=True)
-class SearchRequest:
-    """What every search is asked for."""
-
-    campaign: Path
-    out: Path
-    controller: str | None = None  # the campaign's first by default
-    seed: int | None = None  # the campaign's by default
-    workers: int | None = None
-    scheduler: str | None = None
-    fresh: bool = False
-
-
-def read_searched(path: Path, controller: str | None, seed: int | None) -> tuple[Experiment, str]:
+def read_searched(path: Paths, controller: str | None, seed: int | None) -> tuple[Experiment, str]:
     """The campaign and the controller that is searched. Raises InputError."""
-    campaign = read_campaign(path, None, seed)
+    campaign = read_campaign(Path(path), None, seed)
     for source in check_user_code(campaign):
         trust(source)  # his own file: he flies it
     controllers = campaign.controllers
@@ -295,7 +283,7 @@ def open_search(
         campaign, name = read_searched(request.campaign, request.controller, request.seed)
         engine = engine_of(campaign, engine)
         make_space(campaign)
-        folder, inputs = CampaignFolder(request.out), collect_inputs(campaign)
+        folder, inputs = CampaignFolder(Path(request.output)), collect_inputs(campaign)
         settings = {**settings, "controller": name}
         flown = open_folder(folder, request.fresh, stack)
         if flown is not None:

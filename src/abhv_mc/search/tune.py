@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -25,6 +25,7 @@ from abhv_mc.folder.layout import write_whole
 from abhv_mc.folder.lock import hold_lock
 from abhv_mc.io.documents import Document, InputError, StrictModel, read_document, validate
 from abhv_mc.io.input_files import reading_once
+from abhv_mc.requests import Paths, TuneRequest
 from abhv_mc.search.methods.tune import Scores, Tuning, tune
 from abhv_mc.search.search_flights import find_metric, read_searched
 from abhv_mc.search.space import make_space
@@ -44,19 +45,6 @@ from abhv_mc.statistics.estimates import Interval
 from abhv_mc.statistics.quantile_pairs import quantile_difference
 
 _KEPT, _PAGE = ".tuning", ".html"  # endings of the folder of candidates and of the page
-
-
-@dataclass(frozen=True)
-class TuneRequest:
-    """What is tuned, and where the result goes."""
-
-    campaign: Path
-    out: Path  # the new controller file
-    controller: str | None = None  # the campaign's first by default
-    block: Path | None = None  # a file that holds the block ``tune``; the campaign's by default
-    seed: int | None = None
-    workers: int | None = None
-    scheduler: str | None = None  # of a Dask cluster
 
 
 @dataclass(frozen=True)
@@ -149,7 +137,7 @@ class _TuneFile(StrictModel):
 
 
 def read_tune_block(
-    campaign: Experiment, path: Path | None
+    campaign: Experiment, path: Paths | None
 ) -> tuple[Tune, Document, tuple[str, ...]]:
     """The block, its document and its place there. Raises InputError."""
     where: tuple[str, ...] = ("tune",)
@@ -191,36 +179,30 @@ def _check_margins(
             raise document.error((*where, "margins_at", i), f"{time:g} s", expected)
 
 
-def tune_controller(
-    request: TuneRequest,
-    engine: Engine | None = None,
-    tell: Callable[[TuneFound], None] | None = None,
-) -> TuneFound:
+def tune_controller(request: TuneRequest, engine: Engine | None = None) -> TuneFound:
     """Search, validate on a fresh seed, and write the new file where the gain is shown.
 
     Every candidate's flights are kept beside the new file until it is written, so that the same command goes on after
-    an interruption; ``tell`` is called with the result just before. Raises InputError for a request that is wrong.
+    an interruption. Raises InputError for a request that is wrong.
     """
     with reading_once():
-        return _tune(request, engine or make_engine(), tell)
+        return _tune(request, engine or make_engine())
 
 
-def _tune(
-    request: TuneRequest, engine: Engine, tell: Callable[[TuneFound], None] | None
-) -> TuneFound:
+def _tune(request: TuneRequest, engine: Engine) -> TuneFound:
     campaign, name = read_searched(request.campaign, request.controller, request.seed)
-    model = campaign.model
+    model, out = campaign.model, Path(request.output)
     if campaign.user_model is not None:
         words = "a user's simulator, which has no controllers to tune"
         raise campaign.document.error(
             (), words, "a campaign of our own: with vehicle, mission and controllers"
         )
     block, document, where = read_tune_block(campaign, request.block)
-    if request.out.suffix in (_KEPT, _PAGE):
-        words = f"the ending '{request.out.suffix}' of what tuning writes beside it"
-        raise InputError(request.out, words, "-o NEW.yaml")
-    if request.out.exists():
-        raise InputError(request.out, "a file that is there already", "a new file (-o NEW.yaml)")
+    if out.suffix in (_KEPT, _PAGE):
+        words = f"the ending '{out.suffix}' of what tuning writes beside it"
+        raise InputError(out, words, "-o NEW.yaml")
+    if out.exists():
+        raise InputError(out, "a file that is there already", "a new file (-o NEW.yaml)")
     numbers = read_controller_numbers(model.controllers[name], block.free, document, where)
     space = make_space(campaign)
     if any(limit.is_margin for limit in block.limits):
@@ -232,7 +214,7 @@ def _tune(
     text = json.dumps(
         [collect_inputs(campaign).identity, name, block.model_dump(), model.seed, engine.source]
     )
-    kept = request.out.with_suffix(_KEPT)
+    kept = out.with_suffix(_KEPT)
     with hold_lock(kept / ".lock"), ExitStack() as stack:
         cluster = (
             stack.enter_context(connect_cluster(request.scheduler, engine))
@@ -261,11 +243,11 @@ def _tune(
 
             found = tune(measure, np.zeros(len(block.free)), block.candidates, model.seed)
         result = _validate(trials, block, found, name, metrics)
-    if tell is not None:
-        tell(result)
+    if request.tell is not None:
+        request.tell(result)
     if result.shown:
         write_whole(
-            request.out,
+            out,
             lambda temporary: numbers.write(
                 temporary, found.place, _comment(result, request, model.seed)
             ),
@@ -327,7 +309,7 @@ def _comment(found: TuneFound, request: TuneRequest, seed: int) -> str:
     """How the file was made, for its head."""
     aim, gain = found.sides[0], found.difference
     percent = f"{100 * found.block.minimise.quantile:g} % quantile of {aim.metric}"
-    command = f"abhv-mc tune {request.campaign} --controller {found.controller} -o {request.out} --seed {seed}"
+    command = f"abhv-mc tune {request.campaign} --controller {found.controller} -o {request.output} --seed {seed}"
     command += f" --tune {request.block}" if request.block else ""
     lines = [
         f"Made by `{command}`:",

@@ -5,7 +5,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -16,10 +16,10 @@ from abhv_mc.flight.metrics import MARGIN_NAMES, Metric
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.io.documents import InputError
 from abhv_mc.plant.parameters import Parameters
+from abhv_mc.requests import WorstRequest
 from abhv_mc.search.methods.worst import WorstCase, least_evaluations, search_worst
 from abhv_mc.search.search_flights import (
     DrawnFlights,
-    SearchRequest,
     find_metric,
     open_search,
     read_searched,
@@ -37,22 +37,10 @@ _MOVED = 1e-6  # half widths of the range
 
 
 @dataclass(frozen=True)
-class WorstSettings:
-    """What is searched."""
-
-    metric: str
-    bad: Literal["high", "low"] | None = (
-        None  # which values are bad; None: those that the campaign takes for bad
-    )
-    flights: int = 2000
-    box: float = 3.0  # sigma of unbounded distributions
-
-
-@dataclass(frozen=True)
 class WorstFound:
     """The worst flight of a search, and what it is to be seen beside."""
 
-    settings: WorstSettings
+    request: WorstRequest
     metric: Metric
     criterion: Criterion
     controller: str
@@ -99,7 +87,7 @@ class WorstFound:
         """The result as JSON holds it, values in SI."""
         samples = self.flights.samples[self.worst].tolist()
         return {
-            "metric": self.settings.metric,
+            "metric": self.request.metric,
             "controller": self.controller,
             "value": self.value(self.worst),
             "outcome": self.flights.outcome[self.worst],
@@ -115,44 +103,42 @@ class WorstFound:
         }
 
 
-def find_worst(
-    request: SearchRequest, settings: WorstSettings, engine: Engine | None = None
-) -> WorstFound:
+def find_worst(request: WorstRequest, engine: Engine | None = None) -> WorstFound:
     """Search, then fly as many random flights in the same box. Raises InputError for a request that is wrong."""
     campaign, controller = read_searched(request.campaign, request.controller, request.seed)
     metric = find_metric(
-        campaign, settings.metric, lambda found, expected: InputError("--metric", found, expected)
+        campaign, request.metric, lambda found, expected: InputError("--metric", found, expected)
     )
     criterion = Criterion(
-        metric.name, settings.bad or metric.bad, None if settings.bad else metric.band
+        metric.name, request.bad or metric.bad, None if request.bad else metric.band
     )
     space = make_space(campaign)
-    bounds = space.bounds(settings.box)
-    least = least_evaluations(len(space.names), settings.flights)
-    if settings.flights < least:
+    bounds = space.bounds(request.box)
+    least = least_evaluations(len(space.names), request.flights)
+    if request.flights < least:
         raise InputError(
             "--flights",
-            f"{settings.flights}",
+            f"{request.flights}",
             f"at least {least} for {len(space.names)} dispersions",
         )
-    random = space.draw_in_box(bounds, campaign.model.seed, settings.flights)
-    held = {"kind": "worst", **vars(settings)}
+    random = space.draw_in_box(bounds, campaign.model.seed, request.flights)
+    held = {"kind": "worst", **request.settings}
     with open_search(
-        request, held, 2 * settings.flights, engine or make_engine(), metric.name in MARGIN_NAMES
+        request, held, 2 * request.flights, engine or make_engine(), metric.name in MARGIN_NAMES
     ) as search:
         severity = Severity(criterion, search.duration)
 
         def evaluate(points: Floats) -> Floats:
             return severity.of(search.fly(space.from_box(points, bounds), common_seed=True))
 
-        case = search_worst(evaluate, len(space.names), settings.flights, search.seed)
+        case = search_worst(evaluate, len(space.names), request.flights, search.seed)
         searched = search.flown
         for start in range(0, searched, _BATCH):
             search.fly(random[start : min(start + _BATCH, searched)], common_seed=True)
         rows = search.rows()
         severities = severity.ranked(rows)
         found = WorstFound(
-            settings,
+            request,
             metric,
             criterion,
             controller,

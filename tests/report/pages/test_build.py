@@ -15,13 +15,13 @@ from typer.testing import CliRunner
 from abhv_mc.cli.app import app
 from abhv_mc.cli.running import finish
 from abhv_mc.execution.runner import RunResult, run_campaign
-from abhv_mc.execution.setup import Request
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import ControllerCount, Manifest
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.pages.build import build_report, hash_pages, is_up_to_date
 from abhv_mc.report.pages.verify import differences, verify_campaign
+from abhv_mc.requests import Request
 from abhv_mc.shipped import shipped_campaigns
 from abhv_mc.topics.envelopes import ENVELOPES
 from abhv_mc.topics.topic import Models

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -89,7 +90,7 @@ def check_derived(
 
 
 def read_campaign(
-    path: str | Path,
+    path: str | PathLike[str],
     runs: int | None = None,
     seed: int | None = None,
     controllers: Sequence[str] | None = None,

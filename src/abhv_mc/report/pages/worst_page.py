@@ -136,5 +136,5 @@ def _range_table(found: WorstFound) -> Table:
             zip(found.names, found.bounds.tolist(), strict=True)
         )
     ]
-    caption = f"Bounded distributions span their range, others {found.settings.box:g} standard deviations either way."
+    caption = f"Bounded distributions span their range, others {found.request.box:g} standard deviations either way."
     return make_table("The box", caption, ("parameter", "low end", "worst", "high end"), rows)

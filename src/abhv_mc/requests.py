@@ -1,0 +1,237 @@
+"""Requests of a run, a search and a tuning, and how a function takes one.
+
+A field is declared once: :func:`takes` makes it an argument in Python, and :mod:`abhv_mc.cli.request_options` an option
+of the command line.
+"""
+
+import functools
+import inspect
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import KW_ONLY, dataclass, fields
+from numbers import Integral
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple, ParamSpec, TypeAlias, TypeVar, get_args
+
+from abhv_mc.campaign import MOST_WORKERS
+from abhv_mc.io.input_error import InputError, Refusal, describe
+from abhv_mc.shipped import find_input
+
+P = ParamSpec("P")
+R = TypeVar("R")
+T = TypeVar("T")
+Paths: TypeAlias = str | os.PathLike[str]
+
+
+class Option(NamedTuple):
+    """Description of a field of a request."""
+
+    help: str
+    kind: str  # of value, which `abhv_mc.cli.request_options` reads; '' of one for Python alone
+    default: str | None = None  # in words, where the field's own says too little
+    low: Any = None  # bounds, of numbers
+    high: Any = None
+
+
+def options_of(request: type) -> dict[str, Option]:
+    """Return the description of each field, by its name."""
+    return {field.name: get_args(field.type)[1] for field in fields(request)}
+
+
+def check_count(value: int, least: int, name: str, most: int | None = None) -> int:
+    """Return a whole number from ``least`` to ``most``. Raise InputError, which calls it ``name``."""
+    whole = isinstance(value, Integral) and not isinstance(value, bool)
+    if not whole or value < least or (most is not None and value > most):
+        expected = (
+            f"a whole number, {least} or more"
+            if most is None
+            else f"a whole number from {least} to {most}"
+        )
+        raise InputError(name, describe(value), expected)
+    return int(value)
+
+
+def _check_number(value: float | str, name: str, option: Option) -> float:
+    number = float(value)
+    if not option.low <= number <= option.high:
+        raise InputError(name, f"{number:g}", f"a number from {option.low:g} to {option.high:g}")
+    return number
+
+
+def _check_share(value: float | str, name: str, option: Option) -> float:
+    from abhv_mc.io.units import FRACTION, parse_quantity
+
+    try:
+        return _check_number(parse_quantity(value, FRACTION), name, option)
+    except Refusal as refusal:
+        raise InputError(name, refusal.found, refusal.expected) from None
+
+
+def _check_side(value: object, name: str, _option: Option) -> object:
+    if value not in ("high", "low"):
+        raise InputError(name, describe(value), "'high', 'low' or None")
+    return value
+
+
+_CHECKS: dict[str, Callable[[Any, str, Option], Any]] = {  # by kind; of values that are not None
+    **dict.fromkeys(
+        ("address", "file", "folder", "new file", "results"), lambda value, *_: Path(value)
+    ),
+    "campaign": lambda value, *_: find_input(os.fspath(value), "campaign"),
+    "controllers": lambda value, *_: tuple(value),
+    "count": lambda value, name, option: check_count(value, option.low, name, option.high),
+    "number": _check_number,
+    "share": _check_share,
+    "side": _check_side,
+}
+
+_Campaign = Annotated[Paths, Option("Campaign file, or the name of a shipped one.", "campaign")]
+_Controller = Annotated[str | None, Option("Controller.", "controller", "the first")]
+_Seed = Annotated[int | None, Option("Seed.", "count", "the campaign's", low=0)]
+_Workers = Annotated[
+    int | None, Option("Flights in parallel.", "count", "cores", low=1, high=MOST_WORKERS)
+]
+_Scheduler = Annotated[str | None, Option("Fly on this Dask cluster.", "scheduler")]
+_Fresh = Annotated[bool, Option("Delete what the folder holds of a campaign first.", "flag")]
+
+
+class _Checked:
+    def __post_init__(self) -> None:
+        """Convert and check each value. Raises InputError, which calls it by its field."""
+        for name, option in options_of(type(self)).items():
+            value, check = getattr(self, name), _CHECKS.get(option.kind)
+            if value is not None and check is not None:
+                object.__setattr__(self, name, check(value, name, option))
+
+
+@dataclass(frozen=True)
+class Request(_Checked):
+    """Request of a run: by the command line, a notebook or merge."""
+
+    campaign: _Campaign
+    output: Annotated[
+        Paths | None,
+        Option("Folder, or an address such as s3://bucket/folder.", "address", "reports/NAME"),
+    ] = None
+    runs: Annotated[
+        int | None, Option("Flights of each controller.", "count", "the campaign's", low=1)
+    ] = None
+    seed: _Seed = None
+    controllers: Annotated[
+        Sequence[str] | None, Option("Only these of its controllers.", "controllers")
+    ] = None
+    workers: _Workers = None
+    fresh: _Fresh = False
+    scheduler: _Scheduler = None
+    shard: Annotated[
+        tuple[int, int] | None, Option("Only part I of N; merge joins them.", "shard")
+    ] = None
+    plans: Annotated[
+        Paths | None, Option("Fly the plans of this campaign's folder.", "results", "new")
+    ] = None
+    trust_code: Annotated[
+        bool, Option("Run Python code of a campaign's folder that you have not flown.", "flag")
+    ] = False
+    check_workers: Annotated[
+        bool, Option("Fly one flight of each worker again here; compare its bits.", "flag")
+    ] = False
+
+
+@dataclass(frozen=True)
+class SearchRequest(_Checked):
+    """Request that every search has in common."""
+
+    campaign: _Campaign
+    output: Annotated[Paths, Option("Folder of the flights and the page.", "folder")]
+    _: KW_ONLY
+    controller: _Controller = None
+    seed: _Seed = None
+    workers: _Workers = None
+    scheduler: _Scheduler = None
+    fresh: _Fresh = False
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What only this search has: its result depends on it."""
+        own = fields(self)[len(fields(SearchRequest)) :]
+        return {field.name: getattr(self, field.name) for field in own}
+
+
+@dataclass(frozen=True)
+class WorstRequest(SearchRequest):
+    """Request of a search for the worst value of a metric."""
+
+    metric: Annotated[str, Option("Metric to search.", "metric")]
+    _: KW_ONLY
+    bad: Annotated[
+        Literal["high", "low"] | None,
+        Option("Large or small values are bad.", "side", "as the campaign has it"),
+    ] = None
+    flights: Annotated[
+        int, Option("Flights of the search; as many random ones follow.", "count", low=1)
+    ] = 2000
+    box: Annotated[
+        float, Option("Box of unbounded distributions, sigma.", "number", low=0.1, high=8.0)
+    ] = 3.0
+
+
+@dataclass(frozen=True)
+class RareRequest(SearchRequest):
+    """Request of an estimate of the probability of a failure."""
+
+    requirement: Annotated[str, Option("Metric of the requirement.", "metric")]
+    _: KW_ONLY
+    target_cov: Annotated[
+        float | str,
+        Option("Coefficient of variation to reach, as 0.2 or 20 %.", "share", low=0.01, high=1.0),
+    ] = 0.2
+    flights: Annotated[int, Option("Flights at most.", "count", low=1)] = 20_000
+
+
+@dataclass(frozen=True)
+class TuneRequest(_Checked):
+    """Request of better numbers for a controller."""
+
+    campaign: _Campaign
+    output: Annotated[Paths, Option("Controller file to write; its page lies beside.", "new file")]
+    _: KW_ONLY
+    controller: _Controller = None
+    block: Annotated[Paths | None, Option("File with the block 'tune'.", "file", "CAMPAIGN")] = None
+    seed: _Seed = None
+    workers: _Workers = None
+    scheduler: _Scheduler = None
+    tell: Annotated[
+        Callable[[Any], None] | None,
+        Option("Function of the result, called just before the controller file is written.", ""),
+    ] = None
+
+
+def takes(request: Callable[P, R], of: str = "") -> Callable[[Callable[[R], T]], Callable[P, T]]:
+    """Make the fields of a request the arguments of a function of it, in its signature and its docstring.
+
+    The field ``of`` is the object whose method the function is.
+    """
+
+    def decorate(function: Callable[[R], T]) -> Callable[P, T]:
+        def call(*arguments: P.args, **options: P.kwargs) -> T:
+            return function(request(*arguments, **options))
+
+        words: Any = functools.update_wrapper(call, function)
+        del words.__wrapped__
+        described: Any = request
+        parameters = [
+            parameter.replace(annotation=get_args(parameter.annotation)[0])
+            for parameter in inspect.signature(request).parameters.values()
+        ]
+        returned = inspect.signature(function).return_annotation
+        words.__signature__ = inspect.Signature(parameters, return_annotation=returned)
+        lines, options = ["Parameters", "----------"], options_of(described)
+        for name in (parameter.name for parameter in parameters if parameter.name != of):
+            default = options[name].default
+            default = f" By default: {default}." if default else ""
+            lines += [name, f"    {options[name].help}{default}"]
+        text, returns, after = inspect.cleandoc(function.__doc__ or "").partition("Returns\n---")
+        words.__doc__ = text + "\n".join(lines) + "\n\n" + returns + after
+        return call
+
+    return decorate
