@@ -6,10 +6,10 @@ Zhu and Shen (2014) print neither their tables nor their S. Searched are vehicle
 paper_vehicle_sides.py) on which Table 1 and the printed LQR weights show what Figures 3 to 11 show
 (paper_vehicle_flights.py). Each seed draws a vehicle and changes it until it does, at a place of its own
 (paper_vehicle_search.py); members are what was found, best first, and apart from each other. The shipped vehicle was
-found by an earlier revision and is taken as it is. For three members each figure in turn is then left out and predicted.
-studies/paper_vehicle.json is written after the searches; stopped at any time, the same command goes on from DIR, which
-is to be emptied when the box or the sides change. Searches are independent: `--seeds` runs some of them in a process of
-their own. Riccati equations of 4 x 4 gain nothing from more threads. `--smoke` simulates one candidate.
+found by an earlier revision and is taken as it is. For three members each figure in turn is then left out and
+predicted. studies/paper_vehicle.json is written after the searches; stopped at any time, the same command goes on from
+DIR, which is to be emptied when the box or the sides change. Searches are independent: `--seeds` runs some of them in
+a process of their own. Riccati equations of 4 x 4 gain nothing from more threads. `--smoke` simulates one candidate.
 """
 
 import argparse

@@ -3,8 +3,8 @@
 Thirty numbers are free and twenty ends are asked for, so few of them are fixed; but searches that ask for nothing more
 end near each other. So each seed is drawn to a place of its own, levels of six traits (`LEVELS`), and away from the
 shipped vehicle, from which it has to differ, by the same Gauss-Newton steps in a trust region (scipy's least_squares)
-that bring its vehicle to the ends and within its sides. A search is a file of what has been flown, and goes on from it: the method asks for the
-same candidates when it is given the same answers.
+that bring its vehicle to the ends and within its sides. A search is a file of what has been flown, and goes on from
+it: the method asks for the same candidates when it is given the same answers.
 """
 
 import json
