@@ -1,10 +1,10 @@
 """One search: from a random vehicle of the box to the nearest one whose flights keep to the paper's axes.
 
 Thirty numbers are free and twenty ends are asked for, so few of them are fixed; but searches that ask for nothing more
-end near each other. So each seed is drawn to a place of its own, levels of six traits (`LEVELS`), and away from earlier
-members, from which it has to differ, by the same Gauss-Newton steps in a trust region (scipy's least_squares) that
-bring its vehicle to the ends. A search is a file of what has been flown, and goes on from it: the method asks for the
-same candidates when it is given the same answers.
+end near each other. So each seed is drawn to a place of its own, levels of six traits (`LEVELS`), and away from the
+shipped vehicle, from which it has to differ, by the same Gauss-Newton steps in a trust region (scipy's least_squares)
+that bring its vehicle to the ends and within its sides. A search is a file of what has been flown, and goes on from
+it: the method asks for the same candidates when it is given the same answers.
 """
 
 import json
@@ -30,21 +30,18 @@ _STAGES = (
     ("soft_l1", 15),
 )  # all ends nearer first; then many in, one or two left out
 _CYCLE = 0.05  # of Candidate.cycle: what counts as settled
-LEVELS = {  # a trait's middle level; the others are STEP times less and more. Moments of roll and yaw go together:
-    # the figures leave their common size free and fix their ratios to 1.5 or so
-    "aileron": 120.0,
-    "rudder": 19.0,
-    "sideslip": 11.5,
-    "elevator": 2.6,
-    "angle_of_attack": 3.6,
-    "rates": 0.5,
+LEVELS = {  # a trait of the place 0; a step up or down is STEP times more or less. Moments of roll and yaw go
+    # together: the figures leave their common size free and fix their ratios to 1.5 or so
+    "aileron": 117.0,
+    "rudder": 19.9,
+    "sideslip": 10.9,
+    "elevator": 2.1,
+    "angle_of_attack": 3.4,
+    "rates": 0.53,
 }
-STEP, _AIM, _APART = 1.7, 1.2, 1.55  # nothing pulls within _AIM of a level, or beyond _APART
-_PITCH = (
-    (-1, -1, 0),
-    (0, 0, -1),
-    (1, 1, 1),
-)  # levels of elevator, angle of attack and rates: differ in all three
+STEP, _AIM, _APART = 1.65, 1.12, 1.55  # nothing pulls within _AIM of a level, or beyond _APART
+_SIZES = (0, 1, -1, 2)  # places of aileron, rudder and sideslip
+_PITCH = (-1, 0, 1)  # of elevator, angle of attack and rates
 _PULL = 0.25
 
 
@@ -63,9 +60,9 @@ class Search:
 
     @property
     def place(self) -> tuple[int, ...]:
-        """The level (-1, 0, 1) of each trait in LEVELS: nine places, any two of them apart in three traits or more."""
-        pitch, size = divmod((self.seed - 1) % 9, 3)
-        return (*(size - 1,) * 3, *_PITCH[pitch])
+        """The level of each trait in LEVELS: twelve places, any two of them apart in three traits."""
+        size, pitch = divmod(self.seed - 1, len(_PITCH))
+        return (*(_SIZES[size],) * 3, *(_PITCH[pitch],) * 3)
 
     def aside(self, traits: tuple[float, ...]) -> Floats:
         """By which factor each trait in LEVELS lies off its level, logarithmic."""
@@ -186,11 +183,15 @@ def run(search: Search, folder: Path, go_on: Callable[[], bool]) -> Outcome:
     return outcome
 
 
+def stored_start(seed: int) -> dict[str, float]:
+    """Return the values that a seed's search begins with, empty where they are drawn."""
+    return dict(json.loads(STARTS.read_text(encoding="utf-8")).get(f"seed-{seed}", {}))
+
+
 def _draw(search: Search, answer: Callable[[dict[str, float]], Floats]) -> dict[str, float]:
     """Return the start of a search: a stored one, or the first vehicle drawn that both laws can control."""
-    stored = json.loads(STARTS.read_text(encoding="utf-8"))
-    if search.name in stored:
-        return dict(stored[search.name])
+    if search.left_out == 0 and (stored := stored_start(search.seed)):
+        return stored
     seed = search.seed
     generator = np.random.default_rng(seed)
     best, least = {}, np.inf
