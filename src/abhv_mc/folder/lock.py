@@ -35,17 +35,19 @@ class _HeldError(Exception):
 
 @contextlib.contextmanager
 def hold_lock(path: Path) -> Iterator[None]:
-    """Hold the lock file ``path`` and create its folder, which is removed again if it stays empty.
+    """Hold the lock file ``path`` and create its folder; both are removed again if nothing else is written there.
 
     Raise InputError, which names the holder, if another process has the lock.
     """
     created = [folder for folder in (path.parent, *path.parent.parents) if not folder.exists()]
+    before = set() if created else _names(path.parent)
     with contextlib.ExitStack() as stack:
         try:
             with explain_os_error(path, writing=True):
                 descriptor, is_locked = _open_locked(path)
                 stack.callback(os.close, descriptor)
-                stack.callback(_remove_empty, path, created)
+                if path.name not in before:
+                    stack.callback(_remove_unused, path, before, created)
                 if not is_locked:
                     lease = _lease_of(path)
                     stack.callback(_drop_lease, lease, _take_lease(lease))
@@ -100,10 +102,16 @@ def _open_locked(path: Path) -> tuple[int, bool]:
         time.sleep(_POLL)
 
 
-def _remove_empty(path: Path, created: list[Path]) -> None:
-    """Delete the lock file, and the folders ``created`` for it, if there is nothing else."""
+def _names(folder: Path) -> set[str]:
     with contextlib.suppress(OSError):
-        if [entry.name for entry in path.parent.iterdir()] == [path.name]:
+        return {entry.name for entry in folder.iterdir()}
+    return set()
+
+
+def _remove_unused(path: Path, before: set[str], created: list[Path]) -> None:
+    """Delete the lock file, and the folders ``created`` for it, if nothing else was written there."""
+    with contextlib.suppress(OSError):
+        if _names(path.parent) == {*before, path.name}:
             path.unlink()
             for folder in created:
                 folder.rmdir()
