@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abhv_mc.array_types import Floats, Numbers
+from abhv_mc.array_types import Numbers
 from abhv_mc.control.design.design_model import make_environment, slope
 from abhv_mc.control.design.lqr_design import Nominal, attitude_slopes
 from abhv_mc.kernel.plant.vehicle import Vehicle
@@ -102,7 +102,7 @@ def _static_margin(vehicle: Vehicle, nominal: Nominal) -> float:
     return -by_moment / by_lift if by_lift else math.nan
 
 
-def _time_to_double(real_parts: Floats) -> float:
+def _time_to_double(real_parts: Numbers) -> float:
     """Return the time (s) in which the fastest growing eigenmotion doubles, else infinity."""
-    growth = float(np.max(real_parts))
+    growth = float(np.max(np.real(real_parts)))
     return math.log(2.0) / growth if growth > 0.0 else math.inf
