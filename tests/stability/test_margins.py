@@ -76,7 +76,8 @@ def test_responses_are_those_of_dense_linear_algebra():
     for w, L in zip(omega, found, strict=True):
         z = np.exp(1j * w * linear.period)
         expected = C @ np.linalg.solve(z * np.eye(len(A)) - A, B)
-        np.testing.assert_allclose(L, expected, rtol=1e-8, atol=1e-9 * np.abs(expected).max())
+        # At 0.01 rad/s the condition number of the matrix is 6e11.
+        np.testing.assert_allclose(L, expected, rtol=1e-8, atol=3e-9 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("controller", ["tlc", "lqr_retuned_ghame_x"])
