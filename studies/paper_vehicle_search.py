@@ -60,9 +60,9 @@ class Search:
 
     @property
     def place(self) -> tuple[int, ...]:
-        """The level of each trait in LEVELS: twelve places, any two of them apart in three traits."""
+        """Return the level of each trait in LEVELS: twelve places, any two apart in three traits."""
         size, pitch = divmod(self.seed - 1, len(_PITCH))
-        return (*(_SIZES[size],) * 3, *(_PITCH[pitch],) * 3)
+        return (*(_SIZES[size % len(_SIZES)],) * 3, *(_PITCH[pitch],) * 3)
 
     def aside(self, traits: tuple[float, ...]) -> Floats:
         """By which factor each trait in LEVELS lies off its level, logarithmic."""

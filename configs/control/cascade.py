@@ -25,7 +25,7 @@ class Settings(NamedTuple):
     path: float = 2.0  # 1/s, flight path angle to angle of attack
     altitude: float = 0.1  # 1/s, altitude to flight path angle
     heading: float = 0.2  # 1/s, heading to bank
-    speed: float = 0.02  # s/m, speed to equivalence ratio
+    speed: float = 0.06  # s/m, speed to equivalence ratio
     bank_limit: float = 1.2  # rad
 
 
