@@ -4,12 +4,12 @@ import copy
 from itertools import islice
 
 import pytest
-from golden import CASES, STORED, find_differences, make_report, read_stored
+from golden import CASES, STORED, compare_report, find_differences
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_every_number_of_a_report_is_the_stored_one(case, tmp_path):
-    differences = list(find_differences(read_stored(case), make_report(case, tmp_path)))
+    differences = compare_report(case, tmp_path)
     assert not differences, "\n".join((f"{len(differences)} in all", *islice(differences, 20)))
 
 
