@@ -27,12 +27,12 @@ SPREADS = {
 def _prepare(controller):
     from abhv_mc.control.controller_file import read_controller
     from abhv_mc.control.mission import read_mission
-    from abhv_mc.shipped import shipped_configs
+    from abhv_mc.shipped import find_input, shipped_configs
     from abhv_mc.stability.steady import make_steady_plan
     from abhv_mc.user_code.vehicle_functions import load_vehicle
 
     configs = shipped_configs()
-    law = read_controller(configs / "control" / f"{controller}.yaml")
+    law = read_controller(find_input(controller, "controller"))
     mission = read_mission(configs / "mission" / "level.yaml")
     return make_steady_plan(
         load_vehicle(configs / "vehicle" / "ghame_x.yaml"), mission, law, controller

@@ -23,7 +23,7 @@ from benchmarks.document import replace_part
 from benchmarks.processes import measure_disk
 from benchmarks.spread import describe_machine, make_note
 
-LAWS = ("tlc", "lqr_retuned")
+LAWS = ("tlc", "lqr")
 FLIGHT = """
 import sys, time
 from pathlib import Path

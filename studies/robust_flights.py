@@ -190,4 +190,7 @@ def order_excess(controller: Controller) -> float:
         (controller.velocity.flight_path_angle, outer.angle_of_attack),
         (controller.velocity.heading, outer.bank),
     )
-    return sum(max(1.02 * max(slow.bandwidths()) / min(fast.bandwidths()) - 1.0, 0.0) for slow, fast in pairs)
+    return sum(
+        max(1.02 * max(slow.bandwidths()) / min(fast.bandwidths()) - 1.0, 0.0)
+        for slow, fast in pairs
+    )

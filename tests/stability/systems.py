@@ -9,7 +9,7 @@ from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.prepare import make_plan, read_law
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc.shipped import shipped_configs
+from abhv_mc.shipped import find_input, shipped_configs
 from abhv_mc.stability.analysis import analyse
 from abhv_mc.stability.linearize import closed_loop, closed_period, linearize
 from abhv_mc.stability.plant_inputs import plant_states
@@ -25,7 +25,7 @@ def read(controller, mission="level", vehicle="ghame_x"):
     return (
         load_vehicle(configs / "vehicle" / f"{vehicle}.yaml"),
         read_mission(configs / "mission" / f"{mission}.yaml"),
-        read_controller(configs / "control" / f"{controller}.yaml"),
+        read_controller(find_input(controller, "controller")),
     )
 
 

@@ -14,6 +14,7 @@ from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.one_flight.given import make_flight_plan
+from abhv_mc.shipped import find_input
 from abhv_mc.stability.analysis import margins_of_flights
 from abhv_mc.stability.steady import make_steady_plan
 from abhv_mc.user_code.vehicle_functions import load_vehicle
@@ -42,10 +43,10 @@ def setup():
 
 
 def _read(name):
-    return read_controller(CONFIGS / "control" / f"{name}.yaml")
+    return read_controller(find_input(name, "controller"))
 
 
-@pytest.mark.parametrize("name", ["tlc_robust", "lqr_robust"])
+@pytest.mark.parametrize("name", ["tlc_robust_ghame_x", "lqr_robust_ghame_x"])
 def test_margins_are_kept_nominally_and_at_the_corners_of_the_papers_box(setup, name):
     plan = make_steady_plan(*setup, _read(name), name)
     least = margins_of_flights(plan, plan, PARAMETERS, ["trim"]).table[:, :3]
@@ -53,7 +54,7 @@ def test_margins_are_kept_nominally_and_at_the_corners_of_the_papers_box(setup, 
     assert (least[1:] >= (4.5, 30.0, 30.0)).all()
 
 
-@pytest.mark.parametrize("name", ["tlc_robust", "lqr_robust"])
+@pytest.mark.parametrize("name", ["tlc_robust_ghame_x", "lqr_robust_ghame_x"])
 def test_wrong_effectiveness_and_delay_are_borne_at_no_more_usage(setup, name):
     """Table 1 cycles where the rudder is 1.2 times as effective; the settled bank error of these stays as it was."""
     factors = {"rudder": (1.2, 0.8), "aileron": (0.8,), "elevator": (0.8,)}
@@ -74,7 +75,7 @@ def test_wrong_effectiveness_and_delay_are_borne_at_no_more_usage(setup, name):
 @pytest.mark.parametrize(
     ("vehicle", "retuned"),
     [
-        ("ghame_x", "lqr_retuned"),
+        ("ghame_x", "lqr_retuned_ghame_x"),
         ("ghame_x_coupled", "lqr_retuned_ghame_x_coupled"),
         ("ghame", "lqr_retuned_ghame"),
     ],
