@@ -32,7 +32,7 @@ def _prepare(controller):
     from abhv_mc.user_code.vehicle_functions import load_vehicle
 
     configs = shipped_configs()
-    law = read_controller(find_input(controller, "controller"))
+    law = read_controller(find_input(controller, "control"))
     mission = read_mission(configs / "mission" / "level.yaml")
     return make_steady_plan(
         load_vehicle(configs / "vehicle" / "ghame_x.yaml"), mission, law, controller

@@ -25,7 +25,7 @@ def read(controller, mission="level", vehicle="ghame_x"):
     return (
         load_vehicle(configs / "vehicle" / f"{vehicle}.yaml"),
         read_mission(configs / "mission" / f"{mission}.yaml"),
-        read_controller(find_input(controller, "controller")),
+        read_controller(find_input(controller, "control")),
     )
 
 

@@ -43,7 +43,7 @@ def setup():
 
 
 def _read(name):
-    return read_controller(find_input(name, "controller"))
+    return read_controller(find_input(name, "control"))
 
 
 @pytest.mark.parametrize("name", ["tlc_robust_ghame_x", "lqr_robust_ghame_x"])
