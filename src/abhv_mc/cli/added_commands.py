@@ -7,12 +7,19 @@ one of its commands is run or listed; one that cannot be imported costs a warnin
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping
 from functools import cached_property
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint, distributions
 from typing import Any
 
 from abhv_mc.cli.printing import announce_warnings
 
 GROUP = "abhv_mc.commands"
+
+
+def _entry_points() -> Iterator[EntryPoint]:
+    """As importlib's ``entry_points``, which parses those of all distributions and takes four times as long."""
+    for distribution in distributions():
+        if GROUP in (distribution.read_text("entry_points.txt") or ""):
+            yield from distribution.entry_points.select(group=GROUP)
 
 
 class Commands(MutableMapping[str, Any]):
@@ -33,7 +40,7 @@ class Commands(MutableMapping[str, Any]):
     def _added(self) -> dict[str, EntryPoint]:
         entries = {
             entry.name.removeprefix(self._family): entry
-            for entry in entry_points(group=GROUP)
+            for entry in _entry_points()
             if entry.name.startswith(self._family)
         }
         return {name: entry for name, entry in entries.items() if "." not in name}
