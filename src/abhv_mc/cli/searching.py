@@ -122,14 +122,15 @@ def tune(
 ) -> None:
     """Tune the free numbers of a controller on common flights, and validate them on fresh ones.
 
-    Writes the new file only where the paired interval shows a gain within all limits; exit code 1 where it does not. A
-    page beside it shows either. Ctrl-C keeps what was flown.
+    The new file is written if the paired interval shows a gain within all limits. If not, the best candidate is kept as
+    NEW.rejected.yaml, and the exit code is 1. A page beside it shows either. Ctrl-C keeps completed flights.
     """
     page = out.with_suffix(".html")
     output_file(page)
     announce_compiling()
     from abhv_mc.api import tune
     from abhv_mc.report.pages.tune_page import make_tune_answer
+    from abhv_mc.search.tune import rejected_file
 
     def tell(found: "TuneFound") -> None:
         answer(found.as_json(), json, lambda: print_section(make_tune_answer(found).section))
@@ -138,6 +139,10 @@ def tune(
     told = beside(json)
     say(f"report    {page}", file=told)
     if not found.shown:
-        say("not shown to be better within the limits: no file is written", file=sys.stderr)
+        rejected = rejected_file(out)
+        kept = f"; the best candidate is kept in {rejected}" if rejected.exists() else ""
+        say(
+            f"not shown to be better within the limits: {out} is not written{kept}", file=sys.stderr
+        )
         raise typer.Exit(ExitCode.FAILED)
     say(f"controller {out}", file=told)

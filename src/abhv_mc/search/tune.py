@@ -43,7 +43,8 @@ from abhv_mc.simulators.engine import Engine, make_engine
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.statistics.quantile_pairs import quantile_difference
 
-_KEPT, _PAGE = ".tuning", ".html"  # endings of the folder of candidates and of the page
+# Endings of the folder of candidates, of the page, and of the file of a rejected candidate.
+_KEPT, _PAGE, _REJECTED = ".tuning", ".html", ".rejected.yaml"
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,9 @@ class TuneFound:
     validation: (
         Interval  # of the aim's quantile on fresh flights, result minus start: below zero is better
     )
-    sides: tuple[Sides, ...]  # the aim first, then the limits, then the usage
+    sides: tuple[
+        Sides, ...
+    ]  # the aim first, then the limits, the usage, and the nominal vehicle's margins
     metrics: Mapping[str, Metric]
 
     @property
@@ -198,8 +201,9 @@ def tune_controller(
 ) -> TuneFound:
     """Search, validate on a fresh seed, and write the new file where the gain is shown.
 
-    Every candidate's flights are kept beside the new file until it is written, so that the same command goes on after
-    an interruption; ``tell`` is called with the result just before. Raises InputError for a request that is wrong.
+    Every candidate's flights are kept beside the new file, so that the same command goes on after an interruption;
+    ``tell`` is called with the result just before the file is written. A candidate that is not shown to be better is
+    written to :func:`rejected_file`. Raises InputError for a request that is wrong.
     """
     with reading_once():
         return _tune(request, engine or make_engine(), tell)
@@ -263,14 +267,16 @@ def _tune(
         result = _validate(trials, block, found, name, metrics)
     if tell is not None:
         tell(result)
-    if result.shown:
-        write_whole(
-            request.out,
-            lambda temporary: numbers.write(
-                temporary, found.place, _comment(result, request, model.seed)
-            ),
-        )
+    file = request.out if result.shown else rejected_file(request.out)
+    if result.shown or found.best != 0:
+        comment = _comment(result, request, model.seed)
+        write_whole(file, lambda temporary: numbers.write(temporary, found.place, comment))
     return result
+
+
+def rejected_file(out: Path) -> Path:
+    """Return where a candidate that is not shown to be better is kept, beside the file that it would have been."""
+    return out.with_suffix(_REJECTED)
 
 
 def _validate(
@@ -309,6 +315,15 @@ def _validate(
         )
 
     limits = tuple(limited(entry) for entry in block.limits)
+    margins = [
+        Sides(metric, None, "nominal", *map(float, sides))
+        for metric, *sides in zip(
+            MARGIN_NAMES,
+            *trials.nominal_margins(np.stack([np.zeros(len(block.free)), found.place])),
+            strict=True,
+        )
+        if (metric, "nominal") not in {(side.metric, side.vehicles) for side in limits}
+    ]
     known = [(aim.metric, aim.quantile), *((entry.metric, entry.quantile) for entry in limits)]
     more = () if (usage.metric, usage.quantile) in known else (side(usage),)
     validation = quantile_difference(of_best, of_start, aim.quantile)
@@ -318,7 +333,7 @@ def _validate(
         trials.candidates.numbers,
         found,
         validation,
-        (side(aim), *limits, *more),
+        (side(aim), *limits, *more, *margins),
         metrics,
     )
 
@@ -329,7 +344,12 @@ def _comment(found: TuneFound, request: TuneRequest, seed: int) -> str:
     percent = f"{100 * found.block.minimise.quantile:g} % quantile of {aim.metric}"
     command = f"abhv-mc tune {request.campaign} --controller {found.controller} -o {request.out} --seed {seed}"
     command += f" --tune {request.block}" if request.block else ""
-    lines = [
+    lines = (
+        []
+        if found.shown
+        else ["REJECTED: not shown to be better than the start within the limits."]
+    )
+    lines += [
         f"Made by `{command}`:",
         f"{len(found.tuning.points)} candidates on {found.block.flights} flights each, the same for all.",
         f"On {found.block.validation} fresh flights the {percent} is {aim.best:.4g} instead of {aim.start:.4g}",

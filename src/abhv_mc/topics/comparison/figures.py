@@ -61,7 +61,7 @@ def draw(_found: Comparison, names: Names) -> Iterator[tuple[FigureText, Figure]
     yield (
         text,
         plot_error_against_usage(
-            usage, trades, "surface usage, rms (deg)", names.controllers, colors
+            usage, trades, "control effort, rms (deg)", names.controllers, colors
         ),
     )
 
