@@ -315,14 +315,14 @@ def _validate(
         )
 
     limits = tuple(limited(entry) for entry in block.limits)
+    points = np.stack([np.zeros(len(block.free)), found.place])
+    of_nominal = [trial.margins[0] for trial in (start, best)] if len(trials.vehicles) else None
+    least = trials.nominal_margins(points) if of_nominal is None else np.stack(of_nominal)
+    limited_margins = {side.metric for side in limits if side.vehicles == "nominal"}
     margins = [
-        Sides(metric, None, "nominal", *map(float, sides))
-        for metric, *sides in zip(
-            MARGIN_NAMES,
-            *trials.nominal_margins(np.stack([np.zeros(len(block.free)), found.place])),
-            strict=True,
-        )
-        if (metric, "nominal") not in {(side.metric, side.vehicles) for side in limits}
+        Sides(metric, None, "nominal", float(least[0, k]), float(least[1, k]))
+        for k, metric in enumerate(MARGIN_NAMES)
+        if metric not in limited_margins
     ]
     known = [(aim.metric, aim.quantile), *((entry.metric, entry.quantile) for entry in limits)]
     more = () if (usage.metric, usage.quantile) in known else (side(usage),)

@@ -80,7 +80,7 @@ class Trials:
     def nominal_margins(self, points: Floats) -> Floats:
         """Return the least margins ``[candidate, margin]`` of the nominal vehicle at the points of the limits."""
         trials = replace(self, vehicles=nominal_parameters())
-        return np.stack([trials._margins(point, trials._make(point))[0] for point in points])
+        return np.stack([trials.margins_of(trials._make(point)())[0] for point in points])
 
     @functools.cached_property
     def columns(self) -> tuple[str, ...]:
@@ -95,13 +95,10 @@ class Trials:
         )
         if not len(self.vehicles):
             return Trial(columns, metrics, np.empty((0, len(MARGIN_NAMES))))
-        return Trial(columns, metrics, self._margins(point, candidate))
-
-    def _margins(self, point: Floats, candidate: Callable[[], Candidate | None]) -> Floats:
-        """Return the least margins ``[vehicle, margin]`` of a candidate."""
-        return self._remember(
+        found = self._remember(
             point, self.vehicles, len(MARGIN_NAMES), lambda: self.margins_of(candidate())
         )
+        return Trial(columns, metrics, found)
 
     def _remember(
         self, point: Floats, parameters: Floats, columns: int, make: Callable[[], Floats]
