@@ -114,7 +114,7 @@ def test_the_answer_names_who_meets_everything_and_who_misses_what(tmp_path):
 def test_the_first_sentence_answers_the_question(tmp_path, asks, begins):
     controllers = ["tlc", "lqr", "lqr_retuned"]
     requirements = [REQUIRED.format(limit=1e-9, probability=0.9)]
-    found, models = judged(tmp_path / "c", requirements, controllers=controllers, asks=asks)
+    found, _ = judged(tmp_path / "c", requirements, controllers=controllers, asks=asks)
     assert found.answer.startswith(begins)
     compares = "compare" in asks
     assert ("LQR retuned misses" in found.answer) == compares and "LQR misses" not in found.answer
