@@ -323,7 +323,7 @@ def _next(models: Models, met: Met) -> Next | None:
     if models.results.manifest.state != "complete":
         return None
     if missing := _missing_runs(models):
-        return Next("resume", f"abhv-mc run DIR/campaign.yaml -o DIR --runs {missing}")
+        return Next("resume the campaign", f"abhv-mc run DIR/campaign.yaml -o DIR --runs {missing}")
     if not models.names.campaign.independent:
         return None
     verdicts, flies = models[VERDICTS], not models.names.campaign.adopted
