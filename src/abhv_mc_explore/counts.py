@@ -192,7 +192,7 @@ def count_flights(table: FlightTable, asked: Asked) -> dict[str, Any]:
         found["strips"][name] = cursor.execute(query, [*given, *values]).fetchall()
     headed = "".join(f", {_finite(name)}" for name in table.view["headed"])
     listed = cursor.execute(
-        f"select controller, flight, outcome{headed} from shown where {where} {_order(asked)} limit {LISTED}",
+        f"select controller, flight, {_ended(table)}{headed} from shown where {where} {_order(asked)} limit {LISTED}",
         values,
     ).fetchall()
     found["rows"] = [[order[name], *rest] for name, *rest in listed]
@@ -218,8 +218,8 @@ def find_nearest(table: FlightTable, asked: Asked, x: float, y: float) -> tuple[
 
 def find_flight(table: FlightTable, controller: str, flight: int) -> dict[str, Any]:
     """Everything that the table says of one flight. Raises InputError where there is none."""
-    cursor = table.cursor().execute("select * from shown where controller::varchar = ? and flight = ?",
-                                    [controller, flight])  # fmt: skip
+    query = f"select * replace ({_ended(table)} as outcome) from shown where controller::varchar = ? and flight = ?"
+    cursor = table.cursor().execute(query, [controller, flight])
     names = [column[0] for column in cursor.description or ()]
     row = cursor.fetchone()
     if row is None:
@@ -247,6 +247,16 @@ def list_flights(table: FlightTable, asked: Asked) -> tuple[list[str], Iterator[
     cursor = table.cursor().execute(query, values)
     heads = ["controller", "flight", "outcome", *(each["head"] for each in columns)]
     return heads, iter(lambda: cursor.fetchmany(_ROWS), [])
+
+
+def _ended(table: FlightTable) -> str:
+    """Return the SQL of how a flight ended, in the words of `abhv_mc.topics.flights.model.ended_words`."""
+    required = len(table.view["requirements"])
+    missed = " + ".join(f'"missed {k}"::integer' for k in range(required)) or "0"
+    return (
+        f"case when outcome <> 'ok' then outcome when {missed} = 0 then 'completed' "
+        f"else 'completed; misses ' || ({missed}) || ' of {required}' end"
+    )
 
 
 def _condition(table: FlightTable, asked: Asked) -> tuple[str, list[Any]]:

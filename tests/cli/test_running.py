@@ -63,7 +63,7 @@ def test_what_the_judgement_says_is_next_can_be_run(abhv_mc, tmp_path, probabili
     assert told.splitlines()[0] in abhv_mc("status", "reports/fake")[1].splitlines()[0]
     code, told, err = abhv_mc(*shlex.split(command))
     if met == "yes":
-        assert code == 0 and told.startswith("Requirements met by"), err
+        assert code == 0 and "meet" in told.partition(".")[0], err
     else:
         assert command == "explain reports/fake --all" and code == 0, err
 

@@ -155,6 +155,7 @@ def write_campaign(
     controllers: Sequence[str] = CONTROLLERS,
     requirements: Sequence[str] = REQUIREMENTS,
     end: float = TICKS * TICK,
+    **entries: str,
 ) -> Path:
     """Fly a campaign; of the controllers but TLC, the `failing` flights with most density are lost, at ``end`` s."""
     path = write_fake(
@@ -169,6 +170,7 @@ def write_campaign(
         " aero.lift: {distribution: uniform, half_width: 10 %}, aero.drag: {distribution: uniform, half_width: 15 %}}",
         requirements=f"[{', '.join(requirements)}]",
         keep="{histories: {flights: worst 20, channels: all, rate: 10 Hz}, envelopes: {rate: 10 Hz}}",
+        **entries,
     )
     densest = np.sort(read_campaign(path).make_samples().draw(0, runs)[:, 0])[::-1]
 

@@ -7,6 +7,7 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 from abhv_mc.folder.flown_campaign import BANDS
+from abhv_mc.report.figures.searches import plot_front
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.topics import registry
 from abhv_mc.topics.envelopes import ENVELOPES
@@ -129,3 +130,12 @@ def test_failed_flights_keep_the_curve_from_100_percent():
     values = np.array([1.0, 2.0, 3.0, np.inf])
     figure = plot_distributions([Spread("x", {"a": values})], {"a": "A"}, {"a": BLUE})
     assert figure.axes[0].lines[0].get_ydata().max() == 0.75
+
+
+def test_the_front_shows_the_result_though_its_error_is_larger_than_the_starts():
+    """A result that keeps a limit which the start breaks lay outside the figure."""
+    usage, error = np.array([1.0, 1.4, 9.0]), np.array([2.0, 7.0, 2.5])
+    points = usage, error, np.array([False, True, False])
+    figure = plot_front(("usage", "error"), points, np.array([1]), 1)
+    axes = figure.axes[0]
+    assert axes.get_ylim()[1] > 7.0 and axes.get_xlim()[1] > 1.4

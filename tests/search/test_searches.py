@@ -89,6 +89,9 @@ def test_worst_finds_the_corner_and_its_folder_reads_like_a_campaigns(tmp_path, 
     assert "aero.lift" in numbers["at_bounds"]
     assert numbers["parameters"]["aero.lift"] == pytest.approx(1.125)
     assert numbers["random_worst"] < numbers["value"]
+    failures = numbers["requirements"][0]["failures"]
+    values = found.flights.column(METRIC)[: found.searched]
+    assert failures == (values >= found.requirements[0].limits.high).sum()
     assert found.severities[found.worst] == found.severities[: found.searched].max()
     reader = SampleReader(tmp_path / "out/samples.parquet")
     assert reader.flights == found.flights.stop

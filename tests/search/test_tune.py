@@ -8,12 +8,14 @@ from search.known_flights import BLOCK, CONTROLLER, TUNED, fly_tuned, prepare_tu
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.control.controller_file import read_controller
+from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.folder.arrays import write_array
 from abhv_mc.io.documents import InputError
 from abhv_mc.requests import TuneRequest
 from abhv_mc.search import tune as module
 from abhv_mc.search.methods.tune import Scores, pareto_front, tune
 from abhv_mc.search.tune import tune_controller
+from abhv_mc.simulators.candidates import check_free_numbers
 from abhv_mc.simulators.engine import Engine
 
 
@@ -105,6 +107,37 @@ def test_what_is_no_better_is_not_written(request_, tmp_path):
     assert not request_.output.exists()
 
 
+def test_a_candidate_that_keeps_no_limit_is_kept_as_rejected_with_its_margins(request_, tmp_path):
+    """Twenty seconds of work left nothing but '-inf .. inf, no file is written'."""
+    text = BLOCK.replace("below_start_times: 1.5", "below: 0.01")
+    request_.block.write_text(text, encoding="utf-8")
+    found = tune_controller(request_, TUNED)
+    assert not found.shown and not request_.output.exists()
+    kept = module.rejected_file(request_.output)
+    assert kept == tmp_path / "new.rejected.yaml"
+    assert kept.read_text(encoding="utf-8").startswith("# REJECTED: ")
+    values = found.numbers.values(found.tuning.place)
+    assert read_controller(kept).altitude.bandwidth == pytest.approx(
+        float(str(values["altitude.bandwidth"]).split()[0])
+    )
+    assert [side.metric for side in found.sides[-4:]] == list(MARGIN_NAMES)
+
+
+def test_validate_checks_the_names_of_free_numbers(tmp_path):
+    """`validate` called a campaign valid whose block `tune` named a number that no controller has."""
+
+    def read(block):
+        lines = "".join(f"  {line}\n" for line in block.splitlines())
+        path = write_campaign(tmp_path, tune=f"\n{lines}")
+        for name in ("one", "two"):
+            (tmp_path / f"{name}.yaml").write_text(CONTROLLER, encoding="utf-8")
+        return read_campaign(path)
+
+    check_free_numbers(read(BLOCK))
+    with pytest.raises(InputError, match=r"campaign.yaml:\d+:\d+.*'altitude.gain'"):
+        check_free_numbers(read(BLOCK.replace("altitude.damping,", "altitude.gain,")))
+
+
 def test_a_stability_margin_is_a_limit_of_the_nominal_vehicle_or_of_all_corners(
     request_, monkeypatch
 ):
@@ -174,6 +207,7 @@ def test_the_block_may_stand_in_the_campaign_or_below_its_key(request_, tmp_path
     [
         ("altitude.damping,", "altitude.gain,", r"block.yaml:1:8.*'altitude.gain'"),
         ("below_start_times: 1.5", "below: 3, above: 2", r"below and above"),
+        ("quantile: 0.9}", "quantile: 0.9973}", r"block.yaml:6:.*validation: 1373 or more"),
         ("elevator_travel_deg, quantile: 0.5", "gain_margin_min_db, quantile: 0.5", r"no quantile"),
         (
             "elevator_travel_deg, quantile: 0.5, below_start_times: 1.5}",

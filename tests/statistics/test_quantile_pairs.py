@@ -5,7 +5,11 @@ import pytest
 from scipy import stats
 
 from abhv_mc.statistics.estimates import quantile, quantiles
-from abhv_mc.statistics.quantile_pairs import quantile_difference, quantile_differences
+from abhv_mc.statistics.quantile_pairs import (
+    flights_to_bound,
+    quantile_difference,
+    quantile_differences,
+)
 
 LEVELS = (0.5, 0.95, 0.9973)
 CAMPAIGNS = 300
@@ -77,3 +81,13 @@ def test_lost_flights_are_the_worst():
     assert np.isnan([high.value, high.low, high.high]).all()
     worse = quantile_difference(values, np.arange(100.0), 0.9)
     assert worse.value == worse.low == worse.high == np.inf
+
+
+@pytest.mark.parametrize("probability", [0.9, 0.95, 0.99, 0.9973])
+def test_the_fewest_flights_that_bound_a_difference(probability):
+    """One flight fewer leaves the upper end open."""
+    flights = flights_to_bound(probability)
+    for count, bounds in ((flights, True), (flights - 1, False)):
+        values = np.random.default_rng(1).standard_normal((2, count))
+        found = quantile_difference(values[0], values[0] + 0.1 * values[1], probability)
+        assert np.isfinite(found.high) == bounds

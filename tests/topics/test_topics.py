@@ -19,15 +19,18 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.report_numbers import report_schema
-from abhv_mc.report.pages.first_screen import chart_rows
+from abhv_mc.report.pages.first_screen import LIMIT_PLACE, chart_rows
 from abhv_mc.report.pages.verify import skipped_topics, verify_campaign
 from abhv_mc.statistics import judge
 from abhv_mc.topics import Topic, register
 from abhv_mc.topics.failure_cases.figures import still_flying
 from abhv_mc.topics.flights import FLIGHTS
-from abhv_mc.topics.flights.model import worst_flights
+from abhv_mc.topics.flights.figures import worst_channels
+from abhv_mc.topics.flights.model import ended_words, worst_flights
 from abhv_mc.topics.metrics import METRICS
+from abhv_mc.topics.missed_requirements import requirement_failures
 from abhv_mc.topics.plain import plain
+from abhv_mc.topics.section import Cell, Table
 from abhv_mc.topics.topic import REGISTERED, Models
 from abhv_mc.topics.verdicts import VERDICTS
 from abhv_mc.topics.verdicts.model import GlanceCell
@@ -170,6 +173,72 @@ def test_a_settled_error_of_a_flight_lost_before_anything_settled_is_none(flown,
     assert found(Outcome.OK) <= {(0, 1.5), (1, 0.0)}
     lost = found(Outcome.BANK_LIMIT)
     assert (0, 1.5) in lost and {number % 2 for number, value in lost if np.isnan(value)} == {1}
+
+
+def test_worst_flights_show_every_required_metric_and_how_many_are_missed(flown):
+    """Four of five required metrics were in the table, and a flight at 250 % of a limit was headed 'ok'."""
+    results = flown(80)
+    models = Models(results)
+    required = results.campaign.requirements
+    for name, worst in models[FLIGHTS].worst.items():
+        flights = results.flights[name]
+        failed = [requirement_failures(flights, item) for item in required]
+        for each in worst:
+            row = np.flatnonzero(flights.flight == each.flight)[0]
+            assert each.missed == sum(mask[row] for mask in failed)
+    tables = [t for t in models.section(FLIGHTS).tables() if t.title.startswith("Worst")]
+    for table in tables:
+        told = (*table.heads, table.caption)
+        assert all(
+            any(results.campaign.metrics[item.metric].label in words for words in told)
+            for item in required
+        )
+        assert "ok" not in [row[1] for row in table.plain_rows()]
+
+
+@pytest.mark.parametrize(
+    ("outcome", "missed", "words"),
+    [
+        ("ok", 2, "completed; misses 2 of 5"),
+        ("ok", 0, "completed"),
+        ("sideslip_limit", 5, "sideslip limit"),
+    ],
+)
+def test_how_a_flight_ended(outcome, missed, words):
+    assert ended_words(outcome, missed, 5) == words
+
+
+def test_columns_of_one_text_move_into_the_caption():
+    rows = tuple((Cell(str(k), head=True), Cell("same"), Cell(f"{k} m")) for k in range(3))
+    table = Table("Flights", ("Flight", "Outcome", "Error"), (rows,)).without_constant()
+    assert table.heads == ("Flight", "Error") and table.plain_rows()[2] == ["2", "2 m"]
+    assert table.caption == "Flights. Of all rows: Outcome: same"
+    alone = Table("Flights", ("Flight", "Outcome", "Error"), (rows[:1],))
+    assert alone.without_constant() == alone
+
+
+def test_the_worst_flights_are_drawn_in_what_they_are_worst_in(flown):
+    """Four channels were fixed, while all listed flights were worst in speed."""
+    results = flown(80)
+    models = Models(results)
+    held = {channel.name for channel in results.campaign.channels}
+    worst = [each.by for own in models[FLIGHTS].worst.values() for each in own]
+    shown = worst_channels(models[FLIGHTS], models.names, held)
+    assert set(shown) == {results.campaign.metrics[metric].of for metric in worst}
+    ((text, figure),) = models.figures(FLIGHTS)
+    assert text.name == "worst_flights"
+    labels = [axes.get_ylabel() for axes in figure.axes if axes.get_ylabel()]
+    assert len(labels) == len(shown[:4])
+
+
+def test_a_chart_without_requirements_has_values_and_a_scale(tmp_path):
+    """It had neither: bars beside the first controller's median, most of them off the chart."""
+    models = Models(read_flown(write_campaign(tmp_path / "c", runs=40, requirements=())))
+    names = models.names.controllers
+    for _, bars in chart_rows(models[VERDICTS].glance, names, names):
+        assert max(bar.high for bar in bars) == pytest.approx(LIMIT_PLACE)
+        assert all(bar.low >= 0.0 and not bar.beyond for bar in bars)
+        assert all(bar.edge.startswith("median ") for bar in bars)
 
 
 EXAMPLE = Path(__file__).parents[2] / "docs/how-to/correlate.py"

@@ -62,14 +62,15 @@ def rare(request: RareRequest, json: Json = None) -> None:
 def tune(request: TuneRequest, json: Json = None) -> None:
     """Tune the free numbers of a controller on common flights, and validate them on fresh ones.
 
-    Writes the new file only where the paired interval shows a gain within all limits; exit code 1 where it does not. A
-    page beside it shows either. Ctrl-C keeps what was flown.
+    The new file is written if the paired interval shows a gain within all limits. If not, the best candidate is kept as
+    NEW.rejected.yaml, and the exit code is 1. A page beside it shows either. Ctrl-C keeps completed flights.
     """
     page = Path(request.output).with_suffix(".html")
     output_file(page)
     announce_compiling()
     from abhv_mc.api import tune
     from abhv_mc.report.pages.tune_page import make_tune_answer
+    from abhv_mc.search.tune import rejected_file
 
     def tell(found: "TuneFound") -> None:
         answer(found.as_json(), json, lambda: print_section(make_tune_answer(found).section))
@@ -78,6 +79,11 @@ def tune(request: TuneRequest, json: Json = None) -> None:
     told = beside(json)
     say(f"report    {page}", file=told)
     if not found.shown:
-        say("not shown to be better within the limits: no file is written", file=sys.stderr)
+        out = Path(request.output)
+        rejected = rejected_file(out)
+        kept = f"; the best candidate is kept in {rejected}" if rejected.exists() else ""
+        say(
+            f"not shown to be better within the limits: {out} is not written{kept}", file=sys.stderr
+        )
         raise typer.Exit(ExitCode.FAILED)
     say(f"controller {request.output}", file=told)

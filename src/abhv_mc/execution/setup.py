@@ -301,6 +301,7 @@ def make_manifest(
     """Of a campaign that is about to fly; ``told``: what its first flights say."""
     from datetime import UTC, datetime
 
+    wanted = campaign.file_runs
     ours = [] if campaign.user_model else plans.values()
     sources = [source for plan in ours for source in (plan.source, plan.channels_source) if source]
     return Manifest(
@@ -320,4 +321,5 @@ def make_manifest(
         inputs=inputs.hashes,
         warnings=(*told, *find_warnings(plans, campaign)),
         repeatable=campaign.repeatability,
+        file_runs=wanted if isinstance(wanted, int) and wanted > campaign.runs_at_point else None,
     )

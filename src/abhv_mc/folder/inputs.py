@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from abhv_mc.campaign.file.check import check_campaign
+from abhv_mc.campaign.file.config import select_asked
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.kinds import find_references
 from abhv_mc.campaign.file.requirements import join_requirements, select_requirements
@@ -171,7 +172,13 @@ def merge_inputs(flown: FolderInputs, asked: FolderInputs, selected: bool = Fals
     controllers = {**first.systems, **then.systems, **asked.systems}
     new, old = (part.data.get("requirements") or [] for part in (asked, flown))
     requirements = join_requirements(new, old, controllers)
-    data = {**asked.data, systems_key(asked.data): controllers, "requirements": requirements}
+    asks = {"asks": flown.data["asks"]} if selected and "asks" in flown.data else {}
+    data = {
+        **asked.data,
+        **asks,
+        systems_key(asked.data): controllers,
+        "requirements": requirements,
+    }
     return FolderInputs(
         replace(flown.document, data=data), asked.copies, flown.hashes | asked.hashes
     )
@@ -183,6 +190,7 @@ def _for_controllers(data: dict[str, Any], names: list[str]) -> dict[str, Any]:
         select_requirements(data.get("requirements") or [], names), (), names
     )
     systems = {SYSTEMS: {name: data[SYSTEMS][name] for name in names}} if is_own(data) else {}
+    data = select_asked(data, names)
     ordered = sorted(selected, key=lambda entry: json.dumps(entry, sort_keys=True))
     return {**data, **systems, "requirements": ordered}
 

@@ -113,6 +113,7 @@ class Manifest:
     shard: tuple[int, int] | None = None  # part i of n
     merged_from: tuple[str, ...] | None = None  # digests
     pooled: tuple[Pooled, ...] | None = None
+    file_runs: int | None = None  # flights at each point that the campaign file asks for, if more
     stopped_at: int | None = None  # flights of a campaign that stops when proven
     search: Mapping[str, Any] | None = None  # what a search was asked for
     result: Mapping[str, Any] | None = None  # and what it found

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.execution.cluster import connect_cluster
 from abhv_mc.execution.executor import Executor, open_executor
 from abhv_mc.execution.first_flights import fly_first
@@ -88,6 +88,17 @@ def find_metric(campaign: Experiment, name: str, place: Callable[[str, str], Inp
     if name not in metrics:
         raise place(f"unknown metric '{name}'", one_of(metrics, name))
     return metrics[name]
+
+
+def binding_requirements(
+    campaign: Experiment, controller: str, metric: str
+) -> tuple[Requirement, ...]:
+    """Return the campaign's requirements on a metric that hold for a searched controller."""
+    return tuple(
+        item
+        for item in campaign.requirements
+        if item.metric == metric and (not item.named or controller in item.controllers)
+    )
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,8 @@ from abhv_mc.simulators.engine import Engine, make_engine
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.statistics.quantile_pairs import quantile_difference
 
-_KEPT, _PAGE = ".tuning", ".html"  # endings of the folder of candidates and of the page
+# Endings of the folder of candidates, of the page, and of the file of a rejected candidate.
+_KEPT, _PAGE, _REJECTED = ".tuning", ".html", ".rejected.yaml"
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,9 @@ class TuneFound:
     validation: (
         Interval  # of the aim's quantile on fresh flights, result minus start: below zero is better
     )
-    sides: tuple[Sides, ...]  # the aim first, then the limits, then the usage
+    sides: tuple[
+        Sides, ...
+    ]  # the aim first, then the limits, the usage, and the nominal vehicle's margins
     metrics: Mapping[str, Metric]
 
     @property
@@ -182,8 +185,9 @@ def _check_margins(
 def tune_controller(request: TuneRequest, engine: Engine | None = None) -> TuneFound:
     """Search, validate on a fresh seed, and write the new file where the gain is shown.
 
-    Every candidate's flights are kept beside the new file until it is written, so that the same command goes on after
-    an interruption. Raises InputError for a request that is wrong.
+    Every candidate's flights are kept beside the new file, so that the same command goes on after an interruption. A
+    candidate that is not shown to be better is written to :func:`rejected_file`. Raises InputError for a request that
+    is wrong.
     """
     with reading_once():
         return _tune(request, engine or make_engine())
@@ -245,14 +249,16 @@ def _tune(request: TuneRequest, engine: Engine) -> TuneFound:
         result = _validate(trials, block, found, name, metrics)
     if request.tell is not None:
         request.tell(result)
-    if result.shown:
-        write_whole(
-            out,
-            lambda temporary: numbers.write(
-                temporary, found.place, _comment(result, request, model.seed)
-            ),
-        )
+    file = out if result.shown else rejected_file(out)
+    if result.shown or found.best != 0:
+        comment = _comment(result, request, model.seed)
+        write_whole(file, lambda temporary: numbers.write(temporary, found.place, comment))
     return result
+
+
+def rejected_file(out: Path) -> Path:
+    """Return where a candidate that is not shown to be better is kept, beside the file that it would have been."""
+    return out.with_suffix(_REJECTED)
 
 
 def _validate(
@@ -291,6 +297,15 @@ def _validate(
         )
 
     limits = tuple(limited(entry) for entry in block.limits)
+    points = np.stack([np.zeros(len(block.free)), found.place])
+    of_nominal = [trial.margins[0] for trial in (start, best)] if len(trials.vehicles) else None
+    least = trials.nominal_margins(points) if of_nominal is None else np.stack(of_nominal)
+    limited_margins = {side.metric for side in limits if side.vehicles == "nominal"}
+    margins = [
+        Sides(metric, None, "nominal", float(least[0, k]), float(least[1, k]))
+        for k, metric in enumerate(MARGIN_NAMES)
+        if metric not in limited_margins
+    ]
     known = [(aim.metric, aim.quantile), *((entry.metric, entry.quantile) for entry in limits)]
     more = () if (usage.metric, usage.quantile) in known else (side(usage),)
     validation = quantile_difference(of_best, of_start, aim.quantile)
@@ -300,7 +315,7 @@ def _validate(
         trials.candidates.numbers,
         found,
         validation,
-        (side(aim), *limits, *more),
+        (side(aim), *limits, *more, *margins),
         metrics,
     )
 
@@ -311,7 +326,12 @@ def _comment(found: TuneFound, request: TuneRequest, seed: int) -> str:
     percent = f"{100 * found.block.minimise.quantile:g} % quantile of {aim.metric}"
     command = f"abhv-mc tune {request.campaign} --controller {found.controller} -o {request.output} --seed {seed}"
     command += f" --tune {request.block}" if request.block else ""
-    lines = [
+    lines = (
+        []
+        if found.shown
+        else ["REJECTED: not shown to be better than the start within the limits."]
+    )
+    lines += [
         f"Made by `{command}`:",
         f"{len(found.tuning.points)} candidates on {found.block.flights} flights each, the same for all.",
         f"On {found.block.validation} fresh flights the {percent} is {aim.best:.4g} instead of {aim.start:.4g}",

@@ -77,6 +77,11 @@ class Trials:
             found = list(threads.map(lambda point: self._one(point, parameters), different))
         return [found[place] for place in places.reshape(-1).tolist()]
 
+    def nominal_margins(self, points: Floats) -> Floats:
+        """Return the least margins ``[candidate, margin]`` of the nominal vehicle at the points of the limits."""
+        trials = replace(self, vehicles=nominal_parameters())
+        return np.stack([trials.margins_of(trials._make(point)())[0] for point in points])
+
     @functools.cached_property
     def columns(self) -> tuple[str, ...]:
         """The metrics of the flights, with their margins where these are asked for."""

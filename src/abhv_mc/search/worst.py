@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.metrics import MARGIN_NAMES, Metric
 from abhv_mc.folder.flights import FlightRows
@@ -20,11 +20,12 @@ from abhv_mc.requests import WorstRequest
 from abhv_mc.search.methods.worst import WorstCase, least_evaluations, search_worst
 from abhv_mc.search.search_flights import (
     DrawnFlights,
+    binding_requirements,
     find_metric,
     open_search,
     read_searched,
 )
-from abhv_mc.search.severity import Severity, ended_early
+from abhv_mc.search.severity import Severity, ended_early, not_computed
 from abhv_mc.search.space import make_space
 from abhv_mc.simulators.engine import Engine, make_engine
 from abhv_mc.simulators.margin_plans import TrimMargins, trim_margins
@@ -59,6 +60,13 @@ class WorstFound:
     failed_to_run: int
     drawn: DrawnFlights | None
     known: Parameters
+    requirements: tuple[Requirement, ...] = ()  # on the metric
+
+    def failures(self, requirement: Requirement) -> int:
+        """Return how many flights of the search break a requirement."""
+        early = ended_early(self.flights) & requirement.early_is_failure
+        failed = requirement.limits.failures(self.flights.column(self.metric.name), early)
+        return int(np.sum((failed & ~not_computed(self.flights))[: self.searched]))
 
     def value(self, flight: int) -> float:
         """The metric of a flight."""
@@ -98,6 +106,10 @@ class WorstFound:
             "random_outcome": self.flights.outcome[self.random_worst],
             "random_flight": self.random_worst,
             "at_bounds": self.at_bounds,
+            "requirements": [
+                {**item.limits.as_entry(), "failures": self.failures(item)}
+                for item in self.requirements
+            ],
             "ended_early": int(ended_early(self.flights)[: self.searched].sum()),
             "failed_to_run": self.failed_to_run,
         }
@@ -155,6 +167,7 @@ def find_worst(request: WorstRequest, engine: Engine | None = None) -> WorstFoun
             search.failed_to_run,
             search.draw(severities[:searched]),
             campaign.parameters,
+            requirements=binding_requirements(campaign, controller, metric.name),
         )
         search.finish(found.numbers())
     return found

@@ -84,6 +84,26 @@ def read_controller_numbers(
     return ControllerNumbers(document, tuple(free))
 
 
+def check_free_numbers(campaign: Experiment) -> None:
+    """Raise InputError if no controller of a campaign has all free numbers of its block ``tune``.
+
+    The error names those of the first controller, which is tuned by default.
+    """
+    block, document = campaign.model.tune, campaign.document
+    if block is None:
+        return
+    first: InputError | None = None
+    for path in campaign.model.controllers.values():
+        try:
+            read_controller_numbers(path, block.free, document, ("tune",))
+        except InputError as error:
+            first = first or error
+        else:
+            return
+    if first is not None:
+        raise first
+
+
 def _numbers(data: Any, prefix: str = "") -> Any:
     """Keys and entries of all numbers above zero."""
     if isinstance(data, dict):

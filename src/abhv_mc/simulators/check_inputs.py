@@ -15,6 +15,7 @@ from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.documents import InputError, InputErrors
 from abhv_mc.shipped import DEFAULT_VEHICLE, shipped_configs
 from abhv_mc.simulators.campaign_code import check_user_code
+from abhv_mc.simulators.candidates import check_free_numbers
 from abhv_mc.simulators.feasibility import find_impossible
 from abhv_mc.simulators.user_simulator.process import LostFlightError, Process
 from abhv_mc.simulators.user_simulator.user_plan import make_user_plans
@@ -108,6 +109,7 @@ def _check(
                     " unless each repeats the text of its request's key 'flight'"
                 )
             return
+        check_free_numbers(checked)
         flown = campaign.vehicle, campaign.mission
         pending += [(campaign.vehicle, "vehicle", None), (campaign.mission, "mission", None)]
         pending += [

@@ -120,6 +120,7 @@ def _add_law(folder: Path, campaign: Path, law: str) -> list[Path]:
     mine = f"  my_law: control/my_law.yaml # your own: control/{files[0].name}\n"
     text = re.sub(r"(?m)^(controllers:.*\n)", rf"\1{mine}", text)
     text = re.sub(r"(?m)^question:.*$", f"question: {_QUESTION}", text)
+    text = re.sub(r"(?m)^asks:.*\n", "", text)  # another controller is the first
     campaign.write_text(text, encoding="utf-8")
     return files
 

@@ -367,6 +367,12 @@ def _sharpen(rule: Rule, failed: NDArray[np.bool_], column: Callable[[int], Floa
     )
 
 
+def rule_mask(rule: Rule, column: Callable[[int], Floats]) -> NDArray[np.bool_]:
+    """Return which flights [flight] lie in the region of a rule; ``column`` gives the values of an input."""
+    masks = [_meets(condition, _values(condition, column)) for condition in rule.conditions]
+    return np.logical_or.reduce(masks) if rule.either else np.logical_and.reduce(masks)
+
+
 def _values(condition: Condition, column: Callable[[int], Floats]) -> Floats:
     if condition.minus is None:
         return column(condition.input)

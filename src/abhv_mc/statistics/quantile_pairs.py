@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import bdtr, bdtrik, ndtri
+from scipy.special import bdtr, bdtrik, ndtr, ndtri
 
 from abhv_mc.array_types import Floats
 from abhv_mc.statistics.estimates import SEED, Interval, sorted_quantile
@@ -57,6 +57,29 @@ def _together(a: Floats, b: Floats, high_a: float, high_b: float, probability: f
     return float(np.clip((both - share**2) / (share * (1.0 - share)), -0.999, 0.999))
 
 
+def flights_to_bound(probability: float, confidence: float = 0.95) -> int:
+    """Return the fewest flights that bound the difference of two `probability` quantiles, if no flight is lost.
+
+    The bound on the worse side is a value of the first controller above its quantile. There is none if all flights lie
+    below the quantile, whose chance has to be within one tail of the confidence as the scores draw it.
+    """
+    tail, draws = _draws(confidence)
+    # The bound is infinite if more than `rank` scores stand for a count of all flights.
+    rank = int(tail * draws)
+    score = float(np.partition(_scores(draws)[0], draws - 1 - rank)[draws - 1 - rank])
+    extreme = max(probability, 1.0 - probability)
+    flights = max(1, int(np.log(1.0 - ndtr(score)) / np.log(extreme)))
+    while _counts(np.array([score]), flights, extreme)[0] >= flights:
+        flights += 1
+    return flights
+
+
+def _draws(confidence: float) -> tuple[float, int]:
+    """Return the chance of one tail, and how many draws resolve it."""
+    tail = (1.0 - confidence) / 2.0
+    return tail, int(np.clip(_PER_TAIL / tail, _FEWEST_DRAWS, _MOST_DRAWS))
+
+
 def quantile_difference(
     a: Floats, b: Floats, probability: float, confidence: float = 0.95
 ) -> Interval:
@@ -80,8 +103,7 @@ def quantile_differences(
     padded_a, padded_b = (
         np.concatenate([[-np.inf], one, [np.inf]]) for one in (sorted_a, sorted_b)
     )
-    tail = (1.0 - confidence) / 2.0
-    draws = int(np.clip(_PER_TAIL / tail, _FEWEST_DRAWS, _MOST_DRAWS))
+    tail, draws = _draws(confidence)
     one, other = _scores(draws)
     intervals = []
     for probability in probabilities:

@@ -1,12 +1,12 @@
 """Why flights fail: the map of failures where it was made, and rules of one dispersed parameter or two."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from abhv_mc.analysis.failure_map import ControllerFailures, Dispersed, read_map
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Mask
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.plant.parameters import Parameters
 from abhv_mc.statistics.failure_rules import (
@@ -16,6 +16,7 @@ from abhv_mc.statistics.failure_rules import (
     Rule,
     bin_inputs,
     find_rules,
+    rule_mask,
 )
 from abhv_mc.topics.missed_requirements import failure_kinds, requirement_words
 from abhv_mc.topics.names import Names
@@ -95,7 +96,10 @@ def _kinds(results: FlownCampaign, controller: str) -> tuple[FailureKind, ...]:
             kind,
             int(failed.size),
             int(failed.sum()),
-            tuple(_rule(rule, names, known) for rule in find_rules(binned, failed, column))
+            tuple(
+                _rule(rule, names, known, failed, column)
+                for rule in find_rules(binned, failed, column)
+            )
             if binned
             else (),
         )
@@ -103,14 +107,21 @@ def _kinds(results: FlownCampaign, controller: str) -> tuple[FailureKind, ...]:
     )
 
 
-def _rule(rule: Rule, names: list[str], known: Parameters) -> FailureRule:
-    words = (" or " if rule.either else " and ").join(
-        _words(each, names, known) for each in rule.conditions
-    )
+def _rule(
+    rule: Rule,
+    names: list[str],
+    known: Parameters,
+    failed: Mask,
+    column: Callable[[int], Floats],
+) -> FailureRule:
     inside, outside = rule.failures_inside / rule.failures, rule.others_inside / rule.others
+    if rule.conditions[0].minus is None:
+        words = _parameter_words(rule, names, known)
+    else:
+        words = _difference_words(rule, names, known, failed, column)
     return FailureRule(
         words,
-        f"{words}: {percent(inside, 2)} of the failures, {percent(outside, 2)} of the rest",
+        f"{percent(inside, 2)} of the failures ({percent(outside, 2)} of the other flights) have {words}",
         tuple(
             FailureCondition(
                 names[c.input], None if c.minus is None else names[c.minus], c.above, c.threshold
@@ -126,13 +137,51 @@ def _rule(rule: Rule, names: list[str], known: Parameters) -> FailureRule:
     )
 
 
-def _words(condition: Condition, names: list[str], known: Parameters) -> str:
-    """'wind north > 25 m/s'; a difference in standard deviations."""
-    name, sign = names[condition.input], ">" if condition.above else "\N{LESS-THAN OR EQUAL TO}"
-    if condition.minus is None:
-        return f"{spoken_name(name)} {sign} {shown_value(name, condition.threshold, known)}"
-    other = spoken_name(names[condition.minus])
-    return f"{spoken_name(name)} minus {other}, each in standard deviations, {sign} {fixed(condition.threshold, 2)}"
+def _parameter_words(rule: Rule, names: list[str], known: Parameters) -> str:
+    """Return 'wind north above 25 m/s and lift at most -5 %'; of both ends 'density at most -7 % or above +7 %'."""
+
+    def side(condition: Condition) -> str:
+        value = shown_value(names[condition.input], condition.threshold, known)
+        return f"{'above' if condition.above else 'at most'} {value}"
+
+    first, *others = rule.conditions
+    words = f"{spoken_name(names[first.input])} {side(first)}"
+    for condition in others:
+        same = f"or {side(condition)}"
+        words += f" {same if rule.either else f'and {spoken_name(names[condition.input])} {side(condition)}'}"
+    return words
+
+
+def _difference_words(
+    rule: Rule,
+    names: list[str],
+    known: Parameters,
+    failed: Mask,
+    column: Callable[[int], Floats],
+) -> str:
+    """Return how two inputs are off in the region of a rule, with the medians of its failures as an example.
+
+    'density and drag off in opposite directions (e.g. density -7 %, drag +9 %)' if this holds for each of its failures,
+    else 'density low for drag'.
+    """
+    condition = rule.conditions[0]
+    inputs = condition.input, condition.minus or 0
+    one, other = (spoken_name(names[i]) for i in inputs)
+    region = failed & rule_mask(rule, column)
+    side = failed & rule_mask(replace(rule, conditions=(condition,)), column)
+    example = ", ".join(
+        f"{spoken_name(names[i])} {shown_value(names[i], float(np.median(column(i)[side])), known)}"
+        for i in inputs
+        if side.any()
+    )
+    off = [(column(i) - np.mean(column(i)))[region] for i in inputs]
+    if np.all(off[0] * off[1] < 0.0):
+        words = f"{one} and {other} off in opposite directions"
+    elif rule.either:
+        words = f"{one} low or high for {other}"
+    else:
+        words = f"{one} {'high' if condition.above else 'low'} for {other}"
+    return f"{words} (e.g. {example})" if example else words
 
 
 TITLE = "Why flights fail"

@@ -23,6 +23,7 @@ BANDS = (
 )
 MEDIANS = ("q50", MOST_MEDIAN)
 REFERENCE = {"color": INK, "linewidth": 0.6, "linestyle": "-"}
+LIMIT = {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 2))}
 _INSET = (0.3, 0.66, 0.69, 0.34)  # of the axes: left, lower edge, width, height
 _SHOWN = 3.0  # s on either side of the largest move
 
@@ -37,6 +38,7 @@ class EnvelopePanel:
     ]  # min, q0.135, q5, q50, q95, q99.865, max -> [time]; with unknowns q50_most
     reference: tuple[Floats, Floats] | None = None
     flights: Sequence[tuple[Floats, Floats]] = ()  # single flights, the worst first
+    levels: Sequence[float] = ()  # limits of requirements
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,8 @@ def _draw(axes: Axes, panel: EnvelopePanel, color: str) -> None:
         axes.plot(x, y, color=color, linewidth=1.5, zorder=4)
     for median in [name for name in MEDIANS if name in panel.bands and not panel.flights]:
         axes.plot(panel.x, panel.bands[median], color=color, linewidth=1.6)
+    for level in panel.levels:
+        axes.axhline(level, **LIMIT)  # type: ignore[arg-type]
     if panel.reference is not None:
         axes.plot(*panel.reference, **REFERENCE)  # type: ignore[arg-type]
 
@@ -109,6 +113,8 @@ def plot_envelopes(
             Line2D([], [], color=INK, linewidth=1.5, label="worst flight"),
             Line2D([], [], color=INK, linewidth=0.35, label="the next worst"),
         ]
+        if any(panel.levels for row in rows for panel in row.panels):
+            lines.append(Line2D([], [], label="limit", **LIMIT))  # type: ignore[arg-type]
     else:
         two = any(MOST_MEDIAN in panel.bands for row in rows for panel in row.panels)
         lines = [
@@ -188,6 +194,7 @@ def _set_y_limits(axes: Axes, row: EnvelopeRow) -> None:
             inside = y[(x >= left) & (x <= right) & np.isfinite(y)]
             if inside.size:
                 low, high = min(low, float(inside.min())), max(high, float(inside.max()))
+        low, high = min([low, *panel.levels]), max([high, *panel.levels])
     if not np.isfinite(high - low):
         return
     margin = 0.06 * (high - low) or max(1e-3 * abs(high), 1e-6)

@@ -70,6 +70,28 @@ class Table:
             rows += lines
         return rows
 
+    def without_constant(self) -> "Table":
+        """Return the table with columns of one text moved into its caption; single rows and heads stay."""
+        (rows,) = self.groups
+        texts = {at: {row[at].text for row in rows} for at in range(len(self.heads))}
+        constant = {
+            at: found.pop()
+            for at, found in texts.items()
+            if len(rows) > 1 and len(found) == 1 and not rows[0][at].head
+        }
+        told = [f"{self.heads[at]}: {text}" for at, text in constant.items() if text not in _IDLE]
+        caption = f"{self.caption or self.title}. Of all rows: {'; '.join(told)}"
+        return replace(
+            self,
+            heads=tuple(head for at, head in enumerate(self.heads) if at not in constant),
+            groups=(
+                tuple(
+                    tuple(cell for at, cell in enumerate(row) if at not in constant) for row in rows
+                ),
+            ),
+            caption=caption if told else self.caption,
+        )
+
     def without_idle(self) -> "Table":
         """Without the columns that are empty or zero throughout."""
         placed = [_places(group) for group in self.groups]

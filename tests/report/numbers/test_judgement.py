@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from fake_flight import write_campaign as write_fake
 from report.synthetic import build_page, write_campaign
@@ -10,6 +11,7 @@ from scipy.stats import binom
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.folder.flown_campaign import read_flown
+from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.judged import read_judgement
 from abhv_mc.report.numbers.judgement import ALONE, NO_DIFFERENCE, flights_jointly, judge_campaign
 from abhv_mc.report.numbers.planned import plan_campaign
@@ -81,6 +83,68 @@ def test_lost_flights_lead_what_is_better(tmp_path):
     assert (
         judged(tmp_path / "lhs", requirements, sampling="lhs", runs=16)[0].better == NO_DIFFERENCE
     )
+
+
+def test_the_answer_names_who_meets_everything_and_who_misses_what(tmp_path):
+    """It said 'Requirements not met by TLC' and did not say that another controller meets them all."""
+    limits = [REQUIRED.format(limit=1e6, probability=0.5)]
+    found, models = judged(tmp_path / "all", limits)
+    assert found.answer.startswith("TLC and LQR meet the requirement.")
+    values = models.results.flights
+    worst = {name: np.sort(each.metrics["speed_error_max_mps"]) for name, each in values.items()}
+    order = sorted(worst, key=lambda name: worst[name][30])
+    limit = float(worst[order[0]][-1] + 1e-6)  # met by one in all flights, and missed by the other
+    if order[0] == "tlc":
+        found, _ = judged(tmp_path / "one", [REQUIRED.format(limit=limit, probability=0.9)])
+        assert found.answer.startswith("TLC meets the requirement.")
+    else:
+        found, _ = judged(tmp_path / "one", [REQUIRED.format(limit=limit, probability=0.9)])
+        assert found.answer.startswith("TLC misses the max speed error requirement (")
+        assert "; LQR meets the requirement." in found.answer
+
+
+@pytest.mark.parametrize(
+    ("asks", "begins"),
+    [
+        ("drivers", "What moves the errors of TLC most: "),
+        ("worst", "The worst flight of TLC, "),
+        ("{compare: [tlc, lqr_retuned]}", "TLC"),
+    ],
+)
+def test_the_first_sentence_answers_the_question(tmp_path, asks, begins):
+    controllers = ["tlc", "lqr", "lqr_retuned"]
+    requirements = [REQUIRED.format(limit=1e-9, probability=0.9)]
+    found, _ = judged(tmp_path / "c", requirements, controllers=controllers, asks=asks)
+    assert found.answer.startswith(begins)
+    compares = "compare" in asks
+    assert ("LQR retuned misses" in found.answer) == compares and "LQR misses" not in found.answer
+
+
+@pytest.mark.parametrize(
+    ("compare", "match"),
+    [("[tlc, lrq]", "'lrq'"), ("[lqr, tlc]", "'tlc', the campaign's first"), ("[tlc]", "asks")],
+)
+def test_a_question_about_other_controllers_is_rejected_with_its_place(tmp_path, compare, match):
+    with pytest.raises(InputError, match=match):
+        read_campaign(
+            write_fake(
+                tmp_path,
+                controllers="{tlc: one.yaml, lqr: two.yaml}",
+                asks=f"{{compare: {compare}}}",
+            )
+        )
+
+
+def test_fewer_flights_than_the_file_asks_for_are_said_first(tmp_path):
+    requirements = [REQUIRED.format(limit=1e6, probability=0.5)]
+    found, models = judged(tmp_path / "c", requirements)
+    manifest = replace(models.results.manifest, file_runs=2100)
+    found = judge_campaign(Models(replace(models.results, manifest=manifest)))
+    assert found.answer.startswith("60 of 2\u202f100 flights run. ")
+    assert found.next.command == "abhv-mc run DIR/campaign.yaml -o DIR --runs 2100"
+    enough = replace(manifest, file_runs=60)
+    found = judge_campaign(Models(replace(models.results, manifest=enough)))
+    assert "flights run" not in found.answer
 
 
 TWO = "[{metric: altitude_error_max_m, below: 50, probability: 0.9973}, \

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.campaign.file.config import Campaign
+from abhv_mc.campaign.file.config import Campaign, Compared, select_asked
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.keep import ALL, BY_REQUIREMENTS
 from abhv_mc.campaign.file.kinds import check_kinds, find_kind
@@ -97,15 +97,14 @@ def read_campaign(
 ) -> Experiment:
     """Read and check a campaign file; the other arguments override its entries. Raises :class:`InputErrors`."""
     document = read_requirements(read_document(path))
+    file_runs = document.data.get("runs") if isinstance(document.data, dict) else None
     given = {key: value for key, value in (("runs", runs), ("seed", seed)) if value is not None}
     if given and isinstance(document.data, dict):
         document = replace(document, data=document.data | given)
     campaign = check_campaign(document)  # what is left out must be right, too
-    return (
-        campaign
-        if controllers is None
-        else check_campaign(_select_controllers(campaign.document, controllers))
-    )
+    if controllers is not None:
+        campaign = check_campaign(_select_controllers(campaign.document, controllers))
+    return replace(campaign, file_runs=file_runs)
 
 
 def check_campaign(document: Document) -> Experiment:
@@ -146,6 +145,7 @@ def _check(document: Document, model: Campaign) -> Experiment:
         metrics = {metric.name: metric for metric in (*METRICS, *declared)}
         measured = metrics | {metric.name: metric for metric in MARGINS}
     requirements = tuple(check_requirements(document, model, measured, errors))
+    _check_asked(document, model, tuple(own.systems if own else model.controllers), errors)
     others = {
         **dict.fromkeys(model.derived, "derived"),
         **dict.fromkeys(model.dispersions, "a dispersion"),
@@ -245,7 +245,26 @@ def _select_controllers(document: Document, controllers: Sequence[str]) -> Docum
             raise document.error((key,), found, one_of(held, name))
     chosen = {name: held[name] for name in held if name in controllers}
     requirements = list(select_requirements(data.get("requirements") or [], controllers))
-    return replace(document, data={**data, key: chosen, "requirements": requirements})
+    selected = {**data, key: chosen, "requirements": requirements}
+    return replace(document, data=select_asked(selected, controllers))
+
+
+def _check_asked(
+    document: Document, model: Campaign, systems: Sequence[str], errors: list[InputError]
+) -> None:
+    """Check that the question compares controllers of the campaign, the first of them with others."""
+    if not isinstance(model.asks, Compared):
+        return
+    for i, name in enumerate(model.asks.compare):
+        where = ("asks", "compare", i)
+        if name not in systems:
+            errors.append(document.error(where, f"'{name}'", one_of(systems, name)))
+        elif name in model.asks.compare[:i]:
+            errors.append(document.error(where, f"'{name}' a second time", "each name once"))
+        elif i == 0 and name != systems[0]:
+            errors.append(
+                document.error(where, f"'{name}'", f"'{systems[0]}', the campaign's first")
+            )
 
 
 def _make_marginals(

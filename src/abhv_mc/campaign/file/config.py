@@ -1,5 +1,6 @@
 """The campaign file as a model: keys, types and what can be checked within one entry."""
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -180,6 +181,27 @@ class Execution(StrictModel):
     )
 
 
+class Compared(StrictModel):
+    """The controllers that the question compares."""
+
+    compare: Annotated[tuple[Name, ...], Field(min_length=2)] = Field(
+        description="controllers that are compared, the campaign's first before the others"
+    )
+
+
+def select_asked(data: dict[str, Any], controllers: Collection[str]) -> dict[str, Any]:
+    """Return a campaign's data whose question compares only these controllers, or none with fewer than two."""
+    asks = data.get("asks")
+    if not isinstance(asks, dict):
+        return data
+    compared = [name for name in asks["compare"] if name in controllers]
+    return {**data, "asks": {"compare": compared} if len(compared) > 1 else None}
+
+
+def _asks_kind(value: Any) -> str:
+    return "answer" if isinstance(value, str) else "controllers"
+
+
 def _metrics_kind(value: Any) -> str:
     return "file" if isinstance(value, str | Path) else "entries"
 
@@ -189,6 +211,18 @@ class Campaign(StrictModel):
 
     name: Name = Field(description="name of the campaign, and of its folder below reports/")
     question: str = Field("", description="what the campaign asks; the headline of its report")
+    asks: (
+        Annotated[
+            Annotated[Literal["drivers", "margins", "worst"], Tag("answer")]
+            | Annotated[Compared, Tag("controllers")],
+            Discriminator(_asks_kind),
+        ]
+        | None
+    ) = Field(
+        None,
+        description="what the first sentence of the report answers: {compare: [controllers]}, drivers, margins or "
+        "worst; left out: whether the requirements are met",
+    )
     vehicle: File = Field(description="vehicle file, relative to this file")
     mission: File = Field(description="mission file, relative to this file")
     controllers: Annotated[dict[Name, File], Field(min_length=1)] = Field(

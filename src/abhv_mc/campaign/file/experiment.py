@@ -9,7 +9,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.bounds import Bounds
-from abhv_mc.campaign.file.config import Campaign
+from abhv_mc.campaign.file.config import Campaign, Compared
 from abhv_mc.campaign.file.keep import ALL, BY_REQUIREMENTS
 from abhv_mc.campaign.file.simulator import SimulatorCampaign
 from abhv_mc.campaign.file.unknowns import Unknowns
@@ -95,6 +95,7 @@ class Experiment:
     unknowns: Unknowns = field(default_factory=Unknowns)
     parameters: Parameters = OURS  # what its flights may be given
     repeatability: Repeatability | None = None  # of a user's simulator, as its folder says
+    file_runs: int | None = None  # of the campaign file, which an option may override
 
     @property
     def name(self) -> str:
@@ -103,6 +104,11 @@ class Experiment:
     @property
     def question(self) -> str:
         return self.model.question
+
+    @property
+    def compared(self) -> tuple[str, ...]:
+        """The controllers that the question compares; none if it asks something else."""
+        return self.model.asks.compare if isinstance(self.model.asks, Compared) else ()
 
     @property
     def controllers(self) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from abhv_mc.flight.metrics import ELEVATOR_TRAVEL, MARGIN_NAMES
 from abhv_mc.io.documents import Refusal, StrictModel
 from abhv_mc.io.units import TIME, Fraction, parse_quantity
+from abhv_mc.statistics.quantile_pairs import flights_to_bound
 
 Quantile = Annotated[Fraction, Field(gt=0.0, lt=1.0)]
 _METRIC = "the metric"
@@ -123,3 +124,14 @@ class Tune(StrictModel):
     validation: Annotated[int, Field(ge=100, le=1_000_000)] = Field(
         1000, description="fresh flights of the result and of the start"
     )
+
+    @model_validator(mode="after")
+    def _bounded(self) -> "Tune":
+        quantile = self.minimise.quantile
+        least = flights_to_bound(quantile)
+        if self.validation < least:
+            found = f"{self.validation} validation flights for the {100.0 * quantile:g} % quantile"
+            key = "validation" if "validation" in self.model_fields_set else "minimise"
+            wish = f"validation: {least} or more, with which its difference has a bound"
+            raise Refusal(found, wish, (key,))
+        return self

@@ -44,9 +44,13 @@ FLIGHT_PANELS = (
 
 @styled
 def plot_convergence(
-    label: str, searched: Floats, random: Floats, stages: Sequence[tuple[int, str]]
+    label: str,
+    searched: Floats,
+    random: Floats,
+    stages: Sequence[tuple[int, str]],
+    limits: Sequence[float] = (),
 ) -> Figure:
-    """What was worst so far over the flights of the search and over random ones; where each stage begins."""
+    """Draw the worst value so far of the search and of random flights, where each stage begins, and the limits."""
     figure = new_figure(2.8)
     axes = figure.subplots()
     axes.plot(
@@ -59,6 +63,8 @@ def plot_convergence(
     axes.plot(
         np.arange(1, searched.size + 1), searched, color=VERMILION, linewidth=1.5, label="search"
     )
+    for limit in limits:
+        axes.axhline(limit, color=INK, linewidth=1.0, linestyle=(0, (1, 1)), label="limit")
     for i, (start, name) in enumerate(stages):
         axes.axvline(start, color=SKY, linewidth=0.6)
         place = start, 1.02 + 0.08 * (i % 2)
@@ -66,7 +72,7 @@ def plot_convergence(
     axes.set_ylabel(f"worst so far:\n{label}")
     pad_if_flat(axes)
     axes.set_xlabel("flights")
-    figure.legend(loc="outside lower center", ncols=2)
+    legend_below(figure, axes)
     return figure
 
 
@@ -184,18 +190,17 @@ def plot_front(
         label="Pareto front",
     )
     axes.plot(usage[0], error[0], "s", color=INK, label="start")
-    axes.plot(usage[best], error[best], "o", color=VERMILION, label="result")
+    axes.plot(usage[best], error[best], "o", color=VERMILION, label="result", zorder=5)
     axes.set_xlabel(labels[0])
     axes.set_ylabel(labels[1])
     if shown.any():  # far candidates would squeeze what matters into a corner
-        for near, values, mark in (
-            (axes.set_xlim, usage, usage[0]),
-            (axes.set_ylim, error, error[0]),
-        ):
+        for near, values in ((axes.set_xlim, usage), (axes.set_ylim, error)):
             low = float(values[shown].min())
+            marks = values[[0, best]]
+            far = float(marks[np.isfinite(marks)].max(initial=low))
             near(
-                low - 0.1 * abs(mark - low),
-                max(low, mark) + 1.5 * max(abs(mark - low), 0.1 * abs(mark)),
+                low - 0.1 * (far - low),
+                far + 1.5 * max(far - low, 0.1 * abs(far)),
             )
     figure.legend(loc="outside right upper")
     return figure
@@ -203,9 +208,16 @@ def plot_front(
 
 @styled
 def plot_flights(
-    times: Floats, panels: Mapping[str, Floats], labels: Sequence[str], title: str = ""
+    times: Floats,
+    panels: Mapping[str, Floats],
+    labels: Sequence[str],
+    title: str = "",
+    levels: Sequence[float] = (),
 ) -> Figure:
-    """Channels ``[flight, time]``, NaN after a flight's end (a cross): the nominal flight first, dashed."""
+    """Channels ``[flight, time]``, NaN after a flight's end (a cross): the nominal flight first, dashed.
+
+    ``levels``: limits, drawn in the first panel.
+    """
     figure, grid = new_panels(
         len(panels),
         2,
@@ -231,6 +243,8 @@ def plot_flights(
                 )
         axes.set_ylabel(label)
         pad_if_flat(axes)
+    for level in levels:
+        grid[0, 0].axhline(level, color=INK, linewidth=1.0, linestyle=(0, (1, 1)), label="limit")
     label_lowest(grid, len(panels), "time (s)")
     legend_below(figure, grid[0, 0])
     return figure

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 
+from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.flight.metrics import GAIN_MARGIN
 from abhv_mc.report.numbers.judged import Judgement, Met, Next
 from abhv_mc.statistics.evidence import flights_to_pass
@@ -11,14 +12,24 @@ from abhv_mc.statistics.winner import RISK as WINNERS_RISK
 from abhv_mc.topics.comparison import COMPARISON
 from abhv_mc.topics.comparison.model import ControllerPair
 from abhv_mc.topics.comparison.sentences import by_strength, closer_in, standing, verdict_of
+from abhv_mc.topics.drivers import DRIVERS
 from abhv_mc.topics.flights import FLIGHTS
+from abhv_mc.topics.flights.model import ended_words
 from abhv_mc.topics.margins import MARGINS
 from abhv_mc.topics.margins.model import least_margins
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
-from abhv_mc.topics.verdicts.model import Verdicts
-from abhv_mc.topics.words import count_of, fixed, joined, percent, significant
+from abhv_mc.topics.verdicts.model import ControllerVerdict, Verdicts
+from abhv_mc.topics.words import (
+    count_of,
+    fixed,
+    joined,
+    percent,
+    shown_value,
+    significant,
+    spoken_name,
+)
 
 MIXED, NO_DIFFERENCE, ALONE = "mixed", "no difference shown", "none to compare"
 _REASONS = 3
@@ -28,47 +39,135 @@ _FAIR = 0.25  # chance of a PASS with which one is
 
 
 def judge_campaign(models: Models) -> Judgement:
-    """The one judgement on a campaign, of the models of its topics."""
-    verdicts, names = models[VERDICTS], models.names
+    """Judge a campaign by the models of its topics."""
+    verdicts = models[VERDICTS]
     bound = _bound(verdicts)
     statuses, better = set().union(*bound.values()), _better(models)
     met: Met = "nothing required"
     if statuses:
         met = "no" if "FAIL" in statuses else "yes" if statuses == {"PASS"} else "not shown"
-    failed = [name for name, found in bound.items() if "FAIL" in found]
-    passed = [name for name, found in bound.items() if found == {"PASS"}]
-    open_ones = [name for name in bound if name not in (*failed, *passed)]
-
-    def who(them: list[str]) -> str:
-        return (
-            joined(list(map(names.label, them)))
-            if len(them) <= 2
-            else f"{len(them)} {names.campaign.kind}s"
-        )
-
-    free = [name for name in names.controllers if name not in bound]
-    others = [name for name in free if set(verdicts.statuses(name)) == {"PASS"}]
-    too = (
-        f"; {joined(list(map(names.label, others)))} meet{'s' * (len(others) == 1)} them, too"
-        if others
-        else ""
-    )
-    also = f"; not shown for {who(open_ones)}" if open_ones else ""
-    told = {
-        "yes": f"Requirements met by {who(passed)}{too}.",
-        "no": f"Requirements not met by {who(failed)}{also}.",
-        "not shown": f"Not shown that {who(open_ones)} meet{'s' * (len(open_ones) == 1)} the requirements.",
-        "nothing required": "Nothing is required.",
-    }
-    winner = {
-        MIXED: " None is better throughout.", NO_DIFFERENCE: f" No {names.campaign.kind} is shown to be better.",
-        ALONE: "",
-    }  # fmt: skip
-    answer = told[met] + (
-        winner[better] if better in winner else f" {names.label(better)} is better."
-    )
+    sentences = [_runs_words(models), _asked_words(models), _met_words(models)]
+    answer = " ".join(filter(None, (*sentences, _better_words(models, better))))
     because = tuple(_reasons(models))[:_REASONS]
     return Judgement(met, better, because, _sure(models), _next(models, met), answer)
+
+
+def _runs_words(models: Models) -> str:
+    """Return '64 of 2100 flights run.' of a run of fewer flights than its campaign file asks for."""
+    missing = _missing_runs(models)
+    runs = models.results.campaign.runs_at_point
+    return f"{count_of(runs, missing, 'flights')} run." if missing else ""
+
+
+def _missing_runs(models: Models) -> int:
+    """Return the flights that the campaign file asks for, if they are more than those of the folder; 0 if not."""
+    wanted = models.results.manifest.file_runs or 0
+    return wanted if wanted > models.results.campaign.runs_at_point else 0
+
+
+def _asked_words(models: Models) -> str:
+    """Return the answer to a question about drivers, margins or the worst flight; '' of any other question."""
+    asks = models.results.campaign.model.asks
+    if asks == "drivers":
+        return next(iter(models.sentences(DRIVERS)), "")
+    if asks == "margins":
+        return " ".join(models.sentences(MARGINS))
+    return _worst_words(models) if asks == "worst" else ""
+
+
+def _worst_words(models: Models) -> str:
+    """Return what the worst flight of the campaign's first controller is, and what it drew."""
+    names = models.names
+    name = next(iter(names.controllers))
+    worst = models[FLIGHTS].worst[name][0]
+    if worst.by is None:
+        what = f"ended early ({ended_words(worst.outcome, worst.missed, len(names.requirements))})"
+    else:
+        record = names.metrics[worst.by]
+        value = record.with_unit(significant(worst.metrics[worst.by]))
+        what = f"has {record.phrase} {value}"
+        if names.requirements:
+            side = "beyond" if worst.beyond >= 0.0 else "inside"
+            what += f", {percent(abs(worst.beyond), 2)} {side} the limit"
+    drawn = ", ".join(
+        f"{spoken_name(each.parameter)} {shown_value(each.parameter, each.value, names.campaign.parameters)}"
+        for each in worst.largest
+    )
+    return f"The worst flight of {names.label(name)}, {worst.flight}, {what} ({drawn})."
+
+
+def _met_words(models: Models) -> str:
+    """Return who meets all requirements, and who of those asked about does not, in what."""
+    verdicts, names = models[VERDICTS], models.names
+    number = len(verdicts.requirements)
+    if not number:
+        return "Nothing is required."
+    bound = _bound(verdicts)
+    own = {name: _own(verdicts, name) for name in (*bound, *names.controllers)}
+    meeting = [
+        name
+        for name, found in own.items()
+        if all(verdict and verdict.status == "PASS" for _, verdict in found)
+    ]
+    asked = dict.fromkeys((*bound, *names.campaign.compared))
+    falling = [name for name in asked if name not in meeting]
+    what = f"all {number} requirements" if number > 1 else "the requirement"
+    if any(len(own[name]) < number for name in meeting):
+        what = "all of their requirements" if len(meeting) > 1 else "all of its requirements"
+    meet = f"{_who(meeting, names)} meet{'s' * (len(meeting) == 1)} {what}" if meeting else ""
+    short = [f"{names.label(name)} {_short_words(own[name], names)}" for name in falling]
+    if len(short) > _REASONS:
+        short = [f"{_who(falling, names)} miss requirements or are not shown to meet them"]
+    parts = [*short, meet] if bound.keys() & falling else [meet, *short]
+    return f"{'; '.join(filter(None, parts))}."
+
+
+def _who(controllers: list[str], names: Names) -> str:
+    if len(controllers) > _REASONS:
+        return f"{len(controllers)} {names.campaign.kind}s"
+    return joined(list(map(names.label, controllers)))
+
+
+def _own(verdicts: Verdicts, name: str) -> list[tuple[Requirement, ControllerVerdict | None]]:
+    """Return the requirements that bind a controller, or all if none does, with its verdicts.
+
+    A controller of which no flight could be computed has none.
+    """
+    binding = [item for item in verdicts.requirements if name in item.asked.controllers]
+    return [(item.asked, item.controllers.get(name)) for item in binding or verdicts.requirements]
+
+
+def _short_words(own: list[tuple[Requirement, ControllerVerdict | None]], names: Names) -> str:
+    """Return 'misses the speed error requirement (101 of 1000 flights)', 'misses 2 of 5 requirements'."""
+    missed = [each for each in own if each[1] and each[1].status == "FAIL"]
+    unshown = [each for each in own if not each[1] or each[1].status not in ("PASS", "FAIL")]
+    verb, listed = ("misses", missed) if missed else ("is not shown to meet", unshown)
+    if len(listed) > 1:
+        all_of_them = "all" if missed else "any of"
+        number = f"{len(listed)} of" if len(listed) < len(own) else all_of_them
+        return f"{verb} {number} {len(own)} requirements"
+    ((item, verdict),) = listed
+    counts = f" ({count_of(verdict.failures, verdict.flights, 'flights')})" if verdict else ""
+    return f"{verb} the {names.metrics[item.metric].phrase} requirement{counts if missed else ''}"
+
+
+def _better_words(models: Models, better: str) -> str:
+    """Return who is better, if the statistics name a winner."""
+    names = models.names
+    if better == ALONE:
+        return ""
+    if better == NO_DIFFERENCE:
+        return f"No {names.campaign.kind} is shown to be better."
+    if better == MIXED:
+        two = len(_pairs(models)) == 1
+        return f"{'Neither' if two else 'None'} is better on every metric."
+    return f"{names.label(better)} is better."
+
+
+def _pairs(models: Models) -> list[ControllerPair]:
+    """Return the pairs of controllers that the question compares: by default all with the first."""
+    pairs, compared = models[COMPARISON].pairs.values(), models.results.campaign.compared
+    return [pair for pair in pairs if not compared or {pair.a, pair.b} <= set(compared)]
 
 
 def _bound(verdicts: Verdicts) -> dict[str, set[str]]:
@@ -82,7 +181,7 @@ def _bound(verdicts: Verdicts) -> dict[str, set[str]]:
 
 
 def _better(models: Models) -> str:
-    pairs, names = list(models[COMPARISON].pairs.values()), models.names
+    pairs, names = _pairs(models), models.names
     if not pairs:
         return ALONE
     if not names.campaign.judged:
@@ -119,10 +218,11 @@ def _reasons(models: Models) -> Iterator[str]:
                 missed.setdefault(names.label(name), []).append(
                     names.metrics[item.asked.metric].phrase
                 )
-    if missed:
-        yield f"Missed: {'; '.join(f'{who} in {few(what)}' for who, what in missed.items())}."
+    several = [f"{who} in {few(what)}" for who, what in missed.items() if len(what) > 1]
+    if several:  # a single one is named in the answer
+        yield f"Missed: {'; '.join(several)}."
     if names.campaign.judged:
-        pairs = by_strength(models[COMPARISON], names)
+        pairs = [pair for pair in by_strength(models[COMPARISON], names) if pair in _pairs(models)]
         angles = [*filter(None, (_angles(pair, names) for pair in pairs))]
         yield from angles or filter(None, (_closer(pair, names) for pair in pairs[:1]))
 
@@ -137,32 +237,33 @@ def few(words: list[str]) -> str:
 
 
 def _closer(pair: ControllerPair, names: Names) -> str:
-    """'TLC is closer in sideslip, LQR robust in altitude at 0.34 times the surface usage.'; '' where nothing tells."""
+    """'TLC has the smaller sideslip, LQR robust the smaller altitude error, at 0.34 times the control effort.'; '' if
+    nothing tells."""
     held = {
         side: joined(metrics) if len(metrics) <= _REASONS else f"{len(metrics)} metrics"
         for side, metrics in standing(pair, names).items()
     }
-    parts = [f"{names.label(pair.a)} is closer in {held['better']}"] if held["better"] else []
+    parts = [f"{names.label(pair.a)} has the smaller {held['better']}"] if held["better"] else []
     if held["worse"]:
         parts.append(
-            f"{names.label(pair.b)} {'' if parts else 'is closer '}in {held['worse']}{_usage(pair)}"
+            f"{names.label(pair.b)} {'' if parts else 'has '}the smaller {held['worse']}{_usage(pair)}"
         )
     return f"{', '.join(parts)}." if parts else ""
 
 
 def _angles(pair: ControllerPair, names: Names) -> str:
-    """'By rms TLC is closer than LQR in sideslip, in bank only when settled.': which has the smaller rms error on more
-    flights; '' where the campaign counts no rms error of settled stretches."""
+    """'TLC has the smaller rms error than LQR in sideslip, in bank only outside the transients.'; '' if the campaign
+    counts no rms error outside the transients."""
     found = closer_in(pair, names)
     sides = {
         (True, True): "",
-        (False, True): " only when settled",
-        (True, False): " but not when settled",
+        (False, True): " only outside the transients",
+        (True, False): " but not outside the transients",
     }
     parts = [f"in {joined(found[side])}{words}" for side, words in sides.items() if side in found]
     words = ", ".join(parts) if parts else "in no angle"
     return (
-        f"By rms {names.label(pair.a)} is closer than {names.label(pair.b)} {words}."
+        f"{names.label(pair.a)} has a smaller rms error than {names.label(pair.b)} {words}."
         if found
         else ""
     )
@@ -177,7 +278,7 @@ def _usage(pair: ControllerPair) -> str:
         or abs(ratios[0] - 1.0) < _SAME_USAGE
     ):
         return ""
-    return f" at {significant(1.0 / ratios[0], 2)} times the surface usage"
+    return f" at {significant(1.0 / ratios[0], 2)} times the control effort"
 
 
 def _sure(models: Models) -> str:
@@ -192,12 +293,13 @@ def _sure(models: Models) -> str:
         return "Exact for independent flights only: no verdicts for this design."
     risk = max(entry.asked.consumer_risk for entry in verdicts.requirements)
     passed = held.stand + len(held.dropped)
-    text = f"Verdicts at {percent(risk, 2)} risk."
-    if models.names.campaign.judged and models[COMPARISON].pairs:
-        text = f"Verdicts at {percent(risk, 2)} risk, winners at {percent(WINNERS_RISK, 2)}."
+    text = f"{'Each' if passed else 'A'} PASS has at most {percent(risk, 2)} consumer's risk"
     if passed > 1:
-        text += f" Jointly {held.stand or 'none'} of {passed} PASS stand{'s' if held.stand == 1 else ''}."
-    return text
+        jointly = f"all {passed}" if held.stand == passed else f"{held.stand or 'none'} of {passed}"
+        text += f"; {jointly} also hold{'s' * (held.stand == 1)} jointly"
+    if models.names.campaign.judged and _pairs(models):
+        text += f". Naming any winner by chance has at most {percent(WINNERS_RISK, 2)} risk"
+    return f"{text}."
 
 
 def flights_jointly(verdicts: Verdicts) -> int | None:
@@ -218,7 +320,11 @@ def flights_jointly(verdicts: Verdicts) -> int | None:
 
 def _next(models: Models, met: Met) -> Next | None:
     """What helps: why flights fail; more flights, where they promise a PASS; what is missing for all jointly."""
-    if models.results.manifest.state != "complete" or not models.names.campaign.independent:
+    if models.results.manifest.state != "complete":
+        return None
+    if missing := _missing_runs(models):
+        return Next("resume the campaign", f"abhv-mc run DIR/campaign.yaml -o DIR --runs {missing}")
+    if not models.names.campaign.independent:
         return None
     verdicts, flies = models[VERDICTS], not models.names.campaign.adopted
     why_failed = Next("why flights fail", "abhv-mc explain DIR --all")
@@ -247,7 +353,7 @@ def _next(models: Models, met: Met) -> Next | None:
     jointly = flights_jointly(verdicts)
     if jointly:
         return _more(jointly, f"all stand with {fixed(jointly, 0)} flights if no more fail", flies)
-    return Next("nothing more needs to fly") if met == "yes" else None
+    return Next("no further flights are needed") if met == "yes" else None
 
 
 def _more(flights: int, why: str, flies: bool) -> Next:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from abhv_mc.flight.metrics import SURFACE_USAGE
 from abhv_mc.report.numbers.compare import Baseline
@@ -58,6 +58,7 @@ def chart_rows(
     entries: Sequence[GlanceRow], labels: Mapping[str, str], colors: Mapping[str, str]
 ) -> list[tuple[GlanceRow, list[Bar]]]:
     """The rows of the chart, those nearest to their limit first where there are more than eight."""
+    entries = [entry if _statuses(entry) else _on_scale(entry) for entry in entries]
     if len(entries) > _ROWS:
         entries = sorted(entries, key=lambda entry: -_nearest(entry))[:_ROWS]
     marks = {name: mark_of(k) for k, name in enumerate(labels)}
@@ -88,6 +89,26 @@ def _bar(entry: GlanceRow, cell: GlanceCell, label: str, color: str, mark: str) 
     )  # fmt: skip
 
 
+def _statuses(entry: GlanceRow) -> set[str]:
+    """Return the verdicts of a row; none without a requirement."""
+    return {cell.status for cell in entry.cells.values()} - {""}
+
+
+def _on_scale(entry: GlanceRow) -> GlanceRow:
+    """Return a row without a requirement on a scale of its values: the best, or zero, left; the worst at the limit's
+    place."""
+    sign = 1.0 if entry.below else -1.0
+    ends = [sign * end for cell in entry.cells.values() for end in (cell.low, cell.high)]
+    ends = [end for end in ends if math.isfinite(end)]
+    if not ends:
+        return entry
+    best, worst = min(ends), max(ends)
+    best = 0.0 if 0.0 <= best <= worst / 2.0 else best
+    left, right = (significant(sign * end) for end in (best, worst))
+    text = f"{left} to {right} {entry.unit.removeprefix('-')}".strip()
+    return replace(entry, limit=sign * worst, size=worst - best or abs(worst) or 1.0, text=text)
+
+
 def _nearest(entry: GlanceRow) -> float:
     """How near the worst controller comes to the limit; infinite where something is lost."""
     places = [place(cell.high if entry.below else cell.low, entry) for cell in entry.cells.values()]
@@ -95,12 +116,15 @@ def _nearest(entry: GlanceRow) -> float:
 
 
 def _edge(entry: GlanceRow, cell: GlanceCell) -> str:
-    """'1.57 deg, 124 % over', of the tolerance limit in units of the limit; '' without one."""
+    """Return '1.57 deg, 124 % over' of the tolerance limit in units of the limit, '' without one; without a
+    requirement 'median 0.98 deg'."""
+    unit = entry.unit.removesuffix(" outside the limits").removeprefix("-")
+    if not cell.status and cell.tolerance is None:
+        return f"median {significant(cell.median, 3)} {unit}".strip()
     if cell.tolerance is None or not math.isfinite(cell.tolerance):
         return ""
     over = (cell.tolerance - entry.limit) / entry.size * (1.0 if entry.below else -1.0)
     share = percent(abs(over), 2) if abs(over) < 10.0 else f"{fixed(abs(over), 0)} times"
-    unit = entry.unit.removesuffix(" outside the limits").removeprefix("-")
     value = f"{significant(cell.tolerance, 3)} {unit}".strip()
     return f"{value}, {share} {'over' if over > 0.0 else 'to spare'}"
 

@@ -9,14 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_histories
-from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.plant.parameters import Parameters
 from abhv_mc.report.pages.interactive import channel_curves, describe_channel
-from abhv_mc.topics.flights.model import listed_worst, moments_of
+from abhv_mc.topics.flights.model import channel_of, limit_sides, listed_worst, moments_of
 from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
 from abhv_mc.topics.words import axis_unit, fixed, is_factor, shown_value, spoken_name
 
@@ -26,7 +24,7 @@ CELLS = (120, 80)  # of many flights, across and up
 BARS = 60  # of a strip
 _HISTORY_RATE = 5.0  # Hz
 _STRIPS = 24  # dispersions drawn
-_HEADED = 4  # metrics in the table
+_HEADED = 4  # metrics in the table of a campaign without requirements
 _FAR = 3.0  # spans of the flights; a limit further away than that is not drawn
 SCRIPTS = (
     "flight_axes.js",
@@ -69,7 +67,7 @@ def describe_flights(
         results.campaign.metrics,
         results.campaign.requirements,
     )
-    headed = (results.asked or results.metrics)[:_HEADED]
+    headed = (results.asked if required else results.asked[:_HEADED]) or results.metrics[:_HEADED]
     moments = moments_of(results)
     known = results.campaign.parameters
     dispersions = [
@@ -141,24 +139,10 @@ def _head(name: str, unit: str) -> str:
 
 def _criterion(record: Metric, channels: Collection[str]) -> dict[str, Any]:
     """A metric that ranks flights: the channel that shows it (counted of, or alike by name), and its limits' sides."""
-    stems = {
-        name: (name.rpartition("_")[0] if name in CHANNEL_INDEX else name) for name in channels
-    }
-    begun = [
-        name for word in (record.of, record.name) for name in stems if word.startswith(stems[name])
-    ]
-    sides = {
-        Statistic.MAX_ABS: (-1.0, 1.0),
-        Statistic.MAX: (1.0,),
-        Statistic.MIN: (1.0,),
-        Statistic.FINAL: (1.0,),
-    }
     return {
         "metric": record.name,
-        "channel": record.of
-        if record.of in stems
-        else max(begun, key=lambda name: len(stems[name]), default=None),
-        "sides": sides.get(record.statistic, ()) if record.of in stems else (),
+        "channel": channel_of(record, channels),
+        "sides": limit_sides(record, channels),
         "settled": record.settled,
         "from": record.start,
         "to": record.end if np.isfinite(record.end) else None,

@@ -7,7 +7,7 @@ import numpy as np
 
 from abhv_mc.report.figures.searches import plot_failures, plot_levels, plot_mixing
 from abhv_mc.report.pages.page import Answer, make_table
-from abhv_mc.report.pages.searched_flights import drawn_figures, flights_table
+from abhv_mc.report.pages.searched_flights import drawn_figures, flights_table, limit_sentence
 from abhv_mc.search.methods.second_opinion import MOST_LOOKED
 from abhv_mc.search.methods.subset import ACCEPTANCE
 from abhv_mc.search.rare import RareFound
@@ -49,7 +49,7 @@ def _draw(found: RareFound) -> Iterator[Drawn]:
             FigureText("failures", "Where failures live", caption),
             plot_failures(found.space.names, failures),
         )
-    yield from drawn_figures(found.drawn)
+    yield from drawn_figures(found.drawn, found.metric, (found.requirement,))
 
 
 def _answers(found: RareFound, asked: str) -> tuple[Lead, Bullets]:
@@ -66,6 +66,9 @@ def _answers(found: RareFound, asked: str) -> tuple[Lead, Bullets]:
         ]
     else:
         answers = [f"There is no trustworthy estimate: {estimate.refusal}."]
+    worst = float(found.flights.column(found.metric.name)[int(np.argmax(found.severities))])
+    flights = found.flights.stop
+    answers.append(limit_sentence(found.requirement, found.metric, worst, found.failures, flights))
     answers.append(f"Second opinion: {found.second_opinion}.")
     looked = estimate.check is not None and len(found.space.names) <= MOST_LOOKED
     more = " Failures apart from where flights grow worse were searched for in random directions; some may stay unseen."

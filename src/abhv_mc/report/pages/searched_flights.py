@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.channels import CHANNEL_INDEX
+from abhv_mc.campaign.file.experiment import Requirement
+from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.plant.parameters import Parameters
@@ -15,30 +16,65 @@ from abhv_mc.report.figures.searches import FLIGHT_PANELS, plot_flights
 from abhv_mc.report.pages.page import make_table
 from abhv_mc.search.search_flights import DRAWN_APART, DrawnFlights
 from abhv_mc.search.severity import rank_distinct
+from abhv_mc.topics.flights.model import channel_of, limit_sides
+from abhv_mc.topics.missed_requirements import limit_words
 from abhv_mc.topics.section import FigureText, Fold
 from abhv_mc.topics.topic import Drawn
-from abhv_mc.topics.words import shown_value
+from abhv_mc.topics.words import count_of, percent, shown_value
 
 _LISTED = 10
+_PANELS = 6
 _ELSEWHERE = (
     f"The worst flight, and the worst of those that lie elsewhere: at least {100 * DRAWN_APART:g} % of the range flown "
     "(rms over the parameters) from every worse one"
 )
 
 
-def drawn_figures(drawn: DrawnFlights | None) -> Iterator[Drawn]:
-    """The drawn flights beside the nominal one; nothing without histories."""
+def drawn_figures(
+    drawn: DrawnFlights | None, metric: Metric, requirements: Sequence[Requirement]
+) -> Iterator[Drawn]:
+    """Draw flights beside the nominal one, the channel of the searched metric first; nothing without histories."""
     if drawn is None:
         return
+    channel = channel_of(metric, CHANNEL_INDEX)
+    own = [(name, label, scale) for name, label, scale in FLIGHT_PANELS if name == channel]
+    if channel and not own:
+        own = [(channel, CHANNELS[CHANNEL_INDEX[channel]].axis, 1.0)]
+    others = [panel for panel in FLIGHT_PANELS if panel[0] != channel]
     panels = {
         label: drawn.history[:, :, CHANNEL_INDEX[name]].astype(np.float64) * scale
-        for name, label, scale in FLIGHT_PANELS[:6]
+        for name, label, scale in [*own, *others][:_PANELS]
     }
+    levels = [
+        side * limit * own[0][2]
+        for item in requirements
+        for limit in item.limits.as_entry().values()
+        for side in limit_sides(metric, CHANNEL_INDEX)
+    ]
     labels = ["nominal", *(f"flight {number}" for number in drawn.numbers)]
     caption = f"{_ELSEWHERE}; beside the nominal one. A line ends where its flight ended."
     yield (
         FigureText("flights", "The worst flights", caption),
-        plot_flights(drawn.times, panels, labels),
+        plot_flights(drawn.times, panels, labels, levels=levels),
+    )
+
+
+def limit_sentence(
+    requirement: Requirement, metric: Metric, worst: float, failures: int, flights: int
+) -> str:
+    """Return whether flights break a requirement, and how far the ``worst`` value lies from its limit."""
+    limits = requirement.limits
+    words = limit_words(metric, limits)
+    if failures:
+        text = f"The requirement '{words}' is broken in {count_of(failures, flights, 'flights')}"
+    else:
+        text = f"The requirement '{words}' holds in all {flights} flights"
+    beyond = float(limits.worse(np.array([worst]))[0]) - limits.limit
+    if not limits.size or not np.isfinite(beyond):
+        return f"{text}."
+    share = percent(abs(beyond) / limits.size, 2)
+    return (
+        f"{text}: the worst value is {share} {'beyond' if beyond >= 0.0 else 'inside'} the limit."
     )
 
 

@@ -10,6 +10,7 @@ from abhv_mc.search.tune import TuneFound
 from abhv_mc.topics.names import controller_label
 from abhv_mc.topics.section import Bullets, FigureText, Lead, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
+from abhv_mc.topics.words import significant
 
 
 def make_tune_answer(found: TuneFound) -> Answer:
@@ -45,19 +46,17 @@ def _answers(found: TuneFound) -> tuple[Lead, Bullets]:
     if found.shown:
         answers = [change]
     elif found.tuning.best == 0:
-        answers = [
-            "No file is written: no candidate was better than the start on the common flights."
-        ]
+        answers = ["The start is kept: no candidate was better on the common flights."]
     elif not found.tuning.scores.allowed.any():
         answers = [
-            "No file is written: no candidate kept every limit. The nearest to it is shown, which breaks: "
+            "The start is kept: no candidate kept every limit. The nearest to it is shown, which breaks: "
             f"{'; '.join(broken)}.",
             change,
         ]
     else:
         why = f"beyond its limits on fresh flights: {'; '.join(broken)}"
         answers = [
-            f"No file is written: {why if broken else 'the interval is not all on the good side of zero'}.",
+            f"The start is kept: the candidate is {why if broken else 'not shown to be better'}.",
             change,
         ]
     ends = found.numbers.at_ends(found.tuning.place)
@@ -83,10 +82,12 @@ def _sides(found: TuneFound) -> Table:
                 f"{'above' if side.floor else 'below'} {side.limit:.4g}",
                 "yes" if side.keeps else "no",
             )
-        rows.append([side.words, f"{side.start:.5g}", f"{side.best:.5g}", limit, kept])
+        rows.append(
+            [side.words, significant(side.start, 5), significant(side.best, 5), limit, kept]
+        )
     caption = (
         "Metrics on the fresh flights, the same for both; flights that ended early count as the worst. Stability "
-        "margins are the least over all loops and points."
+        "margins are the least over all loops and points; 0 means unstable, or no steady flight."
     )
     heads = ("what", "start", "result", "limit", "kept")
     return make_table("Start and result", caption, heads, rows)

@@ -8,7 +8,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.report.figures.searches import plot_convergence, plot_place
 from abhv_mc.report.pages.page import Answer, make_table
-from abhv_mc.report.pages.searched_flights import drawn_figures, flights_table
+from abhv_mc.report.pages.searched_flights import drawn_figures, flights_table, limit_sentence
 from abhv_mc.search.severity import ENDED_EARLY
 from abhv_mc.search.worst import WorstFound
 from abhv_mc.topics.names import controller_label
@@ -33,7 +33,7 @@ def make_worst_answer(found: WorstFound, folder: Path) -> Answer:
 def _draw(found: WorstFound) -> Iterator[Drawn]:
     yield _convergence(found)
     yield _place(found)
-    yield from drawn_figures(found.drawn)
+    yield from drawn_figures(found.drawn, found.metric, found.requirements)
 
 
 def _answers(found: WorstFound) -> tuple[Lead, Bullets]:
@@ -44,6 +44,10 @@ def _answers(found: WorstFound) -> tuple[Lead, Bullets]:
         first = f"The worst of {counted} {worst}: worse than any value of {metric.phrase}, the earlier the worse."
     else:
         first = f"The {found.side} value of {metric.phrase} in {counted} is {worst}."
+    for item in found.requirements:
+        value = found.value(found.worst)
+        failures = found.failures(item)
+        first += f" {limit_sentence(item, metric, value, failures, found.searched)}"
     how_many = (
         "As many"
         if found.flights.stop == 2 * found.searched
@@ -100,7 +104,10 @@ def _convergence(found: WorstFound) -> Drawn:
         "The worst value so far over the flights of the search and over the random flights of the same box. A line "
         "ends with the first flight that ended early, which is worse."
     )
-    figure = plot_convergence(found.metric.label_with_unit, searched, random, stages)
+    limits = [limit for item in found.requirements for limit in item.limits.as_entry().values()]
+    if found.criterion.limits is not None:  # the distance outside them is drawn
+        limits = [0.0]
+    figure = plot_convergence(found.metric.label_with_unit, searched, random, stages, limits)
     return FigureText("convergence", "Convergence", caption), figure
 
 

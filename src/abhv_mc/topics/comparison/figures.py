@@ -15,6 +15,7 @@ from abhv_mc.topics.figure_style import (
     MARKERS,
     controller_colors,
     distribution_steps,
+    label_lowest,
     legend_below,
     log_if_wide,
     new_panels,
@@ -24,7 +25,7 @@ from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
 _MOST_POINTS = 1000  # of a controller in a scatter plot
-_MOST_TRADES = 3
+_TRADES = 3  # metrics of a campaign without requirements, and panels side by side
 _ENDS = (
     0.005,
     0.995,
@@ -32,11 +33,10 @@ _ENDS = (
 
 
 def draw(_found: Comparison, names: Names) -> Iterator[tuple[FigureText, Figure]]:
-    """Tracking errors that stand first, against usage."""
+    """Draw every required metric, or tracking errors, against usage."""
     results, records = names.results, names.metrics
-    errors = [metric for metric in names.asked if records[metric].group == "tracking"][
-        :_MOST_TRADES
-    ]
+    errors = [metric for metric in names.asked if records[metric].group == "tracking"]
+    errors = list(names.asked) if names.requirements else errors[:_TRADES]
     if not errors or not set(SURFACE_USAGE) <= set(results.metrics):
         return
     flights = {name: results.flights[name] for name in names.controllers}
@@ -51,15 +51,17 @@ def draw(_found: Comparison, names: Names) -> Iterator[tuple[FigureText, Figure]
     ]
     text = FigureText(
         "error_against_usage",
-        "Tracking error against control usage",
+        "Required metrics against control effort"
+        if names.requirements
+        else "Tracking error against control effort",
         "Each small mark is one flight, each large one a controller's median. Usage is the root of the summed squares "
-        "of the rms deflections of aileron, rudder and elevator from their trim. Lower is better at equal usage.",
+        "of the rms deflections of aileron, rudder and elevator from their trim.",
     )
     colors = controller_colors(tuple(names.controllers))
     yield (
         text,
         plot_error_against_usage(
-            usage, trades, "surface usage, rms (deg)", names.controllers, colors
+            usage, trades, "control effort, rms (deg)", names.controllers, colors
         ),
     )
 
@@ -81,8 +83,9 @@ def plot_error_against_usage(
     colors: Mapping[str, str],
 ) -> Figure:
     """Each flight as a point: how far it strayed against how much it moved its surfaces; medians marked large."""
-    figure, grid = new_panels(len(trades), len(trades), 2.0, top=0.12, sharex=True)
-    for axes, trade in zip(grid[0], trades, strict=True):
+    columns = min(_TRADES, len(trades))
+    figure, grid = new_panels(len(trades), columns, 2.0, between=(0.68, 0.3), top=0.12, sharex=True)
+    for axes, trade in zip(grid.flat, trades, strict=False):
         for i, (name, errors) in enumerate(trade.errors.items()):
             x, y = usage[name], errors
             keep = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
@@ -99,10 +102,12 @@ def plot_error_against_usage(
             }
             axes.plot(x[few], y[few], marker, color=colors[name], **small)
             axes.plot(np.median(x[keep]), np.median(y[keep]), marker, color=colors[name], **large)
-        if not log_if_wide(axes, "y", list(trade.errors.values())):
+        values = list(trade.errors.values())
+        least = min((v[np.isfinite(v)].min(initial=np.inf) for v in values), default=0.0)
+        if not log_if_wide(axes, "y", values) and least >= 0.0:
             axes.set_ylim(bottom=0.0)
-        axes.set_xlabel(usage_label)
         axes.set_ylabel(trade.label)
+    label_lowest(grid, len(trades), usage_label)
     legend_below(figure, grid[0, 0])
     return figure
 

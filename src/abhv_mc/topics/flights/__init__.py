@@ -11,6 +11,7 @@ from abhv_mc.topics.flights.model import (
     LargeDispersion,
     WorstFlight,
     compute_flights,
+    ended_words,
 )
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Cell, Fold, Item, Picture, Row, Section, Table, Text, Widget
@@ -24,8 +25,6 @@ from abhv_mc.topics.words import (
     significant,
     spoken_name,
 )
-
-_COLUMNS = 5  # metrics beside each of the worst flights
 
 
 def flight_sentences(found: Flights, names: Names, off_cards: bool = False) -> Sequence[str]:
@@ -89,15 +88,15 @@ def _items(found: Flights, names: Names) -> Iterator[Item]:
         "Their histories are kept: a number draws it" if campaign.channels else "A number opens it"
     )
     words = (
-        "Flights that ended early come first, the earliest before all others, then those furthest past (or nearest to) "
-        "a limit, in units of it as in the chart (without requirements, of the median). "
+        "Sorted by severity: early terminations first, the earliest before all others, then by exceedance of a limit, "
+        "in units of it as in the chart (without requirements, of the median). "
         f"{kept} above; on paper the first five are listed."
     )
     if not campaign.adopted:
         words += f" `abhv-mc explain {names.folder} --controller NAME --flight NUMBER` finds the smallest set of "
         words += "dispersions that still makes a flight fail."
     yield Text(words)
-    asked = (names.metrics[metric].label_with_unit for metric in names.asked[:_COLUMNS])
+    asked = (names.metrics[metric].label_with_unit for metric in names.asked)
     worst_heads = (
         "Flight",
         "Outcome",
@@ -109,7 +108,8 @@ def _items(found: Flights, names: Names) -> Iterator[Item]:
     for name, flights in found.worst.items():
         title = f"Worst flights of {names.label(name)}"
         again = f"Again, bit for bit: `abhv-mc replay {names.folder} --controller {name} --flight NUMBER`"
-        table = Table(title, worst_heads, (tuple(_worst(name, each, names) for each in flights),))
+        listed = tuple(_worst(name, each, names) for each in flights)
+        table = Table(title, worst_heads, (listed,)).without_constant()
         yield Fold(title, (table,) if campaign.adopted else (Text(again), table))
     yield Picture("worst_flights")
 
@@ -177,10 +177,10 @@ def _counts(label: str, found: FlightCounts) -> Row:
 
 
 def _worst(controller: str, found: WorstFlight, names: Names) -> Row:
-    values = (significant(found.metrics.get(metric), 6) for metric in names.asked[:_COLUMNS])
+    values = (significant(found.metrics.get(metric), 6) for metric in names.asked)
     return (
         Cell(str(found.flight), head=True, flight=(controller, found.flight)),
-        Cell(found.outcome.replace("_", " ")),
+        Cell(ended_words(found.outcome, found.missed, len(names.requirements))),
         Cell(names.metrics[found.by].label if found.by else ""),
         Cell(significant(found.beyond, 3)),
         *map(Cell, values),

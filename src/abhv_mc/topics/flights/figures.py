@@ -1,58 +1,101 @@
-"""The worst flights over the bands of all flights."""
+"""The worst flights in the channels in which they are worst."""
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 
 from matplotlib.figure import Figure
 
+from abhv_mc.flight.metrics import name_end
 from abhv_mc.folder.flown_campaign import read_histories
-from abhv_mc.topics.envelopes import curves_of
+from abhv_mc.topics.envelopes import Curve, curves_of
 from abhv_mc.topics.envelopes.figures import flight_curve, panel_of
-from abhv_mc.topics.figure_bands import EnvelopeRow, plot_envelopes
+from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, plot_envelopes
 from abhv_mc.topics.figure_style import controller_colors
-from abhv_mc.topics.flights.model import Flights
+from abhv_mc.topics.flights.model import Flights, channel_of, limit_sides
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
-_CHANNELS = ("altitude_m", "angle_of_attack_deg", "sideslip_deg", "bank_deg")
+_MOST_CHANNELS = 4
 
 
 def draw(found: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
-    """The flights that are listed, as far as their histories are kept."""
+    """Draw the listed flights whose histories are kept."""
     results, controllers = names.results, tuple(names.controllers)
-    if not results.envelopes:
-        return
     kept = {name: read_histories(results.folder, name) for name in controllers}
     listed = {
         name: [each.flight for each in found.worst[name] if each.flight in kept[name]]
         for name in controllers
     }
-    if not any(listed.values()):
+    histories = {name: [kept[name][k] for k in listed[name]] for name in controllers}
+    if not any(histories.values()):
         return
-    rows, reference, campaign = [], results.reference, results.campaign
-    curves = [
-        curve for curve in curves_of(campaign) if campaign.user_model or curve.channel in _CHANNELS
-    ]
-    for curve in curves[: len(_CHANNELS)]:
-        panels = []
+    held = set.intersection(*({*each} for own in histories.values() for each in own))
+    rows, reference = [], results.reference
+    for channel in worst_channels(found, names, held)[:_MOST_CHANNELS]:
+        curve, panels, levels = _curve(channel, names), [], _levels(channel, names, held)
         for name in controllers:
-            envelope, histories = (
-                results.envelopes.get((name, curve.channel)),
-                [kept[name][k] for k in listed[name]],
-            )
-            if envelope is None or (histories and curve.channel not in histories[0]):
+            envelope = results.envelopes.get((name, channel))
+            if envelope:
+                panel = panel_of((envelope.time, envelope.bands), curve, reference)
+            elif histories[name]:
+                panel = EnvelopePanel(histories[name][0]["time"], {})
+            else:
                 break
-            panel = panel_of((envelope.time, envelope.bands), curve, reference)
-            flown = [flight_curve(each, curve, reference) for each in histories]
-            panels.append(replace(panel, reference=None, flights=flown))
+            flown = [flight_curve(each, curve, reference) for each in histories[name]]
+            panels.append(replace(panel, reference=None, flights=flown, levels=levels))
         if len(panels) == len(controllers):
             rows.append(EnvelopeRow(curve.label, panels))
     if rows:
         text = FigureText(
             "worst_flights",
             "The worst flights",
-            f"The worst flight of each {campaign.kind}, and thin the next worst, over the bands of all flights; the "
-            "tables above have their numbers.",
+            "The channels of the metrics in which the listed flights are worst: the worst flight of each "
+            f"{names.campaign.kind}, and thin the next worst. Bands of all flights are drawn if the campaign keeps "
+            "envelopes of the channel.",
         )
         colors = controller_colors(controllers)
         yield text, plot_envelopes(rows, list(names.controllers.values()), list(colors.values()))
+
+
+def worst_channels(found: Flights, names: Names, held: set[str]) -> list[str]:
+    """Return the channels of the metrics in which the listed flights are worst, the most frequent first.
+
+    A flight that ended early shows the channel whose limit ended it, if its outcome names one.
+    """
+    count: Counter[str] = Counter()
+    for flight in (each for own in found.worst.values() for each in own):
+        if flight.by is not None:
+            channel = channel_of(names.metrics[flight.by], held)
+        else:
+            stem = flight.outcome.removesuffix("_limit")
+            channel = next((name for name in held if name.rpartition("_")[0] == stem), None)
+        if channel is not None:
+            count[channel] += 1
+    return [channel for channel, _ in count.most_common()] or [
+        curve.channel for curve in curves_of(names.campaign) if curve.channel in held
+    ]
+
+
+def _curve(channel: str, names: Names) -> Curve:
+    """Return how a channel is drawn: as on the sheet of channels, else by its own name."""
+    curves = {curve.channel: curve for curve in curves_of(names.campaign)}
+    signals = {signal.name: signal for signal in names.campaign.channels}
+    return curves.get(channel) or Curve(channel, _axis(channel, signals[channel].unit))
+
+
+def _axis(channel: str, unit: str) -> str:
+    """Return the words beside an axis: 'speed error (m/s)'."""
+    words = channel.removesuffix(f"_{name_end(unit)}") if name_end(unit) else channel
+    return f"{words.replace('_', ' ')} ({unit})".replace("(-)", "(–)")
+
+
+def _levels(channel: str, names: Names, held: set[str]) -> tuple[float, ...]:
+    """Return the limits of requirements in the units of a channel, if they are levels of it."""
+    return tuple(
+        side * limit
+        for metric in dict.fromkeys(item.metric for item in names.requirements)
+        if channel_of(names.metrics[metric], held) == channel
+        for limit in names.campaign.limits_of(metric)
+        for side in limit_sides(names.metrics[metric], held)
+    )

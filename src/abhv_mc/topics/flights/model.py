@@ -1,6 +1,6 @@
 """What each flight did: how they ended, what a board has to know of them, and the worst of them with what they drew."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,12 +8,16 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.marginals import find_moments
+from abhv_mc.flight.channels import CHANNEL_INDEX
+from abhv_mc.flight.metrics import Metric
+from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.flown_campaign import FlownCampaign, kept_flights
+from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.plant.parameters import DISTURBANCES
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import Interval
-from abhv_mc.topics.missed_requirements import failed_anyhow
+from abhv_mc.topics.missed_requirements import failed_anyhow, requirement_failures
 
 _LISTED = 10  # at most, where no number of worst flights keeps its histories
 _LARGEST = 3  # dispersions of a flight that are told
@@ -38,11 +42,45 @@ class WorstFlight:
     outcome: str  # its code
     by: str | None  # metric; None where it ended early
     beyond: float  # distance beyond the limit, in units of it
+    missed: int  # requirements
     metrics: Mapping[
         str, float
     ]  # not-a-number where it was lost before the stretches that a metric counts
     samples: Mapping[str, float]
     largest: tuple[LargeDispersion, ...]
+
+
+def ended_words(outcome: str, missed: int, required: int) -> str:
+    """Return how a flight ended: 'sideslip limit', 'completed; misses 2 of 5'."""
+    if outcome != Outcome.OK.code:
+        return outcome.replace("_", " ")
+    return f"completed; misses {missed} of {required}" if missed else "completed"
+
+
+def channel_of(record: Metric, channels: Collection[str]) -> str | None:
+    """Return the channel that shows a metric: the one it is counted of, or one whose name it begins with."""
+    stems = {
+        name: (name.rpartition("_")[0] if name in CHANNEL_INDEX else name) for name in channels
+    }
+    if record.of in stems:
+        return record.of
+    alike = [
+        name for word in (record.of, record.name) for name in stems if word.startswith(stems[name])
+    ]
+    return max(alike, key=lambda name: len(stems[name]), default=None)
+
+
+_SIDES = {
+    Statistic.MAX_ABS: (-1.0, 1.0),
+    Statistic.MAX: (1.0,),
+    Statistic.MIN: (1.0,),
+    Statistic.FINAL: (1.0,),
+}
+
+
+def limit_sides(record: Metric, channels: Collection[str]) -> tuple[float, ...]:
+    """Return the factors that turn a metric's limit into levels of its channel; none if they differ in kind."""
+    return _SIDES.get(record.statistic, ()) if record.of in channels else ()
 
 
 def listed_worst(results: FlownCampaign, name: str) -> list[int]:
@@ -80,6 +118,9 @@ def _of(
     numbers = flights.flight[rows]
     metrics = {metric: _counted(flights, metric, rows).tolist() for metric in results.compared}
     samples = {key: value[numbers].tolist() for key, value in results.samples.items()}
+    missed = np.zeros(rows.size, dtype=np.intp)
+    for item in results.campaign.requirements:
+        missed += requirement_failures(flights, item)[rows]
     found = []
     for i, row in enumerate(rows.tolist()):
         drawn = {key: values[i] for key, values in samples.items()}
@@ -89,6 +130,7 @@ def _of(
                 outcome=flights.ends.codes[int(flights.outcome[row])],
                 by=None if flights.failed[row] or not criteria else criteria[which[row]].metric,
                 beyond=float(beyond[row]),
+                missed=int(missed[i]),
                 metrics={metric: values[i] for metric, values in metrics.items()},
                 samples=drawn,
                 largest=_largest(drawn, moments),

@@ -63,7 +63,7 @@ const flightsView = async (source, style) => {
   };
   const restop = oneStop(at("flight-rows"));
 
-  const heads = [["flight", "Flight"], ["controller", view.kind], ["outcome", "Outcome"],
+  const heads = [["flight", "Flight"], ...(controllers.length > 1 ? [["controller", view.kind]] : []), ["outcome", "Outcome"],
     ...view.headed.map((name) => [name, labelOf(columnOf(name))])];
   for (const [name, words] of heads) {
     const head = Object.assign(document.createElement("th"), { scope: "col" });
@@ -101,7 +101,7 @@ const flightsView = async (source, style) => {
       head.append(button);
       line.append(head);
       if (state.open.some(([name, number]) => name === controllers[k].name && number === flight)) line.className = "current";
-      for (const words of [controllers[k].label, outcome, ...values.map((value) => (typeof value === "string" ? value : text(value)))]) line.insertCell().textContent = words;
+      for (const words of [...(controllers.length > 1 ? [controllers[k].label] : []), outcome, ...values.map((value) => (typeof value === "string" ? value : text(value)))]) line.insertCell().textContent = words;
     }
     restop();
     if (focused) (body.querySelector(".current button") || body.querySelector("button"))?.focus();

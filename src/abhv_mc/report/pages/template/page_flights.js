@@ -5,6 +5,11 @@ const pageFlights = (data, places, bands, numbers) => {
   const column = (name) => numbers(`column:${name}`);
   const everyone = data.order; // rows, the worst first
 
+  const ended = (row) => { // as `ended_words` in Python
+    const missed = rows.missed.filter((flags) => flags[row]).length;
+    if (rows.failed[row]) return data.outcomes[rows.outcome[row]];
+    return missed ? `completed; misses ${missed} of ${rows.missed.length}` : "completed";
+  };
   const members = ({ controllers, outcome, brushes }) => {
     const shown = data.controllers.map((each) => controllers.includes(each.name));
     const flags = outcome === "all" ? null : outcome === "failed" || outcome === "ok" ? rows.failed : rows.missed[Number(outcome.split(" ")[1])];
@@ -15,7 +20,7 @@ const pageFlights = (data, places, bands, numbers) => {
   };
   const order = (found, { sort, down }) => {
     if (sort === "rank") return found;
-    const words = { outcome: (row) => data.outcomes[rows.outcome[row]], controller: (row) => rows.controller[row], flight: (row) => rows.flight[row] };
+    const words = { outcome: ended, controller: (row) => rows.controller[row], flight: (row) => rows.flight[row] };
     const key = words[sort] ?? ((row) => column(sort)[row]);
     const missing = (value) => typeof value === "number" && !Number.isFinite(value);
     return [...found].sort((a, b) => { // what is missing comes last either way; equal ones stay the worst first
@@ -47,14 +52,14 @@ const pageFlights = (data, places, bands, numbers) => {
       ends: asked.fit ? [reach(xs, drawn), reach(ys, drawn)] : [columns.get(asked.x).ends, columns.get(asked.y).ends],
       points: drawn.map((row) => [rows.controller[row], xs[row], ys[row], rows.flight[row], rows.failed[row]]),
       strips: Object.fromEntries(data.strips.map((name) => [name, bars(name, found)])),
-      rows: order(found, asked).slice(0, data.listed).map((row) => [rows.controller[row], rows.flight[row], data.outcomes[rows.outcome[row]],
+      rows: order(found, asked).slice(0, data.listed).map((row) => [rows.controller[row], rows.flight[row], ended(row),
         ...data.headed.map((name) => column(name)[row]), ...(data.histories ? [rows.history[row] >= 0 ? "kept" : ""] : [])]) };
   };
   const flight = async (k, number) => {
     const row = rows.flight.findIndex((each, i) => each === number && rows.controller[i] === k);
     if (row < 0) throw new Error("it is not on this page");
     const h = rows.history[row];
-    return { controller: k, flight: number, outcome: data.outcomes[rows.outcome[row]], by: rows.by[row],
+    return { controller: k, flight: number, outcome: ended(row), by: rows.by[row],
       missed: rows.missed.map((flags) => flags[row] === 1),
       values: Object.fromEntries(data.columns.map(({ name }) => [name, column(name)[row]])),
       note: h >= 0 || !data.drawn_again ? "" : `No history of it is kept here; abhv-mc explore ${data.folder} draws any flight.`,

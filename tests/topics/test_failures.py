@@ -1,0 +1,43 @@
+"""What rules of failures say in words, of failures that are planted."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from abhv_mc.topics.failures import FAILURES
+from abhv_mc.topics.topic import Models
+
+METRIC = "speed_error_max_mps"  # below 5
+
+
+def rules_of(results, failed):
+    """Return the rules, in words, of the flights of LQR that miss the limit of the speed error."""
+    flights = results.flights["lqr"]
+    metrics = {**flights.metrics, METRIC: np.where(failed[flights.flight], 9.0, 1.0)}
+    results = replace(results, flights={"lqr": replace(flights, metrics=metrics)})
+    kinds = Models(results)[FAILURES].controllers["lqr"]
+    (kind,) = (each for each in kinds if "Speed" in each.kind)
+    return [rule.rule for rule in kind.rules]
+
+
+def test_a_difference_of_inputs_is_said_as_directions_with_an_example(flown):
+    results = flown(80)
+    density = (results.samples["atmosphere.density"] - 1.0) / 0.10
+    drag = (results.samples["aero.drag"] - 1.0) / 0.15
+    rule = rules_of(results, density - drag > 1.2)[0]
+    assert (
+        "of the failures (0\u202f% of the other flights) have density and drag off in opposite"
+        in rule
+    )
+    assert "(e.g. density +" in rule and ", drag \N{MINUS SIGN}" in rule
+    both = rules_of(results, np.abs(density - drag) > 1.2)[0]
+    assert "density and drag off in opposite directions" in both
+
+
+def test_a_threshold_of_one_input_is_said_with_its_value(flown):
+    results = flown(80)
+    drag = results.samples["aero.drag"]
+    rule = rules_of(results, drag > 1.08)[0]
+    assert rule.startswith(
+        "100\u202f% of the failures (0\u202f% of the other flights) have drag above +"
+    )
