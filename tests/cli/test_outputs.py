@@ -1,8 +1,10 @@
 """No command writes over what a campaign's folder holds: every option that names an output refuses it."""
 
+import inspect
 import json
 import shutil
 import typing
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
@@ -16,20 +18,28 @@ from abhv_mc.folder.layout import find_user_place
 NOT_OUTPUTS = {"baseline", "block", "campaign", "plans", "references", "vehicle", "file", "staging"}
 
 
-def outputs(group, words=()):
-    """The options of all commands that name something to write, each after the command's words, and what they take."""
+def commands(group, words=()):
+    """Yield the words and the function of each command in a group."""
     for inner in group.registered_groups:
-        yield from outputs(inner.typer_instance, (*words, inner.name))
+        yield from commands(inner.typer_instance, (*words, inner.name))
     for command in group.registered_commands:
-        name = command.name or command.callback.__name__
-        for parameter, hint in typing.get_type_hints(command.callback, include_extras=True).items():
-            kind, *infos = typing.get_args(hint) or (hint,)
+        yield (*words, command.name or command.callback.__name__), command.callback
+
+
+def outputs():
+    """Yield the options that name something to write, each after its command's words, and what they take."""
+    added = (
+        (entry.name.split("."), entry.load()) for entry in entry_points(group="abhv_mc.commands")
+    )
+    for words, function in [*commands(app), *added]:
+        for name, parameter in inspect.signature(function, eval_str=True).parameters.items():
+            kind, *infos = typing.get_args(parameter.annotation) or (parameter.annotation,)
             options = [info for info in infos if isinstance(info, OptionInfo)]
-            if options and Path in (kind, *typing.get_args(kind)) and parameter not in NOT_OUTPUTS:
-                yield (*words, name, options[0].default), options[0].metavar
+            if options and Path in (kind, *typing.get_args(kind)) and name not in NOT_OUTPUTS:
+                yield (*words, options[0].default), options[0].metavar
 
 
-TAKEN = dict(outputs(app))
+TAKEN = dict(outputs())
 OPTIONS = list(TAKEN)
 
 

@@ -123,8 +123,8 @@ def test_a_file_of_another_kind_is_one_sentence(tmp_path, abhv_mc):
         encoding="utf-8",
     )
     for command, file, words in (
-        ("validate", path, ":9:10: 'tlc.yaml', a controller file; expected a mission file"),
-        ("run", path, ":9:10: 'tlc.yaml', a controller file; expected a mission file"),
+        ("validate", path, ":10:10: 'tlc.yaml', a controller file; expected a mission file"),
+        ("run", path, ":10:10: 'tlc.yaml', a controller file; expected a mission file"),
         (
             "run",
             shipped_configs() / "mission/level.yaml",

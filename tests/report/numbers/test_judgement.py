@@ -122,7 +122,11 @@ def test_the_first_sentence_answers_the_question(tmp_path, asks, begins):
 
 @pytest.mark.parametrize(
     ("compare", "match"),
-    [("[tlc, lrq]", "'lrq'"), ("[lqr, tlc]", "'tlc', the campaign's first"), ("[tlc]", "asks")],
+    [
+        ("[tlc, lrq]", "'lrq'"),
+        ("[lqr, tlc]", "'tlc', the campaign's first"),
+        ("[tlc]", "at least 2"),
+    ],
 )
 def test_a_question_about_other_controllers_is_rejected_with_its_place(tmp_path, compare, match):
     with pytest.raises(InputError, match=match):
