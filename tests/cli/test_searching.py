@@ -131,11 +131,8 @@ def test_tune_writes_the_file_and_a_page_or_says_why_not(abhv_mc, tmp_path, monk
     code, out, err = abhv_mc(*words, "-o", "no.yaml")
     assert code == 1 and "not shown to be better" in err and "no candidate kept every limit" in out
     page = Path("no.html").read_text(encoding="utf-8")
-    assert (
-        "No file is written: no candidate kept every limit" in page
-        and "It is shown for" not in page
-    )
-    assert not Path("no.yaml").exists()
+    assert "no candidate kept every limit" in page and "It is shown for" not in page
+    assert not Path("no.yaml").exists() and Path("no.rejected.yaml").is_file()
 
 
 def test_other_commands_know_a_searchs_folder(abhv_mc, campaign):
