@@ -58,7 +58,7 @@ def chart_rows(
     entries: Sequence[GlanceRow], labels: Mapping[str, str], colors: Mapping[str, str]
 ) -> list[tuple[GlanceRow, list[Bar]]]:
     """The rows of the chart, those nearest to their limit first where there are more than eight."""
-    entries = [entry if _statuses(entry) else _on_scale(entry) for entry in entries]
+    entries = [entry if _is_required(entry) else _on_scale(entry) for entry in entries]
     if len(entries) > _ROWS:
         entries = sorted(entries, key=lambda entry: -_nearest(entry))[:_ROWS]
     marks = {name: mark_of(k) for k, name in enumerate(labels)}
@@ -89,9 +89,9 @@ def _bar(entry: GlanceRow, cell: GlanceCell, label: str, color: str, mark: str) 
     )  # fmt: skip
 
 
-def _statuses(entry: GlanceRow) -> set[str]:
-    """Return the verdicts of a row; none without a requirement."""
-    return {cell.status for cell in entry.cells.values()} - {""}
+def _is_required(entry: GlanceRow) -> bool:
+    """Return whether a row belongs to a requirement."""
+    return any(cell.status or cell.tolerance is not None for cell in entry.cells.values())
 
 
 def _on_scale(entry: GlanceRow) -> GlanceRow:
