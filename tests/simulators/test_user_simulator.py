@@ -21,7 +21,6 @@ from abhv_mc.io.input_error import InputErrors
 from abhv_mc.simulators.engine import make_ready, simulate
 from abhv_mc.simulators.user_simulator import (
     process,
-    python_lines,
     user_flights,
     working_folder,
 )
@@ -427,20 +426,6 @@ def test_a_program_may_take_its_time_to_start_and_has_to_flush(
     path = dive_campaign(tmp_path, simulator=simulator)
     assert fly_delays(path, [1.0]).outcome.tolist() == [LOST]
     assert "does it flush its standard output" in capfd.readouterr().err
-
-
-def test_packages_beside_the_simulator_are_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    package, other = tmp_path / ".venv/lib/package.py", tmp_path / "other.py"
-    monkeypatch.setattr(sys, "prefix", str(tmp_path / ".venv"))
-    for path in (package, other):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.touch()
-    check = python_lines._only(set(), f"{tmp_path}/")
-    check("open", (str(package), "r", 0))
-    with pytest.raises(PermissionError, match="other"):
-        check("open", (str(other), "r", 0))
 
 
 def test_other_files_than_the_campaign_was_begun_with_do_not_fly(tmp_path: Path) -> None:
