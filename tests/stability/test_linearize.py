@@ -71,8 +71,8 @@ def test_margins_are_those_of_an_independent_simulator(controller, loop):
 
 
 def test_tlcs_throttle_is_the_simulators_with_shorter_cells_of_its_trim_tables(monkeypatch):
-    """Guidance divides by a secant over a cell of 1/16 in equivalence ratio, the simulator by the slope at the trim."""
-    monkeypatch.setitem(LONGEST, "equivalence_ratio", 0.0625 / 8)
+    """Guidance divides by a secant over a cell of the trim tables, the simulator by the slope at the trim."""
+    monkeypatch.setitem(LONGEST, "equivalence_ratio", 0.0625 / 32)
     for module in (steady, prepare):  # which keep what they found of the vehicle and mission
         monkeypatch.setattr(
             module, "make_mission_trim_tables", make_mission_trim_tables.__wrapped__
