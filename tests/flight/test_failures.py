@@ -175,7 +175,7 @@ def test_a_measurement_freezes_at_its_last_value_or_is_off(plan):
     assert (
         np.array_equal(frozen[:2], true[:2])
         and (frozen[2:] == true[1]).all()
-        and (true[2:] != true[1]).all()
+        and (true[2:10] != true[1]).all()  # later the speed returns to it
     )
     assert off - beside == pytest.approx(
         7.0 * (np.arange(off.size) >= 2), abs=2e-4

@@ -120,8 +120,15 @@ def close(L: Complexes) -> tuple[Complexes, Closed]:
 
 
 def inverse(matrices: Complexes) -> Complexes:
-    """Inverses of matrices [..., n, n], each moved a little: it may be singular, at a pole of the closed loop."""
-    return np.asarray(np.linalg.inv(matrices + _APART * np.eye(matrices.shape[-1])))
+    """Return the inverses of matrices [..., n, n], each moved a little: at a pole of the closed loop it is singular."""
+    identity = np.eye(matrices.shape[-1])
+    moved = matrices + _APART * identity
+    try:
+        return np.asarray(np.linalg.inv(moved))
+    except np.linalg.LinAlgError:  # rounding absorbs a shift that is small beside the elements
+        is_singular = np.linalg.slogdet(moved)[0] == 0.0
+        size = np.where(is_singular, np.abs(matrices).max(axis=(-2, -1)), 0.0)
+        return np.asarray(np.linalg.inv(moved + _APART * size[..., None, None] * identity))
 
 
 def find_margins(response: Response, omega: Floats, period: float) -> Margins:
