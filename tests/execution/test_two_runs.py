@@ -12,8 +12,8 @@ from abhv_mc.folder import merge
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.layout import recording
 from abhv_mc.io.input_error import InputError
-from abhv_mc.search.search_flights import SearchRequest
-from abhv_mc.search.worst import WorstSettings, find_worst
+from abhv_mc.requests import WorstRequest
+from abhv_mc.search.worst import find_worst
 
 KEEP = "{histories: {flights: [worst 5], rate: 10 Hz}, envelopes: {rate: 5 Hz}}"
 
@@ -75,7 +75,7 @@ def test_a_second_search_is_rejected_at_each_file_of_the_first(tmp_path):
     line = write_line(tmp_path / "files")
 
     def search(seed):
-        find_worst(SearchRequest(line, out, seed=seed), WorstSettings(METRIC, flights=200), LINE)
+        find_worst(WorstRequest(line, out, METRIC, seed=seed, flights=200), LINE)
 
     with at_each_file(expect_rejected(lambda: search(2)), files):
         search(1)
