@@ -107,5 +107,5 @@ class Bench:
     ) -> FlightBlock:
         """Fly TLC with other gains; what does not depend on them is kept."""
         gains = make_tlc_gains(controller, self.plan.reference, self.vehicle, self.plan.trim_tables)
-        plan = replace(self.plan, gains=gains, settings=make_tlc_settings(controller))
+        plan = replace(self.plan, gains=gains, settings=make_tlc_settings(controller, self.vehicle))
         return fly(plan, parameters, record_every)

@@ -130,7 +130,7 @@ class Duel:
     def plans(self, controller: Controller) -> tuple[FlightPlan, FlightPlan]:
         """The candidate's plans of the S and of steady flight. Raises LinAlgError where there is no regulator."""
         if isinstance(controller, TlcController):
-            settings = make_tlc_settings(controller)
+            settings = make_tlc_settings(controller, self.vehicle)
             return tuple(  # type: ignore[return-value]
                 replace(
                     plan,
