@@ -170,8 +170,8 @@ def test_two_flights_lie_over_one_another_and_a_link_restores_all_of_it(
     shown.ask("document.querySelector('#flight-over button').click()")
     choose(shown, "flight-channel", "bank_deg")
     title = shown.ask("document.getElementById('flight-title').textContent")
-    title, _, ended = title.rpartition(": ")
-    assert title == f"{first}. Over it LQR retuned, flight {number}"
+    flights, _, ended = title.rpartition(": ")
+    assert flights == f"{first}. Over it LQR retuned, flight {number}"
     assert ended.startswith("completed")
     flown = [trace["name"] for trace in shown.ask(HISTORY) if trace["name"].split()[-1].isdecimal()]
     assert len(flown) == 2
