@@ -116,7 +116,10 @@ def fly_ways(study: Path, own: Path, ways: dict[str, str]) -> dict[str, dict[str
         for name in declared:
             shutil.copy(study / name, own / name)
     time.sleep(0.05)  # the process's own files are younger than it
-    lines = "".join(json.dumps({"inputs": {"way": name}, "settings": {}}) + "\n" for name in ways)
+    lines = "".join(
+        json.dumps({"inputs": {"way": name}, "settings": {}, "flight": name}) + "\n"
+        for name in ways
+    )
     program = [sys.executable, "-P", python_lines.__file__, "sim.py", str(study), str(study)]
     run = subprocess.run(
         [*program, *declared], cwd=own, input=lines, capture_output=True, text=True, check=True

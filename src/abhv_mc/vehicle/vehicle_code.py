@@ -140,8 +140,8 @@ def evaluate_functions(
     points = variables.reshape(len(variables), -1)
     if density is None or speed is None:
         air = [atmosphere(float(altitude)) for altitude in np.real(points[_ALTITUDE])]
-        density = np.array([one[0] for one in air])
-        speed = points[_MACH] * np.array([one[3] for one in air])
+        density = np.reshape([one[0] for one in air], shape)
+        speed = variables[_MACH] * np.reshape([one[3] for one in air], shape)
     given = [points, *(np.broadcast_to(value, shape).reshape(-1) for value in (density, speed))]
     evaluate = _evaluators[digest]
     real = [np.ascontiguousarray(np.real(value), dtype=np.float64) for value in given]
