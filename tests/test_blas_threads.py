@@ -6,7 +6,9 @@ from abhv_mc.blas_threads import one_blas_thread
 
 
 def count_threads():
-    return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+    return {
+        library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"
+    }
 
 
 def test_the_limit_ends_with_the_last_that_needs_it(monkeypatch):

@@ -3,6 +3,7 @@
 import sys
 
 import pytest
+
 from benchmarks.processes import measure_all
 
 ORPHAN = """
