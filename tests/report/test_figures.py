@@ -20,12 +20,18 @@ from abhv_mc.topics.topic import Models
 
 FILES = [
     "channels",
-    "convergence",
     "distribution_asked",
     "drivers",
     "error_against_usage",
     "worst_flights",
 ]
+
+
+def test_convergence_is_drawn_of_a_hundred_flights(models, monkeypatch):
+    assert not list(make_figures(models)["convergence"])
+    monkeypatch.setattr("abhv_mc.topics.convergence._FEWEST", 80)
+    ((text, figure),) = make_figures(models)["convergence"]
+    assert text.name == "convergence" and len(figure.axes) == 3
 
 
 @pytest.fixture

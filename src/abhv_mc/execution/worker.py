@@ -4,6 +4,7 @@ import os
 import signal
 import threading
 import time
+from collections.abc import Callable
 from multiprocessing import parent_process
 from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING
@@ -47,11 +48,14 @@ def serve(connection: Connection, fly: "Fly") -> None:
         try:
             if plan is not None:
                 plans[key] = plan
-            if key not in usual:
-                usual[key] = _usual_limit(fly, plans[key])
-            allowed = time_limit(
-                min(len(parameters), AT_ONCE), usual[key] if limit is None else limit
-            )
+                fly(
+                    plan, nominal_parameters(0), None
+                )  # loads or compiles, which is no flight's time
+            if limit is None:
+                if key not in usual:
+                    usual[key] = usual_limit(fly, plans[key], time.process_time)
+                limit = usual[key]
+            allowed = time_limit(min(len(parameters), AT_ONCE), limit)
 
             def begin(allowed: float = allowed) -> None:
                 connection.send(allowed)
@@ -68,12 +72,12 @@ def serve(connection: Connection, fly: "Fly") -> None:
         connection.send(answer)
 
 
-def _usual_limit(fly: "Fly", plan: FlightPlan) -> float:
-    """What 16 flights like the nominal one may take, s of the processor."""
+def usual_limit(fly: "Fly", plan: FlightPlan, clock: Callable[[], float]) -> float:
+    """Return the processor time (s), by ``clock``, that 16 flights like the nominal one may take."""
     for _ in range(2):  # the first may load or compile, which is no flight's time
-        start = time.process_time()
+        start = clock()
         fly(plan, nominal_parameters(), None)
-        if (limit := _TIMES * PIECE * (time.process_time() - start)) < _LEAST:
+        if (limit := _TIMES * PIECE * (clock() - start)) < _LEAST:
             break
     return max(_LEAST, limit)
 

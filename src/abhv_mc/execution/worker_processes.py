@@ -22,9 +22,10 @@ from typing import Any
 from abhv_mc.array_types import Floats
 from abhv_mc.execution.attest import Check
 from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries
-from abhv_mc.execution.worker import serve
+from abhv_mc.execution.worker import serve, usual_limit
 from abhv_mc.flight.lost import describe_last_tick
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.flight.user_law import must_fly_elsewhere
 from abhv_mc.simulators.engine import Fly, Recorded
 from abhv_mc.user_code.child import describe_exit
 
@@ -143,7 +144,8 @@ class WorkerPool:
         self._plans: dict[
             int, tuple[int, FlightPlan]
         ] = {}  # by id; held, so that no id comes twice
-        self._lock = threading.Lock()
+        self._limits: dict[int, float | None] = {}  # by the plan's key
+        self._lock, self._limiting = threading.Lock(), threading.Lock()
         self._most_failed_starts = _FAILED_STARTS + workers
         self._failed_starts = 0  # consecutive, weighed
         self._last_end = ""
@@ -154,11 +156,24 @@ class WorkerPool:
         with self._lock:
             key, _ = self._plans.setdefault(id(plan), (len(self._plans), plan))
 
+        with self._limiting:
+            if key not in self._limits:
+                self._limits[key] = self._limit or self._find_limit(plan)
+
         def attempt(rows: Floats, recorded: Recorded) -> FlightBlock:
             block = self._attempt(key, plan, rows, recorded)
             return block if self._check is None else self._check(plan, rows, block)
 
         return fly_with_retries(attempt, plan, parameters, recorded)
+
+    def _find_limit(self, plan: FlightPlan) -> float | None:
+        """Return the limit by a nominal flight here, once for all workers; None if each has to fly its own."""
+        if must_fly_elsewhere(plan):
+            return None
+        try:
+            return usual_limit(self._fly, plan, time.thread_time)
+        except Exception:  # a worker says what it is
+            return None
 
     def _attempt(
         self, key: int, plan: FlightPlan, parameters: Floats, recorded: Recorded
@@ -168,7 +183,7 @@ class WorkerPool:
             while True:
                 worker = worker or self._start()
                 try:
-                    block = worker.fly(key, plan, parameters, recorded, self._limit)
+                    block = worker.fly(key, plan, parameters, recorded, self._limits[key])
                 except _NotBegunError as end:
                     self._remove(worker, str(end))
                     worker = None

@@ -14,6 +14,7 @@ from abhv_mc.control.controller_file import (
 )
 from abhv_mc.control.design.design_model import make_environment, slope, wrench_at
 from abhv_mc.control.design.guidance_trim import trim_faults
+from abhv_mc.control.design.kept import kept
 from abhv_mc.control.design.lqr_design import make_lqr_gains
 from abhv_mc.control.design.reference import (
     make_mission_trim_tables,
@@ -52,6 +53,7 @@ from abhv_mc.vehicle.actuators import name_effectors
 from abhv_mc.vehicle.shared_keys import choose_sensing, tighter
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
 
+_find_warnings = kept(find_vehicle_warnings)  # the controllers of a campaign share their vehicle
 _LEAST_FUEL = 1e-9  # kg: below it there is none
 _SPEED_FACTOR = 2.0  # on the reference's largest speed: the default limit
 _OUTSIDE = 1.0  # s of the reference outside the vehicle's tables, of which to warn
@@ -171,7 +173,7 @@ def make_plan(
         raise InputError(mission_file or mission.name, "; ".join(warnings), expected)
     if not isinstance(controller, UserController):
         warnings += limit_faults(controller, reference)
-    warnings += find_vehicle_warnings(vehicle)
+    warnings += _find_warnings(vehicle)
     warnings += table_faults(vehicle, reference, timing.tick)
     dry = np.flatnonzero(reference[:, MASS] <= vehicle.constants.mass_empty + _LEAST_FUEL)
     if vehicle.constants.burns_fuel and dry.size:

@@ -88,8 +88,6 @@ def _find_drag_warnings(vehicle: Vehicle) -> list[str]:
     Deflections are zero for the drag, and balance the pitching moment of the air for the lift-to-drag ratio. Angles of
     attack are the tables' nodes within the limits, and the limits.
     """
-    from scipy.signal import find_peaks
-
     limits = vehicle.constants.angle_of_attack_min, vehicle.constants.angle_of_attack_max
     machs, angles = (nodes_of(vehicle.tables, name) for name in ("mach", "angle_of_attack"))
     inside = angles[(angles > limits[0]) & (angles < limits[1])]
@@ -128,11 +126,14 @@ def _find_drag_warnings(vehicle: Vehicle) -> list[str]:
             f"{drag[worst]:.3g} {words(mach[worst], alpha[worst])}"
         )
     for number, curve in zip(machs, drag, strict=True):
-        least = float(np.min(curve))
-        padded = np.concatenate([[-np.inf], -curve, [-np.inf]])  # an end can be a minimum, too
-        minima, _ = find_peaks(padded, prominence=_SECOND_MINIMUM * abs(least))
-        if minima.size > 1:
-            at = " and ".join(f"{np.degrees(angles[i - 1]):g}" for i in minima)
+        # How far the curve rises to each node from its lowest nodes on both sides.
+        left = np.minimum.accumulate(curve)
+        right = np.minimum.accumulate(curve[::-1])[::-1]
+        rise = curve - np.maximum(left, right)
+        top = int(np.argmax(rise))
+        if rise[top] >= _SECOND_MINIMUM * abs(float(np.min(curve))) and 0 < top < curve.size - 1:
+            minima = int(np.argmin(curve[:top])), top + int(np.argmin(curve[top:]))
+            at = " and ".join(f"{np.degrees(angles[i]):g}" for i in minima)
             warnings.append(
                 f"the drag at Mach {number:g} has a minimum at each of {at} deg of angle of attack"
             )

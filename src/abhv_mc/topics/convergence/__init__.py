@@ -19,6 +19,8 @@ from abhv_mc.topics.plain import level_name
 from abhv_mc.topics.section import Fold, Picture, Section, Text
 from abhv_mc.topics.topic import Topic, figures_of
 
+_FEWEST = 100  # flights of a figure: of fewer, the intervals are wider than what settles
+
 
 @dataclass(frozen=True)
 class Settling:
@@ -43,6 +45,11 @@ class Convergence:
     """Quantiles of every metric and failures of every requirement against the number of flights, in flight order."""
 
     controllers: Mapping[str, ControllerSettling]
+
+    @property
+    def is_drawn(self) -> bool:
+        """Return whether there are enough flights for a figure."""
+        return any(max(one.flights, default=0) >= _FEWEST for one in self.controllers.values())
 
 
 def compute_convergence(results: FlownCampaign) -> Convergence:
@@ -74,8 +81,8 @@ def _settling(trace: Iterable[Interval], bad: Sense = "high") -> Settling:
 
 def _section(found: Convergence, _names: Names) -> Section:
     words = "How each statistic converged. `report.json` holds these curves for every metric and requirement."
-    if all(len(part.flights) < 2 for part in found.controllers.values()):
-        words = "Too few flights to show how the numbers settled."
+    if not found.is_drawn:
+        words = f"A figure of how each statistic converged takes {_FEWEST} flights; `report.json` holds the curves."
     return Section(
         "How sure", (Fold("How the numbers settled", (Text(words), Picture("convergence"))),)
     )

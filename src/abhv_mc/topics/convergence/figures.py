@@ -22,6 +22,8 @@ from abhv_mc.topics.section import FigureText
 
 def draw(found: Convergence, names: Names) -> Iterator[tuple[FigureText, Figure]]:
     """A panel a metric that stands first, of what every controller reached."""
+    if not found.is_drawn:
+        return
     flights = {name: np.array(part.flights, float) for name, part in found.controllers.items()}
     panels: list[tuple[str, dict[str, Floats]]] = []
     for metric in names.asked:
@@ -43,7 +45,7 @@ def draw(found: Convergence, names: Names) -> Iterator[tuple[FigureText, Figure]
                     },
                 )
             )
-    if panels and max(each.size for each in flights.values()) > 1:
+    if panels:
         text = FigureText(
             "convergence",
             "How the numbers settled",
