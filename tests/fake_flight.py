@@ -27,7 +27,7 @@ from abhv_mc.kernel.plant.state import N_STATES
 from abhv_mc.kernel.plant.vehicle import CHUNK, Vehicle
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.shipped import shipped_configs
-from abhv_mc.simulators.engine import Engine
+from abhv_mc.simulators.vehicle_simulator import VehicleSimulator
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 
 if TYPE_CHECKING:
@@ -157,11 +157,11 @@ def fly_slowly(
     return fly(plan, parameters, record_every)
 
 
-ENGINE = Engine(prepare, fly, "fake")
-SLOW_ENGINE = Engine(prepare, fly_slowly, "fake")
+ENGINE = VehicleSimulator(prepare, fly, "fake")
+SLOW_ENGINE = VehicleSimulator(prepare, fly_slowly, "fake")
 
 
-def interrupted_after(calls: int, engine: Engine = ENGINE) -> Engine:
+def interrupted_after(calls: int, engine: VehicleSimulator = ENGINE) -> VehicleSimulator:
     """The engine as it is when somebody presses Ctrl-C after so many blocks, of which the first are trials."""
     left = iter(range(calls))
 
@@ -175,7 +175,9 @@ def interrupted_after(calls: int, engine: Engine = ENGINE) -> Engine:
     return replace(engine, fly=fly_until)
 
 
-def run(campaign: Path, out: Path, engine: Engine = ENGINE, **options: Any) -> "RunResult":
+def run(
+    campaign: Path, out: Path, engine: VehicleSimulator = ENGINE, **options: Any
+) -> "RunResult":
     """Fly a campaign; ``options`` are those of a request."""
     from abhv_mc.execution.runner import run_campaign  # not where workers import this file
     from abhv_mc.execution.setup import Request

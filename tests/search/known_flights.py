@@ -11,7 +11,7 @@ from abhv_mc.flight.metrics import METRIC_INDEX, METRICS
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, recording_of
 from abhv_mc.search.tune import TuneRequest
-from abhv_mc.simulators.engine import Engine
+from abhv_mc.simulators.vehicle_simulator import VehicleSimulator
 
 METRIC = "altitude_error_max_m"
 
@@ -33,7 +33,7 @@ def fly_line(plan, parameters, record_every=None):
     )
 
 
-LINE = Engine(prepare, fly_line, "line")
+LINE = VehicleSimulator(prepare, fly_line, "line")
 LIMIT = "[{metric: altitude_error_max_m, below: 4.0, probability: 0.9}]"
 
 
@@ -83,7 +83,7 @@ def fly_tuned(plan, parameters, record_every=None):
     )
 
 
-TUNED = Engine(prepare_tuned, fly_tuned, "tuned")
+TUNED = VehicleSimulator(prepare_tuned, fly_tuned, "tuned")
 
 
 def write_tuned(folder):

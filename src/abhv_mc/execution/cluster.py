@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.execution.attest import Attestation, Check, sign
+from abhv_mc.execution.attest import Check, sign
 from abhv_mc.execution.fly_batches import AT_ONCE, fly_in_batches
 from abhv_mc.execution.retry import (
     FlightLostError,
@@ -30,8 +30,8 @@ from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.folder.plan_file import flatten
 from abhv_mc.identity import code_hash
+from abhv_mc.interfaces import Fly, Recorded, Simulator
 from abhv_mc.io.input_error import InputError
-from abhv_mc.simulators.engine import Engine, Fly, Recorded
 from abhv_mc.simulators.stored_plans import Code, code_of, rebuild_sent
 from abhv_mc.simulators.user_simulator.user_flights import note_surplus, with_surplus
 from abhv_mc.user_code.c_source import refuse_platform
@@ -127,10 +127,11 @@ class _Watch:
 class Cluster:
     """Flies on the workers of a scheduler; threads may call :meth:`fly` side by side."""
 
-    def __init__(self, client: "Client", engine: Engine) -> None:
-        self._client, self.engine = client, engine
+    def __init__(self, client: "Client") -> None:
+        self._client = client
+        self.engine: Simulator  # both as the executor sets them
+        self.check: Check
         self.limit = 600.0  # s that one flight, or 16 in a batch, may take
-        self.check: Check = Attestation(engine).check
         self._plans: dict[int, tuple[Future, FlightPlan]] = {}  # held, so that no id comes twice
         self._lock = threading.Lock()
 
@@ -191,7 +192,7 @@ class Cluster:
 
 
 @contextmanager
-def connect_cluster(address: str, engine: Engine) -> Iterator[Cluster]:
+def connect_cluster(address: str) -> Iterator[Cluster]:
     """The cluster whose scheduler is at ``address``. Raises InputError where there is none."""
     try:
         from distributed import Client
@@ -215,4 +216,4 @@ def connect_cluster(address: str, engine: Engine) -> Iterator[Cluster]:
                 print(f"waiting for workers of {address}", file=sys.stderr, flush=True)
                 told = True
             time.sleep(0.2)
-        yield Cluster(client, engine)
+        yield Cluster(client)

@@ -39,7 +39,7 @@ from abhv_mc.search.tune_trials import (
     vehicles_of,
 )
 from abhv_mc.simulators.candidates import Candidates, ControllerNumbers, read_controller_numbers
-from abhv_mc.simulators.engine import Engine, make_engine
+from abhv_mc.simulators.vehicle_simulator import VehicleSimulator, make_engine
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.statistics.quantile_pairs import quantile_difference
 
@@ -193,7 +193,7 @@ def _check_margins(
 
 def tune_controller(
     request: TuneRequest,
-    engine: Engine | None = None,
+    engine: VehicleSimulator | None = None,
     tell: Callable[[TuneFound], None] | None = None,
 ) -> TuneFound:
     """Search, validate on a fresh seed, and write the new file where the gain is shown.
@@ -206,15 +206,11 @@ def tune_controller(
 
 
 def _tune(
-    request: TuneRequest, engine: Engine, tell: Callable[[TuneFound], None] | None
+    request: TuneRequest, engine: VehicleSimulator, tell: Callable[[TuneFound], None] | None
 ) -> TuneFound:
-    campaign, name = read_searched(request.campaign, request.controller, request.seed)
+    campaign, name = read_searched(request.campaign, request.controller, request.seed, engine)
     model = campaign.model
-    if campaign.user_model is not None:
-        words = "a user's simulator, which has no controllers to tune"
-        raise campaign.document.error(
-            (), words, "a campaign of our own: with vehicle, mission and controllers"
-        )
+    campaign.simulator.check("tuning")
     block, document, where = read_tune_block(campaign, request.block)
     if request.out.suffix in (_KEPT, _PAGE):
         words = f"the ending '{request.out.suffix}' of what tuning writes beside it"
@@ -235,9 +231,7 @@ def _tune(
     kept = request.out.with_suffix(_KEPT)
     with hold_lock(kept / ".lock"), ExitStack() as stack:
         cluster = (
-            stack.enter_context(connect_cluster(request.scheduler, engine))
-            if request.scheduler
-            else None
+            stack.enter_context(connect_cluster(request.scheduler)) if request.scheduler else None
         )
         executor = stack.enter_context(open_executor(engine, execution, request.workers, cluster))
         identity = hashlib.sha256(text.encode()).hexdigest()

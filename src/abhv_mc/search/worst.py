@@ -26,7 +26,6 @@ from abhv_mc.search.search_flights import (
 )
 from abhv_mc.search.severity import Severity, ended_early
 from abhv_mc.search.space import make_space
-from abhv_mc.simulators.engine import Engine, make_engine
 from abhv_mc.simulators.margin_plans import TrimMargins, trim_margins
 from abhv_mc.statistics.estimates import Criterion
 
@@ -115,9 +114,7 @@ class WorstFound:
         }
 
 
-def find_worst(
-    request: SearchRequest, settings: WorstSettings, engine: Engine | None = None
-) -> WorstFound:
+def find_worst(request: SearchRequest, settings: WorstSettings, engine: Any = None) -> WorstFound:
     """Search, then fly as many random flights in the same box. Raises InputError for a request that is wrong."""
     campaign, controller = read_searched(request.campaign, request.controller, request.seed)
     metric = find_metric(
@@ -138,7 +135,7 @@ def find_worst(
     random = space.draw_in_box(bounds, campaign.model.seed, settings.flights)
     held = {"kind": "worst", **vars(settings)}
     with open_search(
-        request, held, 2 * settings.flights, engine or make_engine(), metric.name in MARGIN_NAMES
+        request, held, 2 * settings.flights, engine, metric.name in MARGIN_NAMES
     ) as search:
         severity = Severity(criterion, search.duration)
 

@@ -93,27 +93,28 @@ def read_campaign(
     runs: int | None = None,
     seed: int | None = None,
     controllers: Sequence[str] | None = None,
+    engine: Any = None,
 ) -> Experiment:
     """Read and check a campaign file; the other arguments override its entries. Raises :class:`InputErrors`."""
     document = read_requirements(read_document(path))
     given = {key: value for key, value in (("runs", runs), ("seed", seed)) if value is not None}
     if given and isinstance(document.data, dict):
         document = replace(document, data=document.data | given)
-    campaign = check_campaign(document)  # what is left out must be right, too
+    campaign = check_campaign(document, engine)  # what is left out must be right, too
     return (
         campaign
         if controllers is None
-        else check_campaign(_select_controllers(campaign.document, controllers))
+        else check_campaign(_select_controllers(campaign.document, controllers), engine)
     )
 
 
-def check_campaign(document: Document) -> Experiment:
+def check_campaign(document: Document, engine: Any = None) -> Experiment:
     """Check a campaign that was read already. Raises :class:`InputErrors`."""
     if (kind := find_kind(document, "campaign")) != "campaign":
         raise document.error((), f"a {kind} file", "a campaign file")
     document = name_effectors(read_requirements(document))
     model: Campaign = validate(document, SimulatorCampaign if is_own(document.data) else Campaign)
-    return _check(document, model)
+    return replace(_check(document, model), engine=engine)
 
 
 def _check(document: Document, model: Campaign) -> Experiment:

@@ -1,7 +1,7 @@
 """The campaign file as a model: keys, types and what can be checked within one entry."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
@@ -187,6 +187,8 @@ def _metrics_kind(value: Any) -> str:
 class Campaign(StrictModel):
     """A campaign file."""
 
+    # What is called with an experiment to make its simulator; it stands above what is asked, so it is found late.
+    simulator_maker: ClassVar = "abhv_mc.simulators.vehicle_simulator:make_simulator"
     name: Name = Field(description="name of the campaign, and of its folder below reports/")
     question: str = Field("", description="what the campaign asks; the headline of its report")
     vehicle: File = Field(description="vehicle file, relative to this file")

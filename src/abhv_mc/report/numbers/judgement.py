@@ -220,7 +220,7 @@ def _next(models: Models, met: Met) -> Next | None:
     """What helps: why flights fail; more flights, where they promise a PASS; what is missing for all jointly."""
     if models.results.manifest.state != "complete" or not models.names.campaign.independent:
         return None
-    verdicts, flies = models[VERDICTS], not models.names.campaign.adopted
+    verdicts, flies = models[VERDICTS], models.names.campaign.can_rerun
     why_failed = Next("why flights fail", "abhv-mc explain DIR --all")
     if not flies:
         why_failed = Next("see 'Why flights fail' in the report")

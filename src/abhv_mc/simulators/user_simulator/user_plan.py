@@ -5,10 +5,11 @@ import json
 import os
 import re
 import sys
-from collections.abc import Iterable
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any, ClassVar
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
@@ -40,7 +41,10 @@ class UserPlan:
     channels: tuple[Signal, ...] = ()  # of the history that a flight returns
     rate: float = 10.0  # Hz that it is recorded with, and for bands over time
     band_rate: float = 5.0
-    effectors: tuple[str, ...] = ()
+
+    timing: ClassVar = None  # each flight has times of its own
+    sources: ClassVar[tuple[UserSource, ...]] = ()
+    is_designed: ClassVar = False
     folders: tuple[str, ...] = ()  # empty ones that it needs
     start_limit: float = 600.0  # s to start
     flights_per_process: int | None = None
@@ -106,12 +110,14 @@ class UserPlan:
         return [(self._template % tuple(row)).encode() for row in rows.tolist()]
 
 
-def make_user_plans(campaign: Experiment, names: Iterable[str]) -> dict[str, UserPlan]:
-    """The plans of some of a campaign's systems. Raises InputError where nothing flies it."""
-    model, simulator, base = _find_simulator(campaign)
+def make_user_plans(
+    campaign: Experiment, model: SimulatorCampaign, systems: Mapping[str, Any]
+) -> dict[str, UserPlan]:
+    """The plans of systems with these settings. Raises InputError where nothing flies the campaign."""
+    simulator, base = _find_simulator(campaign, model)
     files = tuple(
         (name, hashlib.sha256(content).hexdigest())
-        for name, content in simulator_source(campaign).files
+        for name, content in simulator_source(campaign, model).files
     )
     codes, records = campaign.outcomes.numbers, campaign.parameters.records
     return {
@@ -121,7 +127,7 @@ def make_user_plans(campaign: Experiment, names: Iterable[str]) -> dict[str, Use
             folder=str(base.resolve()),
             files=files,
             python=simulator.python or "",
-            settings=json.dumps(model.systems[name]),
+            settings=json.dumps(settings),
             inputs=tuple(record.name for record in records),
             seeds=tuple(record.seed for record in records),
             metrics=campaign.measured,
@@ -137,24 +143,23 @@ def make_user_plans(campaign: Experiment, names: Iterable[str]) -> dict[str, Use
             band_rate=model.keep.envelopes.rate,
             campaign_folder=str(campaign.document.path.parent.resolve()),
         )
-        for name in names
+        for name, settings in systems.items()
     }
 
 
-def _find_simulator(campaign: Experiment) -> tuple[SimulatorCampaign, Simulator, Path]:
+def _find_simulator(campaign: Experiment, model: SimulatorCampaign) -> tuple[Simulator, Path]:
     """What flies, and the folder that it lies in. Raises InputError where nothing does."""
-    model = campaign.user_model
-    if model is None or model.simulator is None:
+    if model.simulator is None:
         found = "a campaign without a simulator: nothing can fly"
         raise campaign.document.error(
             (), found, "'simulator' here; abhv-mc adopt TABLE takes flights that were flown"
         )
-    return model, model.simulator, campaign.document.path.parent / model.simulator.folder
+    return model.simulator, campaign.document.path.parent / model.simulator.folder
 
 
-def simulator_source(campaign: Experiment) -> UserSource:
+def simulator_source(campaign: Experiment, model: SimulatorCampaign) -> UserSource:
     """The simulator's files, by which it is trusted. Nothing is run."""
-    _, simulator, base = _find_simulator(campaign)
+    simulator, base = _find_simulator(campaign, model)
     files = tuple((name, read_input(path)) for name, path in simulator.find_files(base).items())
     text = json.dumps([simulator.python, simulator.command])
     return UserSource(

@@ -30,9 +30,8 @@ def draw(found: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
     if not any(listed.values()):
         return
     rows, reference, campaign = [], results.reference, results.campaign
-    curves = [
-        curve for curve in curves_of(campaign) if campaign.user_model or curve.channel in _CHANNELS
-    ]
+    every = not campaign.simulator.capabilities.has_mission
+    curves = [curve for curve in curves_of(campaign) if every or curve.channel in _CHANNELS]
     for curve in curves[: len(_CHANNELS)]:
         panels = []
         for name in controllers:

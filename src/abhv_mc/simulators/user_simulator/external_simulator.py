@@ -1,0 +1,169 @@
+"""Simulators of the user's own: a Python function or a program, and tables that one has written."""
+
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from abhv_mc.array_types import Floats
+from abhv_mc.campaign.file.config import THREADS
+from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.campaign.file.simulator import SYSTEMS, SimulatorCampaign
+from abhv_mc.flight.channels import Signal
+from abhv_mc.flight.outcome import Outcomes, simulator_outcomes
+from abhv_mc.folder.inputs import read_folder_campaign
+from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.identity import code_hash
+from abhv_mc.interfaces import Capabilities, Packed
+from abhv_mc.io.input_error import InputError, InputErrors
+from abhv_mc.io.input_files import read_input
+from abhv_mc.simulators.campaign_code import check_user_code
+from abhv_mc.simulators.feasibility import asked_in_vain
+from abhv_mc.simulators.user_simulator.process import LostFlightError, Process
+from abhv_mc.simulators.user_simulator.process_pool import end_processes
+from abhv_mc.simulators.user_simulator.user_flights import fly_user_simulator, seconds_of_a_flight
+from abhv_mc.simulators.user_simulator.user_plan import (
+    UserPlan,
+    make_user_plans,
+    simulator_source,
+)
+from abhv_mc.user_code.source import UserSource
+from abhv_mc.user_code.trust import check_trusted
+
+_BY_ORDER = (
+    "answers of the program are matched to requests by order,"
+    " unless each repeats the text of its request's key 'flight'"
+)
+
+
+class ExternalSimulator:
+    """A Python function, or a program that speaks JSON lines."""
+
+    kind = "system"
+    origin = method = ""
+    capabilities = Capabilities(is_repeatable=False, has_margins=False, has_mission=False)
+    fly = staticmethod(fly_user_simulator)
+    isolation = THREADS
+    checked = True
+    close = staticmethod(end_processes)
+    find_stability = None
+
+    def __init__(self, experiment: Experiment, model: SimulatorCampaign) -> None:
+        self.experiment, self.model = experiment, model
+        self.states_noise = model.simulator is not None and not model.simulator.repeatable
+        self.independent = None if model.simulator else model.independent
+
+    @cached_property
+    def source(self) -> str:
+        return code_hash()
+
+    @property
+    def systems(self) -> tuple[str, ...]:
+        return tuple(self.model.systems)
+
+    @property
+    def outcomes(self) -> Outcomes:
+        return simulator_outcomes(self.model.outcomes)
+
+    @property
+    def channels(self) -> tuple[Signal, ...]:
+        return self.model.returned_channels
+
+    def check(self, feature: str) -> None:
+        found = f"a user's simulator, which has nothing for {feature}"
+        wish = "a campaign of our own: with vehicle, mission and controllers"
+        raise self.experiment.document.error((), found, wish)
+
+    def find_code(self) -> list[tuple[Path, UserSource]]:
+        source = simulator_source(self.experiment, self.model)
+        return [(Path(source.file), source)]
+
+    def pack(self, take: Callable[[Path, str], str]) -> Packed:
+        entries: dict[str, object] = {SYSTEMS: self.model.systems}
+        if (simulator := self.model.simulator) is None:
+            return Packed(entries, {}, frozenset())
+        base = self.experiment.document.path.parent / simulator.folder
+        place, files = "inputs/simulator", simulator.find_files(base)
+        written: Any = self.experiment.document.data
+        data = {**written["simulator"], "folder": place}
+        if folders := simulator.find_folders(base):  # the results folder holds files alone
+            data["files"] = [
+                f"{entry.rstrip('/')}/" if entry in folders else entry for entry in simulator.files
+            ]
+        return Packed(
+            {"simulator": data, **entries},
+            {f"{place}/{name}": read_input(path) for name, path in files.items()},
+            frozenset(
+                f"{place}/{name}" for name, path in files.items() if os.access(path, os.X_OK)
+            ),
+        )
+
+    def make_plans(self, names: Sequence[str]) -> dict[str, UserPlan]:
+        check_user_code(self.experiment)
+        return make_user_plans(
+            self.experiment, self.model, {n: self.model.systems[n] for n in names}
+        )
+
+    def restore_plans(
+        self, root: Path, names: Sequence[str], trusted: bool = False
+    ) -> dict[str, UserPlan]:
+        check_trusted(simulator_source(self.experiment, self.model), trusted)
+        model: Any = self.model
+        if not model.systems.keys() >= set(names):  # flown before, and not asked for now
+            model = read_folder_campaign(CampaignFolder(root)).model
+        systems = {name: model.systems[name] for name in names}
+        return make_user_plans(self.experiment, self.model, systems)
+
+    def add_margins(self, plans: Mapping[str, UserPlan]) -> dict[str, UserPlan]:
+        return {}
+
+    def fit_plans(
+        self, plans: Mapping[str, UserPlan], names: Sequence[str], rows: Floats
+    ) -> Mapping[str, UserPlan]:
+        return plans
+
+    def find_stride(self, plan: UserPlan, kept: str) -> int:
+        return 1
+
+    def find_warnings(self, plans: Mapping[str, UserPlan]) -> list[str]:
+        return asked_in_vain(self.experiment)
+
+    def find_reference(self, plan: UserPlan) -> dict[str, Floats]:
+        return {}
+
+    def time_of_flight(self, plans: Sequence[UserPlan]) -> float | None:
+        return seconds_of_a_flight(plans)
+
+    def describe_end(self, system: str, row: Floats, outcome: int) -> str:
+        ends = self.outcomes
+        return ends.sentences[ends.codes[outcome]]
+
+    def find_lacking(self) -> list[InputError]:
+        return []
+
+    def try_out(self) -> Iterator[str]:
+        try:
+            Process(next(iter(self.make_plans(self.systems).values()))).end()
+        except (LostFlightError, OSError) as error:
+            wish = "a simulator that starts"
+            place = self.experiment.document.key_error(("simulator",), str(error), wish)
+            raise InputErrors([place]) from None
+        if self.model.simulator and self.model.simulator.command:
+            yield _BY_ORDER
+
+
+class ImportedTable(ExternalSimulator):
+    """Flights that another simulator has computed."""
+
+    origin = "a table"
+    capabilities = ExternalSimulator.capabilities._replace(can_rerun=False)
+
+    def try_out(self) -> Iterator[str]:
+        return iter(())
+
+
+def make_simulator(experiment: Experiment) -> ExternalSimulator:
+    """The simulator of one campaign."""
+    model: Any = experiment.model
+    return (ExternalSimulator if model.simulator else ImportedTable)(experiment, model)
