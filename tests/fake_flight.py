@@ -17,6 +17,7 @@ from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS
 from abhv_mc.flight.metrics import METRICS, NO_METRICS
 from abhv_mc.flight.outcome import Limits, Outcome
 from abhv_mc.flight.plan import NO_SOURCES, FlightBlock, FlightPlan, Recording, recording_of
+from abhv_mc.interfaces import Engine
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.kernel.flight.interface import Timing
@@ -27,7 +28,6 @@ from abhv_mc.kernel.plant.state import N_STATES
 from abhv_mc.kernel.plant.vehicle import CHUNK, Vehicle
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.shipped import shipped_configs
-from abhv_mc.simulators.vehicle_simulator import VehicleSimulator
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 
 if TYPE_CHECKING:
@@ -157,11 +157,11 @@ def fly_slowly(
     return fly(plan, parameters, record_every)
 
 
-ENGINE = VehicleSimulator(prepare, fly, "fake")
-SLOW_ENGINE = VehicleSimulator(prepare, fly_slowly, "fake")
+ENGINE = Engine(prepare, fly, "fake")
+SLOW_ENGINE = Engine(prepare, fly_slowly, "fake")
 
 
-def interrupted_after(calls: int, engine: VehicleSimulator = ENGINE) -> VehicleSimulator:
+def interrupted_after(calls: int, engine: Engine = ENGINE) -> Engine:
     """The engine as it is when somebody presses Ctrl-C after so many blocks, of which the first are trials."""
     left = iter(range(calls))
 
@@ -175,9 +175,7 @@ def interrupted_after(calls: int, engine: VehicleSimulator = ENGINE) -> VehicleS
     return replace(engine, fly=fly_until)
 
 
-def run(
-    campaign: Path, out: Path, engine: VehicleSimulator = ENGINE, **options: Any
-) -> "RunResult":
+def run(campaign: Path, out: Path, engine: Engine = ENGINE, **options: Any) -> "RunResult":
     """Fly a campaign; ``options`` are those of a request."""
     from abhv_mc.execution.runner import run_campaign  # not where workers import this file
     from abhv_mc.execution.setup import Request

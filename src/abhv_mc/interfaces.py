@@ -5,6 +5,7 @@ promises to all asks for a capability, or calls :meth:`Simulator.check`.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -21,7 +22,10 @@ Recorded = Recording | int | None  # a number: samples of every channel so many 
 
 
 class Plan(Protocol):
-    """Everything that the flights of one system need apart from their inputs; it travels to worker processes."""
+    """Everything that the flights of one system need apart from their inputs; it travels to worker processes.
+
+    A folder stores it as arrays, which its simulator rebuilds and checks; where there is no mission, not at all.
+    """
 
     @property
     def controller(self) -> str:
@@ -34,10 +38,6 @@ class Plan(Protocol):
     @property
     def timing(self) -> Timing | None:
         """Control ticks of the mission; None where each flight has times of its own."""
-
-    @property
-    def is_designed(self) -> bool:
-        """Whether it took a design: a folder stores it as arrays, which its simulator rebuilds and checks."""
 
     @property
     def sources(self) -> tuple[UserSource, ...]:
@@ -56,62 +56,44 @@ class Capabilities(NamedTuple):
     has_mission: bool = True  # equal times, the program's channels, a reference, a nominal flight
 
 
-class Packed(NamedTuple):
-    """What a results folder holds of a simulator's files."""
+@dataclass(frozen=True)
+class Engine:
+    """How a plan is made and flown; tests put cheap ones in the place of the compiled flight.
 
-    entries: dict[str, Any]  # of the campaign file, with their places in the folder
-    copies: dict[str, bytes]  # by place
-    executables: frozenset[str]
+    Flights depend on their plan and their row alone, whatever block they are in.
+    """
+
+    prepare: (
+        Any  # a plan of vehicle, mission and controller; None where a simulator has none of these
+    )
+    fly: Fly
+    source: str  # hash of the code: rows of two of them never share a folder
+    # What margins.json holds, of the campaign and its plans.
+    find_stability: Callable[[Any, Any], dict[str, Any]] | None = None
+    checked: bool = False  # whether ``source`` is identity.code_hash() in every process that flies
+    isolation: str = "threads"  # where "auto" flies; processes need a ``fly`` that can be imported
+    # Ends the processes that it starts itself; they account for each flight that is lost.
+    close: Callable[[], None] | None = None
 
 
 class Simulator(Protocol):
-    """What computes the flights of one campaign.
-
-    ``fly`` is a function that other processes can import. Flights depend on their plan and their row alone, whatever
-    block they are in. A flight that cannot be computed has the outcome ``failed_to_run`` and never raises.
-    """
+    """What computes the flights of one campaign, or has computed them."""
 
     kind: str  # what is compared, in a word
+    systems: tuple[str, ...]  # what is compared, by name; the first has to meet the requirements
+    outcomes: Outcomes  # how flights may end
+    channels: tuple[Signal, ...]  # what histories hold; none where flights return no history
+    capabilities: Capabilities
+    independent: (
+        bool | None
+    )  # whether flights are stated to be independent; None: the sampling decides
+    states_noise: bool  # whether flights are stated to have noise that no input brings
     origin: str  # of flights that were computed elsewhere, in words; '' where ``fly`` computes them
     method: str  # sentence with the method's source, for the page; '' without
-    isolation: str  # where "auto" flies
-    checked: bool  # whether ``source`` is identity.code_hash() in every process that flies
-    # Ends the processes that it starts itself; they account for each flight that is lost.
-    close: Callable[[], None] | None
-    # What margins.json holds, of the campaign and its plans.
-    find_stability: Callable[[Any, Any], dict[str, Any]] | None
 
     @property
-    def fly(self) -> Fly:
-        """The function that computes the flights of a plan."""
-
-    @property
-    def source(self) -> str:
-        """Hash of the code: rows of two of them never share a folder."""
-
-    @property
-    def capabilities(self) -> Capabilities:
-        """What a feature may ask for."""
-
-    @property
-    def systems(self) -> tuple[str, ...]:
-        """What is compared, by name; the first has to meet the requirements."""
-
-    @property
-    def outcomes(self) -> Outcomes:
-        """How flights may end."""
-
-    @property
-    def channels(self) -> tuple[Signal, ...]:
-        """What histories hold; none where flights return no history."""
-
-    @property
-    def states_noise(self) -> bool:
-        """Whether flights are stated to have noise that no input brings."""
-
-    @property
-    def independent(self) -> bool | None:
-        """Whether flights are stated to be independent draws; None: the sampling decides."""
+    def engine(self) -> Engine:
+        """How plans are flown; reading flights asks for none."""
 
     def check(self, feature: str) -> None:
         """Raise InputError if ``feature`` needs a vehicle, mission and controllers that there are none of."""
@@ -119,8 +101,11 @@ class Simulator(Protocol):
     def find_code(self) -> list[tuple[Path, UserSource]]:
         """The user's code with the file that it is trusted by. Nothing is run."""
 
-    def pack(self, take: Callable[[Path, str], str]) -> Packed:
-        """Its files for a results folder; ``take`` copies a file, and those that it names, to a place."""
+    def pack(self, take: Callable[[Path, str], str], copies: dict[str, Path]) -> dict[str, Any]:
+        """Entries of the campaign file with the places of its files in a results folder.
+
+        ``take`` copies a file, and those that it names, to a place; ``copies`` are files by place.
+        """
 
     def make_plans(self, names: Sequence[str]) -> Mapping[str, Plan]:
         """Plans of some systems. Raises InputError."""

@@ -14,12 +14,12 @@ from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.metrics import METRICS
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, recording_of
+from abhv_mc.interfaces import Engine
 from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.simulators.make_plans import reference_of
-from abhv_mc.simulators.vehicle_simulator import VehicleSimulator
 from abhv_mc.topics import registry
 
 CONTROLLERS = ("tlc", "lqr", "lqr_retuned")
@@ -187,7 +187,7 @@ def write_campaign(
         )
         return record(block, recording_of(record_every, plan))
 
-    return run(path, folder, VehicleSimulator(prepare, fly, "synthetic"), workers=1).folder
+    return run(path, folder, Engine(prepare, fly, "synthetic"), workers=1).folder
 
 
 def build_page(folder: Path, baseline: Path | None = None) -> Path:

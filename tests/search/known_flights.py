@@ -10,8 +10,8 @@ from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.metrics import METRIC_INDEX, METRICS
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, recording_of
+from abhv_mc.interfaces import Engine
 from abhv_mc.search.tune import TuneRequest
-from abhv_mc.simulators.vehicle_simulator import VehicleSimulator
 
 METRIC = "altitude_error_max_m"
 
@@ -33,7 +33,7 @@ def fly_line(plan, parameters, record_every=None):
     )
 
 
-LINE = VehicleSimulator(prepare, fly_line, "line")
+LINE = Engine(prepare, fly_line, "line")
 LIMIT = "[{metric: altitude_error_max_m, below: 4.0, probability: 0.9}]"
 
 
@@ -83,7 +83,7 @@ def fly_tuned(plan, parameters, record_every=None):
     )
 
 
-TUNED = VehicleSimulator(prepare_tuned, fly_tuned, "tuned")
+TUNED = Engine(prepare_tuned, fly_tuned, "tuned")
 
 
 def write_tuned(folder):

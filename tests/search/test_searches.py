@@ -12,12 +12,12 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.samples import SampleReader
+from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.search.rare import RareSettings, find_rare
 from abhv_mc.search.search_flights import SearchRequest
 from abhv_mc.search.worst import WorstSettings, find_worst, find_worst_margins
-from abhv_mc.simulators.vehicle_simulator import VehicleSimulator
 
 
 @pytest.fixture
@@ -58,7 +58,7 @@ def test_an_interrupted_search_goes_on_to_the_same_for_any_number_of_workers(
     once_more = find(
         SearchRequest(line, cut, workers=1),
         settings,
-        VehicleSimulator(prepare, fly_counted, "line"),
+        Engine(prepare, fly_counted, "line"),
     )
     assert once_more.numbers() == whole.numbers()
     assert (
@@ -123,7 +123,7 @@ def test_flights_that_cannot_be_computed_are_flown_again(tmp_path, line):
         SearchRequest(line, tmp_path / "out"),
         WorstSettings(METRIC, flights=400, box=2.5),
     )
-    weak = find_worst(request, settings, VehicleSimulator(prepare, fly_weak, "line"))
+    weak = find_worst(request, settings, Engine(prepare, fly_weak, "line"))
     assert weak.failed_to_run > 0
     assert weak.numbers()["value"] <= 2.0 + 1e-9  # never the worst
     healed = find_worst(request, settings, LINE)
@@ -141,7 +141,7 @@ def test_seeds_are_common_in_worst_and_each_flights_own_in_rare(tmp_path):
         block.metrics[:] += 0.01 * parameters[:, [PARAMETER_INDEX["wind.turbulence"]]]
         return block
 
-    engine = VehicleSimulator(prepare, fly_turbulence, "line")
+    engine = Engine(prepare, fly_turbulence, "line")
     rare = find_rare(
         SearchRequest(campaign, tmp_path / "rare"), RareSettings(METRIC, flights=8000), engine
     )
@@ -172,7 +172,7 @@ def test_another_search_in_the_same_folder_is_refused(tmp_path, line):
         find_worst(
             request,
             WorstSettings(METRIC, flights=400),
-            VehicleSimulator(prepare, fly_line, "newer"),
+            Engine(prepare, fly_line, "newer"),
         )
     assert (tmp_path / "out/manifest.json").read_bytes() == before
 

@@ -9,11 +9,11 @@ from search.known_flights import BLOCK, CONTROLLER, TUNED, fly_tuned, prepare_tu
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.folder.arrays import write_array
+from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import InputError
 from abhv_mc.search import tune as module
 from abhv_mc.search.methods.tune import Scores, pareto_front, tune
 from abhv_mc.search.tune import TuneRequest, tune_controller
-from abhv_mc.simulators.vehicle_simulator import VehicleSimulator
 
 
 @pytest.fixture
@@ -67,7 +67,7 @@ def test_a_file_that_is_edited_meanwhile_changes_nothing(request_, tmp_path, tun
 
     assert (
         tune_controller(
-            replace(request_, workers=1), VehicleSimulator(prepare_tuned, edit, "tuned")
+            replace(request_, workers=1), Engine(prepare_tuned, edit, "tuned")
         ).as_json()
         == tuned[1].as_json()
     )
@@ -149,7 +149,7 @@ def test_numbers_that_make_no_controller_are_passed_over(request_):
             raise InputError(controller, "too much", "less")
         return prepare_tuned(vehicle, mission, controller, name)
 
-    assert tune_controller(request_, VehicleSimulator(prepare_some, fly_tuned, "some")).shown
+    assert tune_controller(request_, Engine(prepare_some, fly_tuned, "some")).shown
 
 
 def test_the_block_may_stand_in_the_campaign_or_below_its_key(request_, tmp_path):

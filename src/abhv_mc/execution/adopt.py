@@ -99,7 +99,7 @@ def adopt_table(
             _write_blocks(folder, files, campaign, blocks, table.name)
             manifest = replace(manifest, state=RUNNING)
         opened = OpenCampaign(folder, campaign, manifest, campaign.controllers, files)
-        return fly_opened(opened, Executor(campaign.simulator.fly, 1))
+        return fly_opened(opened, Executor(campaign.simulator.engine.fly, 1))
 
 
 def _without_verdicts(campaign: Experiment) -> Experiment:

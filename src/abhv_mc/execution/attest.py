@@ -14,7 +14,7 @@ from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.identity import Flyer, this_flyer
 
 if TYPE_CHECKING:  # which a worker process need not import
-    from abhv_mc.interfaces import Simulator
+    from abhv_mc.interfaces import Engine
 
 Check = Callable[[FlightPlan, Floats, FlightBlock], FlightBlock]
 
@@ -27,7 +27,7 @@ def sign(block: FlightBlock) -> FlightBlock:
 class Attestation:
     """Compares who flew with who asked; threads may call it side by side."""
 
-    def __init__(self, engine: "Simulator", every_worker: bool = False) -> None:
+    def __init__(self, engine: "Engine", every_worker: bool = False) -> None:
         """``every_worker``: fly one flight of each again; otherwise of each host with another kind of processor."""
         self._engine, self._every = engine, every_worker
         self._seen: set[Any] = set()

@@ -30,7 +30,7 @@ from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.folder.plan_file import flatten
 from abhv_mc.identity import code_hash
-from abhv_mc.interfaces import Fly, Recorded, Simulator
+from abhv_mc.interfaces import Engine, Fly, Recorded
 from abhv_mc.io.input_error import InputError
 from abhv_mc.simulators.stored_plans import Code, code_of, rebuild_sent
 from abhv_mc.simulators.user_simulator.user_flights import note_surplus, with_surplus
@@ -129,7 +129,7 @@ class Cluster:
 
     def __init__(self, client: "Client") -> None:
         self._client = client
-        self.engine: Simulator  # both as the executor sets them
+        self.engine: Engine  # both as the executor sets them
         self.check: Check
         self.limit = 600.0  # s that one flight, or 16 in a batch, may take
         self._plans: dict[int, tuple[Future, FlightPlan]] = {}  # held, so that no id comes twice

@@ -4,7 +4,6 @@ import tempfile
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from abhv_mc.folder.envelope_states import ENVELOPE_FLIGHTS
 from abhv_mc.folder.flights import END_TIME, FlightRows, flights_schema, write_block
 from abhv_mc.folder.histories import write_histories
 from abhv_mc.identity import count_cores
+from abhv_mc.interfaces import Engine
 from abhv_mc.simulators.engine import make_ready, simulate
 from abhv_mc.statistics.unknowns import search_flights
 
@@ -49,7 +49,7 @@ class Estimate:
 
 
 def estimate_campaign(
-    campaign: Experiment, engine: Any = None, workers: int | None = None
+    campaign: Experiment, engine: Engine | None = None, workers: int | None = None
 ) -> Estimate:
     """Fly a few of the campaign's flights of each controller and extrapolate; nothing is left behind.
 
@@ -69,7 +69,7 @@ def estimate_campaign(
     else:
         every = simulator.find_stride(first, "envelopes")
         cells = (first.timing.ticks // every + 1) * len(model.keep.envelopes.channels)
-        fly_probes(campaign, simulator.fly, every)
+        fly_probes(campaign, every)
     source = campaign.make_samples()
     number = min(TRIAL_FLIGHTS, campaign.runs)
     values = source.draw(0, number)

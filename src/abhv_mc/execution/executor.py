@@ -20,7 +20,7 @@ from abhv_mc.execution.retry import FlightLostError, fly_with_retries
 from abhv_mc.execution.worker_processes import WorkerPool
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks
 from abhv_mc.identity import count_cores
-from abhv_mc.interfaces import Fly, Recorded, Simulator
+from abhv_mc.interfaces import Engine, Fly, Recorded
 from abhv_mc.io.input_error import InputError
 
 
@@ -59,7 +59,7 @@ def open_threads(number: int) -> Iterator[ThreadPoolExecutor]:
 
 @contextlib.contextmanager
 def open_executor(
-    engine: Simulator,
+    engine: Engine,
     execution: Execution,
     workers: int | None,
     cluster: Cluster | None,
@@ -98,7 +98,7 @@ def open_executor(
         yield Executor(_in_this_process(engine), number)
 
 
-def _in_this_process(engine: Simulator) -> Fly:
+def _in_this_process(engine: Engine) -> Fly:
     def fly(plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
         def attempt(rows: Floats, recorded: Recorded) -> FlightBlock:
             try:

@@ -67,7 +67,9 @@ def fly_first(campaign: Experiment, workers: int | None) -> FirstFlights:
     Raises InputError if no flight of a system can be computed.
     """
     rows = campaign.make_samples().draw(0, min(_CHECKED, campaign.runs))
-    with open_executor(campaign.simulator, campaign.model.execution, workers, None) as executor:
+    with open_executor(
+        campaign.simulator.engine, campaign.model.execution, workers, None
+    ) as executor:
         end_processes()  # those of an earlier campaign: a check needs new ones
         repeats, warnings = _fly_twice(campaign, executor, rows)
         for name in campaign.systems:

@@ -10,6 +10,7 @@ from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.execution.executor import open_executor
 from abhv_mc.flight.plan import Recording
 from abhv_mc.folder.flights import END_TIME
+from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.simulators.engine import make_ready, simulate
 
@@ -23,7 +24,7 @@ def simulate_table(
     inputs: "pd.DataFrame",
     controllers: Sequence[str] | None = None,
     channels: Sequence[str] = (),
-    engine: Any = None,
+    engine: Engine | None = None,
 ) -> "xr.Dataset":
     """Fly a row of ``inputs`` a flight with each controller; see :func:`abhv_mc.simulate`. Raises InputError."""
     try:
@@ -67,7 +68,7 @@ def simulate_table(
         every = simulator.find_stride(next(iter(plans.values())), "histories")
         recording = Recording(every, tuple(places[name] for name in channels))
     ready = replace(make_ready(experiment, plans), columns=names)
-    with open_executor(simulator, experiment.model.execution, None, None) as executor:
+    with open_executor(simulator.engine, experiment.model.execution, None, None) as executor:
         blocks = [
             simulate(ready, name, rows, recording, executor.fly_side_by_side) for name in flying
         ]

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.runner import RunResult, run_campaign
@@ -12,12 +11,13 @@ from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.merge import join_shards, order_shards
 from abhv_mc.folder.siblings import check_pool, join_seeds
+from abhv_mc.interfaces import Engine
 from abhv_mc.simulators.campaign_code import check_user_code
 from abhv_mc.simulators.engine import check_source
 
 
 def merge_campaign(
-    parts: Sequence[Path], out: Path, engine: Any = None, trust_code: bool = False
+    parts: Sequence[Path], out: Path, engine: Engine | None = None, trust_code: bool = False
 ) -> RunResult:
     """Join complete shards, or campaigns of one question with different seeds, in the new folder ``out``, then make
     what follows from all flights.

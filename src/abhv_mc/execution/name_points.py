@@ -46,7 +46,9 @@ def name_points(campaign: Experiment, plans: Mapping[str, Plan], workers: int | 
             f"{total} flights search the worst values of the unknowns", file=sys.stderr, flush=True
         )
         with (
-            open_executor(campaign.simulator, campaign.model.execution, workers, None) as executor,
+            open_executor(
+                campaign.simulator.engine, campaign.model.execution, workers, None
+            ) as executor,
             Progress("search of the unknowns' worst values: flights", total) as progress,
         ):
             for name in plans:

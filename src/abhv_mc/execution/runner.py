@@ -6,7 +6,6 @@ import time
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -42,6 +41,7 @@ from abhv_mc.folder.manifest import (
     write_manifest,
 )
 from abhv_mc.folder.samples import SampleReader
+from abhv_mc.interfaces import Engine
 from abhv_mc.simulators.engine import check_source, simulate
 from abhv_mc.simulators.user_simulator.user_flights import describe_events, prove_blocks
 
@@ -60,7 +60,7 @@ class RunResult:
         return self.manifest.complete
 
 
-def run_campaign(request: Request, engine: Any = None) -> RunResult:
+def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
     """Fly a campaign, or what its folder misses of it.
 
     Raises InputError before anything is written for a request that is wrong, and StorageFullError when the disk
@@ -73,10 +73,15 @@ def run_campaign(request: Request, engine: Any = None) -> RunResult:
         if request.scheduler is not None:
             cluster = stack.enter_context(connect_cluster(request.scheduler))
         opened = open_campaign(request, engine, stack)
-        simulator = opened.campaign.simulator
         execution = opened.campaign.model.execution
         executor = stack.enter_context(
-            open_executor(simulator, execution, request.workers, cluster, request.check_workers)
+            open_executor(
+                opened.campaign.simulator.engine,
+                execution,
+                request.workers,
+                cluster,
+                request.check_workers,
+            )
         )
         return fly_opened(opened, executor)
 
@@ -145,7 +150,9 @@ class _Run:
         """Whether all is there that follows from the flights; a shard makes nothing of them."""
         if self.sharded:
             return True
-        margins = self.simulator.find_stability is None or self.files.knows(self.folder.margins)
+        margins = self.simulator.engine.find_stability is None or self.files.knows(
+            self.folder.margins
+        )
         histories = all(file.whole for file in self._list_histories())
         return margins and histories and self._knows_envelopes()
 
@@ -371,9 +378,9 @@ class _Run:
 
     def _write_stability(self) -> None:
         """The margins in steady flight, of all controllers of the folder."""
-        if self.simulator.find_stability is not None:
+        if self.simulator.engine.find_stability is not None:
             with Waiting("margins"):
-                found = self.simulator.find_stability(self.campaign, self.plans)
+                found = self.simulator.engine.find_stability(self.campaign, self.plans)
             write_text(self.folder.margins, json.dumps(found, indent=1, allow_nan=False) + "\n")
 
     def _list_histories(self) -> list[HistoryFile]:

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +31,7 @@ from abhv_mc.folder.manifest import RUNNING, Manifest, write_manifest
 from abhv_mc.folder.opening import FlownFolder, begin_folder, grow_folder, open_folder
 from abhv_mc.folder.samples import ROW_GROUP, SampleReader, write_samples
 from abhv_mc.identity import find_commit, find_compiler, find_machine, find_versions
-from abhv_mc.interfaces import Plan, Simulator
+from abhv_mc.interfaces import Engine, Plan
 from abhv_mc.io.documents import InputError
 from abhv_mc.io.input_files import reading_once
 from abhv_mc.simulators.campaign_code import check_user_code
@@ -83,7 +82,7 @@ class OpenCampaign:
         return self.campaign.runs * (i - 1) // n, self.campaign.runs * i // n
 
 
-def open_campaign(request: Request, engine: Any, stack: ExitStack) -> OpenCampaign:
+def open_campaign(request: Request, engine: Engine | None, stack: ExitStack) -> OpenCampaign:
     """Check the request, make or find the campaign's folder, and hold its lock until ``stack`` closes.
 
     Raises InputError before anything is written when something is wrong.
@@ -105,7 +104,7 @@ def open_campaign(request: Request, engine: Any, stack: ExitStack) -> OpenCampai
             requested = with_points(requested, held.data.get("points"))
             inputs = collect_inputs(requested)
         return _resume(flown, requested, inputs, request)
-    _start_workers(request, simulator)
+    _start_workers(request, simulator.engine)
     plans = _take_plans(request.plans_from, requested, inputs, request.trust_code)
     plans = plans or simulator.make_plans(requested.controllers)
     if request.shard is None:
@@ -148,17 +147,17 @@ def _take_plans(
     return campaign.simulator.restore_plans(root, names, trust_code)
 
 
-def _start_workers(request: Request, simulator: Simulator) -> None:
+def _start_workers(request: Request, engine: Engine) -> None:
     """Have worker processes import what they need while the campaign is made ready."""
-    if request.scheduler is None and simulator.isolation == PROCESSES:
-        start_fork_server(simulator.fly)
+    if request.scheduler is None and engine.isolation == PROCESSES:
+        start_fork_server(engine.fly)
 
 
 def _compile_margins(campaign: Experiment, plans: Mapping[str, Plan], stack: ExitStack) -> None:
     """Have another process compile what finds margins, where it never was, while this one goes on and flies."""
-    find, isolation = campaign.simulator.find_stability, campaign.simulator.isolation
-    if find is not None and isolation == PROCESSES and not is_compiled():
-        stack.enter_context(called_beside(find, campaign, plans))
+    engine = campaign.simulator.engine
+    if engine.find_stability is not None and engine.isolation == PROCESSES and not is_compiled():
+        stack.enter_context(called_beside(engine.find_stability, campaign, plans))
 
 
 def _check_shard(request: Request, campaign: Experiment) -> None:
@@ -198,7 +197,7 @@ def _resume(
     with_nominal = with_nominal or not simulator.capabilities.has_mission
     if added or longer or not with_nominal or not manifest.complete:
         check_source(folder, manifest, simulator)
-        _start_workers(request, simulator)
+        _start_workers(request, simulator.engine)
     new = simulator.make_plans(added)
     if new:
         _fly_nominal(requested, new)  # refuses what cannot fly, before anything is written
@@ -271,7 +270,7 @@ def _fly_nominal(
     first = next(iter(plans.values()))
     simulator.find_stride(first, "envelopes")
     every = simulator.find_stride(first, "histories")
-    flown = fly_probes(make_ready(campaign, plans), simulator.fly, every)
+    flown = fly_probes(make_ready(campaign, plans), every)
     return {name: (block.times, block.history[0]) for name, block in flown.items()}
 
 
@@ -326,7 +325,7 @@ def make_manifest(
         seed=campaign.model.seed,
         campaign_hash=inputs.identity,
         question=inputs.question,
-        source_hash=campaign.simulator.source,
+        source_hash=campaign.simulator.engine.source,
         started=datetime.now(UTC).isoformat(timespec="seconds"),
         versions=find_versions() | find_package_versions(sources),
         compiler=find_compiler(),

@@ -133,11 +133,6 @@ class FlightPlan:
         return (*METRICS, *unpack_metrics(self.declared))
 
     @property
-    def is_designed(self) -> bool:
-        """Whether it took a design, so that a folder stores it."""
-        return True
-
-    @property
     def sources(self) -> tuple[UserSource, ...]:
         """The user's code of its law and channels."""
         return tuple(source for source in (self.source, self.channels_source) if source)

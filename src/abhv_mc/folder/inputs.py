@@ -79,24 +79,24 @@ def collect_inputs(campaign: Experiment) -> FolderInputs:
     """What the folder of a checked campaign is to hold of its files."""
     model = campaign.model
     data: dict[str, Any] = dict(campaign.document.data)  # type: ignore[arg-type]
-    copies: dict[str, bytes] = {}
-    packed = campaign.simulator.pack(lambda path, place: _take(path, place, copies))
-    data |= packed.entries
-    copies |= packed.copies
+    files: dict[str, Path] = {}
+    data |= campaign.simulator.pack(lambda path, place: _take(path, place, files), files)
     if model.channels is not None:
-        data["channels"] = _take(model.channels, "inputs/channels", copies)
+        data["channels"] = _take(model.channels, "inputs/channels", files)
     if isinstance(model.metrics, Path):
         data["metrics"] = read_document(model.metrics).data
     data["runs"] = campaign.runs_at_point
     data["seed"] = model.seed
     if model.sampling.path:
-        place = _take(model.sampling.path, "inputs/samples", copies)
+        place = _take(model.sampling.path, "inputs/samples", files)
         data["sampling"] = {**data["sampling"], "path": place}
+    copies = {place: read_input(path) for place, path in files.items()}
+    programs = frozenset(place for place, path in files.items() if os.access(path, os.X_OK))
     hashes = {place: hashlib.sha256(content).hexdigest() for place, content in copies.items()}
-    return FolderInputs(replace(campaign.document, data=data), copies, hashes, packed.executables)
+    return FolderInputs(replace(campaign.document, data=data), copies, hashes, programs)
 
 
-def _take(path: Path, place: str, copies: dict[str, bytes]) -> str:
+def _take(path: Path, place: str, copies: dict[str, Path]) -> str:
     """Put ``path`` and all that it refers to under ``place``, in the same positions to each other."""
     files = {path.resolve(): None, **dict.fromkeys(find_references(path.resolve()))}
     root = Path(os.path.commonpath([file.parent for file in files]))
@@ -106,7 +106,7 @@ def _take(path: Path, place: str, copies: dict[str, bytes]) -> str:
             raise InputError(
                 file, "characters in the file's name that nothing shows", "another name"
             )
-        copies[copy] = read_input(file)
+        copies[copy] = file
     return f"{place}/{path.resolve().relative_to(root).as_posix()}"
 
 

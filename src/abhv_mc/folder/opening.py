@@ -60,9 +60,9 @@ def begin_folder(
 
 
 def _write_plans(folder: CampaignFolder, plans: Mapping[str, Plan]) -> None:
-    """The plans that took a design; others follow from the campaign file."""
+    """The plans of a mission; those of flights with times of their own follow from the campaign file."""
     for name, plan in plans.items():
-        if plan.is_designed:
+        if plan.timing is not None:
             write_plan(folder.plan(name), plan)
 
 

@@ -9,6 +9,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.flights import FlightRows
+from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.plant.parameters import Parameters
 from abhv_mc.search.methods.rare import CONFIDENCE, FEWEST, RareEstimate, choose_chains
@@ -124,7 +125,9 @@ class RareFound:
         }
 
 
-def find_rare(request: SearchRequest, settings: RareSettings, engine: Any = None) -> RareFound:
+def find_rare(
+    request: SearchRequest, settings: RareSettings, engine: Engine | None = None
+) -> RareFound:
     """Estimate P(failure) of one requirement. Raises InputError for a request that is wrong."""
     campaign, controller = read_searched(request.campaign, request.controller, request.seed)
     requirement = _find_requirement(campaign, controller, settings.requirement)

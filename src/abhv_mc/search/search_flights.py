@@ -47,7 +47,7 @@ from abhv_mc.folder.manifest import (
 from abhv_mc.folder.opening import FlownFolder, begin_folder, open_folder
 from abhv_mc.folder.samples import write_samples
 from abhv_mc.identity import find_commit, find_machine, find_versions
-from abhv_mc.interfaces import Simulator
+from abhv_mc.interfaces import Engine, Simulator
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.io.input_files import reading_once
 from abhv_mc.search.severity import not_computed, rank_distinct
@@ -75,7 +75,7 @@ class SearchRequest:
 
 
 def read_searched(
-    path: Path, controller: str | None, seed: int | None, engine: Any = None
+    path: Path, controller: str | None, seed: int | None, engine: Engine | None = None
 ) -> tuple[Experiment, str]:
     """The campaign and the controller that is searched. Raises InputError."""
     campaign = read_campaign(path, None, seed, engine=engine)
@@ -284,7 +284,7 @@ def open_search(
     request: SearchRequest,
     settings: dict[str, Any],
     flights: int,
-    engine: Any = None,
+    engine: Engine | None = None,
     with_margins: bool = False,
 ) -> Iterator[SearchFlights]:
     """The folder of a search, locked, and its executor; ``settings`` are what the search's result depends on.
@@ -310,7 +310,7 @@ def open_search(
             if plan.timing is None:
                 fly_first(ready, request.workers)
             else:
-                fly_probes(ready, simulator.fly, plan.timing.ticks)
+                fly_probes(ready, plan.timing.ticks)
             files = begin_folder(folder, inputs, {name: plan}, stack)
             manifest = Manifest(
                 name=campaign.model.name,
@@ -319,7 +319,7 @@ def open_search(
                 campaign_hash=inputs.identity,
                 inputs=inputs.hashes,
                 seed=campaign.model.seed,
-                source_hash=simulator.source,
+                source_hash=simulator.engine.source,
                 versions=find_versions(),
                 commit=find_commit(),
                 machine=find_machine(),
@@ -330,7 +330,7 @@ def open_search(
             stack.enter_context(connect_cluster(request.scheduler)) if request.scheduler else None
         )
         executor = stack.enter_context(
-            open_executor(simulator, campaign.model.execution, request.workers, cluster)
+            open_executor(simulator.engine, campaign.model.execution, request.workers, cluster)
         )
         writer = stack.enter_context(ThreadPoolExecutor(1))
         ready = make_ready(campaign, {name: plan}, with_margins)

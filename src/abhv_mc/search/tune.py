@@ -23,6 +23,7 @@ from abhv_mc.flight.metrics import MARGIN_NAMES, Metric
 from abhv_mc.folder.inputs import collect_inputs
 from abhv_mc.folder.layout import write_whole
 from abhv_mc.folder.lock import hold_lock
+from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import Document, InputError, StrictModel, read_document, validate
 from abhv_mc.io.input_files import reading_once
 from abhv_mc.search.methods.tune import Scores, Tuning, tune
@@ -39,7 +40,7 @@ from abhv_mc.search.tune_trials import (
     vehicles_of,
 )
 from abhv_mc.simulators.candidates import Candidates, ControllerNumbers, read_controller_numbers
-from abhv_mc.simulators.vehicle_simulator import VehicleSimulator, make_engine
+from abhv_mc.simulators.vehicle_simulator import make_engine
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.statistics.quantile_pairs import quantile_difference
 
@@ -193,7 +194,7 @@ def _check_margins(
 
 def tune_controller(
     request: TuneRequest,
-    engine: VehicleSimulator | None = None,
+    engine: Engine | None = None,
     tell: Callable[[TuneFound], None] | None = None,
 ) -> TuneFound:
     """Search, validate on a fresh seed, and write the new file where the gain is shown.
@@ -206,7 +207,7 @@ def tune_controller(
 
 
 def _tune(
-    request: TuneRequest, engine: VehicleSimulator, tell: Callable[[TuneFound], None] | None
+    request: TuneRequest, engine: Engine, tell: Callable[[TuneFound], None] | None
 ) -> TuneFound:
     campaign, name = read_searched(request.campaign, request.controller, request.seed, engine)
     model = campaign.model

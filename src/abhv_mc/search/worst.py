@@ -14,6 +14,7 @@ from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.metrics import MARGIN_NAMES, Metric
 from abhv_mc.folder.flights import FlightRows
+from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import InputError
 from abhv_mc.plant.parameters import Parameters
 from abhv_mc.search.methods.worst import WorstCase, least_evaluations, search_worst
@@ -114,7 +115,9 @@ class WorstFound:
         }
 
 
-def find_worst(request: SearchRequest, settings: WorstSettings, engine: Any = None) -> WorstFound:
+def find_worst(
+    request: SearchRequest, settings: WorstSettings, engine: Engine | None = None
+) -> WorstFound:
     """Search, then fly as many random flights in the same box. Raises InputError for a request that is wrong."""
     campaign, controller = read_searched(request.campaign, request.controller, request.seed)
     metric = find_metric(

@@ -14,7 +14,7 @@ from abhv_mc.io.documents import InputError
 
 def check_source(folder: CampaignFolder, manifest: Manifest, simulator: Simulator) -> None:
     """Refuse to go on with other code than the one that flew so far. Raises InputError."""
-    flown, now = manifest.source_hash, simulator.source
+    flown, now = manifest.source_hash, simulator.engine.source
     if flown != now:
         found = f"flights of another version of the program (source {flown}, now {now})"
         raise InputError(folder.root, found, "the same again, another folder (-o DIR), or --fresh")
@@ -49,4 +49,4 @@ def simulate(
     """
     ready = experiment.systems[system]
     plan = ready.with_margins or ready.plan if margins else ready.plan
-    return (executor or experiment.simulator.fly)(plan, experiment.rows(rows), recording)
+    return (executor or experiment.simulator.engine.fly)(plan, experiment.rows(rows), recording)

@@ -1,37 +1,24 @@
 """The program's own simulator: a vehicle that flies a mission with its controllers."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from copy import copy
-from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.config import PROCESSES, THREADS
+from abhv_mc.campaign.file.config import PROCESSES
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.flight.channels import CHANNELS, Channel, effector_channels
-from abhv_mc.flight.outcome import OUTCOMES, Outcome, Outcomes
+from abhv_mc.flight.channels import CHANNELS, Signal, effector_channels
+from abhv_mc.flight.outcome import OUTCOMES, Outcome
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.identity import code_hash
-from abhv_mc.interfaces import Capabilities, Fly, Packed
+from abhv_mc.interfaces import Capabilities, Engine
 from abhv_mc.io.input_error import InputError
 from abhv_mc.user_code.source import UserSource
 
-Prepare = Callable[[Path, Path, Path, str], FlightPlan]  # of vehicle, mission, controller, name
 
-
-@dataclass
 class VehicleSimulator:
-    """How a plan is made and flown; tests put cheap ones in the place of the compiled flight."""
-
-    prepare: Prepare
-    fly: Fly
-    source: str
-    find_stability: Callable[[Experiment, Any], dict[str, Any]] | None = None
-    checked: bool = False
-    isolation: str = THREADS
-    close: Callable[[], None] | None = None
-    experiment: Experiment = field(init=False)
+    """Plans by the vehicle's trim and its controllers' design, flown by the compiled flight."""
 
     kind = "controller"
     origin = ""
@@ -40,20 +27,18 @@ class VehicleSimulator:
         " an air-breathing hypersonic vehicle, 2014."
     )
     capabilities = Capabilities()
+    outcomes = OUTCOMES
     states_noise = False
-    independent = None
+    independent: bool | None = None
 
-    @property
-    def systems(self) -> tuple[str, ...]:
-        return tuple(self.experiment.model.controllers)
+    def __init__(self, experiment: Experiment) -> None:
+        self.experiment, model = experiment, experiment.model
+        self.systems: tuple[str, ...] = tuple(model.controllers)
+        self.channels: tuple[Signal, ...] = (*CHANNELS, *effector_channels(experiment.effectors))
 
-    @property
-    def outcomes(self) -> Outcomes:
-        return OUTCOMES
-
-    @property
-    def channels(self) -> tuple[Channel, ...]:
-        return (*CHANNELS, *effector_channels(self.experiment.effectors))
+    @cached_property
+    def engine(self) -> Engine:
+        return self.experiment.engine or make_engine()
 
     def check(self, feature: str) -> None:
         pass
@@ -63,22 +48,21 @@ class VehicleSimulator:
 
         return find_code(self.experiment.model)
 
-    def pack(self, take: Callable[[Path, str], str]) -> Packed:
+    def pack(self, take: Callable[[Path, str], str], copies: dict[str, Path]) -> dict[str, Any]:
         model = self.experiment.model
-        entries: dict[str, Any] = {
-            name: take(path, f"inputs/{name}")
-            for name, path in (("vehicle", model.vehicle), ("mission", model.mission))
+        return {
+            "vehicle": take(model.vehicle, "inputs/vehicle"),
+            "mission": take(model.mission, "inputs/mission"),
+            "controllers": {
+                name: take(path, f"inputs/controllers/{name}")
+                for name, path in model.controllers.items()
+            },
         }
-        entries["controllers"] = {
-            name: take(path, f"inputs/controllers/{name}")
-            for name, path in model.controllers.items()
-        }
-        return Packed(entries, {}, frozenset())
 
     def make_plans(self, names: Sequence[str]) -> dict[str, FlightPlan]:
         from abhv_mc.simulators.make_plans import make_plans
 
-        return make_plans(self.experiment, names, self.prepare)
+        return make_plans(self.experiment, names, self.engine.prepare)
 
     def restore_plans(
         self, root: Path, names: Sequence[str], trusted: bool = False
@@ -143,13 +127,13 @@ class VehicleSimulator:
         return iter(())
 
 
-def make_engine() -> VehicleSimulator:
+def make_engine() -> Engine:
     """The compiled flight."""
     from abhv_mc.flight.prepare import prepare
     from abhv_mc.simulators.corner_margins import describe_stability
     from abhv_mc.stability.fly_with_margins import fly_with_margins
 
-    return VehicleSimulator(
+    return Engine(
         prepare,
         fly_with_margins,
         code_hash(),
@@ -157,10 +141,3 @@ def make_engine() -> VehicleSimulator:
         checked=True,
         isolation=PROCESSES,
     )
-
-
-def make_simulator(experiment: Experiment) -> VehicleSimulator:
-    """The simulator of one campaign."""
-    simulator = copy(experiment.engine or make_engine())
-    simulator.experiment = experiment
-    return simulator

@@ -40,6 +40,7 @@ from abhv_mc.campaign.sampling.samples import SampleFile, full_rows, read_sample
 from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.channels import CHANNELS, effector_channels
 from abhv_mc.flight.metrics import MARGINS, METRICS, Metric, effector_metrics
+from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import (
     Document,
     InputError,
@@ -93,7 +94,7 @@ def read_campaign(
     runs: int | None = None,
     seed: int | None = None,
     controllers: Sequence[str] | None = None,
-    engine: Any = None,
+    engine: Engine | None = None,
 ) -> Experiment:
     """Read and check a campaign file; the other arguments override its entries. Raises :class:`InputErrors`."""
     document = read_requirements(read_document(path))
@@ -108,7 +109,7 @@ def read_campaign(
     )
 
 
-def check_campaign(document: Document, engine: Any = None) -> Experiment:
+def check_campaign(document: Document, engine: Engine | None = None) -> Experiment:
     """Check a campaign that was read already. Raises :class:`InputErrors`."""
     if (kind := find_kind(document, "campaign")) != "campaign":
         raise document.error((), f"a {kind} file", "a campaign file")

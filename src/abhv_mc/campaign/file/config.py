@@ -188,7 +188,7 @@ class Campaign(StrictModel):
     """A campaign file."""
 
     # What is called with an experiment to make its simulator; it stands above what is asked, so it is found late.
-    simulator_maker: ClassVar = "abhv_mc.simulators.vehicle_simulator:make_simulator"
+    simulator_maker: ClassVar = "abhv_mc.simulators.vehicle_simulator:VehicleSimulator"
     name: Name = Field(description="name of the campaign, and of its folder below reports/")
     question: str = Field("", description="what the campaign asks; the headline of its report")
     vehicle: File = Field(description="vehicle file, relative to this file")

@@ -30,7 +30,7 @@ from abhv_mc.flight.channels import Signal
 from abhv_mc.flight.metrics import MARGINS, Metric
 from abhv_mc.flight.outcome import Outcomes
 from abhv_mc.flight.repeatability import Repeatability
-from abhv_mc.interfaces import Plan, Simulator
+from abhv_mc.interfaces import Engine, Plan, Simulator
 from abhv_mc.io.documents import Document
 from abhv_mc.plant.parameters import OURS, Parameters
 from abhv_mc.statistics.estimates import Criterion
@@ -95,7 +95,7 @@ class Experiment:
     unknowns: Unknowns = field(default_factory=Unknowns)
     parameters: Parameters = OURS  # what its flights may be given
     repeatability: Repeatability | None = None  # of a user's simulator, as its folder says
-    engine: Any = None  # simulator of the vehicle in place of the compiled one
+    engine: Engine | None = None  # of the vehicle, in place of the compiled flight
 
     @cached_property
     def simulator(self) -> Simulator:

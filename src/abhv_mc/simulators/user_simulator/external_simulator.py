@@ -1,23 +1,19 @@
 """Simulators of the user's own: a Python function or a program, and tables that one has written."""
 
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.config import THREADS
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.simulator import SYSTEMS, SimulatorCampaign
-from abhv_mc.flight.channels import Signal
-from abhv_mc.flight.outcome import Outcomes, simulator_outcomes
+from abhv_mc.flight.outcome import simulator_outcomes
 from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.identity import code_hash
-from abhv_mc.interfaces import Capabilities, Packed
+from abhv_mc.interfaces import Capabilities, Engine
 from abhv_mc.io.input_error import InputError, InputErrors
-from abhv_mc.io.input_files import read_input
 from abhv_mc.simulators.campaign_code import check_user_code
 from abhv_mc.simulators.feasibility import asked_in_vain
 from abhv_mc.simulators.user_simulator.process import LostFlightError, Process
@@ -43,32 +39,17 @@ class ExternalSimulator:
     kind = "system"
     origin = method = ""
     capabilities = Capabilities(is_repeatable=False, has_margins=False, has_mission=False)
-    fly = staticmethod(fly_user_simulator)
-    isolation = THREADS
-    checked = True
-    close = staticmethod(end_processes)
-    find_stability = None
 
     def __init__(self, experiment: Experiment, model: SimulatorCampaign) -> None:
         self.experiment, self.model = experiment, model
+        self.systems, self.channels = tuple(model.systems), model.returned_channels
+        self.outcomes = simulator_outcomes(model.outcomes)
         self.states_noise = model.simulator is not None and not model.simulator.repeatable
         self.independent = None if model.simulator else model.independent
 
     @cached_property
-    def source(self) -> str:
-        return code_hash()
-
-    @property
-    def systems(self) -> tuple[str, ...]:
-        return tuple(self.model.systems)
-
-    @property
-    def outcomes(self) -> Outcomes:
-        return simulator_outcomes(self.model.outcomes)
-
-    @property
-    def channels(self) -> tuple[Signal, ...]:
-        return self.model.returned_channels
+    def engine(self) -> Engine:
+        return Engine(None, fly_user_simulator, code_hash(), checked=True, close=end_processes)
 
     def check(self, feature: str) -> None:
         found = f"a user's simulator, which has nothing for {feature}"
@@ -79,25 +60,20 @@ class ExternalSimulator:
         source = simulator_source(self.experiment, self.model)
         return [(Path(source.file), source)]
 
-    def pack(self, take: Callable[[Path, str], str]) -> Packed:
-        entries: dict[str, object] = {SYSTEMS: self.model.systems}
+    def pack(self, take: Callable[[Path, str], str], copies: dict[str, Path]) -> dict[str, Any]:
+        entries: dict[str, Any] = {SYSTEMS: self.model.systems}
         if (simulator := self.model.simulator) is None:
-            return Packed(entries, {}, frozenset())
-        base = self.experiment.document.path.parent / simulator.folder
-        place, files = "inputs/simulator", simulator.find_files(base)
+            return entries
+        base, place = self.experiment.document.path.parent / simulator.folder, "inputs/simulator"
+        for name, path in simulator.find_files(base).items():
+            copies[f"{place}/{name}"] = path
         written: Any = self.experiment.document.data
         data = {**written["simulator"], "folder": place}
         if folders := simulator.find_folders(base):  # the results folder holds files alone
             data["files"] = [
                 f"{entry.rstrip('/')}/" if entry in folders else entry for entry in simulator.files
             ]
-        return Packed(
-            {"simulator": data, **entries},
-            {f"{place}/{name}": read_input(path) for name, path in files.items()},
-            frozenset(
-                f"{place}/{name}" for name, path in files.items() if os.access(path, os.X_OK)
-            ),
-        )
+        return {"simulator": data, **entries}
 
     def make_plans(self, names: Sequence[str]) -> dict[str, UserPlan]:
         check_user_code(self.experiment)

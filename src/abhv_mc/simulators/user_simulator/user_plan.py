@@ -44,7 +44,6 @@ class UserPlan:
 
     timing: ClassVar = None  # each flight has times of its own
     sources: ClassVar[tuple[UserSource, ...]] = ()
-    is_designed: ClassVar = False
     folders: tuple[str, ...] = ()  # empty ones that it needs
     start_limit: float = 600.0  # s to start
     flights_per_process: int | None = None
