@@ -12,7 +12,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -39,8 +39,6 @@ from abhv_mc.user_code.child import allow_here
 
 if TYPE_CHECKING:
     from distributed import Client, Future
-
-    from abhv_mc.simulators.user_simulator.user_plan import UserPlan
 
 Arrays = dict[str, np.ndarray]
 
@@ -140,14 +138,13 @@ class Cluster:
         """Blocks to have under way."""
         return max(_FEWEST, _PER_THREAD * sum(self._client.nthreads().values()))
 
-    def fly(self, plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
+    def fly(self, plan: Any, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
         """As the engine's ``fly``; what cannot be computed has the outcome ``failed_to_run``."""
         if self.engine.close is None:
             return fly_with_retries(partial(self._attempt, plan), plan, parameters, recorded)
         try:
-            user_plan = cast("UserPlan", plan)
-            block = self._attempt(with_surplus(user_plan), parameters, recorded)  # type: ignore[arg-type]
-            note_surplus(user_plan, len(parameters), block.events.get("surplus", 0))
+            block = self._attempt(with_surplus(plan), parameters, recorded)
+            note_surplus(plan, len(parameters), block.events.get("surplus", 0))
             return block
         except FlightLostError as lost:  # its flights cost no worker: it is the machine
             raise UnusableError(str(lost)) from None
@@ -165,7 +162,7 @@ class Cluster:
                 self._plans[id(plan)] = held, plan
             return held
 
-    def _attempt(self, plan: FlightPlan, parameters: Floats, recorded: Recorded) -> FlightBlock:
+    def _attempt(self, plan: Any, parameters: Floats, recorded: Recorded) -> FlightBlock:
         from distributed import CancelledError, KilledWorker
 
         engine, limit = self.engine, time_limit(min(len(parameters), AT_ONCE), self.limit)

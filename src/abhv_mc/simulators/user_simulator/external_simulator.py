@@ -1,5 +1,7 @@
 """Simulators of the user's own: a Python function or a program, and tables that one has written."""
 
+import hashlib
+import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -7,23 +9,20 @@ from typing import Any
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.file.simulator import SYSTEMS, SimulatorCampaign
-from abhv_mc.flight.outcome import simulator_outcomes
+from abhv_mc.campaign.file.simulator import SYSTEMS, Simulator, SimulatorCampaign
+from abhv_mc.flight.outcome import Outcome, simulator_outcomes
 from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.identity import code_hash
 from abhv_mc.interfaces import Capabilities, Engine
 from abhv_mc.io.input_error import InputError, InputErrors
+from abhv_mc.io.input_files import read_input
 from abhv_mc.simulators.campaign_code import check_user_code
 from abhv_mc.simulators.feasibility import asked_in_vain
 from abhv_mc.simulators.user_simulator.process import LostFlightError, Process
 from abhv_mc.simulators.user_simulator.process_pool import end_processes
 from abhv_mc.simulators.user_simulator.user_flights import fly_user_simulator, seconds_of_a_flight
-from abhv_mc.simulators.user_simulator.user_plan import (
-    UserPlan,
-    make_user_plans,
-    simulator_source,
-)
+from abhv_mc.simulators.user_simulator.user_plan import UserPlan
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.trust import check_trusted
 
@@ -56,15 +55,26 @@ class ExternalSimulator:
         wish = "a campaign of our own: with vehicle, mission and controllers"
         raise self.experiment.document.error((), found, wish)
 
+    def find_simulator(self) -> tuple[Simulator, Path]:
+        """What computes flights, and the folder that it lies in. Raises InputError where nothing does."""
+        document = self.experiment.document
+        if self.model.simulator is None:
+            wish = "'simulator' here; abhv-mc adopt TABLE takes flights that were flown"
+            raise document.error((), "a campaign without a simulator: nothing can fly", wish)
+        return self.model.simulator, document.path.parent / self.model.simulator.folder
+
     def find_code(self) -> list[tuple[Path, UserSource]]:
-        source = simulator_source(self.experiment, self.model)
-        return [(Path(source.file), source)]
+        simulator, base = self.find_simulator()
+        files = tuple((name, read_input(path)) for name, path in simulator.find_files(base).items())
+        text = json.dumps([simulator.python, simulator.command])
+        start = base / (simulator.python or (simulator.command or ("",))[0])
+        return [(start, UserSource(text, str(start), files))]
 
     def pack(self, take: Callable[[Path, str], str], copies: dict[str, Path]) -> dict[str, Any]:
         entries: dict[str, Any] = {SYSTEMS: self.model.systems}
-        if (simulator := self.model.simulator) is None:
+        if self.model.simulator is None:
             return entries
-        base, place = self.experiment.document.path.parent / simulator.folder, "inputs/simulator"
+        place, (simulator, base) = "inputs/simulator", self.find_simulator()
         for name, path in simulator.find_files(base).items():
             copies[f"{place}/{name}"] = path
         written: Any = self.experiment.document.data
@@ -77,19 +87,47 @@ class ExternalSimulator:
 
     def make_plans(self, names: Sequence[str]) -> dict[str, UserPlan]:
         check_user_code(self.experiment)
-        return make_user_plans(
-            self.experiment, self.model, {n: self.model.systems[n] for n in names}
-        )
+        return self._make_plans(names, self.model)
 
     def restore_plans(
         self, root: Path, names: Sequence[str], trusted: bool = False
     ) -> dict[str, UserPlan]:
-        check_trusted(simulator_source(self.experiment, self.model), trusted)
-        model: Any = self.model
-        if not model.systems.keys() >= set(names):  # flown before, and not asked for now
-            model = read_folder_campaign(CampaignFolder(root)).model
-        systems = {name: model.systems[name] for name in names}
-        return make_user_plans(self.experiment, self.model, systems)
+        ((_, source),) = self.find_code()
+        check_trusted(source, trusted)
+        if self.model.systems.keys() >= set(names):
+            return self._make_plans(names, self.model)
+        # flown before, and not asked for now
+        return self._make_plans(names, read_folder_campaign(CampaignFolder(root)).model)
+
+    def _make_plans(self, names: Sequence[str], model: Any) -> dict[str, UserPlan]:
+        """Plans of systems with the settings of ``model``."""
+        (simulator, base), experiment = self.find_simulator(), self.experiment
+        ((_, source),) = self.find_code()
+        records, keep = experiment.parameters.records, experiment.model.keep
+        lost = Outcome.FAILED_TO_RUN.code
+        return {
+            name: UserPlan(
+                controller=name,
+                command=simulator.command or (),
+                folder=str(base.resolve()),
+                files=tuple((at, hashlib.sha256(data).hexdigest()) for at, data in source.files),
+                python=simulator.python or "",
+                settings=json.dumps(model.systems[name]),
+                inputs=tuple(record.name for record in records),
+                seeds=tuple(record.seed for record in records),
+                metrics=experiment.measured,
+                outcomes={code: n for code, n in self.outcomes.numbers.items() if code != lost},
+                time_limit=simulator.time_limit,
+                folders=tuple(simulator.find_folders(base)),
+                start_limit=simulator.start_limit,
+                flights_per_process=simulator.flights_per_process,
+                channels=self.channels,
+                rate=keep.histories.rate,
+                band_rate=keep.envelopes.rate,
+                campaign_folder=str(experiment.document.path.parent.resolve()),
+            )
+            for name in names
+        }
 
     def add_margins(self, plans: Mapping[str, UserPlan]) -> dict[str, UserPlan]:
         return {}
