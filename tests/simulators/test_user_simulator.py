@@ -1,5 +1,8 @@
 """Flights of a user's simulator: each is accounted for, whatever it does."""
 
+import errno
+import os
+import re
 import shutil
 import sys
 import tempfile
@@ -426,6 +429,19 @@ def test_a_program_may_take_its_time_to_start_and_has_to_flush(
     path = dive_campaign(tmp_path, simulator=simulator)
     assert fly_delays(path, [1.0]).outcome.tolist() == [LOST]
     assert "does it flush its standard output" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("code", [errno.EMFILE, errno.EAGAIN])
+def test_a_machine_that_starts_no_process_costs_no_flight(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int
+) -> None:
+    def fail(*_: Any, **__: Any) -> None:
+        raise OSError(code, os.strerror(code))
+
+    end_processes()
+    monkeypatch.setattr("subprocess.Popen", fail)
+    with pytest.raises(OSError, match=re.escape(os.strerror(code))):
+        fly_delays(dive_campaign(tmp_path), [1.0])
 
 
 def test_other_files_than_the_campaign_was_begun_with_do_not_fly(tmp_path: Path) -> None:
