@@ -139,7 +139,7 @@ def test_a_shipped_campaign_is_known_by_its_name(abhv_mc, tmp_path, command):
 
 
 def test_json_on_standard_output_stands_there_alone(abhv_mc, tmp_path, monkeypatch):
-    monkeypatch.setattr("abhv_mc.execution.runner.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc.simulators.vehicle_simulator.make_engine", lambda: ENGINE)
     campaign = write_campaign(tmp_path / "f", runs="8")
     code, out, said = abhv_mc("run", campaign, "-o", tmp_path / "out", "--no-report", "--json", "-")
     assert code == 0 and json.loads(out)["runs_done"] == 8 and "flights: 16 of 16" in said

@@ -29,7 +29,6 @@ from abhv_mc.simulators.user_simulator import (
 )
 from abhv_mc.simulators.user_simulator.process_pool import end_processes
 from abhv_mc.simulators.user_simulator.user_flights import prove_blocks
-from abhv_mc.simulators.user_simulator.user_plan import make_user_plans
 
 LOST = int(Outcome.FAILED_TO_RUN)
 WRONG = {  # by the delay that is asked for: what the flight returns, and what is said of it
@@ -81,7 +80,7 @@ WRONG_HISTORIES = {  # what is done to the history
 
 def ready(path: Path) -> Experiment:
     campaign = read_campaign(path)
-    return make_ready(campaign, make_user_plans(campaign, campaign.controllers))  # type: ignore[arg-type]
+    return make_ready(campaign, campaign.simulator.make_plans(campaign.controllers))
 
 
 def fly_delays(path: Path, delays: list[float]) -> FlightBlock:
@@ -220,6 +219,15 @@ for line in sys.stdin:
     time.sleep(0.02)
     print(json.dumps({"altitude_min": float(open("case.in").read()), "load": 1.0}), flush=True)
 """
+
+
+def test_a_file_that_is_missing_at_the_start_is_named(tmp_path: Path) -> None:
+    path = dive_campaign(tmp_path)
+    (tmp_path / "drag.txt").write_text("0.02")
+    (tmp_path / "dive.py").write_text(f"open('drag.txt')\n{DIVE}")
+    words = "drag.txt lies in the simulator's folder but not in 'files'; expected a simulator that"
+    with pytest.raises(InputErrors, match=words):
+        list(read_campaign(path).simulator.try_out())
 
 
 def test_each_process_works_in_a_folder_of_its_own(
