@@ -1,6 +1,6 @@
 """How `abhv-mc worst` compares with as many random flights in the same box, seed by seed.
 
-    python benchmarks/worst_seeds.py [--campaign FILE] [--metric NAME] [--controller NAME] [--seeds 20] [--flights 2000]
+    python -m benchmarks.worst_seeds [--campaign FILE] [--metric NAME] [--controller NAME] [--seeds 20] [--flights 2000]
         [--json FILE]
 
 One line for each seed: the worst value of the search and of the random flights (those that `worst` flies for its page).
