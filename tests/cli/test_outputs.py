@@ -138,6 +138,11 @@ def test_a_shipped_campaign_is_known_by_its_name(abhv_mc, tmp_path, command):
     assert code == 2 and "did you mean 's_manoeuvre'?" in said, said
 
 
+def test_a_campaign_in_place_of_a_mission_is_named(abhv_mc):
+    code, _, said = abhv_mc("fly", "campaigns/s_manoeuvre.yaml")
+    assert code == 2 and "a campaign file; expected a mission file: `abhv-mc run`" in said, said
+
+
 def test_json_on_standard_output_stands_there_alone(abhv_mc, tmp_path, monkeypatch):
     monkeypatch.setattr("abhv_mc.execution.runner.make_engine", lambda: ENGINE)
     campaign = write_campaign(tmp_path / "f", runs="8")

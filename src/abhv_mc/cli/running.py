@@ -65,7 +65,6 @@ def run(
     are missing or could not be computed.
     """
     announce_compiling()
-    from abhv_mc.execution.retry import UnusableError
     from abhv_mc.execution.runner import run_campaign
     from abhv_mc.folder.remote import mirrored
 
@@ -78,13 +77,9 @@ def run(
         asked = read_campaign(request.campaign, request.runs, request.seed, request.controllers)
         check_baseline(asked, baseline)
     out = None if request.output is None else Path(request.output)
-    try:
-        with mirrored(out, staging) if out else nullcontext() as folder:
-            result = run_campaign(replace(request, output=folder))
-            finish(result, no_report or request.shard is not None, json, out, junit, baseline)
-    except UnusableError as error:
-        say(error, file=sys.stderr)
-        raise typer.Exit(ExitCode.INCOMPLETE) from None
+    with mirrored(out, staging) if out else nullcontext() as folder:
+        result = run_campaign(replace(request, output=folder))
+        finish(result, no_report or request.shard is not None, json, out, junit, baseline)
 
 
 def finish(
