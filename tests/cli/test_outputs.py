@@ -147,7 +147,7 @@ def test_json_on_standard_output_stands_there_alone(abhv_mc, tmp_path, monkeypat
     monkeypatch.setattr("abhv_mc.execution.runner.make_engine", lambda: ENGINE)
     campaign = write_campaign(tmp_path / "f", runs="8")
     code, out, said = abhv_mc("run", campaign, "-o", tmp_path / "out", "--no-report", "--json", "-")
-    assert code == 0 and json.loads(out)["runs_done"] == 8 and "flights: 16 of 16" in said
+    assert code == 0 and json.loads(out)["runs_done"] == 8
     code, out, _ = abhv_mc("plan", campaign, "--json", "-")
     assert code == 0 and json.loads(out)["runs"] == 8
 

@@ -115,7 +115,9 @@ def test_refused_text(
     assert str(error).startswith(":".join(map(str, (tmp_path / "x.yaml", *place))) + ": ")
 
 
-@pytest.mark.parametrize(("word", "key"), [("std", "sigma"), ("min", "low"), ("Gaussian", "normal")])
+@pytest.mark.parametrize(
+    ("word", "key"), [("std", "sigma"), ("min", "low"), ("Gaussian", "normal")]
+)
 def test_words_of_other_programs_suggest_the_key(word: str, key: str) -> None:
     assert one_of(["sigma", "low", "high", "normal"], word).endswith(f"(did you mean '{key}'?)")
     assert "did you mean" not in one_of(["alpha", "beta"], word)
