@@ -43,7 +43,7 @@ def flown(made, tmp_path):
 
 
 def test_run_says_what_came_of_it(abhv_mc, tmp_path):
-    code, out, err = abhv_mc("run", write_campaign(tmp_path / "files"), "--no-report")
+    code, out, _ = abhv_mc("run", write_campaign(tmp_path / "files"), "--no-report")
     manifest = json.loads((tmp_path / "reports/fake/manifest.json").read_text())
     assert code == 0
     assert f"digest    {manifest['digest']}" in out
