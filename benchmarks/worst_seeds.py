@@ -20,7 +20,6 @@ from abhv_mc.requests import WorstRequest
 from abhv_mc.search.methods.worst import search_worst
 from abhv_mc.search.search_flights import open_search
 from abhv_mc.search.severity import ENDED_EARLY, Severity
-from abhv_mc.simulators.engine import make_engine
 from abhv_mc.statistics.estimates import Criterion
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -58,7 +57,7 @@ def main() -> None:
             flights=arguments.flights,
         )
         settings = {"kind": "worst", **request.settings}
-        with open_search(request, settings, 1, make_engine()) as search:
+        with open_search(request, settings, 1) as search:
             search.progress = None
             space = search.space
             bounds = space.bounds(arguments.box)

@@ -30,7 +30,6 @@ from abhv_mc.report.pages.compare_page import compare_folders
 from abhv_mc.report.pages.verify import differences, verify_campaign
 from abhv_mc.requests import Request
 from abhv_mc.shipped import shipped_folder
-from abhv_mc.simulators.engine import make_engine
 from abhv_mc.topics.failures import FAILURES
 from abhv_mc.topics.plain import plain
 from abhv_mc.topics.topic import Models
@@ -180,11 +179,11 @@ def test_what_is_said_of_adopted_flights_names_nothing_that_cannot_be_done(
     for command in ("run", "explain", "replay"):
         assert f"abhv-mc {command}" not in page
     assert not re.search("[Cc]ontroller|Control usage|Bands over time|fly it again|seed 0", page)
-    with open_flights(out) as table, ExploreServer(out, table, make_engine()) as server:
+    with open_flights(out) as table, ExploreServer(out, table) as server:
         opened = server.open_flight("v1", 0)
     assert opened["note"] == "" and opened["history"] is None and opened["values"]
     with pytest.raises(InputError, match="nothing can fly"):
-        replay_flight(out, "v1", 0, make_engine().fly)
+        replay_flight(out, "v1", 0)
 
 
 def test_two_adopted_folders_are_compared_and_stopped_at_a_gate(

@@ -13,12 +13,12 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.samples import SampleReader
+from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.requests import RareRequest, WorstRequest
 from abhv_mc.search.rare import find_rare
 from abhv_mc.search.worst import find_worst, find_worst_margins
-from abhv_mc.simulators.engine import Engine
 
 
 @pytest.fixture

@@ -26,7 +26,6 @@ from abhv_mc.simulators.user_simulator import (
 )
 from abhv_mc.simulators.user_simulator.process_pool import end_processes
 from abhv_mc.simulators.user_simulator.user_flights import prove_blocks
-from abhv_mc.simulators.user_simulator.user_plan import make_user_plans
 
 LOST = int(Outcome.FAILED_TO_RUN)
 WRONG = {  # by the delay that is asked for: what the flight returns, and what is said of it
@@ -78,7 +77,7 @@ WRONG_HISTORIES = {  # what is done to the history
 
 def ready(path: Path) -> Experiment:
     campaign = read_campaign(path)
-    return make_ready(campaign, make_user_plans(campaign, campaign.controllers))  # type: ignore[arg-type]
+    return make_ready(campaign, campaign.simulator.make_plans(campaign.controllers))
 
 
 def fly_delays(path: Path, delays: list[float]) -> FlightBlock:

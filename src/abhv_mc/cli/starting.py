@@ -135,12 +135,11 @@ def _estimate(file: Path) -> "Estimate | None":
     from abhv_mc.campaign.file.check import read_campaign
     from abhv_mc.campaign.file.kinds import find_kind
     from abhv_mc.execution.estimate import estimate_campaign
-    from abhv_mc.simulators.engine import make_engine
 
     if find_kind(file) != "campaign":
         return None
     announce_compiling()
-    cost = estimate_campaign(read_campaign(file), make_engine())
+    cost = estimate_campaign(read_campaign(file))
     announce_warnings(cost.warnings)
     return cost
 

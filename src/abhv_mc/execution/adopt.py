@@ -36,7 +36,6 @@ from abhv_mc.folder.opening import FlownFolder, begin_folder, open_folder
 from abhv_mc.folder.samples import SampleReader, write_samples
 from abhv_mc.io.input_error import InputError, Refusal, one_of
 from abhv_mc.io.units import parse_in_any_unit
-from abhv_mc.simulators.engine import engine_of
 
 _ROWS = 65536  # of a piece
 _HEAD = re.compile(r"(.*?)\s*(?:\[(.*)\]\s*)?")
@@ -60,7 +59,7 @@ def adopt_table(
     the row.
     """
     campaign = read_campaign(campaign_file, runs=1)
-    if not campaign.adopted:
+    if campaign.can_rerun:
         wish = "one with 'inputs', without a simulator"
         raise campaign.document.error((), "a campaign that is flown by itself", wish)
     columns = _find_columns(table, campaign)
@@ -71,7 +70,7 @@ def adopt_table(
     reasons = check_draws(table, campaign, samples, factors, lines)
     if reasons:
         campaign = _without_verdicts(campaign)
-    inputs, engine = collect_inputs(campaign), engine_of(campaign)
+    inputs = collect_inputs(campaign)
     blocks = [rows for rows, _ in pieces]
     with ExitStack() as stack:
         stack.enter_context(sigterm_as_interrupt())
@@ -90,7 +89,7 @@ def adopt_table(
                 {"table": table.name},
                 table=campaign.parameters,
             )
-            manifest = make_manifest(campaign, inputs, engine, {}, reasons)
+            manifest = make_manifest(campaign, inputs, {}, reasons)
             manifest = replace(manifest, files=files.listed())
             write_manifest(folder.manifest, manifest)
         if manifest.complete and not _is_of(manifest, blocks):
@@ -100,7 +99,7 @@ def adopt_table(
             _write_blocks(folder, files, campaign, blocks, table.name)
             manifest = replace(manifest, state=RUNNING)
         opened = OpenCampaign(folder, campaign, manifest, campaign.controllers, files)
-        return fly_opened(opened, engine, Executor(engine.fly, 1))
+        return fly_opened(opened, Executor(campaign.simulator.engine.fly, 1))
 
 
 def _without_verdicts(campaign: Experiment) -> Experiment:

@@ -326,7 +326,7 @@ def _next(models: Models, met: Met) -> Next | None:
         return Next("resume the campaign", f"abhv-mc run DIR/campaign.yaml -o DIR --runs {missing}")
     if not models.names.campaign.independent:
         return None
-    verdicts, flies = models[VERDICTS], not models.names.campaign.adopted
+    verdicts, flies = models[VERDICTS], models.names.campaign.can_rerun
     why_failed = Next("why flights fail", "abhv-mc explain DIR --all")
     if not flies:
         why_failed = Next("see 'Why flights fail' in the report")

@@ -92,7 +92,7 @@ def _items(found: Flights, names: Names) -> Iterator[Item]:
         "in units of it as in the chart (without requirements, of the median). "
         f"{kept} above; on paper the first five are listed."
     )
-    if not campaign.adopted:
+    if campaign.can_rerun:
         words += f" `abhv-mc explain {names.folder} --controller NAME --flight NUMBER` finds the smallest set of "
         words += "dispersions that still makes a flight fail."
     yield Text(words)
@@ -110,7 +110,7 @@ def _items(found: Flights, names: Names) -> Iterator[Item]:
         again = f"Again, bit for bit: `abhv-mc replay {names.folder} --controller {name} --flight NUMBER`"
         listed = tuple(_worst(name, each, names) for each in flights)
         table = Table(title, worst_heads, (listed,)).without_constant()
-        yield Fold(title, (table,) if campaign.adopted else (Text(again), table))
+        yield Fold(title, (Text(again), table) if campaign.can_rerun else (table,))
     yield Picture("worst_flights")
 
 
@@ -121,12 +121,12 @@ def _flown(found: Flights, campaign: Experiment, names: Names) -> str:
     if campaign.model.stop:
         text += f" (at most {fixed(campaign.runs, 0)}; it stops when proven)"
     seeds = f"seeds {', '.join(map(str, campaign.pooled_seeds))} one after the other"
-    if campaign.adopted:
+    if origin := campaign.simulator.origin:
         claim = (
             "No test contradicts that they are" if campaign.independent else "They are not taken as"
         )
         return (
-            f"{text}, imported from a table. {claim} independent draws of the stated dispersions. "
+            f"{text}, imported from {origin}. {claim} independent draws of the stated dispersions. "
         )
     text += f" ({campaign.sampling.replace('_', ' ')} sampling, "
     text += f"{seeds if campaign.pooled_seeds else f'seed {campaign.seed}'}). "

@@ -80,7 +80,7 @@ def verdict_section(verdicts: Verdicts, names: Names) -> Section:
     if verdicts.held_together is None:
         campaign = names.campaign
         why = f"{campaign.dependence[:1].upper()}{campaign.dependence[1:]}."
-        is_random = campaign.has_noise or campaign.adopted
+        is_random = campaign.has_noise or not campaign.can_rerun
         text = f"{why} {_ESTIMATES}{'' if is_random else _RANDOM}."
     return Section(title, (Text(text), table))
 

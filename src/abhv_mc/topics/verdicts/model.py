@@ -156,7 +156,7 @@ def _verdict(
         if given
         else (None, None, False)
     )
-    flies = not results.campaign.adopted
+    flies = results.campaign.can_rerun
     return ControllerVerdict(
         **vars(verdict),
         words=verdict_words(verdict, flies),
