@@ -57,6 +57,8 @@ def exit_code_of(error: BaseException) -> int | str | None:
         words = f"the cluster does not answer ({reason}): what was flown is kept"
     elif isinstance(error, (InputError, Refusal)):
         code = ExitCode.BAD_INPUT
+    elif type(error).__name__ == "UnusableError":  # not imported: its module takes a second to load
+        pass
     elif not isinstance(error, StorageFullError):
         with contextlib.suppress(OSError):
             traceback.print_exception(error)

@@ -215,7 +215,7 @@ def connect_cluster(address: str) -> Iterator[Cluster]:
     try:
         from distributed import Client
     except ImportError:
-        wish = "pip install 'abhv-mc[cluster]'"
+        wish = "pip install dask distributed"
         raise InputError("--scheduler", "no Dask in this installation", wish) from None
     try:
         client: Any = Client(address, timeout=_CONNECT, set_as_default=False)
@@ -230,9 +230,20 @@ def connect_cluster(address: str) -> Iterator[Cluster]:
     with client:
         client.subscribe_topic(_COMPILING, _print_compiling)
         told = False
-        while not client.nthreads():
-            if not told:
-                print(f"waiting for workers of {address}", file=sys.stderr, flush=True)
-                told = True
-            time.sleep(0.2)
-        yield Cluster(client)
+        try:
+            while not client.nthreads():
+                if not told:
+                    print(f"waiting for workers of {address}", file=sys.stderr, flush=True)
+                    told = True
+                time.sleep(0.2)
+            yield Cluster(client)
+        except (
+            OSError,
+            RuntimeError,
+        ) as error:  # Dask raises these and others of no class of its own
+            if client.status == "running":
+                raise
+            raise UnusableError(
+                f"the scheduler at {address} is gone ({type(error).__name__}: {error}): "
+                "completed flights are kept, and the same command resumes"
+            ) from None
