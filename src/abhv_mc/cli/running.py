@@ -183,7 +183,12 @@ def print_requirements(manifest: "Manifest") -> None:
         row = cells.setdefault(f"{entry.asked} in {100 * entry.probability:g} %", {})
         count = "" if len(flights) == 1 else f" of {entry.flights}"
         row[entry.controller] = f"{entry.verdict} {entry.failures}{count}"
-        advice += [f"{entry.verdict}: {words}" for words in entry.words.split("; ")[1:]]
+        missing = entry.failures_not_computed
+        advice += (
+            [f"{entry.verdict}: {missing} of {entry.failures} failures were not computed"]
+            if missing
+            else [f"{entry.verdict}: {words}" for words in entry.words.split("; ")[1:]]
+        )
     one = next(iter(flights)) if len(flights) == 1 else None
     say("\nVerdict and number of failures" + (f" in {one} flights" if one else ""), end="")
     say(" (* the exit code follows)")
