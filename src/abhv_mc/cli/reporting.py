@@ -121,6 +121,12 @@ def compare(
         list[str] | None,
         typer.Option(metavar="METRIC=5%", help="Exit 1 where B is worse than that; repeatable."),
     ] = None,
+    fail_if_loses: Annotated[
+        int | None,
+        typer.Option(
+            min=1, metavar="N", help="Exit 1 where B loses N or more flights that A does not."
+        ),
+    ] = None,
     out: Annotated[Path | None, output(output_folder, "DIR", "Write a page there.")] = None,
     json: Json = None,
 ) -> None:
@@ -141,7 +147,10 @@ def compare(
     if page is not None:
         say(f"report    {page}", file=beside(json))
     gates = [gate for pair in found.paired for gate in pair.not_worse.values()]
-    if not all(gate.shown for gate in gates):
+    newly_lost = [pair.newly_lost for pair in found.paired] if fail_if_loses else []
+    for pair, lost in zip(found.paired, newly_lost, strict=False):
+        say(f"{pair.b} loses {lost} flights that {pair.a} does not", file=beside(json))
+    if not all(gate.shown for gate in gates) or max(newly_lost, default=0) >= (fail_if_loses or 1):
         raise typer.Exit(ExitCode.FAILED)
 
 

@@ -82,12 +82,21 @@ def _section(
         answers[-1] += (
             " Who is better allows for all metrics that are asked for and of control usage."
         )
+    unknowns = a.campaign.unknowns
+    if unknowns.names:
+        answers.append(
+            f"Compared at the {len(unknowns.points)} values of the unknowns that both ran; flight k * "
+            f"{len(unknowns.points)} + p is sample k at the value p: "
+            + "; ".join(f"{p}: {unknowns.words(p)}" for p in range(len(unknowns.points)))
+            + "."
+        )
     flying = dict.fromkeys(str(each.folder) for each in (a, b) if each.campaign.can_rerun)
     again = (
         f"`{shlex.join(['abhv-mc', 'replay', one])} --controller NAME --flight NUMBER`"
         for one in flying
     )
-    answers += [f"A flight again, bit for bit: {' or '.join(again)}."] if flying else []
+    if flying and not unknowns.names:
+        answers.append(f"A flight again, bit for bit: {' or '.join(again)}.")
     return Section(
         "Answer", (_lead(told, b), Bullets(tuple(answers)), Picture("differences"), *tables)
     )
