@@ -143,7 +143,7 @@ def compare_results(
                 "--fail-if-worse", f"unknown metric '{metric}'", one_of(metrics, metric)
             )
     requirements = tuple(item for item in a.campaign.requirements if item.metric in metrics)
-    independent, unknowns = a.campaign.independent, a.campaign.unknowns
+    independent, unknowns = a.campaign.judged, a.campaign.unknowns
     pairs = []
     for one, other in _pairs(a, b, controllers):
         flights = sides(a, b, one, other)
