@@ -178,9 +178,7 @@ class Results:
         try:
             import xarray  # noqa: F401
         except ImportError:
-            raise InputError(
-                "to_xarray", "no xarray here", "pip install 'abhv-mc[xarray]'"
-            ) from None
+            raise InputError("to_xarray", "no xarray here", "pip install xarray") from None
         rows = getattr(self, table)
         axes, units = list(_AXES[table]), rows.attrs.get("units", {})
         texts = {

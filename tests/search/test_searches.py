@@ -280,3 +280,25 @@ def test_searches_of_a_users_simulator_find_what_is_known_of_its_function(tmp_pa
     ) == pytest.approx(3.0)
     found = find_rare(RareRequest(path, tmp_path / "rare", "miss", flights=8000)).estimate
     assert found.refusal is None and found.low <= paraboloid(2, 7.0, 0.5).probability <= found.high
+
+
+def test_a_search_warns_of_what_the_first_flights_show(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    source = "import random\ndef fly(inputs, settings):\n    return {'miss': inputs['a'] + random.random()}\n"
+    (tmp_path / "noise.py").write_text(source)
+    content = {
+        "name": "noise",
+        "simulator": {"python": "noise.py"},
+        "inputs": {"a": {}},
+        "dispersions": {"a": {"distribution": "normal", "sigma": 1.0}},
+        "metrics": {"miss": {}},
+        "requirements": [{"metric": "miss", "below": 7.0, "probability": 0.99}],
+        "runs": 100,
+    }
+    path = tmp_path / "noise.yaml"
+    path.write_text(json.dumps(content))
+    find_worst(WorstRequest(path, tmp_path / "worst", "miss", flights=160, workers=1))
+    words = "not repeatable: "
+    assert f"warning: {words}" in capsys.readouterr().err
+    manifest = json.loads((tmp_path / "worst" / "manifest.json").read_text())
+    assert [text.startswith(words) for text in manifest["warnings"]] == [True]

@@ -111,6 +111,7 @@ def validate(
     from abhv_mc.io.documents import InputError, InputErrors
     from abhv_mc.simulators.check_inputs import check_inputs
 
+    announce_compiling()
     errors: list[InputError] = []
     paths = [find_input(file, "campaign", "vehicle", "mission", "control") for file in files]
     for file in paths:
@@ -198,11 +199,11 @@ def _print_plan(planned: "Planned") -> None:
     )
 
     def both(chance: "PassChance") -> str:
-        return f"{percent(chance.at_some_flight[place], 2)} ({percent(chance.at_runs[place], 2)})"
+        return f"{percent(chance.at_some_flight[place], 2)}\n({percent(chance.at_runs[place], 2)})"
 
-    chances = [f"by {entry.runs}: PASS *" for entry in planned.together]
-    heads = ("0 failures", "1", "2", "3", *chances)
-    table = new_table(("requirement",), heads, f"{planned.name}: flights needed for PASS")
+    chances = [f"PASS by\n{entry.runs} *" for entry in planned.together]
+    title = f"{planned.name}: flights needed for PASS with 0 to 3 failures, and its chance"
+    table = new_table(("requirement",), ("0", "1", "2", "3", *chances), title)
     for entry in planned.requirements:
         table.add_row(
             f"{entry.words} in {percent(entry.probability)}",

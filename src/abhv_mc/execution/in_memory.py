@@ -30,7 +30,7 @@ def simulate_table(
     try:
         import xarray as xr
     except ImportError:
-        raise InputError("simulate", "no xarray here", "pip install 'abhv-mc[xarray]'") from None
+        raise InputError("simulate", "no xarray here", "pip install xarray") from None
     names = tuple(map(str, inputs.columns))
     experiment = replace(experiment, engine=engine)
     simulator = experiment.simulator

@@ -33,6 +33,7 @@ from abhv_mc.topics.words import (
 
 MIXED, NO_DIFFERENCE, ALONE = "mixed", "no difference shown", "none to compare"
 _REASONS = 3
+_MOST_WORDS = 80  # on the first screen; reasons beyond are left to the sections
 _SAME_USAGE = 0.05  # of a ratio of surface usage: nearer to 1 goes without saying
 
 
@@ -46,8 +47,18 @@ def judge_campaign(models: Models) -> Judgement:
         met = "no" if "FAIL" in statuses else "yes" if statuses == {"PASS"} else "not shown"
     sentences = [_runs_words(models), _asked_words(models), _met_words(models)]
     answer = " ".join(filter(None, (*sentences, _better_words(models, better))))
-    because = tuple(_reasons(models))[:_REASONS]
-    return Judgement(met, better, because, _sure(models), _next(models, met), answer)
+    because, sure, following = list(_reasons(models))[:_REASONS], _sure(models), _next(models, met)
+    while because and _count_words(answer, *because, sure, following) > _MOST_WORDS:
+        because.pop()
+    return Judgement(met, better, tuple(because), sure, following, answer)
+
+
+def _count_words(*texts: str | Next | None) -> int:
+    """Return the number of words on the first screen."""
+    lines = (
+        f"Next: {text.why}: {text.command}" if isinstance(text, Next) else text for text in texts
+    )
+    return sum(len(line.split()) for line in lines if line)
 
 
 def _runs_words(models: Models) -> str:
@@ -296,7 +307,7 @@ def _sure(models: Models) -> str:
         jointly = f"all {passed}" if held.stand == passed else f"{held.stand or 'none'} of {passed}"
         text += f"; {jointly} also hold{'s' * (held.stand == 1)} jointly"
     if models.names.campaign.judged and _pairs(models):
-        text += f". Naming any winner by chance has at most {percent(WINNERS_RISK, 2)} risk"
+        text += f". The risk of naming a wrong winner is at most {percent(WINNERS_RISK, 2)}"
     return f"{text}."
 
 
