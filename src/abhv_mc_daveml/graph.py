@@ -199,7 +199,15 @@ def _in_order(path: Path, variables: dict[str, Variable]) -> dict[str, Variable]
 
 
 def _read_shot(shot: Node, variables: dict[str, Variable]) -> CheckShot:
-    by_name = {variable.name: variable.identifier for variable in variables.values()}
+    by_name: dict[str, list[Variable]] = {}
+    for variable in variables.values():
+        by_name.setdefault(variable.name, []).append(variable)
+
+    def find(name: str, units: str) -> str:
+        """Return the varID of a name; of several variables that share it, of the one with these units."""
+        several = by_name.get(name, [])
+        same = [variable for variable in several if variable.units == units] or several
+        return same[0].identifier if len(same) == 1 else name
 
     def read(group: str) -> Iterator[tuple[Node, str, float]]:
         """Each signal, its variable and the factor to the variable's units."""
@@ -208,7 +216,9 @@ def _read_shot(shot: Node, variables: dict[str, Variable]) -> CheckShot:
                 signal.words("signalName"),
                 signal.words("varID") or signal.words("signalID"),
             )
-            identifier = identified if identified in variables else by_name.get(name, name)
+            identifier = identified
+            if identified not in variables:
+                identifier = find(name, signal.words("signalUnits"))
             if identifier not in variables:
                 given = name or identified
                 raise signal.refuse(f"the signal '{given}'", one_of((*by_name, *variables), given))
