@@ -70,9 +70,9 @@ def test_a_table_reads_as_a_list(tmp_path):
             "campaign.yaml:.*below 0.1 and above 0.5",
         ),
         ("99.73 %", "199 %", "requirements.csv:2:7: "),
-        (",below,", ",belov,", "requirements.csv:1:5: "),
+        (",below,", ",belov,", "requirements.csv:1:23: "),
         ("equivalence_ratio_min,,0.1", "equivalence_ratio_min,,", "requirements.csv:3:1: "),
-        ("one; two", "one, two", "requirements.csv:3:10: "),
+        ("one; two", "one, two", "requirements.csv:3: 10 cells"),
         (",metric,", ",rationale,", "requirements.csv:1:1: no column 'metric'"),
     ],
 )

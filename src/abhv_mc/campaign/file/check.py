@@ -124,11 +124,7 @@ def _check(document: Document, model: Campaign) -> Experiment:
         check_kinds(document, model)
     parameters = own.parameters if own else OURS
     marginals = _make_marginals(document, model, parameters, errors)
-    sample_file = (
-        read_sample_file(model.sampling.path, parameters.dispersible)
-        if model.sampling.path
-        else None
-    )
+    sample_file = read_sample_file(model.sampling.path, parameters) if model.sampling.path else None
     names = sample_file.names if sample_file else tuple(model.dispersions)
     copula = _make_copula(document, model, names, errors)
     derived = check_derived(document, model, parameters, errors)

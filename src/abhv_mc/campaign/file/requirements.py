@@ -2,7 +2,6 @@
 and what is wrong with it beside the tables of metrics, the design and the mission."""
 
 import contextlib
-import csv
 import json
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -17,6 +16,7 @@ from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.metrics import MARGINS, Metric
 from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, one_of, validate
+from abhv_mc.io.foreign_table import read_foreign_table
 from abhv_mc.io.units import dimension_of, parse_in_any_unit, parse_quantity, parse_unit
 
 _MARGIN_METRICS = tuple(signal.name for signal in MARGINS)
@@ -44,32 +44,22 @@ def read_requirements(document: Document) -> Document:
 
 
 def _read_table(path: Path) -> Document:
-    try:
-        reader = csv.reader(path.read_text(encoding="utf-8-sig").splitlines())
-        rows = [(reader.line_num, cells) for cells in reader]
-    except (ValueError, csv.Error) as error:
-        raise InputError(path, str(error), "a CSV file in UTF-8") from None
-    heads = [head.strip() for head in (rows[0][1] if rows else ())]
-    for column, head in enumerate(heads, 1):
+    table = read_foreign_table(path)
+    for column, head in enumerate(table.heads):
         if head not in _COLUMNS:
-            raise InputError(path, f"the column '{head}'", one_of(_COLUMNS, head), 1, column)
-    if "metric" not in heads:
-        raise InputError(path, "no column 'metric'", one_of(_COLUMNS), 1, 1)
+            raise table.error(None, column, f"the column '{head}'", one_of(_COLUMNS, head))
+    if "metric" not in table.heads:
+        raise table.error(None, 0, "no column 'metric'", one_of(_COLUMNS))
+    columns = [table.words(i) for i in range(len(table.heads))]
     entries: list[Any] = []
     places: dict[tuple[str | int, ...], tuple[int, int]] = {(): (1, 1)}
-    for line, cells in rows[1:]:
-        if not any(cell.strip() for cell in cells):
-            continue
-        if len(cells) > len(heads):
-            raise InputError(
-                path, "more cells than columns", "a cell for each column", line, len(heads) + 1
-            )
+    for row, line in enumerate(table.lines):
         entry: dict[str, Any] = {}
-        place = ("requirements", len(entries))
+        place = ("requirements", row)
         places[place] = (line, 1)
-        for column, (head, cell) in enumerate(zip(heads, cells, strict=False), 1):
-            if cell.strip():
-                entry[head] = _value(head, cell.strip())
+        for column, (head, cells) in enumerate(zip(table.heads, columns, strict=True), 1):
+            if cells[row]:
+                entry[head] = _value(head, cells[row])
                 places[(*place, head)] = (line, column)
         entries.append(entry)
     return Document(path, {"requirements": entries}, places, places)
