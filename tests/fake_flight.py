@@ -17,6 +17,7 @@ from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS
 from abhv_mc.flight.metrics import METRICS, NO_METRICS
 from abhv_mc.flight.outcome import Limits, Outcome
 from abhv_mc.flight.plan import NO_SOURCES, FlightBlock, FlightPlan, Recording, recording_of
+from abhv_mc.interfaces import Engine
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.kernel.flight.interface import Timing
@@ -27,7 +28,6 @@ from abhv_mc.kernel.plant.state import N_STATES
 from abhv_mc.kernel.plant.vehicle import CHUNK, Vehicle
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.shipped import shipped_configs
-from abhv_mc.simulators.engine import Engine
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 
 if TYPE_CHECKING:
@@ -70,6 +70,7 @@ def make_plan(name: str, gain: float = 1.0, vehicle: Vehicle | None = None) -> F
         "profile": no_profile(),
         "declared": NO_METRICS,
         "user_sources": NO_SOURCES,
+        "lean": False,
         **{"source_hash": "", "channels_hash": "", "source": None, "channels_source": None},
     }
     return FlightPlan(**parts)
@@ -80,7 +81,7 @@ def _fill(kind):
     if hasattr(kind, "_fields") or hasattr(kind, "__dataclass_fields__"):
         hints = typing.get_type_hints(kind)
         return kind(**{name: _fill(hint) for name, hint in hints.items()})
-    if kind in (int, float, str):
+    if kind in (bool, int, float, str):
         return kind(3)
     return np.arange(4.0) / 3.0
 

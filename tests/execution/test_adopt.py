@@ -31,7 +31,6 @@ from abhv_mc.report.pages.compare_page import compare_folders
 from abhv_mc.report.pages.verify import differences, verify_campaign
 from abhv_mc.requests import Request
 from abhv_mc.shipped import shipped_folder
-from abhv_mc.simulators.engine import make_engine
 from abhv_mc.topics.failures import FAILURES
 from abhv_mc.topics.plain import plain
 from abhv_mc.topics.topic import Models
@@ -151,7 +150,7 @@ def test_tables_and_campaigns_that_do_not_fit_are_refused(flown: Path, tmp_path:
         ("no column 'speed'", lambda: adopt_table(less, asked(tmp_path), out)),
         ("a third table", lambda: adopt_tables([flown] * 3, asked(tmp_path), out)),
         ("2 columns 'altitude_min'", lambda: adopt_table(twice, asked(tmp_path), out)),
-        ("a campaign that is flown by itself", lambda: adopt_table(flown, flies, out)),
+        ("a campaign whose flights abhv-mc computes", lambda: adopt_table(flown, flies, out)),
         ("adopt", lambda: run_campaign(Request(asked(tmp_path, runs=300), out))),
     ):
         with pytest.raises(InputError, match=words):
@@ -190,11 +189,11 @@ def test_what_is_said_of_adopted_flights_names_nothing_that_cannot_be_done(
     for command in ("run", "explain", "replay"):
         assert f"abhv-mc {command}" not in page
     assert not re.search("[Cc]ontroller|Control usage|Bands over time|fly it again|seed 0", page)
-    with open_flights(out) as table, ExploreServer(out, table, make_engine()) as server:
+    with open_flights(out) as table, ExploreServer(out, table) as server:
         opened = server.open_flight("v1", 0)
     assert opened["note"] == "" and opened["history"] is None and opened["values"]
     with pytest.raises(InputError, match="nothing can fly"):
-        replay_flight(out, "v1", 0, make_engine().fly)
+        replay_flight(out, "v1", 0)
 
 
 def test_two_adopted_folders_are_compared_and_stopped_at_a_gate(

@@ -13,12 +13,12 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.samples import SampleReader
+from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.requests import RareRequest, WorstRequest
 from abhv_mc.search.rare import find_rare
 from abhv_mc.search.worst import find_worst, find_worst_margins
-from abhv_mc.simulators.engine import Engine
 
 
 @pytest.fixture
@@ -237,3 +237,25 @@ def test_searches_of_a_users_simulator_find_what_is_known_of_its_function(tmp_pa
     ) == pytest.approx(3.0)
     found = find_rare(RareRequest(path, tmp_path / "rare", "miss", flights=8000)).estimate
     assert found.refusal is None and found.low <= paraboloid(2, 7.0, 0.5).probability <= found.high
+
+
+def test_a_search_warns_of_what_the_first_flights_show(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    source = "import random\ndef fly(inputs, settings):\n    return {'miss': inputs['a'] + random.random()}\n"
+    (tmp_path / "noise.py").write_text(source)
+    content = {
+        "name": "noise",
+        "simulator": {"python": "noise.py"},
+        "inputs": {"a": {}},
+        "dispersions": {"a": {"distribution": "normal", "sigma": 1.0}},
+        "metrics": {"miss": {}},
+        "requirements": [{"metric": "miss", "below": 7.0, "probability": 0.99}],
+        "runs": 100,
+    }
+    path = tmp_path / "noise.yaml"
+    path.write_text(json.dumps(content))
+    find_worst(WorstRequest(path, tmp_path / "worst", "miss", flights=160, workers=1))
+    words = "not repeatable: "
+    assert f"warning: {words}" in capsys.readouterr().err
+    manifest = json.loads((tmp_path / "worst" / "manifest.json").read_text())
+    assert [text.startswith(words) for text in manifest["warnings"]] == [True]

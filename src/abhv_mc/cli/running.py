@@ -6,6 +6,7 @@ from collections import Counter
 from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -25,8 +26,6 @@ from abhv_mc.cli.printing import (
     announce_warnings,
     answer,
     beside,
-    new_table,
-    print_table,
     say,
 )
 from abhv_mc.cli.request_options import takes_options
@@ -40,6 +39,8 @@ from abhv_mc.shipped import find_input
 if TYPE_CHECKING:
     from abhv_mc.execution.runner import RunResult
     from abhv_mc.folder.manifest import ControllerCount, Manifest
+
+_WIDTH = 80  # columns
 
 
 @takes_options(Request)
@@ -65,7 +66,6 @@ def run(
     are missing or could not be computed.
     """
     announce_compiling()
-    from abhv_mc.execution.retry import UnusableError
     from abhv_mc.execution.runner import run_campaign
     from abhv_mc.folder.remote import mirrored
 
@@ -78,13 +78,9 @@ def run(
         asked = read_campaign(request.campaign, request.runs, request.seed, request.controllers)
         check_baseline(asked, baseline)
     out = None if request.output is None else Path(request.output)
-    try:
-        with mirrored(out, staging) if out else nullcontext() as folder:
-            result = run_campaign(replace(request, output=folder))
-            finish(result, no_report or request.shard is not None, json, out, junit, baseline)
-    except UnusableError as error:
-        say(error, file=sys.stderr)
-        raise typer.Exit(ExitCode.INCOMPLETE) from None
+    with mirrored(out, staging) if out else nullcontext() as folder:
+        result = run_campaign(replace(request, output=folder))
+        finish(result, no_report or request.shard is not None, json, out, junit, baseline)
 
 
 def finish(
@@ -175,23 +171,38 @@ def describe_outcomes(ended: "ControllerCount") -> str:
 
 
 def print_requirements(manifest: "Manifest") -> None:
-    """A table of the requirements: what each asks of whom, what was counted, the verdict and what it rests on."""
-    if not manifest.requirements:
+    """Print requirements as rows and controllers as columns, within 80 columns, and the distinct advice once below."""
+    entries = (*manifest.requirements, *manifest.requirements_shown)
+    if not entries:
         return
-    table = new_table(
-        ("of whom", "requirement", "in", "verdict", "counted"), (), padding=(0, 1, 0, 0)
+    bound = {entry.controller for entry in manifest.requirements}
+    flights = {entry.flights for entry in entries}
+    cells: dict[str, dict[str, str]] = {}  # by requirement and controller
+    advice: list[str] = []
+    for entry in entries:
+        row = cells.setdefault(f"{entry.asked} in {100 * entry.probability:g} %", {})
+        count = "" if len(flights) == 1 else f" of {entry.flights}"
+        row[entry.controller] = f"{entry.verdict} {entry.failures}{count}"
+        advice += [f"{entry.verdict}: {words}" for words in entry.words.split("; ")[1:]]
+    one = next(iter(flights)) if len(flights) == 1 else None
+    say("\nVerdict and number of failures" + (f" in {one} flights" if one else ""), end="")
+    say(" (* the exit code follows)")
+    names = list(dict.fromkeys(entry.controller for entry in entries))
+    heads = {name: name + " *" * (name in bound) for name in names}
+    width = max(
+        map(len, (*heads.values(), *(cell for row in cells.values() for cell in row.values())))
     )
-    for entries, mark in ((manifest.requirements, " (binding)"), (manifest.requirements_shown, "")):
-        for entry in entries:
-            verdict, _, words = entry.words.partition(": ")
-            table.add_row(
-                entry.controller + mark,
-                entry.asked,
-                f"{100 * entry.probability:g} %",
-                verdict,
-                words,
-            )
-    print_table(table)
+    at_once = max(1, (_WIDTH - 2) // (width + 2))
+    for i in range(0, len(names), at_once):
+        shown = names[i : i + at_once]
+        say("  " + "  ".join(f"{heads[name]:<{width}}" for name in shown).rstrip())
+        for requirement, row in cells.items():
+            say(requirement)
+            say("  " + "  ".join(f"{row.get(name, ''):<{width}}" for name in shown).rstrip())
+    for words, number in Counter(advice).items():
+        text = f"{number} of {len(entries)} {words}"
+        say(fill(text, _WIDTH, subsequent_indent="  ", break_on_hyphens=False))
+    say()
 
 
 def describe_verdicts(manifest: "Manifest") -> str:

@@ -30,7 +30,6 @@ from abhv_mc.folder.manifest import RUNNING, Manifest, write_manifest
 from abhv_mc.folder.opening import FlownFolder, begin_folder, open_folder
 from abhv_mc.folder.samples import SampleReader, write_samples
 from abhv_mc.io.input_error import InputError
-from abhv_mc.simulators.engine import engine_of
 
 
 def adopt_tables(
@@ -42,16 +41,16 @@ def adopt_tables(
     get verdicts only if the inputs are independent draws as far as tests show. Raise InputError, with the row.
     """
     campaign = read_campaign(campaign_file, runs=1)
-    if not campaign.adopted:
+    if campaign.can_rerun:
         wish = "one with 'inputs', without a simulator"
-        raise campaign.document.error((), "a campaign that is flown by itself", wish)
+        raise campaign.document.error((), "a campaign whose flights abhv-mc computes", wish)
     table = read_flight_tables(tables, campaign)
     samples, blocks, name = table.samples, list(table.blocks), tables[-1].name
     campaign = read_campaign(campaign_file, runs=len(samples))
     reasons = check_draws(table.path, campaign, samples, table.factors, table.lines)
     if reasons:
         campaign = _without_verdicts(campaign)
-    inputs, engine = collect_inputs(campaign), engine_of(campaign)
+    inputs = collect_inputs(campaign)
     with ExitStack() as stack:
         stack.enter_context(sigterm_as_interrupt())
         folder = CampaignFolder(out or Path("reports") / campaign.name)
@@ -69,7 +68,7 @@ def adopt_tables(
                 {"table": name},
                 table=campaign.parameters,
             )
-            manifest = make_manifest(campaign, inputs, engine, {}, reasons)
+            manifest = make_manifest(campaign, inputs, {}, reasons)
             manifest = replace(manifest, files=files.listed())
             write_manifest(folder.manifest, manifest)
         if manifest.complete and not _is_of(manifest, blocks):
@@ -79,7 +78,7 @@ def adopt_tables(
             _write_blocks(folder, files, campaign, blocks, name)
             manifest = replace(manifest, state=RUNNING)
         opened = OpenCampaign(folder, campaign, manifest, campaign.controllers, files)
-        return fly_opened(opened, engine, Executor(engine.fly, 1))
+        return fly_opened(opened, Executor(campaign.simulator.engine.fly, 1))
 
 
 def _without_verdicts(campaign: Experiment) -> Experiment:

@@ -1,6 +1,7 @@
 """Select the points of the unknown parameters at which requirements are judged."""
 
 import sys
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -16,8 +17,8 @@ from abhv_mc.execution.executor import Executor, open_executor
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.simulators.engine import Engine, make_ready, simulate
+from abhv_mc.interfaces import Plan
+from abhv_mc.simulators.engine import make_ready, simulate
 from abhv_mc.statistics.unknowns import (
     SEARCH_FLIGHTS,
     SEARCH_QUANTILE,
@@ -28,9 +29,7 @@ from abhv_mc.statistics.unknowns import (
 )
 
 
-def name_points(
-    campaign: Experiment, plans: dict[str, FlightPlan], engine: Engine, workers: int | None
-) -> Experiment:
+def name_points(campaign: Experiment, plans: Mapping[str, Plan], workers: int | None) -> Experiment:
     """Return the campaign with the points that a search of each controller finds.
 
     A campaign without unknowns, or with points of its own, is returned as it is. The flights of the search are not
@@ -47,7 +46,9 @@ def name_points(
             f"{total} flights search the worst values of the unknowns", file=sys.stderr, flush=True
         )
         with (
-            open_executor(engine, campaign.model.execution, workers, None) as executor,
+            open_executor(
+                campaign.simulator.engine, campaign.model.execution, workers, None
+            ) as executor,
             Progress("search of the unknowns' worst values: flights", total) as progress,
         ):
             for name in plans:
@@ -64,7 +65,7 @@ def with_points(campaign: Experiment, points: object) -> Experiment:
     if points is None or campaign.model.points is not None:
         return campaign
     data: dict[str, Any] = {**campaign.document.data, "points": points}  # type: ignore[dict-item]
-    return check_campaign(replace(campaign.document, data=data))
+    return check_campaign(replace(campaign.document, data=data), campaign.engine)
 
 
 def _evaluate(

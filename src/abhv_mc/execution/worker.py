@@ -16,7 +16,7 @@ from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.user_code.child import allow_here
 
 if TYPE_CHECKING:  # which a worker process need not import
-    from abhv_mc.simulators.engine import Fly
+    from abhv_mc.interfaces import Fly
 
 _LEAST, _TIMES = (
     30.0,

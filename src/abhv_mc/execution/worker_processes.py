@@ -25,7 +25,7 @@ from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_ret
 from abhv_mc.execution.worker import serve
 from abhv_mc.flight.lost import describe_last_tick
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
-from abhv_mc.simulators.engine import Fly, Recorded
+from abhv_mc.interfaces import Fly, Recorded
 from abhv_mc.user_code.child import describe_exit
 
 # Give up after 20 + workers consecutive failed starts (refused or SIGKILL counts 1, a crash 4).

@@ -56,7 +56,7 @@ def rebuild(kind: type[T], flat: Mapping[str, np.ndarray], prefix: str = "") -> 
     return np.require(value, None if expected.kind == "U" else expected, ["C", "A"])  # type: ignore[return-value]
 
 
-def write_plan(path: Path, plan: FlightPlan) -> None:
+def write_plan(path: Path, plan: Any) -> None:
     """Store a plan's numbers and words."""
     content = io.BytesIO()
     with zipfile.ZipFile(
@@ -95,7 +95,10 @@ def _is_record(kind: Any) -> bool:
 
 def _fields(kind: Any) -> tuple[str, ...]:
     if dataclasses.is_dataclass(kind):
-        return tuple(
-            field.name for field in dataclasses.fields(kind) if field.metadata.get("stored", True)
-        )
+        return tuple(field.name for field in dataclasses.fields(kind) if is_stored(field))
     return tuple(kind._fields)
+
+
+def is_stored(field: "dataclasses.Field[Any]") -> bool:
+    """Return whether files of plans hold a field."""
+    return bool(field.metadata.get("stored", True))

@@ -7,8 +7,9 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
-from abhv_mc.flight.metrics import BUILT_IN, Metric
+from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.flights import FlightRows
+from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.plant.parameters import Parameters
 from abhv_mc.requests import RareRequest
@@ -19,7 +20,6 @@ from abhv_mc.search.methods.subset import SubsetPlan
 from abhv_mc.search.search_flights import DrawnFlights, open_search, read_searched
 from abhv_mc.search.severity import FAILS_ABOVE, Severity, ended_early, rank_distinct
 from abhv_mc.search.space import Space, make_space
-from abhv_mc.simulators.engine import Engine, make_engine
 from abhv_mc.statistics.estimates import Criterion
 
 
@@ -129,7 +129,7 @@ def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
     criterion = Criterion(request.requirement, "high", requirement.limits)
     early = requirement.early_is_failure
     with open_search(
-        request, {"kind": "rare", **request.settings}, request.flights, engine or make_engine()
+        request, {"kind": "rare", **request.settings}, request.flights, engine
     ) as search:
         severity = Severity(criterion, search.duration, early)
 
@@ -170,8 +170,8 @@ def _find_requirement(campaign: Experiment, controller: str, metric: str) -> Req
     ]
     own = [item for item in bound if item.metric == metric]
     where = ("requirements",)
-    if campaign.user_model is None and metric in BUILT_IN and BUILT_IN[metric].plateaus:
-        values = " or ".join(f"{value:g}" for value in BUILT_IN[metric].plateaus)
+    if (known := campaign.metrics.get(metric)) and known.plateaus:
+        values = " or ".join(f"{value:g}" for value in known.plateaus)
         said = f"'{metric}', of which many flights share the value {values}"
         wish = "a metric that grows from flight to flight: on a plateau no flight is nearer to failing than another"
         raise campaign.document.error(where if own else (), said, wish)

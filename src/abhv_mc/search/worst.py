@@ -14,6 +14,7 @@ from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.metrics import MARGIN_NAMES, Metric
 from abhv_mc.folder.flights import FlightRows
+from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import InputError
 from abhv_mc.plant.parameters import Parameters
 from abhv_mc.requests import WorstRequest
@@ -27,7 +28,6 @@ from abhv_mc.search.search_flights import (
 )
 from abhv_mc.search.severity import Severity, ended_early, not_computed
 from abhv_mc.search.space import make_space
-from abhv_mc.simulators.engine import Engine, make_engine
 from abhv_mc.simulators.margin_plans import TrimMargins, trim_margins
 from abhv_mc.statistics.estimates import Criterion
 
@@ -136,7 +136,7 @@ def find_worst(request: WorstRequest, engine: Engine | None = None) -> WorstFoun
     random = space.draw_in_box(bounds, campaign.model.seed, request.flights)
     held = {"kind": "worst", **request.settings}
     with open_search(
-        request, held, 2 * request.flights, engine or make_engine(), metric.name in MARGIN_NAMES
+        request, held, 2 * request.flights, engine, metric.name in MARGIN_NAMES
     ) as search:
         severity = Severity(criterion, search.duration)
 

@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from abhv_mc.folder.hashes import read_checked
 from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import read_manifest
-from abhv_mc.folder.plan_file import WISH, flatten, read_stored_parts, rebuild
+from abhv_mc.folder.plan_file import WISH, flatten, is_stored, read_stored_parts, rebuild
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import one_of
 from abhv_mc.io.input_error import InputError
@@ -25,18 +26,15 @@ from abhv_mc.kernel.plant.state import N_STATES
 from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.simulators.engine import make_ready
-from abhv_mc.simulators.user_simulator.user_plan import make_user_plans, simulator_source
+from abhv_mc.simulators.make_plans import declare_metrics
 from abhv_mc.stability.fly_with_margins import MarginPlan
 from abhv_mc.user_code.c_source import with_library
 from abhv_mc.user_code.law_source import read_law_source
 from abhv_mc.user_code.source import UserSource, read_source
 from abhv_mc.user_code.trust import check_trusted
 from abhv_mc.user_code.vehicle_functions import check_vehicle_trusted, find_code, load_vehicle
-from abhv_mc.vehicle.vehicle_code import VehicleCode
 
-Code = tuple[
-    UserSource | None, UserSource | None, VehicleCode | None
-]  # of a law, of channels, of a vehicle
+Code = dict[str, Any]  # the fields of a plan that no file stores: code, and whether it is lean
 _COLUMNS = {"tlc": (len(TLC_GAINS), len(TLC_SETTINGS)), "lqr": (len(LQR_GAINS), len(LQR_SETTINGS))}
 
 
@@ -86,15 +84,13 @@ def _check_shape(name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
 
 
 def read_trusted_plan(
-    folder: CampaignFolder, campaign: Experiment, controller: str, trusted: bool = False
+    root: Path, campaign: Experiment, controller: str, trusted: bool = False
 ) -> FlightPlan:
     """The stored plan of one of a folder's controllers with the code that it needs, from the folder's copies.
 
     Raises InputError where the code is missing, or is not in the user's list of what he has flown.
     """
-    if campaign.user_model is not None:
-        check_trusted(simulator_source(campaign), trusted)
-        return make_user_plans(campaign, [controller])[controller]  # type: ignore[return-value]
+    folder = CampaignFolder(root)
     check_vehicle_trusted(campaign.model.vehicle, trusted)
     plan = read_plan(folder.plan(controller), load_vehicle(campaign.model.vehicle))
     if plan.source_hash:
@@ -108,7 +104,9 @@ def read_trusted_plan(
         plan = dataclasses.replace(
             plan, channels_source=_take(sources, place, plan.channels_hash, trusted)
         )
-    return dataclasses.replace(plan, vehicle_code=find_code(plan.vehicle)).lean_for(campaign.varied)
+    return declare_metrics(
+        campaign, dataclasses.replace(plan, vehicle_code=find_code(plan.vehicle))
+    )
 
 
 def open_flown(
@@ -123,12 +121,12 @@ def open_flown(
         read_folder_campaign(folder),
         list(read_manifest(folder.manifest).controllers),
     )
-    plans = {}
-    for name in controllers:
+    names = list(controllers)
+    for name in names:
         if name not in flown:
             raise InputError(folder.root, f"no controller '{name}'", one_of(flown, name))
         read_checked(folder, [folder.plan(name)])
-        plans[name] = read_trusted_plan(folder, experiment, name, trusted)
+    plans = experiment.simulator.restore_plans(folder.root, names, trusted)
     return dataclasses.replace(
         make_ready(experiment, plans), columns=SampleReader(folder.samples).names
     )
@@ -151,15 +149,15 @@ def _take(sources: Iterable[UserSource], place: Path, digest: str, trusted: bool
 
 
 def code_of(plan: FlightPlan) -> Code:
-    """What travels beside a plan's arrays."""
-    return plan.source, plan.channels_source, plan.vehicle_code
+    """Return what travels beside a plan's arrays."""
+    fields = (field for field in dataclasses.fields(plan) if not is_stored(field))
+    code = {field.name: getattr(plan, field.name) for field in fields}
+    return code | ({"steady": code_of(plan.steady)} if isinstance(plan, MarginPlan) else {})
 
 
 def rebuild_sent(arrays: dict[str, np.ndarray], code: Code) -> FlightPlan:
-    """A plan that came as arrays (:func:`abhv_mc.folder.plan_file.flatten`), with its code."""
+    """Rebuild a plan from its arrays (:func:`abhv_mc.folder.plan_file.flatten`) and its code."""
     plan = rebuild(MarginPlan if "margin_times" in arrays else FlightPlan, arrays)
     if isinstance(plan, MarginPlan):
-        plan = dataclasses.replace(
-            plan, steady=dataclasses.replace(plan.steady, source=code[0], vehicle_code=code[2])
-        )
-    return dataclasses.replace(plan, source=code[0], channels_source=code[1], vehicle_code=code[2])
+        code = code | {"steady": dataclasses.replace(plan.steady, **code["steady"])}
+    return dataclasses.replace(plan, **code)

@@ -72,7 +72,7 @@ def _words(value: object) -> str:
 
 def _section(_found: Provenance, names: Names) -> Section:
     title, again, manifest = "Where the numbers come from", "", names.results.manifest
-    if not names.campaign.adopted:
+    if names.campaign.can_rerun:
         title = "How to fly it again"
         again = f"To fly it again: `abhv-mc run {names.folder}/campaign.yaml -o ANOTHER_FOLDER`; "
         again += "the digest below must come out the same. "

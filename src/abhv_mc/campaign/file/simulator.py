@@ -177,6 +177,9 @@ class SimulatorExecution(Execution):
 class SimulatorCampaign(Campaign):
     """A campaign file with a simulator of the user's own; what is no field here is of this program's simulator."""
 
+    simulator_maker: ClassVar = (
+        "abhv_mc.simulators.user_simulator.external_simulator:make_simulator"
+    )
     vehicle: ClassVar = None  # type: ignore[misc]
     mission: ClassVar = None  # type: ignore[misc]
     controllers: ClassVar = None  # type: ignore[misc]

@@ -82,7 +82,7 @@ def _section(
         answers[-1] += (
             " Who is better allows for all metrics that are asked for and of control usage."
         )
-    flying = dict.fromkeys(str(each.folder) for each in (a, b) if not each.campaign.adopted)
+    flying = dict.fromkeys(str(each.folder) for each in (a, b) if each.campaign.can_rerun)
     again = (
         f"`{shlex.join(['abhv-mc', 'replay', one])} --controller NAME --flight NUMBER`"
         for one in flying
@@ -148,7 +148,7 @@ def _lead(told: Sequence[tuple[str, CampaignPair, Names]], b: FlownCampaign) -> 
     words_of = "; ".join(f"{answer} ({joined(titles)})" if len(answers) > 1 else answer
                          for answer, titles in answers.items())  # fmt: skip
     command = f": `{shlex.join(['abhv-mc', 'explain', b.folder.as_posix(), '--all'])}`"
-    if b.campaign.adopted:
+    if not b.campaign.can_rerun:
         command = " in the second's report"
     failed = any(pair.any_failure.only_b for _, pair, _ in told)
     following = f"Next: see what makes flights fail{command}." if failed else ""
@@ -163,7 +163,7 @@ def _is_same(pair: CampaignPair) -> bool:
 
 def _provenance(a: FlownCampaign, b: FlownCampaign, found: Compared, folder: Path) -> Table:
     """Which flights were compared, and how again."""
-    seeds = [("adopted" if each.campaign.adopted else str(each.campaign.seed)) for each in (a, b)]
+    seeds = [(str(each.campaign.seed) if each.campaign.can_rerun else "adopted") for each in (a, b)]
     rows = [
         [str(each.folder), seed, fixed(each.manifest.runs_done, 0), str(each.manifest.digest)]
         for each, seed in zip((a,) if a.folder == b.folder else (a, b), seeds, strict=False)
