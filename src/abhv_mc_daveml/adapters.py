@@ -63,7 +63,8 @@ def parse_answer(
     """Return the terms of 'elevator + aileron' or '-0.5 rudder': factors and names. Raise Refusal."""
     names = {name for kind in kinds_of(model) for name in SOURCES[kind]} | set(effectors)
     example = "a number, or a sum such as 'elevator + aileron' of"
-    terms, end = [], 0
+    terms: list[tuple[float, str]] = []
+    end = 0
     for match in _TERM.finditer(answer):
         sign, number_text, name = match.groups()
         if match.start() != end or (terms and not sign) or name not in names:

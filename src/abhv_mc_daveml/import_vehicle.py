@@ -27,6 +27,7 @@ from abhv_mc_daveml.adapters import (
 )
 from abhv_mc_daveml.graph import Model, Variable, read_model
 from abhv_mc_daveml.signals import find_signals, kinds_of, quantity_of
+from abhv_mc_daveml.uncertainties import write_dispersions
 from abhv_mc_daveml.writer import Line, make_function, run_shots, write_module
 from abhv_mc_daveml.xml_reader import fold
 
@@ -164,6 +165,8 @@ def _write_parts(
         texts[module] = write_module(model, extra)
     if "aerodynamics" in sections and "mass" in values:
         texts["vehicle.yaml"] = _vehicle(models, values, sections, effectors)
+    if dispersions := write_dispersions(models):
+        texts["dispersions.yaml"] = dispersions
     return texts
 
 

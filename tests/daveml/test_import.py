@@ -201,6 +201,38 @@ def test_a_second_import_keeps_edits(tmp_path: Path) -> None:
     assert not third.kept and {*third.paths, tmp_path / "import.yaml"} == set(first.paths)
 
 
+def test_uncertainties_become_dispersions_with_correlations(tmp_path: Path) -> None:
+    def stated(effect: str, law: str) -> str:
+        return f'<isOutput/><uncertainty effect="{effect}">{law}</uncertainty></variableDef>'
+
+    lift = """<normalPDF numSigmas="3"><bounds>15</bounds><correlation varID="CM" corrCoef="-0.5"/></normalPDF>"""
+    laws = {
+        "CL": stated("percentage", lift),
+        "CM": stated("additive", '<normalPDF numSigmas="2"><bounds>0.01</bounds></normalPDF>'),
+        "CN": stated(
+            "multiplicative", "<uniformPDF><bounds>-0.2</bounds><bounds>0.2</bounds></uniformPDF>"
+        ),
+        "s": stated("additive", "<uniformPDF><bounds>1</bounds></uniformPDF>"),
+    }
+    text = SMALL
+    for name, law in laws.items():
+        start = text.index(f'varID="{name}"')
+        text = text[:start] + text[start:].replace("<isOutput/></variableDef>", law, 1)
+    imported(tmp_path, text)
+    written = (tmp_path / "dispersions.yaml").read_text(encoding="utf-8")
+    assert "represents that of: s." in written
+    assert read_document(tmp_path / "dispersions.yaml").data == {
+        "dispersions": {
+            "aero.lift": {"distribution": "normal", "sigma": pytest.approx(0.05)},
+            "aero.pitching_moment.increment": {"distribution": "normal", "sigma": 0.005},
+            "aero.yawing_moment": {"distribution": "uniform", "half_width": 0.2},
+        },
+        "correlations": [
+            {"between": ["aero.lift", "aero.pitching_moment.increment"], "normal": -0.5}
+        ],
+    }
+
+
 def test_variables_of_one_name_are_told_apart_by_units(tmp_path: Path) -> None:
     path = tmp_path / "two.dml"
     path.write_text(
@@ -417,6 +449,7 @@ WRITTEN = (ast.ImportFrom, ast.Assign, ast.ClassDef, ast.FunctionDef)
 KEYS = {  # of the files of YAML that are written, by what names them
     "vehicle.yaml": "name reference mass surfaces aerodynamics propulsion limits",
     "import.yaml": "file.dml",
+    "dispersions.yaml": "dispersions correlations",
     "file.yaml": "law file rate commands",
 }
 

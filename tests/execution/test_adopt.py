@@ -405,6 +405,7 @@ FOREIGN = {
     "brackets": "a (m),b {{m}},miss [km],x[0],x[1]\n{rows}",
     "numbered from 1": "number,a,b,miss_km\n{rows}",
     "lines of JSON": "{rows}",
+    "tabular file of Dakota": "%eval_id interface a b response_fn_1\n{rows}",
 }
 
 
@@ -424,6 +425,9 @@ def test_foreign_tables_are_judged_as_the_plain_one(dialect: str, tmp_path: Path
         lines = [f"{a},{b},{float(miss) / 1e3!r}" for a, b, miss in rows]
         if "brackets" in dialect:
             lines = [f"{line},,text" for line in lines]
+        if "Dakota" in dialect:
+            content["columns"] = {"flight": "eval_id", "miss": "response_fn_1 [km]"}
+            lines = [f"{i} NO_ID {line.replace(',', ' ')}" for i, line in enumerate(lines, 1)]
         if "numbered" in dialect:
             content["columns"] = {"flight": "number"}
             lines = [f"{i},{line}" for i, line in enumerate(lines, 1)][::-1]

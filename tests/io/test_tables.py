@@ -60,7 +60,7 @@ def written(separator, heads=HEADS, rows=ROWS, decimal="."):
 def test_a_table_of_any_dialect_has_the_same_numbers(tmp_path, text):
     table = read(tmp_path, text)
     columns = table.find(["flight", "a", "b"])
-    numbers = table.numbers([column.index for column in columns.values()])
+    numbers = table.numbers([column.position for column in columns.values()])
     assert numbers.tolist() == [[1.0, 1.5, -2000.0], [2.0, -0.25, 7.0]]
     assert table.words(table.heads.index("note"))[0] == "one"
     units = {column.unit for name, column in columns.items() if name != "flight"}

@@ -75,7 +75,7 @@ def read_air_table(
         column = columns["temperature"]
         if column.unit not in _KELVIN:
             found = f"a temperature in '{column.unit}'"
-            raise table.error(None, column.index, found, one_of(_KELVIN))
+            raise table.error(None, column.position, found, one_of(_KELVIN))
         factor, offset = _KELVIN[column.unit]
         columns["temperature"] = column._replace(unit="")
     dimensions = {"altitude": LENGTH, **{name: AIR[name] for name in names}}

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 _ROWS = 65536  # of a block
 _HEADS = {"controller": "system", END_TIME.name: "end_time"}  # of exported tables
+_ROW, _LINE = "#row", "#line"  # no names of inputs: of a result, and of its inputs in their table
 _OK, _LOST = Outcome.OK.code, Outcome.FAILED_TO_RUN.code
 _ECHO = 1e-4  # of a column's largest value: rounding of inputs that a table of results repeats
 
@@ -45,7 +46,7 @@ class _Rows:
 
     def error(self, row: Any, name: str, found: str, expected: str) -> InputError:
         column = self.columns.get(name)
-        return self.table.error(int(row), column.index if column else None, found, expected)
+        return self.table.error(int(row), column.position if column else None, found, expected)
 
 
 def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTable:
@@ -73,7 +74,9 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
         expected = f"the system of each flight: {', '.join(campaign.controllers)}"
         raise results.table.error(None, None, "no column 'system'", expected)
     frame = (
-        _join(inputs, results, campaign) if others else results.frame.assign(line=results.frame.row)
+        _join(inputs, results, campaign)
+        if others
+        else results.frame.assign(**{_LINE: results.frame[_ROW]})
     )
     systems = {name: _select(results, frame, name) for name in campaign.controllers}
     counts = {name: len(own) for name, own in systems.items()}
@@ -91,11 +94,11 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
         for flight in np.flatnonzero((values != samples[0]).any(axis=1))[:1]:
             found = f"flight {flight} of '{own.system.iloc[0]}' with other inputs than of another system"
             expected = "the same inputs for all systems, or a folder for each"
-            raise results.error(own.row.iloc[flight], "flight", found, expected)
+            raise results.error(own[_ROW].iloc[flight], "flight", found, expected)
     return FlightTable(
         path=inputs.table.path,
         samples=samples[0],
-        lines=np.array([inputs.table.lines[row] for row in first.line]),
+        lines=np.array([inputs.table.lines[row] for row in first[_LINE]]),
         factors=np.array([inputs.factors.get(name, 1.0) for name in nominal]),
         blocks=tuple(
             block
@@ -122,14 +125,14 @@ def _read_rows(path: Path, campaign: Experiment) -> _Rows:
     factors = {
         name: table.factor(columns[name], unit) for name, unit in units.items() if name in columns
     }
-    numbers = table.numbers([columns[name].index for name in factors], finite=False)
+    numbers = table.numbers([columns[name].position for name in factors], finite=False)
     frame = pd.DataFrame(numbers * list(factors.values()), columns=list(factors))
-    rows = _Rows(table, columns, factors, frame.assign(row=np.arange(len(frame))))
+    rows = _Rows(table, columns, factors, frame.assign(**{_ROW: np.arange(len(frame))}))
     for name, choices in words.items():
         default = np.full(len(table), choices[0], object)
-        texts = np.array(table.words(columns[name].index)) if name in columns else default
+        texts = np.array(table.words(columns[name].position)) if name in columns else default
         for row in np.flatnonzero(~np.isin(texts, choices))[:1]:
-            head = table.heads[columns[name].index]
+            head = table.heads[columns[name].position]
             raise rows.error(row, name, f"{head} '{texts[row]}'", one_of(choices, texts[row]))
         rows.frame.insert(0, name, texts)
     for name in (*campaign.inputs, "flight"):
@@ -151,7 +154,7 @@ def _join(inputs: _Rows, results: _Rows, campaign: Experiment) -> "pd.DataFrame"
         if "flight" not in rows.columns:
             expected = "one in each of several tables, by which they are paired"
             raise rows.table.error(None, None, "no column 'flight'", expected)
-    drawn = inputs.frame.rename(columns={"row": "line"}).drop(columns=["system", "outcome"])
+    drawn = inputs.frame.rename(columns={_ROW: _LINE}).drop(columns=["system", "outcome"])
     drawn = drawn.drop_duplicates("flight")
     name = inputs.table.path.name
     for row in np.flatnonzero(~results.frame.flight.isin(drawn.flight))[:1]:
@@ -168,7 +171,7 @@ def _join(inputs: _Rows, results: _Rows, campaign: Experiment) -> "pd.DataFrame"
                 raise results.error(row, quantity, found, "the inputs of this flight")
     own = {system: joined[joined.system == system] for system in campaign.controllers}
     lost = [
-        drawn[~drawn.flight.isin(rows.flight)].assign(system=system, outcome=_LOST, row=0)
+        drawn[~drawn.flight.isin(rows.flight)].assign(system=system, outcome=_LOST, **{_ROW: 0})
         for system, rows in own.items()
     ]
     import pandas as pd
@@ -186,7 +189,7 @@ def _select(rows: _Rows, frame: "pd.DataFrame", system: str) -> "pd.DataFrame":
     for number in np.flatnonzero(own.flight != np.arange(len(own)) + first)[:1]:
         found = f"no flight {number + first:g} of '{system}'"
         expected = "all flights from 0 or 1 on; an outcome says which of them failed"
-        raise rows.error(own.row.iloc[number], "flight", found, expected)
+        raise rows.error(own[_ROW].iloc[number], "flight", found, expected)
     return own
 
 

@@ -46,9 +46,9 @@ _LONGEST_LIST = 20  # of JSON, whose items become columns
 
 
 class Column(NamedTuple):
-    """A column of a table: its index and the unit that its head or a row of units gives."""
+    """A column of a table: its position from 0 and the unit that its head or a row of units gives."""
 
-    index: int
+    position: int
     unit: str = ""
 
 
@@ -90,8 +90,9 @@ class ForeignTable:
         ``heads`` gives the head of a name in place of that. Raise InputError if two columns fit one name.
         """
         columns: dict[str, Column] = {}
+        known = frozenset(names)
         for index, head in enumerate(self.heads):
-            name, unit = read_head(head, names)
+            name, unit = read_head(head, known)
             if name and name not in (heads or {}):
                 if name in columns:
                     expected = "one of each name, its unit aside"
@@ -119,8 +120,8 @@ class ForeignTable:
         try:
             return parse_in_any_unit(f"1 {column.unit}", unit)
         except Refusal as refusal:
-            found = f"'{self.heads[column.index]}': {refusal.found}"
-            raise self.error(None, column.index, found, refusal.expected) from None
+            found = f"'{self.heads[column.position]}': {refusal.found}"
+            raise self.error(None, column.position, found, refusal.expected) from None
 
     def numbers(self, columns: Sequence[int], finite: bool = True) -> Floats:
         """Return columns as numbers [row, column]; what is missing is NaN.
@@ -213,8 +214,11 @@ def read_head(head: str, names: Collection[str]) -> tuple[str, str]:
     return "", ""
 
 
-def read_foreign_table(path: Path) -> ForeignTable:
-    """Read CSV with any separator, plain or ``.gz``, lines of JSON, Parquet or Excel. Raise InputError."""
+def read_foreign_table(path: Path, has_units: bool = True) -> ForeignTable:
+    """Read CSV with any separator, plain or ``.gz``, lines of JSON, Parquet or Excel. Raise InputError.
+
+    A row of units may stand below the heads if ``has_units``; tables of text have none.
+    """
     try:
         content = read_input(path)
         if path.suffix == ".gz":
@@ -224,10 +228,12 @@ def read_foreign_table(path: Path) -> ForeignTable:
             heads = tuple(map(str, data.column_names))
             return ForeignTable(path, heads, ("",) * len(heads), data, range(1, 1 + len(data)))
         if path.suffix.lower() in (".xlsx", ".xlsm"):
-            return _read_text(path, _sheet_text(content))
+            return _read_text(path, _sheet_text(content), has_units)
         utf16 = content[:2] in (b"\xff\xfe", b"\xfe\xff")
         text = content.decode("utf-16" if utf16 else "utf-8-sig")
-        return (_read_json if text.lstrip()[:1] == "{" else _read_text)(path, text)
+        if text.lstrip()[:1] == "{":
+            return _read_json(path, text)
+        return _read_text(path, text, has_units)
     except (OSError, EOFError, zlib.error, ValueError, ImportError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
         expected = "a CSV file in UTF-8, lines of JSON, Parquet or Excel"
@@ -268,7 +274,7 @@ def _leaves(name: str, value: Any) -> Iterator[tuple[str, str]]:
         yield name, "" if value is None else str(value)
 
 
-def _read_text(path: Path, text: str) -> ForeignTable:
+def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
     """Read lines of cells below a line of heads; blank lines and comments are left out."""
     lines: dict[int, str] = {}
     comments: list[tuple[int, str]] = []
@@ -299,7 +305,7 @@ def _read_text(path: Path, text: str) -> ForeignTable:
     (head, *texts), (head_line, *numbers) = lines.values(), lines
     heads = tuple(split_line(head, separator))
     units = [unit.strip("[](){} ") for unit in split_line(texts[0], separator)]
-    has_units = len(texts) > 1 and len(units) == len(heads) and _are_units(units)
+    has_units = may_have_units and len(texts) > 1 and len(units) == len(heads) and _are_units(units)
     if has_units:
         del texts[0], numbers[0]
     else:
@@ -418,7 +424,7 @@ class NumberTable:
 
     def error(self, row: int, name: str, found: str, expected: str) -> InputError:
         """Return the error of the number in a row under a name, at its location in the file."""
-        return self.table.error(row, self.columns[name].index, found, expected)
+        return self.table.error(row, self.columns[name].position, found, expected)
 
     def check_rising(self, name: str, unit: str, or_falling: bool = False) -> None:
         """Raise InputError at the first number under a name that is not above the one before."""
@@ -446,11 +452,11 @@ def take_numbers(
             raise table.error(None, None, f"no column {name}", expected)
         column = columns[name]
         if dimension.unit != "-" and not column.unit:
-            found = f"'{table.heads[column.index]}' without a unit"
+            found = f"'{table.heads[column.position]}' without a unit"
             expected = f"{dimension.name}, such as '{name} [{dimension.unit}]'"
-            raise table.error(None, column.index, found, expected)
+            raise table.error(None, column.position, found, expected)
         factors.append(table.factor(column, dimension.unit))
-    values = table.numbers([columns[name].index for name in dimensions]) * factors
+    values = table.numbers([columns[name].position for name in dimensions]) * factors
     numbers = NumberTable(table, {name: columns[name] for name in dimensions}, values)
     for i, (name, dimension) in enumerate(dimensions.items()):
         for row in np.flatnonzero(np.abs(values[:, i]) > dimension.largest)[:1]:

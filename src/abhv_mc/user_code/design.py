@@ -163,11 +163,13 @@ def _read_gains(path: Path, times: Floats) -> tuple[tuple[str, ...], Floats]:
     """Of a design in CSV: linear between its times and held outside."""
     table = read_foreign_table(path)
     time = table.find(["time"]).get("time")
-    indices = [i for i in range(len(table.heads)) if not time or i != time.index]
+    indices = [i for i in range(len(table.heads)) if not time or i != time.position]
     if not time or not indices:
         expected = "the column time_s, and others"
         raise table.error(None, None, "a design without times or gains", expected)
-    own = NumberTable(table, {"time": time}, table.numbers([time.index]) * table.factor(time, "s"))
+    own = NumberTable(
+        table, {"time": time}, table.numbers([time.position]) * table.factor(time, "s")
+    )
     own.check_rising("time", "s")
     columns = [np.interp(times, own.values[:, 0], gain) for gain in table.numbers(indices).T]
     return tuple(table.heads[i] for i in indices), np.ascontiguousarray(np.array(columns).T)

@@ -107,11 +107,11 @@ def read_mass_points(path: Path) -> tuple[MassPoint, ...]:
     """Read mass properties from columns such as ``mass_kg`` and ``inertia_xx_kg_m2``. Raise InputError."""
     table = read_foreign_table(path)
     columns = table.find(MassPoint.model_fields)
-    indices = {column.index: name for name, column in columns.items()}
+    indices = {column.position: name for name, column in columns.items()}
     for i, head in enumerate(table.heads):
         if i not in indices:
             raise table.error(None, i, f"the column '{head}'", one_of(MassPoint.model_fields, head))
-    numbers = table.numbers([column.index for column in columns.values()])
+    numbers = table.numbers([column.position for column in columns.values()])
     points: list[Any] = []
     places: dict[tuple[str | int, ...], tuple[int, int]] = {(): (table.head_line, 1)}
     for row, line in enumerate(table.lines):

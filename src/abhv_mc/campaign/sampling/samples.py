@@ -166,7 +166,7 @@ def read_sample_file(path: Path, known: Parameters) -> SampleFile:
     """
     table = read_foreign_table(path)
     columns = table.find([*known.dispersible, "flight"])
-    indices = {column.index for column in columns.values()}
+    indices = {column.position for column in columns.values()}
     for i, head in enumerate(table.heads):
         if i not in indices:
             expected = f"a parameter: {one_of(known.dispersible, head)}"
@@ -177,7 +177,9 @@ def read_sample_file(path: Path, known: Parameters) -> SampleFile:
     if not len(table):
         raise InputError(path, "no rows", "one row per flight", 1)
     factors = [table.factor(column, known[name].unit) for name, column in columns.items()]
-    values = table.numbers([column.index for column in columns.values()]) * factors
-    if flight and not np.array_equal(table.numbers([flight.index])[:, 0], np.arange(len(values))):
+    values = table.numbers([column.position for column in columns.values()]) * factors
+    if flight and not np.array_equal(
+        table.numbers([flight.position])[:, 0], np.arange(len(values))
+    ):
         raise InputError(path, "a column 'flight' that does not count up from 0", "0, 1, 2, ...", 2)
     return SampleFile(tuple(columns), values)
