@@ -67,7 +67,10 @@ class Command(_Short, TyperCommand):
 
 
 _PANELS: dict[str, tuple[Any, ...]] = {  # by name: added by a package
-    "Start": (starting.new, starting.imports, starting.validate, starting.plan, querying.lists),
+    "Start": (
+        *(starting.new, starting.imports, starting.validate, starting.plan),
+        *(starting.samples, querying.lists),
+    ),
     "Fly": (running.run, running.adopt, running.merge, flying.fly, replaying.replay),
     "Search": (searching.worst, searching.rare, searching.tune),
     "Look": (
