@@ -29,7 +29,7 @@ from abhv_mc.execution import runner
 from abhv_mc.execution.attest import sign
 from abhv_mc.execution.executor import Executor
 from abhv_mc.requests import Request
-from abhv_mc.simulators.engine import make_engine
+from abhv_mc.simulators.vehicle_simulator import make_engine
 
 CAMPAIGN = Path(__file__).parents[1] / "campaigns" / "harder_vehicle.yaml"
 WORKERS = (1, 2, 8, 32, 64)

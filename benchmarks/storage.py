@@ -21,8 +21,7 @@ from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.flight.fly import fly
 from abhv_mc.requests import Request
-from abhv_mc.simulators.engine import make_engine
-from abhv_mc.simulators.make_plans import make_plans
+from abhv_mc.simulators.vehicle_simulator import make_engine
 from abhv_mc_verification.bench.speed import measure_peak
 
 CAMPAIGN = Path(__file__).parents[1] / "campaigns" / "harder_vehicle.yaml"
@@ -50,7 +49,7 @@ def main() -> None:
     campaign = read_campaign(CAMPAIGN, BATCH, None, LAWS)
     samples = campaign.make_samples()
     parameters = full_rows(samples.names, samples.draw(0, BATCH), ())
-    plans = make_plans(campaign, LAWS, make_engine())
+    plans = campaign.simulator.make_plans(LAWS)
 
     def kernel() -> float:
         start = time.process_time()

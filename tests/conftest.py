@@ -66,7 +66,7 @@ def source(tmp_path):
 @pytest.fixture(scope="session")
 def engine():
     """The compiled flight; the plans of shipped inputs are made once."""
-    from abhv_mc.simulators.engine import make_engine
+    from abhv_mc.simulators.vehicle_simulator import make_engine
 
     compiled = make_engine()
     return replace(compiled, prepare=cache(compiled.prepare))
@@ -89,8 +89,7 @@ def fake_engine(monkeypatch, tmp_path):
     """Commands fly cheap flights, in a folder of their own."""
     from fake_flight import ENGINE
 
-    for place in ("execution.runner", "execution.merge", "simulators.engine"):
-        monkeypatch.setattr(f"abhv_mc.{place}.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc.simulators.vehicle_simulator.make_engine", lambda: ENGINE)
     monkeypatch.chdir(tmp_path)
 
 

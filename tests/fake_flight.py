@@ -17,6 +17,7 @@ from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS
 from abhv_mc.flight.metrics import METRICS, NO_METRICS
 from abhv_mc.flight.outcome import Limits, Outcome
 from abhv_mc.flight.plan import NO_SOURCES, FlightBlock, FlightPlan, Recording, recording_of
+from abhv_mc.interfaces import Engine
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.kernel.flight.interface import Timing
@@ -27,7 +28,6 @@ from abhv_mc.kernel.plant.state import N_STATES
 from abhv_mc.kernel.plant.vehicle import CHUNK, Vehicle
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.shipped import shipped_configs
-from abhv_mc.simulators.engine import Engine
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 
 if TYPE_CHECKING:

@@ -178,9 +178,7 @@ class Results:
         try:
             import xarray  # noqa: F401
         except ImportError:
-            raise InputError(
-                "to_xarray", "no xarray here", "pip install 'abhv-mc[xarray]'"
-            ) from None
+            raise InputError("to_xarray", "no xarray here", "pip install xarray") from None
         rows = getattr(self, table)
         axes, units = list(_AXES[table]), rows.attrs.get("units", {})
         texts = {
@@ -220,11 +218,8 @@ class Results:
         import pandas as pd
 
         from abhv_mc.analysis.replay import replay_flight
-        from abhv_mc.simulators.engine import make_engine
 
-        again = replay_flight(
-            self.folder, controller or self.controllers[0], flight, make_engine().fly
-        )
+        again = replay_flight(self.folder, controller or self.controllers[0], flight)
         refuse_changes(self._paths, self.manifest)
         if again.differences:
             raise RuntimeError(
@@ -240,12 +235,10 @@ class Results:
     ) -> "Explanation":
         """The smallest set of a failing flight's dispersions with which it still fails; see ``abhv-mc explain``."""
         from abhv_mc.analysis.explain import explain_flight
-        from abhv_mc.simulators.engine import make_engine
 
         refuse_changes(self._paths, self.manifest)
-        return explain_flight(
-            self.folder, controller or self.controllers[0], flight, make_engine().fly, requirement
-        )
+        name = controller or self.controllers[0]
+        return explain_flight(self.folder, name, flight, requirement=requirement)
 
     @staticmethod
     def explained_figure(explanation: "Explanation", dpi: float = 100.0) -> "Figure":

@@ -25,14 +25,13 @@ def explore(
     import webbrowser
     from contextlib import suppress
 
-    from abhv_mc.simulators.engine import make_engine
     from abhv_mc_explore.counts import open_flights
     from abhv_mc_explore.server import ExploreServer
 
     with open_flights(folder) as table:
         announce_compiling()
         try:
-            server = ExploreServer(folder, table, make_engine(), port, trust_code)
+            server = ExploreServer(folder, table, port=port, trust_code=trust_code)
         except OSError as error:
             raise InputError("--port", f"{port}: {error.strerror}", "a port that is free") from None
         with server:

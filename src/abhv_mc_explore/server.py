@@ -17,12 +17,12 @@ from urllib.parse import parse_qs, urlsplit
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder.flown_campaign import read_histories
+from abhv_mc.interfaces import Fly
 from abhv_mc.io.csv_table import csv_text
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.pages.flights_view import SCRIPTS, STYLES, template_text
 from abhv_mc.report.pages.interactive import band_names, channel_curves
 from abhv_mc.report.pages.page import make_environment
-from abhv_mc.simulators.engine import Engine
 from abhv_mc.topics.plain import plain
 from abhv_mc.user_code.child import run_in_thread
 from abhv_mc_explore.counts import (
@@ -68,12 +68,12 @@ class ExploreServer(ThreadingHTTPServer):
         self,
         root: Path,
         table: FlightTable,
-        engine: Engine,
+        fly: Fly | None = None,
         port: int = 0,
         trust_code: bool = False,
     ) -> None:
         super().__init__((_HOST, port), _Handler)
-        self.root, self.table, self.engine, self.trust_code = root, table, engine, trust_code
+        self.root, self.table, self.fly, self.trust_code = root, table, fly, trust_code
         self.token = secrets.token_urlsafe(24)
         self.one_flight = threading.Lock()  # at a time
 
@@ -91,13 +91,13 @@ class ExploreServer(ThreadingHTTPServer):
         """A flight's numbers and its history: flown again, as ``abhv-mc replay`` does, by the trust list, and compared
         with the stored one; the kept one where it cannot be flown."""
         found = find_flight(self.table, controller, flight)
-        if self.table.results.campaign.adopted:  # nothing can fly it
+        if not self.table.results.campaign.can_rerun:
             return {**found, "note": "", "history": None}
         try:
             with self.one_flight:
                 again = run_in_thread(
                     lambda: replay_flight(
-                        self.root, controller, flight, self.engine.fly, trust_code=self.trust_code
+                        self.root, controller, flight, self.fly, trust_code=self.trust_code
                     )
                 )
         except InputError as error:

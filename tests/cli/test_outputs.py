@@ -80,6 +80,7 @@ def test_all_commands_are_looked_at_and_all_that_print_figures_write_json():
             "compare",
             "explain",
             "whatif",
+            "place",
             "status",
             "query",
         ),
@@ -138,11 +139,16 @@ def test_a_shipped_campaign_is_known_by_its_name(abhv_mc, tmp_path, command):
     assert code == 2 and "did you mean 's_manoeuvre'?" in said, said
 
 
+def test_a_campaign_in_place_of_a_mission_is_named(abhv_mc):
+    code, _, said = abhv_mc("fly", "campaigns/s_manoeuvre.yaml")
+    assert code == 2 and "a campaign file; expected a mission file: `abhv-mc run`" in said, said
+
+
 def test_json_on_standard_output_stands_there_alone(abhv_mc, tmp_path, monkeypatch):
-    monkeypatch.setattr("abhv_mc.execution.runner.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc.simulators.vehicle_simulator.make_engine", lambda: ENGINE)
     campaign = write_campaign(tmp_path / "f", runs="8")
-    code, out, said = abhv_mc("run", campaign, "-o", tmp_path / "out", "--no-report", "--json", "-")
-    assert code == 0 and json.loads(out)["runs_done"] == 8 and "flights: 16 of 16" in said
+    code, out, _ = abhv_mc("run", campaign, "-o", tmp_path / "out", "--no-report", "--json", "-")
+    assert code == 0 and json.loads(out)["runs_done"] == 8
     code, out, _ = abhv_mc("plan", campaign, "--json", "-")
     assert code == 0 and json.loads(out)["runs"] == 8
 

@@ -12,13 +12,7 @@ from search.known_flights import LINE, METRIC, TUNED, fly_line, write_line, writ
 @pytest.fixture(autouse=True)
 def fake_engine(monkeypatch, tmp_path):
     """Cheap flights, in a folder of their own."""
-    for module in (
-        "search.worst",
-        "search.rare",
-        "search.tune",
-        "execution.runner",
-        "simulators.engine",
-    ):
+    for module in ("search.tune", "simulators.vehicle_simulator"):
         monkeypatch.setattr(f"abhv_mc.{module}.make_engine", lambda: LINE)
     monkeypatch.chdir(tmp_path)
 

@@ -30,7 +30,7 @@ from abhv_mc.search.rare import find_rare
 from abhv_mc.search.tune import tune_controller
 from abhv_mc.search.worst import find_worst
 from abhv_mc.shipped import shipped_campaigns
-from abhv_mc.simulators.engine import make_engine
+from abhv_mc.simulators.vehicle_simulator import make_engine
 
 pytest.importorskip("distributed")
 
@@ -166,8 +166,9 @@ def test_a_plan_that_waits_on_a_killed_worker_is_held_anew(dask):
     dask.held.touch()
     worker, rows = dask.start_worker(), np.repeat(nominal_parameters(), 8, axis=0)
     flown = {}
-    with connect_cluster(dask.address, replace(ENGINE, fly=fly_when_let)) as cluster:
-        cluster.limit = 60.0
+    with connect_cluster(dask.address) as cluster:
+        cluster.limit, cluster.engine = 60.0, replace(ENGINE, fly=fly_when_let)
+        cluster.check = lambda plan, rows, block: block
 
         def start(name):
             work = threading.Thread(

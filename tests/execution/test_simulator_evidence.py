@@ -21,7 +21,6 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.results import Results
-from abhv_mc.simulators.engine import make_engine
 from abhv_mc.simulators.user_simulator.process_pool import end_processes
 
 pytestmark = pytest.mark.usefixtures("no_figures")
@@ -92,9 +91,9 @@ def test_a_declared_program_runs_from_the_results_folder(
     assert merged.manifest.not_made == ()
     assert Results(merged.folder).histories["flight"].nunique() == 3
     totals = read_flown(merged.folder).flights["system"].metrics["total"]
-    assert replay_flight(merged.folder, "system", 0, make_engine().fly).differences == ()
+    assert replay_flight(merged.folder, "system", 0).differences == ()
     worst = int(totals.argmax())
-    assert explain_flight(merged.folder, "system", worst, make_engine().fly).causes
+    assert explain_flight(merged.folder, "system", worst).causes
     copies = merged.folder / "inputs" / "simulator"
     assert os.access(copies / "model.sh", os.X_OK) and not os.access(copies / "sim.py", os.X_OK)
 
@@ -118,10 +117,10 @@ def test_lost_histories_and_the_simulators_own_error_are_reported(
     assert "PermissionError" in reason
     worst = int(read_flown(out).flights["system"].metrics["total"].argmax())
     with pytest.raises(InputError, match="PermissionError"):
-        explain_flight(out, "system", worst, make_engine().fly)
+        explain_flight(out, "system", worst)
     (difference,) = [
         words
-        for words in replay_flight(out, "system", worst, make_engine().fly).differences
+        for words in replay_flight(out, "system", worst).differences
         if words.startswith("outcome")
     ]
     assert "PermissionError" in difference

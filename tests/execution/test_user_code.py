@@ -29,7 +29,7 @@ from abhv_mc.search.tune import tune_controller
 from abhv_mc.search.worst import find_worst
 from abhv_mc.shipped import find_input
 from abhv_mc.simulators.check_inputs import check_inputs
-from abhv_mc.simulators.engine import make_engine
+from abhv_mc.simulators.vehicle_simulator import make_engine
 from abhv_mc.user_code.compiled import compile_law
 from abhv_mc.user_code.load_law import load_law
 from abhv_mc.user_code.module import run_module

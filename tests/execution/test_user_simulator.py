@@ -27,7 +27,6 @@ from abhv_mc.report.pages.flights_view import make_flights_view
 from abhv_mc.requests import Request
 from abhv_mc.results import Results
 from abhv_mc.simulators.check_inputs import check_inputs
-from abhv_mc.simulators.engine import make_engine
 from abhv_mc_explore.counts import open_flights
 from abhv_mc_explore.server import ExploreServer
 
@@ -62,13 +61,12 @@ def test_a_campaign_is_flown_judged_and_explained(tmp_path: Path) -> None:
         "[Cc]ontroller|Control usage", text.replace("--controller", "")
     )
     failed = int(np.argmin(results.flights["v1"].metrics["altitude_min"]))
-    fly = make_engine().fly
-    assert replay_flight(out, "v1", failed, fly).differences == ()
+    assert replay_flight(out, "v1", failed).differences == ()
     assert Results(out).replay(failed, "v1").columns.tolist() == ["time"]
-    found = explain_flight(out, "v1", failed, fly)
+    found = explain_flight(out, "v1", failed)
     assert set(found.causes) <= {"altitude", "speed", "delay", "thrust"}
     assert found.causes
-    groups = map_failures(out, {"v1": [failed]}, make_engine()).controllers["v1"]
+    groups = map_failures(out, {"v1": [failed]}).controllers["v1"]
     assert groups.looked_at == 1
 
 
@@ -81,18 +79,17 @@ def test_the_folder_of_a_stranger_runs_nothing(
     run_campaign(Request(dive_campaign(tmp_path / "own", source, runs=20), out))
     ran.unlink()
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "stranger"))
-    fly = make_engine().fly
     build_report(out)
     for ask in (
-        lambda: replay_flight(out, "v1", 0, fly),
-        lambda: explain_flight(out, "v1", 0, fly),
-        lambda: map_failures(out, {"v1": [0]}, make_engine()),
+        lambda: replay_flight(out, "v1", 0),
+        lambda: explain_flight(out, "v1", 0),
+        lambda: map_failures(out, {"v1": [0]}),
         lambda: run_campaign(Request(out / "campaign.yaml", tmp_path / "again")),
     ):
         with pytest.raises(InputError, match="not flown"):
             ask()
     assert not ran.exists()
-    assert replay_flight(out, "v1", 0, fly, trust_code=True).differences == ()
+    assert replay_flight(out, "v1", 0, trust_code=True).differences == ()
     assert ran.exists()
 
 
@@ -112,7 +109,7 @@ def test_what_the_first_flights_show_is_said(tmp_path: Path, source: str, words:
         Request(dive_campaign(tmp_path / "own", source, runs=20), tmp_path / "out")
     ).manifest
     assert manifest.complete and any(re.search(words, said) for said in manifest.warnings)
-    differences = replay_flight(tmp_path / "out", "v1", 0, make_engine().fly).differences
+    differences = replay_flight(tmp_path / "out", "v1", 0).differences
     assert any("load" in each for each in differences) == ("load" in words)
 
 
@@ -154,7 +151,7 @@ def test_surplus_output_is_a_warning_and_what_the_program_says_is_kept(tmp_path:
     assert "flying" in (out / "simulator.log").read_text()
     before = {path: path.stat() for path in out.rglob("*")}
     flight = int(np.argmin(thrust))
-    assert replay_flight(out, "v1", flight, make_engine().fly).differences == ()
+    assert replay_flight(out, "v1", flight).differences == ()
     assert {path: path.stat().st_mtime_ns for path in out.rglob("*")} == {
         path: each.st_mtime_ns for path, each in before.items()
     }
@@ -317,7 +314,7 @@ def show_histories(out: Path) -> None:
     assert again["altitude"].to_numpy() == pytest.approx(
         history["altitude"].to_numpy(), rel=0, nan_ok=True
     )
-    with open_flights(out) as table, ExploreServer(out, table, make_engine()) as server:
+    with open_flights(out) as table, ExploreServer(out, table) as server:
         assert [each["name"] for each in table.view["channels"]] == ["altitude", "sink_rate"]
         found = server.open_flight("v2", flight)["history"]
         assert (

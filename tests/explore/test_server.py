@@ -21,7 +21,7 @@ def server(tmp_path_factory):
     run(write_campaign(folder / "f"), folder / "out", runs=100, workers=1)
     with (
         open_flights(folder / "out") as table,
-        ExploreServer(folder / "out", table, ENGINE) as served,
+        ExploreServer(folder / "out", table, ENGINE.fly) as served,
     ):
         thread = threading.Thread(target=served.serve_forever, daemon=True)
         thread.start()

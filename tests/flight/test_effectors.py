@@ -10,8 +10,6 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.laws.columns import LQR_SETTINGS, TLC_SETTINGS
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.one_flight.given import make_document, write_inputs
-from abhv_mc.simulators.engine import make_engine
-from abhv_mc.simulators.make_plans import make_plans
 
 LAW = """
 from abhv_mc.extend import Command, controller
@@ -83,7 +81,7 @@ def test_a_campaign_with_failures_of_axes_is_refused_where_effectors_move_themse
         "failure.aileron.loss_time": {"distribution": "uniform", "low": "1 s", "high": "2 s"}
     }
     with pytest.raises(InputError, match="failure of an effector: left"):
-        make_plans(campaign_of(tmp_path, DRIVEN, dispersions=failing), ["tlc"], make_engine())
+        campaign_of(tmp_path, DRIVEN, dispersions=failing).simulator.make_plans(["tlc"])
 
 
 def test_all_laws_of_a_campaign_fly_one_list_of_actuators_whose_usage_is_counted(tmp_path) -> None:
@@ -99,7 +97,7 @@ def test_all_laws_of_a_campaign_fly_one_list_of_actuators_whose_usage_is_counted
     laws = {"tlc": "tlc", "own": write_own_law(tmp_path, '"left": 0.1')}
     campaign = campaign_of(tmp_path, MIXED, laws, **entries)
     assert campaign.kept_channels == ("altitude_m", "left_deg", "right_command_deg")
-    for plan in make_plans(campaign, laws, make_engine()).values():
+    for plan in campaign.simulator.make_plans(laws).values():
         assert [m.name for m in plan.metrics] == [
             m.name for m in campaign.measured
         ] and "left" in plan.effectors

@@ -26,8 +26,6 @@ from abhv_mc.kernel.flight.memory import TOGETHER
 from abhv_mc.kernel.plant.parameter_names import FAILURE_TIMES, PARAMETER_INDEX
 from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.simulators.end_sentence import describe_end
-from abhv_mc.simulators.engine import make_engine
-from abhv_mc.simulators.make_plans import make_plans
 
 FLIGHTS = LANES
 FACTOR = 0.05
@@ -162,7 +160,7 @@ def test_flights_that_take_the_lanes_of_ended_ones_stay_the_same():
 
 def campaign_plans(name, repository):
     campaign = read_campaign(repository / "campaigns" / f"{name}.yaml", 64, None, None)
-    return campaign, make_plans(campaign, campaign.model.controllers, make_engine()).values()
+    return campaign, campaign.simulator.make_plans(campaign.controllers).values()
 
 
 SLOW = [

@@ -17,8 +17,6 @@ from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.plant.vehicle import LoadBounds
 from abhv_mc.one_flight.given import make_flight_plan, write_inputs
-from abhv_mc.simulators.engine import make_engine
-from abhv_mc.simulators.make_plans import make_plans
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +100,7 @@ def test_an_oscillation_in_gusts_turbulence_or_noise_has_no_limit(
     with pytest.raises(
         InputError, match=rf"campaign.yaml:\d.*'{name}' with 'limits: {{oscillation}}'.*still air"
     ):
-        make_plans(campaign, ["tlc"], make_engine())
+        campaign.simulator.make_plans(["tlc"])
 
 
 def _loads(vehicle: dict[str, Any], mission: dict[str, Any]) -> LoadBounds:

@@ -80,7 +80,7 @@ def test_a_query(request_, fly_meanwhile):
 )
 def test_a_notebook(request_, fly_meanwhile, monkeypatch, ask):
     """Flights of one campaign stood beside samples of the other, which drivers then came from."""
-    monkeypatch.setattr("abhv_mc.simulators.engine.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc.simulators.vehicle_simulator.make_engine", lambda: ENGINE)
     results = open_results(request_.output)
     run_campaign(request_, ENGINE)  # with nothing to do: it disturbs nobody
     before = results.flights

@@ -17,6 +17,7 @@ from abhv_mc.io.documents import (
     InputErrors,
     Refusal,
     StrictModel,
+    one_of,
     read_document,
     validate,
     write_document,
@@ -80,7 +81,7 @@ def test_values_and_places(tmp_path: Path) -> None:
     ("text", "place", "found"),
     [
         ("a: 1\na: 2\n", (2, 1), "'a' again"),
-        ("a: 1\n\tb: 2\n", (2, 1), "'\\t'"),
+        ("a: 1\n\tb: 2\n", (2, 1), "a tab"),
         ("a: 1\nb: [1\n", (3, 1), "expected"),
         ("a: !!python/object/apply:os.system [ls]\n", (1, 4), "tag"),
         ("x: 1\na: *unknown\n", (2, 4), "alias"),
@@ -112,6 +113,14 @@ def test_refused_text(
     error = caught.value
     assert found in error.found
     assert str(error).startswith(":".join(map(str, (tmp_path / "x.yaml", *place))) + ": ")
+
+
+@pytest.mark.parametrize(
+    ("word", "key"), [("std", "sigma"), ("min", "low"), ("Gaussian", "normal")]
+)
+def test_words_of_other_programs_suggest_the_key(word: str, key: str) -> None:
+    assert one_of(["sigma", "low", "high", "normal"], word).endswith(f"(did you mean '{key}'?)")
+    assert "did you mean" not in one_of(["alpha", "beta"], word)
 
 
 def test_numbers_of_numpy_are_written_as_numbers(tmp_path: Path) -> None:

@@ -14,11 +14,11 @@ from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.metrics import METRICS
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, recording_of
+from abhv_mc.interfaces import Engine
 from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.report.pages.build import build_report
-from abhv_mc.simulators.engine import Engine
 from abhv_mc.simulators.make_plans import reference_of
 from abhv_mc.topics import registry
 

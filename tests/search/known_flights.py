@@ -10,8 +10,8 @@ from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.metrics import METRIC_INDEX, METRICS
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, recording_of
+from abhv_mc.interfaces import Engine
 from abhv_mc.requests import TuneRequest
-from abhv_mc.simulators.engine import Engine
 
 METRIC = "altitude_error_max_m"
 

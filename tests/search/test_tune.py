@@ -10,13 +10,13 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.folder.arrays import write_array
+from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import InputError
 from abhv_mc.requests import TuneRequest
 from abhv_mc.search import tune as module
 from abhv_mc.search.methods.tune import Scores, pareto_front, tune
 from abhv_mc.search.tune import tune_controller
 from abhv_mc.simulators.candidates import check_free_numbers
-from abhv_mc.simulators.engine import Engine
 
 
 @pytest.fixture

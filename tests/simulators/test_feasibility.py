@@ -35,6 +35,7 @@ def disperse(law, name="atmosphere.density"):
         ),
         (ask("altitude_error_max_m", "below", "-50"), "below -50, which no flight meets"),
         (ask("altitude_error_max_m", "above", "-50"), "above -50, which every flight meets"),
+        (disperse("uniform, half_width: 12"), "did you mean '12 %' in place of 12?"),
         (disperse("uniform, half_width: 120 %"), "'atmosphere.density' down to -0.2"),
         (disperse("uniform, low: 0, high: 2"), "down to 0"),
         (disperse("normal, sigma: 40 %"), "down to -0.9"),

@@ -1,5 +1,8 @@
 """Flights of a user's simulator: each is accounted for, whatever it does."""
 
+import errno
+import os
+import re
 import shutil
 import sys
 import tempfile
@@ -26,7 +29,6 @@ from abhv_mc.simulators.user_simulator import (
 )
 from abhv_mc.simulators.user_simulator.process_pool import end_processes
 from abhv_mc.simulators.user_simulator.user_flights import prove_blocks
-from abhv_mc.simulators.user_simulator.user_plan import make_user_plans
 
 LOST = int(Outcome.FAILED_TO_RUN)
 WRONG = {  # by the delay that is asked for: what the flight returns, and what is said of it
@@ -78,7 +80,7 @@ WRONG_HISTORIES = {  # what is done to the history
 
 def ready(path: Path) -> Experiment:
     campaign = read_campaign(path)
-    return make_ready(campaign, make_user_plans(campaign, campaign.controllers))  # type: ignore[arg-type]
+    return make_ready(campaign, campaign.simulator.make_plans(campaign.controllers))
 
 
 def fly_delays(path: Path, delays: list[float]) -> FlightBlock:
@@ -217,6 +219,15 @@ for line in sys.stdin:
     time.sleep(0.02)
     print(json.dumps({"altitude_min": float(open("case.in").read()), "load": 1.0}), flush=True)
 """
+
+
+def test_a_file_that_is_missing_at_the_start_is_named(tmp_path: Path) -> None:
+    path = dive_campaign(tmp_path)
+    (tmp_path / "drag.txt").write_text("0.02")
+    (tmp_path / "dive.py").write_text(f"open('drag.txt')\n{DIVE}")
+    words = "drag.txt lies in the simulator's folder but not in 'files'; expected a simulator that"
+    with pytest.raises(InputErrors, match=words):
+        list(read_campaign(path).simulator.try_out())
 
 
 def test_each_process_works_in_a_folder_of_its_own(
@@ -426,6 +437,19 @@ def test_a_program_may_take_its_time_to_start_and_has_to_flush(
     path = dive_campaign(tmp_path, simulator=simulator)
     assert fly_delays(path, [1.0]).outcome.tolist() == [LOST]
     assert "does it flush its standard output" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("code", [errno.EMFILE, errno.EAGAIN])
+def test_a_machine_that_starts_no_process_costs_no_flight(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int
+) -> None:
+    def fail(*_: Any, **__: Any) -> None:
+        raise OSError(code, os.strerror(code))
+
+    end_processes()
+    monkeypatch.setattr("subprocess.Popen", fail)
+    with pytest.raises(OSError, match=re.escape(os.strerror(code))):
+        fly_delays(dive_campaign(tmp_path), [1.0])
 
 
 def test_other_files_than_the_campaign_was_begun_with_do_not_fly(tmp_path: Path) -> None:

@@ -17,10 +17,10 @@ from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder.flights import END_TIME, FlightRows
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.samples import SampleReader
+from abhv_mc.interfaces import Fly
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.plant.parameters import OURS, Parameters
-from abhv_mc.simulators.end_sentence import end_of
-from abhv_mc.simulators.engine import Fly, fly_of, make_ready, simulate
+from abhv_mc.simulators.engine import make_ready, simulate
 from abhv_mc.simulators.stored_plans import open_flown
 
 _MOST_SAMPLES = 10_000  # flights that tell how unusual a value is
@@ -77,7 +77,7 @@ def explain_flight(
     root: Path,
     controller: str,
     flight: int,
-    fly: Fly,
+    fly: Fly | None = None,
     requirement: str | None = None,
     every: int = 1,
     trust_code: bool = False,
@@ -89,7 +89,6 @@ def explain_flight(
     """
     folder = CampaignFolder(root)
     campaign = open_flown(folder, [controller], trust_code)
-    fly = fly_of(campaign, fly)
     (row,) = find_rows(folder, controller, [flight])
     failure = find_failure(root, campaign, row, requirement)
     campaign, margins = with_margins(campaign, controller, [failure])
@@ -114,7 +113,7 @@ def explain_flight(
         controller,
         flight,
         failure,
-        end_of(campaign, controller, row.samples, flown),
+        campaign.simulator.describe_end(controller, row.samples, flown),
         dict(zip(names, values.tolist(), strict=True)),
         sets[0],
         tuple(sets[1:]),
@@ -148,7 +147,7 @@ def smallest_sets(
     controller: str,
     samples: Floats,
     failures: Sequence[Failure],
-    fly: Fly,
+    fly: Fly | None,
     margins: bool,
     budget: int = BUDGET,
 ) -> list[Shrunk | None]:

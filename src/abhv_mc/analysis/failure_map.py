@@ -15,8 +15,8 @@ from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.execution.executor import open_executor
 from abhv_mc.folder.layout import CampaignFolder, write_bytes
 from abhv_mc.folder.manifest import read_manifest
+from abhv_mc.interfaces import Engine, Fly
 from abhv_mc.io.documents import InputError
-from abhv_mc.simulators.engine import Engine, Fly, engine_of
 from abhv_mc.simulators.stored_plans import open_flown
 
 MOST_CAUSES = (
@@ -121,7 +121,7 @@ _ADAPTER = TypeAdapter(FailureMap)
 def map_failures(
     root: Path,
     failed: Mapping[str, Sequence[int]],
-    engine: Engine,
+    engine: Engine | None = None,
     trust_code: bool = False,
 ) -> FailureMap:
     """Shrink the dispersions of each controller's first ``MOST_FLIGHTS`` failed flights, and group what is left."""
@@ -129,7 +129,7 @@ def map_failures(
     campaign = open_flown(folder, failed, trust_code)
     found = {}
     with open_executor(
-        engine_of(campaign, engine), campaign.model.execution, None, None
+        engine or campaign.simulator.engine, campaign.model.execution, None, None
     ) as executor:
         for name, flights in failed.items():
             found[name] = _map_controller(

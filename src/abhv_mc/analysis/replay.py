@@ -15,9 +15,9 @@ from abhv_mc.folder.hashes import read_checked
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.samples import SampleReader
+from abhv_mc.interfaces import Fly
 from abhv_mc.io.documents import InputError
-from abhv_mc.simulators.end_sentence import end_of
-from abhv_mc.simulators.engine import Fly, fly_of, simulate
+from abhv_mc.simulators.engine import simulate
 from abhv_mc.simulators.stored_plans import open_flown
 
 
@@ -43,13 +43,21 @@ class Replay:
 
 
 def replay_flight(
-    root: Path, controller: str, flight: int, fly: Fly, every: int = 1, trust_code: bool = False
+    root: Path,
+    controller: str,
+    flight: int,
+    fly: Fly | None = None,
+    every: int = 1,
+    trust_code: bool = False,
 ) -> Replay:
-    """Fly flight ``flight`` of the campaign in ``root`` with its stored plan, recording every ``every``-th tick."""
+    """Fly flight ``flight`` of the campaign in ``root`` with its stored plan, recording every ``every``-th tick.
+
+    ``fly``: what flies it in place of the campaign's simulator.
+    """
     folder = CampaignFolder(root)
     experiment = open_flown(folder, [controller], trust_code)
     (row,) = find_rows(folder, controller, [flight])
-    block = simulate(experiment, controller, row.samples, every, fly_of(experiment, fly))
+    block = simulate(experiment, controller, row.samples, every, fly)
     values = np.append(block.metrics[0], block.end_time[0])
     stored = row.values[0][: values.size]  # margins follow
     repeatability = read_manifest(folder.manifest).repeatable
@@ -68,7 +76,7 @@ def replay_flight(
         differences.append(f"outcome: {ends.codes[outcome]}{reason} instead of {row.outcome[0]}")
     samples = dict(zip(experiment.inputs, row.samples[0].tolist(), strict=True))
     metrics = dict(zip(row.columns, values.tolist(), strict=False))
-    end = end_of(experiment, controller, row.samples, outcome)
+    end = experiment.simulator.describe_end(controller, row.samples, outcome)
     return Replay(
         controller,
         flight,

@@ -61,6 +61,10 @@ def make_change(campaign: Experiment, settings: Mapping[str, Mapping[str, Any]])
     entries = dict(data["dispersions"] or {})
     after = {}
     for name, keys in settings.items():
+        if name not in entries and (whole := f"{name}.{next(iter(keys))}") in entries:
+            sizes = [key for key in entries[whole] if key not in ("distribution", "probability")]
+            found = f"'{whole}' without the key of its distribution that is set"
+            raise InputError(_SET, found, " or ".join(f"{whole}.{key}=VALUE" for key in sizes))
         if name not in entries:
             found = f"'{name}', which the campaign did not disperse"
             raise InputError(_SET, found, one_of(entries, name) if entries else "a dispersion")

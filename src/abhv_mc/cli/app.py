@@ -67,12 +67,22 @@ class Command(_Short, TyperCommand):
 
 
 _PANELS: dict[str, tuple[Any, ...]] = {  # by name: added by a package
-    "Start": (starting.new, starting.imports, starting.validate, starting.plan, querying.lists),
+    "Start": (
+        *(starting.new, starting.imports, starting.validate, starting.plan),
+        *(starting.samples, querying.lists),
+    ),
     "Fly": (running.run, running.adopt, running.merge, flying.fly, replaying.replay),
     "Search": (searching.worst, searching.rare, searching.tune),
     "Look": (
         *(reporting.report, reporting.show, "explore", reporting.compare, replaying.explain),
-        *(reporting.whatif, reporting.status, querying.query, querying.export, flying.trim),
+        *(
+            reporting.whatif,
+            reporting.place,
+            reporting.status,
+            querying.query,
+            querying.export,
+            flying.trim,
+        ),
     ),
     "Analyse": (linearizing.margins, linearizing.linearize),
     "Prove": (proving.verify, "bench"),

@@ -49,7 +49,7 @@ def exit_code_of(error: BaseException) -> int | str | None:
             "not enough memory: what was flown is kept; fewer workers or smaller blocks need less"
         )
     elif is_exhausted(error):
-        words = f"{words}: what was flown is kept; fewer workers, or more open files (ulimit -n)"
+        words = f"{words}: what was flown is kept; fewer workers, or more open files or processes (ulimit -n, -u)"
     elif (
         type(error).__module__.partition(".")[0] == "distributed"
     ):  # of many kinds, as a scheduler or its host dies
@@ -57,6 +57,8 @@ def exit_code_of(error: BaseException) -> int | str | None:
         words = f"the cluster does not answer ({reason}): what was flown is kept"
     elif isinstance(error, (InputError, Refusal)):
         code = ExitCode.BAD_INPUT
+    elif type(error).__name__ == "UnusableError":  # not imported: its module takes a second to load
+        pass
     elif not isinstance(error, StorageFullError):
         with contextlib.suppress(OSError):
             traceback.print_exception(error)

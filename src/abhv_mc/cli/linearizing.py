@@ -195,11 +195,7 @@ def _find_flown(
         from abhv_mc.campaign.file.check import read_campaign
 
         campaign = read_campaign(mission)
-        if campaign.user_model is not None:
-            found = "a user's simulator, which has no plant to linearize"
-            raise campaign.document.error(
-                (), found, "a campaign of our own: with vehicle, mission and controllers"
-            )
+        campaign.simulator.check("linearization")
         check_user_code(campaign, trust_code)
         model = campaign.model
         known = {name: Path(file) for name, file in model.controllers.items()}

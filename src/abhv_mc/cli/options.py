@@ -22,7 +22,12 @@ def _of_kinds(*kinds: str) -> dict[str, Any]:
         ]
 
     def find(name: str) -> Path:
-        return find_input(name, *kinds)
+        path = find_input(name, *kinds)
+        if kinds in (("mission",), ("vehicle",)):
+            from abhv_mc.campaign.file.kinds import require_kind
+
+            require_kind(path, kinds[0])
+        return path
 
     words = f"{' or '.join(kinds).capitalize()} file, or the name of a shipped one."
     return {"parser": find, "autocompletion": complete, "help": words}

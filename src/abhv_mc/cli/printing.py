@@ -6,10 +6,12 @@ On standard error what a user should know beside: that code is compiled, what lo
 import json
 import os
 import re
+import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Any, TextIO
 
 from abhv_mc.execution.progress import Waiting
@@ -30,20 +32,30 @@ _PARTS = {
     "stability": "a part of the stability margins",
     "laws": "the reference",
 }
+_NARROWEST = 16  # columns of a terminal, of folded words
 _COLORED = re.compile(r"\b(?:PASS|FAIL|NOT SHOWN)\b|^warning:")
 
 
-def say(*words: Any, sep: str = " ", **options: Any) -> None:
-    """Print, as Python's own ``print``, but nothing that steers the terminal but our own colours of verdicts."""
+def say(*words: Any, sep: str = " ", folds: bool = True, **options: Any) -> None:
+    """Print as Python's ``print``: no control characters, colours of verdicts, long sentences folded on a terminal."""
     text, file = printable(sep.join(map(str, words))), options.get("file") or sys.stdout
-    if (
-        file is not None
-        and file.isatty()
-        and "NO_COLOR" not in os.environ
-        and os.environ.get("TERM") != "dumb"
-    ):
-        text = _COLORED.sub(lambda found: f"\x1b[{_COLORS[found[0]]}m{found[0]}\x1b[0m", text)
+    if file is not None and file.isatty():
+        width = shutil.get_terminal_size().columns
+        text = "\n".join(_fold(line, width) if folds else line for line in text.split("\n"))
+        if "NO_COLOR" not in os.environ and os.environ.get("TERM") != "dumb":
+            text = _COLORED.sub(lambda found: f"\x1b[{_COLORS[found[0]]}m{found[0]}\x1b[0m", text)
     print(text, **options)
+
+
+def _fold(line: str, width: int) -> str:
+    """Break a sentence that is wider than a terminal between words, but not within a command; leave rows of tables."""
+    label, text = re.fullmatch(r"(\s*(?:\S{1,12}\s{2,6})?)(.*)", line, re.DOTALL).groups()  # type: ignore[union-attr]
+    if len(line) <= width or "  " in text:
+        return line
+    whole = re.sub(r"`[^`]*`", lambda command: command[0].replace(" ", "\0"), text)
+    indent = " " * len(label)
+    folded = fill(whole, width - len(label), break_long_words=False, break_on_hyphens=False)
+    return label + folded.replace("\n", f"\n{indent}").replace("\0", " ")
 
 
 def beside(file: Path | None) -> TextIO | None:
@@ -86,19 +98,27 @@ def new_table(
 
 
 def print_table(table: "Table", **options: Any) -> None:
-    """Print a table without wrapping or cutting its cells, where a terminal is narrow or there is none."""
+    """Print a table; columns of words are folded if it is wider than the terminal, numbers are never cut."""
     import io
 
     from rich.console import Console
     from rich.measure import Measurement
 
     console = Console()
-    width = Measurement.get(console, console.options.update(width=1000), table).maximum
+    wide = console.options.update(width=1000)
+    width = Measurement.get(console, wide, table).maximum
+    if sys.stdout.isatty() and width > (terminal := shutil.get_terminal_size().columns):
+        for column in table.columns:
+            cells = (str(column.header), *map(str, column.cells))
+            natural = max(len(part) for cell in cells for part in cell.split("\n"))
+            column.no_wrap, column.overflow = column.justify == "right", "fold"
+            column.min_width = natural if column.no_wrap else min(_NARROWEST, natural)
+        width = max(terminal, Measurement.get(console, wide, table).minimum)
     text = io.StringIO()
     Console(
         width=width, file=text, color_system=None, markup=False, emoji=False, highlight=False
     ).print(table)
-    say(text.getvalue(), end="", **options)
+    say(text.getvalue(), end="", folds=False, **options)
 
 
 def print_section_table(table: "SectionTable") -> None:

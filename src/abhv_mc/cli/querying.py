@@ -97,14 +97,15 @@ def metrics(
     Stability margins stand at the end: a campaign that asks for them has them. What is counted is a source, or an
     expression of sources; with statistic, limit and window it is how a campaign would declare the same metric.
     """
-    from abhv_mc.flight.metrics import BUILT_IN
+    from abhv_mc.flight.metrics import BUILT_IN, MARGINS
 
     records = list(BUILT_IN.values())
     if campaign is not None:
         from abhv_mc.campaign.file.check import read_campaign
 
         read = read_campaign(find_input(campaign, "campaign"))
-        records = [*read.measured] if read.user_model else [*records, *read.declared]
+        margins = MARGINS if read.simulator.capabilities.has_margins else ()
+        records = [*read.measured, *margins]
     if json is not None:
         answer([record.as_entry() for record in records], json, lambda: None)
         return

@@ -33,7 +33,6 @@ def replay(
     from abhv_mc.flight.repeatability import ROUNDING, Repeatability
     from abhv_mc.folder.histories import write_histories
     from abhv_mc.folder.inputs import first_controller
-    from abhv_mc.simulators.engine import make_engine
 
     if (
         out is not None and out.suffix != ".parquet"
@@ -41,10 +40,7 @@ def replay(
         raise InputError("--output", f"'{out.name}'", "a name that ends in .parquet")
     controller = controller or first_controller(folder)
     announce_compiling()
-    fly = make_engine().fly
-    replay = run_in_thread(
-        lambda: replay_flight(folder, controller, flight, fly, trust_code=trust_code)
-    )
+    replay = run_in_thread(lambda: replay_flight(folder, controller, flight, trust_code=trust_code))
     block = replay.block
     if out is not None and not block.history.size:
         raise InputError("--output", "flights that return no history", "no --output")
@@ -123,11 +119,10 @@ def explain(
         explanation_words,
         make_explained_figure,
     )
-    from abhv_mc.simulators.engine import make_engine
 
-    name, fly = controller or first_controller(folder), make_engine().fly
+    name = controller or first_controller(folder)
     found = run_in_thread(
-        lambda: explain_flight(folder, name, flight, fly, requirement, trust_code=trust_code)
+        lambda: explain_flight(folder, name, flight, requirement=requirement, trust_code=trust_code)
     )
     path = out or CampaignFolder(folder).explained / f"{name}-{flight}.png"
     words, numbers = explanation_words(found), explanation_numbers(found)
@@ -142,7 +137,6 @@ def explain(
 def _map_all(folder: Path, controller: str | None, json: Path | None, trust_code: bool) -> None:
     from abhv_mc.analysis.failure_map import map_failures, write_map
     from abhv_mc.folder.flown_campaign import read_flown
-    from abhv_mc.simulators.engine import make_engine
     from abhv_mc.topics.failures import map_table
     from abhv_mc.topics.flights.model import rank_failed
     from abhv_mc.topics.names import names_of
@@ -157,7 +151,7 @@ def _map_all(folder: Path, controller: str | None, json: Path | None, trust_code
     if not any(failed.values()):
         say("no flight ended early or missed a requirement")
         return
-    found = map_failures(folder, failed, make_engine(), trust_code)
+    found = map_failures(folder, failed, trust_code=trust_code)
     results.refuse_changes()
     path = write_map(folder, found)
     table = map_table(found.controllers, names_of(results))

@@ -6,13 +6,13 @@ from collections import Counter
 from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import (
-    Baseline,
     Fresh,
     Json,
     Junit,
@@ -25,8 +25,6 @@ from abhv_mc.cli.printing import (
     announce_warnings,
     answer,
     beside,
-    new_table,
-    print_table,
     say,
 )
 from abhv_mc.cli.request_options import takes_options
@@ -41,12 +39,13 @@ if TYPE_CHECKING:
     from abhv_mc.execution.runner import RunResult
     from abhv_mc.folder.manifest import ControllerCount, Manifest
 
+_WIDTH = 80  # columns
+
 
 @takes_options(Request)
 def run(
     request: Request,
     no_report: NoReport = False,
-    baseline: Baseline = None,
     json: Json = None,
     junit: Junit = None,
     staging: Annotated[
@@ -65,10 +64,10 @@ def run(
     are missing or could not be computed.
     """
     announce_compiling()
-    from abhv_mc.execution.retry import UnusableError
     from abhv_mc.execution.runner import run_campaign
     from abhv_mc.folder.remote import mirrored
 
+    baseline = None if request.baseline is None else Path(request.baseline)
     if baseline is not None:
         from abhv_mc.campaign.file.check import read_campaign
         from abhv_mc.report.numbers.compare import check_baseline
@@ -78,13 +77,9 @@ def run(
         asked = read_campaign(request.campaign, request.runs, request.seed, request.controllers)
         check_baseline(asked, baseline)
     out = None if request.output is None else Path(request.output)
-    try:
-        with mirrored(out, staging) if out else nullcontext() as folder:
-            result = run_campaign(replace(request, output=folder))
-            finish(result, no_report or request.shard is not None, json, out, junit, baseline)
-    except UnusableError as error:
-        say(error, file=sys.stderr)
-        raise typer.Exit(ExitCode.INCOMPLETE) from None
+    with mirrored(out, staging) if out else nullcontext() as folder:
+        result = run_campaign(replace(request, output=folder))
+        finish(result, no_report or request.shard is not None, json, out, junit, baseline)
 
 
 def finish(
@@ -175,23 +170,43 @@ def describe_outcomes(ended: "ControllerCount") -> str:
 
 
 def print_requirements(manifest: "Manifest") -> None:
-    """A table of the requirements: what each asks of whom, what was counted, the verdict and what it rests on."""
-    if not manifest.requirements:
+    """Print requirements as rows and controllers as columns, within 80 columns, and the distinct advice once below."""
+    entries = (*manifest.requirements, *manifest.requirements_shown)
+    if not entries:
         return
-    table = new_table(
-        ("of whom", "requirement", "in", "verdict", "counted"), (), padding=(0, 1, 0, 0)
+    bound = {entry.controller for entry in manifest.requirements}
+    flights = {entry.flights for entry in entries}
+    cells: dict[str, dict[str, str]] = {}  # by requirement and controller
+    advice: list[str] = []
+    for entry in entries:
+        row = cells.setdefault(f"{entry.asked} in {100 * entry.probability:g} %", {})
+        count = "" if len(flights) == 1 else f" of {entry.flights}"
+        row[entry.controller] = f"{entry.verdict} {entry.failures}{count}"
+        missing = entry.failures_not_computed
+        advice += (
+            [f"{entry.verdict}: {missing} of {entry.failures} failures were not computed"]
+            if missing
+            else [f"{entry.verdict}: {words}" for words in entry.words.split("; ")[1:]]
+        )
+    one = next(iter(flights)) if len(flights) == 1 else None
+    say("\nVerdict and number of failures" + (f" in {one} flights" if one else ""), end="")
+    say(" (* the exit code follows)")
+    names = list(dict.fromkeys(entry.controller for entry in entries))
+    heads = {name: name + " *" * (name in bound) for name in names}
+    width = max(
+        map(len, (*heads.values(), *(cell for row in cells.values() for cell in row.values())))
     )
-    for entries, mark in ((manifest.requirements, " (binding)"), (manifest.requirements_shown, "")):
-        for entry in entries:
-            verdict, _, words = entry.words.partition(": ")
-            table.add_row(
-                entry.controller + mark,
-                entry.asked,
-                f"{100 * entry.probability:g} %",
-                verdict,
-                words,
-            )
-    print_table(table)
+    at_once = max(1, (_WIDTH - 2) // (width + 2))
+    for i in range(0, len(names), at_once):
+        shown = names[i : i + at_once]
+        say("  " + "  ".join(f"{heads[name]:<{width}}" for name in shown).rstrip())
+        for requirement, row in cells.items():
+            say(requirement)
+            say("  " + "  ".join(f"{row.get(name, ''):<{width}}" for name in shown).rstrip())
+    for words, number in Counter(advice).items():
+        text = f"{number} of {len(entries)} {words}"
+        say(fill(text, _WIDTH, subsequent_indent="  ", break_on_hyphens=False))
+    say()
 
 
 def describe_verdicts(manifest: "Manifest") -> str:
@@ -207,7 +222,13 @@ def describe_verdicts(manifest: "Manifest") -> str:
 
 
 def adopt(
-    table: Annotated[Path, typer.Argument(metavar="TABLE", help="CSV or Parquet: a row a flight.")],
+    tables: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="TABLE...",
+            help="CSV, JSON lines, Parquet or Excel: flights, or their inputs and results.",
+        ),
+    ],
     campaign: Annotated[
         Path,
         typer.Option(
@@ -224,13 +245,15 @@ def adopt(
 ) -> None:
     """Import flights computed by another simulator and create their report.
 
-    TABLE has a column for each input and metric, system (of several), outcome and, if wanted, flight. Units stand
-    in the heads, as in 'altitude_min [ft]'. Verdicts need 'independent: true' in FILE, and rows that pass the tests of
-    independent draws. After an interruption, run the same command to resume. Exit codes are those of 'run'.
+    TABLE has a row per flight and a column for each dispersed input and metric, and if wanted system, outcome and
+    flight; heads may give units, as in 'altitude_min [ft]'. Inputs (see 'samples') and results may be two tables,
+    paired by flight; a flight without results failed to run. Verdicts need 'independent: true' in FILE, and rows that
+    pass the tests of independent draws. After an interruption, run the same command to resume. Exit codes are those of
+    'run'.
     """
-    from abhv_mc.execution.adopt import adopt_table
+    from abhv_mc.execution.adopt import adopt_tables
 
-    result = adopt_table(table, find_input(campaign, "campaign"), out, fresh)
+    result = adopt_tables(tables, find_input(campaign, "campaign"), out, fresh)
     finish(result, no_report, json, out or result.folder, junit, flies=False)
 
 

@@ -1,4 +1,4 @@
-"""``new``, ``import``, ``validate``, ``plan``: what is written, checked and planned before anything flies."""
+"""``new``, ``import``, ``validate``, ``plan``, ``samples``: what precedes the flights of a campaign."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from abhv_mc.cli.options import CampaignFile, Json, Runs
-from abhv_mc.cli.outputs import output, output_folder
+from abhv_mc.cli.outputs import output, output_file, output_folder
 from abhv_mc.cli.printing import (
     announce_compiling,
     announce_warnings,
@@ -111,6 +111,7 @@ def validate(
     from abhv_mc.io.documents import InputError, InputErrors
     from abhv_mc.simulators.check_inputs import check_inputs
 
+    announce_compiling()
     errors: list[InputError] = []
     paths = [find_input(file, "campaign", "vehicle", "mission", "control") for file in files]
     for file in paths:
@@ -134,12 +135,11 @@ def _estimate(file: Path) -> "Estimate | None":
     from abhv_mc.campaign.file.check import read_campaign
     from abhv_mc.campaign.file.kinds import find_kind
     from abhv_mc.execution.estimate import estimate_campaign
-    from abhv_mc.simulators.engine import make_engine
 
     if find_kind(file) != "campaign":
         return None
     announce_compiling()
-    cost = estimate_campaign(read_campaign(file), make_engine())
+    cost = estimate_campaign(read_campaign(file))
     announce_warnings(cost.warnings)
     return cost
 
@@ -199,11 +199,11 @@ def _print_plan(planned: "Planned") -> None:
     )
 
     def both(chance: "PassChance") -> str:
-        return f"{percent(chance.at_some_flight[place], 2)} ({percent(chance.at_runs[place], 2)})"
+        return f"{percent(chance.at_some_flight[place], 2)}\n({percent(chance.at_runs[place], 2)})"
 
-    chances = [f"by {entry.runs}: PASS *" for entry in planned.together]
-    heads = ("0 failures", "1", "2", "3", *chances)
-    table = new_table(("requirement",), heads, f"{planned.name}: flights needed for PASS")
+    chances = [f"PASS by\n{entry.runs} *" for entry in planned.together]
+    title = f"{planned.name}: flights needed for PASS with 0 to 3 failures, and its chance"
+    table = new_table(("requirement",), ("0", "1", "2", "3", *chances), title)
     for entry in planned.requirements:
         table.add_row(
             f"{entry.words} in {percent(entry.probability)}",
@@ -232,3 +232,20 @@ def _print_plan(planned: "Planned") -> None:
         say(
             "Its flights are not independent draws: it gets estimates and no verdict. These numbers are for random."
         )
+
+
+def samples(
+    campaign: CampaignFile,
+    out: Annotated[Path, output(output_file, "FILE.csv", "Where to.")],
+    runs: Runs = None,
+) -> None:
+    """Write the inputs of a campaign's flights as CSV, to run them elsewhere.
+
+    A row is a flight: its number from 0, and each input with its unit in the head. Pass the table to 'adopt' together
+    with the results, which repeat the column 'flight'.
+    """
+    from abhv_mc.campaign.file.check import read_campaign
+    from abhv_mc.folder.input_table import write_inputs
+
+    flights = write_inputs(read_campaign(campaign, runs), out)
+    say(f"{out}: the inputs of {flights} flights")

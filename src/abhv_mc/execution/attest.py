@@ -14,7 +14,7 @@ from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.identity import Flyer, this_flyer
 
 if TYPE_CHECKING:  # which a worker process need not import
-    from abhv_mc.simulators.engine import Engine
+    from abhv_mc.interfaces import Engine
 
 Check = Callable[[FlightPlan, Floats, FlightBlock], FlightBlock]
 

@@ -12,12 +12,12 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.execution.attest import Attestation, Check, sign
+from abhv_mc.execution.attest import Check, sign
 from abhv_mc.execution.fly_batches import AT_ONCE, fly_in_batches
 from abhv_mc.execution.retry import (
     FlightLostError,
@@ -30,9 +30,9 @@ from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.folder.plan_file import flatten
 from abhv_mc.identity import code_hash
+from abhv_mc.interfaces import Engine, Fly, Recorded
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.jit import tell_compiling
-from abhv_mc.simulators.engine import Engine, Fly, Recorded
 from abhv_mc.simulators.stored_plans import Code, code_of, rebuild_sent
 from abhv_mc.simulators.user_simulator.user_flights import note_surplus, with_surplus
 from abhv_mc.user_code.c_source import refuse_platform
@@ -40,8 +40,6 @@ from abhv_mc.user_code.child import allow_here
 
 if TYPE_CHECKING:
     from distributed import Client, Future
-
-    from abhv_mc.simulators.user_simulator.user_plan import UserPlan
 
 Arrays = dict[str, np.ndarray]
 
@@ -148,10 +146,11 @@ class _Watch:
 class Cluster:
     """Flies on the workers of a scheduler; threads may call :meth:`fly` side by side."""
 
-    def __init__(self, client: "Client", engine: Engine) -> None:
-        self._client, self.engine = client, engine
+    def __init__(self, client: "Client") -> None:
+        self._client = client
+        self.engine: Engine  # both as the executor sets them
+        self.check: Check
         self.limit = 600.0  # s that one flight, or 16 in a batch, may take
-        self.check: Check = Attestation(engine).check
         self._plans: dict[int, tuple[Future, FlightPlan]] = {}  # held, so that no id comes twice
         self._lock = threading.Lock()
 
@@ -160,14 +159,13 @@ class Cluster:
         """Blocks to have under way."""
         return max(_FEWEST, _PER_THREAD * sum(self._client.nthreads().values()))
 
-    def fly(self, plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
+    def fly(self, plan: Any, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
         """As the engine's ``fly``; what cannot be computed has the outcome ``failed_to_run``."""
         if self.engine.close is None:
             return fly_with_retries(partial(self._attempt, plan), plan, parameters, recorded)
         try:
-            user_plan = cast("UserPlan", plan)
-            block = self._attempt(with_surplus(user_plan), parameters, recorded)  # type: ignore[arg-type]
-            note_surplus(user_plan, len(parameters), block.events.get("surplus", 0))
+            block = self._attempt(with_surplus(plan), parameters, recorded)
+            note_surplus(plan, len(parameters), block.events.get("surplus", 0))
             return block
         except FlightLostError as lost:  # its flights cost no worker: it is the machine
             raise UnusableError(str(lost)) from None
@@ -185,7 +183,7 @@ class Cluster:
                 self._plans[id(plan)] = held, plan
             return held
 
-    def _attempt(self, plan: FlightPlan, parameters: Floats, recorded: Recorded) -> FlightBlock:
+    def _attempt(self, plan: Any, parameters: Floats, recorded: Recorded) -> FlightBlock:
         from distributed import CancelledError, KilledWorker
 
         engine, limit = self.engine, time_limit(min(len(parameters), AT_ONCE), self.limit)
@@ -212,12 +210,12 @@ class Cluster:
 
 
 @contextmanager
-def connect_cluster(address: str, engine: Engine) -> Iterator[Cluster]:
+def connect_cluster(address: str) -> Iterator[Cluster]:
     """The cluster whose scheduler is at ``address``. Raises InputError where there is none."""
     try:
         from distributed import Client
     except ImportError:
-        wish = "pip install 'abhv-mc[cluster]'"
+        wish = "pip install dask distributed"
         raise InputError("--scheduler", "no Dask in this installation", wish) from None
     try:
         client: Any = Client(address, timeout=_CONNECT, set_as_default=False)
@@ -232,9 +230,20 @@ def connect_cluster(address: str, engine: Engine) -> Iterator[Cluster]:
     with client:
         client.subscribe_topic(_COMPILING, _print_compiling)
         told = False
-        while not client.nthreads():
-            if not told:
-                print(f"waiting for workers of {address}", file=sys.stderr, flush=True)
-                told = True
-            time.sleep(0.2)
-        yield Cluster(client, engine)
+        try:
+            while not client.nthreads():
+                if not told:
+                    print(f"waiting for workers of {address}", file=sys.stderr, flush=True)
+                    told = True
+                time.sleep(0.2)
+            yield Cluster(client)
+        except (
+            OSError,
+            RuntimeError,
+        ) as error:  # Dask raises these and others of no class of its own
+            if client.status == "running":
+                raise
+            raise UnusableError(
+                f"the scheduler at {address} is gone ({type(error).__name__}: {error}): "
+                "completed flights are kept, and the same command resumes"
+            ) from None

@@ -2,7 +2,7 @@
 
 import tempfile
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +17,8 @@ from abhv_mc.folder.envelope_states import ENVELOPE_FLIGHTS
 from abhv_mc.folder.flights import END_TIME, FlightRows, flights_schema, write_block
 from abhv_mc.folder.histories import write_histories
 from abhv_mc.identity import count_cores
-from abhv_mc.simulators.engine import Engine, engine_of, make_ready, simulate
-from abhv_mc.simulators.make_plans import find_warnings, make_plans, record_every
+from abhv_mc.interfaces import Engine
+from abhv_mc.simulators.engine import make_ready, simulate
 from abhv_mc.statistics.unknowns import search_flights
 
 TRIAL_FLIGHTS = 64
@@ -48,28 +48,28 @@ class Estimate:
         return self.rows_bytes + self.histories_bytes + self.envelope_bytes
 
 
-def estimate_campaign(campaign: Experiment, engine: Engine, workers: int | None = None) -> Estimate:
+def estimate_campaign(
+    campaign: Experiment, engine: Engine | None = None, workers: int | None = None
+) -> Estimate:
     """Fly a few of the campaign's flights of each controller and extrapolate; nothing is left behind.
 
     Raises InputError for what only a flight shows, such as a dispersion that changes nothing.
     """
     model = campaign.model
-    engine = engine_of(campaign, engine)
-    plans = make_plans(campaign, campaign.controllers, engine)
+    campaign = replace(campaign, engine=engine)
+    simulator = campaign.simulator
+    plans = simulator.make_plans(campaign.controllers)
     campaign = make_ready(campaign, plans)
-    every = history_every = cells = 0
+    every = cells = 0
     first_flights: tuple[str, ...] = ()
-    if campaign.user_model is not None:
-        first_flights = fly_first(campaign, engine, workers).warnings
-        history_every = 1
+    first = next(iter(plans.values()))
+    history_every = simulator.find_stride(first, "histories")
+    if first.timing is None:
+        first_flights = fly_first(campaign, workers).warnings
     else:
-        first = next(iter(plans.values()))
-        every = record_every(campaign.document, first, model.keep.envelopes.rate, "envelopes")
-        history_every = record_every(
-            campaign.document, first, model.keep.histories.rate, "histories"
-        )
+        every = simulator.find_stride(first, "envelopes")
         cells = (first.timing.ticks // every + 1) * len(model.keep.envelopes.channels)
-        fly_probes(campaign, engine.fly, every)
+        fly_probes(campaign, every)
     source = campaign.make_samples()
     number = min(TRIAL_FLIGHTS, campaign.runs)
     values = source.draw(0, number)
@@ -77,7 +77,7 @@ def estimate_campaign(campaign: Experiment, engine: Engine, workers: int | None 
     with tempfile.TemporaryDirectory() as folder:
         for name in plans:
             start = time.perf_counter()
-            block = simulate(campaign, name, values, every, engine.fly)
+            block = simulate(campaign, name, values, every)
             seconds.append((time.perf_counter() - start) / number)
             outcomes = campaign.outcomes.of(block.outcome)
             table = np.column_stack([block.metrics, block.end_time])
@@ -89,11 +89,11 @@ def estimate_campaign(campaign: Experiment, engine: Engine, workers: int | None 
             rows_size += next(Path(folder).glob(f"{name}-*")).stat().st_size
             if not campaign.channels:
                 continue
-            block = simulate(campaign, name, values[:16], history_every, engine.fly)
+            block = simulate(campaign, name, values[:16], history_every)
             path = Path(folder) / "history.parquet"
             of = path, name, range(len(block.outcome)), block.times, block.history
             write_histories(*of, campaign.kept_channels, known=campaign.channels)
-            if campaign.user_model and campaign.has_bands:
+            if first.timing is None and campaign.has_bands:
                 cells = round(
                     block.times.size * model.keep.envelopes.rate / model.keep.histories.rate
                 )
@@ -123,5 +123,5 @@ def estimate_campaign(campaign: Experiment, engine: Engine, workers: int | None 
         searched=searched,
         kept=kept,
         envelope_bytes=4 * cells * min(campaign.runs, ENVELOPE_FLIGHTS) * len(plans),
-        warnings=(*find_warnings(plans, campaign), *first_flights),
+        warnings=(*simulator.find_warnings(plans), *first_flights),
     )

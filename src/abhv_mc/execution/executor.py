@@ -20,8 +20,8 @@ from abhv_mc.execution.retry import FlightLostError, fly_with_retries
 from abhv_mc.execution.worker_processes import WorkerPool
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks
 from abhv_mc.identity import count_cores
+from abhv_mc.interfaces import Engine, Fly, Recorded
 from abhv_mc.io.input_error import InputError
-from abhv_mc.simulators.engine import Engine, Fly, Recorded
 
 
 @dataclass(frozen=True)

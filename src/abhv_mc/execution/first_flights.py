@@ -19,7 +19,7 @@ from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.flight.repeatability import ROUNDING, Repeatability, relative_difference
-from abhv_mc.simulators.engine import Engine, simulate
+from abhv_mc.simulators.engine import simulate
 from abhv_mc.simulators.user_simulator.native_reads import find_native_reads
 from abhv_mc.simulators.user_simulator.process_pool import end_processes
 from abhv_mc.simulators.user_simulator.user_flights import (
@@ -61,13 +61,15 @@ class _Difference(NamedTuple):
     words: str = ""
 
 
-def fly_first(campaign: Experiment, engine: Engine, workers: int | None) -> FirstFlights:
+def fly_first(campaign: Experiment, workers: int | None) -> FirstFlights:
     """Simulate the campaign's first rows and the trials of its dispersions, with each system.
 
     Raises InputError if no flight of a system can be computed.
     """
     rows = campaign.make_samples().draw(0, min(_CHECKED, campaign.runs))
-    with open_executor(engine, campaign.model.execution, workers, None) as executor:
+    with open_executor(
+        campaign.simulator.engine, campaign.model.execution, workers, None
+    ) as executor:
         end_processes()  # those of an earlier campaign: a check needs new ones
         repeats, warnings = _fly_twice(campaign, executor, rows)
         for name in campaign.systems:
@@ -158,10 +160,7 @@ def _judge_repeats(
     campaign: Experiment, repeats: dict[str, list[_Repeats]]
 ) -> tuple[Repeatability, list[str]]:
     """Return how repeatable the simulator is, and warnings."""
-    model = campaign.user_model
-    is_declared = (
-        model is not None and model.simulator is not None and not model.simulator.repeatable
-    )
+    is_declared = campaign.simulator.states_noise
     largest = _Difference()
     shared = ""
     for name, processes in repeats.items():

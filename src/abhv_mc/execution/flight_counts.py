@@ -176,7 +176,7 @@ def judge_requirements(
             failures_measured=int(count.measured[point]),
             failures_not_computed=verdict.uncomputed,
             verdict=verdict.status,
-            words=verdict_words(verdict, not campaign.adopted),
+            words=verdict_words(verdict, campaign.can_rerun),
         )
         judged[count.binds].append(entry)
     return replace(

@@ -7,7 +7,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks
 
 if TYPE_CHECKING:  # which a worker process need not import
-    from abhv_mc.simulators.engine import Fly, Recorded
+    from abhv_mc.interfaces import Fly, Recorded
 
 AT_ONCE = 256  # flights of one call: enough for every lane, few enough to lose
 

@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.executor import open_executor
 from abhv_mc.flight.plan import Recording
 from abhv_mc.folder.flights import END_TIME
+from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import InputError, one_of
-from abhv_mc.simulators.engine import Engine, engine_of, make_ready, simulate
-from abhv_mc.simulators.make_plans import check_rows, make_plans, record_every
+from abhv_mc.simulators.engine import make_ready, simulate
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,13 +30,15 @@ def simulate_table(
     try:
         import xarray as xr
     except ImportError:
-        raise InputError("simulate", "no xarray here", "pip install 'abhv-mc[xarray]'") from None
+        raise InputError("simulate", "no xarray here", "pip install xarray") from None
     names = tuple(map(str, inputs.columns))
-    places = (
-        {}
-        if experiment.user_model
-        else {channel.name: i for i, channel in enumerate(experiment.channels)}
-    )
+    experiment = replace(experiment, engine=engine)
+    simulator = experiment.simulator
+    places = {
+        channel.name: i
+        for i, channel in enumerate(experiment.channels)
+        if simulator.capabilities.has_mission  # their histories have one axis of times
+    }
     flying = experiment.controllers if controllers is None else tuple(controllers)
     for kind, given, known in (
         ("inputs", names, experiment.parameters.dispersible),
@@ -61,18 +62,13 @@ def simulate_table(
             "an empty table, or cells without a number",
             "a number for each flight and input",
         )
-    engine = engine_of(experiment, engine)
-    plans = make_plans(experiment, flying, engine)
+    plans = simulator.fit_plans(simulator.make_plans(flying), names, rows)
     recording = None
-    if experiment.user_model is None:
-        plans = {name: plan.lean_for({*experiment.names, *names}) for name, plan in plans.items()}
-        for plan in plans.values():
-            check_rows(plan, full_rows(names, rows, experiment.derived))
-        first, rate = next(iter(plans.values())), experiment.model.keep.histories.rate
-        every = record_every(experiment.document, first, rate, "histories") if channels else 0
+    if channels:
+        every = simulator.find_stride(next(iter(plans.values())), "histories")
         recording = Recording(every, tuple(places[name] for name in channels))
     ready = replace(make_ready(experiment, plans), columns=names)
-    with open_executor(engine, experiment.model.execution, None, None) as executor:
+    with open_executor(simulator.engine, experiment.model.execution, None, None) as executor:
         blocks = [
             simulate(ready, name, rows, recording, executor.fly_side_by_side) for name in flying
         ]

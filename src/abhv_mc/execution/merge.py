@@ -10,9 +10,10 @@ from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.merge import join_shards, order_shards
 from abhv_mc.folder.siblings import check_pool, join_seeds
+from abhv_mc.interfaces import Engine
 from abhv_mc.requests import Request
 from abhv_mc.simulators.campaign_code import check_user_code
-from abhv_mc.simulators.engine import Engine, check_source, make_engine
+from abhv_mc.simulators.engine import check_source
 
 
 def merge_campaign(
@@ -25,13 +26,11 @@ def merge_campaign(
     not flown. Raises InputError, before anything is written, where the parts are not all of one campaign or question,
     flown by the same code and plans, each flight once.
     """
-    engine = engine or make_engine()
     sharded = read_manifest(CampaignFolder(parts[0]).manifest).shard is not None
     folders = order_shards(parts) if sharded else check_pool(parts)
-    check_source(folders[0], read_manifest(folders[0].manifest), engine)
-    check_user_code(
-        read_campaign(folders[0].campaign), trust_code
-    )  # flights are flown again for their histories
+    campaign = read_campaign(folders[0].campaign, engine=engine)
+    check_source(folders[0], read_manifest(folders[0].manifest), campaign.simulator)
+    check_user_code(campaign, trust_code)  # flights are flown again for their histories
     target = CampaignFolder(out)
     with hold_lock(target.lock):
         (join_shards if sharded else join_seeds)(folders, out)

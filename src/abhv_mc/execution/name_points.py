@@ -1,6 +1,7 @@
 """Select the points of the unknown parameters at which requirements are judged."""
 
 import sys
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -10,14 +11,14 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import check_campaign
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.file.unknowns import points_entry
+from abhv_mc.campaign.file.unknowns import Unknowns, points_entry
 from abhv_mc.campaign.sampling.designs import make_generator
 from abhv_mc.execution.executor import Executor, open_executor
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.simulators.engine import Engine, make_ready, simulate
+from abhv_mc.interfaces import Plan
+from abhv_mc.simulators.engine import make_ready, simulate
 from abhv_mc.statistics.unknowns import (
     SEARCH_FLIGHTS,
     SEARCH_QUANTILE,
@@ -29,9 +30,12 @@ from abhv_mc.statistics.unknowns import (
 
 
 def name_points(
-    campaign: Experiment, plans: dict[str, FlightPlan], engine: Engine, workers: int | None
+    campaign: Experiment,
+    plans: Mapping[str, Plan],
+    workers: int | None,
+    baseline: Unknowns | None = None,
 ) -> Experiment:
-    """Return the campaign with the points that a search of each controller finds.
+    """Return the campaign with the points that a search of each controller finds, and those of a baseline in its box.
 
     A campaign without unknowns, or with points of its own, is returned as it is. The flights of the search are not
     judged.
@@ -47,7 +51,9 @@ def name_points(
             f"{total} flights search the worst values of the unknowns", file=sys.stderr, flush=True
         )
         with (
-            open_executor(engine, campaign.model.execution, workers, None) as executor,
+            open_executor(
+                campaign.simulator.engine, campaign.model.execution, workers, None
+            ) as executor,
             Progress("search of the unknowns' worst values: flights", total) as progress,
         ):
             for name in plans:
@@ -55,7 +61,12 @@ def name_points(
                 searches.append(
                     search_worst(evaluate, number, make_generator(campaign.seed, name, "unknowns"))
                 )
-    chosen = choose_points(number, searches)
+    others = None
+    if baseline is not None:
+        places = 2.0 * (baseline.points - unknowns.low) / (unknowns.high - unknowns.low) - 1.0
+        places = np.round(places, 12)  # the box's own corners and centre stay what they are
+        others = places[np.all(np.abs(places) <= 1.0, axis=1)]
+    chosen = choose_points(number, searches, others)
     return with_points(campaign, points_entry(unknowns, chosen, tuple(plans), searches))
 
 
@@ -64,7 +75,7 @@ def with_points(campaign: Experiment, points: object) -> Experiment:
     if points is None or campaign.model.points is not None:
         return campaign
     data: dict[str, Any] = {**campaign.document.data, "points": points}  # type: ignore[dict-item]
-    return check_campaign(replace(campaign.document, data=data))
+    return check_campaign(replace(campaign.document, data=data), campaign.engine)
 
 
 def _evaluate(

@@ -15,7 +15,7 @@ from abhv_mc.execution.retry import time_limit
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.io.documents import InputError, InputErrors
-from abhv_mc.simulators.engine import Fly, simulate
+from abhv_mc.simulators.engine import simulate
 from abhv_mc.user_code.child import run_in_thread
 
 _ROWS = 3  # trials of each dispersion
@@ -48,7 +48,7 @@ def make_trials(campaign: Experiment) -> Floats:
     return np.column_stack([values, np.tile(seeds, (len(values), 1))])
 
 
-def fly_probes(campaign: Experiment, fly: Fly, every: int) -> dict[str, FlightBlock]:
+def fly_probes(campaign: Experiment, every: int) -> dict[str, FlightBlock]:
     """Fly the trials of every controller; the first flight of each block is the nominal one.
 
     Raises InputError for a dispersion that changes no controller's flight, for a metric that is no finite number in a
@@ -59,7 +59,7 @@ def fly_probes(campaign: Experiment, fly: Fly, every: int) -> dict[str, FlightBl
         len(trials), campaign.model.execution.flight_time_limit or _USUAL
     )
     flown = {
-        name: _fly_temporary(campaign, name, trials, every, fly, limit) for name in campaign.systems
+        name: _fly_temporary(campaign, name, trials, every, limit) for name in campaign.systems
     }
     errors = list(_find_not_finite(campaign, flown))
     for name, low, high in unchanging(campaign, trials, flown.values()):
@@ -85,10 +85,10 @@ def unchanging(
 
 
 def _fly_temporary(
-    campaign: Experiment, name: str, trials: Floats, every: int, fly: Fly, limit: float
+    campaign: Experiment, name: str, trials: Floats, every: int, limit: float
 ) -> FlightBlock:
     try:
-        return run_in_thread(lambda: simulate(campaign, name, trials, every, fly), limit)
+        return run_in_thread(lambda: simulate(campaign, name, trials, every), limit)
     except TimeoutError:
         found = f"first flights of '{name}' that are not done in {limit:g} s"
         wish = "a law whose loops end, or a longer 'flight_time_limit'"
@@ -108,11 +108,8 @@ def _find_not_finite(campaign: Experiment, flown: dict[str, FlightBlock]) -> Ite
                 f"{controller}'s nominal flight"
             )
             wish = "a number at each tick of its window ('empty' says what it is without one)"
-            if (
-                "heat_flux" in metric.of
-                and campaign.systems[controller].plan.vehicle.constants.nose_radius == 0.0
-            ):
-                wish = "reference.nose_radius in the vehicle's file"
+            if "heat_flux" in metric.of:
+                wish = f"reference.nose_radius in the vehicle's file, or {wish}"
             yield campaign.document.key_error(("metrics", name), found, wish)
 
 

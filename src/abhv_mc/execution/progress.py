@@ -1,4 +1,4 @@
-"""Progress on standard error: a bar or a clock on a terminal, a plain line now and then elsewhere."""
+"""Progress on standard error: a bar or a clock on a terminal, a plain line every ten seconds elsewhere."""
 
 import contextlib
 import sys
@@ -7,7 +7,16 @@ import time
 from types import TracebackType
 from typing import Any, TextIO
 
-_PLAIN_INTERVAL, _CLOCK = 5.0, 1.0  # s between plain lines, and of a clock on a terminal
+_PLAIN_INTERVAL, _CLOCK = 10.0, 1.0  # s between plain lines, and of a clock on a terminal
+_printed = [time.monotonic()]  # s: when the last plain line was printed, of whatever task
+
+
+def _print_plain(line: str, stream: TextIO | None) -> None:
+    """Print a line unless another one was printed within the last ten seconds."""
+    if (now := time.monotonic()) - _printed[0] >= _PLAIN_INTERVAL:
+        _printed[0] = now
+        with contextlib.suppress(OSError):  # a full log, or one without a reader, stops no campaign
+            print(line, file=stream, flush=True)
 
 
 class Progress:
@@ -17,7 +26,7 @@ class Progress:
         self._label, self._total = label, total
         self._stream = stream or sys.stderr  # None where it was closed before the start
         self._done = 0
-        self._start = self._last = time.monotonic()
+        self._start = time.monotonic()
         self._bar: Any = None
 
     def __enter__(self) -> "Progress":
@@ -44,8 +53,7 @@ class Progress:
         now = time.monotonic()
         if self._bar is not None:
             self._bar.update(self._task, advance=number, rate=f"{self._rate(now):.0f}/s")
-        elif now - self._last >= _PLAIN_INTERVAL:
-            self._last = now
+        else:
             self._print(now)
 
     def __exit__(
@@ -69,10 +77,7 @@ class Progress:
         )
         share = 100 * self._done // self._total
         line = f"{self._label}: {self._done} of {self._total} ({share} %), {rate:.0f}/s, {left}"
-        with contextlib.suppress(
-            OSError
-        ):  # a log that is full or whose reader has ended stops no campaign
-            print(line, file=self._stream, flush=True)
+        _print_plain(line, self._stream)
 
 
 class Waiting:
@@ -90,7 +95,7 @@ class Waiting:
     def __enter__(self) -> "Waiting":
         if self._stream is not None:
             self._moving = self._stream.isatty()
-            self._write(self._words if self._moving else f"{self._words}\n")
+            self._write(self._words)
             self._thread = threading.Thread(target=self._tell, daemon=True)
             self._thread.start()
         return self
@@ -99,13 +104,16 @@ class Waiting:
         if self._stream is not None:
             self._over.set()
             self._thread.join()
-            self._write("\n" if self._moving else "")
+            if self._moving:
+                self._write("\n")
 
     def _tell(self) -> None:
-        while not self._over.wait(_CLOCK if self._moving else _PLAIN_INTERVAL):
-            told = f"{self._words}: {self.seconds:.0f} s so far"
-            self._write(f"\r{told}" if self._moving else f"{told}\n")
+        while not self._over.wait(_CLOCK):
+            self._write(f"\r{self._words}: {self.seconds:.0f} s so far")
 
     def _write(self, text: str) -> None:
+        if not self._moving:
+            _print_plain(text.lstrip("\r"), self._stream)
+            return
         with contextlib.suppress(OSError):
             print(text, end="", file=self._stream, flush=True)

@@ -22,7 +22,8 @@ from abhv_mc.folder.hashes import FileHashes
 from abhv_mc.folder.histories import history_metadata, write_histories
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.samples import SampleReader
-from abhv_mc.simulators.engine import Fly, simulate
+from abhv_mc.interfaces import Fly
+from abhv_mc.simulators.engine import simulate
 
 _FLIGHTS_PER_FILE = 128
 _UNCOMPUTED = Outcome.FAILED_TO_RUN.code
@@ -106,16 +107,11 @@ def write_kept_histories(
 ) -> list[str]:
     """Fly and write the ``expected`` files of histories; those that are there already stay, and no other. What failed,
     in words."""
-    keep = campaign.model.keep.histories
     missing = [file for file in expected if not file.whole]
 
     def fly_again(file: HistoryFile) -> tuple[HistoryFile, FlightBlock]:
         name = file.controller
-        every = (
-            1
-            if campaign.user_model
-            else round(1.0 / (keep.rate * campaign.systems[name].plan.timing.tick))
-        )
+        every = campaign.simulator.find_stride(campaign.systems[name].plan, "histories")
         rows = np.concatenate([samples.rows(flight, flight + 1) for flight in file.flights])
         return file, simulate(campaign, name, rows, every, fly)
 

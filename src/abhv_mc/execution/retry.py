@@ -20,7 +20,7 @@ from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks, recording_
 from abhv_mc.simulators.margin_plans import count_metrics
 
 if TYPE_CHECKING:  # which a worker process need not import
-    from abhv_mc.simulators.engine import Recorded
+    from abhv_mc.interfaces import Recorded
 
 Attempt = Callable[[Floats, "Recorded"], FlightBlock]
 

@@ -41,14 +41,10 @@ from abhv_mc.folder.manifest import (
     write_manifest,
 )
 from abhv_mc.folder.samples import SampleReader
+from abhv_mc.interfaces import Engine
 from abhv_mc.requests import Request
-from abhv_mc.simulators.engine import Engine, check_source, engine_of, make_engine, simulate
-from abhv_mc.simulators.make_plans import record_every
-from abhv_mc.simulators.user_simulator.user_flights import (
-    describe_events,
-    prove_blocks,
-    seconds_of_a_flight,
-)
+from abhv_mc.simulators.engine import check_source, simulate
+from abhv_mc.simulators.user_simulator.user_flights import describe_events, prove_blocks
 
 _SAVE_INTERVAL = 5.0  # s between manifests on disk
 
@@ -69,33 +65,38 @@ def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
     """Fly a campaign, or what its folder misses of it.
 
     Raises InputError before anything is written for a request that is wrong, and StorageFullError when the disk
-    takes no more. An interrupt ends with a result that is not complete; what was flown is kept.
+    takes no more. An interrupt ends with a result that is not complete; what was flown is kept. ``engine``: simulator
+    of the vehicle in place of the compiled one.
     """
-    engine = engine or make_engine()
     with ExitStack() as stack:
         stack.enter_context(sigterm_as_interrupt())
         cluster = None
         if request.scheduler is not None:
-            cluster = stack.enter_context(connect_cluster(request.scheduler, engine))
+            cluster = stack.enter_context(connect_cluster(request.scheduler))
         opened = open_campaign(request, engine, stack)
-        engine = engine_of(opened.campaign, engine)
         execution = opened.campaign.model.execution
         executor = stack.enter_context(
-            open_executor(engine, execution, request.workers, cluster, request.check_workers)
+            open_executor(
+                opened.campaign.simulator.engine,
+                execution,
+                request.workers,
+                cluster,
+                request.check_workers,
+            )
         )
-        return fly_opened(opened, engine, executor)
+        return fly_opened(opened, executor)
 
 
-def fly_opened(opened: OpenCampaign, engine: Engine, executor: Executor) -> RunResult:
+def fly_opened(opened: OpenCampaign, executor: Executor) -> RunResult:
     """Fly what an open folder misses of its campaign, and make what follows from all flights."""
-    return _Run(opened, engine, executor).run()
+    return _Run(opened, executor).run()
 
 
 class _Run:
-    def __init__(self, opened: OpenCampaign, engine: Engine, executor: Executor) -> None:
+    def __init__(self, opened: OpenCampaign, executor: Executor) -> None:
         self.folder, self.plans = opened.folder, opened.plans
         self.campaign = prove_blocks(opened.campaign)
-        self.manifest, self.engine = opened.manifest, engine
+        self.manifest, self.simulator = opened.manifest, self.campaign.simulator
         self.files = opened.files
         model = self.campaign.model
         self.completion = Completion(self.campaign, opened.part, opened.to_fly)
@@ -122,14 +123,14 @@ class _Run:
             self.samples,
             self.columns,
             self.files,
-            keep_lost=self.campaign.adopted,
+            keep_lost=not self.campaign.can_rerun,
         ):
             self.completion.add(rows, digest)
         if self.manifest.complete and self.completion.whole() and self._has_products():
             if self._judge() != self.manifest:  # with another controller first
                 self._write_manifest(COMPLETE)
             return RunResult(self.folder.root, self.manifest)
-        check_source(self.folder, self.manifest, self.engine)
+        check_source(self.folder, self.manifest, self.simulator)
         try:
             if not (self.completion.whole() and self._knows_envelopes()):
                 self._fly()
@@ -150,7 +151,9 @@ class _Run:
         """Whether all is there that follows from the flights; a shard makes nothing of them."""
         if self.sharded:
             return True
-        margins = self.engine.find_stability is None or self.files.knows(self.folder.margins)
+        margins = self.simulator.engine.find_stability is None or self.files.knows(
+            self.folder.margins
+        )
         histories = all(file.whole for file in self._list_histories())
         return margins and histories and self._knows_envelopes()
 
@@ -160,14 +163,12 @@ class _Run:
 
     def _make_cells(self) -> Cells:
         keep, points = self.campaign.model.keep.envelopes, len(self.campaign.unknowns.points)
-        if self.campaign.user_model is not None:
+        plan = next(iter(self.plans.values()))
+        if (timing := plan.timing) is None:
             names = tuple(channel.name for channel in self.campaign.channels)
             return Cells(names, tuple(range(len(names))), 1, points=points)
-        plan = next(iter(self.plans.values()))
-        every = record_every(self.campaign.document, plan, keep.rate, "envelopes")
-        times = np.arange(plan.timing.ticks // every + 1).astype(np.float64) * (
-            every * plan.timing.tick
-        )
+        every = self.simulator.find_stride(plan, "envelopes")
+        times = np.arange(timing.ticks // every + 1).astype(np.float64) * (every * timing.tick)
         return Cells(
             keep.channels,
             tuple(CHANNEL_INDEX[name] for name in keep.channels),
@@ -195,20 +196,22 @@ class _Run:
             self.collectors = {
                 name: Collector(states, name, done[name], self.cells) for name in self.plans
             }
-        if self.campaign.user_model is not None:
-            self._time_flights()
+        self._time_flights()
         while missing := self.completion.find_missing(self.collectors):
             self._fly_missing(missing)
 
     def _time_flights(self) -> None:
-        """Choose blocks of a user's simulator by the time of a flight: of the first ones, or of one that is missing."""
+        """Choose blocks by the time of the first flights, or of one that is missing, if the simulator asks so."""
         plans = [system.plan for system in self.campaign.systems.values()]
+        if (seconds := self.simulator.time_of_flight(plans)) is None:
+            return
         for name, (rows, envelope) in self.completion.find_missing(self.collectors).items():
-            if rows.any() and not seconds_of_a_flight(plans):
+            if rows.any() and not seconds:
                 first = int(np.argmax(rows))
                 block = Block(name, first, first + 1, True, bool(envelope[first]))
                 self._keep(*self._fly_block(block, self.samples.rows(first, first + 1)))
-        chosen = choose_timed(self.campaign.runs, self.workers, seconds_of_a_flight(plans))
+                seconds = self.simulator.time_of_flight(plans) or 0.0
+        chosen = choose_timed(self.campaign.runs, self.workers, seconds)
         self.batch = self.campaign.model.execution.batch or min(
             chosen, AT_ONCE if self.collectors else chosen
         )
@@ -218,7 +221,7 @@ class _Run:
         again = sum(int((envelope & ~rows).sum()) for rows, envelope in missing.values())
         self._write_manifest(RUNNING)
         plain = None
-        if self.campaign.user_model is None:
+        if self.simulator.capabilities.is_repeatable:
             plain = envelope_states.ENVELOPE_FLIGHTS, choose_plain(total, self.workers, self.batch)
         blocks = cut_blocks(missing, self.batch, self.with_margins, plain)
         calls = ((block, self.samples.rows(block.first, block.stop)) for block in blocks)
@@ -251,6 +254,7 @@ class _Run:
             collector.add(block.first, flown)
             collector.covered[block.first : block.stop] &= flown.outcome != Outcome.FAILED_TO_RUN
         if block.rows:
+            timing = self.plans[block.controller].timing
             rows = FlightRows(
                 block.controller,
                 block.first,
@@ -259,9 +263,7 @@ class _Run:
                 self.campaign.outcomes.of(flown.outcome),
                 self._make_values(flown),
                 self.columns,
-                np.inf
-                if self.campaign.user_model
-                else self.plans[block.controller].timing.duration,
+                np.inf if timing is None else timing.duration,
                 flown.reason_texts,
             )
             digest = write_block(self.folder.flights, rows, self.schema)
@@ -352,7 +354,7 @@ class _Run:
         for name, collector in self.collectors.items():
             # Else the next run tries these flights again; or more of a user's, which take their time, are flown.
             if (
-                self.campaign.user_model is None
+                self.simulator.capabilities.is_repeatable
                 and not self.completion.all_counts[name].uncomputed.any()
             ):
                 collector.finish()
@@ -377,9 +379,9 @@ class _Run:
 
     def _write_stability(self) -> None:
         """The margins in steady flight, of all controllers of the folder."""
-        if self.engine.find_stability is not None:
+        if self.simulator.engine.find_stability is not None:
             with Waiting("margins"):
-                found = self.engine.find_stability(self.campaign, self.plans)
+                found = self.simulator.engine.find_stability(self.campaign, self.plans)
             write_text(self.folder.margins, json.dumps(found, indent=1, allow_nan=False) + "\n")
 
     def _list_histories(self) -> list[HistoryFile]:

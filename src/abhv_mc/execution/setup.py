@@ -1,7 +1,7 @@
 """Before a campaign flies: everything checked, then its folder made, or found and proven to be the same campaign."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,14 +17,14 @@ from abhv_mc.execution.first_flights import FirstFlights, fly_first
 from abhv_mc.execution.name_points import name_points, with_points
 from abhv_mc.execution.probe_dispersions import fly_probes
 from abhv_mc.execution.worker_processes import start_fork_server
-from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.folder.hashes import FileHashes
+from abhv_mc.folder.hashes import FileHashes, read_checked
 from abhv_mc.folder.histories import write_nominal, write_reference
 from abhv_mc.folder.inputs import (
     FolderInputs,
     collect_inputs,
     describe_changes,
     merge_inputs,
+    read_folder_campaign,
     read_folder_inputs,
 )
 from abhv_mc.folder.layout import CampaignFolder
@@ -32,20 +32,13 @@ from abhv_mc.folder.manifest import RUNNING, Manifest, write_manifest
 from abhv_mc.folder.opening import FlownFolder, begin_folder, grow_folder, open_folder
 from abhv_mc.folder.samples import ROW_GROUP, SampleReader, write_samples
 from abhv_mc.identity import find_commit, find_compiler, find_machine, find_versions
+from abhv_mc.interfaces import Engine, Plan
 from abhv_mc.io.documents import InputError
 from abhv_mc.io.input_files import reading_once
 from abhv_mc.requests import Request
 from abhv_mc.simulators.campaign_code import check_user_code
 from abhv_mc.simulators.corner_margins import is_compiled
-from abhv_mc.simulators.engine import Engine, check_source, engine_of, make_ready
-from abhv_mc.simulators.make_plans import (
-    find_warnings,
-    make_plans,
-    record_every,
-    reference_of,
-    take_plans,
-)
-from abhv_mc.simulators.stored_plans import read_trusted_plan
+from abhv_mc.simulators.engine import check_source, make_ready
 from abhv_mc.user_code.child import called_beside
 from abhv_mc.user_code.source import find_package_versions
 from abhv_mc.user_code.trust import trust
@@ -62,7 +55,7 @@ class OpenCampaign:
     files: FileHashes
 
     @property
-    def plans(self) -> dict[str, FlightPlan]:
+    def plans(self) -> dict[str, Plan]:
         """Of the controllers."""
         return {name: system.plan for name, system in self.campaign.systems.items()}
 
@@ -73,14 +66,16 @@ class OpenCampaign:
         return self.campaign.runs * (i - 1) // n, self.campaign.runs * i // n
 
 
-def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCampaign:
+def open_campaign(request: Request, engine: Engine | None, stack: ExitStack) -> OpenCampaign:
     """Check the request, make or find the campaign's folder, and hold its lock until ``stack`` closes.
 
     Raises InputError before anything is written when something is wrong.
     """
     stack.enter_context(reading_once())
-    requested = read_campaign(request.campaign, request.runs, request.seed, request.controllers)
-    engine = engine_of(requested, engine)
+    requested = read_campaign(
+        request.campaign, request.runs, request.seed, request.controllers, engine
+    )
+    simulator = requested.simulator
     folder = CampaignFolder(Path(request.output or Path("reports") / requested.model.name))
     for source in check_user_code(requested, request.trust_code):
         trust(source)  # his own file: he has flown it
@@ -92,19 +87,22 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
             held = read_folder_inputs(flown.folder, flown.manifest)
             requested = with_points(requested, held.data.get("points"))
             inputs = collect_inputs(requested)
-        return _resume(flown, requested, inputs, engine, request)
-    _start_workers(request, engine)
+        return _resume(flown, requested, inputs, request)
+    _start_workers(request, simulator.engine)
     others = Path(request.plans) if request.plans else None
-    plans = take_plans(others, requested, inputs, engine, request.trust_code)
-    plans = plans or make_plans(requested, requested.controllers, engine)
+    plans = _take_plans(others, requested, inputs, request.trust_code)
+    plans = plans or simulator.make_plans(requested.controllers)
     if request.shard is None:
-        _compile_margins(requested, plans, engine, stack)
-    nominal = _fly_nominal(requested, plans, engine)
+        _compile_margins(requested, plans, stack)
+    nominal = _fly_nominal(requested, plans)
     first = FirstFlights()
-    if requested.user_model:
-        first = fly_first(make_ready(requested, plans), engine, request.workers)
+    if not simulator.capabilities.is_repeatable:
+        first = fly_first(make_ready(requested, plans), request.workers)
     if requested.unknowns.names:
-        requested = name_points(requested, plans, engine, request.workers)
+        baseline = None
+        if request.baseline is not None:
+            baseline = read_folder_campaign(CampaignFolder(Path(request.baseline))).unknowns
+        requested = name_points(requested, plans, request.workers, baseline)
         inputs = collect_inputs(requested)
     requested = replace(requested, repeatability=first.repeatability)
     ready = make_ready(requested, plans, margins=True)
@@ -112,12 +110,29 @@ def open_campaign(request: Request, engine: Engine, stack: ExitStack) -> OpenCam
     _write_samples(folder, requested)
     _write_nominal(folder, requested, plans, nominal)
     manifest = replace(
-        make_manifest(requested, inputs, engine, plans, first.warnings),
+        make_manifest(requested, inputs, plans, first.warnings),
         shard=request.shard,
         files=files.listed(),
     )
     write_manifest(folder.manifest, manifest)
     return OpenCampaign(folder, ready, manifest, tuple(plans), files)
+
+
+def _take_plans(
+    root: Path | None, campaign: Experiment, inputs: FolderInputs, trust_code: bool
+) -> Mapping[str, Plan]:
+    """The plans of another folder of the same inputs; empty without one. Raises InputError where it does not fit."""
+    if root is None:
+        return {}
+    campaign.simulator.check("--plans")
+    source, names = CampaignFolder(root), campaign.controllers
+    manifest = read_checked(source, [source.plan(name) for name in names])
+    check_source(source, manifest, campaign.simulator)
+    for place, content in inputs.hashes.items():
+        if manifest.inputs.get(place) != content and not place.startswith("inputs/samples/"):
+            found = f"plans made from another {place}"
+            raise InputError(root, found, "plans of this campaign's files")
+    return campaign.simulator.restore_plans(root, names, trust_code)
 
 
 def _start_workers(request: Request, engine: Engine) -> None:
@@ -126,10 +141,9 @@ def _start_workers(request: Request, engine: Engine) -> None:
         start_fork_server(engine.fly)
 
 
-def _compile_margins(
-    campaign: Experiment, plans: dict[str, FlightPlan], engine: Engine, stack: ExitStack
-) -> None:
+def _compile_margins(campaign: Experiment, plans: Mapping[str, Plan], stack: ExitStack) -> None:
     """Have another process compile what finds margins, where it never was, while this one goes on and flies."""
+    engine = campaign.simulator.engine
     if engine.find_stability is not None and engine.isolation == PROCESSES and not is_compiled():
         stack.enter_context(called_beside(engine.find_stability, campaign, plans))
 
@@ -150,11 +164,11 @@ def _resume(
     flown: FlownFolder,
     requested: Experiment,
     inputs: FolderInputs,
-    engine: Engine,
     request: Request,
 ) -> OpenCampaign:
     """Go on with a folder that holds the same campaign, perhaps with fewer flights or controllers."""
     folder, manifest, files = flown.folder, flown.manifest, flown.files
+    simulator = requested.simulator
     before = read_folder_inputs(folder, manifest)
     _check_same(flown, before, requested, inputs, request)
     added = [name for name in requested.controllers if name not in before.systems]
@@ -168,13 +182,13 @@ def _resume(
         added or longer or judged_anew or not files.knows(folder.campaign)
     )  # the last: killed while it grew
     with_nominal = not added and all(map(files.knows, (folder.nominal, folder.reference)))
-    with_nominal = with_nominal or requested.user_model is not None
+    with_nominal = with_nominal or not simulator.capabilities.has_mission
     if added or longer or not with_nominal or not manifest.complete:
-        check_source(folder, manifest, engine)
-        _start_workers(request, engine)
-    new = make_plans(requested, added, engine)
+        check_source(folder, manifest, simulator)
+        _start_workers(request, simulator.engine)
+    new = simulator.make_plans(added)
     if new:
-        _fly_nominal(requested, new, engine)  # refuses what cannot fly, before anything is written
+        _fly_nominal(requested, new)  # refuses what cannot fly, before anything is written
     if longer and files.knows(folder.samples):
         _check_drawn(folder, requested)
     if changed:
@@ -182,23 +196,15 @@ def _resume(
     campaign = _join(requested, inputs, merged if changed else before)
     if not files.knows(folder.samples):
         _write_samples(folder, campaign)
-    if requested.user_model is not None:
-        systems = campaign.user_model.systems if campaign.user_model else {}
-        held = requested.model.model_copy(update={"systems": systems})
-        plans = make_plans(replace(requested, model=held), campaign.controllers, engine)
-    else:
-        names, trusted = campaign.controllers, request.trust_code
-        plans = {
-            name: new.get(name) or read_trusted_plan(folder, campaign, name, trusted)
-            for name in names
-        }
+    kept = [name for name in campaign.controllers if name not in new]
+    held = {**new, **simulator.restore_plans(folder.root, kept, request.trust_code)}
+    plans = {name: held[name] for name in campaign.controllers}
     if changed:
-        first = () if campaign.user_model is None else manifest.warnings
-        manifest = replace(
-            manifest, warnings=tuple(dict.fromkeys([*first, *find_warnings(plans, campaign)]))
-        )
+        first = () if simulator.capabilities.is_repeatable else manifest.warnings
+        warnings = *first, *campaign.simulator.find_warnings(plans)
+        manifest = replace(manifest, warnings=tuple(dict.fromkeys(warnings)))
     if not with_nominal:
-        _write_nominal(folder, campaign, plans, _fly_nominal(campaign, plans, engine))
+        _write_nominal(folder, campaign, plans, _fly_nominal(campaign, plans))
     if manifest.files != files.listed():
         manifest = replace(manifest, files=files.listed())
         write_manifest(folder.manifest, manifest)
@@ -211,7 +217,7 @@ def _join(requested: Experiment, inputs: FolderInputs, merged: FolderInputs) -> 
     """The campaign of the folder, with the controllers that were flown before."""
     if (merged.data, list(merged.systems)) == (inputs.data, list(inputs.systems)):
         return requested
-    campaign = check_campaign(merged.document)
+    campaign = check_campaign(merged.document, requested.engine)
     return replace(
         campaign, model=campaign.model.model_copy(update={"execution": requested.model.execution})
     )
@@ -243,32 +249,31 @@ def _check_same(
 
 
 def _fly_nominal(
-    campaign: Experiment, plans: dict[str, FlightPlan], engine: Engine
+    campaign: Experiment, plans: Mapping[str, Plan]
 ) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float32]]]:
     """Fly the probes of the dispersions; times and history ``[time, channel]`` of each controller's nominal flight."""
-    if campaign.user_model is not None:
+    simulator = campaign.simulator
+    if not simulator.capabilities.has_mission:
         return {}
     first = next(iter(plans.values()))
-    record_every(campaign.document, first, campaign.model.keep.envelopes.rate, "envelopes")
-    every = record_every(campaign.document, first, campaign.model.keep.histories.rate, "histories")
-    flown = fly_probes(make_ready(campaign, plans), engine.fly, every)
+    simulator.find_stride(first, "envelopes")
+    every = simulator.find_stride(first, "histories")
+    flown = fly_probes(make_ready(campaign, plans), every)
     return {name: (block.times, block.history[0]) for name, block in flown.items()}
 
 
 def _write_nominal(
     folder: CampaignFolder,
     campaign: Experiment,
-    plans: dict[str, FlightPlan],
+    plans: Mapping[str, Plan],
     nominal: dict[str, tuple[NDArray[np.float64], NDArray[np.float32]]],
 ) -> None:
     """The nominal flights and the reference, at the rate of the histories."""
-    if campaign.user_model is not None:
+    if not nominal:
         return
-    first = next(iter(plans.values()))
-    every = record_every(campaign.document, first, campaign.model.keep.histories.rate, "histories")
     times = next(iter(nominal.values()))[0]
     write_nominal(folder.nominal, times, {name: history for name, (_, history) in nominal.items()})
-    write_reference(folder.reference, reference_of(first, every))
+    write_reference(folder.reference, campaign.simulator.find_reference(next(iter(plans.values()))))
 
 
 def _write_samples(folder: CampaignFolder, campaign: Experiment) -> None:
@@ -294,16 +299,14 @@ def _check_drawn(folder: CampaignFolder, campaign: Experiment) -> None:
 def make_manifest(
     campaign: Experiment,
     inputs: FolderInputs,
-    engine: Engine,
-    plans: dict[str, FlightPlan],
+    plans: Mapping[str, Plan],
     told: Sequence[str],
 ) -> Manifest:
     """Of a campaign that is about to fly; ``told``: what its first flights say."""
     from datetime import UTC, datetime
 
     wanted = campaign.file_runs
-    ours = [] if campaign.user_model else plans.values()
-    sources = [source for plan in ours for source in (plan.source, plan.channels_source) if source]
+    sources = [source for plan in plans.values() for source in plan.sources]
     return Manifest(
         name=campaign.model.name,
         state=RUNNING,
@@ -311,7 +314,7 @@ def make_manifest(
         seed=campaign.model.seed,
         campaign_hash=inputs.identity,
         question=inputs.question,
-        source_hash=engine.source,
+        source_hash=campaign.simulator.engine.source,
         started=datetime.now(UTC).isoformat(timespec="seconds"),
         versions=find_versions() | find_package_versions(sources),
         compiler=find_compiler(),
@@ -319,7 +322,7 @@ def make_manifest(
         machine=find_machine(),
         command=tuple(sys.argv[1:]),
         inputs=inputs.hashes,
-        warnings=(*told, *find_warnings(plans, campaign)),
+        warnings=(*told, *campaign.simulator.find_warnings(plans)),
         repeatable=campaign.repeatability,
         file_runs=wanted if isinstance(wanted, int) and wanted > campaign.runs_at_point else None,
     )

@@ -17,7 +17,7 @@ from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.user_code.child import allow_here
 
 if TYPE_CHECKING:  # which a worker process need not import
-    from abhv_mc.simulators.engine import Fly
+    from abhv_mc.interfaces import Fly
 
 _LEAST, _TIMES = (
     30.0,
@@ -48,9 +48,8 @@ def serve(connection: Connection, fly: "Fly") -> None:
         try:
             if plan is not None:
                 plans[key] = plan
-                fly(
-                    plan, nominal_parameters(0), None
-                )  # loads or compiles, which is no flight's time
+                if limit is not None:  # loads or compiles, which is no flight's time
+                    fly(plan, nominal_parameters(0), None)
             if limit is None:
                 if key not in usual:
                     usual[key] = usual_limit(fly, plans[key], time.process_time)

@@ -26,7 +26,7 @@ from abhv_mc.execution.worker import serve, usual_limit
 from abhv_mc.flight.lost import describe_last_tick
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.flight.user_law import must_fly_elsewhere
-from abhv_mc.simulators.engine import Fly, Recorded
+from abhv_mc.interfaces import Fly, Recorded
 from abhv_mc.user_code.child import describe_exit
 
 # Give up after 20 + workers consecutive failed starts (refused or SIGKILL counts 1, a crash 4).

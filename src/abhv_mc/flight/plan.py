@@ -133,6 +133,11 @@ class FlightPlan:
         return (*METRICS, *unpack_metrics(self.declared))
 
     @property
+    def sources(self) -> tuple[UserSource, ...]:
+        """The user's code of its law and channels."""
+        return tuple(source for source in (self.source, self.channels_source) if source)
+
+    @property
     def effectors(self) -> tuple[str, ...]:
         """The names of effectors that have actuators; none where the three axes have them."""
         return name_effectors(self.vehicle) if self.vehicle.constants.driven else ()

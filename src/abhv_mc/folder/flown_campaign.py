@@ -168,7 +168,8 @@ def read_flown(root: Path) -> FlownCampaign:
     campaign = replace(read_folder_campaign(folder), repeatability=manifest.repeatable)
     files = data_files(folder, manifest)
     flights = read_flights(folder.flights, files, campaign.metrics, ends=campaign.outcomes)
-    ours = campaign.user_model is None
+    can = campaign.simulator.capabilities
+    ours = can.has_mission
     reference = _columns(read_table(folder.reference, "the mission's reference")) if ours else {}
     return FlownCampaign(
         folder=root,
@@ -179,7 +180,7 @@ def read_flown(root: Path) -> FlownCampaign:
         envelopes=_read_envelopes(folder.envelopes) if campaign.has_bands else {},
         reference={name: value.astype(np.float64) for name, value in reference.items()},
         nominal=_read_nominal(folder.nominal) if ours else {},
-        steady_margins=read_steady_margins(folder.margins) if ours else SteadyMargins(),
+        steady_margins=read_steady_margins(folder.margins) if can.has_margins else SteadyMargins(),
     )
 
 

@@ -16,7 +16,7 @@ from abhv_mc.campaign.file.config import select_asked
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.kinds import find_references
 from abhv_mc.campaign.file.requirements import join_requirements, select_requirements
-from abhv_mc.campaign.file.simulator import SYSTEMS, is_own, systems_key
+from abhv_mc.campaign.file.simulator import SYSTEMS, systems_key
 from abhv_mc.folder.layout import CampaignFolder, is_inside, write_bytes, write_whole
 from abhv_mc.folder.manifest import Manifest
 from abhv_mc.io.documents import Document, InputError, read_document, write_document
@@ -80,44 +80,24 @@ def collect_inputs(campaign: Experiment) -> FolderInputs:
     """What the folder of a checked campaign is to hold of its files."""
     model = campaign.model
     data: dict[str, Any] = dict(campaign.document.data)  # type: ignore[arg-type]
-    copies: dict[str, bytes] = {}
-    executables: frozenset[str] = frozenset()
-    if campaign.user_model is None:
-        data["vehicle"] = _take(model.vehicle, "inputs/vehicle", copies)
-        data["mission"] = _take(model.mission, "inputs/mission", copies)
-        data["controllers"] = {
-            name: _take(path, f"inputs/controllers/{name}", copies)
-            for name, path in model.controllers.items()
-        }
-    else:
-        if simulator := campaign.user_model.simulator:
-            base, place = campaign.document.path.parent / simulator.folder, "inputs/simulator"
-            files = simulator.find_files(base)
-            copies |= {f"{place}/{name}": read_input(path) for name, path in files.items()}
-            executables = frozenset(
-                f"{place}/{name}" for name, path in files.items() if os.access(path, os.X_OK)
-            )
-            data["simulator"] = {**data["simulator"], "folder": place}
-            if folders := simulator.find_folders(base):  # the results folder holds files alone
-                data["simulator"]["files"] = [
-                    f"{entry.rstrip('/')}/" if entry in folders else entry
-                    for entry in simulator.files
-                ]
-        data[SYSTEMS] = campaign.user_model.systems
+    files: dict[str, Path] = {}
+    data |= campaign.simulator.pack(lambda path, place: _take(path, place, files), files)
     if model.channels is not None:
-        data["channels"] = _take(model.channels, "inputs/channels", copies)
+        data["channels"] = _take(model.channels, "inputs/channels", files)
     if isinstance(model.metrics, Path):
         data["metrics"] = read_document(model.metrics).data
     data["runs"] = campaign.runs_at_point
     data["seed"] = model.seed
     if model.sampling.path:
-        place = _take(model.sampling.path, "inputs/samples", copies)
+        place = _take(model.sampling.path, "inputs/samples", files)
         data["sampling"] = {**data["sampling"], "path": place}
+    copies = {place: read_input(path) for place, path in files.items()}
+    programs = frozenset(place for place, path in files.items() if os.access(path, os.X_OK))
     hashes = {place: hashlib.sha256(content).hexdigest() for place, content in copies.items()}
-    return FolderInputs(replace(campaign.document, data=data), copies, hashes, executables)
+    return FolderInputs(replace(campaign.document, data=data), copies, hashes, programs)
 
 
-def _take(path: Path, place: str, copies: dict[str, bytes]) -> str:
+def _take(path: Path, place: str, copies: dict[str, Path]) -> str:
     """Put ``path`` and all that it refers to under ``place``, in the same positions to each other."""
     files = {path.resolve(): None, **dict.fromkeys(find_references(path.resolve()))}
     root = Path(os.path.commonpath([file.parent for file in files]))
@@ -127,7 +107,7 @@ def _take(path: Path, place: str, copies: dict[str, bytes]) -> str:
             raise InputError(
                 file, "characters in the file's name that nothing shows", "another name"
             )
-        copies[copy] = read_input(file)
+        copies[copy] = file
     return f"{place}/{path.resolve().relative_to(root).as_posix()}"
 
 
@@ -189,7 +169,7 @@ def _for_controllers(data: dict[str, Any], names: list[str]) -> dict[str, Any]:
     selected = join_requirements(
         select_requirements(data.get("requirements") or [], names), (), names
     )
-    systems = {SYSTEMS: {name: data[SYSTEMS][name] for name in names}} if is_own(data) else {}
+    systems = {SYSTEMS: {name: data[SYSTEMS][name] for name in names}} if SYSTEMS in data else {}
     data = select_asked(data, names)
     ordered = sorted(selected, key=lambda entry: json.dumps(entry, sort_keys=True))
     return {**data, **systems, "requirements": ordered}

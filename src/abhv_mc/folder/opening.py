@@ -1,9 +1,9 @@
 """How a run gets its folder: locked; begun anew, or with all that it holds proven whole; perhaps grown."""
 
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 
-from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.folder import envelope_states
 from abhv_mc.folder.hashes import FileHashes, damage_error, record_hashes
 from abhv_mc.folder.inputs import FolderInputs
@@ -11,6 +11,7 @@ from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.manifest import RUNNING, Manifest, read_manifest, write_manifest
 from abhv_mc.folder.plan_file import write_plan
+from abhv_mc.interfaces import Plan
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ def open_folder(folder: CampaignFolder, fresh: bool, stack: ExitStack) -> FlownF
 
 
 def begin_folder(
-    folder: CampaignFolder, inputs: FolderInputs, plans: dict[str, FlightPlan], stack: ExitStack
+    folder: CampaignFolder, inputs: FolderInputs, plans: Mapping[str, Plan], stack: ExitStack
 ) -> FileHashes:
     """Delete a campaign from a folder that open_folder has locked, and write the inputs and plans of a new one.
 
@@ -58,10 +59,10 @@ def begin_folder(
     return files
 
 
-def _write_plans(folder: CampaignFolder, plans: dict[str, FlightPlan]) -> None:
-    """The plans of our own simulator; a user's follow from the campaign file."""
+def _write_plans(folder: CampaignFolder, plans: Mapping[str, Plan]) -> None:
+    """The plans of a mission; those of flights with times of their own follow from the campaign file."""
     for name, plan in plans.items():
-        if isinstance(plan, FlightPlan):
+        if plan.timing is not None:
             write_plan(folder.plan(name), plan)
 
 
@@ -69,7 +70,7 @@ def grow_folder(
     flown: FlownFolder,
     inputs: FolderInputs,
     merged: FolderInputs,
-    plans: dict[str, FlightPlan],
+    plans: Mapping[str, Plan],
     longer: bool,
 ) -> Manifest:
     """Make room for more flights (``longer``), for the controllers of ``plans``, or for another order of controllers;

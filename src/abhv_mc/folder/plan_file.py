@@ -56,7 +56,7 @@ def rebuild(kind: type[T], flat: Mapping[str, np.ndarray], prefix: str = "") -> 
     return np.require(value, None if expected.kind == "U" else expected, ["C", "A"])  # type: ignore[return-value]
 
 
-def write_plan(path: Path, plan: FlightPlan) -> None:
+def write_plan(path: Path, plan: Any) -> None:
     """Store a plan's numbers and words."""
     content = io.BytesIO()
     with zipfile.ZipFile(

@@ -130,4 +130,9 @@ def ask(folder: Path, sql: str, take: "Callable[[DuckDBPyRelation], T]") -> T | 
         words = str(error).partition("\nTraceback")[
             0
         ]  # duckdb adds one where Python lacks what a type needs
-        raise InputError("query", words, "SQL that duckdb can answer") from None
+        wish = "SQL that duckdb can answer"
+        if isinstance(error, duckdb.BinderException):
+            wish += (
+                '; a name with a dot is written in double quotes: select "aero.lift" from samples'
+            )
+        raise InputError("query", words, wish) from None

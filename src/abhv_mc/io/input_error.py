@@ -6,6 +6,14 @@ import unicodedata
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+# Words of other programs, and what they are called here.
+_SYNONYMS = {
+    **dict.fromkeys(("gauss", "gaussian"), "normal"),
+    **dict.fromkeys(("std", "stddev", "sd", "standard_deviation"), "sigma"),
+    **dict.fromkeys(("min", "minimum", "lower"), "low"),
+    **dict.fromkeys(("max", "maximum", "upper"), "high"),
+}
+
 
 class InputError(Exception):
     """Bad input: the place, what was found there and what is expected. The command line prints it and exits 2."""
@@ -71,8 +79,9 @@ def _sentence(found: str, expected: str) -> str:
 
 
 def is_exhausted(error: BaseException) -> bool:
-    """Return whether an error says that the process or the machine has too many open files: the file may be whole."""
-    return isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE)
+    """Return whether an error says that there are too many open files or processes, or too little memory."""
+    kinds = (errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM)
+    return isinstance(error, OSError) and error.errno in kinds
 
 
 def printable(text: str) -> str:
@@ -90,7 +99,9 @@ def is_printable(text: str) -> bool:
 def one_of(names: Iterable[object], given: object = None) -> str:
     """The choices in words, and which of them a misspelt ``given`` comes nearest to."""
     words = [str(name) for name in names]
-    near = difflib.get_close_matches(str(given), words, n=1) if given is not None else []
+    near = [word for word in (_SYNONYMS.get(str(given).lower()),) if word in words]
+    if given is not None and not near:
+        near = difflib.get_close_matches(str(given), words, n=1)
     if near and len(words) > 30:
         return f"did you mean '{near[0]}'?"
     choices = f"one of {', '.join(words)}" if len(words) != 1 else f"'{words[0]}'"

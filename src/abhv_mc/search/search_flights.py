@@ -6,6 +6,7 @@ and `export` read the folder like any campaign's.
 """
 
 import contextlib
+import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
@@ -21,7 +22,7 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.execution.cluster import connect_cluster
 from abhv_mc.execution.executor import Executor, open_executor
-from abhv_mc.execution.first_flights import fly_first
+from abhv_mc.execution.first_flights import FirstFlights, fly_first
 from abhv_mc.execution.probe_dispersions import fly_probes
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.metrics import MARGIN_NAMES, MARGIN_VALUES, Metric
@@ -47,15 +48,14 @@ from abhv_mc.folder.manifest import (
 from abhv_mc.folder.opening import FlownFolder, begin_folder, open_folder
 from abhv_mc.folder.samples import write_samples
 from abhv_mc.identity import find_commit, find_machine, find_versions
+from abhv_mc.interfaces import Engine, Simulator
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.io.input_files import reading_once
 from abhv_mc.requests import Paths, SearchRequest
 from abhv_mc.search.severity import not_computed, rank_distinct
 from abhv_mc.search.space import Space, make_space
 from abhv_mc.simulators.campaign_code import check_user_code
-from abhv_mc.simulators.engine import Engine, check_source, engine_of, make_ready, simulate
-from abhv_mc.simulators.make_plans import make_plans
-from abhv_mc.simulators.stored_plans import read_trusted_plan
+from abhv_mc.simulators.engine import check_source, make_ready, simulate
 from abhv_mc.user_code.trust import trust
 
 _DRAWN = 3  # flights whose histories a page shows
@@ -63,9 +63,11 @@ DRAWN_APART = 0.1  # of the range flown, rms over the parameters: so far apart t
 _DRAWN_STEP = 0.1  # s
 
 
-def read_searched(path: Paths, controller: str | None, seed: int | None) -> tuple[Experiment, str]:
+def read_searched(
+    path: Paths, controller: str | None, seed: int | None, engine: Engine | None = None
+) -> tuple[Experiment, str]:
     """The campaign and the controller that is searched. Raises InputError."""
-    campaign = read_campaign(Path(path), None, seed)
+    campaign = read_campaign(Path(path), None, seed, engine=engine)
     for source in check_user_code(campaign):
         trust(source)  # his own file: he flies it
     controllers = campaign.controllers
@@ -155,8 +157,8 @@ class SearchFlights:
 
     @property
     def duration(self) -> float:
-        """Of a flight that does not end early, s; a user's simulator has none."""
-        return 0.0 if self.campaign.user_model else self.plan.timing.duration
+        """Of a flight that does not end early, s; 0 where flights have times of their own."""
+        return self.plan.timing.duration if self.plan.timing else 0.0
 
     def rows(self) -> FlightRows:
         """All flights so far."""
@@ -216,7 +218,8 @@ class SearchFlights:
         )
 
     def draw(self, severities: Floats) -> DrawnFlights | None:
-        """Fly the nominal flight and the worst of the first ones again, with histories; None of a user's simulator.
+        """Fly the nominal flight and the worst of the first ones again, with histories; None where flights have no
+        common times.
 
         ``severities`` [flight] of the flights from 0 on; the worst ones that lie apart from each other are drawn.
         """
@@ -227,11 +230,11 @@ class SearchFlights:
             _DRAWN,
             DRAWN_APART,
         )
-        if self.campaign.user_model is not None:
+        if (timing := self.plan.timing) is None:
             return None
         nominal = [self.campaign.parameters.nominal_of(rows.names)]
         drawn = np.concatenate([nominal, rows.samples[numbers]])
-        every = max(1, round(_DRAWN_STEP / self.plan.timing.tick))
+        every = max(1, round(_DRAWN_STEP / timing.tick))
         block = simulate(self.campaign, self.controller, drawn, every, self.executor.fly)
         return DrawnFlights(tuple(numbers), block.times, block.history)
 
@@ -281,7 +284,7 @@ def open_search(
     request: SearchRequest,
     settings: dict[str, Any],
     flights: int,
-    engine: Engine,
+    engine: Engine | None = None,
     with_margins: bool = False,
 ) -> Iterator[SearchFlights]:
     """The folder of a search, locked, and its executor; ``settings`` are what the search's result depends on.
@@ -291,27 +294,26 @@ def open_search(
     """
     with ExitStack() as stack:
         stack.enter_context(reading_once())
-        campaign, name = read_searched(request.campaign, request.controller, request.seed)
-        engine = engine_of(campaign, engine)
+        campaign, name = read_searched(request.campaign, request.controller, request.seed, engine)
+        simulator = campaign.simulator
         make_space(campaign)
         folder, inputs = CampaignFolder(Path(request.output)), collect_inputs(campaign)
         settings = {**settings, "controller": name}
         flown = open_folder(folder, request.fresh, stack)
         if flown is not None:
-            _check_same(flown, settings, inputs, engine)
+            _check_same(flown, settings, inputs, simulator)
             manifest, files = flown.manifest, flown.files
-            plan = (
-                make_plans(campaign, [name], engine)[name]
-                if campaign.user_model
-                else read_trusted_plan(folder, campaign, name)
-            )
+            plan = simulator.restore_plans(folder.root, [name])[name]
         else:
-            plan = make_plans(campaign, [name], engine)[name]
+            plan = simulator.make_plans([name])[name]
             ready = make_ready(campaign, {name: plan})
-            if campaign.user_model is not None:
-                fly_first(ready, engine, request.workers)
+            first = FirstFlights()
+            if plan.timing is None:
+                first = fly_first(ready, request.workers)
+                for words in first.warnings:
+                    print(f"warning: {words}", file=sys.stderr, flush=True)
             else:
-                fly_probes(ready, engine.fly, plan.timing.ticks)
+                fly_probes(ready, plan.timing.ticks)
             files = begin_folder(folder, inputs, {name: plan}, stack)
             manifest = Manifest(
                 name=campaign.model.name,
@@ -320,20 +322,19 @@ def open_search(
                 campaign_hash=inputs.identity,
                 inputs=inputs.hashes,
                 seed=campaign.model.seed,
-                source_hash=engine.source,
+                source_hash=simulator.engine.source,
                 versions=find_versions(),
                 commit=find_commit(),
                 machine=find_machine(),
                 files=files.listed(),
+                warnings=first.warnings,
             )
             write_manifest(folder.manifest, manifest)
         cluster = (
-            stack.enter_context(connect_cluster(request.scheduler, engine))
-            if request.scheduler
-            else None
+            stack.enter_context(connect_cluster(request.scheduler)) if request.scheduler else None
         )
         executor = stack.enter_context(
-            open_executor(engine, campaign.model.execution, request.workers, cluster)
+            open_executor(simulator.engine, campaign.model.execution, request.workers, cluster)
         )
         writer = stack.enter_context(ThreadPoolExecutor(1))
         ready = make_ready(campaign, {name: plan}, with_margins)
@@ -349,7 +350,7 @@ def open_search(
 
 
 def _check_same(
-    flown: FlownFolder, settings: dict[str, Any], asked: FolderInputs, engine: Engine
+    flown: FlownFolder, settings: dict[str, Any], asked: FolderInputs, simulator: Simulator
 ) -> None:
     """Raise InputError where the folder does not hold the beginning of the same search."""
     root, manifest = flown.folder.root, flown.manifest
@@ -372,4 +373,4 @@ def _check_same(
         wish = "another folder (-o DIR): where a search goes depends on how many flights it has from its beginning"
     if changes:
         raise InputError(root, "a folder that holds another search: " + ", ".join(changes), wish)
-    check_source(flown.folder, manifest, engine)
+    check_source(flown.folder, manifest, simulator)

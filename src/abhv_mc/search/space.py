@@ -16,7 +16,7 @@ from abhv_mc.campaign.sampling.marginals import (
     MixtureMarginal,
     SometimesMarginal,
 )
-from abhv_mc.campaign.sampling.samples import draw_seeds, find_seeds, full_rows
+from abhv_mc.campaign.sampling.samples import draw_seeds, full_rows
 from abhv_mc.io.documents import InputError
 
 _SMALLEST = 2.0**-53
@@ -160,13 +160,14 @@ def make_space(campaign: Experiment, with_unknowns: bool = False) -> Space:
     if not names:
         raise document.error((), "no dispersions", "something to vary")
     moved = (*names, *(each.name for each in campaign.derived))
-    seeds = (
-        find_seeds((), campaign.parameters)
-        if campaign.user_model
-        else tuple(
-            seed
-            for seed, cause in _SEEDS.items()
-            if seed in campaign.names or any(n.endswith(cause) for n in moved)
+    seeds = tuple(
+        each.name
+        for each in campaign.parameters.records
+        if each.seed
+        and (
+            each.of_user
+            or each.name in campaign.names
+            or any(name.endswith(_SEEDS[each.name]) for name in moved)
         )
     )
     place = {campaign.names[column]: row for row, column in enumerate(campaign.copula.columns)}

@@ -23,6 +23,7 @@ from abhv_mc.flight.metrics import MARGIN_NAMES, Metric
 from abhv_mc.folder.inputs import collect_inputs
 from abhv_mc.folder.layout import write_whole
 from abhv_mc.folder.lock import hold_lock
+from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import Document, InputError, StrictModel, read_document, validate
 from abhv_mc.io.input_files import reading_once
 from abhv_mc.requests import Paths, TuneRequest
@@ -40,7 +41,7 @@ from abhv_mc.search.tune_trials import (
     vehicles_of,
 )
 from abhv_mc.simulators.candidates import Candidates, ControllerNumbers, read_controller_numbers
-from abhv_mc.simulators.engine import Engine, make_engine
+from abhv_mc.simulators.vehicle_simulator import make_engine
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.statistics.quantile_pairs import quantile_difference
 
@@ -194,13 +195,9 @@ def tune_controller(request: TuneRequest, engine: Engine | None = None) -> TuneF
 
 
 def _tune(request: TuneRequest, engine: Engine) -> TuneFound:
-    campaign, name = read_searched(request.campaign, request.controller, request.seed)
+    campaign, name = read_searched(request.campaign, request.controller, request.seed, engine)
     model, out = campaign.model, Path(request.output)
-    if campaign.user_model is not None:
-        words = "a user's simulator, which has no controllers to tune"
-        raise campaign.document.error(
-            (), words, "a campaign of our own: with vehicle, mission and controllers"
-        )
+    campaign.simulator.check("tuning")
     block, document, where = read_tune_block(campaign, request.block)
     if out.suffix in (_KEPT, _PAGE):
         words = f"the ending '{out.suffix}' of what tuning writes beside it"
@@ -221,9 +218,7 @@ def _tune(request: TuneRequest, engine: Engine) -> TuneFound:
     kept = out.with_suffix(_KEPT)
     with hold_lock(kept / ".lock"), ExitStack() as stack:
         cluster = (
-            stack.enter_context(connect_cluster(request.scheduler, engine))
-            if request.scheduler
-            else None
+            stack.enter_context(connect_cluster(request.scheduler)) if request.scheduler else None
         )
         executor = stack.enter_context(open_executor(engine, execution, request.workers, cluster))
         identity = hashlib.sha256(text.encode()).hexdigest()

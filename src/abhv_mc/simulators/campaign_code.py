@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
+from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.control.controller_file import Controller, read_controller
 from abhv_mc.control.law_file import USER_LAWS, UserController
 from abhv_mc.io.documents import read_document
-from abhv_mc.simulators.user_simulator.user_plan import simulator_source
 from abhv_mc.user_code.law_source import law_place, read_law_source
 from abhv_mc.user_code.source import UserSource, read_source
 from abhv_mc.user_code.trust import check_trusted, is_in_a_folder
@@ -18,13 +18,17 @@ def check_user_code(campaign: Experiment, trusted: bool = False) -> list[UserSou
 
     Not run here. Raises InputError for others, unless he says that he trusts them.
     """
-    model, foreign = campaign.model, is_in_a_folder(campaign.document.path)
-    if campaign.user_model is not None:
-        source = simulator_source(campaign)
-        if foreign or is_in_a_folder(Path(source.file)):
+    foreign, own = is_in_a_folder(campaign.document.path), []
+    for file, source in campaign.simulator.find_code():
+        if foreign or is_in_a_folder(file):
             check_trusted(source, trusted)
-            return []
-        return [source]
+        else:
+            own.append(source)
+    return own
+
+
+def find_code(model: Campaign) -> list[tuple[Path, UserSource]]:
+    """The code of a campaign's channels, laws and vehicle, with the files that it is in."""
     code = [(model.channels, read_source(model.channels))] if model.channels is not None else []
     for path in model.controllers.values():
         data = read_document(path).data
@@ -35,13 +39,7 @@ def check_user_code(campaign: Experiment, trusted: bool = False) -> list[UserSou
     vehicle = read_vehicle_file(model.vehicle).code
     if vehicle is not None:
         code += [(Path(one.file), UserSource(one.text, one.file)) for one in vehicle.functions()]
-    own = []
-    for file, source in code:
-        if foreign or is_in_a_folder(file):
-            check_trusted(source, trusted)
-        else:
-            own.append(source)
-    return own
+    return code
 
 
 def check_user_law(controller: Controller, trusted: bool = False) -> None:

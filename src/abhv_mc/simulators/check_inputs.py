@@ -4,9 +4,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.kinds import find_kind
 from abhv_mc.control.controller_file import read_controller
+from abhv_mc.control.design.profile import make_profile
 from abhv_mc.control.law_file import UserController
 from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.fly import fly, nominal_parameters
@@ -14,11 +17,8 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.documents import InputError, InputErrors
 from abhv_mc.shipped import DEFAULT_VEHICLE, shipped_configs
-from abhv_mc.simulators.campaign_code import check_user_code
 from abhv_mc.simulators.candidates import check_free_numbers
 from abhv_mc.simulators.feasibility import find_impossible
-from abhv_mc.simulators.user_simulator.process import LostFlightError, Process
-from abhv_mc.simulators.user_simulator.user_plan import make_user_plans
 from abhv_mc.user_code.child import run_in_thread
 from abhv_mc.user_code.law_source import law_place, read_law_source
 from abhv_mc.user_code.trust import is_in_a_folder, is_trusted
@@ -78,11 +78,8 @@ def _check(
     """Check one file, yield its warnings and add the files that it names to ``pending``."""
     if kind == "campaign":
         checked = read_campaign(file)
-        campaign = checked.model
-        problems = find_impossible(
-            checked, None if checked.user_model else load_vehicle(campaign.vehicle)
-        )
-        if problems:
+        simulator, campaign = checked.simulator, checked.model
+        if problems := [*find_impossible(checked), *simulator.find_lacking()]:
             raise InputErrors(problems)
         drawn = [
             name
@@ -92,22 +89,8 @@ def _check(
         if drawn:
             more = f" and {len(drawn) - _NAMED} more" if len(drawn) > _NAMED else ""
             yield f"{', '.join(drawn[:_NAMED])}{more}: is this one value for the whole programme? Then 'unknowns'"
-        if checked.user_model and checked.adopted:
-            return
-        if checked.user_model:
-            check_user_code(checked)
-            try:
-                Process(next(iter(make_user_plans(checked, checked.controllers).values()))).end()
-            except (LostFlightError, OSError) as error:
-                place = checked.document.key_error(
-                    ("simulator",), str(error), "a simulator that starts"
-                )
-                raise InputErrors([place]) from None
-            if checked.user_model.simulator and checked.user_model.simulator.command:
-                yield (
-                    "answers of the program are matched to requests by order,"
-                    " unless each repeats the text of its request's key 'flight'"
-                )
+        yield from simulator.try_out()
+        if not simulator.capabilities.has_mission:
             return
         check_free_numbers(checked)
         flown = campaign.vehicle, campaign.mission
@@ -118,7 +101,9 @@ def _check(
     elif kind == "vehicle":
         yield from find_vehicle_warnings(load_vehicle(file))
     elif kind == "mission":
-        read_mission(file)
+        mission = read_mission(file)
+        profile = make_profile(mission, np.arange(0.0, mission.duration, 1.0))
+        yield from mission.find_air_warnings(profile.altitude)
     else:
         controller = read_controller(file)
         yield from controller.warnings()

@@ -3,7 +3,6 @@
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flight.arguments import make_results
 from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.fly import fly_in_memory
@@ -19,13 +18,6 @@ _NEVER = "stagnation_heat_flux_w_m2"  # of a vehicle without a nose radius
 _ORDER = sorted(
     range(len(CHANNELS)), key=lambda i: "measured" not in CHANNELS[i].name
 )  # laws see what is measured
-
-
-def end_of(experiment: Experiment, controller: str, row: Floats, outcome: int) -> str:
-    """Sentences on the end of the flight of ``row`` [1, input]."""
-    if experiment.user_model is not None:
-        return experiment.outcomes.sentences[experiment.outcomes.codes[outcome]]
-    return describe_end(experiment.systems[controller].plan, experiment.rows(row), Outcome(outcome))
 
 
 def describe_end(plan: FlightPlan, parameters: Floats, outcome: Outcome) -> str:

@@ -5,6 +5,7 @@
 
 import re
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -25,12 +26,19 @@ _RARELY = 1e-6  # probability that an unbounded law may have beyond a bound
 _FIRST = 1000  # flights whose derived inputs are looked at
 
 
-def find_impossible(campaign: Experiment, vehicle: Vehicle | None = None) -> list[InputError]:
-    """Everything of that kind, each with its place in the file; with ``vehicle`` also what that has nothing of."""
-    found = [*_requirements(campaign)]
-    if campaign.user_model is None:
-        found += _meaningless(campaign)
-    return found if vehicle is None else [*found, *_lacking(campaign, vehicle)]
+def find_impossible(campaign: Experiment) -> list[InputError]:
+    """Everything of that kind, each with its place in the file."""
+    return [*_requirements(campaign), *_meaningless(campaign)]
+
+
+def find_lacking(campaign: Experiment, vehicle: Vehicle) -> list[InputError]:
+    """Dispersions of parts that the vehicle does not have, and that would leave every flight as it is."""
+    wish = "a dispersion that matters to this vehicle"
+    return [
+        refuse_input(campaign, name, f"'{name}' of a vehicle that has no such part", wish)
+        for name in campaign.varied
+        if not _has(vehicle, name)
+    ]
 
 
 def refuse_input(campaign: Experiment, name: str, found: str, expected: str) -> InputError:
@@ -102,6 +110,8 @@ def _requirements(campaign: Experiment) -> Iterator[InputError]:
 def _meaningless(campaign: Experiment) -> Iterator[InputError]:
     """Values at or below zero of what has a meaning above it only."""
     for name in campaign.varied:
+        if campaign.parameters[name].of_user:
+            continue
         least = float(values_of(campaign, name).min())
         if np.isnan(least):
             yield refuse_input(
@@ -116,15 +126,12 @@ def _meaningless(campaign: Experiment) -> Iterator[InputError]:
             ):
                 continue  # a law that comes near zero and never reaches it
             wish = "values above zero, as of a truncated_normal or lognormal law: at or below it has no meaning"
+            data: Any = campaign.document.data
+            entry = data["dispersions"].get(name, {})
+            width = entry.get("half_width", entry.get("sigma"))
+            if isinstance(width, (int, float)) and width >= 1:
+                wish = f"did you mean '{width:g} %' in place of {width:g}?"
             yield refuse_input(campaign, name, f"'{name}' down to {least:g}", wish)
-
-
-def _lacking(campaign: Experiment, vehicle: Vehicle) -> Iterator[InputError]:
-    """Dispersions of parts that the vehicle does not have, and that would leave every flight as it is."""
-    for name in campaign.varied:
-        if not _has(vehicle, name):
-            found = f"'{name}' of a vehicle that has no such part"
-            yield refuse_input(campaign, name, found, "a dispersion that matters to this vehicle")
 
 
 def _has(vehicle: Vehicle, name: str) -> bool:

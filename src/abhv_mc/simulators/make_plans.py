@@ -1,6 +1,6 @@
 """The plans that a campaign flies: made from its files, or taken from another folder."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,18 +15,12 @@ from abhv_mc.flight.channels import REFERENCE_CHANNELS
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.metrics import pack_metrics
 from abhv_mc.flight.plan import SENSOR_TIMES, FlightPlan, find_late
-from abhv_mc.folder.hashes import read_checked
-from abhv_mc.folder.inputs import FolderInputs
-from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.io.documents import Document, InputError
+from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.plant.parameter_names import AXES, PARAMETER_INDEX
 from abhv_mc.plant.parameters import DISTURBANCES
 from abhv_mc.simulators.campaign_code import check_user_code
-from abhv_mc.simulators.engine import Engine, check_source
 from abhv_mc.simulators.feasibility import asked_in_vain, refuse_input, values_of
-from abhv_mc.simulators.stored_plans import read_trusted_plan
-from abhv_mc.simulators.user_simulator.user_plan import make_user_plans
 from abhv_mc.user_code.effector_commands import find_driven
 from abhv_mc.user_code.module import check_closure
 from abhv_mc.user_code.source import read_source
@@ -37,27 +31,16 @@ from abhv_mc.vehicle.shared_keys import IN_WIND, STILL_AIR, describe_sensing, re
 _AXIS_FAILURES = tuple(f"failure.{axis}." for axis in AXES)
 
 
-def record_every(document: Document, plan: FlightPlan, rate: float, kind: str) -> int:
-    """Control ticks between records at ``rate``. Raises InputError when the control rate is no multiple of it."""
-    ticks = 1.0 / (rate * plan.timing.tick)
-    every = round(ticks)
-    if every < 1 or abs(ticks - every) > 1e-9 * ticks:
-        found = (
-            f"{rate:g} Hz (keep.{kind}.rate) with control ticks at {1.0 / plan.timing.tick:g} Hz"
-        )
-        raise document.error(("keep", kind, "rate"), found, "a rate that divides the control rate")
-    return every
-
-
-def make_plans(campaign: Experiment, names: Iterable[str], engine: Engine) -> dict[str, FlightPlan]:
+def make_plans(
+    campaign: Experiment,
+    names: Iterable[str],
+    prepare: Callable[[Path, Path, Path, str], FlightPlan],
+) -> dict[str, FlightPlan]:
     """The plans of some of a campaign's controllers, with what it declares. Raises InputError."""
     model = campaign.model
     check_user_code(campaign)
-    if campaign.user_model is not None:
-        return make_user_plans(campaign, names)  # type: ignore[return-value]
     made = {
-        name: engine.prepare(model.vehicle, model.mission, model.controllers[name], name)
-        for name in names
+        name: prepare(model.vehicle, model.mission, model.controllers[name], name) for name in names
     }
     plans = {name: declare(campaign, plan) for name, plan in made.items()}
     for plan in plans.values():
@@ -112,48 +95,22 @@ def declare(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
         channels = read_source(campaign.model.channels)
         check_closure(channels)
         plan = replace(plan, channels_source=channels, channels_hash=channels.hash)
-    return _declare(campaign, plan)
+    return declare_metrics(campaign, plan)
 
 
-def _declare(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
+def declare_metrics(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
+    """The plan with the metrics of this campaign, for what it varies."""
     declared, sources = pack_metrics(campaign.declared), pack_sources(campaign.user_sources)
     return replace(plan, declared=declared, user_sources=sources).lean_for(campaign.varied)
 
 
-def take_plans(
-    root: Path | None, campaign: Experiment, inputs: FolderInputs, engine: Engine, trust_code: bool
-) -> dict[str, FlightPlan]:
-    """The plans of another folder of the same inputs; empty without one. Raises InputError where it does not fit."""
-    if root is None:
-        return {}
-    if campaign.user_model is not None:
-        raise InputError(
-            "--plans", "plans of a user's simulator, which has none", "a run without --plans"
-        )
-    source, names = CampaignFolder(root), campaign.model.controllers
-    manifest = read_checked(source, [source.plan(name) for name in names])
-    check_source(source, manifest, engine)
-    flown = manifest.inputs
-    for place, content in inputs.hashes.items():
-        if flown.get(place) != content and not place.startswith("inputs/samples/"):
-            raise InputError(
-                root, f"plans made from another {place}", "plans of this campaign's files"
-            )
-    return {
-        name: _declare(campaign, read_trusted_plan(source, campaign, name, trust_code))
-        for name in names
-    }
-
-
-def find_warnings(plans: dict[str, FlightPlan], campaign: Experiment) -> list[str]:
+def find_warnings(plans: Mapping[str, FlightPlan], campaign: Experiment) -> list[str]:
     """What the plans say about their mission, and what of the campaign cannot come out, each sentence once."""
-    if campaign.user_model is not None:
-        return asked_in_vain(campaign)
     plain = [warning for plan in plans.values() for warning in plan.warnings.tolist()]
     return list(dict.fromkeys([*_sensing(plans, campaign), *plain, *asked_in_vain(campaign)]))
 
 
-def _sensing(plans: dict[str, FlightPlan], campaign: Experiment) -> list[str]:
+def _sensing(plans: Mapping[str, FlightPlan], campaign: Experiment) -> list[str]:
     """Where there is wind, what the instruments measure."""
     plan = next(iter(plans.values()))
     windy = any(name.startswith("wind.") for name in campaign.varied) or plan.profile[:, 1:3].any()

@@ -1,10 +1,10 @@
 """Stability margins that a campaign asks for: plans of its flights with them, and those of any vehicle at the start."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -69,22 +69,20 @@ def count_metrics(plan: FlightPlan) -> int:
     return len(plan.metrics) + (len(MARGIN_VALUES) if isinstance(plan, MarginPlan) else 0)
 
 
-def trim_margins(campaign: "Experiment", controllers: Iterable[str]) -> dict[str, TrimMargins]:
+def trim_margins(campaign: "Experiment", controllers: Sequence[str]) -> dict[str, TrimMargins]:
     """For each controller what finds the margins of rows [flight, parameter] in steady flight; nothing flies.
 
     Raises InputError where there can be none.
     """
     from abhv_mc.campaign.file.config import MarginsOfFlights
-    from abhv_mc.simulators.engine import make_engine
-    from abhv_mc.simulators.make_plans import make_plans
 
     model = campaign.model.model_copy(update={"margins": MarginsOfFlights()})
-    plans = make_plans(campaign, controllers, make_engine())
-    made = make_margin_plans(replace(campaign, model=model), plans)
+    simulator = replace(campaign, model=model).simulator
+    made = simulator.add_margins(simulator.make_plans(controllers))
     return {name: partial(_margins_of, plan) for name, plan in made.items()}
 
 
-def _margins_of(plan: MarginPlan, rows: Floats) -> Margins:
+def _margins_of(plan: Any, rows: Floats) -> Margins:
     from abhv_mc.stability.analysis import margins_of_flights
 
     found = margins_of_flights(plan, plan.steady, rows, ("trim",))

@@ -26,7 +26,7 @@ from abhv_mc.kernel.plant.state import N_STATES
 from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.simulators.engine import make_ready
-from abhv_mc.simulators.user_simulator.user_plan import make_user_plans, simulator_source
+from abhv_mc.simulators.make_plans import declare_metrics
 from abhv_mc.stability.fly_with_margins import MarginPlan
 from abhv_mc.user_code.c_source import with_library
 from abhv_mc.user_code.law_source import read_law_source
@@ -84,15 +84,13 @@ def _check_shape(name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
 
 
 def read_trusted_plan(
-    folder: CampaignFolder, campaign: Experiment, controller: str, trusted: bool = False
+    root: Path, campaign: Experiment, controller: str, trusted: bool = False
 ) -> FlightPlan:
     """The stored plan of one of a folder's controllers with the code that it needs, from the folder's copies.
 
     Raises InputError where the code is missing, or is not in the user's list of what he has flown.
     """
-    if campaign.user_model is not None:
-        check_trusted(simulator_source(campaign), trusted)
-        return make_user_plans(campaign, [controller])[controller]  # type: ignore[return-value]
+    folder = CampaignFolder(root)
     check_vehicle_trusted(campaign.model.vehicle, trusted)
     plan = read_plan(folder.plan(controller), load_vehicle(campaign.model.vehicle))
     if plan.source_hash:
@@ -106,7 +104,9 @@ def read_trusted_plan(
         plan = dataclasses.replace(
             plan, channels_source=_take(sources, place, plan.channels_hash, trusted)
         )
-    return dataclasses.replace(plan, vehicle_code=find_code(plan.vehicle)).lean_for(campaign.varied)
+    return declare_metrics(
+        campaign, dataclasses.replace(plan, vehicle_code=find_code(plan.vehicle))
+    )
 
 
 def open_flown(
@@ -121,12 +121,12 @@ def open_flown(
         read_folder_campaign(folder),
         list(read_manifest(folder.manifest).controllers),
     )
-    plans = {}
-    for name in controllers:
+    names = list(controllers)
+    for name in names:
         if name not in flown:
             raise InputError(folder.root, f"no controller '{name}'", one_of(flown, name))
         read_checked(folder, [folder.plan(name)])
-        plans[name] = read_trusted_plan(folder, experiment, name, trusted)
+    plans = experiment.simulator.restore_plans(folder.root, names, trusted)
     return dataclasses.replace(
         make_ready(experiment, plans), columns=SampleReader(folder.samples).names
     )

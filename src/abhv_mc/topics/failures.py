@@ -287,7 +287,7 @@ def _rules_section(failures: Failures, names: Names) -> Section:
         f"false-discovery rate of {rate}"
     )
     return Section(
-        TITLE, (*items, *([Text(command)] if not names.campaign.adopted else []), Text(f"{note}."))
+        TITLE, (*items, *([Text(command)] if names.campaign.can_rerun else []), Text(f"{note}."))
     )
 
 

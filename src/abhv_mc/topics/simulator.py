@@ -43,7 +43,7 @@ class SimulatorFacts:
 
 def compute_simulator(results: FlownCampaign) -> SimulatorFacts:
     """Return what the manifest and the flights say of the simulator."""
-    manifest, model = results.manifest, results.campaign.user_model
+    manifest, can = results.manifest, results.campaign.simulator.capabilities
     reasons = {}
     for name, flights in results.flights.items():
         counts = Counter(flights.reasons.values())
@@ -55,11 +55,10 @@ def compute_simulator(results: FlownCampaign) -> SimulatorFacts:
                 FailureReason(reason or _NO_REASON, count, first[reason])
                 for reason, count in counts.most_common()
             )
-    is_flown = model is not None and model.simulator is not None
     return SimulatorFacts(
         repeatable=manifest.repeatable,
         events=manifest.simulator_events or {},
-        notes=manifest.warnings if is_flown else (),
+        notes=manifest.warnings if can.can_rerun and not can.is_repeatable else (),
         files=tuple(
             path.removeprefix(_PREFIX) for path in manifest.inputs if path.startswith(_PREFIX)
         ),
@@ -74,7 +73,7 @@ def _sentences(facts: SimulatorFacts, _names: Names) -> Sequence[str]:
 
 
 def _section(facts: SimulatorFacts, names: Names) -> Section | None:
-    if names.campaign.user_model is None and not facts.reasons:
+    if names.campaign.simulator.capabilities.is_repeatable and not facts.reasons:
         return None
     items: list[Item] = []
     if facts.repeatable is not None:

@@ -60,7 +60,7 @@ def load_fmu(source: UserSource) -> Fmu:
     try:
         import fmpy
     except ImportError:
-        wish = "pip install 'abhv-mc[fmu]'"
+        wish = "pip install fmpy"
         raise InputError(source.file, "no fmpy in this installation", wish) from None
     recipe: Any = source.recipe
     try:

@@ -2,7 +2,7 @@
 
 from collections.abc import Collection
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
@@ -209,6 +209,8 @@ def _metrics_kind(value: Any) -> str:
 class Campaign(StrictModel):
     """A campaign file."""
 
+    # What is called with an experiment to make its simulator; it stands above what is asked, so it is found late.
+    simulator_maker: ClassVar = "abhv_mc.simulators.vehicle_simulator:VehicleSimulator"
     name: Name = Field(description="name of the campaign, and of its folder below reports/")
     question: str = Field("", description="what the campaign asks; the headline of its report")
     asks: (

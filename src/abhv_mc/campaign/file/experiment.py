@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pkgutil import resolve_name
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +12,6 @@ from abhv_mc.array_types import Floats
 from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.config import Campaign, Compared
 from abhv_mc.campaign.file.keep import ALL, BY_REQUIREMENTS
-from abhv_mc.campaign.file.simulator import SimulatorCampaign
 from abhv_mc.campaign.file.unknowns import Unknowns
 from abhv_mc.campaign.sampling.derived_parameters import Derived
 from abhv_mc.campaign.sampling.designs import INDEPENDENT, Copula, Design, stream_key
@@ -26,11 +26,11 @@ from abhv_mc.campaign.sampling.samples import (
     samples_at_points,
     seeded_samples,
 )
-from abhv_mc.flight.channels import CHANNELS, Signal, effector_channels
+from abhv_mc.flight.channels import Signal
 from abhv_mc.flight.metrics import MARGINS, Metric
-from abhv_mc.flight.outcome import OUTCOMES, Outcomes, simulator_outcomes
-from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flight.outcome import Outcomes
 from abhv_mc.flight.repeatability import Repeatability
+from abhv_mc.interfaces import Engine, Plan, Simulator
 from abhv_mc.io.documents import Document
 from abhv_mc.plant.parameters import OURS, Parameters
 from abhv_mc.statistics.estimates import Criterion
@@ -64,8 +64,8 @@ class Requirement:
 class System(NamedTuple):
     """What a worker needs to fly one of the systems that are compared."""
 
-    plan: FlightPlan
-    with_margins: FlightPlan | None = None  # the same with stability margins of each flight
+    plan: Plan
+    with_margins: Plan | None = None  # the same with stability margins of each flight
 
 
 @dataclass(frozen=True)
@@ -96,6 +96,13 @@ class Experiment:
     parameters: Parameters = OURS  # what its flights may be given
     repeatability: Repeatability | None = None  # of a user's simulator, as its folder says
     file_runs: int | None = None  # of the campaign file, which an option may override
+    engine: Engine | None = None  # of the vehicle, in place of the compiled flight
+
+    @cached_property
+    def simulator(self) -> Simulator:
+        """What computes its flights."""
+        found: Simulator = resolve_name(self.model.simulator_maker)(self)
+        return found
 
     @property
     def name(self) -> str:
@@ -112,27 +119,22 @@ class Experiment:
 
     @property
     def controllers(self) -> tuple[str, ...]:
-        return tuple(self.user_model.systems if self.user_model else self.model.controllers)
-
-    @property
-    def user_model(self) -> SimulatorCampaign | None:
-        """The model of a campaign with a simulator of the user's own; None: ours flies."""
-        return self.model if isinstance(self.model, SimulatorCampaign) else None
+        return self.simulator.systems
 
     @cached_property
     def outcomes(self) -> Outcomes:
         """How its flights may end."""
-        return simulator_outcomes(self.user_model.outcomes) if self.user_model else OUTCOMES
+        return self.simulator.outcomes
 
     @property
-    def adopted(self) -> bool:
-        """Whether its flights have been flown by somebody else."""
-        return self.user_model is not None and self.user_model.simulator is None
+    def can_rerun(self) -> bool:
+        """Whether its flights can be computed again; else they are known alone."""
+        return self.simulator.capabilities.can_rerun
 
     @property
     def kind(self) -> str:
         """What is judged and compared, in a word."""
-        return "system" if self.user_model else "controller"
+        return self.simulator.kind
 
     @property
     def seed(self) -> int:
@@ -140,7 +142,7 @@ class Experiment:
 
     @property
     def sampling(self) -> str:
-        return "adopted" if self.adopted else self.model.sampling.design
+        return self.model.sampling.design if self.can_rerun else "adopted"
 
     @property
     def runs_at_point(self) -> int:
@@ -150,8 +152,8 @@ class Experiment:
     @property
     def judged(self) -> bool:
         """Whether the flights at each point are independent draws, so that requirements get verdicts."""
-        if self.user_model and self.adopted:
-            return self.user_model.independent
+        if (stated := self.simulator.independent) is not None:
+            return stated
         return self.sampling == INDEPENDENT and not self.has_noise
 
     @property
@@ -164,7 +166,7 @@ class Experiment:
         """Why its flights are no independent draws, as a clause."""
         if self.has_noise:
             return "the simulator is not repeatable, and its noise is not shown to be independent"
-        if self.adopted:
+        if not self.can_rerun:
             return "the flights of this table are not taken as independent draws"
         return f"the flights of a {self.sampling} design are not independent draws"
 
@@ -191,11 +193,7 @@ class Experiment:
     @cached_property
     def channels(self) -> tuple[Signal, ...]:
         """What histories of its flights hold; nothing of a user's simulator that returns none."""
-        return (
-            self.user_model.returned_channels
-            if self.user_model
-            else (*CHANNELS, *effector_channels(self.effectors))
-        )
+        return self.simulator.channels
 
     @property
     def kept_channels(self) -> tuple[str, ...]:
@@ -207,8 +205,9 @@ class Experiment:
 
     @property
     def has_bands(self) -> bool:
-        """Whether it has bands over time; those of a user's simulator are asked for."""
-        return self.user_model is None or "envelopes" in self.model.keep.model_fields_set
+        """Whether it has bands over time; where flights have times of their own, they are asked for."""
+        asked = "envelopes" in self.model.keep.model_fields_set
+        return asked or self.simulator.capabilities.has_mission
 
     @property
     def dispersions(self) -> dict[str, dict[str, Any]]:

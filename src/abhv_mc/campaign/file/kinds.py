@@ -11,7 +11,7 @@ from abhv_mc.campaign.file.simulator import SimulatorCampaign
 from abhv_mc.control.controller_file import CONTROLLERS, ControllerFile, read_controller
 from abhv_mc.control.law_file import USER_LAWS, UserController, find_files
 from abhv_mc.control.mission import Mission
-from abhv_mc.io.documents import Document, InputErrors, describe, one_of, read_document
+from abhv_mc.io.documents import Document, InputError, InputErrors, describe, one_of, read_document
 from abhv_mc.vehicle.document import VehicleDocument
 
 MODELS: dict[str, type[BaseModel]] = {
@@ -36,6 +36,16 @@ def find_kind(path: Path | Document, expected: str | None = None) -> str:
     if not shared[kind] and expected is None:
         raise document.error((), describe(document.data), f"the keys of {one_of(MODELS)}")
     return kind
+
+
+def require_kind(path: Path, kind: str) -> None:
+    """Raise InputError if a file is of another kind."""
+    if (actual := find_kind(path, kind)) != kind:
+        found = f"a {actual} file"
+        wish = f"a {kind} file"
+        raise InputError(
+            path, found, wish + (": `abhv-mc run` runs a campaign" * (actual == "campaign"))
+        )
 
 
 def check_kinds(document: Document, model: Campaign) -> None:

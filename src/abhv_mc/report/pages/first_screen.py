@@ -188,7 +188,8 @@ def _margin(models: Models, name: str) -> tuple[str, bool]:
     """The nominal vehicle's least margins in steady flight, and whether they are less than is customary."""
     found = least_margins(models[MARGINS], name)
     if found is None:
-        return "" if models.results.campaign.user_model else "margins: not asked", False
+        can_have = models.results.campaign.simulator.capabilities.has_margins
+        return "margins: not asked" if can_have else "", False
     if not found.stable:
         return "unstable", True
     gain, phase = found.words

@@ -81,7 +81,7 @@ def describe_flights(
         "name": results.campaign.name.replace("_", " "),
         "folder": shlex.quote(results.folder.as_posix()),
         "kind": results.campaign.kind.capitalize(),
-        "flies": not results.campaign.adopted,
+        "flies": results.campaign.can_rerun,
         "controllers": [
             {"name": name, "label": labels[name], "color": colors[name], "mark": SHAPES[mark_of(k)]}
             for k, name in enumerate(names)

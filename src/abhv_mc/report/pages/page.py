@@ -164,7 +164,8 @@ def make_page(
         if campaign.pooled_seeds
         else f"seed {campaign.seed}"
     )
-    drawn = "adopted from a table" if campaign.adopted else seeds
+    origin = campaign.simulator.origin
+    drawn = f"adopted from {origin}" if origin else seeds
     flown = fixed(next(iter(models[FLIGHTS].counts.values())).flown, 0)
     title = campaign.name.replace("_", " ")
     return (

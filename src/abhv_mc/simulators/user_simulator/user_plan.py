@@ -1,22 +1,17 @@
 """What the flights of one system of a user's simulator need, and whether this user may run it."""
 
-import hashlib
 import json
 import os
 import re
 import sys
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import ClassVar
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.file.simulator import Simulator, SimulatorCampaign
 from abhv_mc.flight.channels import Signal
 from abhv_mc.flight.metrics import Metric
-from abhv_mc.flight.outcome import Outcome
-from abhv_mc.io.input_files import read_input
 from abhv_mc.user_code.source import UserSource
 
 _PYTHON = (sys.executable, "-P", str(Path(__file__).with_name("python_lines.py")))
@@ -40,7 +35,9 @@ class UserPlan:
     channels: tuple[Signal, ...] = ()  # of the history that a flight returns
     rate: float = 10.0  # Hz that it is recorded with, and for bands over time
     band_rate: float = 5.0
-    effectors: tuple[str, ...] = ()
+
+    timing: ClassVar = None  # each flight has times of its own
+    sources: ClassVar[tuple[UserSource, ...]] = ()
     folders: tuple[str, ...] = ()  # empty ones that it needs
     start_limit: float = 600.0  # s to start
     flights_per_process: int | None = None
@@ -104,59 +101,3 @@ class UserPlan:
     def requests(self, rows: Floats) -> list[bytes]:
         """Return a line of JSON for each of ``rows`` [flight, input], up to the flight's text."""
         return [(self._template % tuple(row)).encode() for row in rows.tolist()]
-
-
-def make_user_plans(campaign: Experiment, names: Iterable[str]) -> dict[str, UserPlan]:
-    """The plans of some of a campaign's systems. Raises InputError where nothing flies it."""
-    model, simulator, base = _find_simulator(campaign)
-    files = tuple(
-        (name, hashlib.sha256(content).hexdigest())
-        for name, content in simulator_source(campaign).files
-    )
-    codes, records = campaign.outcomes.numbers, campaign.parameters.records
-    return {
-        name: UserPlan(
-            controller=name,
-            command=simulator.command or (),
-            folder=str(base.resolve()),
-            files=files,
-            python=simulator.python or "",
-            settings=json.dumps(model.systems[name]),
-            inputs=tuple(record.name for record in records),
-            seeds=tuple(record.seed for record in records),
-            metrics=campaign.measured,
-            outcomes={
-                code: number for code, number in codes.items() if code != Outcome.FAILED_TO_RUN.code
-            },
-            time_limit=simulator.time_limit,
-            folders=tuple(simulator.find_folders(base)),
-            start_limit=simulator.start_limit,
-            flights_per_process=simulator.flights_per_process,
-            channels=campaign.channels,
-            rate=model.keep.histories.rate,
-            band_rate=model.keep.envelopes.rate,
-            campaign_folder=str(campaign.document.path.parent.resolve()),
-        )
-        for name in names
-    }
-
-
-def _find_simulator(campaign: Experiment) -> tuple[SimulatorCampaign, Simulator, Path]:
-    """What flies, and the folder that it lies in. Raises InputError where nothing does."""
-    model = campaign.user_model
-    if model is None or model.simulator is None:
-        found = "a campaign without a simulator: nothing can fly"
-        raise campaign.document.error(
-            (), found, "'simulator' here; abhv-mc adopt TABLE takes flights that were flown"
-        )
-    return model, model.simulator, campaign.document.path.parent / model.simulator.folder
-
-
-def simulator_source(campaign: Experiment) -> UserSource:
-    """The simulator's files, by which it is trusted. Nothing is run."""
-    _, simulator, base = _find_simulator(campaign)
-    files = tuple((name, read_input(path)) for name, path in simulator.find_files(base).items())
-    text = json.dumps([simulator.python, simulator.command])
-    return UserSource(
-        text, str(base / (simulator.python or (simulator.command or ("",))[0])), files
-    )

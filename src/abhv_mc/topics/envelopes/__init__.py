@@ -49,9 +49,9 @@ CURVES = (
 def curves_of(campaign: Experiment) -> tuple[Curve, ...]:
     """Those that a sheet of its flights may show: all channels of a user's simulator."""
     return (
-        tuple(Curve(each.name, each.axis) for each in campaign.channels)
-        if campaign.user_model
-        else CURVES
+        CURVES
+        if campaign.simulator.capabilities.has_mission
+        else tuple(Curve(each.name, each.axis) for each in campaign.channels)
     )
 
 
@@ -99,12 +99,11 @@ def envelope_section(found: Envelopes, names: Names) -> Section | None:
         flown = max(flights.flight.size for flights in names.results.flights.values())
         of = "" if found.flights >= flown else f" of flights 0 to {found.flights - 1}"
         who, ends = "flights still airborne", "at any control tick; the other bands are of samples"
-        if campaign.user_model:
-            who, ends = (
-                "flights that have a history then",
-                "of all samples returned; the other bands are of values",
-            )
-        apart = " s apart, linear between samples" if campaign.user_model else " s apart"
+        apart = " s apart"
+        if not campaign.simulator.capabilities.has_mission:
+            who = "flights that have a history then"
+            ends = "of all samples returned; the other bands are of values"
+            apart += ", linear between samples"
         items.append(
             Text(
                 f"Bands are pointwise quantiles over the {who}{of}: no single flight need follow one. "

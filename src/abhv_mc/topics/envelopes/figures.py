@@ -37,10 +37,11 @@ def draw(_found: Envelopes, names: Names) -> Iterator[tuple[FigureText, Figure]]
         )
 
     if rows := _rows(find, controllers, results.reference, curves_of(campaign)):
+        ours = _OURS if campaign.simulator.capabilities.has_mission else ""
         words = FigureText(
             "channels",
             "The channels over all flights",
-            f"Bands of all {campaign.kind}s in the same axes{'' if campaign.user_model else _OURS}.",
+            f"Bands of all {campaign.kind}s in the same axes{ours}.",
             alt="The table above has the smallest and the largest value of each channel.",
         )
         yield words, plot_sheet(rows, names.controllers, controller_colors(controllers))

@@ -80,9 +80,12 @@ def _items(found: Flights, names: Names) -> Iterator[Item]:
             ("Input", "Unit", "Stated mean", "Found mean", "Stated spread", "Found spread"),
             (tuple(_moments(name, found.inputs[name], names) for name in found.inputs),),
         )
-    heads = (campaign.kind.capitalize(), "Flown", "Ended early", "Not computed", "Outcomes")
-    counts = tuple(_counts(names.label(name), entry) for name, entry in found.counts.items())
-    yield Table("How the flights ended", heads, (counts,), numbers=False)
+    if any(entry.failed or entry.not_computed for entry in found.counts.values()):
+        heads = (campaign.kind.capitalize(), "Flown", "Ended early", "Not computed", "Outcomes")
+        counts = tuple(_counts(names.label(name), entry) for name, entry in found.counts.items())
+        yield Table("How the flights ended", heads, (counts,), numbers=False)
+    else:
+        yield Text("No flight ended early.")
     yield Widget("flights")
     kept = (
         "Their histories are kept: a number draws it" if campaign.channels else "A number opens it"
@@ -92,7 +95,7 @@ def _items(found: Flights, names: Names) -> Iterator[Item]:
         "in units of it as in the chart (without requirements, of the median). "
         f"{kept} above; on paper the first five are listed."
     )
-    if not campaign.adopted:
+    if campaign.can_rerun:
         words += f" `abhv-mc explain {names.folder} --controller NAME --flight NUMBER` finds the smallest set of "
         words += "dispersions that still makes a flight fail."
     yield Text(words)
@@ -110,7 +113,7 @@ def _items(found: Flights, names: Names) -> Iterator[Item]:
         again = f"Again, bit for bit: `abhv-mc replay {names.folder} --controller {name} --flight NUMBER`"
         listed = tuple(_worst(name, each, names) for each in flights)
         table = Table(title, worst_heads, (listed,)).without_constant()
-        yield Fold(title, (table,) if campaign.adopted else (Text(again), table))
+        yield Fold(title, (Text(again), table) if campaign.can_rerun else (table,))
     yield Picture("worst_flights")
 
 
@@ -121,12 +124,12 @@ def _flown(found: Flights, campaign: Experiment, names: Names) -> str:
     if campaign.model.stop:
         text += f" (at most {fixed(campaign.runs, 0)}; it stops when proven)"
     seeds = f"seeds {', '.join(map(str, campaign.pooled_seeds))} one after the other"
-    if campaign.adopted:
+    if origin := campaign.simulator.origin:
         claim = (
             "No test contradicts that they are" if campaign.independent else "They are not taken as"
         )
         return (
-            f"{text}, imported from a table. {claim} independent draws of the stated dispersions. "
+            f"{text}, imported from {origin}. {claim} independent draws of the stated dispersions. "
         )
     text += f" ({campaign.sampling.replace('_', ' ')} sampling, "
     text += f"{seeds if campaign.pooled_seeds else f'seed {campaign.seed}'}). "

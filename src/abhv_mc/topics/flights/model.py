@@ -238,7 +238,7 @@ def compute_flights(results: FlownCampaign) -> Flights:
     names = results.controllers
     disturbed = not set(DISTURBANCES).isdisjoint(results.campaign.varied)
     campaign = results.campaign
-    stated = campaign.marginals.items() if campaign.adopted else ()
+    stated = () if campaign.can_rerun else campaign.marginals.items()
     return Flights(
         parameters=results.dispersed,
         dispersions=campaign.dispersions,

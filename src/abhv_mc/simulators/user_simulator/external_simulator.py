@@ -1,0 +1,184 @@
+"""Simulators of the user's own: a Python function or a program, and tables that one has written."""
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from abhv_mc.array_types import Floats
+from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.campaign.file.simulator import SYSTEMS, Simulator, SimulatorCampaign
+from abhv_mc.flight.outcome import Outcome, simulator_outcomes
+from abhv_mc.folder.inputs import read_folder_campaign
+from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.identity import code_hash
+from abhv_mc.interfaces import Capabilities, Engine
+from abhv_mc.io.input_error import InputError, InputErrors
+from abhv_mc.io.input_files import read_input
+from abhv_mc.simulators.campaign_code import check_user_code
+from abhv_mc.simulators.feasibility import asked_in_vain
+from abhv_mc.simulators.user_simulator.process import LostFlightError, Process
+from abhv_mc.simulators.user_simulator.process_pool import end_processes
+from abhv_mc.simulators.user_simulator.user_flights import fly_user_simulator, seconds_of_a_flight
+from abhv_mc.simulators.user_simulator.user_plan import UserPlan
+from abhv_mc.user_code.source import UserSource
+from abhv_mc.user_code.trust import check_trusted
+
+_BY_ORDER = (
+    "answers of the program are matched to requests by order,"
+    " unless each repeats the text of its request's key 'flight'"
+)
+
+
+class ExternalSimulator:
+    """A Python function, or a program that speaks JSON lines."""
+
+    kind = "system"
+    origin = method = ""
+    capabilities = Capabilities(is_repeatable=False, has_margins=False, has_mission=False)
+
+    def __init__(self, experiment: Experiment, model: SimulatorCampaign) -> None:
+        self.experiment, self.model = experiment, model
+        self.systems, self.channels = tuple(model.systems), model.returned_channels
+        self.outcomes = simulator_outcomes(model.outcomes)
+        self.states_noise = model.simulator is not None and not model.simulator.repeatable
+        self.independent = None if model.simulator else model.independent
+
+    @cached_property
+    def engine(self) -> Engine:
+        return Engine(None, fly_user_simulator, code_hash(), checked=True, close=end_processes)
+
+    def check(self, feature: str) -> None:
+        found = f"a user's simulator, which has nothing for {feature}"
+        wish = "a campaign of our own: with vehicle, mission and controllers"
+        raise self.experiment.document.error((), found, wish)
+
+    def find_simulator(self) -> tuple[Simulator, Path]:
+        """What computes flights, and the folder that it lies in. Raises InputError where nothing does."""
+        document = self.experiment.document
+        if self.model.simulator is None:
+            wish = "'simulator' here; abhv-mc adopt TABLE takes flights that were flown"
+            raise document.error((), "a campaign without a simulator: nothing can fly", wish)
+        return self.model.simulator, document.path.parent / self.model.simulator.folder
+
+    def find_code(self) -> list[tuple[Path, UserSource]]:
+        simulator, base = self.find_simulator()
+        files = tuple((name, read_input(path)) for name, path in simulator.find_files(base).items())
+        text = json.dumps([simulator.python, simulator.command])
+        start = base / (simulator.python or (simulator.command or ("",))[0])
+        return [(start, UserSource(text, str(start), files))]
+
+    def pack(self, take: Callable[[Path, str], str], copies: dict[str, Path]) -> dict[str, Any]:
+        entries: dict[str, Any] = {SYSTEMS: self.model.systems}
+        if self.model.simulator is None:
+            return entries
+        place, (simulator, base) = "inputs/simulator", self.find_simulator()
+        for name, path in simulator.find_files(base).items():
+            copies[f"{place}/{name}"] = path
+        written: Any = self.experiment.document.data
+        data = {**written["simulator"], "folder": place}
+        if folders := simulator.find_folders(base):  # the results folder holds files alone
+            data["files"] = [
+                f"{entry.rstrip('/')}/" if entry in folders else entry for entry in simulator.files
+            ]
+        return {"simulator": data, **entries}
+
+    def make_plans(self, names: Sequence[str]) -> dict[str, UserPlan]:
+        check_user_code(self.experiment)
+        return self._make_plans(names, self.model)
+
+    def restore_plans(
+        self, root: Path, names: Sequence[str], trusted: bool = False
+    ) -> dict[str, UserPlan]:
+        ((_, source),) = self.find_code()
+        check_trusted(source, trusted)
+        if self.model.systems.keys() >= set(names):
+            return self._make_plans(names, self.model)
+        # flown before, and not asked for now
+        return self._make_plans(names, read_folder_campaign(CampaignFolder(root)).model)
+
+    def _make_plans(self, names: Sequence[str], model: Any) -> dict[str, UserPlan]:
+        """Plans of systems with the settings of ``model``."""
+        (simulator, base), experiment = self.find_simulator(), self.experiment
+        ((_, source),) = self.find_code()
+        records, keep = experiment.parameters.records, experiment.model.keep
+        lost = Outcome.FAILED_TO_RUN.code
+        return {
+            name: UserPlan(
+                controller=name,
+                command=simulator.command or (),
+                folder=str(base.resolve()),
+                files=tuple((at, hashlib.sha256(data).hexdigest()) for at, data in source.files),
+                python=simulator.python or "",
+                settings=json.dumps(model.systems[name]),
+                inputs=tuple(record.name for record in records),
+                seeds=tuple(record.seed for record in records),
+                metrics=experiment.measured,
+                outcomes={code: n for code, n in self.outcomes.numbers.items() if code != lost},
+                time_limit=simulator.time_limit,
+                folders=tuple(simulator.find_folders(base)),
+                start_limit=simulator.start_limit,
+                flights_per_process=simulator.flights_per_process,
+                channels=self.channels,
+                rate=keep.histories.rate,
+                band_rate=keep.envelopes.rate,
+                campaign_folder=str(experiment.document.path.parent.resolve()),
+            )
+            for name in names
+        }
+
+    def add_margins(self, plans: Mapping[str, UserPlan]) -> dict[str, UserPlan]:
+        return {}
+
+    def fit_plans(
+        self, plans: Mapping[str, UserPlan], names: Sequence[str], rows: Floats
+    ) -> Mapping[str, UserPlan]:
+        return plans
+
+    def find_stride(self, plan: UserPlan, kept: str) -> int:
+        return 1
+
+    def find_warnings(self, plans: Mapping[str, UserPlan]) -> list[str]:
+        return asked_in_vain(self.experiment)
+
+    def find_reference(self, plan: UserPlan) -> dict[str, Floats]:
+        return {}
+
+    def time_of_flight(self, plans: Sequence[UserPlan]) -> float | None:
+        return seconds_of_a_flight(plans)
+
+    def describe_end(self, system: str, row: Floats, outcome: int) -> str:
+        ends = self.outcomes
+        return ends.sentences[ends.codes[outcome]]
+
+    def find_lacking(self) -> list[InputError]:
+        return []
+
+    def try_out(self) -> Iterator[str]:
+        plan = next(iter(self.make_plans(self.systems).values()))
+        try:
+            Process(plan).end()
+        except (LostFlightError, OSError) as error:
+            found, wish = f"{error}{plan.name_undeclared(str(error))}", "a simulator that starts"
+            place = self.experiment.document.key_error(("simulator",), found, wish)
+            raise InputErrors([place]) from None
+        if self.model.simulator and self.model.simulator.command:
+            yield _BY_ORDER
+
+
+class ImportedTable(ExternalSimulator):
+    """Flights that another simulator has computed."""
+
+    origin = "a table"
+    capabilities = ExternalSimulator.capabilities._replace(can_rerun=False)
+
+    def try_out(self) -> Iterator[str]:
+        return iter(())
+
+
+def make_simulator(experiment: Experiment) -> ExternalSimulator:
+    """The simulator of one campaign."""
+    model: Any = experiment.model
+    return (ExternalSimulator if model.simulator else ImportedTable)(experiment, model)

@@ -1,0 +1,143 @@
+"""The program's own simulator: a vehicle that flies a mission with its controllers."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from abhv_mc.array_types import Floats
+from abhv_mc.campaign.file.config import PROCESSES
+from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.flight.channels import CHANNELS, Signal, effector_channels
+from abhv_mc.flight.outcome import OUTCOMES, Outcome
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.identity import code_hash
+from abhv_mc.interfaces import Capabilities, Engine
+from abhv_mc.io.input_error import InputError
+from abhv_mc.user_code.source import UserSource
+
+
+class VehicleSimulator:
+    """Plans by the vehicle's trim and its controllers' design, flown by the compiled flight."""
+
+    kind = "controller"
+    origin = ""
+    method = (
+        "Method: G. D. Zhu and Z. J. Shen, three-dimensional trajectory linearization control of"
+        " an air-breathing hypersonic vehicle, 2014."
+    )
+    capabilities = Capabilities()
+    outcomes = OUTCOMES
+    states_noise = False
+    independent: bool | None = None
+
+    def __init__(self, experiment: Experiment) -> None:
+        self.experiment, model = experiment, experiment.model
+        self.systems: tuple[str, ...] = tuple(model.controllers)
+        self.channels: tuple[Signal, ...] = (*CHANNELS, *effector_channels(experiment.effectors))
+
+    @cached_property
+    def engine(self) -> Engine:
+        return self.experiment.engine or make_engine()
+
+    def check(self, feature: str) -> None:
+        pass
+
+    def find_code(self) -> list[tuple[Path, UserSource]]:
+        from abhv_mc.simulators.campaign_code import find_code
+
+        return find_code(self.experiment.model)
+
+    def pack(self, take: Callable[[Path, str], str], copies: dict[str, Path]) -> dict[str, Any]:
+        model = self.experiment.model
+        return {
+            "vehicle": take(model.vehicle, "inputs/vehicle"),
+            "mission": take(model.mission, "inputs/mission"),
+            "controllers": {
+                name: take(path, f"inputs/controllers/{name}")
+                for name, path in model.controllers.items()
+            },
+        }
+
+    def make_plans(self, names: Sequence[str]) -> dict[str, FlightPlan]:
+        from abhv_mc.simulators.make_plans import make_plans
+
+        return make_plans(self.experiment, names, self.engine.prepare)
+
+    def restore_plans(
+        self, root: Path, names: Sequence[str], trusted: bool = False
+    ) -> dict[str, FlightPlan]:
+        from abhv_mc.simulators.stored_plans import read_trusted_plan
+
+        return {name: read_trusted_plan(root, self.experiment, name, trusted) for name in names}
+
+    def add_margins(self, plans: Mapping[str, FlightPlan]) -> Mapping[str, FlightPlan]:
+        from abhv_mc.simulators.margin_plans import make_margin_plans
+
+        return make_margin_plans(self.experiment, plans)
+
+    def fit_plans(
+        self, plans: Mapping[str, FlightPlan], names: Sequence[str], rows: Floats
+    ) -> dict[str, FlightPlan]:
+        from abhv_mc.campaign.sampling.samples import full_rows
+        from abhv_mc.simulators.make_plans import check_rows
+
+        varied = {*self.experiment.names, *names}
+        for plan in plans.values():
+            check_rows(plan, full_rows(names, rows, self.experiment.derived))
+        return {name: plan.lean_for(varied) for name, plan in plans.items()}
+
+    def find_stride(self, plan: FlightPlan, kept: str) -> int:
+        document, rate = self.experiment.document, getattr(self.experiment.model.keep, kept).rate
+        ticks = 1.0 / (rate * plan.timing.tick)
+        every = round(ticks)
+        if every < 1 or abs(ticks - every) > 1e-9 * ticks:
+            control = f"control ticks at {1.0 / plan.timing.tick:g} Hz"
+            found = f"{rate:g} Hz (keep.{kept}.rate) with {control}"
+            wish = "a rate that divides the control rate"
+            raise document.error(("keep", kept, "rate"), found, wish)
+        return every
+
+    def find_warnings(self, plans: Mapping[str, FlightPlan]) -> list[str]:
+        from abhv_mc.simulators.make_plans import find_warnings
+
+        return find_warnings(plans, self.experiment)
+
+    def find_reference(self, plan: FlightPlan) -> dict[str, Floats]:
+        from abhv_mc.simulators.make_plans import reference_of
+
+        return reference_of(plan, self.find_stride(plan, "histories"))
+
+    def time_of_flight(self, plans: Sequence[FlightPlan]) -> None:
+        return None
+
+    def describe_end(self, system: str, row: Floats, outcome: int) -> str:
+        from abhv_mc.simulators.end_sentence import describe_end
+
+        plan: Any = self.experiment.systems[system].plan
+        return describe_end(plan, self.experiment.rows(row), Outcome(outcome))
+
+    def find_lacking(self) -> list[InputError]:
+        from abhv_mc.simulators.feasibility import find_lacking
+        from abhv_mc.user_code.vehicle_functions import load_vehicle
+
+        return find_lacking(self.experiment, load_vehicle(self.experiment.model.vehicle))
+
+    def try_out(self) -> Iterator[str]:
+        return iter(())
+
+
+def make_engine() -> Engine:
+    """The compiled flight."""
+    from abhv_mc.flight.prepare import prepare
+    from abhv_mc.simulators.corner_margins import describe_stability
+    from abhv_mc.stability.fly_with_margins import fly_with_margins
+
+    return Engine(
+        prepare,
+        fly_with_margins,
+        code_hash(),
+        describe_stability,
+        checked=True,
+        isolation=PROCESSES,
+    )
