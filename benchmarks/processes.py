@@ -64,14 +64,17 @@ def run_command(*words: str) -> Usage:
 
 
 def measure_all(
-    command: Sequence[str], environment: Mapping[str, str] | None = None
+    command: Sequence[str],
+    environment: Mapping[str, str] | None = None,
+    folder: Path | None = None,
 ) -> tuple[float, float]:
     """Return the processor time (s) of a command with all its processes, and the memory (MB) of the largest.
 
-    Raises RuntimeError if it fails; a failed requirement is no failure.
+    It starts in ``folder``. Raises RuntimeError if it fails; a failed requirement is no failure.
     """
     ended = subprocess.run(
         [sys.executable, "-S", "-c", _MEASURED, *command],
+        cwd=folder,
         env=environment,
         check=True,
         capture_output=True,

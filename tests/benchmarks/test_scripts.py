@@ -25,7 +25,7 @@ BENCHMARKS = (
         "placement",
     ),
     *("rare_against_plain", "rare_coverage", "storage", "unknowns", "user_law", "verdict_errors"),
-    *(f"versions {ROOT}", "worst_seeds", "table_checks", "others.sensitivity"),
+    *(f"versions {ROOT}", "worst_seeds", "table_checks", "others.fair_fight", "others.sensitivity"),
 )
 # These need what is not installed here (other programs, the network), run whole in other tests or in
 # `make test-thorough`, or belong to a script that runs.
