@@ -178,8 +178,7 @@ def _read_histories(
     noise: Mapping[str, float],
 ) -> tuple[Floats, Floats, Floats, list[str]]:
     """Return simulated and test histories [flight, time, channel], the times of the first test flight, the channels."""
-    kept = read_histories(results.folder, controller)
-    histories = [kept[k] for k in _random_flights(results, kept)]
+    histories = _random_histories(results, controller)
     if not histories:
         expected = (
             "'keep: {histories: {flights: all}}', or 'every N': chosen flights are no random ones"
@@ -200,30 +199,49 @@ def _read_histories(
     sigma = np.array([noise.get(name, 0.0) for name in channels])
     draw = np.random.default_rng(0)
 
-    def sample(at: Floats, columns: Sequence[Floats]) -> Floats:
-        return np.column_stack([np.interp(times, at, c, np.nan, np.nan) for c in columns])
-
-    simulated = np.stack(
-        [
-            sample(history["time"], [history[name] for name in channels])
-            + sigma * draw.standard_normal((times.size, sigma.size))
-            for history in histories
-        ]
-    )
+    simulated = np.stack([_sample(history, channels, times) for history in histories])
+    simulated += sigma * draw.standard_normal(simulated.shape)
     tests = np.stack(
-        [sample(_columns(t, ["time"])[:, 0], list(_columns(t, channels).T)) for t in tables]
+        [_sample(dict(zip(t.names, t.values.T, strict=True)), channels, times) for t in tables]
     )
+    for table, test in zip(tables, tests, strict=True):
+        if not np.isfinite(test).any():
+            raise table.error(0, "time", "no time of the first test flight", "times in common")
     return simulated[np.isfinite(simulated).any(axis=(1, 2))], tests, times, channels
 
 
-def _random_flights(results: FlownCampaign, kept: Mapping[int, object]) -> list[int]:
-    """Return the flights whose histories are kept whatever became of them."""
+def _sample(history: Mapping[str, Floats], channels: Sequence[str], times: Floats) -> Floats:
+    """Return channels [time, channel] at these times; NaN outside the history."""
+    at = history["time"]
+    return np.column_stack([np.interp(times, at, history[c], np.nan, np.nan) for c in channels])
+
+
+def _random_histories(results: FlownCampaign, controller: str) -> list[dict[str, Floats]]:
+    """Return the histories that are kept whatever became of their flights."""
     steps = [
         1 if item == "all" else int(str(item).removeprefix("every "))
         for item in results.campaign.model.keep.histories.flights
         if str(item) == "all" or str(item).startswith("every ")
     ]
-    return [k for k in sorted(kept) if any(k % step == 0 for step in steps)]
+    kept = read_histories(results.folder, controller) if steps else {}
+    return [kept[k] for k in sorted(kept) if any(k % step == 0 for step in steps)]
+
+
+def find_band(
+    results: FlownCampaign, controller: str, channels: Sequence[str], times: Floats
+) -> tuple[list[str], Band] | None:
+    """Return the simultaneous band of a campaign's histories and those of the channels that they have.
+
+    None without enough random histories, or a channel.
+    """
+    if not results.campaign.independent:
+        return None
+    histories = _random_histories(results, controller)
+    shared = [name for name in channels if histories and name in histories[0]]
+    if len(histories) < FEWEST_FLIGHTS or not shared:
+        return None
+    sampled = np.stack([_sample(history, shared, times) for history in histories])
+    return shared, simultaneous_band(sampled, CONFIDENCE)
 
 
 def summarize(histories: Floats) -> Floats:
