@@ -1,7 +1,8 @@
 """Functions that connect a written model to the program: coefficients, thrust and a control law in SI and radians."""
 
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Collection, Mapping
 
 from abhv_mc.io.input_error import InputError, Refusal
 from abhv_mc.io.units import parse_unit
@@ -37,6 +38,9 @@ SOURCES: dict[str, dict[str, str]] = {
     "inertia": {},
     "control": _MEASURED,
 }
+_TERM = re.compile(
+    r"\s*([+-]?)\s*(?:([0-9]+\.?[0-9]*|\.[0-9]+)\s*\*?\s*)?([A-Za-z_]\w*)\s*", re.ASCII
+)
 MEASURED = "_measured"  # a command that says whether the measured value counts
 FORCES = {"body": ("CX", "CY", "CZ"), "stability": ("CL", "CD", "CY")}
 MOMENTS = ("Cl", "Cm", "Cn")
@@ -44,13 +48,38 @@ THRUST = ("force_x", "force_y", "force_z", "fuel_flow", "moment_x", "moment_y", 
 
 
 def find_questions(model: Model) -> list[Variable]:
-    """Inputs that no signal of the program gives. What a control law lacks are its commands."""
+    """Return the inputs that no signal of the program gives. What a control law lacks are its commands."""
     kinds = kinds_of(model)
     known = {name for kind in kinds for name in SOURCES[kind]}
     open_ones = [
         v for v in model.inputs if (of := quantity_of(v)) not in known or sign_of(of, v) is None
     ]
     return [] if "control" in kinds else open_ones
+
+
+def parse_answer(
+    model: Model, variable: Variable, answer: str, effectors: Collection[str]
+) -> list[tuple[float, str]]:
+    """Return the terms of 'elevator + aileron' or '-0.5 rudder': factors and names. Raise Refusal."""
+    names = {name for kind in kinds_of(model) for name in SOURCES[kind]} | set(effectors)
+    example = "a number, or a sum such as 'elevator + aileron' of"
+    terms: list[tuple[float, str]] = []
+    end = 0
+    for match in _TERM.finditer(answer):
+        sign, number_text, name = match.groups()
+        if match.start() != end or (terms and not sign) or name not in names:
+            break
+        terms.append(((-1.0 if sign == "-" else 1.0) * float(number_text or 1.0), name))
+        end = match.end()
+    if end < len(answer) or not terms:
+        raise Refusal(f"'{answer}'", f"{example} {', '.join(sorted(names))}")
+    for _, name in terms:
+        _factor_of(model, variable, name)
+    return terms
+
+
+def _factor_of(model: Model, variable: Variable, name: str) -> float:
+    return factor_to_si(model, variable, name if name in SI else "aileron")  # effectors: angles
 
 
 def factor_to_si(model: Model, variable: Variable, quantity: str) -> float:
@@ -74,27 +103,47 @@ def _scaled(value: str, factor: float, operation: str) -> str:
     return f"{value} {operation} {'DEGREE' if factor == math.pi / 180.0 else number(factor)}"
 
 
-def _call(model: Model, kind: str, answers: Mapping[str, Answer]) -> Line:
-    """The line that calls the model with what the program gives."""
-    given, sources = {}, SOURCES[kind]
+def _call(
+    model: Model, kind: str, answers: Mapping[str, Answer], effectors: Collection[str] = ()
+) -> Line:
+    """Return the line that calls the model with what the program gives."""
+    given, sources = {}, SOURCES[kind] | {name: f"controls.{name}" for name in effectors}
     for variable in model.inputs:
         key, answer = variable.key, answers.get(variable.identifier)
         if isinstance(answer, float | int):
             given[key] = number(answer)
             continue
         quantity = quantity_of(variable)
-        sign = 1 if quantity is None else sign_of(quantity, variable)
         if isinstance(answer, str):
-            quantity, sign = answer.removeprefix("-"), -1 if answer.startswith("-") else 1
-        if quantity in sources:
-            factor = (sign or 1) * factor_to_si(model, variable, quantity)
-            given[key] = _scaled(sources[quantity], factor, "/")
+            terms = parse_answer(model, variable, answer, effectors)
+            if any(name not in sources for _, name in terms):
+                continue
+            first, *others = (_scaled(sources[name], factor, "*") for factor, name in terms)
+            total = "".join(
+                [first, *(f" {t[0]} {t[1:]}" if t[0] == "-" else f" + {t}" for t in others)]
+            )
+            value = f"({total})" if others else total
+            given[key] = _scaled(value, _factor_of(model, variable, terms[0][1]), "/")
+        elif quantity in sources:
+            sign = sign_of(quantity, variable) or 1
+            given[key] = _scaled(
+                sources[quantity], sign * factor_to_si(model, variable, quantity), "/"
+            )
         elif kind == "control":
             command = f"commands.{key}"
             if quantity == "cross_track":  # there to the right, and from where it is wanted
                 command = f"({command} - {command}{MEASURED} * measured.cross_track)"
             given[key] = _scaled(command, command_unit(variable)[1], "/")
     return Line(f"out = {call(MODEL, (f'{key}={value}' for key, value in given.items()))}")
+
+
+def signed_factor(model: Model, variable: Variable, quantity: str) -> float:
+    """Return the factor from an output to this program's unit and direction. Raise InputError."""
+    sign = sign_of(quantity, variable)
+    if sign is None and variable.sign:
+        found = f"'{variable.identifier}', the {quantity}, with the sign '{variable.sign}'"
+        raise InputError(model.path, found, "a sign that S-119 knows", variable.line)
+    return (sign or 1) * factor_to_si(model, variable, quantity)
 
 
 def _return(kind: str, model: Model, expected: tuple[str, ...]) -> Line:
@@ -104,17 +153,21 @@ def _return(kind: str, model: Model, expected: tuple[str, ...]) -> Line:
         variable = outputs.get(quantity)
         if variable is None or (not variable.computed and variable.initial == 0.0):
             continue
-        factor = (sign_of(quantity, variable) or 1) * factor_to_si(model, variable, quantity)
+        factor = signed_factor(model, variable, quantity)
         given.append(f"{quantity}={_scaled(f'out.{variable.key}', factor, '*')}")
     return Line(f"return {call(kind, given)}")
 
 
 def write_coefficients(
-    model: Model, answers: Mapping[str, Answer], span: float, chord: float
+    model: Model,
+    answers: Mapping[str, Answer],
+    span: float,
+    chord: float,
+    effectors: Collection[str] = (),
 ) -> list[Line]:
     """The function that the vehicle file names under ``aerodynamics``."""
     frame = frame_of(model)
-    called = _call(model, "aerodynamics", answers)
+    called = _call(model, "aerodynamics", answers, effectors)
     about = f"Coefficients in {frame} axes about the moment reference of the file."
     body = [called, _return("Coefficients", model, (*FORCES[frame], *MOMENTS))]
     lengths = (("SPAN", span), ("CHORD", chord))

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from abhv_mc.cli.outputs import output, output_folder
-from abhv_mc.cli.printing import say
+from abhv_mc.cli.printing import announce_warnings, say
 
 
 def daveml(
@@ -21,5 +21,9 @@ def daveml(
     """
     from abhv_mc_daveml.import_vehicle import import_daveml
 
-    for path in import_daveml(files, out):
+    imported = import_daveml(files, out)
+    for name, shots in imported.shots.items():
+        say(f"{name}: {shots} check shots pass" if shots else f"{name}: holds no check shots")
+    for path in imported.paths:
         say(path)
+    announce_warnings(f"{path} was edited; the new text is beside it" for path in imported.kept)

@@ -15,6 +15,16 @@ _WITHOUT_TOLERANCE = 1e-6  # of a check value for which the file gives none
 
 
 @dataclass(frozen=True)
+class Uncertainty:
+    """How far a variable may be off, as far as two numbers say it."""
+
+    effect: str  # additive, multiplicative (a share of the value), percentage or absolute
+    half_width: float | None  # None: a table, other variables, or bounds that are not symmetric
+    sigmas: float | None  # standard deviations of a normal distribution in it; None: uniform
+    correlations: tuple[tuple[str, float], ...]  # varID and coefficient
+
+
+@dataclass(frozen=True)
 class Variable:
     """A variable: where its value comes from is its formula or its look-up, else its initial value, else the caller."""
 
@@ -33,6 +43,7 @@ class Variable:
     is_input: bool
     is_output: bool
     line: int
+    uncertainty: Uncertainty | None = None
 
     @property
     def computed(self) -> bool:
@@ -174,6 +185,29 @@ def _read_variable(node: Node, look_ups: dict[str, LookUp], names: dict[str, str
         formula is None and look_up is None and (marked or initial is None),
         node.first("isOutput") is not None,
         node.line,
+        _read_uncertainty(node),
+    )
+
+
+def _read_uncertainty(node: Node) -> Uncertainty | None:
+    if (stated := node.first("uncertainty")) is None:
+        return None
+    normal, uniform = stated.first("normalPDF"), stated.first("uniformPDF")
+    law = normal or uniform
+    if law is None:
+        raise stated.refuse("an uncertainty without a distribution", "normalPDF or uniformPDF")
+    bounds = law.all("bounds")
+    numbers = [bound.number(bound.text) for bound in bounds if bound.text and not bound.children]
+    if len(numbers) == 2 and numbers[0] == -numbers[1]:
+        numbers = [abs(numbers[0])]
+    return Uncertainty(
+        stated.attributes.get("effect", "additive"),
+        numbers[0] if len(numbers) == 1 else None,
+        normal.number(normal.attributes.get("numSigmas", "1")) if normal else None,
+        tuple(
+            (each.attributes.get("varID", ""), each.number(each.attributes.get("corrCoef", "")))
+            for each in law.all("correlation")
+        ),
     )
 
 
@@ -199,7 +233,15 @@ def _in_order(path: Path, variables: dict[str, Variable]) -> dict[str, Variable]
 
 
 def _read_shot(shot: Node, variables: dict[str, Variable]) -> CheckShot:
-    by_name = {variable.name: variable.identifier for variable in variables.values()}
+    by_name: dict[str, list[Variable]] = {}
+    for variable in variables.values():
+        by_name.setdefault(variable.name, []).append(variable)
+
+    def find(name: str, units: str) -> str:
+        """Return the varID of a name; of several variables that share it, of the one with these units."""
+        several = by_name.get(name, [])
+        same = [variable for variable in several if variable.units == units] or several
+        return same[0].identifier if len(same) == 1 else name
 
     def read(group: str) -> Iterator[tuple[Node, str, float]]:
         """Each signal, its variable and the factor to the variable's units."""
@@ -208,7 +250,9 @@ def _read_shot(shot: Node, variables: dict[str, Variable]) -> CheckShot:
                 signal.words("signalName"),
                 signal.words("varID") or signal.words("signalID"),
             )
-            identifier = identified if identified in variables else by_name.get(name, name)
+            identifier = identified
+            if identified not in variables:
+                identifier = find(name, signal.words("signalUnits"))
             if identifier not in variables:
                 given = name or identified
                 raise signal.refuse(f"the signal '{given}'", one_of((*by_name, *variables), given))

@@ -1,15 +1,17 @@
 """``abhv-mc import daveml``: from DAVE-ML files to a folder with Python functions and a vehicle file."""
 
+import hashlib
 import json
 import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.documents import read_document
-from abhv_mc.io.input_error import InputError, describe
+from abhv_mc.io.input_error import InputError, Refusal, describe, one_of
 from abhv_mc_daveml.adapters import (
     Answer,
     command_inputs,
@@ -17,71 +19,117 @@ from abhv_mc_daveml.adapters import (
     factor_to_si,
     find_questions,
     frame_of,
+    parse_answer,
+    signed_factor,
     write_coefficients,
     write_law,
     write_thrust,
 )
-from abhv_mc_daveml.graph import Model, read_model
+from abhv_mc_daveml.graph import Model, Variable, read_model
 from abhv_mc_daveml.signals import find_signals, kinds_of, quantity_of
+from abhv_mc_daveml.uncertainties import write_dispersions
 from abhv_mc_daveml.writer import Line, make_function, run_shots, write_module
 from abhv_mc_daveml.xml_reader import fold
 
-ANSWERS = "import.yaml"
+ANSWERS, EFFECTORS = "import.yaml", "effectors"
+_UNEDITED = "# A second import replaces this file unless it is edited. SHA-256 of the text above: "
 Answers = dict[str, dict[str, Answer]]  # [file name][varID]
 
 
-def import_daveml(files: Sequence[Path], folder: Path) -> list[Path]:
-    """Write what the files hold into a folder: the paths written. Every check shot is run before anything is.
+@dataclass(frozen=True)
+class Imported:
+    """What an import wrote."""
 
-    A number that the files leave open is asked for in ``import.yaml`` there, and the import stops. Raises InputError.
+    paths: tuple[Path, ...]
+    shots: Mapping[str, int]  # check shots that passed, by file
+    kept: tuple[Path, ...]  # files that were edited, whose new text is written beside them
+
+
+def import_daveml(files: Sequence[Path], folder: Path) -> Imported:
+    """Write what the files hold into a folder. Every check shot is run before anything is.
+
+    A number that the files leave open is asked for in ``import.yaml`` there, and the import stops. Raise InputError.
     """
     models = [read_model(path) for path in files]
     for model in models:
         run_shots(model)
-    told, answers = _read_answers(folder / ANSWERS), {}
+    questions = {model.path.name: find_questions(model) for model in models}
+    asked, effectors, is_given = _read_answers(folder / ANSWERS, models, questions)
     lines = [
-        "# Inputs that no signal of the program gives: numbers in the units of the file, or a signal such as throttle."
+        "# Inputs that no signal of the program gives: numbers in the units of the file, or sums of signals, such as",
+        "# elevator + aileron. Surfaces of its own: effectors: {left_flap: {elevator: 1, aileron: 1}}.",
     ]
-    for model in models:
-        name, asked = model.path.name, find_questions(model)
-        answers[name] = {
-            v.identifier: told.get(name, {}).get(v.identifier, v.initial) for v in asked
-        }
-        lines += [f"{json.dumps(name, ensure_ascii=False)}:"] if asked else []
-        for variable in asked:
-            value = answers[name][variable.identifier]
+    if effectors:
+        lines.append(f"{EFFECTORS}: {json.dumps(effectors)}")
+    for name, variables in questions.items():
+        lines += [f"{json.dumps(name, ensure_ascii=False)}:"] if variables else []
+        for variable in variables:
+            value = asked[name][variable.identifier]
             line = f"  {json.dumps(variable.identifier, ensure_ascii=False)}: {'' if value is None else value}"
             lines += [f"  # {variable.words}", line.rstrip()]
-    texts = {ANSWERS: "\n".join(lines) + "\n"} if any(answers.values()) else {}
+    texts = {} if is_given or not any(questions.values()) else {ANSWERS: "\n".join(lines) + "\n"}
     left = [
         f"{name}: {key}"
-        for name, given in answers.items()
+        for name, given in asked.items()
         for key, value in given.items()
         if value is None
     ]
     if left:
-        (path,) = _write(folder, texts)
-        raise InputError(
-            path, f"no value for {', '.join(left)}", "numbers there, then the same command again"
-        )
-    return _write(folder, texts | _write_parts(models, answers))
+        path = folder / ANSWERS
+        if texts:
+            folder.mkdir(parents=True, exist_ok=True)
+            _write_text(path, texts[ANSWERS])
+        found = f"no value for {', '.join(left)}"
+        raise InputError(path, found, "numbers there, then the same command again")
+    if texts:
+        folder.mkdir(parents=True, exist_ok=True)
+        _write_text(folder / ANSWERS, texts[ANSWERS])
+    paths, kept = _write(folder, _write_parts(models, asked, effectors))
+    answers = (folder / ANSWERS,) if texts else ()
+    shots = {model.path.name: len(model.shots) for model in models}
+    return Imported((*answers, *paths), shots, kept)
 
 
-def _read_answers(path: Path) -> Answers:
+def _read_answers(
+    path: Path, models: Sequence[Model], questions: Mapping[str, Sequence[Variable]]
+) -> tuple[Answers, dict[str, Any], bool]:
+    """Return the answers, the effectors that they name, and whether the file answers everything. Raise InputError."""
+    asked: Answers = {
+        name: {variable.identifier: variable.initial for variable in variables}
+        for name, variables in questions.items()
+    }
     if not path.exists():
-        return {}
+        return asked, {}, False
     document = read_document(path)
     answers: Any = document.data
     if not isinstance(answers, dict):
         raise document.error((), describe(answers), "names of files with what they lack")
+    effectors = answers.get(EFFECTORS, {})
+    if not isinstance(effectors, dict) or not all(map(str.isidentifier, effectors)):
+        raise document.error((EFFECTORS,), describe(effectors), "names with shares of each axis")
+    by_name = {model.path.name: model for model in models}
     for name, content in answers.items():
+        if name == EFFECTORS:
+            continue
+        if name not in by_name:
+            raise document.key_error((name,), f"'{name}'", one_of((*by_name, EFFECTORS), name))
         if not isinstance(content, dict):
             raise document.error((name,), describe(content), "names of signals with their values")
+        variables = {variable.identifier: variable for variable in questions[name]}
         for key, value in content.items():
+            if key not in variables:
+                raise document.key_error((name, key), f"'{key}'", one_of(variables, key))
             if isinstance(value, bool) or not isinstance(value, float | int | str | None):
-                expected = "a number in the units of the file, or a signal's name"
+                expected = "a number in the units of the file, or a sum of signals"
                 raise document.error((name, key), describe(value), expected)
-    return answers
+            if isinstance(value, str):
+                try:
+                    parse_answer(by_name[name], variables[key], value, effectors)
+                except Refusal as refusal:
+                    raise document.error((name, key), refusal.found, refusal.expected) from None
+            asked[name][key] = asked[name][key] if value is None else value
+    is_given = all(set(given) <= set(answers.get(name) or {}) for name, given in asked.items())
+    return asked, effectors, is_given
 
 
 def _plain(text: str) -> str:
@@ -90,7 +138,9 @@ def _plain(text: str) -> str:
     return plain if plain[:1].isalpha() else f"x{plain}"
 
 
-def _write_parts(models: Sequence[Model], answers: Answers) -> dict[str, str]:
+def _write_parts(
+    models: Sequence[Model], answers: Answers, effectors: Mapping[str, Any]
+) -> dict[str, str]:
     values = _constants(models, answers)
     span, chord = values.get("span", 1.0), values.get("chord", 1.0)
     texts: dict[str, str] = {}
@@ -100,7 +150,7 @@ def _write_parts(models: Sequence[Model], answers: Answers) -> dict[str, str]:
         module, given = f"{_plain(model.path.stem)}.py", answers[model.path.name]
         for kind in kinds_of(model):
             if kind == "aerodynamics":
-                extra += write_coefficients(model, given, span, chord)
+                extra += write_coefficients(model, given, span, chord, effectors)
                 sections[kind] = (
                     f"  python: {module}\n  function: coefficients\n  frame: {frame_of(model)}"
                 )
@@ -114,7 +164,9 @@ def _write_parts(models: Sequence[Model], answers: Answers) -> dict[str, str]:
                 texts[f"{Path(module).stem}.yaml"] = _controller(model, module)
         texts[module] = write_module(model, extra)
     if "aerodynamics" in sections and "mass" in values:
-        texts["vehicle.yaml"] = _vehicle(models, values, sections)
+        texts["vehicle.yaml"] = _vehicle(models, values, sections, effectors)
+    if dispersions := write_dispersions(models):
+        texts["dispersions.yaml"] = dispersions
     return texts
 
 
@@ -140,12 +192,15 @@ def _constants(models: Sequence[Model], answers: Answers) -> dict[str, float]:
         )
         for name, variable in outputs.items():
             value = getattr(made, variable.key) if variable.computed else variable.initial
-            found.setdefault(name, float(value or 0.0) * factor_to_si(model, variable, name))
+            found.setdefault(name, float(value or 0.0) * signed_factor(model, variable, name))
     return found
 
 
 def _vehicle(
-    models: Sequence[Model], values: Mapping[str, float], sections: Mapping[str, str]
+    models: Sequence[Model],
+    values: Mapping[str, float],
+    sections: Mapping[str, str],
+    effectors: Mapping[str, Any],
 ) -> str:
     for name in ("inertia_xy", "inertia_yz", "center_of_gravity_y"):
         if abs(values.get(name, 0.0)) > 1e-9 * values["mass"]:
@@ -178,6 +233,9 @@ def _vehicle(
         "  ideal: true",
         "  limit: 30 deg",
     ]
+    if effectors:
+        lines += ["", "effectors:"]
+        lines += [f"  {name}: {json.dumps(entry)}" for name, entry in effectors.items()]
     for name, section in sections.items():
         lines += ["", f"{name}:", section]
     lines += _limits(models)
@@ -232,11 +290,25 @@ def _controller(model: Model, module: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _write(folder: Path, texts: Mapping[str, str]) -> list[Path]:
+def _write(folder: Path, texts: Mapping[str, str]) -> tuple[list[Path], tuple[Path, ...]]:
+    """Write files that end with a hash of their text; leave one whose hash is not right, and write beside it."""
     folder.mkdir(parents=True, exist_ok=True)
-    paths = []
+    paths, kept = [], []
     for name, text in texts.items():
-        with atomic_write(folder / name) as temporary:
-            temporary.write_text(text, encoding="utf-8")
-        paths.append(folder / name)
-    return paths
+        path = folder / name
+        if path.exists() and _is_edited(path):
+            kept.append(path)
+            path = path.with_suffix(f".new{path.suffix}")
+        _write_text(path, text + _UNEDITED + hashlib.sha256(text.encode()).hexdigest() + "\n")
+        paths.append(path)
+    return paths, tuple(kept)
+
+
+def _is_edited(path: Path) -> bool:
+    text, mark, digest = path.read_text(encoding="utf-8").rpartition(_UNEDITED)
+    return not mark or hashlib.sha256(text.encode()).hexdigest() != digest.strip()
+
+
+def _write_text(path: Path, text: str) -> None:
+    with atomic_write(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")

@@ -7,6 +7,7 @@ from abhv_mc.io.units import Exponents, parse_unit
 
 _SPELLINGS = {
     "r": "rad",
+    "f": "ft",
     "sec": "s",
     "d": "deg",
     "hr": "h",
@@ -17,7 +18,7 @@ _SPELLINGS = {
 }
 _SYMBOLS = (
     "slug", "kPa", "nmi", "nim", "knot", "lbm", "lbf", "rad", "deg", "min", "sec", "kg", "km", "cm", "mm", "ft", "in",
-    "kt", "kn", "Pa", "hr", "lb", "Hz", "N", "W", "m", "s", "h", "r", "d",
+    "kt", "kn", "Pa", "hr", "lb", "Hz", "N", "W", "m", "s", "h", "r", "d", "f",
 )  # fmt: skip  # longest first
 _TOKEN = re.compile(f"({'|'.join(_SYMBOLS)})([0-9]?)")
 _ANY_CASE = re.compile(

@@ -67,12 +67,21 @@ _QUANTITIES: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 SI = {quantity: unit for quantity, (unit, *_) in _QUANTITIES.items()}
 
-# Words of the attribute ``sign`` that say where a positive deflection turns the vehicle: +1 as here, -1 the other way.
+# Words of the attribute ``sign``: of a positive value as in this program, and of one that points the other way.
+_ROLLS = (
+    {"rwd", "rightroll", "rightwingdown", "rollsright"},
+    {"lwd", "leftroll", "leftwingdown", "rollsleft"},
+)
+_PITCHES = ({"anu", "noseup", "aircraftnoseup"}, {"and", "nosedown", "aircraftnosedown"})
+_YAWS = (
+    {"anr", "noseright", "aircraftnoseright", "cwfn"},
+    {"anl", "noseleft", "aircraftnoseleft", "ccfn"},
+)
+_AHEAD = ({"fwd", "forward"}, {"aft", "back"})
+_RIGHT = ({"rt", "right"}, {"lt", "left"})
+_DOWN = ({"down", "dwn", "dn"}, {"up"})
 _SIGNS = {
-    "aileron": (
-        {"rwd", "rightroll", "rightwingdown", "rollsright"},
-        {"lwd", "leftroll", "leftwingdown", "rollsleft"},
-    ),
+    "aileron": _ROLLS,
     "rudder": (
         {"tel", "trailingedgeleft", "anl", "noseleft"},
         {"ter", "trailingedgeright", "anr", "noseright"},
@@ -81,7 +90,22 @@ _SIGNS = {
         {"ted", "trailingedgedown", "and", "nosedown"},
         {"teu", "trailingedgeup", "anu", "noseup"},
     ),
+    **dict.fromkeys(("roll_rate", "roll", "Cl", "moment_x"), _ROLLS),
+    **dict.fromkeys(("angle_of_attack", "pitch_rate", "pitch", "Cm", "moment_y"), _PITCHES),
+    **dict.fromkeys(("yaw_rate", "yaw", "Cn", "moment_z"), _YAWS),
+    "sideslip": (
+        _YAWS[1] | {"rt", "right", "windinrightear"},
+        _YAWS[0] | {"lt", "left", "windinleftear"},
+    ),
+    **dict.fromkeys(("CX", "force_x", "center_of_gravity_x"), _AHEAD),
+    **dict.fromkeys(("CY", "force_y", "center_of_gravity_y", "cross_track"), _RIGHT),
+    **dict.fromkeys(("CZ", "force_z", "center_of_gravity_z"), _DOWN),
+    **dict.fromkeys(("CL", "altitude"), _DOWN[::-1]),
+    "CD": _AHEAD[::-1],
+    "latitude": ({"n", "north"}, {"s", "south"}),
+    "longitude": ({"e", "east"}, {"w", "west"}),
 }
+_SURFACES = ("aileron", "rudder", "elevator")  # S-119 fixes no sign for their names
 
 
 def _plain(name: str) -> str:
@@ -104,11 +128,14 @@ def quantity_of(variable: Variable) -> str | None:
 
 
 def sign_of(quantity: str, variable: Variable) -> int | None:
-    """+1 where a deflection is positive as in this program, -1 where it is not; None where the file does not say."""
-    if quantity not in _SIGNS:
+    """Return +1 if a quantity is positive as in this program, -1 if it is not, None if the file does not say.
+
+    S-119's names fix the signs of all quantities but deflections; a file may give another.
+    """
+    word = _plain(variable.sign)
+    if quantity not in _SIGNS or (quantity not in _SURFACES and word in ("", "incr")):
         return 1
     same, other = _SIGNS[quantity]
-    word = _plain(variable.sign)
     return 1 if word in same else -1 if word in other else None
 
 

@@ -12,8 +12,8 @@ from abhv_mc.array_types import Floats
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Limits
 from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.io.foreign_table import read_foreign_table
 from abhv_mc.io.input_error import InputError
-from abhv_mc.io.number_table import read_rows
 from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.kernel.laws.columns import RECORDED_GAINS, REFERENCE
 from abhv_mc.kernel.numerics.quaternion import from_euler, rotate_to_body
@@ -36,16 +36,16 @@ def read_columns(path: Path, names: Sequence[str], perhaps: Sequence[str] = ()) 
     """Columns of a ``.csv`` or ``.csv.gz`` file, ``perhaps`` where there; the first of one name. Raises InputError."""
     import pandas as pd
 
-    rows = read_rows(path)
-    missing = [name for name in names if name not in rows.header]
+    table = read_foreign_table(path)
+    missing = [name for name in names if name not in table.heads]
     if missing:
-        raise rows.error(
-            None, None, f"no column {', '.join(missing)}", "the columns that are compared"
-        )
-    if len(rows.texts) < 2:
+        expected = "the columns that are compared"
+        raise table.error(None, None, f"no column {', '.join(missing)}", expected)
+    if len(table) < 2:
         raise InputError(path, "1 row of numbers", "at least 2")
-    held = [*names, *(name for name in perhaps if name in rows.header)]
-    return pd.DataFrame(rows.numbers([rows.header.index(name) for name in held]), columns=held)
+    columns = [*names, *(name for name in perhaps if name in table.heads)]
+    numbers = table.numbers([table.heads.index(name) for name in columns])
+    return pd.DataFrame(numbers, columns=columns)
 
 
 def check_times(path: Path, times: Floats, uniform: bool = False) -> None:

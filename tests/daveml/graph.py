@@ -36,6 +36,8 @@ class Graph:
         self.tables = {}
         for name, node in self.functions.items():
             table = node.find("functionDefn/griddedTableDef")
+            if table is None:  # of DAVE-ML 1
+                table = node.find("functionDefn/griddedTable")
             if table is None:
                 table = shared[node.find("functionDefn/griddedTableRef").get("gtID")]
             axes = [grids[part.get("bpID")] for part in table.iter("bpRef")]

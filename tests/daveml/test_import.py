@@ -2,10 +2,12 @@
 
 import ast
 import copy
+import re
 import runpy
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -112,6 +114,140 @@ def test_aileron_of_the_other_sign_and_units_are_turned(tmp_path: Path) -> None:
     assert engine["thrust"](
         SimpleNamespace(altitude=0.0, mach=0.0), 0.5, None
     ).force_x == pytest.approx(12680.0 * 4.4482216152605)
+
+
+SMALL = """<DAVEfunc><fileHeader name="small"/>
+<variableDef name="angleOfSideslip" varID="beta" units="deg" sign="anr"><isInput/></variableDef>
+<variableDef name="leftFlap" varID="DWFL" units="deg" sign="ted" initialValue="5"><isInput/></variableDef>
+<variableDef name="trueAirspeed" varID="v" units="f_s"><isInput/></variableDef>
+<variableDef name="referenceWingArea" varID="s" units="f2" initialValue="100"><isOutput/></variableDef>
+<variableDef name="totalCoefficientOfLift" varID="CL" units="nd" sign="down"><calculation><math><apply><plus/>
+<cn>0.4</cn><ci>DWFL</ci></apply></math></calculation><isOutput/></variableDef>
+<variableDef name="pitchingMomentCoefficient" varID="CM" units="nd" sign="and"><calculation><math><ci>v</ci></math>
+</calculation><isOutput/></variableDef>
+<variableDef name="yawingMomentCoefficient" varID="CN" units="nd" sign="anl"><calculation><math><ci>beta</ci></math>
+</calculation><isOutput/></variableDef></DAVEfunc>"""
+
+
+def imported(folder: Path, text: str = SMALL, answers: str = "") -> Any:
+    """The coefficients of a file at a sideslip, airspeed and deflections."""
+    (folder / "small.dml").write_text(text, encoding="utf-8")
+    if answers:
+        (folder / "import.yaml").write_text(answers, encoding="utf-8")
+    import_daveml([folder / "small.dml"], folder)
+    function = runpy.run_path(str(folder / "small.py"))["coefficients"]
+    air = SimpleNamespace(sideslip=np.radians(2.0), airspeed=3.048)
+    angles = {"aileron": 1.0, "rudder": 2.0, "elevator": 4.0, "left_flap": 8.0}
+    controls = SimpleNamespace(**{name: np.radians(angle) for name, angle in angles.items()})
+    return function(air, controls, None, None)
+
+
+def test_signs_and_units_other_than_the_standards_are_turned(tmp_path: Path) -> None:
+    ours = imported(tmp_path)
+    assert ours.CL == -5.4
+    assert ours.Cm == pytest.approx(-10.0)  # ft/s
+    assert ours.Cn == pytest.approx(2.0)
+    with pytest.raises(InputError, match=r"small.dml:\d+: 'CL', the CL, with the sign 'sideways'"):
+        imported(tmp_path, SMALL.replace('sign="down"', 'sign="sideways"'))
+
+
+@pytest.mark.parametrize(
+    ("answer", "flap"),
+    [
+        ("7", 7.0),
+        ("elevator + aileron", 5.0),
+        ("elevator - 0.5 aileron", 3.5),
+        ("-rudder", -2.0),
+        ("left_flap", 8.0),
+    ],
+)
+def test_answers_are_numbers_and_sums_of_signals_and_effectors(
+    answer: str, flap: float, tmp_path: Path
+) -> None:
+    effectors = "effectors: {left_flap: {elevator: 1, aileron: 1}}\n"
+    ours = imported(tmp_path, answers=f"{effectors}small.dml:\n  DWFL: {answer}\n")
+    assert pytest.approx(-0.4 - flap) == ours.CL
+
+
+@pytest.mark.parametrize(
+    ("answers", "words"),
+    [
+        ("small.dml: {DWFL: left}", "import.yaml:1:19: 'left'; expected a number, or a sum"),
+        ("small.dml: {DWFL: elevator aileron}", "'elevator aileron'"),
+        ("small.dml: {DWFL: airspeed}", "a unit such as m/s"),
+        ("small.dml: {DWFR: 1}", "import.yaml:1:13: 'DWFR'"),
+        ("other.dml: {DWFL: 1}", "import.yaml:1:1: 'other.dml'"),
+    ],
+)
+def test_answers_that_make_no_sense_are_rejected(answers: str, words: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=re.escape(words)):
+        imported(tmp_path, answers=answers)
+    assert not (tmp_path / "small.py").exists()
+
+
+def test_a_second_import_keeps_edits(tmp_path: Path) -> None:
+    files = [of("F16_aero.dml"), of("F16_prop.dml"), of("F16_inertia.dml")]
+    first = import_daveml(files, tmp_path)
+    assert first.shots == {"F16_aero.dml": 16, "F16_prop.dml": 9, "F16_inertia.dml": 0}
+    vehicle = tmp_path / "vehicle.yaml"
+    written = vehicle.read_text(encoding="utf-8")
+    edited = written.replace("limit: 30 deg", "limit: 25 deg")
+    vehicle.write_text(edited, encoding="utf-8")
+    second = import_daveml(files, tmp_path)
+    assert second.kept == (vehicle,) and vehicle.read_text(encoding="utf-8") == edited
+    assert (tmp_path / "vehicle.new.yaml").read_text(encoding="utf-8") == written
+    vehicle.write_text(written, encoding="utf-8")
+    third = import_daveml(files, tmp_path)
+    assert not third.kept and {*third.paths, tmp_path / "import.yaml"} == set(first.paths)
+
+
+def test_uncertainties_become_dispersions_with_correlations(tmp_path: Path) -> None:
+    def stated(effect: str, law: str) -> str:
+        return f'<isOutput/><uncertainty effect="{effect}">{law}</uncertainty></variableDef>'
+
+    lift = """<normalPDF numSigmas="3"><bounds>15</bounds><correlation varID="CM" corrCoef="-0.5"/></normalPDF>"""
+    laws = {
+        "CL": stated("percentage", lift),
+        "CM": stated("additive", '<normalPDF numSigmas="2"><bounds>0.01</bounds></normalPDF>'),
+        "CN": stated(
+            "multiplicative", "<uniformPDF><bounds>-0.2</bounds><bounds>0.2</bounds></uniformPDF>"
+        ),
+        "s": stated("additive", "<uniformPDF><bounds>1</bounds></uniformPDF>"),
+    }
+    text = SMALL
+    for name, law in laws.items():
+        start = text.index(f'varID="{name}"')
+        text = text[:start] + text[start:].replace("<isOutput/></variableDef>", law, 1)
+    imported(tmp_path, text)
+    written = (tmp_path / "dispersions.yaml").read_text(encoding="utf-8")
+    assert "represents that of: s." in written
+    assert read_document(tmp_path / "dispersions.yaml").data == {
+        "dispersions": {
+            "aero.lift": {"distribution": "normal", "sigma": pytest.approx(0.05)},
+            "aero.pitching_moment.increment": {"distribution": "normal", "sigma": 0.005},
+            "aero.yawing_moment": {"distribution": "uniform", "half_width": 0.2},
+        },
+        "correlations": [
+            {"between": ["aero.lift", "aero.pitching_moment.increment"], "normal": -0.5}
+        ],
+    }
+
+
+def test_variables_of_one_name_are_told_apart_by_units(tmp_path: Path) -> None:
+    path = tmp_path / "two.dml"
+    path.write_text(
+        """<DAVEfunc><fileHeader name="two"/><variableDef name="altitude" varID="h_f" units="f"/>
+        <variableDef name="altitude" varID="h_m" units="m"><calculation><math><apply><times/><ci>h_f</ci>
+        <cn>0.3048</cn></apply></math></calculation><isOutput/></variableDef><checkData><staticShot name="s">
+        <checkInputs><signal><signalName>altitude</signalName><signalUnits>f</signalUnits><signalValue>10</signalValue>
+        </signal></checkInputs><checkOutputs><signal><signalName>altitude</signalName><signalUnits>m</signalUnits>
+        <signalValue>3.048</signalValue><tol>1e-9</tol></signal></checkOutputs></staticShot></checkData></DAVEfunc>""",
+        encoding="utf-8",
+    )
+    run_shots(read_model(path))
+    path.write_text(path.read_text().replace("3.048<", "3.05<"))
+    with pytest.raises(InputErrors, match="'h_m' in the check shot"):
+        run_shots(read_model(path))
 
 
 def test_what_no_signal_gives_is_asked_for(tmp_path: Path) -> None:
@@ -313,6 +449,7 @@ WRITTEN = (ast.ImportFrom, ast.Assign, ast.ClassDef, ast.FunctionDef)
 KEYS = {  # of the files of YAML that are written, by what names them
     "vehicle.yaml": "name reference mass surfaces aerodynamics propulsion limits",
     "import.yaml": "file.dml",
+    "dispersions.yaml": "dispersions correlations",
     "file.yaml": "law file rate commands",
 }
 

@@ -17,10 +17,11 @@ from own_simulators import dive_campaign, shown_text
 
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.execution.adopt import adopt_table
-from abhv_mc.execution.runner import run_campaign
+from abhv_mc.execution.adopt import adopt_tables
+from abhv_mc.execution.runner import RunResult, run_campaign
 from abhv_mc.flight.outcome import OUTCOMES
 from abhv_mc.folder.flown_campaign import read_flown
+from abhv_mc.folder.input_table import write_inputs
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.folder.tables import export_csv
 from abhv_mc.io.input_error import InputError
@@ -35,6 +36,10 @@ from abhv_mc.topics.plain import plain
 from abhv_mc.topics.topic import Models
 from abhv_mc_explore.counts import open_flights
 from abhv_mc_explore.server import ExploreServer
+
+
+def adopt_table(table: Path, *rest: Any, **more: Any) -> RunResult:
+    return adopt_tables([table], *rest, **more)
 
 
 @pytest.fixture(scope="module")
@@ -115,10 +120,12 @@ def test_units_of_the_heads_are_converted(campaign: Path, flown: Path, tmp_path:
     ("line", "changes", "words"),
     [
         (7, {"delay": "2.3"}, "delay 2.3, outside of its distribution"),
-        (9, {"speed": "nan"}, "an input that is no number"),
+        (9, {"speed": "nan"}, "speed that is no number"),
+        (9, {"load": "high"}, "'high' in the column 'load'"),
         (11, {"outcome": "elsewhere"}, "outcome 'elsewhere'"),
         (13, {"controller": "v3"}, "system 'v3'|controller 'v3'"),
-        (15, {"flight": "40"}, "another flight of 'v1'"),
+        (43, {"flight": "13"}, "flight 13 of 'v1' a second time"),
+        (301, {"flight": "1000"}, "no flight 299 of 'v1'"),
         (330, {"speed": "561.0"}, "with other inputs than of another system"),
     ],
 )
@@ -137,8 +144,11 @@ def test_tables_and_campaigns_that_do_not_fit_are_refused(flown: Path, tmp_path:
     out, twice = tmp_path / "adopted", tmp_path / "twice.csv"
     twice.write_text(flown.read_text().replace("load", "altitude_min [m]", 1))
     flies = dive_campaign(tmp_path / "own", runs=300)
+    less = tmp_path / "less.csv"
+    less.write_text(flown.read_text().replace("speed", "velocity", 1))
     for words, ask in (
-        ("no column 'dive'", lambda: adopt_table(flown, asked(tmp_path, without=()), out)),
+        ("no column 'speed'", lambda: adopt_table(less, asked(tmp_path), out)),
+        ("a third table", lambda: adopt_tables([flown] * 3, asked(tmp_path), out)),
         ("2 columns 'altitude_min'", lambda: adopt_table(twice, asked(tmp_path), out)),
         ("a campaign whose flights abhv-mc computes", lambda: adopt_table(flown, flies, out)),
         ("adopt", lambda: run_campaign(Request(asked(tmp_path, runs=300), out))),
@@ -325,6 +335,127 @@ def test_stated_correlations_are_those_of_the_table(tmp_path: Path) -> None:
         adopt_table(table, campaign, tmp_path / "other")
 
 
+def written_inputs(folder: Path, runs: int = 60) -> tuple[Path, Path, list[list[str]]]:
+    """A campaign, the table of its inputs, and rows of its results: flight, a + b."""
+    _, campaign = drawn_table(folder)
+    content = json.loads(campaign.read_text())
+    content["inputs"]["noise"], content["inputs"]["gain"] = {"seed": True}, {"nominal": 2.0}
+    campaign.write_text(json.dumps(content))
+    inputs = folder / "inputs.csv"
+    assert write_inputs(read_campaign(campaign, runs), inputs) == runs
+    rows = list(csv.DictReader(inputs.read_text().splitlines()))
+    assert list(rows[0]) == ["flight", "a [m]", "b [m]", "noise"] and len(rows) == runs
+    return (
+        campaign,
+        inputs,
+        [[r["flight"], repr(float(r["a [m]"]) + float(r["b [m]"]))] for r in rows],
+    )
+
+
+def test_inputs_that_were_written_are_paired_with_the_results_by_flight(tmp_path: Path) -> None:
+    campaign, inputs, results = written_inputs(tmp_path)
+    table = tmp_path / "results.csv"
+    # In order of completion; flight 0 did not run.
+    lines = [f"{flight};{miss.replace('.', ',')}" for flight, miss in reversed(results[1:])]
+    table.write_text("\n".join(["case;miss (m)", *lines, ""]))
+    content = {**json.loads(campaign.read_text()), "columns": {"flight": "case"}}
+    with pytest.raises(InputError, match=r"no column 'a'.*'columns' in the campaign file"):
+        adopt_tables([table], campaign, tmp_path / "out")
+    with pytest.raises(InputError, match="no column 'flight'"):
+        adopt_tables([inputs, table], campaign, tmp_path / "out")
+    inputs.write_text(inputs.read_text().replace("flight", "case", 1))
+    campaign.write_text(json.dumps(content))
+    for order in ([inputs, table], [table, inputs]):
+        result = adopt_tables(order, campaign, tmp_path / "out")
+        assert result.manifest.controllers["system"].failed_to_run == (0,)
+        flown = read_flown(tmp_path / "out")
+        assert flown.flights["system"].metrics["miss"].tolist() == [
+            float(m) for _, m in results[1:]
+        ]
+        drawn = read_campaign(campaign, 60).make_samples().draw(0, 60)
+        assert flown.samples["a"].tolist() == drawn[:, 0].tolist()
+        assert flown.samples["noise"].tolist() == drawn[:, 2].tolist()
+        assert set(flown.samples["gain"].tolist()) == {2.0}
+
+
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        ("60,1,0", "flight 60, which inputs.csv does not have"),
+        ("7,1,-99", "b -99, which is .* in inputs.csv"),
+        ("8,1,0", "flight 8 of 'system' a second time"),
+    ],
+)
+def test_a_result_that_belongs_to_no_inputs_is_rejected(
+    row: str, words: str, tmp_path: Path
+) -> None:
+    campaign, inputs, _ = written_inputs(tmp_path)
+    (tmp_path / "results.csv").write_text(f"flight,miss,b\n8,1,{drawn_b(inputs, 8)}\n{row}\n")
+    with pytest.raises(InputError, match=words) as caught:
+        adopt_tables([inputs, tmp_path / "results.csv"], campaign, tmp_path / "out")
+    assert caught.value.line == 3
+
+
+def drawn_b(inputs: Path, flight: int) -> str:
+    return f"{float(inputs.read_text().splitlines()[flight + 1].split(',')[2]):.4f}"
+
+
+FOREIGN = {
+    "units row": "a,b,miss\nm,m,km\n{rows}",
+    "brackets": "a (m),b {{m}},miss [km],x[0],x[1]\n{rows}",
+    "numbered from 1": "number,a,b,miss_km\n{rows}",
+    "lines of JSON": "{rows}",
+    "tabular file of Dakota": "%eval_id interface a b response_fn_1\n{rows}",
+}
+
+
+@pytest.mark.parametrize("dialect", FOREIGN)
+def test_foreign_tables_are_judged_as_the_plain_one(dialect: str, tmp_path: Path) -> None:
+    table, campaign = drawn_table(tmp_path, digits=6)
+    expected = adopt_table(table, campaign, tmp_path / "plain").manifest
+    content = {**json.loads(campaign.read_text()), "columns": {}}
+    rows = [line.split(",") for line in table.read_text().splitlines()[1:]]
+    if "JSON" in dialect:
+        content["columns"] |= {"miss": "out.miss [km]", "a": "in.a"}
+        lines = [
+            json.dumps({"in": {"a": float(a)}, "b": float(b), "out": {"miss": float(miss) / 1e3}})
+            for a, b, miss in rows
+        ]
+    else:
+        lines = [f"{a},{b},{float(miss) / 1e3!r}" for a, b, miss in rows]
+        if "brackets" in dialect:
+            lines = [f"{line},,text" for line in lines]
+        if "Dakota" in dialect:
+            content["columns"] = {"flight": "eval_id", "miss": "response_fn_1 [km]"}
+            lines = [f"{i} NO_ID {line.replace(',', ' ')}" for i, line in enumerate(lines, 1)]
+        if "numbered" in dialect:
+            content["columns"] = {"flight": "number"}
+            lines = [f"{i},{line}" for i, line in enumerate(lines, 1)][::-1]
+    (tmp_path / "foreign.txt").write_text(FOREIGN[dialect].format(rows="\n".join(lines)))
+    campaign.write_text(json.dumps(content))
+    found = adopt_table(tmp_path / "foreign.txt", campaign, tmp_path / "foreign").manifest
+    assert [item.words for item in found.requirements] == [
+        item.words for item in expected.requirements
+    ]
+    ours, theirs = read_flown(tmp_path / "plain"), read_flown(tmp_path / "foreign")
+    assert np.array_equal(ours.samples["a"], theirs.samples["a"])
+    metrics = [each.flights["system"].metrics["miss"] for each in (ours, theirs)]
+    assert metrics[1] == pytest.approx(metrics[0], rel=1e-12)
+
+
+def test_columns_name_inputs_and_metrics_of_a_table(tmp_path: Path) -> None:
+    table, campaign = drawn_table(tmp_path)
+    content = json.loads(campaign.read_text())
+    for columns, words in (
+        ({"mis": "x"}, "did you mean 'miss'"),
+        ({"miss": "x"}, "no column 'x'"),
+        ({"outcome": "y"}, "no column 'y'"),
+    ):
+        campaign.write_text(json.dumps({**content, "columns": columns}))
+        with pytest.raises(InputError, match=words):
+            adopt_table(table, campaign, tmp_path / "out")
+
+
 def test_a_repeated_import_ends_as_the_first_and_another_table_is_rejected(tmp_path: Path) -> None:
     out = tmp_path / "out"
     table, campaign = drawn_table(tmp_path)
@@ -355,10 +486,10 @@ def test_a_repeated_import_ends_as_the_first_and_another_table_is_rejected(tmp_p
 _KILLED = """
 import os, signal, sys
 from pathlib import Path
-from abhv_mc.execution import adopt
+from abhv_mc.execution import adopt, flight_tables
 from abhv_mc.folder import layout
 
-left, adopt._ROWS = int(sys.argv[4]), 25
+left, flight_tables._ROWS = int(sys.argv[4]), 25
 
 def killed(*_):
     global left
@@ -368,7 +499,8 @@ def killed(*_):
 
 layout.atomic_write = (lambda put: lambda *of: (killed(), put(*of))[1])(layout.atomic_write)
 with layout.recording(killed):
-    result = adopt.adopt_table(*map(Path, sys.argv[1:4]))
+    table, *others = map(Path, sys.argv[1:4])
+result = adopt.adopt_tables([table], *others)
 print(result.manifest.state, result.manifest.digest)
 """
 

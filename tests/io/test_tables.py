@@ -1,57 +1,176 @@
-"""CSV as it stands, with the place of every mistake; columns as pyarrow has them, without pandas; atomic writes."""
+"""Tables of other programs, with the location of every mistake; columns of pyarrow; atomic writes."""
 
+import contextlib
+import json
 import subprocess
 import sys
+from decimal import Decimal
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from abhv_mc.io.atomic_write import atomic_write
+from abhv_mc.io.foreign_table import read_foreign_table, read_head, read_numbers
 from abhv_mc.io.input_error import InputError
-from abhv_mc.io.number_table import read_number_table
 from abhv_mc.io.parquet_columns import column_values, distinct_texts, number_column, text_column
+from abhv_mc.io.units import LENGTH, TIME
 
 
-def read(folder, text, columns=None):
-    (folder / "table.csv").write_bytes(text.encode() if isinstance(text, str) else text)
-    return read_number_table(folder / "table.csv", columns)
+def read(folder, text, name="table.csv"):
+    (folder / name).write_bytes(text.encode() if isinstance(text, str) else text)
+    return read_foreign_table(folder / name)
 
 
-def test_columns_come_in_the_order_asked_for_or_all_and_empty_rows_are_left_out(tmp_path):
-    table = read(tmp_path, "\ufeffa, b,note\n1,2,x\n\n3,-4e1,y\n", {"b": 50.0, "a": 5.0})
-    assert table.values.tolist() == [[2.0, 1.0], [-40.0, 3.0]]
-    assert table.rows.lines == [2, 4]
-    table = read(tmp_path, "a,b\n1,2\n")
-    assert (table.names, table.values.tolist()) == (("a", "b"), [[1.0, 2.0]])
+HEADS = ("flight", "a", "b", "note", "x[0]", "x[1]")
+ROWS = (("1", "1.5", "-2e3", "one", "0", "1"), ("2", "-0.25", "7", "two, more", "0", "1"))
+
+
+def written(separator, heads=HEADS, rows=ROWS, decimal="."):
+    def cell(text):
+        text = text.replace(".", decimal)
+        return f'"{text}"' if separator in text or (separator == "  " and " " in text) else text
+
+    return "\n".join(separator.join(map(cell, row)) for row in (heads, *rows)) + "\n"
 
 
 @pytest.mark.parametrize(
-    ("text", "wanted", "place", "found"),
+    "text",
     [
-        ("a,c\n1,2\n", ("a", "b"), (1, None), "no column b"),
-        ("a,a\n1,2\n", ("a",), (1, None), "the column a twice"),
-        ("a,b\n1,2\n1,x y\n", ("a", "b"), (3, 3), "'x y'"),
-        ("a,b\n1,-101\n", ("b",), (2, 3), "-101"),
-        ("a,b\n1,nan\n", ("b",), (2, 3), "'nan'"),
-        ("a,b\n1,2,3\n", None, (2, None), "3 cells"),
-        ("", ("a",), (1, None), "no rows"),
-        (b"a\n\xff\n", ("a",), (None, None), "utf-8"),
-        ('a\n1\n"' + "x" * 200_000 + '"\n', ("a",), (3, None), "field limit"),
+        written(","),
+        written(";"),
+        written(";", decimal=","),
+        written("\t", decimal=","),
+        written("  "),
+        written(", "),
+        "\ufeff" + written(","),
+        written(";", decimal=",").encode("utf-16"),
+        written(",").replace("\n", "\r\n"),
+        "# a comment\n\n" + written(",") + "\n# the end\n",
+        "%" + written("  "),
+        written(",", [f"{head} [km]" if head in "ab" else head for head in HEADS]),
+        written(",", [f"{head} (km)" if head in "ab" else head for head in HEADS]),
+        written(",", [f"{head}{{km}}" if head in "ab" else head for head in HEADS]),
+        written(",", [f"{head}_km" if head in "ab" else head for head in HEADS]),
+        written(",", rows=(("-", "[km]", "km", "", "", "V"), *ROWS)),
     ],
 )
-def test_a_mistake_is_said_with_its_place(tmp_path, text, wanted, place, found):
+def test_a_table_of_any_dialect_has_the_same_numbers(tmp_path, text):
+    table = read(tmp_path, text)
+    columns = table.find(["flight", "a", "b"])
+    numbers = table.numbers([column.position for column in columns.values()])
+    assert numbers.tolist() == [[1.0, 1.5, -2000.0], [2.0, -0.25, 7.0]]
+    assert table.words(table.heads.index("note"))[0] == "one"
+    units = {column.unit for name, column in columns.items() if name != "flight"}
+    assert len(units) == 1
+    factor = 1000.0 if units == {"km"} else 1.0
+    assert table.factor(columns["a"], "m") == factor
+
+
+def test_parquet_json_and_excel_have_the_numbers_of_a_csv_file(tmp_path):
+    values = {
+        "seed": [2**63 + 1025, 3],
+        "hit": [True, False],
+        "gain": [0.1, 1e-3],
+        "system": ["v1", "v2"],
+        "a.b": [1, None],
+    }
+    text = "seed,hit,gain,system,a.b\n9223372036854776833,true,0.1,v1,1\n3,False,1e-3,v2,\n"
+    columns = {
+        "seed": pa.array(values["seed"], pa.uint64()),
+        "hit": pa.array(values["hit"]),
+        "gain": pa.array([Decimal("0.100"), Decimal("0.001")]),
+        "system": pa.array(values["system"]).dictionary_encode(),
+        "a.b": pa.array(values["a.b"], pa.int8()),
+        "unused": pa.array([{"x": 1}, None]),
+        "__index_level_0__": pa.array([5, 6]),
+    }
+    pq.write_table(pa.table(columns), tmp_path / "table.parquet")
+    rows = (
+        {"seed": 2**63 + 1025, "hit": True, "gain": 0.1, "system": "v1", "a": {"b": 1}, "x": [2]},
+        {"x": list(range(50)), "gain": 1e-3, "seed": 3, "hit": False, "system": "v2"},
+    )
+    tables = [
+        read(tmp_path, text),
+        read(tmp_path, "\n".join(map(json.dumps, rows)), "table.txt"),
+        read_foreign_table(tmp_path / "table.parquet"),
+    ]
+    with contextlib.suppress(ImportError):
+        pd.DataFrame(values).to_excel(tmp_path / "table.xlsx", index=False)
+        tables.append(read_foreign_table(tmp_path / "table.xlsx"))
+    for table in tables:
+        names = ["seed", "hit", "gain", "a.b"]
+        indices = [table.heads.index(name) for name in names]
+        found = table.numbers(indices, finite=False)
+        expected = [[2.0**63 + 2048.0, 1.0, 0.1, 1.0], [3.0, 0.0, 1e-3, np.nan]]
+        assert np.array_equal(found, expected, equal_nan=True)
+        assert table.words(table.heads.index("system")) == ["v1", "v2"]
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "found"),
+    [
+        ("a,b\n1,2\n1,x y\n", (3, 3), "'x y' in the column 'b'"),
+        ("a,b\n1,2\n\n1,\n", (4, 3), "'' in the column 'b'"),
+        ("a;b\n1,5;2\n1.5;3\n", (2, 1), "'1,5'"),  # a decimal comma, or thousands?
+        ('a,b\n"1,234",2\n', (2, 1), "'1,234'"),
+        ("a,b\n1,nan\n", (2, 3), "'nan'"),
+        ("a,b\n1,2,3\n", (2, None), "3 cells"),
+        ("", (1, None), "no rows"),
+        (b"a\n\xff\n", (None, None), "utf-8"),
+        ('{"a": 1, "b": 2}\n\n{"a": 1\n', (3, None), "delimiter"),
+        ('{"a": 1, "b": 2}\n\n{"a": 1}\n', (3, None), "'' in the column 'b'"),
+    ],
+)
+def test_a_mistake_is_said_with_its_place(tmp_path, text, place, found):
     with pytest.raises(InputError) as caught:
-        read(tmp_path, text, wanted and dict.fromkeys(wanted, 100.0))
+        read(tmp_path, text).numbers([0, 1])
+    assert (caught.value.line, caught.value.column) == place
+    assert found in caught.value.found
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "found"),
+    [
+        ("time_s\n1\n", (1, None), "no column altitude"),
+        ("time_s,altitude\n1,2\n", (1, 8), "'altitude' without a unit"),
+        ("time_s,altitude_kg\n1,2\n", (1, 8), "'altitude_kg': '1 kg', a mass"),
+        ("time_s,altitude [m],altitude_m\n1,2,2\n", (1, 21), "2 columns 'altitude'"),
+        ("time_s,altitude_min\n1,2\n", (1, None), "no column altitude"),
+        ("time_s,altitude_km\n1,1e6\n", (2, 3), "altitude 1e+09 m"),
+    ],
+)
+def test_columns_of_a_quantity_have_its_unit(tmp_path, text, place, found):
+    (tmp_path / "table.csv").write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_numbers(tmp_path / "table.csv", {"time": TIME, "altitude": LENGTH})
     assert (caught.value.line, caught.value.column) == place
     assert found in caught.value.found
 
 
 def test_numbers_that_do_not_rise_are_found_in_the_file(tmp_path):
-    table = read(tmp_path, "word,time_s\n'a',0\n\nbb,2\nccc,2\n", {"time_s": 10.0})
-    with pytest.raises(InputError, match=r"the time 2 s; expected times that rise") as caught:
-        table.check_rising("time_s", "s")
+    (tmp_path / "table.csv").write_text("word,time_ms\n'a',0\n\nbb,2\nccc,2\n")
+    table = read_numbers(tmp_path / "table.csv", {"time": TIME})
+    assert np.array_equal(table.values, [[0.0], [2e-3], [2e-3]])
+    with pytest.raises(InputError, match=r"the time 0.002 s; expected times that rise") as caught:
+        table.check_rising("time", "s")
     assert (caught.value.line, caught.value.column) == (5, 5)
+
+
+def test_a_head_is_a_name_and_perhaps_a_unit():
+    names = ["x", "inertia_xx", "speed", "x[0]"]
+    for head, expected in {
+        "x": ("x", ""),
+        "x[0]": ("x[0]", ""),
+        "x[1]": ("", ""),
+        "inertia_xx_kg_m2": ("inertia_xx", "kg m2"),
+        "speed_mps": ("speed", "m/s"),
+        "speed (ft/s)": ("speed", "ft/s"),
+        "speed_error": ("", ""),
+    }.items():
+        assert read_head(head, names) == expected
 
 
 NUMBERS = [
@@ -92,6 +211,7 @@ def test_texts_become_a_column_and_come_back(texts):
 def test_no_column_imports_pandas():
     code = """
 import sys, numpy as np, pyarrow as pa
+from abhv_mc.io.units import LENGTH, TIME
 from abhv_mc.io.parquet_columns import *
 table = pa.table([number_column(np.arange(3.0)), text_column(["a", "b", "a"])], names=["x", "name"])
 column_values(table["x"]), distinct_texts(table["name"])

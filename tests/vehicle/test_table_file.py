@@ -55,13 +55,60 @@ def test_axes_in_other_units(tmp_path, text, columns, grid):
     assert read(tmp_path, text, columns).axes[0].grid == pytest.approx(grid)
 
 
+ROWS = "4,-1,1\n4,0,2\n4,2,3\n6,-1,4\n6,0,5\n6,2,6\n"
+MATRIX = "mach\\alpha_deg;-1;0;2\n4;1;2;3\n6;4;5;6\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "mach,alpha_deg,value\n" + "\n".join(ROWS.split()[::-1]),
+        MATRIX,
+        MATRIX.replace(";", ","),
+        MATRIX.replace(";", "\t"),
+        "alpha [deg]\\mach,4,6\n-1,1,4\n0,2,5\n2,3,6\n",
+    ],
+)
+def test_shuffled_rows_and_matrices_are_the_tidy_table(tmp_path, text):
+    table, expected = read(tmp_path, text), read(tmp_path, GOOD)
+    if VARIABLES[table.axes[0].variable] == "mach":
+        assert table.values.tolist() == expected.values.tolist()
+    else:
+        assert table.values.T.tolist() == expected.values.tolist()
+    grids = {axis.variable: axis.grid.tolist() for axis in table.axes}
+    assert grids == {axis.variable: axis.grid.tolist() for axis in expected.axes}
+
+
+def test_blocks_of_a_matrix_are_a_third_axis(tmp_path):
+    second = MATRIX.replace("1;2;3", "7;8;9")
+    table = read(tmp_path, f"altitude_km = 20\n{MATRIX}\naltitude_km; 30;;\n{second}")
+    names = [VARIABLES[axis.variable] for axis in table.axes]
+    assert names == ["altitude", "mach", "angle_of_attack"]
+    assert table.axes[0].grid.tolist() == [2e4, 3e4]
+    assert table.values[0].tolist() == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
+    assert table.values[1].tolist() == [[7.0, 8.0, 9.0], [4.0, 5.0, 6.0]]
+
+
 @pytest.mark.parametrize(
     ("text", "line", "column", "words"),
     [
         pytest.param(
             GOOD.replace("6,0,5\n", ""), 6, None, "no row for mach 6, alpha_deg 0", id="hole"
         ),
-        pytest.param(GOOD.replace("4,2,3", "4,-2,3"), 4, 3, "falling", id="falling axis"),
+        pytest.param(
+            GOOD.replace("4,2,3", "4,-2,3"),
+            5,
+            None,
+            "no row for mach 4, alpha_deg 2",
+            id="other points",
+        ),
+        pytest.param("mach\\alpha_deg,-1,0\n4,1\n", 2, None, "2 cells", id="short row of a matrix"),
+        pytest.param(
+            "mach\\alpha_deg,-1,0\n4,1,2\n6,1,x\n", 3, None, "'x' in", id="word in a matrix"
+        ),
+        pytest.param(
+            "a\nmach\\alpha_deg,-1,0\n4,1,2\n", 1, None, "'name = number'", id="block without value"
+        ),
         pytest.param(
             GOOD.replace("4,2,3", "4,0,3"), 4, None, "a second time", id="duplicate point"
         ),

@@ -1,6 +1,6 @@
 """Compare test flights with the simulated flights of a campaign: does the dispersed model cover them?"""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -8,8 +8,8 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown, read_histories
+from abhv_mc.io.foreign_table import Column, NumberTable, read_foreign_table
 from abhv_mc.io.input_error import InputError, one_of
-from abhv_mc.io.number_table import NumberTable, read_number_table
 from abhv_mc.statistics.placement import (
     Band,
     joint_p_value,
@@ -100,11 +100,12 @@ def place_flights(
     if not results.campaign.independent or len(results.campaign.unknowns.points) > 1:
         expected = "one with 'sampling: random' and no unknowns"
         raise InputError(root, "a campaign whose flights are not alike", expected)
-    tables = [read_number_table(file) for file in files]
+    known = {"time", *results.metrics, *(channel.name for channel in results.campaign.channels)}
+    tables = [_read_columns(file, known) for file in files]
     timed = ["time" in table.names for table in tables]
     if any(timed) and not all(timed):
         raise InputError(files[timed.index(False)], "no column time", "one, as in the other files")
-    labels = [table.rows.path.name for table in tables]
+    labels = [table.table.path.name for table in tables]
     if all(timed):
         simulated, tests, times, channels = _read_histories(
             results, controller, tables, dict(noise or {})
@@ -119,7 +120,7 @@ def place_flights(
         values = np.column_stack([flights.metrics[name] for name in names])
         values = values[np.isfinite(values).all(axis=1)]
         own = np.vstack([_columns(table, names) for table in tables])
-        labels = [f"{t.rows.path.name}:{line}" for t in tables for line in t.rows.lines]
+        labels = [f"{t.table.path.name}:{line}" for t in tables for line in t.table.lines]
     if len(values) < FEWEST_FLIGHTS:
         found = f"{len(values)} simulated flights to compare with"
         raise InputError(root, found, f"at least {FEWEST_FLIGHTS}")
@@ -146,7 +147,7 @@ def place_flights(
             dict.fromkeys(
                 name
                 for table in tables
-                for name in table.names
+                for name in table.table.heads
                 if name != "time" and name not in (bands or names)
             )
         ),
@@ -156,6 +157,13 @@ def place_flights(
     )
 
 
+def _read_columns(file: Path, known: Collection[str]) -> NumberTable:
+    """Return the columns of a file that the campaign knows, in the campaign's units."""
+    table = read_foreign_table(file)
+    columns = {head: Column(i) for i, head in enumerate(table.heads) if head in known}
+    return NumberTable(table, columns, table.numbers([each.position for each in columns.values()]))
+
+
 def _shared_columns(tables: Sequence[NumberTable], known: Sequence[str]) -> list[str]:
     """Return the columns of the first file that the campaign knows; all files have to have them."""
     names = [name for name in tables[0].names if name in known]
@@ -163,7 +171,7 @@ def _shared_columns(tables: Sequence[NumberTable], known: Sequence[str]) -> list
         missing = [name for name in names or known[:1] if name not in table.names]
         if missing:
             expected = f"columns of the campaign, such as {missing[0]}"
-            raise table.rows.error(None, None, f"no column {missing[0]}", expected)
+            raise table.table.error(None, None, f"no column {missing[0]}", expected)
     return names
 
 

@@ -67,7 +67,10 @@ class Command(_Short, TyperCommand):
 
 
 _PANELS: dict[str, tuple[Any, ...]] = {  # by name: added by a package
-    "Start": (starting.new, starting.imports, starting.validate, starting.plan, querying.lists),
+    "Start": (
+        *(starting.new, starting.imports, starting.validate, starting.plan),
+        *(starting.samples, querying.lists),
+    ),
     "Fly": (running.run, running.adopt, running.merge, flying.fly, replaying.replay),
     "Search": (searching.worst, searching.rare, searching.tune),
     "Look": (
@@ -168,6 +171,9 @@ def _print_versions(expected: bool) -> None:
         say(f"python {platform.python_version()} on {platform.platform()}")
         for library in _LIBRARIES:
             say(f"{library} {version(library)}")
+        from abhv_mc.kernel.compiler_target import choose_interface, find_level
+
+        say(f"kernels {find_level(choose_interface())[1]}")
         for package in PACKAGES:
             if find_spec(package) is None:
                 say(f"{package} is missing, and its commands with it")

@@ -182,7 +182,12 @@ def print_requirements(manifest: "Manifest") -> None:
         row = cells.setdefault(f"{entry.asked} in {100 * entry.probability:g} %", {})
         count = "" if len(flights) == 1 else f" of {entry.flights}"
         row[entry.controller] = f"{entry.verdict} {entry.failures}{count}"
-        advice += [f"{entry.verdict}: {words}" for words in entry.words.split("; ")[1:]]
+        missing = entry.failures_not_computed
+        advice += (
+            [f"{entry.verdict}: {missing} of {entry.failures} failures were not computed"]
+            if missing
+            else [f"{entry.verdict}: {words}" for words in entry.words.split("; ")[1:]]
+        )
     one = next(iter(flights)) if len(flights) == 1 else None
     say("\nVerdict and number of failures" + (f" in {one} flights" if one else ""), end="")
     say(" (* the exit code follows)")
@@ -217,7 +222,13 @@ def describe_verdicts(manifest: "Manifest") -> str:
 
 
 def adopt(
-    table: Annotated[Path, typer.Argument(metavar="TABLE", help="CSV or Parquet: a row a flight.")],
+    tables: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="TABLE...",
+            help="CSV, JSON lines, Parquet or Excel: flights, or their inputs and results.",
+        ),
+    ],
     campaign: Annotated[
         Path,
         typer.Option(
@@ -234,13 +245,15 @@ def adopt(
 ) -> None:
     """Import flights computed by another simulator and create their report.
 
-    TABLE has a column for each input and metric, system (of several), outcome and, if wanted, flight. Units stand
-    in the heads, as in 'altitude_min [ft]'. Verdicts need 'independent: true' in FILE, and rows that pass the tests of
-    independent draws. After an interruption, run the same command to resume. Exit codes are those of 'run'.
+    TABLE has a row per flight and a column for each dispersed input and metric, and if wanted system, outcome and
+    flight; heads may give units, as in 'altitude_min [ft]'. Inputs (see 'samples') and results may be two tables,
+    paired by flight; a flight without results failed to run. Verdicts need 'independent: true' in FILE, and rows that
+    pass the tests of independent draws. After an interruption, run the same command to resume. Exit codes are those of
+    'run'.
     """
-    from abhv_mc.execution.adopt import adopt_table
+    from abhv_mc.execution.adopt import adopt_tables
 
-    result = adopt_table(table, find_input(campaign, "campaign"), out, fresh)
+    result = adopt_tables(tables, find_input(campaign, "campaign"), out, fresh)
     finish(result, no_report, json, out or result.folder, junit, flies=False)
 
 

@@ -1,4 +1,4 @@
-"""``new``, ``import``, ``validate``, ``plan``: what is written, checked and planned before anything flies."""
+"""``new``, ``import``, ``validate``, ``plan``, ``samples``: what precedes the flights of a campaign."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from abhv_mc.cli.options import CampaignFile, Json, Runs
-from abhv_mc.cli.outputs import output, output_folder
+from abhv_mc.cli.outputs import output, output_file, output_folder
 from abhv_mc.cli.printing import (
     announce_compiling,
     announce_warnings,
@@ -232,3 +232,20 @@ def _print_plan(planned: "Planned") -> None:
         say(
             "Its flights are not independent draws: it gets estimates and no verdict. These numbers are for random."
         )
+
+
+def samples(
+    campaign: CampaignFile,
+    out: Annotated[Path, output(output_file, "FILE.csv", "Where to.")],
+    runs: Runs = None,
+) -> None:
+    """Write the inputs of a campaign's flights as CSV, to run them elsewhere.
+
+    A row is a flight: its number from 0, and each input with its unit in the head. Pass the table to 'adopt' together
+    with the results, which repeat the column 'flight'.
+    """
+    from abhv_mc.campaign.file.check import read_campaign
+    from abhv_mc.folder.input_table import write_inputs
+
+    flights = write_inputs(read_campaign(campaign, runs), out)
+    say(f"{out}: the inputs of {flights} flights")

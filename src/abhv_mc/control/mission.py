@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import (
     BeforeValidator,
     Discriminator,
@@ -17,7 +16,14 @@ from pydantic import (
 )
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control.mission_tables import DENSITY, WIND, join_air, read_air_table, read_trajectory
+from abhv_mc.control.mission_tables import (
+    DENSITIES,
+    WIND,
+    find_air_warnings,
+    join_air,
+    read_air_table,
+    read_trajectory,
+)
 from abhv_mc.control.s_shape import s_shape
 from abhv_mc.io.documents import File, Refusal, StrictModel, read_document, validate
 from abhv_mc.io.input_files import made_once
@@ -228,16 +234,27 @@ class End(StrictModel):
         return -math.inf if low is None else low, math.inf if high is None else high
 
 
-class WindTable(StrictModel):
-    """Wind of the nominal flight: CSV with altitude_m, wind_north_mps, wind_east_mps (where it blows towards)."""
+class AirTable(StrictModel):
+    """A table of levels, such as a sounding; its heads give units."""
 
-    file: File = Field(description="the CSV file, relative to this file")
+    file: File = Field(description="the table, relative to this file")
+    columns: dict[str, str] = Field(
+        {}, description="heads of the table by name, such as {altitude: HGHT}"
+    )
 
 
-class DensityTable(StrictModel):
-    """Nominal density: CSV with altitude_m, density_factor, on the standard atmosphere's; controllers know it."""
+class WindTable(AirTable):
+    """Wind of the nominal flight over altitude.
 
-    file: File = Field(description="the CSV file, relative to this file")
+    Columns wind_north and wind_east (where it blows towards), or wind_speed and wind_direction (where from).
+    """
+
+
+class DensityTable(AirTable):
+    """Nominal density over altitude, which controllers know.
+
+    Columns density_factor (on the standard atmosphere), density, or pressure and temperature.
+    """
 
 
 class EarthNumbers(StrictModel):
@@ -364,13 +381,28 @@ class Mission(StrictModel):
         ]
         return {move.name: (begin, begin + move.length) for begin, move in named}
 
-    def make_air(self) -> NDArray[np.float64]:
-        """The nominal air ``[knot, column]``, see :mod:`abhv_mc.kernel.plant.air_data`. Raises InputError."""
-        wind = None if isinstance(self.wind, str) else read_air_table(self.wind.file, WIND)
-        density = (
-            None if isinstance(self.density, str) else read_air_table(self.density.file, DENSITY)
+    def read_air(self) -> tuple[Floats | None, Floats | None]:
+        """Return the tables of the wind and of the density, None where there is none. Raise InputError."""
+        wind, density = self.wind, self.density
+        return (
+            None if isinstance(wind, str) else read_air_table(wind.file, WIND, wind.columns),
+            None
+            if isinstance(density, str)
+            else read_air_table(density.file, DENSITIES, density.columns),
         )
-        return join_air(wind, density)
+
+    def make_air(self) -> Floats:
+        """Return the nominal air [level, column], see :mod:`abhv_mc.kernel.plant.air_data`. Raise InputError."""
+        return join_air(*self.read_air())
+
+    def find_air_warnings(self, altitude: Floats) -> list[str]:
+        """Return warnings of tables of the air that end within a flight's altitudes."""
+        return [
+            warning
+            for key, table in zip((self.wind, self.density), self.read_air(), strict=True)
+            if not isinstance(key, str) and table is not None
+            for warning in find_air_warnings(Path(key.file), table, altitude)
+        ]
 
     def make_earth(self) -> Earth:
         """The Earth record of the plant."""

@@ -1,61 +1,120 @@
 """The CSV tables that a mission names: a recorded trajectory, and the nominal air over altitude."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.io.input_error import InputError
-from abhv_mc.io.number_table import read_number_table
-from abhv_mc.io.units import LENGTH, SPEED, TIME
+from abhv_mc.array_types import Floats
+from abhv_mc.io.foreign_table import read_foreign_table, read_numbers, take_numbers
+from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.io.units import ANGLE, DENSITY, FRACTION, LENGTH, PRESSURE, SPEED, TIME
+from abhv_mc.kernel.world.atmosphere import GAS_CONSTANT, atmosphere
 
-COLUMNS = ("time_s", "altitude_m", "speed_mps", "heading_deg")
-_LARGEST_FLOWN = dict(zip(COLUMNS, (TIME.largest, LENGTH.largest, SPEED.largest, 1e4), strict=True))
+_TRAJECTORY = {"time": TIME, "altitude": LENGTH, "speed": SPEED, "heading": ANGLE}
 
 
-def read_trajectory(path: str | Path, duration: float) -> NDArray[np.float64]:
-    """[sample, column] in COLUMNS' order and units, headings unwrapped; at least ``duration`` s. Raises InputError."""
-    table = read_number_table(Path(path), _LARGEST_FLOWN)
+def read_trajectory(path: str | Path, duration: float) -> Floats:
+    """Return time, altitude, speed and unwrapped heading [sample, column] of at least ``duration`` s.
+
+    Raise InputError.
+    """
+    table = read_numbers(Path(path), _TRAJECTORY)
     samples = table.values
-    table.check_rising("time_s", "s")
+    table.check_rising("time", "s")
     for row in np.flatnonzero(samples[:, 2] <= 0.0)[:1]:
-        raise table.error(
-            int(row), "speed_mps", f"the speed {samples[row, 2]:g} m/s", "a positive one"
-        )
+        raise table.error(int(row), "speed", f"the speed {samples[row, 2]:g} m/s", "a positive one")
     if len(samples) < 4:
         raise InputError(path, f"{len(samples)} samples", "at least 4")
     first, last = samples[0, 0], samples[-1, 0]
     if abs(first) > 1e-9 or last < duration - 1e-9:
         raise InputError(path, f"times {first:g}..{last:g} s", f"times from 0 to {duration:g} s")
-    samples[:, 3] = np.rad2deg(np.unwrap(np.deg2rad(samples[:, 3])))
+    samples[:, 3] = np.unwrap(samples[:, 3])
     return samples
 
 
-ALTITUDE = "altitude_m"
-WIND = ("wind_north_mps", "wind_east_mps")  # that the air blows towards
-DENSITY = ("density_factor",)
-_MAX_ROWS = 500
-_LARGEST = {ALTITUDE: LENGTH.largest, **dict.fromkeys(WIND, SPEED.largest), DENSITY[0]: 1e3}
+AIR = {
+    "wind_north": SPEED,  # that the air blows towards
+    "wind_east": SPEED,
+    "wind_speed": SPEED,
+    "wind_direction": ANGLE,  # that the air comes from, clockwise from north
+    "density_factor": FRACTION,  # on the standard atmosphere
+    "density": DENSITY,
+    "pressure": PRESSURE,
+    "temperature": FRACTION,  # in K; see _KELVIN
+}
+WIND = ("wind_north", "wind_east"), ("wind_speed", "wind_direction")
+DENSITIES = ("density_factor",), ("density",), ("pressure", "temperature")
+_MAX_ROWS = 10_000
+_KELVIN = {
+    **dict.fromkeys(("K", "kelvin"), (1.0, 0.0)),
+    **dict.fromkeys(("C", "degC", "°C", "deg C"), (1.0, 273.15)),
+    **dict.fromkeys(("F", "degF", "°F", "deg F"), (5.0 / 9.0, 459.67 * 5.0 / 9.0)),
+}
 
 
-def read_air_table(path: Path, columns: tuple[str, ...]) -> NDArray[np.float64]:
-    """[knot, altitude and ``columns``] by rising altitude. Raises :class:`InputError`."""
-    table = read_number_table(path, {name: _LARGEST[name] for name in (ALTITUDE, *columns)})
-    table.check_rising(ALTITUDE, "m")
-    rows = table.values
-    if columns == DENSITY:
-        for row in np.flatnonzero(rows[:, 1] <= 0.0)[:1]:
-            raise table.error(
-                int(row), DENSITY[0], f"a factor {rows[row, 1]:g}", "a factor above zero"
-            )
-    if not 2 <= len(rows) <= _MAX_ROWS:
-        raise InputError(path, f"{len(rows)} rows", f"2 to {_MAX_ROWS}")
-    return rows
+def read_air_table(
+    path: Path, choices: Sequence[tuple[str, ...]], heads: Mapping[str, str]
+) -> Floats:
+    """Return altitude and the columns of the first of ``choices`` [level, column], by rising altitude.
+
+    Altitudes may fall, too. Wind is towards north and east, density a factor on the standard atmosphere's. Raise
+    InputError.
+    """
+    table = read_foreign_table(path)
+    columns = table.find(("altitude", *AIR), heads)
+    for name, head in heads.items():
+        if name not in columns:
+            raise table.error(None, None, f"no column '{head}'", f"the head of '{name}'")
+    names = next((names for names in choices if set(names) <= columns.keys()), None)
+    if names is None:
+        expected = ", or ".join(" and ".join(choice) for choice in choices)
+        raise table.error(None, None, "a table without what it is read for", expected)
+    factor, offset = 1.0, 0.0
+    if "temperature" in names:
+        column = columns["temperature"]
+        if column.unit not in _KELVIN:
+            found = f"a temperature in '{column.unit}'"
+            raise table.error(None, column.position, found, one_of(_KELVIN))
+        factor, offset = _KELVIN[column.unit]
+        columns["temperature"] = column._replace(unit="")
+    dimensions = {"altitude": LENGTH, **{name: AIR[name] for name in names}}
+    numbers = take_numbers(table, columns, dimensions)
+    numbers.check_rising("altitude", "m", or_falling=True)
+    altitude, *values = numbers.values.T
+    if not 2 <= len(altitude) <= _MAX_ROWS:
+        raise InputError(path, f"{len(altitude)} rows", f"2 to {_MAX_ROWS}")
+    if "temperature" in names:
+        values = [values[0] / (GAS_CONSTANT * (values[1] * factor + offset))]
+    if names == WIND[1]:
+        values = [-values[0] * np.cos(values[1]), -values[0] * np.sin(values[1])]
+    elif names in DENSITIES:
+        if names != DENSITIES[0]:
+            values = [values[0] / [atmosphere(height)[0] for height in altitude.tolist()]]
+        for row in np.flatnonzero((values[0] <= 0.0) | ~np.isfinite(values[0]))[:1]:
+            found = f"a density of {values[0][row]:g} times the standard atmosphere's"
+            raise numbers.error(int(row), names[0], found, "a factor above zero")
+    order = np.argsort(altitude)
+    return np.column_stack([altitude, *values])[order]
 
 
-def join_air(
-    wind: NDArray[np.float64] | None, density: NDArray[np.float64] | None
-) -> NDArray[np.float64]:
+def find_air_warnings(path: Path, table: Floats, altitude: Floats) -> list[str]:
+    """Return a warning if a flight at these altitudes leaves a table [level, column]."""
+    low, high, lowest, highest = *table[[0, -1], 0], altitude.min(), altitude.max()
+    if low <= lowest and highest <= high:
+        return []
+    hint = ""
+    for unit, factor in (("km", 1e3), ("ft", 0.3048), ("m", 1e-3)):
+        if low * factor <= lowest and highest <= high * factor:
+            hint = f"; are its altitudes in {unit}?"
+            break
+    return [
+        f"{path.name} has levels from {low:g} to {high:g} m and the flight altitudes from {lowest:.0f} to "
+        f"{highest:.0f} m: beyond its ends the last level is used{hint}"
+    ]
+
+
+def join_air(wind: Floats | None, density: Floats | None) -> Floats:
     """The columns of :mod:`abhv_mc.kernel.plant.air_data` on the altitudes of both tables, exact between them."""
     if wind is None and density is None:
         return np.empty((0, 4))

@@ -32,7 +32,15 @@ from abhv_mc.flight.user_law import NATIVE, open_law, plan_source
 from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.flight.interface import LANES, Timing
 from abhv_mc.kernel.flight.start import multiply
-from abhv_mc.kernel.laws.columns import ANGLE_OF_ATTACK, BANK, MASS, REFERENCE, SPEED, TIME
+from abhv_mc.kernel.laws.columns import (
+    ALTITUDE,
+    ANGLE_OF_ATTACK,
+    BANK,
+    MASS,
+    REFERENCE,
+    SPEED,
+    TIME,
+)
 from abhv_mc.kernel.numerics.quaternion import from_euler, rotate_to_body
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.vehicle import VARIABLES, Vehicle
@@ -173,6 +181,7 @@ def make_plan(
         warnings += limit_faults(controller, reference)
     warnings += find_vehicle_warnings(vehicle)
     warnings += table_faults(vehicle, reference, timing.tick)
+    warnings += mission.find_air_warnings(reference[:, ALTITUDE])
     dry = np.flatnonzero(reference[:, MASS] <= vehicle.constants.mass_empty + _LEAST_FUEL)
     if vehicle.constants.burns_fuel and dry.size:
         lasts = reference[dry[0], TIME]

@@ -19,7 +19,7 @@ Plain = dict[str, Any] | list[Any] | str | int | float | bool | None
 Places = dict[tuple[str | int, ...], Place]
 
 MAX_BYTES = 2_000_000
-MAX_VALUES = 10_000  # a hundred times the largest file that is shipped; aliases of aliases grow exponentially
+MAX_VALUES = 100_000  # of a folder with 10,000 requirements; aliases of aliases grow exponentially
 
 _DECIMAL = re.compile(NUMBER)
 _TAG = "tag:yaml.org,2002:"

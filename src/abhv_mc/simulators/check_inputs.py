@@ -4,9 +4,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.kinds import find_kind
 from abhv_mc.control.controller_file import read_controller
+from abhv_mc.control.design.profile import make_profile
 from abhv_mc.control.law_file import UserController
 from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.fly import fly, nominal_parameters
@@ -98,7 +101,9 @@ def _check(
     elif kind == "vehicle":
         yield from find_vehicle_warnings(load_vehicle(file))
     elif kind == "mission":
-        read_mission(file)
+        mission = read_mission(file)
+        profile = make_profile(mission, np.arange(0.0, mission.duration, 1.0))
+        yield from mission.find_air_warnings(profile.altitude)
     else:
         controller = read_controller(file)
         yield from controller.warnings()

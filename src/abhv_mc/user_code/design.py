@@ -12,8 +12,8 @@ from abhv_mc.array_types import Floats, Numbers
 from abhv_mc.control.design.design_model import attitude_rates, body_rate_rates, slope, wrench_at
 from abhv_mc.control.design.lqr_design import Nominal, make_nominal
 from abhv_mc.control.mission import Mission
+from abhv_mc.io.foreign_table import NumberTable, read_foreign_table
 from abhv_mc.io.input_error import InputError
-from abhv_mc.io.number_table import NumberTable, read_number_table
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc.kernel.world.earth import Earth
@@ -161,16 +161,18 @@ def watched_design(
 
 def _read_gains(path: Path, times: Floats) -> tuple[tuple[str, ...], Floats]:
     """Of a design in CSV: linear between its times and held outside."""
-    table: NumberTable = read_number_table(path)
-    names = tuple(name for name in table.names if name != "time_s")
-    if "time_s" not in table.names or not names:
-        raise table.error(
-            0, table.names[0], "a design without times or gains", "the column time_s, and others"
-        )
-    table.check_rising("time_s", "s")
-    at = table.values[:, table.names.index("time_s")]
-    columns = [np.interp(times, at, table.values[:, table.names.index(name)]) for name in names]
-    return names, np.ascontiguousarray(np.array(columns).T)
+    table = read_foreign_table(path)
+    time = table.find(["time"]).get("time")
+    indices = [i for i in range(len(table.heads)) if not time or i != time.position]
+    if not time or not indices:
+        expected = "the column time_s, and others"
+        raise table.error(None, None, "a design without times or gains", expected)
+    own = NumberTable(
+        table, {"time": time}, table.numbers([time.position]) * table.factor(time, "s")
+    )
+    own.check_rising("time", "s")
+    columns = [np.interp(times, own.values[:, 0], gain) for gain in table.numbers(indices).T]
+    return tuple(table.heads[i] for i in indices), np.ascontiguousarray(np.array(columns).T)
 
 
 def _design(

@@ -10,9 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.io.documents import Document, InputErrors, Refusal, read_document, validate
+from abhv_mc.io.documents import (
+    Document,
+    InputErrors,
+    Refusal,
+    one_of,
+    read_document,
+    validate,
+)
+from abhv_mc.io.foreign_table import read_foreign_table
 from abhv_mc.io.input_files import made_once
-from abhv_mc.io.number_table import read_rows
 from abhv_mc.io.units import parse_unit
 from abhv_mc.kernel.plant.vehicle import (
     COEFFICIENTS,
@@ -97,21 +104,19 @@ def read_vehicle_file(path: str | Path) -> VehicleFile:
 
 
 def read_mass_points(path: Path) -> tuple[MassPoint, ...]:
-    """Mass properties from CSV with columns such as ``mass_kg`` and ``inertia_xx_kg_m2``. Raises InputError."""
-    rows = read_rows(path)
-    keys: list[tuple[str, str]] = []
-    for header in rows.header:
-        name = next(
-            (field for field in MassPoint.model_fields if header.startswith(f"{field}_")), header
-        )
-        if name in (known for known, _ in keys):
-            raise rows.error(None, len(keys), f"a second column of {name}", "each once")
-        keys.append((name, header.removeprefix(f"{name}_").replace("_", " ")))
+    """Read mass properties from columns such as ``mass_kg`` and ``inertia_xx_kg_m2``. Raise InputError."""
+    table = read_foreign_table(path)
+    columns = table.find(MassPoint.model_fields)
+    indices = {column.position: name for name, column in columns.items()}
+    for i, head in enumerate(table.heads):
+        if i not in indices:
+            raise table.error(None, i, f"the column '{head}'", one_of(MassPoint.model_fields, head))
+    numbers = table.numbers([column.position for column in columns.values()])
     points: list[Any] = []
-    places: dict[tuple[str | int, ...], tuple[int, int]] = {(): (rows.header_line, 1)}
-    for row, line in enumerate(rows.lines):
-        named = zip(keys, rows.cells(row), strict=True)
-        points.append({name: f"{cell.strip()} {unit}" for (name, unit), cell in named})
+    places: dict[tuple[str | int, ...], tuple[int, int]] = {(): (table.head_line, 1)}
+    for row, line in enumerate(table.lines):
+        named = zip(columns.items(), numbers[row].tolist(), strict=True)
+        points.append({name: f"{number!r} {column.unit}" for (name, column), number in named})
         places["points", row] = line, 1
     try:
         return validate(Document(path, {"points": points}, places, {}), MassPoints).points

@@ -1,4 +1,4 @@
-"""Read a table from tidy CSV: sorted rows, one per point of a complete grid, with its axes and a value.
+"""Read a table of a complete grid: a row per point with its axes and a value, in any order, or a matrix.
 
 A header names the variable and its unit (``mach,alpha_deg,value``); a vehicle file may say it instead.
 """
@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Ints
+from abhv_mc.io.foreign_table import ForeignTable, read_foreign_table, read_head, split_head
 from abhv_mc.io.input_error import Refusal, one_of
-from abhv_mc.io.number_table import Rows, read_rows
 from abhv_mc.io.units import ANGLE, LENGTH, MASS, parse_unit
 from abhv_mc.kernel.plant.vehicle import MAX_DIMENSIONS, VARIABLES
 from abhv_mc.vehicle.pack import Axis, Table
@@ -66,18 +66,26 @@ def parse_role(text: str, effectors: Sequence[str] = ()) -> Role:
     return Role(name, unit.strip() or None)
 
 
-def _role_of_header(column: str, effectors: Sequence[str]) -> Role | None:
-    """The role that a column's own name gives it, if any."""
-    stem, _, suffix = column.rpartition("_")
-    for text in (column, f"{stem} {suffix}"):
-        try:
-            return parse_role(text, effectors)
-        except Refusal:
-            continue
-    return None
+def _find_role(
+    rows: ForeignTable, column: int, columns: Mapping[str, Role], effectors: Sequence[str]
+) -> Role:
+    """Return the role that the vehicle file or its own head gives a column. Raise InputError without one."""
+    head = rows.heads[column]
+    name, unit = read_head(head, (*_PLAIN, *_DIMENSIONS, *ALIASES, *effectors, VALUE))
+    unit = unit or split_head(head)[1] or rows.units[column]
+    role = columns.get(head) or columns.get(split_head(head)[0])
+    if role is None:
+        if not name or (name == VALUE and unit):
+            expected = "mach, alpha_deg, value, ... (or its meaning under columns, and the unit of values, in the "
+            raise rows.error(None, column, f"the column '{head}'", f"{expected}vehicle file)")
+        return Role(ALIASES.get(name, name), unit or None)
+    if role.unit is None and role.name not in (VALUE, IGNORE, *_PLAIN):
+        suffix = head.rpartition("_")[2]
+        return Role(role.name, unit or (suffix if suffix in ("deg", "rad") else None))
+    return role
 
 
-def _unit_factor(rows: Rows, column: int, role: Role) -> float:
+def _unit_factor(rows: ForeignTable, column: int, role: Role) -> float:
     """Factor to SI of an axis, whose unit the header or the vehicle file gives."""
     dimension, unit = (
         _DIMENSIONS.get(role.name) or (None if role.name in _PLAIN else ANGLE),
@@ -87,7 +95,7 @@ def _unit_factor(rows: Rows, column: int, role: Role) -> float:
         f"in units of {dimension.name}, such as {dimension.unit}" if dimension else "alone"
     )
     if (unit is None) != (dimension is None):
-        found = f"'{rows.header[column]}' " + ("without a unit" if unit is None else f"in '{unit}'")
+        found = f"'{rows.heads[column]}' " + ("without a unit" if unit is None else f"in '{unit}'")
         raise rows.error(None, column, found, expected)
     if unit is None or dimension is None:
         return 1.0
@@ -96,12 +104,12 @@ def _unit_factor(rows: Rows, column: int, role: Role) -> float:
     except Refusal as refusal:
         raise rows.error(None, column, refusal.found, expected) from None
     if exponents != dimension.exponents:
-        raise rows.error(None, column, f"'{rows.header[column]}' in '{unit}'", expected)
+        raise rows.error(None, column, f"'{rows.heads[column]}' in '{unit}'", expected)
     return factor
 
 
 def _check_plausible(
-    rows: Rows, column: int, role: Role, numbers: Floats, factor: float, said: bool
+    rows: ForeignTable, column: int, role: Role, numbers: Floats, factor: float, said: bool
 ) -> None:
     low, high = _PLAUSIBLE[role.name if role.name in _PLAUSIBLE else "angle"]
     outside = np.flatnonzero((numbers * factor < low) | (numbers * factor > high * (1.0 + 1e-12)))
@@ -109,65 +117,50 @@ def _check_plausible(
         row = int(outside[0])
         expected = (
             f"{low / factor:.6g} to {high / factor:.6g}: is it in another unit than "
-            f"'{rows.header[column]}' says?"
+            f"'{rows.heads[column]}' says?"
         )
         raise rows.error(row, column, f"{role.name} {numbers[row]:g}", expected)
     if not said and np.ptp(numbers) < _NARROWEST.get(role.unit or "", 0.0):
         found = f"{role.name} over {np.ptp(numbers):g} {role.unit} only"
-        expected = f"{role.unit} (if it is, say '{rows.header[column]}: {role.name} {role.unit}' under columns)"
+        expected = f"{role.unit} (if it is, say '{rows.heads[column]}: {role.name} {role.unit}' under columns)"
         raise rows.error(0, column, found, expected)
 
 
-def _grid(rows: Rows, columns: Sequence[int], points: Floats) -> list[Floats]:
-    """The grids of the axes from ``points[row, axis]``, which must be sorted and complete."""
-    names = [rows.header[column] for column in columns]
-    for row in range(1, len(points)):
-        step = np.flatnonzero(points[row] != points[row - 1])
-        if step.size == 0:
-            raise rows.error(row, None, "the same point a second time", "each point once")
-        axis = step[0]
-        if points[row, axis] < points[row - 1, axis]:
-            found = f"{names[axis]} falling from {points[row - 1, axis]:g} to {points[row, axis]:g}"
-            raise rows.error(row, columns[axis], found, "rising axes, the first column slowest")
+def _grid(rows: ForeignTable, columns: Sequence[int], points: Floats, order: Ints) -> list[Floats]:
+    """Return the grids of the axes from sorted ``points[row, axis]``; ``order`` holds their rows in the file.
+
+    Raise InputError unless the grid is complete.
+    """
+    names = [rows.heads[column] for column in columns]
+    for row in np.flatnonzero((points[1:] == points[:-1]).all(axis=1))[:1] + 1:
+        again = int(max(order[row - 1 : row + 1]))
+        raise rows.error(again, None, "the same point a second time", "each point once")
     grids = [np.unique(points[:, axis]) for axis in range(len(columns))]
     for column, grid in zip(columns, grids, strict=True):
         if grid.size < 2:
             raise rows.error(
-                0, column, f"one value of {rows.header[column]}", "an axis of at least two"
+                0, column, f"one value of {rows.heads[column]}", "an axis of at least two"
             )
     for row, point in enumerate(itertools.product(*grids)):
         if row == len(points) or tuple(points[row]) != point:
             words = ", ".join(f"{name} {x:g}" for name, x in zip(names, point, strict=True))
-            raise rows.error(min(row, len(points) - 1), None, f"a hole in the grid before here: no row for {words}",
-                             "every combination of the axes")  # fmt: skip
+            found = f"a hole in the grid before here: no row for {words}"
+            at = int(order[min(row, len(points) - 1)])
+            raise rows.error(at, None, found, "every combination of the axes")
     return grids
 
 
 def read_table(path: Path, columns: Mapping[str, Role], effectors: Sequence[str] = ()) -> Table:
     """Read one table; axes in SI and radians, values as they stand. Raises :class:`InputError` with its place."""
-    rows = read_rows(path)
+    rows = read_foreign_table(path)
+    heads = {name for head in rows.heads for name in (head, split_head(head)[0])}
     for name in columns:
-        if name not in rows.header:
-            raise rows.error(
-                None,
-                None,
-                f"no column '{name}', which the vehicle file describes",
-                one_of(rows.header),
-            )
+        if name not in heads:
+            found = f"no column '{name}', which the vehicle file describes"
+            raise rows.error(None, None, found, one_of(rows.heads))
     roles: dict[str, tuple[int, Role]] = {}
-    for i, name in enumerate(rows.header):
-        own = _role_of_header(name, effectors)
-        role = columns.get(name) or own
-        if role is not None and role.unit is None and role.name not in (VALUE, IGNORE, *_PLAIN):
-            suffix = name.rpartition("_")[2]  # the unit is what the column's name says
-            role = Role(
-                role.name, own.unit if own else suffix if suffix in ("deg", "rad") else None
-            )
-        if role is None:
-            expected = (
-                "mach, alpha_deg, value, ... (or say what it is under columns in the vehicle file)"
-            )
-            raise rows.error(None, i, f"the column '{name}'", expected)
+    for i in range(len(rows.heads)):
+        role = _find_role(rows, i, columns, effectors)
         if role.name == IGNORE:
             continue
         if role.name in roles:
@@ -182,14 +175,15 @@ def read_table(path: Path, columns: Mapping[str, Role], effectors: Sequence[str]
     places = [i for i, _ in roles.values()]
     values, *points = rows.numbers([value, *places]).T
     for (i, role), numbers, factor in zip(roles.values(), points, factors, strict=True):
-        said = rows.header[i] in columns and columns[rows.header[i]].unit is not None
+        said = rows.heads[i] in columns and columns[rows.heads[i]].unit is not None
         _check_plausible(rows, i, role, numbers, factor, said)
-    grids = _grid(rows, places, np.stack(points, axis=1))
+    order = np.lexsort(points[::-1])
+    grids = _grid(rows, places, np.stack(points, axis=1)[order], order)
     axes = tuple(
         Axis(VARIABLES.index(_variable(name, effectors)), grid * factor)
         for name, grid, factor in zip(roles, grids, factors, strict=True)
     )
-    return Table(axes, values.reshape([grid.size for grid in grids]))
+    return Table(axes, values[order].reshape([grid.size for grid in grids]))
 
 
 def _variable(name: str, effectors: Sequence[str]) -> str:

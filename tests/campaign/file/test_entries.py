@@ -1,6 +1,7 @@
 """Requirements from a CSV file are those that the campaign could list itself, with the places of the table; what of a
 value fails them and by how much; windows of metrics by the name of a mission's phase; entries of a user's simulator."""
 
+import json
 import math
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from own_simulators import dive_campaign
 
 from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.io.documents import write_document
 from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc.shipped import shipped_configs
 
@@ -70,9 +72,9 @@ def test_a_table_reads_as_a_list(tmp_path):
             "campaign.yaml:.*below 0.1 and above 0.5",
         ),
         ("99.73 %", "199 %", "requirements.csv:2:7: "),
-        (",below,", ",belov,", "requirements.csv:1:5: "),
+        (",below,", ",belov,", "requirements.csv:1:23: "),
         ("equivalence_ratio_min,,0.1", "equivalence_ratio_min,,", "requirements.csv:3:1: "),
-        ("one; two", "one, two", "requirements.csv:3:10: "),
+        ("one; two", "one, two", "requirements.csv:3: 10 cells"),
         (",metric,", ",rationale,", "requirements.csv:1:1: no column 'metric'"),
     ],
 )
@@ -257,3 +259,55 @@ def test_derived_inputs_know_inputs_without_points(tmp_path: Path) -> None:
     rows = campaign.rows(campaign.make_samples().draw(0, 5))
     place = campaign.parameters.index
     assert np.allclose(rows[:, place["dive"]], 60.0 + 0.1 * (rows[:, place["speed"]] - 560.0))
+
+
+INPUTS = """name;unit;nominal;seed;distribution;sigma;half_width
+a;m;10.5;;normal;1 m;
+b;-;1;;uniform;;2 %
+c;s;3;;;;
+n;;;true;;;
+"""
+
+
+def of_tables(folder, inputs=INPUTS, requirements=2000):
+    rows = "".join(f"R-{i},miss,15 m,97 %,high\n" for i in range(requirements))
+    (folder / "requirements.csv").write_text(f"id,metric,below,probability,text\n{rows}")
+    (folder / "inputs.csv").write_text(inputs)
+    content = {
+        "name": "tables",
+        "inputs": "inputs.csv",
+        "metrics": {"miss": {"unit": "m"}},
+        "requirements": "requirements.csv",
+        "runs": 100,
+    }
+    (folder / "tables.yaml").write_text(json.dumps(content))
+    return folder / "tables.yaml"
+
+
+def test_tables_hold_the_inputs_and_more_requirements_than_a_file(tmp_path):
+    campaign = read_campaign(of_tables(tmp_path))
+    assert [(each.name, each.unit, each.nominal) for each in campaign.parameters.records] == [
+        ("a", "m", 10.5),
+        ("b", "-", 1.0),
+        ("c", "s", 3.0),
+        ("n", "-", 0.0),
+    ]
+    assert campaign.parameters["n"].seed and list(campaign.marginals) == ["a", "b"]
+    assert campaign.marginals["b"].ppf(np.array([1.0])) == pytest.approx(1.02)
+    assert len(campaign.requirements) == 2000
+    write_document(tmp_path / "again.yaml", campaign.document.data)  # as a folder keeps it
+    assert read_campaign(tmp_path / "again.yaml").requirements == campaign.requirements
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("name;", "nam;", "inputs.csv:1:1: no column 'name'"),
+        ("\nb;", "\na;", "inputs.csv:3: the input 'a'"),
+        ("normal", "normall", r"inputs.csv:2:1: .*normall"),
+        ("10.5", "ten", "inputs.csv:2:1: .*ten"),
+    ],
+)
+def test_mistakes_in_a_table_of_inputs_are_told_with_their_row(tmp_path, old, new, words):
+    with pytest.raises(InputError, match=words):
+        read_campaign(of_tables(tmp_path, INPUTS.replace(old, new), requirements=1))

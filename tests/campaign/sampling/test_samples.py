@@ -139,14 +139,12 @@ def test_csv_and_parquet_give_the_same(tmp_path):
     pq.write_table(
         pa.table({"aero.lift": [0.9, 1.0], "aero.drag": [1.1, 1.2]}), tmp_path / "s.parquet"
     )
-    one, two = (
-        read_sample_file(tmp_path / name, OURS.dispersible) for name in ("s.csv", "s.parquet")
-    )
+    one, two = (read_sample_file(tmp_path / name, OURS) for name in ("s.csv", "s.parquet"))
     assert one.names == two.names == ("aero.lift", "aero.drag")
     assert one.values.tolist() == two.values.tolist() == [[0.9, 1.1], [1.0, 1.2]]
     (tmp_path / "s.parquet").write_text("not Parquet")
     with pytest.raises(InputError, match="Parquet"):
-        read_sample_file(tmp_path / "s.parquet", OURS.dispersible)
+        read_sample_file(tmp_path / "s.parquet", OURS)
 
 
 @pytest.mark.parametrize(
@@ -154,13 +152,13 @@ def test_csv_and_parquet_give_the_same(tmp_path):
     [
         ("aero.lift\n1.0\nx\n", 3, 1, "'x'"),
         ("aero.lift,aero.drag\n1.0,inf\n", 2, 5, "'inf'"),
-        ("aero.lft\n1.0\n", 1, None, "column 'aero.lft'"),
+        ("aero.lft\n1.0\n", 1, 1, "column 'aero.lft'"),
         ("flight,aero.lift\n1,1.0\n", 2, None, "does not count up"),
     ],
 )
 def test_bad_files_are_refused_in_place(tmp_path, text, line, column, words):
     (tmp_path / "s.csv").write_text(text)
     with pytest.raises(InputError) as caught:
-        read_sample_file(tmp_path / "s.csv", OURS.dispersible)
+        read_sample_file(tmp_path / "s.csv", OURS)
     assert (caught.value.line, caught.value.column) == (line, column)
     assert words in caught.value.found

@@ -17,7 +17,7 @@ from abhv_mc.campaign.file.requirements import (
     check_margins,
     check_requirements,
     check_stop,
-    read_requirements,
+    read_tables,
     select_requirements,
 )
 from abhv_mc.campaign.file.simulator import SimulatorCampaign, check_simulator, is_own, systems_key
@@ -98,7 +98,7 @@ def read_campaign(
     engine: Engine | None = None,
 ) -> Experiment:
     """Read and check a campaign file; the other arguments override its entries. Raises :class:`InputErrors`."""
-    document = read_requirements(read_document(path))
+    document = read_tables(read_document(path))
     file_runs = document.data.get("runs") if isinstance(document.data, dict) else None
     given = {key: value for key, value in (("runs", runs), ("seed", seed)) if value is not None}
     if given and isinstance(document.data, dict):
@@ -113,7 +113,7 @@ def check_campaign(document: Document, engine: Engine | None = None) -> Experime
     """Check a campaign that was read already. Raises :class:`InputErrors`."""
     if (kind := find_kind(document, "campaign")) != "campaign":
         raise document.error((), f"a {kind} file", "a campaign file")
-    document = name_effectors(read_requirements(document))
+    document = name_effectors(read_tables(document))
     model: Campaign = validate(document, SimulatorCampaign if is_own(document.data) else Campaign)
     return replace(_check(document, model), engine=engine)
 
@@ -126,11 +126,7 @@ def _check(document: Document, model: Campaign) -> Experiment:
         check_kinds(document, model)
     parameters = own.parameters if own else OURS
     marginals = _make_marginals(document, model, parameters, errors)
-    sample_file = (
-        read_sample_file(model.sampling.path, parameters.dispersible)
-        if model.sampling.path
-        else None
-    )
+    sample_file = read_sample_file(model.sampling.path, parameters) if model.sampling.path else None
     names = sample_file.names if sample_file else tuple(model.dispersions)
     copula = _make_copula(document, model, names, errors)
     derived = check_derived(document, model, parameters, errors)

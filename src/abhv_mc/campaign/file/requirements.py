@@ -2,7 +2,6 @@
 and what is wrong with it beside the tables of metrics, the design and the mission."""
 
 import contextlib
-import csv
 import json
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -12,11 +11,13 @@ from typing import Any
 from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.config import TRACED, Campaign, RequirementEntry
 from abhv_mc.campaign.file.experiment import Requirement
-from abhv_mc.campaign.file.simulator import SimulatorCampaign
+from abhv_mc.campaign.file.simulator import Input, InputName, SimulatorCampaign
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
+from abhv_mc.campaign.sampling.distributions import Distribution
 from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.metrics import MARGINS, Metric
 from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, one_of, validate
+from abhv_mc.io.foreign_table import read_foreign_table
 from abhv_mc.io.units import dimension_of, parse_in_any_unit, parse_quantity, parse_unit
 
 _MARGIN_METRICS = tuple(signal.name for signal in MARGINS)
@@ -28,8 +29,12 @@ class _Table(StrictModel):
     requirements: tuple[RequirementEntry, ...]
 
 
-def read_requirements(document: Document) -> Document:
-    """The campaign with the entries of its table of requirements, where it names one. Raises :class:`InputErrors`."""
+def read_tables(document: Document) -> Document:
+    """Return the campaign with the entries of the tables of inputs and requirements that it names.
+
+    Raise InputErrors.
+    """
+    document = _read_inputs(document)
     data = document.data
     if not isinstance(data, dict) or not isinstance(data.get("requirements"), str):
         return document
@@ -43,33 +48,66 @@ def read_requirements(document: Document) -> Document:
     return replace(document, data={**data, **table.data})  # type: ignore[dict-item]
 
 
+class _Inputs(StrictModel):
+    inputs: dict[InputName, Input]
+    dispersions: dict[str, Distribution]
+
+
+def _read_inputs(document: Document) -> Document:
+    """Return the campaign with the inputs and dispersions of the table that it names under inputs, if any.
+
+    Columns are name, the keys of an input and those of a dispersion. Raise InputErrors.
+    """
+    data = document.data
+    if not isinstance(data, dict) or not isinstance(data.get("inputs"), str):
+        return document
+    path = document.resolve(str(data["inputs"]))
+    if not path.is_file():
+        found = f"'{path.name}', which is not there"
+        raise document.error(("inputs",), found, "a CSV file, or names with their units")
+    table = read_foreign_table(path, has_units=False)
+    if "name" not in table.heads:
+        raise table.error(None, 0, "no column 'name'", "the name of each input")
+    columns = [table.words(i) for i in range(len(table.heads))]
+    entries: dict[str, dict[str, dict[str, Any]]] = {"inputs": {}, "dispersions": {}}
+    places: dict[tuple[str | int, ...], tuple[int, int]] = {(): (1, 1)}
+    for cells, line in zip(zip(*columns, strict=True), table.lines, strict=True):
+        row = {head: _number(cell) for head, cell in zip(table.heads, cells, strict=True) if cell}
+        name = str(row.pop("name", ""))
+        if not name or name in entries["inputs"]:
+            raise InputError(path, f"the input '{name}'", "a name in each row, each once", line)
+        entries["inputs"][name] = {key: row.pop(key) for key in Input.model_fields if key in row}
+        places["inputs", name] = places["dispersions", name] = line, 1
+        if row:
+            entries["dispersions"][name] = row
+    validate(Document(path, entries, places, places), _Inputs)
+    entries["dispersions"] = {**(data.get("dispersions") or {}), **entries["dispersions"]}
+    return replace(document, data={**data, **entries})
+
+
+def _number(cell: str) -> Any:
+    with contextlib.suppress(ValueError):
+        return float(cell)
+    return {"true": True, "false": False}.get(cell.lower(), cell)
+
+
 def _read_table(path: Path) -> Document:
-    try:
-        reader = csv.reader(path.read_text(encoding="utf-8-sig").splitlines())
-        rows = [(reader.line_num, cells) for cells in reader]
-    except (ValueError, csv.Error) as error:
-        raise InputError(path, str(error), "a CSV file in UTF-8") from None
-    heads = [head.strip() for head in (rows[0][1] if rows else ())]
-    for column, head in enumerate(heads, 1):
+    table = read_foreign_table(path, has_units=False)
+    for column, head in enumerate(table.heads):
         if head not in _COLUMNS:
-            raise InputError(path, f"the column '{head}'", one_of(_COLUMNS, head), 1, column)
-    if "metric" not in heads:
-        raise InputError(path, "no column 'metric'", one_of(_COLUMNS), 1, 1)
+            raise table.error(None, column, f"the column '{head}'", one_of(_COLUMNS, head))
+    if "metric" not in table.heads:
+        raise table.error(None, 0, "no column 'metric'", one_of(_COLUMNS))
+    columns = [table.words(i) for i in range(len(table.heads))]
     entries: list[Any] = []
     places: dict[tuple[str | int, ...], tuple[int, int]] = {(): (1, 1)}
-    for line, cells in rows[1:]:
-        if not any(cell.strip() for cell in cells):
-            continue
-        if len(cells) > len(heads):
-            raise InputError(
-                path, "more cells than columns", "a cell for each column", line, len(heads) + 1
-            )
+    for row, line in enumerate(table.lines):
         entry: dict[str, Any] = {}
-        place = ("requirements", len(entries))
+        place = ("requirements", row)
         places[place] = (line, 1)
-        for column, (head, cell) in enumerate(zip(heads, cells, strict=False), 1):
-            if cell.strip():
-                entry[head] = _value(head, cell.strip())
+        for column, (head, cells) in enumerate(zip(table.heads, columns, strict=True), 1):
+            if cells[row]:
+                entry[head] = _value(head, cells[row])
                 places[(*place, head)] = (line, column)
         entries.append(entry)
     return Document(path, {"requirements": entries}, places, places)
@@ -79,10 +117,7 @@ def _value(head: str, cell: str) -> Any:
     """A cell as YAML would give it: plain numbers, names of controllers as a list, texts."""
     if head == "controllers":
         return cell.replace(";", " ").split()
-    if head in _NUMBERS:
-        with contextlib.suppress(ValueError):  # with a unit or in percent
-            return float(cell)
-    return cell
+    return _number(cell) if head in _NUMBERS else cell
 
 
 def select_requirements(entries: Any, controllers: Sequence[str]) -> Iterator[Any]:

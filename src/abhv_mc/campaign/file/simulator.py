@@ -13,7 +13,7 @@ from abhv_mc.control.law_file import expand
 from abhv_mc.flight.channels import Signal
 from abhv_mc.flight.metrics import MARGIN_NAMES, Bad, Metric, label_of
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel
+from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, one_of
 from abhv_mc.io.units import Time
 from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.plant.parameters import Parameter, Parameters
@@ -195,6 +195,11 @@ class SimulatorCampaign(Campaign):
         False,
         description="without a simulator: yes if flights are independent draws of the dispersions; `adopt` tests it",
     )
+    columns: dict[str, str] = Field(
+        {},
+        description="without a simulator: heads of the table by name of an input or metric, of system, outcome,"
+        " end_time and flight; left out: the names, with or without units",
+    )
     systems: Annotated[dict[Name, dict[str, Any]], Field(min_length=1)] = Field(
         {"system": {}},
         description="what is compared: settings of the simulator by name; the first has to meet it all",
@@ -227,6 +232,12 @@ class SimulatorCampaign(Campaign):
                 if name in names:
                     expected = f"another name; taken are {', '.join(sorted(names))}"
                     raise Refusal(f"'{name}', a name that is taken", expected, (key, name))
+        known = (*self.inputs, *self.metrics, "system", "outcome", "end_time", "flight")
+        for name in self.columns:
+            if name not in known:
+                raise Refusal(f"'{name}'", one_of(known, name), ("columns", name))
+        if self.columns and self.simulator:
+            raise Refusal("'columns' beside a simulator", "no simulator, or none", ("columns",))
         if self.independent and self.simulator:
             raise Refusal(
                 "'independent' beside a simulator", "'sampling', which says it", ("independent",)

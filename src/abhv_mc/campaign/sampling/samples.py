@@ -22,9 +22,8 @@ from abhv_mc.campaign.sampling.designs import (
     stream_key,
 )
 from abhv_mc.campaign.sampling.marginals import Marginal
+from abhv_mc.io.foreign_table import read_foreign_table
 from abhv_mc.io.input_error import InputError, one_of
-from abhv_mc.io.input_files import read_input
-from abhv_mc.io.number_table import read_number_table
 from abhv_mc.kernel.plant.parameter_names import SENSOR_NOISES
 from abhv_mc.plant.parameters import OURS, Parameters
 
@@ -160,42 +159,27 @@ class SampleFile:
     values: NDArray[np.float64]  # [flight, parameter]
 
 
-def read_sample_file(path: Path, known: Sequence[str]) -> SampleFile:
-    """Read CSV or Parquet: a row per flight, a column per parameter, or a ``flight`` that counts from 0.
+def read_sample_file(path: Path, known: Parameters) -> SampleFile:
+    """Read a table with a row per flight, a column per parameter, and if wanted a ``flight`` that counts from 0.
 
-    Raises :class:`InputError`.
+    Raise InputError.
     """
-    if path.suffix.lower() in (".parquet", ".pq"):
-        table = _read_parquet(path)
-    else:
-        read = read_number_table(path)
-        table = dict(zip(read.names, read.values.T, strict=True))
-    names = tuple(name for name in table if name != "flight")
-    for name in names:
-        if name not in known:
-            raise InputError(path, f"a column '{name}'", f"a parameter: {one_of(known, name)}", 1)
-    if not names:
+    table = read_foreign_table(path)
+    columns = table.find([*known.dispersible, "flight"])
+    indices = {column.position for column in columns.values()}
+    for i, head in enumerate(table.heads):
+        if i not in indices:
+            expected = f"a parameter: {one_of(known.dispersible, head)}"
+            raise table.error(None, i, f"a column '{head}'", expected)
+    flight = columns.pop("flight", None)
+    if not columns:
         raise InputError(path, "no column of a parameter", "at least one", 1)
-    values = np.column_stack([table[name] for name in names])
-    if not len(values):
+    if not len(table):
         raise InputError(path, "no rows", "one row per flight", 1)
-    bad = np.argwhere(~np.isfinite(values))
-    if len(bad):
-        row, column = bad[0]
-        raise InputError(
-            path, f"{names[column]} that is not finite", "finite numbers", int(row) + 2
-        )
-    if "flight" in table and not np.array_equal(table["flight"], np.arange(len(values))):
+    factors = [table.factor(column, known[name].unit) for name, column in columns.items()]
+    values = table.numbers([column.position for column in columns.values()]) * factors
+    if flight and not np.array_equal(
+        table.numbers([flight.position])[:, 0], np.arange(len(values))
+    ):
         raise InputError(path, "a column 'flight' that does not count up from 0", "0, 1, 2, ...", 2)
-    return SampleFile(names, values)
-
-
-def _read_parquet(path: Path) -> dict[str, NDArray[np.float64]]:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        table = pq.read_table(pa.BufferReader(read_input(path)))
-        return {name: table[name].cast(pa.float64()).to_numpy() for name in table.column_names}
-    except (pa.ArrowException, OSError) as error:
-        raise InputError(path, str(error).splitlines()[0], "a Parquet file of numbers") from None
+    return SampleFile(tuple(columns), values)

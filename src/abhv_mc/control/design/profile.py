@@ -81,7 +81,7 @@ def _recorded(recorded: m.Recorded, duration: float, times: Floats) -> Profile:
     from scipy.interpolate import CubicSpline
 
     samples = read_trajectory(recorded.file, duration)
-    values = samples[:, 1], samples[:, 2], np.deg2rad(samples[:, 3])
+    values = samples[:, 1:].T
     altitude, speed, heading = (
         np.stack([CubicSpline(samples[:, 0], value)(times, order) for order in range(3)])
         for value in values

@@ -1,0 +1,465 @@
+"""Tables of other programs: CSV of any dialect, lines of JSON, Parquet and Excel, with the location of each cell.
+
+One reader and one set of rules for units in column heads serve flights, samples, missions, vehicles and gains.
+"""
+
+import contextlib
+import csv
+import gzip
+import io
+import json
+import math
+import re
+import zlib
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv as arrow_csv
+import pyarrow.parquet as pq
+
+from abhv_mc.array_types import Floats
+from abhv_mc.io.input_error import InputError, Refusal, describe
+from abhv_mc.io.input_files import read_input
+from abhv_mc.io.units import NUMBER, Dimension, parse_in_any_unit, parse_unit
+
+_NUMBER = re.compile(NUMBER)
+_WITH_COMMA = r"^[+-]?[0-9]*,[0-9]+([eE][+-]?[0-9]+)?$"
+_WITH_POINT = r"^[+-]?[0-9]*\.[0-9]*([eE][+-]?[0-9]+)?$"
+_WORDS = {
+    **dict.fromkeys(("", "nan", "null", "none", "na", "n/a", "#n/a"), math.nan),
+    **dict.fromkeys(("inf", "+inf", "infinity"), math.inf),
+    **dict.fromkeys(("-inf", "-infinity"), -math.inf),
+    "true": 1.0,
+    "false": 0.0,
+}
+_COMMENT = re.compile(r"\s*(?:#(?!N/A)|%|!|//|---)")
+_UNIT_IN_BRACKETS = re.compile(r"(.*?)\s*(?:\[([^][]*)\]|\(([^()]*)\)|\{([^{}]*)\})")
+_SUFFIXES = {"mps": "m/s", "fps": "ft/s", "kg m3": "kg/m3", "min": "?"}  # altitude_min: lowest
+_CORNER = "\\"  # between the names of the two axes of a matrix
+_BLANKS = " "  # any number of them, or of tabs, separates cells
+_LONGEST_LIST = 20  # of JSON, whose items become columns
+
+
+class Column(NamedTuple):
+    """A column of a table: its position from 0 and the unit that its head or a row of units gives."""
+
+    position: int
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class ForeignTable:
+    """Columns of a table by their heads, of text or as Parquet stores them."""
+
+    path: Path
+    heads: tuple[str, ...]
+    units: tuple[str, ...]  # of a row of units below the heads; empty texts without one
+    data: pa.Table  # columns in the order of the heads
+    lines: Sequence[int]  # [row] line of the file, from 1; number of the row in Parquet
+    head_line: int = 1
+    texts: Sequence[str] = ()  # [row] lines as they stand in the file
+    separator: str = ","
+
+    def __len__(self) -> int:
+        return int(self.data.num_rows)
+
+    def error(self, row: int | None, column: int | None, found: str, expected: str) -> InputError:
+        """Return the error of a cell; row None is the heads, column None the whole line."""
+        line = self.head_line if row is None else self.lines[row]
+        cells: Sequence[str] = self.heads
+        if row is not None:
+            cells = split_line(self.texts[row], self.separator) if self.texts else ()
+        before = (
+            None
+            if column is None or not cells
+            else 1 + sum(len(cell) + 1 for cell in cells[:column])
+        )
+        return InputError(self.path, found, expected, line, before)
+
+    def find(
+        self, names: Collection[str], heads: Mapping[str, str] | None = None
+    ) -> dict[str, Column]:
+        """Return the columns of ``names``, as far as the table has them.
+
+        A head is a name, alone or with a unit: 'altitude [ft]', 'altitude (ft)', 'altitude {ft}' or 'altitude_ft'.
+        ``heads`` gives the head of a name in place of that. Raise InputError if two columns fit one name.
+        """
+        columns: dict[str, Column] = {}
+        known = frozenset(names)
+        for index, head in enumerate(self.heads):
+            name, unit = read_head(head, known)
+            if name and name not in (heads or {}):
+                if name in columns:
+                    expected = "one of each name, its unit aside"
+                    raise self.error(None, index, f"2 columns '{name}'", expected)
+                columns[name] = Column(index, unit or self.units[index])
+        for name, head in (heads or {}).items():
+            if name in names and (column := self._find_head(head)):
+                columns[name] = column
+        return columns
+
+    def _find_head(self, head: str) -> Column | None:
+        for text, unit in ((head, ""), split_head(head)):
+            indices = [i for i, own in enumerate(self.heads) if text in (own, split_head(own)[0])]
+            indices = [i for i in indices if self.heads[i] == text] or indices
+            if len(indices) > 1:
+                raise self.error(None, indices[1], f"2 columns '{text}'", "one")
+            for index in indices:
+                return Column(index, unit or split_head(self.heads[index])[1] or self.units[index])
+        return None
+
+    def factor(self, column: Column, unit: str) -> float:
+        """Return the factor from a column's unit to ``unit``. Raise InputError if there is none."""
+        if column.unit in ("", unit):
+            return 1.0
+        try:
+            return parse_in_any_unit(f"1 {column.unit}", unit)
+        except Refusal as refusal:
+            found = f"'{self.heads[column.position]}': {refusal.found}"
+            raise self.error(None, column.position, found, refusal.expected) from None
+
+    def numbers(self, columns: Sequence[int], finite: bool = True) -> Floats:
+        """Return columns as numbers [row, column]; what is missing is NaN.
+
+        Raise InputError for a cell that is no number, and unless ``finite`` is False for one that is not finite.
+        """
+        values = [_plain(self.data.column(i)) for i in columns]
+        if self.separator != ",":
+            values = _with_points(values)
+        out = np.empty((len(self), len(columns)))
+        for i, (column, own) in enumerate(zip(columns, values, strict=True)):
+            try:
+                out[:, i] = own.cast(pa.float64(), safe=False).fill_null(np.nan).to_numpy()
+            except (pa.ArrowException, ValueError):
+                out[:, i] = self._parse(column, own)
+            wrong = ~np.isfinite(out[:, i]) if finite else ()
+            for row in np.flatnonzero(wrong)[:1]:
+                raise self._no_number(int(row), column)
+        return out
+
+    def _parse(self, column: int, cells: pa.ChunkedArray) -> Floats:
+        """Return the numbers of cells [row] one by one. Raise InputError at the first that is none."""
+        numbers = np.empty(len(cells))
+        for row, cell in enumerate(cells.to_pylist()):
+            text = "" if cell is None else str(cell).replace("\N{MINUS SIGN}", "-")
+            number = float(text) if _NUMBER.fullmatch(text) else _WORDS.get(text.lower())
+            if number is None:
+                raise self._no_number(row, column)
+            numbers[row] = number
+        return numbers
+
+    def _no_number(self, row: int, column: int) -> InputError:
+        found = f"{describe(self.words(column)[row])} in the column '{self.heads[column]}'"
+        return self.error(row, column, found, "a finite number")
+
+    def words(self, column: int) -> list[str]:
+        """Return a column as text [row]; what is missing is empty."""
+        cells = _plain(self.data.column(column)).to_pylist()
+        return ["" if cell is None else str(cell) for cell in cells]
+
+
+def _plain(column: pa.ChunkedArray) -> pa.ChunkedArray:
+    """Return a column without dictionary, its truth values as numbers, its text as one type without blanks around."""
+    if pa.types.is_dictionary(column.type):
+        column = column.cast(column.type.value_type)
+    if pa.types.is_boolean(column.type):
+        return column.cast(pa.uint8())
+    if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
+        return pc.utf8_trim_whitespace(column.cast(pa.string()))
+    return column
+
+
+def _with_points(columns: list[pa.ChunkedArray]) -> list[pa.ChunkedArray]:
+    """Return columns with points in place of decimal commas, if some numbers have commas and none has a point."""
+
+    def has(pattern: str) -> bool:
+        matches = (pc.match_substring_regex(columns[i], pattern) for i in texts)
+        return any(pc.any(match).as_py() for match in matches)
+
+    texts = [i for i, column in enumerate(columns) if pa.types.is_string(column.type)]
+    if has(_WITH_COMMA) and not has(_WITH_POINT):
+        for i in texts:
+            columns[i] = pc.replace_substring(columns[i], ",", ".")
+    return columns
+
+
+def split_head(head: str) -> tuple[str, str]:
+    """Split 'altitude [ft]' into a name and a unit, which may be empty; the 0 of 'x[0]' is no unit."""
+    match = _UNIT_IN_BRACKETS.fullmatch(head)
+    unit = next(filter(None, match.groups()[1:]), "").strip() if match else ""
+    return (match[1], unit) if match and match[1] and not unit.isdecimal() else (head, "")
+
+
+def read_head(head: str, names: Collection[str]) -> tuple[str, str]:
+    """Return the one of ``names`` that a head means and the unit that it gives; empty texts where there is none."""
+    if head in names:
+        return head, ""
+    stem, unit = split_head(head)
+    if stem in names:
+        return stem, unit
+    words = stem.split("_")
+    for i in range(len(words) - 1, 0, -1):
+        if not unit and (name := "_".join(words[:i])) in names:
+            suffix = " ".join(words[i:])
+            try:
+                parse_unit(suffix := _SUFFIXES.get(suffix, suffix))
+            except Refusal:
+                continue
+            return name, suffix
+    return "", ""
+
+
+def read_foreign_table(path: Path, has_units: bool = True) -> ForeignTable:
+    """Read CSV with any separator, plain or ``.gz``, lines of JSON, Parquet or Excel. Raise InputError.
+
+    A row of units may stand below the heads if ``has_units``; tables of text have none.
+    """
+    try:
+        content = read_input(path)
+        if path.suffix == ".gz":
+            content = gzip.decompress(content)
+        if path.suffix.lower() in (".parquet", ".pq"):
+            data = pq.read_table(pa.BufferReader(content))
+            heads = tuple(map(str, data.column_names))
+            return ForeignTable(path, heads, ("",) * len(heads), data, range(1, 1 + len(data)))
+        if path.suffix.lower() in (".xlsx", ".xlsm"):
+            return _read_text(path, _sheet_text(content), has_units)
+        utf16 = content[:2] in (b"\xff\xfe", b"\xfe\xff")
+        text = content.decode("utf-16" if utf16 else "utf-8-sig")
+        if text.lstrip()[:1] == "{":
+            return _read_json(path, text)
+        return _read_text(path, text, has_units)
+    except (OSError, EOFError, zlib.error, ValueError, ImportError, csv.Error) as error:
+        reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
+        expected = "a CSV file in UTF-8, lines of JSON, Parquet or Excel"
+        raise InputError(path, reason, expected) from None
+
+
+def _sheet_text(content: bytes) -> str:
+    """Return the first sheet of an Excel file as text with tabs. Raise ImportError without openpyxl."""
+    import pandas as pd
+
+    sheet = pd.read_excel(io.BytesIO(content), header=None, dtype=object)
+    return sheet.to_csv(sep="\t", header=False, index=False)
+
+
+def _read_json(path: Path, text: str) -> ForeignTable:
+    """Read an object a line; what is nested becomes columns such as 'motor.thrust' and 'position[0]'."""
+    rows: list[dict[str, str]] = []
+    lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
+    for number, line in lines:
+        try:
+            rows.append(dict(_leaves("", json.loads(line))))
+        except ValueError as error:
+            raise InputError(path, str(error), "an object of JSON in each line", number) from None
+    heads = tuple(dict.fromkeys(head for row in rows for head in row))
+    columns = [pa.array([row.get(head, "") for row in rows], pa.string()) for head in heads]
+    data = pa.table(columns, names=list(heads))
+    return ForeignTable(path, heads, ("",) * len(heads), data, [number for number, _ in lines])
+
+
+def _leaves(name: str, value: Any) -> Iterator[tuple[str, str]]:
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _leaves(f"{name}.{key}" if name else key, inner)
+    elif isinstance(value, list):
+        for i, inner in enumerate(value if len(value) <= _LONGEST_LIST else ()):
+            yield from _leaves(f"{name}[{i}]", inner)
+    else:
+        yield name, "" if value is None else str(value)
+
+
+def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
+    """Read lines of cells below a line of heads; blank lines and comments are left out."""
+    lines: dict[int, str] = {}
+    comments: list[tuple[int, str]] = []
+    start = 0  # of a cell in quotes that goes on over several lines
+    for number, line in enumerate(text.splitlines(), 1):
+        if start:
+            lines[start] += f"\n{line}"
+        elif _COMMENT.match(line):
+            comments.append((number, _COMMENT.sub("", line)))
+            continue
+        elif line.strip():
+            lines[number] = line
+        open_quote = '"' in line and lines.get(start or number, "").count('"') % 2
+        start = (start or number) if open_quote else 0
+    first = next(iter(lines.values()), "")
+    separator = _find_separator(list(lines.values())[:2])
+    cells = split_line(first, separator)
+    for line in list(lines.values())[:2]:
+        if _CORNER in line:
+            return _read_matrix(path, lines, _find_separator([line]))
+    if any(map(_NUMBER.fullmatch, cells)):  # heads in a comment, as of Dakota and numpy
+        for number, line in reversed(comments):
+            if number < next(iter(lines)) and len(split_line(line, separator)) == len(cells):
+                lines = {number: line, **lines}
+                break
+    if len(lines) < 2:
+        raise InputError(path, "no rows", "a header and rows of numbers", 1)
+    (head, *texts), (head_line, *numbers) = lines.values(), lines
+    heads = tuple(split_line(head, separator))
+    units = [unit.strip("[](){} ") for unit in split_line(texts[0], separator)]
+    has_units = may_have_units and len(texts) > 1 and len(units) == len(heads) and _are_units(units)
+    if has_units:
+        del texts[0], numbers[0]
+    else:
+        units = [""] * len(heads)
+    for number, line in zip(numbers, texts, strict=True):
+        count = line.count(separator) + 1
+        if '"' in line or separator == _BLANKS:
+            count = len(split_line(line, separator))
+        if count != len(heads):
+            raise InputError(path, f"{count} cells", f"{len(heads)}, as in the header", number)
+    body, delimiter = "\n".join(texts), separator
+    if '"' in text or separator == _BLANKS:
+        lines_with_tabs, delimiter = io.StringIO(), "\t"
+        writer = csv.writer(lines_with_tabs, delimiter=delimiter, lineterminator="\n")
+        writer.writerows(split_line(line, separator) for line in texts)
+        body = lines_with_tabs.getvalue()
+    names = [str(i) for i in range(len(heads))]
+    data = arrow_csv.read_csv(
+        pa.BufferReader(body.encode()),
+        arrow_csv.ReadOptions(column_names=names),
+        arrow_csv.ParseOptions(
+            delimiter=delimiter, newlines_in_values='"' in text, ignore_empty_lines=False
+        ),
+        arrow_csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string())),
+    )
+    return ForeignTable(path, heads, tuple(units), data, numbers, head_line, texts, separator)
+
+
+def _read_matrix(path: Path, lines: Mapping[int, str], separator: str) -> ForeignTable:
+    """Read matrices as a table with a row per cell.
+
+    The corner names the heads of rows and columns, as in 'mach\\alpha_deg'. Blocks of a third axis begin with a line
+    such as 'altitude_m = 1000'.
+    """
+    outer: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()
+    heads: list[str] = []
+    rows: list[tuple[str, ...]] = []
+    numbers: list[int] = []
+    for number, line in lines.items():
+        cells = split_line(line.replace("=", separator), separator)
+        while cells and not cells[-1]:
+            cells.pop()
+        if _CORNER in cells[0]:
+            corner = tuple(name.strip() for name in cells[0].split(_CORNER))
+            names, heads = (*outer[:1], *corner, "value"), cells[1:]
+        elif not _NUMBER.fullmatch(cells[0].replace(",", ".")):
+            outer = tuple(cells)
+        elif len(cells) != len(heads) + 1:
+            raise InputError(
+                path, f"{len(cells)} cells", f"{len(heads) + 1}, as in the header", number
+            )
+        else:
+            rows += [(*outer[1:], cells[0], *own) for own in zip(heads, cells[1:], strict=True)]
+            numbers += [number] * len(heads)
+        if len(outer) not in (0, 2) or len(names) not in (0, 3 + len(outer) // 2):
+            expected = (
+                "'name\\name' and the heads of columns, below 'name = number' of a third axis"
+            )
+            raise InputError(path, f"'{line.strip()}'", expected, number)
+    columns = [pa.array(column, pa.string()) for column in zip(*rows, strict=True)]
+    if not columns:
+        raise InputError(path, "a matrix without rows", "a head and numbers in each", 1)
+    units = ("",) * len(names)
+    data = pa.table(columns, names=list(names))
+    return ForeignTable(path, names, units, data, numbers, separator=separator)
+
+
+def _are_units(cells: Sequence[str]) -> bool:
+    """Return whether a row below the heads holds units: no number, and a unit that is known."""
+    if any(
+        _NUMBER.fullmatch(cell.replace(",", ".")) or cell.lower() in _WORDS
+        for cell in cells
+        if cell
+    ):
+        return False
+    for cell in cells:
+        with contextlib.suppress(Refusal):
+            parse_unit(cell)
+            if cell not in ("", "-"):
+                return True
+    return False
+
+
+def _find_separator(lines: Sequence[str]) -> str:
+    """Return the first separator that gives the heads and the row below as many cells, more than one."""
+    counts = {
+        separator: [len(split_line(line, separator)) for line in lines]
+        for separator in (";", "\t", ",", _BLANKS)
+    }
+    fits = [each for each, count in counts.items() if count[:1] > [1] and len(set(count)) == 1]
+    return next(iter(fits or [each for each, count in counts.items() if count[:1] > [1]]), ",")
+
+
+def split_line(line: str, separator: str) -> list[str]:
+    """Return the cells of a line without blanks around."""
+    if '"' not in line:
+        return line.split() if separator == _BLANKS else [c.strip() for c in line.split(separator)]
+    plain = line.strip() if separator == _BLANKS else line
+    return [
+        c.strip() for c in next(csv.reader([plain], delimiter=separator, skipinitialspace=True))
+    ]
+
+
+@dataclass(frozen=True)
+class NumberTable:
+    """Columns of a file as numbers, all finite."""
+
+    table: ForeignTable
+    columns: Mapping[str, Column]
+    values: Floats  # [row, column]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(self.columns)
+
+    def error(self, row: int, name: str, found: str, expected: str) -> InputError:
+        """Return the error of the number in a row under a name, at its location in the file."""
+        return self.table.error(row, self.columns[name].position, found, expected)
+
+    def check_rising(self, name: str, unit: str, or_falling: bool = False) -> None:
+        """Raise InputError at the first number under a name that is not above the one before."""
+        values = self.values[:, self.names.index(name)]
+        falls = or_falling and values[0] > values[-1]
+        for row in np.flatnonzero(np.diff(-values if falls else values) <= 0.0)[:1] + 1:
+            expected = f"{name}s that {'fall' if falls else 'rise'}"
+            raise self.error(int(row), name, f"the {name} {values[row]:g} {unit}", expected)
+
+
+def read_numbers(path: Path, dimensions: Mapping[str, Dimension]) -> NumberTable:
+    """Read columns as finite numbers in SI and radians. Raise InputError."""
+    table = read_foreign_table(path)
+    return take_numbers(table, table.find(dimensions), dimensions)
+
+
+def take_numbers(
+    table: ForeignTable, columns: Mapping[str, Column], dimensions: Mapping[str, Dimension]
+) -> NumberTable:
+    """Return columns as finite numbers in SI and radians. Raise InputError."""
+    factors = []
+    for name, dimension in dimensions.items():
+        if name not in columns:
+            expected = f"the columns {', '.join(dimensions)}, each once"
+            raise table.error(None, None, f"no column {name}", expected)
+        column = columns[name]
+        if dimension.unit != "-" and not column.unit:
+            found = f"'{table.heads[column.position]}' without a unit"
+            expected = f"{dimension.name}, such as '{name} [{dimension.unit}]'"
+            raise table.error(None, column.position, found, expected)
+        factors.append(table.factor(column, dimension.unit))
+    values = table.numbers([columns[name].position for name in dimensions]) * factors
+    numbers = NumberTable(table, {name: columns[name] for name in dimensions}, values)
+    for i, (name, dimension) in enumerate(dimensions.items()):
+        for row in np.flatnonzero(np.abs(values[:, i]) > dimension.largest)[:1]:
+            found = f"{name} {values[row, i]:g} {dimension.unit}"
+            raise numbers.error(int(row), name, found, f"at most {dimension.largest:g}")
+    return numbers

@@ -1,0 +1,70 @@
+"""The uncertainties that a DAVE-ML file states of its outputs, as dispersions of a campaign."""
+
+import json
+from collections.abc import Sequence
+
+from abhv_mc_daveml.graph import Model, Uncertainty, Variable
+from abhv_mc_daveml.signals import quantity_of
+
+_FACTORS = {
+    "CL": "aero.lift",
+    "CD": "aero.drag",
+    "CY": "aero.side_force",
+    "Cl": "aero.rolling_moment",
+    "Cm": "aero.pitching_moment",
+    "Cn": "aero.yawing_moment",
+    "force_x": "propulsion.thrust",
+    "mass": "mass.total",
+    **{f"inertia_{axis}": f"mass.inertia_{axis}" for axis in ("xx", "yy", "zz")},
+}
+_INCREMENTS = {name: f"{_FACTORS[name]}.increment" for name in ("CL", "CD", "Cm")}
+
+
+def write_dispersions(models: Sequence[Model]) -> str:
+    """Return the text of dispersions and correlations for a campaign; empty if no file states an uncertainty.
+
+    Names the uncertainties that no parameter of a campaign represents.
+    """
+    stated = [(v, v.uncertainty) for model in models for v in model.outputs if v.uncertainty]
+    inner = [
+        variable
+        for model in models
+        for variable in model.variables.values()
+        if variable.uncertainty and variable not in model.outputs
+    ]
+    entries = {v.identifier: entry for v, own in stated if (entry := _entry(v, own))}
+    left = [v.identifier for v, _ in stated if v.identifier not in entries]
+    left += [variable.identifier for variable in inner]
+    if not stated and not inner:
+        return ""
+    lines = ["# Uncertainties of the files, to copy into a campaign."]
+    if left:
+        lines.append(f"# No parameter of a campaign represents that of: {', '.join(left)}.")
+    lines += [
+        f"dispersions:{'' if entries else ' {}'}",
+        *(f"  {name}: {json.dumps(law)}" for name, law in entries.values()),
+    ]
+    pairs = {
+        tuple(sorted((entries[v.identifier][0], entries[other][0]))): coefficient
+        for v, own in stated
+        for other, coefficient in own.correlations
+        if v.identifier in entries and other in entries
+    }
+    lines += ["correlations:"] if pairs else []
+    lines += [
+        f"  - {json.dumps({'between': pair, 'normal': coefficient})}"
+        for pair, coefficient in pairs.items()
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _entry(variable: Variable, own: Uncertainty) -> tuple[str, dict[str, str | float]] | None:
+    """Return the parameter of a campaign that an uncertainty disperses, and its distribution, if there is one."""
+    quantity = quantity_of(variable) or ""
+    names = _INCREMENTS if own.effect == "additive" else _FACTORS
+    if own.half_width is None or own.effect == "absolute" or quantity not in names:
+        return None
+    width = own.half_width * (0.01 if own.effect == "percentage" else 1.0)
+    if own.sigmas is None:
+        return names[quantity], {"distribution": "uniform", "half_width": width}
+    return names[quantity], {"distribution": "normal", "sigma": width / own.sigmas}

@@ -1,0 +1,81 @@
+"""Tables that a mission names: soundings in any units and order, and tables that end within the flight."""
+
+import numpy as np
+import pytest
+
+from abhv_mc.control.mission_tables import DENSITIES, WIND, find_air_warnings, read_air_table
+from abhv_mc.io.input_error import InputError
+from abhv_mc.kernel.world.atmosphere import atmosphere
+from abhv_mc.simulators.check_inputs import check_inputs
+
+GAS_CONSTANT = 287.05287  # J/(kg K), US Standard Atmosphere 1976
+
+
+def read(folder, text, choices=WIND, **heads):
+    (folder / "air.csv").write_text(text)
+    return read_air_table(folder / "air.csv", choices, heads)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "altitude_m,wind_north_mps,wind_east_mps\n0,0,5\n20000,40,5\n",
+        "altitude [km];wind_east [kt];wind_north (km/h)\n20;9,719222462203;144\n0;9,719222462203;0\n",
+        "altitude_ft,wind_speed_mps,wind_direction_deg\n0,5,270\n65616.79790026247,40.311288741492746,187.1250163489018\n",
+    ],
+)
+def test_wind_of_any_unit_order_and_form(tmp_path, text):
+    table = read(tmp_path, text)
+    assert table == pytest.approx(np.array([[0.0, 0.0, 5.0], [20e3, 40.0, 5.0]]), abs=1e-9)
+
+
+def test_a_sounding_gives_wind_and_density(tmp_path):
+    text = (
+        "PRES   HGHT   TEMP   DRCT   SKNT\n hPa     m      C    deg   knot\n"
+        "--------------------------------\n850.0  1500    10.0    90     20\n500.0  5600   -20.0   180     40\n"
+    )
+    own = {"altitude": "HGHT", "pressure": "PRES", "temperature": "TEMP"}
+    table = read(tmp_path, text, DENSITIES, **own)
+    for (altitude, factor), pressure, kelvin in zip(
+        table, (85e3, 50e3), (283.15, 253.15), strict=True
+    ):
+        expected = pressure / (GAS_CONSTANT * kelvin) / atmosphere(altitude)[0]
+        assert factor == pytest.approx(expected, rel=1e-6)
+    wind = read(tmp_path, text, WIND, altitude="HGHT", wind_speed="SKNT", wind_direction="DRCT")
+    knot = 1852.0 / 3600.0
+    assert wind[:, 1:] == pytest.approx(knot * np.array([[0.0, -20.0], [40.0, 0.0]]), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "choices", "place", "words"),
+    [
+        ("altitude_m,wind_north_mps\n0,1\n9,1\n", WIND, (1, None), "wind_speed and wind_direction"),
+        ("altitude,density_factor\n0,1\n9,1\n", DENSITIES, (1, 1), "'altitude' without a unit"),
+        ("altitude_m,density_factor\n0,1\n5,1\n5,1\n", DENSITIES, (4, 1), "altitudes that rise"),
+        ("altitude_m,density_factor\n9,1\n5,1\n7,1\n", DENSITIES, (4, 1), "altitudes that fall"),
+        ("altitude_m,density_factor\n0,1\n9,-1\n", DENSITIES, (3, 3), "a factor above zero"),
+        ("altitude_m,pressure_hPa,temperature\n0,1,1\n9,1,1\n", DENSITIES, (1, 25), "one of K"),
+        ("altitude_m,density_factor\n" + "".join(f"{i},1\n" for i in range(10_001)), DENSITIES, (None, None), "10001"),
+    ],
+)  # fmt: skip
+def test_a_table_that_makes_no_sense_is_rejected(tmp_path, text, choices, place, words):
+    with pytest.raises(InputError) as caught:
+        read(tmp_path, text, choices)
+    assert (caught.value.line, caught.value.column) == place
+    assert words in f"{caught.value.found} {caught.value.expected}"
+
+
+def test_a_table_that_ends_within_the_flight_is_warned_of(tmp_path, repository):
+    altitude = np.array([20e3, 21e3])
+    table = np.array([[0.0, 5.0], [40e3, 5.0]])
+    assert not find_air_warnings(tmp_path / "a.csv", table, altitude)
+    for factor, words in ((1e-3, "altitudes in km?"), (0.5, "beyond its ends"), (1 / 0.3048, "")):
+        warnings = find_air_warnings(tmp_path / "a.csv", table * [factor, 1.0], altitude)
+        assert bool(warnings) == bool(words) and words in "".join(warnings)
+    lines = "".join(f"{i},5,5\n" for i in range(41))
+    (tmp_path / "wind.csv").write_text(f"altitude_m,wind_north_mps,wind_east_mps\n{lines}")
+    mission = (repository / "configs/mission/level.yaml").read_text()
+    (tmp_path / "level.yaml").write_text(f"{mission}\nwind: {{file: wind.csv}}\n")
+    (checked,) = check_inputs(tmp_path / "level.yaml")
+    (warning,) = checked.warnings
+    assert "from 0 to 40 m" in warning and "altitudes in km?" in warning
