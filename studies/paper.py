@@ -226,18 +226,17 @@ def ends_words(judged: dict[str, Any]) -> str:
         for end in one["ends"]:
             for side, miss in zip(("lowest", "highest"), end["misses"], strict=True):
                 if miss > READING:
-                    words = f"{end['axis']} of Figure {end['figure']}, {side} end"
+                    words = f"Figure {end['figure']}, {end['axis']}, {side} end"
                     resist.setdefault(words, []).append(100.0 * miss)
     if not resist:
         return "No end is out on any member."
     listed = "; ".join(
-        f"{words} ({len(misses)}, up to {max(misses):.0f} %)" for words, misses in resist.items()
+        f"{words} on {len(misses)} (up to {max(misses):.0f} %)" for words, misses in resist.items()
     )
     full = [name for name, one in judged.items() if all_in(one)]
     return (
         f"Ends that are out, on how many members, and by how much of the axis: {listed}. All 20 are in on "
-        f"{' and '.join(full) or 'none'}, within the same sides: what is out on the others is the price of being "
-        "different."
+        f"{join(full) or 'none'}, within the same sides: what is out on the others is the price of being different."
     )
 
 
@@ -254,9 +253,9 @@ def predicted_words(result: dict[str, Any]) -> str:
         for wanted in (True, False)
     )
     return (
-        f"Within {100.0 * NEAR:.0f} % of their axes the other figures predict {join(near)}. They do not predict "
-        f"{join([f'{words} (out by up to {100.0 * misses[words]:.0f} %)' for words in far])}: of what these hang on no "
-        "other figure shows enough, and nothing here rests on them but what was fitted."
+        f"Within {100.0 * NEAR:.0f} % of their axes the other figures predict {join(near)}. They leave open "
+        f"{join([f'{words} (out by up to {100.0 * misses[words]:.0f} %)' for words in far])}: that a member shows "
+        "these was asked of it, and is no test."
     )
 
 

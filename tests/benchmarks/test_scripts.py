@@ -22,6 +22,7 @@ BENCHMARKS = (
         "operations",
         "parent",
         "parts",
+        "placement",
     ),
     *("rare_against_plain", "rare_coverage", "storage", "unknowns", "user_law", "verdict_errors"),
     *(f"versions {ROOT}", "worst_seeds", "table_checks", "others.sensitivity"),

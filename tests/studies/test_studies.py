@@ -200,6 +200,25 @@ def test_the_largest_set_is_of_vehicles_apart_and_the_best_of_its_size() -> None
     assert sorted(chosen) == [1, 2]
 
 
+def test_a_search_aims_where_a_vehicle_would_enlarge_the_ensemble() -> None:
+    """Without a member the aim is apart from so many of the others that they are as many with it."""
+    found = {
+        member["name"]: search.Found(
+            member["worst"], member["values"], tuple(member["traits"].values())
+        )
+        for member in ENSEMBLE
+    }
+    assert set(ensemble.choose_members(found)) == set(found)
+    del found[ENSEMBLE[-1]["name"]]
+    aimed = ensemble.aim_search(1, found)
+    assert aimed.start in [each.values for each in found.values()]
+    assert found[ensemble.SHIPPED].traits in aimed.others
+    assert len(aimed.others) >= len(found) - 1
+    (start,) = (each for each in found.values() if each.values == aimed.start)
+    signs = np.sign(start.traits)
+    assert aimed.is_apart((*(signs[:6] * np.array(aimed.aim)), *start.traits[6:]))
+
+
 def test_a_search_is_pulled_to_its_aim_and_away_from_others() -> None:
     traits = (117.0, -19.9, -2.0, 10.9, -3.4, -0.55, 0.55, 0.2)
     free = search.Search("one", 1)

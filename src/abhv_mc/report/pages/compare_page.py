@@ -78,16 +78,24 @@ def _section(
         "Differences are of the same flights, the first minus the second, with 95 % intervals; a flight that ended "
         "early counts as worse than any that did not."
     )
-    if any(names.campaign.independent for _, _, names in told):
+    if any(names.campaign.judged for _, _, names in told):
         answers[-1] += (
             " Who is better allows for all metrics that are asked for and of control usage."
+        )
+    unknowns = a.campaign.unknowns
+    if unknowns.names:
+        count = len(unknowns.points)
+        answers.append(
+            f"Compared at the {count} values of the unknowns that both ran; flight {count} k + p is sample k "
+            "at the p-th."
         )
     flying = dict.fromkeys(str(each.folder) for each in (a, b) if each.campaign.can_rerun)
     again = (
         f"`{shlex.join(['abhv-mc', 'replay', one])} --controller NAME --flight NUMBER`"
         for one in flying
     )
-    answers += [f"A flight again, bit for bit: {' or '.join(again)}."] if flying else []
+    if flying and not unknowns.names:
+        answers.append(f"A flight again, bit for bit: {' or '.join(again)}.")
     return Section(
         "Answer", (_lead(told, b), Bullets(tuple(answers)), Picture("differences"), *tables)
     )
@@ -134,7 +142,7 @@ def _lead(told: Sequence[tuple[str, CampaignPair, Names]], b: FlownCampaign) -> 
         words = {"better": f"{first} is better", "worse": f"{second} is better", "mixed": "mixed",
                  "open": "no difference is shown"}  # fmt: skip
         answer = "no winner is named, as the flights are not independent"
-        if names.campaign.independent:
+        if names.campaign.judged:
             answer = words[verdict_of(pair, names)]
             parts = (
                 [f"loses {'more' if pair.losing == 'b' else 'fewer'} flights"]
@@ -191,7 +199,7 @@ def _sentences(title: str, pair: CampaignPair, names: Names, of: Compared) -> li
             *found,
             f"{title}: the same in all {fixed(pair.pairs, 0)} flights, in every metric.",
         ]
-    judged = names.campaign.independent
+    judged = names.campaign.judged
     words = (
         pair_words(pair, names) if judged else "no winner is named: the flights are not independent"
     )
