@@ -8,8 +8,8 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown, read_histories
+from abhv_mc.io.foreign_table import NumberTable, read_foreign_table
 from abhv_mc.io.input_error import InputError, one_of
-from abhv_mc.io.number_table import NumberTable, read_number_table
 from abhv_mc.statistics.placement import (
     Band,
     joint_p_value,
@@ -100,11 +100,13 @@ def place_flights(
     if not results.campaign.independent or len(results.campaign.unknowns.points) > 1:
         expected = "one with 'sampling: random' and no unknowns"
         raise InputError(root, "a campaign whose flights are not alike", expected)
-    tables = [read_number_table(file) for file in files]
+    records = (*results.campaign.metrics.values(), *results.campaign.channels)
+    units = {"time": "s", **{record.name: record.unit for record in records}}
+    tables = [_read_table(file, units) for file in files]
     timed = ["time" in table.names for table in tables]
     if any(timed) and not all(timed):
         raise InputError(files[timed.index(False)], "no column time", "one, as in the other files")
-    labels = [table.rows.path.name for table in tables]
+    labels = [table.table.path.name for table in tables]
     if all(timed):
         simulated, tests, times, channels = _read_histories(
             results, controller, tables, dict(noise or {})
@@ -119,7 +121,7 @@ def place_flights(
         values = np.column_stack([flights.metrics[name] for name in names])
         values = values[np.isfinite(values).all(axis=1)]
         own = np.vstack([_columns(table, names) for table in tables])
-        labels = [f"{t.rows.path.name}:{line}" for t in tables for line in t.rows.lines]
+        labels = [f"{t.table.path.name}:{line}" for t in tables for line in t.table.lines]
     if len(values) < FEWEST_FLIGHTS:
         found = f"{len(values)} simulated flights to compare with"
         raise InputError(root, found, f"at least {FEWEST_FLIGHTS}")
@@ -144,16 +146,30 @@ def place_flights(
         noise=dict(noise or {}),
         ignored=tuple(
             dict.fromkeys(
-                name
+                head
                 for table in tables
-                for name in table.names
-                if name != "time" and name not in (bands or names)
+                for i, head in enumerate(table.table.heads)
+                if i
+                not in [
+                    table.columns[name].position
+                    for name in ("time", *(bands or names))
+                    if name in table.columns
+                ]
             )
         ),
         flights=tuple(placed),
         together_p_value=set_p_value(together, len(placed)) if len(placed) > 1 else None,
         bands=bands,
     )
+
+
+def _read_table(file: Path, units: Mapping[str, str]) -> NumberTable:
+    """Read the columns of a file that a campaign knows, in its units. Raise InputError."""
+    table = read_foreign_table(file)
+    columns = table.find(units)
+    factors = [table.factor(column, units[name]) for name, column in columns.items()]
+    numbers = table.numbers([column.position for column in columns.values()])
+    return NumberTable(table, columns, numbers * factors)
 
 
 def _shared_columns(tables: Sequence[NumberTable], known: Sequence[str]) -> list[str]:
@@ -163,7 +179,7 @@ def _shared_columns(tables: Sequence[NumberTable], known: Sequence[str]) -> list
         missing = [name for name in names or known[:1] if name not in table.names]
         if missing:
             expected = f"columns of the campaign, such as {missing[0]}"
-            raise table.rows.error(None, None, f"no column {missing[0]}", expected)
+            raise table.table.error(None, None, f"no column {missing[0]}", expected)
     return names
 
 
