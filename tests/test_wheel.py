@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import sysconfig
@@ -11,12 +12,10 @@ from pathlib import Path
 import pytest
 
 
-@pytest.fixture(scope="module")
-def installed(repository, tmp_path_factory):
-    """The bin folder of an environment that holds the package's wheel; the libraries are those of the tests."""
-    folder = tmp_path_factory.mktemp("wheel")
+def install(source, folder):
+    """The bin folder of an environment that holds a source's wheel; the libraries are those of the tests."""
     build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
-    subprocess.run(build, cwd=repository, check=True, capture_output=True)
+    subprocess.run(build, cwd=source, check=True, capture_output=True)
     (wheel,) = folder.glob("*.whl")
     venv.create(folder / "venv", with_pip=False)
     python = folder / "venv" / "bin" / "python"
@@ -37,6 +36,11 @@ def installed(repository, tmp_path_factory):
     # A path in a .pth file is not searched for other .pth files: the checkout's editable installation stays out.
     (site / "libraries.pth").write_text("\n".join(sorted(libraries)))
     return python.parent
+
+
+@pytest.fixture(scope="module")
+def installed(repository, tmp_path_factory):
+    return install(repository, tmp_path_factory.mktemp("wheel"))
 
 
 def test_every_shipped_file_comes_with_it(installed, repository):
@@ -93,3 +97,29 @@ def test_a_new_user_flies_a_campaign(installed, tmp_path):
     assert again.returncode == 0, again.stderr
     assert "compiling" not in again.stderr
     assert json.loads((report.parent / "manifest.json").read_text())["digest"] == manifest["digest"]
+
+
+def test_kernels_that_come_with_it_are_used_and_give_the_same_bits(repository, tmp_path):
+    source = tmp_path / "source"
+    leave = shutil.ignore_patterns(".*", "docs", "reports", "studies", "tests", "__pycache__")
+    shutil.copytree(repository, source, ignore=leave)
+    prebuild = [sys.executable, str(repository / ".ci/prebuild.py"), str(source)]
+    subprocess.run(prebuild, check=True, capture_output=True)
+    if not list((source / "src/abhv_mc/prebuilt").glob("*.zip")):
+        pytest.skip("no level of x86-64 that kernels travel for")
+    (tmp_path / "wheel").mkdir()
+    bin_folder = install(source, tmp_path / "wheel")
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+    fresh = environment | {"XDG_CACHE_HOME": str(tmp_path / "cache")}
+    campaign = str(repository / "campaigns/s_manoeuvre.yaml")
+    digests = []
+    for python, variables in ((bin_folder / "python", fresh), (sys.executable, environment)):
+        out = tmp_path / f"flown{len(digests)}"
+        words = [python, "-m", "abhv_mc", "run", campaign, "--runs", "64", "-o", out, "--no-report"]
+        done = subprocess.run(
+            words, cwd=tmp_path, env=variables, capture_output=True, text=True, check=False
+        )
+        assert done.returncode in {0, 1}, done.stderr
+        assert digests or "compiling" not in done.stderr
+        digests.append(json.loads((out / "manifest.json").read_text())["digest"])
+    assert len(set(digests)) == 1

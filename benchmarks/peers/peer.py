@@ -8,8 +8,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.plan import FlightPlan
 
@@ -41,15 +39,3 @@ def measure(fly: Callable[[], Any], flights: int, repeats: int) -> list[float]:
 def write_result(name: str, seconds: list[float], **more: Any) -> None:
     """One line of JSON to standard output."""
     print(json.dumps({"peer": name, "seconds": seconds, **more}), flush=True)
-
-
-def main(make_fly: Callable[[FlightPlan], Callable[[Floats], Floats]], name: str) -> None:
-    """Measure a peer that flies ``parameters`` [flight, parameter] under LQR to final states [flight, state]."""
-    work = read_work()
-    fly = make_fly(work.plans["lqr"])
-    start = time.process_time()
-    final = fly(work.parameters)
-    first = time.process_time() - start
-    difference = float(np.abs(final[:, 0] - work.final_states[:, 0]).max())
-    seconds = measure(lambda: fly(work.parameters), len(work.parameters), work.repeats)
-    write_result(name, seconds, altitude_difference_m=difference, first_call_s=first)

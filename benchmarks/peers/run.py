@@ -31,7 +31,7 @@ RESULT = ROOT / "benchmarks" / "results" / "peers.json"
 DOCUMENT = ROOT / "docs" / "explanation" / "performance.md"
 ENVIRONMENT = Path(__file__).parent / ".venv"
 
-MODULES = ("ours", "twin", "jax_vmap", "diffrax_steps", "jsbsim_x15", "rocketpy_flight")
+MODULES = ("ours", "twin", "jsbsim_x15", "rocketpy_flight")
 TIME_LIMIT = 300.0  # s, of a process: compiling, checking, repeats
 YARDSTICK = "abhv-mc lqr batched"
 OUR_EQUATIONS = "ours: GHAME-X, LQR, 100 Hz"
@@ -44,8 +44,6 @@ ROWS = {  # peer: how it flies, what it flies
     ),
     "abhv-mc lqr one at a time": ("numba, one flight at a time, metrics", OUR_EQUATIONS),
     "C++ twin": ("g++ -O3 -march=native, one flight at a time", OUR_EQUATIONS),
-    "JAX vmap": ("XLA, 256 flights by vmap, float64", OUR_EQUATIONS),
-    "diffrax": ("XLA, 256 flights by vmap, float64", OUR_EQUATIONS),
     "JSBSim": (
         "C++ called step by step",
         "another vehicle: its X-15 and autopilot, gliding, 100 Hz",
@@ -121,7 +119,7 @@ def run_peer(python: Path, module: str, work: Path, core: int) -> list[dict[str,
 
 def find_versions(python: Path) -> dict[str, str]:
     """Versions of what is compared."""
-    names = ("numba", "numpy", "jax", "diffrax", "jsbsim", "rocketpy")
+    names = ("numba", "numpy", "jsbsim", "rocketpy")
     code = (
         f"from importlib.metadata import version; print(*(version(n) for n in {names}), sep='\\n')"
     )
@@ -218,18 +216,11 @@ def make_table(record: dict[str, Any]) -> str:
         for name, one in peers.items()
         if "altitude_difference_m" in one
     ]
-    first = [
-        f"{one['first_call_s']:.0f} s ({name})"
-        for name, one in peers.items()
-        if "first_call_s" in one
-    ]
     lines += [
         "",
         f"Medians of {ours['repeats']} repeats in {ours['processes']} processes each, processor time of one core; "
         f"times ours: against `{YARDSTICK}` in the same round. Altitude after 60 s differs from ours by at most "
         + ", ".join(differences)
-        + ". Not counted: compiling, within the first call, which took up to "
-        + ", ".join(first)
         + ".",
     ]
     return "\n".join(lines)

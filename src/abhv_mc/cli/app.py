@@ -171,6 +171,9 @@ def _print_versions(expected: bool) -> None:
         say(f"python {platform.python_version()} on {platform.platform()}")
         for library in _LIBRARIES:
             say(f"{library} {version(library)}")
+        from abhv_mc.kernel.compiler_target import choose_interface, find_level
+
+        say(f"kernels {find_level(choose_interface())[1]}")
         for package in PACKAGES:
             if find_spec(package) is None:
                 say(f"{package} is missing, and its commands with it")

@@ -3,6 +3,8 @@
 Its settings are what it has taken, from the environment or from a file in the working folder.
 """
 
+import functools
+import os
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +12,15 @@ import llvmlite.binding as llvm
 import numba
 
 from abhv_mc.kernel.cache import cache_folder
+from abhv_mc.kernel.prebuilt import Level, choose_level
+
+PUBLIC = "ABHV_MC_PUBLIC_NUMBA"
 
 # Settings of numba that change the code and that its own cache does not look at.
 _SETTINGS = (
     "BOUNDSCHECK",
+    "CPU_FEATURES",
+    "CPU_NAME",
     "DEBUGINFO_DEFAULT",
     "DISABLE_INTEL_SVML",
     "EXTEND_VARIABLE_LIFETIMES",
@@ -32,14 +39,46 @@ def code_folder(interface: str) -> Path:
     )
 
 
-def choose_target() -> None:
-    """Set them for whatever numba compiles in this process from now on; public settings of numba's."""
+def choose_interface() -> str:
+    """Return which interface of numba compiles, unless its private part is another: ``private`` or ``public``."""
+    chosen = os.environ.get(PUBLIC, "0") not in ("", "0")
+    return "public" if numba.config.DISABLE_JIT or chosen else "private"  # type: ignore[attr-defined]
+
+
+@functools.cache
+def find_level(interface: str) -> tuple[Level | None, str]:
+    """Return the level whose kernels travel with the wheel and fit, or None, and a sentence about it."""
+    here = "compiled on this machine"
+    if interface == "public":
+        return None, f"{here}, by numba's public interface"
+    if _is_chosen():
+        return None, f"{here}, as numba's settings choose a processor"
+    try:
+        return choose_level(llvm.get_host_cpu_features())
+    except RuntimeError:
+        return None, f"{here}, whose processor LLVM does not know"
+
+
+def choose_target(interface: str) -> Level | None:
+    """Set what numba compiles for in this process, by its public settings; return the level of kernels of the wheel."""
     # LLVM's level 2: an eighth less to compile than level 3, and flights as fast.
     numba.config.OPT = type(numba.config.OPT)(2)  # type: ignore[attr-defined]
     numba.config.CACHE_LOCATOR_CLASSES = ""  # type: ignore[attr-defined]  # else CACHE_DIR may mean nothing
+    level, _ = find_level(interface)
+    if level is not None:
+        numba.config.CPU_NAME = level.cpu  # type: ignore[attr-defined]
+        numba.config.CPU_FEATURES = level.features  # type: ignore[attr-defined]
+        return level
     features = find_features()
     if features is not None:
         numba.config.CPU_FEATURES = features  # type: ignore[attr-defined]
+    return None
+
+
+def _is_chosen() -> bool:
+    """Return whether the user has chosen what numba compiles for."""
+    config: Any = numba.config
+    return config.CPU_NAME is not None or config.CPU_FEATURES is not None or not config.ENABLE_AVX
 
 
 def find_features() -> str | None:
@@ -49,8 +88,7 @@ def find_features() -> str | None:
     nearly all vectors: with the whole width it takes a fifth less time (``docs/explanation/performance.md``) and has
     the same bits. Who sets ``NUMBA_CPU_NAME`` or ``NUMBA_CPU_FEATURES`` has chosen for himself.
     """
-    config: Any = numba.config
-    if config.CPU_NAME is not None or config.CPU_FEATURES is not None or not config.ENABLE_AVX:
+    if _is_chosen():
         return None
     try:
         features = llvm.get_host_cpu_features()

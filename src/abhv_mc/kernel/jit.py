@@ -33,10 +33,10 @@ import numpy as np
 from numba.core import event
 
 from abhv_mc.kernel.cache import is_noted, one_compiles, source_unchanged
-from abhv_mc.kernel.compiler_target import choose_target, code_folder
+from abhv_mc.kernel.compiler_target import PUBLIC, choose_interface, choose_target, code_folder
+from abhv_mc.kernel.prebuilt import unpack
 
 F = TypeVar("F", bound=Callable[..., Any])
-_PUBLIC = "ABHV_MC_PUBLIC_NUMBA"
 _MOST_ARRAYS = 40  # of a function's arguments: more than a vehicle's, fewer than a plan's
 
 # Plain Python throughout, as numba itself does it: for counting operations.
@@ -342,10 +342,12 @@ def _try(row: Any) -> None:
     row[0] = _twice(row[0])
 
 
-choose_target()
+_mode = choose_interface()
+_level = choose_target(_mode)
 # numba decides on its cache's place when it decorates, so that is set before any function is made.
-_mode = "public" if PLAIN or os.environ.get(_PUBLIC, "0") not in ("", "0") else "private"
 numba.config.CACHE_DIR = str(code_folder(_mode))  # type: ignore[attr-defined]
+if _level is not None:
+    unpack(_level, code_folder(_mode))
 if _mode == "private":
     try:
         _inlined, _kernel = _make_private()
@@ -363,7 +365,7 @@ if _mode == "private":
             RuntimeWarning,
             stacklevel=2,
         )
-        os.environ[_PUBLIC], _mode = (
+        os.environ[PUBLIC], _mode = (
             "1",
             "public",
         )  # processes that this one starts need not find out again

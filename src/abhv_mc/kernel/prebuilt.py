@@ -1,0 +1,118 @@
+"""Kernels that travel with the wheel: compiled for levels of x86-64, used if they fit interpreter and processor.
+
+A build is an archive of numba's cache and a manifest beside it. It is as trusted as the code that it lies beside; the
+SHA-256 of its manifest tells a damaged one.
+"""
+
+import hashlib
+import json
+import os
+import shutil
+import sys
+import tempfile
+import zipfile
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import NamedTuple
+
+from abhv_mc.kernel.cache import source_hash
+
+FOLDER = Path(__file__).parents[1] / "prebuilt"  # of the wheel; a checkout has none
+_COMPILERS = ("numba", "llvmlite")
+_AVX2 = ("avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
+
+
+class Level(NamedTuple):
+    """A level of x86-64 as LLVM knows it."""
+
+    cpu: str
+    features: str  # that change LLVM's choice for the level: vectors of 512 bits
+    needed: tuple[str, ...]  # features of the processor
+
+    def lacks(self, processor: Mapping[str, bool]) -> list[str]:
+        """Return the features that a processor lacks."""
+        return [name for name in self.needed if not processor.get(name)]
+
+
+LEVELS = (  # the best one first
+    Level(
+        "x86-64-v4",
+        "-prefer-256-bit",
+        (*_AVX2, "avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"),
+    ),
+    Level("x86-64-v3", "", _AVX2),
+)
+
+
+def name_interpreter() -> str:
+    """Return the tag of this interpreter, such as ``cp311``."""
+    return f"cp{sys.version_info[0]}{sys.version_info[1]}{sys.abiflags}"
+
+
+def choose_level(processor: Mapping[str, bool]) -> tuple[Level | None, str]:
+    """Return the best level whose build fits, or None, and a sentence that says so, or why none does."""
+    reason = f"this installation brings none for {name_interpreter()}"
+    for level in LEVELS:
+        archive = _archive(level)
+        if not archive.is_file():
+            continue
+        if lacks := level.lacks(processor):
+            reason = f"those of the wheel need a processor with {', '.join(lacks)}"
+        elif misfit := _find_misfit(archive):
+            reason = misfit
+        else:
+            return level, f"for {level.cpu}, from the wheel"
+    return None, f"compiled on this machine, as {reason}"
+
+
+def _archive(level: Level) -> Path:
+    return FOLDER / f"{level.cpu}-{name_interpreter()}.zip"
+
+
+def _find_misfit(archive: Path) -> str:
+    """Say why a build cannot be used; empty if it can."""
+    try:
+        manifest = json.loads(archive.with_suffix(".json").read_text(encoding="utf-8"))
+        for name in _COMPILERS:
+            if manifest[name] != version(name):
+                return f"those of the wheel are of {name} {manifest[name]}"
+        if manifest["source"] != source_hash():
+            return "those of the wheel are of other source"
+        if manifest["sha256"] != hashlib.sha256(archive.read_bytes()).hexdigest():
+            return f"{archive.name} is damaged"
+    except (OSError, ValueError, KeyError):
+        return f"{archive.with_suffix('.json').name} is missing or damaged"
+    return ""
+
+
+def unpack(level: Level, folder: Path) -> None:
+    """Put the kernels of a level into an empty folder of the cache, all at once; one in use stays as it is."""
+    if any(folder.iterdir()):
+        return
+    fresh = Path(tempfile.mkdtemp(prefix="unpacked-", dir=folder.parent))
+    try:
+        with zipfile.ZipFile(_archive(level)) as archive:
+            archive.extractall(fresh)
+        fresh.rename(folder)
+    except OSError:  # another process was first, or the disk is full
+        shutil.rmtree(fresh, ignore_errors=True)
+
+
+def pack(level: Level, cache: Path, into: Path) -> None:
+    """Write the build of a level from numba's cache folder ``cache``, which holds nothing else."""
+    archive = into / _archive(level).name
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as content:
+        for file in sorted(cache.rglob("*")):
+            if file.is_file() and file.suffix != ".lock":
+                name = zipfile.ZipInfo(os.fspath(file.relative_to(cache)))
+                name.external_attr = 0o600 << 16
+                content.writestr(name, file.read_bytes(), zipfile.ZIP_DEFLATED)
+    manifest = {
+        "source": source_hash(),
+        **{name: version(name) for name in _COMPILERS},
+        "python": name_interpreter(),
+        "level": level.cpu,
+        "sha256": hashlib.sha256(archive.read_bytes()).hexdigest(),
+    }
+    archive.with_suffix(".json").write_text(json.dumps(manifest, indent=1) + "\n")

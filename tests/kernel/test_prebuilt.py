@@ -1,0 +1,63 @@
+"""Kernels that travel with the wheel: the best level that fits, or why none does; unpacked whole or not at all."""
+
+import json
+
+import pytest
+
+from abhv_mc.kernel import prebuilt
+from abhv_mc.kernel.prebuilt import LEVELS, choose_level, pack, unpack
+
+V4, V3 = LEVELS
+HERE = dict.fromkeys(V4.needed, True)
+
+
+@pytest.fixture
+def wheel(tmp_path, monkeypatch):
+    """A folder with builds of both levels, of a cache of three files."""
+    cache, folder = tmp_path / "cache", tmp_path / "prebuilt"
+    (cache / "module").mkdir(parents=True)
+    folder.mkdir()
+    for name in ("tried", "module/kernel.nbi", "module/kernel.lock"):
+        (cache / name).write_text(name)
+    monkeypatch.setattr(prebuilt, "FOLDER", folder)
+    for level in LEVELS:
+        pack(level, cache, folder)
+    return folder
+
+
+def change(folder, level, **entries):
+    (file,) = folder.glob(f"{level.cpu}*.json")
+    file.write_text(json.dumps(json.loads(file.read_text()) | entries))
+
+
+def test_the_best_level_that_the_processor_has_is_chosen(wheel):
+    assert choose_level(HERE)[0] == V4
+    assert choose_level(HERE | {"avx512bw": False})[0] == V3
+    level, reason = choose_level({"neon": True})
+    assert level is None and "a processor with avx" in reason
+
+
+@pytest.mark.parametrize(
+    "changes, words",
+    [
+        ({"numba": "0.0"}, "are of numba 0.0"),
+        ({"source": "another"}, "other source"),
+        ({"sha256": "0"}, "damaged"),
+    ],
+)
+def test_a_build_that_does_not_fit_is_not_used(wheel, changes, words):
+    for level in LEVELS:
+        change(wheel, level, **changes)
+    level, reason = choose_level(HERE)
+    assert level is None and words in reason and reason.startswith("compiled on this machine")
+
+
+def test_it_is_unpacked_into_an_empty_folder_alone(wheel, tmp_path):
+    folder = tmp_path / "kernels"
+    folder.mkdir()
+    unpack(V3, folder)
+    assert {file.name for file in folder.rglob("*") if file.is_file()} == {"tried", "kernel.nbi"}
+    (folder / "module/kernel.nbi").write_text("a second overload")
+    unpack(V3, folder)
+    assert (folder / "module/kernel.nbi").read_text() == "a second overload"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["cache", "kernels", "prebuilt"]
