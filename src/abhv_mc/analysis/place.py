@@ -1,6 +1,6 @@
 """Compare test flights with the simulated flights of a campaign: does the dispersed model cover them?"""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown, read_histories
-from abhv_mc.io.foreign_table import Column, NumberTable, read_foreign_table
+from abhv_mc.io.foreign_table import NumberTable, read_foreign_table
 from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.statistics.placement import (
     Band,
@@ -100,8 +100,9 @@ def place_flights(
     if not results.campaign.independent or len(results.campaign.unknowns.points) > 1:
         expected = "one with 'sampling: random' and no unknowns"
         raise InputError(root, "a campaign whose flights are not alike", expected)
-    known = {"time", *results.metrics, *(channel.name for channel in results.campaign.channels)}
-    tables = [_read_columns(file, known) for file in files]
+    records = (*results.campaign.metrics.values(), *results.campaign.channels)
+    units = {"time": "s", **{record.name: record.unit for record in records}}
+    tables = [_read_table(file, units) for file in files]
     timed = ["time" in table.names for table in tables]
     if any(timed) and not all(timed):
         raise InputError(files[timed.index(False)], "no column time", "one, as in the other files")
@@ -145,10 +146,15 @@ def place_flights(
         noise=dict(noise or {}),
         ignored=tuple(
             dict.fromkeys(
-                name
+                head
                 for table in tables
-                for name in table.table.heads
-                if name != "time" and name not in (bands or names)
+                for i, head in enumerate(table.table.heads)
+                if i
+                not in [
+                    table.columns[name].position
+                    for name in ("time", *(bands or names))
+                    if name in table.columns
+                ]
             )
         ),
         flights=tuple(placed),
@@ -157,11 +163,13 @@ def place_flights(
     )
 
 
-def _read_columns(file: Path, known: Collection[str]) -> NumberTable:
-    """Return the columns of a file that the campaign knows, in the campaign's units."""
+def _read_table(file: Path, units: Mapping[str, str]) -> NumberTable:
+    """Read the columns of a file that a campaign knows, in its units. Raise InputError."""
     table = read_foreign_table(file)
-    columns = {head: Column(i) for i, head in enumerate(table.heads) if head in known}
-    return NumberTable(table, columns, table.numbers([each.position for each in columns.values()]))
+    columns = table.find(units)
+    factors = [table.factor(column, units[name]) for name, column in columns.items()]
+    numbers = table.numbers([column.position for column in columns.values()])
+    return NumberTable(table, columns, numbers * factors)
 
 
 def _shared_columns(tables: Sequence[NumberTable], known: Sequence[str]) -> list[str]:
