@@ -8,9 +8,12 @@ from fake_flight import run as run_campaign
 from fake_flight import write_campaign
 from typer.testing import CliRunner
 
+from abhv_mc.analysis.place import find_band
 from abhv_mc.cli.app import app
-from abhv_mc.folder.flown_campaign import read_histories
+from abhv_mc.folder.flown_campaign import read_flown, read_histories
 from abhv_mc.io.input_error import InputError
+from abhv_mc.topics.envelopes import ENVELOPES
+from abhv_mc.topics.topic import Models
 
 KEEP = "{histories: {flights: all, channels: [altitude_m, speed_mps], rate: 2 Hz}}"
 
@@ -99,3 +102,17 @@ def test_chosen_histories_are_no_random_flights(tmp_path):
     file.write_text("time,altitude_m\n0,1\n1,1\n", encoding="utf-8")
     error = place(file, folder).exception
     assert isinstance(error, InputError) and "no histories of random flights" in str(error)
+
+
+def test_the_report_draws_the_simultaneous_band(folder):
+    models = Models(read_flown(folder))
+    (_, caption), *_ = [(figure, text) for text, figure in models.figures(ENVELOPES)]
+    assert "dotted lines a whole flight lies" in caption.caption
+    results = models.results
+    _, band = find_band(results, "one", ["altitude_m", "mach"], np.array([0.0, 1.0]))
+    histories = read_histories(folder, "one")
+    inside = [
+        band.deviations(history["altitude_m"][[0, 2], None]).max() <= band.factor
+        for history in histories.values()
+    ]
+    assert np.mean(inside) >= 0.95

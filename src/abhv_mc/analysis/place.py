@@ -1,6 +1,6 @@
 """Compare test flights with the simulated flights of a campaign: does the dispersed model cover them?"""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown, read_histories
-from abhv_mc.io.foreign_table import Column, NumberTable, read_foreign_table
+from abhv_mc.io.foreign_table import NumberTable, read_foreign_table
 from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.statistics.placement import (
     Band,
@@ -100,8 +100,9 @@ def place_flights(
     if not results.campaign.independent or len(results.campaign.unknowns.points) > 1:
         expected = "one with 'sampling: random' and no unknowns"
         raise InputError(root, "a campaign whose flights are not alike", expected)
-    known = {"time", *results.metrics, *(channel.name for channel in results.campaign.channels)}
-    tables = [_read_columns(file, known) for file in files]
+    records = (*results.campaign.metrics.values(), *results.campaign.channels)
+    units = {"time": "s", **{record.name: record.unit for record in records}}
+    tables = [_read_table(file, units) for file in files]
     timed = ["time" in table.names for table in tables]
     if any(timed) and not all(timed):
         raise InputError(files[timed.index(False)], "no column time", "one, as in the other files")
@@ -145,10 +146,15 @@ def place_flights(
         noise=dict(noise or {}),
         ignored=tuple(
             dict.fromkeys(
-                name
+                head
                 for table in tables
-                for name in table.table.heads
-                if name != "time" and name not in (bands or names)
+                for i, head in enumerate(table.table.heads)
+                if i
+                not in [
+                    table.columns[name].position
+                    for name in ("time", *(bands or names))
+                    if name in table.columns
+                ]
             )
         ),
         flights=tuple(placed),
@@ -157,11 +163,13 @@ def place_flights(
     )
 
 
-def _read_columns(file: Path, known: Collection[str]) -> NumberTable:
-    """Return the columns of a file that the campaign knows, in the campaign's units."""
+def _read_table(file: Path, units: Mapping[str, str]) -> NumberTable:
+    """Read the columns of a file that a campaign knows, in its units. Raise InputError."""
     table = read_foreign_table(file)
-    columns = {head: Column(i) for i, head in enumerate(table.heads) if head in known}
-    return NumberTable(table, columns, table.numbers([each.position for each in columns.values()]))
+    columns = table.find(units)
+    factors = [table.factor(column, units[name]) for name, column in columns.items()]
+    numbers = table.numbers([column.position for column in columns.values()])
+    return NumberTable(table, columns, numbers * factors)
 
 
 def _shared_columns(tables: Sequence[NumberTable], known: Sequence[str]) -> list[str]:
@@ -186,8 +194,7 @@ def _read_histories(
     noise: Mapping[str, float],
 ) -> tuple[Floats, Floats, Floats, list[str]]:
     """Return simulated and test histories [flight, time, channel], the times of the first test flight, the channels."""
-    kept = read_histories(results.folder, controller)
-    histories = [kept[k] for k in _random_flights(results, kept)]
+    histories = _random_histories(results, controller)
     if not histories:
         expected = (
             "'keep: {histories: {flights: all}}', or 'every N': chosen flights are no random ones"
@@ -208,30 +215,49 @@ def _read_histories(
     sigma = np.array([noise.get(name, 0.0) for name in channels])
     draw = np.random.default_rng(0)
 
-    def sample(at: Floats, columns: Sequence[Floats]) -> Floats:
-        return np.column_stack([np.interp(times, at, c, np.nan, np.nan) for c in columns])
-
-    simulated = np.stack(
-        [
-            sample(history["time"], [history[name] for name in channels])
-            + sigma * draw.standard_normal((times.size, sigma.size))
-            for history in histories
-        ]
-    )
+    simulated = np.stack([_sample(history, channels, times) for history in histories])
+    simulated += sigma * draw.standard_normal(simulated.shape)
     tests = np.stack(
-        [sample(_columns(t, ["time"])[:, 0], list(_columns(t, channels).T)) for t in tables]
+        [_sample(dict(zip(t.names, t.values.T, strict=True)), channels, times) for t in tables]
     )
+    for table, test in zip(tables, tests, strict=True):
+        if not np.isfinite(test).any():
+            raise table.error(0, "time", "no time of the first test flight", "times in common")
     return simulated[np.isfinite(simulated).any(axis=(1, 2))], tests, times, channels
 
 
-def _random_flights(results: FlownCampaign, kept: Mapping[int, object]) -> list[int]:
-    """Return the flights whose histories are kept whatever became of them."""
+def _sample(history: Mapping[str, Floats], channels: Sequence[str], times: Floats) -> Floats:
+    """Return channels [time, channel] at these times; NaN outside the history."""
+    at = history["time"]
+    return np.column_stack([np.interp(times, at, history[c], np.nan, np.nan) for c in channels])
+
+
+def _random_histories(results: FlownCampaign, controller: str) -> list[dict[str, Floats]]:
+    """Return the histories that are kept whatever became of their flights."""
     steps = [
         1 if item == "all" else int(str(item).removeprefix("every "))
         for item in results.campaign.model.keep.histories.flights
         if str(item) == "all" or str(item).startswith("every ")
     ]
-    return [k for k in sorted(kept) if any(k % step == 0 for step in steps)]
+    kept = read_histories(results.folder, controller) if steps else {}
+    return [kept[k] for k in sorted(kept) if any(k % step == 0 for step in steps)]
+
+
+def find_band(
+    results: FlownCampaign, controller: str, channels: Sequence[str], times: Floats
+) -> tuple[list[str], Band] | None:
+    """Return the simultaneous band of a campaign's histories and those of the channels that they have.
+
+    None without enough random histories, or a channel.
+    """
+    if not results.campaign.independent:
+        return None
+    histories = _random_histories(results, controller)
+    shared = [name for name in channels if histories and name in histories[0]]
+    if len(histories) < FEWEST_FLIGHTS or not shared:
+        return None
+    sampled = np.stack([_sample(history, shared, times) for history in histories])
+    return shared, simultaneous_band(sampled, CONFIDENCE)
 
 
 def summarize(histories: Floats) -> Floats:

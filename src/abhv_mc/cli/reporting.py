@@ -158,7 +158,7 @@ def place(
     flights: Annotated[
         list[Path],
         typer.Argument(
-            metavar="FLIGHT.csv...",
+            metavar="FLIGHT.csv",
             help="Histories with a column time (s) and channels, or rows of metrics.",
         ),
     ],

@@ -21,6 +21,7 @@ BANDS = (
     ("q0.135", "q99.865", 0.30, "0.135–99.865 %"),
     ("q5", "q95", 0.45, "5–95 %"),
 )
+SIMULTANEOUS = ("simultaneous_low", "simultaneous_high")
 MEDIANS = ("q50", MOST_MEDIAN)
 REFERENCE = {"color": INK, "linewidth": 0.6, "linestyle": "-"}
 LIMIT = {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 2))}
@@ -156,6 +157,8 @@ def _overlay(axes: Axes, row: EnvelopeRow, looks: Sequence[tuple[str, Any]]) -> 
             axes.fill_between(panel.x, *area, color=color, alpha=0.6 * opacity, linewidth=0)
         for median in [name for name in MEDIANS if name in panel.bands]:
             axes.plot(panel.x, panel.bands[median], color=color, linestyle=dash, linewidth=1.0)
+        for edge in [name for name in SIMULTANEOUS if name in panel.bands]:
+            axes.plot(panel.x, panel.bands[edge], color=color, linestyle=":", linewidth=0.8)
     if row.panels[0].reference is not None:
         axes.plot(*row.panels[0].reference, **REFERENCE)  # type: ignore[arg-type]
 

@@ -223,8 +223,9 @@ def _sentence(label: str, drivers: ControllerDrivers, names: Names) -> str:
         )
         rest = f" (noise and interactions: {percent(1.0 - entry.explained, 2)})"
         noise = rest if 1.0 - entry.explained > _NOISY and not entry.otherwise else ""
+        more = [f"{len(words) - _NAMED} more"] if len(words) > _NAMED else []
         if words:
-            parts.append(f"{phrase}: {joined(words[:_NAMED])}{noise}")
+            parts.append(f"{phrase}: {joined([*words[:_NAMED], *more])}{noise}")
         else:
             none.append(phrase + noise)
     parts += [f"no single parameter moves {joined(none)}"] if none else []

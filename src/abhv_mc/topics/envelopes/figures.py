@@ -5,9 +5,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
+from abhv_mc.analysis.place import find_band
 from abhv_mc.array_types import Floats
+from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.topics.envelopes import CURVES, Curve, Envelopes, curves_of
 from abhv_mc.topics.figure_bands import (
+    SIMULTANEOUS,
     EnvelopePanel,
     EnvelopeRow,
     bands_off,
@@ -23,28 +26,51 @@ Find = Callable[[str, str], Bands | None]  # of a controller and a channel
 
 _OURS = "; insets show the largest move. The altitude error has no band of all flights where the reference climbs"
 
+_SIMULTANEOUS = (
+    " Between the dotted lines a whole flight lies in all channels, at all times, with 95 %."
+)
+
 
 def draw(_found: Envelopes, names: Names) -> Iterator[tuple[FigureText, Figure]]:
     """One sheet of the channels that the envelopes hold."""
     controllers, campaign, results = tuple(names.controllers), names.campaign, names.results
 
+    simultaneous = {name: _simultaneous(results, name) for name in controllers}
+
     def find(controller: str, channel: str) -> Bands | None:
         envelope = results.envelopes.get((controller, channel))
-        return (
-            (envelope.time, envelope.bands)
-            if envelope and np.isfinite(envelope.median).any()
-            else None
-        )
+        if envelope is None or not np.isfinite(envelope.median).any():
+            return None
+        return envelope.time, {**envelope.bands, **simultaneous[controller].get(channel, {})}
 
     if rows := _rows(find, controllers, results.reference, curves_of(campaign)):
         ours = _OURS if campaign.simulator.capabilities.has_mission else ""
         words = FigureText(
             "channels",
             "The channels over all flights",
-            f"Bands of all {campaign.kind}s in the same axes{ours}.",
+            f"Bands of all {campaign.kind}s in the same axes{ours}."
+            + (_SIMULTANEOUS if any(simultaneous.values()) else ""),
             alt="The table above has the smallest and the largest value of each channel.",
         )
         yield words, plot_sheet(rows, names.controllers, controller_colors(controllers))
+
+
+def _simultaneous(results: FlownCampaign, controller: str) -> dict[str, dict[str, Floats]]:
+    """Return the edges of the simultaneous band by channel; none without histories of random flights."""
+    channels = [curve.channel for curve in curves_of(results.campaign)]
+    held = [name for name in channels if (controller, name) in results.envelopes]
+    if not held:
+        return {}
+    times = results.envelopes[controller, held[0]].time
+    found = find_band(results, controller, held, times)
+    if found is None:
+        return {}
+    shared, band = found
+    low, high = (band.middle + side * band.factor * band.spread for side in (-1.0, 1.0))
+    return {
+        name: dict(zip(SIMULTANEOUS, (low[:, k], high[:, k]), strict=True))
+        for k, name in enumerate(shared)
+    }
 
 
 def plot_flown(
