@@ -121,7 +121,7 @@ def test_a_later_start_and_a_coarser_grid(frame, tmp_path):
     [
         ("time,b\n0,1\n0.1,2\n0.2,3\n0.4,4\n", 5, "evenly spaced"),
         ("time,b\n0,1\n0.1,2\n0.1,3\n", 4, "times that rise"),
-        ("time,b\n0,1\n\n0.1,word\n", 4, "'word'; expected a finite number"),
+        ("time,b\n0,1\n\n0.1,word\n", 4, "'word' in the column 'b'"),
         ("time,c\n0,1\n0.1,2\n", 1, "no column b"),
         ("time,b\n0,1,\n0.1,2,\n", 2, "3 cells"),
         ("# time, b\ntime , b\n0,1\n", None, "1 row"),

@@ -14,18 +14,17 @@ import zlib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.compute as pc
-import pyarrow.csv as arrow_csv
-import pyarrow.parquet as pq
 
 from abhv_mc.array_types import Floats
 from abhv_mc.io.input_error import InputError, Refusal, describe
 from abhv_mc.io.input_files import read_input
 from abhv_mc.io.units import NUMBER, Dimension, parse_in_any_unit, parse_unit
+
+if TYPE_CHECKING:  # workers that simulate read no table and import no pyarrow
+    import pyarrow as pa
 
 _NUMBER = re.compile(NUMBER)
 _WITH_COMMA = r"^[+-]?[0-9]*,[0-9]+([eE][+-]?[0-9]+)?$"
@@ -59,7 +58,7 @@ class ForeignTable:
     path: Path
     heads: tuple[str, ...]
     units: tuple[str, ...]  # of a row of units below the heads; empty texts without one
-    data: pa.Table  # columns in the order of the heads
+    data: "pa.Table"  # columns in the order of the heads
     lines: Sequence[int]  # [row] line of the file, from 1; number of the row in Parquet
     head_line: int = 1
     texts: Sequence[str] = ()  # [row] lines as they stand in the file
@@ -128,13 +127,17 @@ class ForeignTable:
 
         Raise InputError for a cell that is no number, and unless ``finite`` is False for one that is not finite.
         """
+        import pyarrow as pa
+
+        from abhv_mc.io.parquet_columns import column_values
+
         values = [_plain(self.data.column(i)) for i in columns]
         if self.separator != ",":
             values = _with_points(values)
         out = np.empty((len(self), len(columns)))
         for i, (column, own) in enumerate(zip(columns, values, strict=True)):
             try:
-                out[:, i] = own.cast(pa.float64(), safe=False).fill_null(np.nan).to_numpy()
+                out[:, i] = column_values(own.cast(pa.float64(), safe=False))
             except (pa.ArrowException, ValueError):
                 out[:, i] = self._parse(column, own)
             wrong = ~np.isfinite(out[:, i]) if finite else ()
@@ -142,7 +145,7 @@ class ForeignTable:
                 raise self._no_number(int(row), column)
         return out
 
-    def _parse(self, column: int, cells: pa.ChunkedArray) -> Floats:
+    def _parse(self, column: int, cells: "pa.ChunkedArray") -> Floats:
         """Return the numbers of cells [row] one by one. Raise InputError at the first that is none."""
         numbers = np.empty(len(cells))
         for row, cell in enumerate(cells.to_pylist()):
@@ -163,8 +166,11 @@ class ForeignTable:
         return ["" if cell is None else str(cell) for cell in cells]
 
 
-def _plain(column: pa.ChunkedArray) -> pa.ChunkedArray:
+def _plain(column: "pa.ChunkedArray") -> "pa.ChunkedArray":
     """Return a column without dictionary, its truth values as numbers, its text as one type without blanks around."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
     if pa.types.is_dictionary(column.type):
         column = column.cast(column.type.value_type)
     if pa.types.is_boolean(column.type):
@@ -174,8 +180,10 @@ def _plain(column: pa.ChunkedArray) -> pa.ChunkedArray:
     return column
 
 
-def _with_points(columns: list[pa.ChunkedArray]) -> list[pa.ChunkedArray]:
+def _with_points(columns: "list[pa.ChunkedArray]") -> "list[pa.ChunkedArray]":
     """Return columns with points in place of decimal commas, if some numbers have commas and none has a point."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
 
     def has(pattern: str) -> bool:
         matches = (pc.match_substring_regex(columns[i], pattern) for i in texts)
@@ -224,6 +232,9 @@ def read_foreign_table(path: Path, has_units: bool = True) -> ForeignTable:
         if path.suffix == ".gz":
             content = gzip.decompress(content)
         if path.suffix.lower() in (".parquet", ".pq"):
+            import pyarrow as pa
+            import pyarrow.parquet as pq
+
             data = pq.read_table(pa.BufferReader(content))
             heads = tuple(map(str, data.column_names))
             return ForeignTable(path, heads, ("",) * len(heads), data, range(1, 1 + len(data)))
@@ -250,6 +261,8 @@ def _sheet_text(content: bytes) -> str:
 
 def _read_json(path: Path, text: str) -> ForeignTable:
     """Read an object a line; what is nested becomes columns such as 'motor.thrust' and 'position[0]'."""
+    import pyarrow as pa
+
     rows: list[dict[str, str]] = []
     lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
     for number, line in lines:
@@ -276,6 +289,9 @@ def _leaves(name: str, value: Any) -> Iterator[tuple[str, str]]:
 
 def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
     """Read lines of cells below a line of heads; blank lines and comments are left out."""
+    import pyarrow as pa
+    import pyarrow.csv as arrow_csv
+
     lines: dict[int, str] = {}
     comments: list[tuple[int, str]] = []
     start = 0  # of a cell in quotes that goes on over several lines
@@ -340,6 +356,8 @@ def _read_matrix(path: Path, lines: Mapping[int, str], separator: str) -> Foreig
     The corner names the heads of rows and columns, as in 'mach\\alpha_deg'. Blocks of a third axis begin with a line
     such as 'altitude_m = 1000'.
     """
+    import pyarrow as pa
+
     outer: tuple[str, ...] = ()
     names: tuple[str, ...] = ()
     heads: list[str] = []
