@@ -125,8 +125,8 @@ def _meaningless(campaign: Experiment) -> Iterator[InputError]:
             ):
                 continue  # a law that comes near zero and never reaches it
             wish = "values above zero, as of a truncated_normal or lognormal law: at or below it has no meaning"
-            width = campaign.document.data["dispersions"].get(name, {})  # type: ignore[call-overload,index]
-            width = width.get("half_width", width.get("sigma"))
+            entry = campaign.dispersions.get(name, {})
+            width = entry.get("half_width", entry.get("sigma"))
             if isinstance(width, (int, float)) and width >= 1:
                 wish = f"did you mean '{width:g} %' in place of {width:g}?"
             yield refuse_input(campaign, name, f"'{name}' down to {least:g}", wish)

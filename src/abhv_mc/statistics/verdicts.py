@@ -17,6 +17,7 @@ from abhv_mc.statistics.evidence import (
 
 Status = Literal["PASS", "FAIL", "NOT SHOWN", "ESTIMATE"]
 
+UNSEARCHED = "its worst values of the unknowns were not searched for: a new folder does that"
 _WORTH_TRYING = 0.25  # chance of PASS at today's rate with which an extension is advised
 _MOST_ADVISED = 10_000_000  # flights
 
@@ -168,6 +169,8 @@ def verdict_words(verdict: Verdict, flies: bool = True) -> str:
 
 def advice_words(verdict: Verdict, flies: bool = True) -> str:
     """To how many flights a campaign, or a table that flies no more, is to be extended; how likely it passes then."""
+    if UNSEARCHED in verdict.note:
+        return ""
     found = advise(verdict)
     if found is None:
         return "more of its flights failed than the requirement allows"

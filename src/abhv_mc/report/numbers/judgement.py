@@ -196,6 +196,9 @@ def _better(models: Models) -> str:
 
 def _reasons(models: Models) -> Iterator[str]:
     names, verdicts, flights = models.names, models[VERDICTS], models[FLIGHTS].counts
+    for change in models.results.requirement_changes[-1:]:
+        words = few(list(change.words))
+        yield f"Requirements were changed after results of {change.flights} flights: {words}."
     lost = [
         f"{names.label(name)} {count_of(each.failed, each.flown)}"
         for name, each in flights.items()
