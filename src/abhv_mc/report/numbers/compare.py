@@ -8,6 +8,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
+from abhv_mc.campaign.file.requirement_set import RequirementSource
 from abhv_mc.folder.controller_flights import ControllerFlights, common_rows, distances
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown
 from abhv_mc.folder.layout import CampaignFolder
@@ -100,11 +101,20 @@ def parse_margins(texts: Sequence[str]) -> dict[str, float]:
     return margins
 
 
-def read_compared(folder_a: Path, folder_b: Path) -> tuple[FlownCampaign, FlownCampaign]:
-    """Two campaigns that flew the same samples. Raises InputError where these differ."""
-    a, b = read_flown(folder_a), read_flown(folder_b)
-    require_same_samples(a.samples, b.samples, folder_a, CampaignFolder(folder_b).samples)
-    return a, b
+def read_compared(
+    folder_a: Path, folder_b: Path, requirements: RequirementSource | None = None
+) -> tuple[FlownCampaign, FlownCampaign]:
+    """Read two campaigns, judged by the requirements of each, or by others."""
+    return read_flown(folder_a, requirements), read_flown(folder_b, requirements)
+
+
+def have_same_samples(a: FlownCampaign, b: FlownCampaign) -> bool:
+    """Return whether flights of two campaigns are the same draws, so that they can be paired."""
+    try:
+        require_same_samples(a.samples, b.samples, a.folder, CampaignFolder(b.folder).samples)
+    except InputError:
+        return False
+    return True
 
 
 def compare_results(
@@ -130,7 +140,7 @@ def compare_results(
     requirements = tuple(item for item in a.campaign.requirements if item.metric in metrics)
     independent = a.campaign.independent
     pairs = []
-    for one, other in _pairs(a, b, controllers):
+    for one, other in pair_controllers(a, b, controllers):
         flights = sides(a, b, one, other)
         names = (f"{a.folder}: {one}", f"{b.folder}: {other}")
         found = compare_pair(
@@ -207,9 +217,10 @@ def _gate(
     return judge_change(*values, (a.failed[rows_a], b.failed[rows_b]), missed, margin)
 
 
-def _pairs(
+def pair_controllers(
     a: FlownCampaign, b: FlownCampaign, controllers: Sequence[str]
 ) -> Iterator[tuple[str, str]]:
+    """Yield the controllers to compare: the two that are named, or each that both campaigns ran."""
     if controllers:
         if len(controllers) != 2:
             found = f"{len(controllers)} controllers"
