@@ -28,27 +28,29 @@ FAILS = {
 }
 
 
-def whatif(fails, inputs, scale, flights, truth, campaigns=CAMPAIGNS, widened=True):
+def whatif(fails, inputs, scale, flights, truth, campaigns=CAMPAIGNS, widened=True, shift=0.0):
     """The share of campaigns that is answered, and how often of these the share and the quantile miss on each side.
 
     ``widened``: with what no flight reaches counted in, as `whatif` does.
     """
     draw = np.random.default_rng(7)
-    old, new = stats.norm(), stats.norm(0.0, scale)
+    old, new = stats.norm(), stats.norm(shift, scale)
     limit = np.quantile(
-        FAILS[fails](scale * draw.standard_normal((2_000_000, inputs))), 1.0 - truth
+        FAILS[fails](shift + scale * draw.standard_normal((2_000_000, inputs))), 1.0 - truth
     )
     answered, missed = 0, np.zeros((2, 2))
     for _ in range(campaigns):
         x = draw.standard_normal((flights, inputs))
-        weights = np.exp(0.5 * np.sum(x**2, axis=1) * (1.0 - scale**-2)) / scale**inputs
+        weights = np.exp(0.5 * np.sum(x**2 - ((x - shift) / scale) ** 2, axis=1)) / scale**inputs
         parts = []
         for column in x.T:
             ends = np.array([column.min(), column.max()])
             beyond = float(new.cdf(ends[0])), float(new.sf(ends[1]))
             parts.append(unseen_of_range(beyond, tuple(new.pdf(ends) / old.pdf(ends)), flights))
         unseen = join_unseen(parts)
-        if max(unseen.single, unseen.joint) > 0.01 or effective_size(weights) < 100:
+        if max(unseen.single, unseen.joint) > 0.01 or effective_size(weights) < max(
+            100, flights / 2
+        ):
             continue
         values, answered = FAILS[fails](x), answered + 1
         joint = unseen.joint if widened else 0.0
@@ -89,6 +91,13 @@ def main():
         print(
             f"{words}: answers {answered:.2f}; truth below and above the share's {share}, the quantile's {quantile}"
         )
+    answered, (share, quantile) = whatif(
+        "one", 1, 1.0, 2000, 3.8e-3, campaigns=campaigns, shift=0.8
+    )
+    print(
+        f"whatif one input, mean + 0.8 sigma, 2000 flights, P 0.0038: answers {answered:.2f}; "
+        f"truth below and above the share's {share}, the quantile's {quantile}"
+    )
     laws = {"normal": stats.norm.ppf, "t3": stats.t(3).ppf, "lognormal": stats.lognorm(1.0).ppf}
     laws["discrete"] = lambda p: np.floor(2.0 * stats.lognorm(1.0).ppf(p))
     for words, law in laws.items():

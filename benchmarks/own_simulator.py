@@ -6,11 +6,12 @@ It is the difference between a run of 40,000 and one of 4000 flights, all proces
 """
 
 import json
-import os
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
+
+from benchmarks.processes import measure_all
 
 FEW, MANY = 4_000, 40_000
 PYTHON = "def fly(inputs, settings):\n    return {'miss': inputs['a']}\n"
@@ -62,14 +63,7 @@ def seconds(campaign: Path, flights: int, workers: int) -> float:
             out,
             "--fresh",
         ]
-        before = os.times()
-        subprocess.run(
-            [*command, "--workers", str(workers), "--no-report"], check=True, capture_output=True
-        )
-        after = os.times()
-    return (after.children_user + after.children_system) - (
-        before.children_user + before.children_system
-    )
+        return measure_all([*command, "--workers", str(workers), "--no-report"])[0]
 
 
 def milliseconds_a_flight(campaign: Path, workers: int = 2) -> float:

@@ -31,6 +31,7 @@ from search.methods.known_probabilities import (  # noqa: E402
     corner,
     held_out_cases,
     masked,
+    random_crash,
     switched_cases,
 )
 
@@ -95,6 +96,12 @@ def study_missed(seeds: int) -> None:
             for s in range(seeds)
         ]
         _print_missed(case.name, found, case.probability)
+    found = []
+    for s in range(seeds):
+        case = random_crash(s)
+        plan = SubsetPlan(case.dimension, 0.0, 1000 + s)
+        found.append(estimate_rare(case.severity, plan).include_unwarned())
+    _print_missed(case.name, found, case.probability)
     for case in (*map(masked, (2, 5, 10)), *map(corner, (4, 8, 12))):
         found = [
             estimate_rare(case.severity, SubsetPlan(case.dimension, 0.0, 1000 + s))

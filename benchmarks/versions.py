@@ -9,7 +9,6 @@ begin with nothing compiled and take minutes each. Writes a table of ``docs/expl
 """
 
 import argparse
-import json
 import os
 import subprocess
 import sys
@@ -20,7 +19,7 @@ from pathlib import Path
 from statistics import median
 
 from benchmarks.document import replace_part
-from benchmarks.processes import measure_disk
+from benchmarks.processes import measure_all, measure_disk
 from benchmarks.spread import describe_machine, make_note
 
 LAWS = ("tlc", "lqr")
@@ -50,13 +49,6 @@ for _ in range(int(sys.argv[3])):
     times.append(time.thread_time() - start)
 print(min(times) / 64 if times else 0.0)
 """
-# What was started here is waited for here, so that the times and the memory of its own children are counted.
-MEASURED = """
-import json, resource, subprocess, sys
-code = subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL).returncode
-used = resource.getrusage(resource.RUSAGE_CHILDREN)
-print(json.dumps([code, used.ru_utime + used.ru_stime, used.ru_maxrss / 1e3]))
-"""
 Costs = dict[str, float]
 
 
@@ -84,13 +76,7 @@ class Version:
     def command(self, *words: str) -> tuple[float, float, float]:
         """Seconds of the processor, seconds by the clock, and MB of the largest process. Raises RuntimeError."""
         start = time.perf_counter()
-        words = (sys.executable, "-c", MEASURED, sys.executable, *words)
-        ended = subprocess.run(
-            words, env=self.environment, check=True, capture_output=True, text=True
-        )
-        code, seconds, memory = json.loads(ended.stdout)
-        if code not in {0, 1}:  # 1: a requirement failed
-            raise RuntimeError(ended.stderr[-2000:])
+        seconds, memory = measure_all([sys.executable, *words], self.environment)
         return seconds, time.perf_counter() - start, memory
 
     def campaigns(self, folder: Path) -> Costs:

@@ -1,6 +1,6 @@
 """How `abhv-mc worst` compares with as many random flights in the same box, seed by seed.
 
-    python benchmarks/worst_seeds.py [--campaign FILE] [--metric NAME] [--controller NAME] [--seeds 20] [--flights 2000]
+    python -m benchmarks.worst_seeds [--campaign FILE] [--metric NAME] [--controller NAME] [--seeds 20] [--flights 2000]
         [--json FILE]
 
 One line for each seed: the worst value of the search and of the random flights (those that `worst` flies for its page).
@@ -14,13 +14,13 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from document import write_json
 
 from abhv_mc.requests import WorstRequest
 from abhv_mc.search.methods.worst import search_worst
 from abhv_mc.search.search_flights import open_search
 from abhv_mc.search.severity import ENDED_EARLY, Severity
 from abhv_mc.statistics.estimates import Criterion
+from benchmarks.document import write_json
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -56,6 +56,8 @@ def draw_shipped(
 ) -> None:
     """Designs that are not of the searches; those beyond the panel at its edge, with their number."""
     for name, (law, marker, words) in SHIPPED.items():
+        if name not in shipped:
+            continue
         value, usage = values(shipped[name], column)[0], shipped[name]["mean_usage"][0]
         at = min(usage, LIMITS_X[1]), min(max(value, ends[0]), ends[1])
         axes.plot(

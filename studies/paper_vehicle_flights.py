@@ -38,6 +38,7 @@ READING = 0.02  # of an axis: what counts as in
 FURTHEST = 0.20  # of an axis, that a member's worst end may be out
 TICK, TICKS = 0.01, 6000
 OFF_NODE_AIM = 0.12  # deg
+RELIEVED, RELIEF = 2, 0.12  # ends that may be out, and by what share of the axis
 INNER_SIDES = 0.02  # of a side's unit, that a search keeps from its ends
 _INNER = 0.12  # of an interval's length, at each end
 _UNKNOWN = 2.0  # of an axis: a miss that is not known, and the largest that counts
@@ -202,9 +203,12 @@ class Candidate:
         """The largest miss, limits included."""
         return max((miss for each in self.seen for miss in each.misses), default=np.inf)
 
-    def residuals(self, left_out: int = 0) -> Floats:
-        """What a search makes small: by what share of its axis each end is outside of its interval's inner part."""
-        found = []
+    def residuals(self, left_out: int = 0, *, relieved: bool = False) -> Floats:
+        """Return what a search makes small: by what share of its axis each end misses its interval's inner part.
+
+        The two ends that are furthest out may be so by RELIEF if `relieved`.
+        """
+        found: list[float] = []
         for axis, each in zip(AXES, self.seen or self.expected or (None,) * len(AXES), strict=True):
             asked = axis.figure != left_out
             found += (
@@ -212,6 +216,10 @@ class Candidate:
                 if each is None
                 else [asked * float(np.clip(x, -_UNKNOWN, _UNKNOWN)) for x in each.aside]
             )
+        if relieved:
+            counted = np.repeat([axis.counts for axis in AXES], 2)
+            for i in np.argsort(np.where(counted, np.abs(found), 0.0))[-RELIEVED:]:
+                found[i] = float(np.sign(found[i])) * max(abs(found[i]) - RELIEF, 0.0)
         return np.array(
             [
                 *found,
@@ -498,8 +506,8 @@ def find_traits(vehicle: Vehicle, trim_tables: Tables, reference: Floats) -> tup
     return tuple(float(x) for x in (*moments, *rise))
 
 
-def third_trait(first: tuple[float, ...], second: tuple[float, ...]) -> float:
-    """By what factor the third most different trait of two vehicles differs, logarithmic; another sign counts as 2."""
-    a, b = np.array(first), np.array(second)
+def third_trait(first: Any, second: Any) -> Floats:
+    """By what factor vehicles [..., trait] differ in the third most different trait, logarithmic; another sign is 2."""
+    a, b = np.asarray(first), np.asarray(second)
     ratio = np.abs(np.log(np.abs(a) / np.abs(b)))
-    return float(np.sort(np.where(a * b > 0.0, ratio, np.log(2.0)))[-3])
+    return np.asarray(np.sort(np.where(a * b > 0.0, ratio, np.log(2.0)), axis=-1)[..., -3])

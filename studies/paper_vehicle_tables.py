@@ -73,23 +73,26 @@ def claim(members: list[dict[str, Any]], judged: dict[str, Any]) -> Iterator[str
         yield "| " + " | ".join(cells) + " |"
 
 
-def least_known(result: dict[str, Any]) -> str:
-    """'4 heading 1 %, ...': the largest miss of the three members in each figure left out."""
+def largest_misses(result: dict[str, Any]) -> dict[str, float]:
+    """The largest miss in each figure left out, over its axes and the starts."""
     worst: dict[str, float] = {}
     for each in result["without"]:
-        words = f"{each['figure']} {each['ends'][0]['axis'].split(' (')[0]}"
-        worst[words] = max(
-            worst.get(words, 0.0), *(miss for end in each["ends"] for miss in end["misses"])
-        )
-    return ", ".join(f"{words} {100.0 * miss:.0f} %" for words, miss in worst.items())
+        words = f"Figure {each['figure']}, {each['ends'][0]['axis'].split(' (')[0].split(',')[0]}"
+        misses = [miss for end in each["ends"] for miss in end["misses"]]
+        worst[words] = max(worst.get(words, 0.0), *misses)
+    return worst
 
 
 def predictions(result: dict[str, Any]) -> Iterator[str]:
-    """A row for each figure left out: what vehicles fitted to the others show there."""
-    yield "| member | figure left out | predicted | out of the intervals by |"
-    yield "|---|---|---|---|"
+    """A row for each axis left out: what vehicles fitted to the other figures show there."""
+    starts = sorted({each["start"] for each in result["without"]})
+    yield "| figure left out | " + " | ".join(f"start {start}" for start in starts) + " |"
+    yield "|---|" + "---|" * len(starts)
+    rows: dict[str, dict[int, str]] = {}
     for each in result["without"]:
         for end in each["ends"]:
-            misses = " and ".join(f"{100.0 * miss:.0f} %" for miss in end["misses"])
-            shown = f"{end['low']:.4g} to {end['high']:.4g}"
-            yield f"| {each['member']} | {each['figure']} {end['axis']} | {shown} | {misses} |"
+            misses = " and ".join(f"{100.0 * miss:.0f}" for miss in end["misses"])
+            shown = f"{end['low']:.4g} to {end['high']:.4g} ({misses} %)"
+            rows.setdefault(f"{each['figure']} {end['axis']}", {})[each["start"]] = shown
+    for words, cells in rows.items():
+        yield f"| {words} | {' | '.join(cells.get(start, 'none') for start in starts)} |"

@@ -70,6 +70,7 @@ def make_plan(name: str, gain: float = 1.0, vehicle: Vehicle | None = None) -> F
         "profile": no_profile(),
         "declared": NO_METRICS,
         "user_sources": NO_SOURCES,
+        "lean": False,
         **{"source_hash": "", "channels_hash": "", "source": None, "channels_source": None},
     }
     return FlightPlan(**parts)
@@ -80,7 +81,7 @@ def _fill(kind):
     if hasattr(kind, "_fields") or hasattr(kind, "__dataclass_fields__"):
         hints = typing.get_type_hints(kind)
         return kind(**{name: _fill(hint) for name, hint in hints.items()})
-    if kind in (int, float, str):
+    if kind in (bool, int, float, str):
         return kind(3)
     return np.arange(4.0) / 3.0
 

@@ -135,6 +135,14 @@ class Request(_Checked):
     check_workers: Annotated[
         bool, Option("Fly one flight of each worker again here; compare its bits.", "flag")
     ] = False
+    baseline: Annotated[
+        Paths | None,
+        Option(
+            "Campaign flown before on the same samples: its points of unknowns are flown, too, and the report says "
+            "what changed.",
+            "results",
+        ),
+    ] = None
 
 
 @dataclass(frozen=True)

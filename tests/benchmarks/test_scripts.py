@@ -11,9 +11,21 @@ import pytest
 ROOT = Path(__file__).parents[2]
 STUDIES = ("example", "fronts", "fronts_results", "paper", "retune_lqr", "robust lqr", "tune_tlc")
 BENCHMARKS = (
-    *("gate", "growth", "interval_coverage", "limit", "margins", "operations", "parent", "parts"),
+    *(
+        "advised_flights",
+        "driver_intervals",
+        "gate",
+        "growth",
+        "interval_coverage",
+        "limit",
+        "margins",
+        "operations",
+        "parent",
+        "parts",
+        "placement",
+    ),
     *("rare_against_plain", "rare_coverage", "storage", "unknowns", "user_law", "verdict_errors"),
-    *(f"versions {ROOT}", "worst_seeds", "others.sensitivity"),
+    *(f"versions {ROOT}", "worst_seeds", "table_checks", "others.sensitivity"),
 )
 # These need what is not installed here (other programs, the network), run whole in other tests or in
 # `make test-thorough`, or belong to a script that runs.

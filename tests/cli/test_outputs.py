@@ -90,6 +90,7 @@ def test_all_commands_are_looked_at_and_all_that_print_figures_write_json():
             "compare",
             "explain",
             "whatif",
+            "place",
             "status",
             "query",
         ),

@@ -140,7 +140,7 @@ def test_tables_and_campaigns_that_do_not_fit_are_refused(flown: Path, tmp_path:
     for words, ask in (
         ("no column 'dive'", lambda: adopt_table(flown, asked(tmp_path, without=()), out)),
         ("2 columns 'altitude_min'", lambda: adopt_table(twice, asked(tmp_path), out)),
-        ("a campaign that is flown by itself", lambda: adopt_table(flown, flies, out)),
+        ("a campaign whose flights abhv-mc computes", lambda: adopt_table(flown, flies, out)),
         ("adopt", lambda: run_campaign(Request(asked(tmp_path, runs=300), out))),
     ):
         with pytest.raises(InputError, match=words):

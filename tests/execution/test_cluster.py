@@ -24,6 +24,7 @@ from abhv_mc.execution.retry import UnusableError
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.io.input_error import InputError
+from abhv_mc.kernel.jit import kernel
 from abhv_mc.requests import RareRequest, Request, WorstRequest
 from abhv_mc.search.rare import find_rare
 from abhv_mc.search.tune import tune_controller
@@ -45,6 +46,15 @@ def fly_when_let(plan, parameters, every=None):
     while Path(os.environ["HELD"]).exists():
         time.sleep(0.02)
     return fly(plan, parameters, every)
+
+
+def fly_compiled(plan, parameters, every=None):
+    kernel(_double)(1.0)
+    return fly(plan, parameters, every)
+
+
+def _double(value):
+    return value + value
 
 
 class Dask:
@@ -225,6 +235,22 @@ def test_a_flight_that_hangs_costs_its_row_there_too(dask, tmp_path):
         np.flatnonzero((density > 1.0) & (density < 1.01))
     )
     assert (manifest.runs_done, manifest.runs_failed) == (15, 1)
+
+
+def test_the_command_says_that_a_worker_compiles(tmp_path, monkeypatch, capfd):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    dask = Dask(tmp_path)
+    try:
+        dask.start_worker()
+        with connect_cluster(dask.address, replace(ENGINE, fly=fly_compiled)) as cluster:
+            cluster.fly(make_plan("one"), nominal_parameters())
+            worker = next(iter(cluster._client.nthreads()))
+            deadline = time.monotonic() + 30.0
+            while worker not in (said := capfd.readouterr().err) and time.monotonic() < deadline:
+                time.sleep(0.05)
+        assert said.count(f"worker {worker} compiles") == 1
+    finally:
+        dask.close()
 
 
 def test_workers_with_other_code_stop_the_campaign(dask, tmp_path):

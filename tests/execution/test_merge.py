@@ -82,8 +82,8 @@ def spoil(parts, changes):
 
 
 def change_seed(parts):
-    path = parts[1] / "campaign.yaml"
-    path.write_text(path.read_text().replace("seed: 5", "seed: 6"))
+    campaign = write_campaign(parts[1].parent / "g", seed="6")
+    run(campaign, parts[1], shard=(2, 3), fresh=True)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import abhv_mc
+from abhv_mc.flight.prepare import table_faults
 from abhv_mc.io.documents import InputError
+from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.one_flight.given import make_flight_plan
 
 GLIDER = {"base": "ghame_x", "propulsion": None}
@@ -36,6 +38,21 @@ def test_what_the_nominal_controls_do_not_fly_is_told_with_its_time(change, word
         {"base": "s_manoeuvre", **change, **wide}, "ghame_x"
     ).warnings.tolist()
     assert any(re.search(words, each) for each in warnings) if words else not warnings
+
+
+def test_a_reference_outside_the_tables_for_a_second_is_told():
+    """The tables of abhv begin at Mach 2, and 560 m/s at 12 km are Mach 1.9."""
+    slow = {"base": "level", "start.altitude": "12 km", "start.speed": "560 m/s"}
+    plan = make_flight_plan(slow, "abhv")
+    (told,) = plan.warnings.tolist()
+    assert re.search(r"leaves .* tables in mach for 60\.0 s, first at 0\.00 s", told)
+    fast = plan.reference.copy()
+    fast[:, REFERENCE.index("speed")] *= 1.1
+    for ticks, count in ((99, 0), (100, 1)):
+        fast[1000 : 1000 + ticks] = plan.reference[1000 : 1000 + ticks]
+        found = table_faults(plan.vehicle, fast, plan.timing.tick)
+        assert len(found) == count
+    assert re.search(r"for 1\.0 s, first at 10\.00 s", found[0])
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from abhv_mc.api import compare
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import InputError
-from abhv_mc.report.numbers.compare import check_baseline, parse_margins
+from abhv_mc.report.numbers.compare import check_baseline, parse_margins, read_compared
 from abhv_mc.report.pages.build import is_up_to_date
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.topics.comparison.model import metric_differences
@@ -163,3 +163,76 @@ def test_other_samples_are_refused_before_anything_flies(before, abhv_mc, tmp_pa
         check_baseline(read_campaign(campaign), before)
     code, _, err = abhv_mc("run", campaign, "-o", tmp_path / "out", "--baseline", before)
     assert code == 2 and "in flight 0" in err and not (tmp_path / "out").exists()
+
+
+GATE = """
+simulator: {python: law.py, time_limit: 10 s}
+systems: {law: {new: %d}}
+inputs: {a: {unit: m, nominal: 0}, b: {unit: m, nominal: 0}, g: {unit: m, nominal: 0}}
+unknowns: {a: {low: -1, high: 1}, b: {low: -1, high: 1}}
+dispersions: {g: {distribution: normal, sigma: 1}}
+metrics: {err: {unit: m, bad: high}}
+requirements: [{metric: err, below: 12, probability: 90 %%, consumer_risk: 10 %%}]
+name: gate
+question: Is the new version worse?
+runs: 40
+seed: 1
+"""
+LAW = """
+def fly(i, s):
+    error = 3 - (i["a"] - (0.31 if s["new"] else 0.3)) ** 2 + 0.1 * i["b"] + 0.2 * i["g"]
+    corner = s["new"] == 2 and min(i["a"], i["b"]) > 0.9
+    lost = s["new"] == 2 and corner and i["g"] > 1.5
+    return {"err": 1.9 * error if corner else error, **({"outcome": "crash"} if lost else {})}
+"""
+
+
+@pytest.fixture(scope="module")
+def versions(tmp_path_factory):
+    """Campaign files of versions 0, 1 (another worst point) and 2 (worse at one corner)."""
+    root = tmp_path_factory.mktemp("versions")
+    (root / "law.py").write_text(LAW, encoding="utf-8")
+    for new in range(3):
+        text = GATE % new + "outcomes: {crash: lost}\n"
+        (root / f"{new}.yaml").write_text(text, encoding="utf-8")
+    return root
+
+
+def test_campaigns_with_unknowns_pair_at_the_points_of_the_baseline(versions, abhv_mc, monkeypatch):
+    """Their worst values differ, so their flights had other numbers, and the gate refused them."""
+    monkeypatch.setattr("abhv_mc.execution.name_points.SEARCH_FLIGHTS", 8)
+
+    def fly(new, *words):
+        code, _, err = abhv_mc(
+            "run", versions / f"{new}.yaml", "-o", versions / f"out{new}", "--trust-code", *words
+        )
+        assert code in (0, 1), err
+        return read_flown(versions / f"out{new}")
+
+    before = fly(0, "--no-report")
+    points = before.campaign.unknowns.points
+    for new in (1, 2):
+        after = fly(new, "--baseline", versions / "out0")
+        own = after.campaign.unknowns.points
+        assert all(np.any(np.all(np.isclose(own, point), axis=1)) for point in points)
+        assert after.campaign.unknowns.shared >= len(points)
+    assert len(read_flown(versions / "out1").campaign.unknowns.points) > len(points)
+    one, other = read_compared(versions / "out0", versions / "out1")
+    assert len(one.campaign.unknowns.points) == len(points)
+    flown = read_flown(versions / "out1")
+    for k, number in enumerate(other.flights["law"].flight[:30].tolist()):
+        sample, point = divmod(number, len(points))
+        at = np.all(np.isclose(flown.campaign.unknowns.points, points[point]), axis=1).argmax()
+        row = sample * len(flown.campaign.unknowns.points) + at
+        metric = other.flights["law"].metrics["err"][k]
+        assert metric == flown.flights["law"].metrics["err"][row]
+        assert other.samples["g"][number] == flown.samples["g"][row] == one.samples["g"][number]
+    gate = ("--fail-if-worse", "err=5%", "--fail-if-loses", "1")
+    assert abhv_mc("compare", versions / "out0", versions / "out1", *gate)[0] == 0
+    code, told, _ = abhv_mc("compare", versions / "out0", versions / "out2", *gate)
+    assert code == 1 and "at a 1 m, b 1 m" in told and "NOT shown" in told
+    lost = compare(versions / "out0", versions / "out2")["paired"][0]["newly_lost"]
+    assert lost > 0 and f"loses {lost} flights" in told
+    assert (
+        abhv_mc("compare", versions / "out0", versions / "out2", "--fail-if-loses", "9999")[0] == 0
+    )

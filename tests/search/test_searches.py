@@ -4,7 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fake_flight import ENGINE, LIFT, LOST_BELOW, interrupted_after, prepare, write_campaign
+from fake_flight import (
+    DENSITY,
+    ENGINE,
+    LIFT,
+    LOST_BELOW,
+    interrupted_after,
+    prepare,
+    write_campaign,
+)
 from scipy import stats
 from search.known_flights import LIMIT, LINE, METRIC, fly_line, write_line
 from search.methods.known_probabilities import paraboloid
@@ -124,6 +132,26 @@ def test_flights_that_cannot_be_computed_are_flown_again(tmp_path, line):
     assert healed.numbers()["value"] == pytest.approx(2.5)
 
 
+def test_all_combinations_of_discrete_parameters_are_tried_at_the_best_point(tmp_path):
+    """Two of five values each, worst only together: no slope leads there."""
+    values = "{distribution: discrete, values: [0.9, 0.95, 1.0, 1.05, 1.1]}"
+    campaign = write_campaign(
+        tmp_path / "files", dispersions=f"{{aero.lift: {values}, atmosphere.density: {values}}}"
+    )
+
+    def fly_pair(plan, parameters, record_every=None):
+        block = fly_line(plan, parameters, record_every)
+        together = (parameters[:, LIFT] == 0.95) & (parameters[:, DENSITY] == 1.05)
+        block.metrics[:] = np.where(together, 50.0, parameters[:, LIFT] + parameters[:, DENSITY])[
+            :, None
+        ]
+        return block
+
+    request = WorstRequest(campaign, tmp_path / "out", METRIC, flights=200)
+    found = find_worst(request, Engine(prepare, fly_pair, "pair"))
+    assert found.numbers()["value"] == 50.0 and found.other_seeds is None
+
+
 def test_seeds_are_common_in_worst_and_each_flights_own_in_rare(tmp_path):
     turbulence = "wind.turbulence: {distribution: uniform, low: 0 m/s, high: 2 m/s}"
     dispersions = f"{{aero.lift: {{distribution: normal, sigma: 5 %}}, {turbulence}}}"
@@ -141,10 +169,25 @@ def test_seeds_are_common_in_worst_and_each_flights_own_in_rare(tmp_path):
     assert stats.kstest(seeds, "uniform").pvalue > 1e-3
     worst = find_worst(WorstRequest(campaign, tmp_path / "worst", METRIC, flights=400), engine)
     assert (
-        len(np.unique(worst.flights.samples[:, worst.flights.names.index("wind.turbulence_seed")]))
+        len(
+            np.unique(
+                worst.flights.samples[:-64, worst.flights.names.index("wind.turbulence_seed")]
+            )
+        )
         == 1
     )
     assert worst.names == ("aero.lift", "wind.turbulence")
+    # 64 flights of the worst point follow with seeds of their own; the random ones stay as many as the search's.
+    rows = worst.flights
+    own = rows.samples[-64:, rows.names.index("wind.turbulence_seed")]
+    assert len(np.unique(own)) == 64 and worst.random == worst.searched
+    assert np.all(rows.samples[-64:, :2] == rows.samples[worst.worst, :2])
+    value = worst.value(worst.worst)
+    assert worst.other_seeds == (64, 0, (value, value, value))  # this flight has no noise
+    assert worst.numbers()["other_seeds"]["range"] == (value, value, value)
+    assert rare.noise_share == 0.0 and rare.includes_unwarned
+    assert rare.estimate.high >= rare.estimate.unwarned_high
+    assert "failures without warning" in rare.unwarned
 
 
 def test_another_search_in_the_same_folder_is_refused(tmp_path, line):
@@ -237,3 +280,25 @@ def test_searches_of_a_users_simulator_find_what_is_known_of_its_function(tmp_pa
     ) == pytest.approx(3.0)
     found = find_rare(RareRequest(path, tmp_path / "rare", "miss", flights=8000)).estimate
     assert found.refusal is None and found.low <= paraboloid(2, 7.0, 0.5).probability <= found.high
+
+
+def test_a_search_warns_of_what_the_first_flights_show(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    source = "import random\ndef fly(inputs, settings):\n    return {'miss': inputs['a'] + random.random()}\n"
+    (tmp_path / "noise.py").write_text(source)
+    content = {
+        "name": "noise",
+        "simulator": {"python": "noise.py"},
+        "inputs": {"a": {}},
+        "dispersions": {"a": {"distribution": "normal", "sigma": 1.0}},
+        "metrics": {"miss": {}},
+        "requirements": [{"metric": "miss", "below": 7.0, "probability": 0.99}],
+        "runs": 100,
+    }
+    path = tmp_path / "noise.yaml"
+    path.write_text(json.dumps(content))
+    find_worst(WorstRequest(path, tmp_path / "worst", "miss", flights=160, workers=1))
+    words = "not repeatable: "
+    assert f"warning: {words}" in capsys.readouterr().err
+    manifest = json.loads((tmp_path / "worst" / "manifest.json").read_text())
+    assert [text.startswith(words) for text in manifest["warnings"]] == [True]

@@ -17,7 +17,8 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.laws.columns import LQR_GAINS
 from abhv_mc.one_flight.given import make_flight_plan
 from abhv_mc.simulators.export_gains import write_gains
-from abhv_mc.simulators.stored_plans import read_plan
+from abhv_mc.simulators.stored_plans import code_of, read_plan, rebuild_sent
+from abhv_mc.stability.fly_with_margins import add_margins
 
 
 def read(path, plan):
@@ -36,6 +37,18 @@ def test_every_part_comes_back_with_its_type(tmp_path):
     for name, value in old.items():
         assert value.dtype == new[name].dtype
         assert value.tobytes() == new[name].tobytes(), name
+
+
+def test_a_sent_plan_flies_with_the_same_code():
+    """Workers of a cluster compiled the full flight, as no file of plans holds ``lean``."""
+    lean = replace(make_plan("one"), lean=True)
+    sent = add_margins(lean, replace(make_plan("two"), lean=True), ("trim",))
+    for plan in (lean, sent):
+        back = rebuild_sent(flatten(plan), code_of(plan))
+        assert type(back) is type(plan) and back.lean
+    assert back.steady.lean
+    full = replace(lean, lean=False)
+    assert not rebuild_sent(flatten(full), code_of(full)).lean
 
 
 def test_index_arrays_are_never_read(tmp_path):

@@ -1,5 +1,8 @@
 """Flights of a user's simulator: each is accounted for, whatever it does."""
 
+import errno
+import os
+import re
 import shutil
 import sys
 import tempfile
@@ -218,6 +221,15 @@ for line in sys.stdin:
 """
 
 
+def test_a_file_that_is_missing_at_the_start_is_named(tmp_path: Path) -> None:
+    path = dive_campaign(tmp_path)
+    (tmp_path / "drag.txt").write_text("0.02")
+    (tmp_path / "dive.py").write_text(f"open('drag.txt')\n{DIVE}")
+    words = "drag.txt lies in the simulator's folder but not in 'files'; expected a simulator that"
+    with pytest.raises(InputErrors, match=words):
+        list(read_campaign(path).simulator.try_out())
+
+
 def test_each_process_works_in_a_folder_of_its_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -425,6 +437,19 @@ def test_a_program_may_take_its_time_to_start_and_has_to_flush(
     path = dive_campaign(tmp_path, simulator=simulator)
     assert fly_delays(path, [1.0]).outcome.tolist() == [LOST]
     assert "does it flush its standard output" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("code", [errno.EMFILE, errno.EAGAIN])
+def test_a_machine_that_starts_no_process_costs_no_flight(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int
+) -> None:
+    def fail(*_: Any, **__: Any) -> None:
+        raise OSError(code, os.strerror(code))
+
+    end_processes()
+    monkeypatch.setattr("subprocess.Popen", fail)
+    with pytest.raises(OSError, match=re.escape(os.strerror(code))):
+        fly_delays(dive_campaign(tmp_path), [1.0])
 
 
 def test_other_files_than_the_campaign_was_begun_with_do_not_fly(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from abhv_mc.statistics import (
     runs_needed,
     success_lower_bound,
 )
+from abhv_mc.statistics.binomial import jeffreys
 
 PROBABILITIES = st.sampled_from([0.5, 0.9, 0.95, 0.99, 0.9973, 0.99865])
 
@@ -80,3 +81,11 @@ def test_upper_rank_is_the_smallest_with_its_confidence(runs, probability, confi
     covered = binom.cdf(np.arange(runs), runs, probability)  # of ranks 1..runs
     enough = np.flatnonzero(covered >= confidence)
     assert rank == (enough[0] + 1 if enough.size else None)
+
+
+def test_jeffreys_intervals_are_those_of_the_table_of_brown_cai_and_dasgupta():
+    """Statistical Science 16 (2001), table 5, of ten trials, to three digits."""
+    published = {0: (0.0, 0.217), 1: (0.011, 0.381), 2: (0.044, 0.503), 5: (0.224, 0.776)}
+    for failures, ends in published.items():
+        assert jeffreys(failures, 10) == pytest.approx(ends, abs=6e-4)
+    assert jeffreys(10, 10)[1] == 1.0

@@ -1,6 +1,7 @@
 """Planted drivers are found among idle ones, and none is found where there is none."""
 
 import numpy as np
+import openturns
 import pytest
 from scipy import stats
 from scipy.stats import rankdata
@@ -8,6 +9,7 @@ from scipy.stats import rankdata
 from abhv_mc.campaign.sampling.marginals import ContinuousMarginal
 from abhv_mc.statistics.drivers import rank_drivers
 from abhv_mc.statistics.failure_rules import bin_inputs, find_rules, hypergeometric_tail
+from abhv_mc.statistics.given_data import given_data_indices
 from abhv_mc.statistics.ranks import average_ranks, false_discovery
 
 IDLE, FLIGHTS = 30, 400
@@ -26,44 +28,71 @@ def test_coefficients_are_those_of_least_squares_on_ranks():
     x, y = (x - x.mean(0)) / x.std(0), (y - y.mean()) / y.std()
     slopes = np.linalg.lstsq(x, y, rcond=None)[0]
     assert found.srrc[:, 0] == pytest.approx(slopes, abs=1e-12)
-    for j in range(3):  # partial correlation: correlate what the others leave of both
-        others = np.delete(x, j, axis=1)
-        rest_x = x[:, j] - others @ np.linalg.lstsq(others, x[:, j], rcond=None)[0]
-        rest_y = y - others @ np.linalg.lstsq(others, y, rcond=None)[0]
-        assert found.prcc[j, 0] == pytest.approx(np.corrcoef(rest_x, rest_y)[0, 1], abs=1e-12)
-        assert found.prcc_low[j, 0] < found.prcc[j, 0] < found.prcc_high[j, 0]
     assert found.explained[0] == pytest.approx(1.0 - np.mean((y - x @ slopes) ** 2), abs=1e-12)
 
 
-def test_planted_drivers_among_thirty_idle_in_95_of_100_seeds():
+def test_planted_drivers_among_thirty_idle_in_38_of_40_seeds():
     exact = missed = 0
-    for seed in range(100):
+    for seed in range(40):
         inputs = _inputs(seed)
         noise = np.random.default_rng(1000 + seed).normal(size=FLIGHTS)
         output = np.exp(inputs[:, 3]) - 0.8 * inputs[:, 17] + 0.5 * noise
         found = np.flatnonzero(rank_drivers(inputs, output[:, None]).found[:, 0])
         missed += not {3, 17} <= set(found)
         exact += set(found) == {3, 17}
-    assert missed <= 5
-    assert exact >= 95
+    assert missed <= 2
+    assert exact >= 38
 
 
-def test_neither_a_tiny_coefficient_nor_a_small_part_of_the_output_names_a_driver():
-    """An SRRC of 0.01 was named where 5000 flights made it significant, and one of an error hardly explained."""
+def test_coefficients_and_p_values_are_those_of_openturns_and_scipy():
+    draw = np.random.default_rng(12)
+    inputs = draw.normal(size=(100, 3))
+    inputs[:, 1] += 0.8 * inputs[:, 0]
+    output = np.exp(inputs @ [1.0, -0.3, 0.1]) + draw.normal(size=100)
+    found = rank_drivers(inputs, output[:, None])
+    theirs = openturns.CorrelationAnalysis(inputs, output[:, None])
+    assert found.srrc[:, 0] == pytest.approx(np.array(theirs.computeSRRC()), abs=1e-12)
+    for j in range(3):  # a coefficient's t-test is that of the partial correlation
+        partial = theirs.computePRCC()[j]
+        t = partial * np.sqrt(96.0 / (1.0 - partial**2))
+        assert found.p_value[j, 0] == pytest.approx(2.0 * stats.t.sf(abs(t), 96), rel=1e-9)
+
+
+def test_a_tiny_coefficient_names_no_driver_and_noise_hides_none():
+    """An SRRC of 0.01 was named where 5000 flights made it significant; noise kept a linear driver unnamed."""
     draw = np.random.default_rng(90)
     inputs = draw.uniform(-1.0, 1.0, (5000, 3))
     outputs = [inputs @ [1.0, 0.02, 0.0], inputs[:, 0] + 1.5 * draw.normal(size=5000)]
     found = rank_drivers(inputs, np.column_stack(outputs))
     assert found.p_value[1, 0] < 1e-6 and abs(found.srrc[1, 0]) < 0.05
-    assert found.p_value[0, 1] < 1e-6 and found.tells.tolist() == [True, False]
-    assert found.found.T.tolist() == [[True, False, False], [False] * 3]
+    assert found.explained[1] < 0.2
+    assert found.found.T.tolist() == [[True, False, False], [True, False, False]]
+
+
+@pytest.mark.parametrize("correlated", ["none", "pair", "idle"])
+def test_noise_hides_neither_true_drivers_nor_their_correlation(correlated):
+    """Two drivers below half of the variance, and four beside an idle input that goes with all of them."""
+    covariance = np.eye(5)
+    if correlated == "pair":
+        covariance[0, 1] = covariance[1, 0] = 0.5
+    elif correlated == "idle":
+        covariance[4, :4] = covariance[:4, 4] = 0.29
+    for seed in range(3):
+        draw = np.random.default_rng(seed)
+        x = draw.multivariate_normal(np.zeros(5), covariance, 2000)
+        noise = draw.normal(size=(2000, 2)) * [1.5, 2.3]
+        outputs = x @ np.transpose([[1.0, 0.8, 0.0, 0.0, 0.0], [1.0, 1.0, 1.0, 1.0, 0.0]]) + noise
+        found = rank_drivers(np.hstack([x, np.abs(x)]), outputs)
+        assert [np.flatnonzero(named).tolist() for named in found.found.T] == [[0, 1], [0, 1, 2, 3]]
+        left = given_data_indices(x, found.residuals)
+        assert not left.found.any()
 
 
 @pytest.mark.parametrize("together", [0.5, 0.8, 0.95])
 def test_an_idle_partner_of_a_driver_is_not_named(together):
     """Was named in 16 to 100 % of campaigns of 5000 flights: the ranks of a curved output leave it a small part."""
     named = marked = 0
-    for seed in range(40):
+    for seed in range(12):
         draw = np.random.default_rng(5000 + seed)
         inputs = draw.normal(size=(5000, 4))
         inputs[:, 1] = together * inputs[:, 0] + np.sqrt(1.0 - together**2) * inputs[:, 1]
@@ -73,25 +102,24 @@ def test_an_idle_partner_of_a_driver_is_not_named(together):
         assert found.found[0, 1] and found.found[[0, 4]].any(axis=0).all()
         named += found.found[[1, 5]].any()
         marked += found.moves_with[1, 1] == 0
-    assert named <= 2 and marked >= 38
+    assert named <= 1 and marked >= 11
 
 
 def test_intervals_cover_the_coefficients_of_all_flights():
-    """Of errors whose spread grows with the input, too."""
+    """Also if nearly everything is explained: there the ranks' own scatter is most of the error."""
     draw = np.random.default_rng(92)
 
-    def fly(number):
-        inputs = draw.uniform(-1.0, 1.0, (number, 2))
-        return inputs, inputs @ [1.0, 0.5] + (1.0 + inputs[:, 0]) * draw.normal(size=number)
+    def run(number):
+        inputs = draw.uniform(-1.0, 1.0, (number, 3))
+        noise = np.column_stack([1.0 + inputs[:, 0], np.full(number, 0.02)])
+        return inputs, (inputs @ [1.0, 0.5, 0.1])[:, None] + noise * draw.normal(size=(number, 2))
 
-    everything = rank_drivers(*(np.atleast_2d(part.T).T for part in fly(400_000)))
-    inside = 0
-    for _ in range(300):
-        inputs, output = fly(200)
-        found = rank_drivers(inputs, output[:, None])
-        inside += found.srrc_low[0, 0] <= everything.srrc[0, 0] <= found.srrc_high[0, 0]
-        assert found.prcc_low[0, 0] < found.prcc[0, 0] < found.prcc_high[0, 0]
-    assert inside >= 0.93 * 300
+    truth = rank_drivers(*run(400_000)).srrc
+    missed = 0
+    for _ in range(200):
+        found = rank_drivers(*run(200))
+        missed += (found.srrc_low > truth) | (found.srrc_high < truth)
+    assert missed.mean() <= 0.08 * 200 and missed.max() <= 0.12 * 200
 
 
 def test_constant_output_and_input_are_not_judged():

@@ -12,6 +12,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[2] / "studies"))
 
 import fronts
+import paper_vehicle as ensemble
 import paper_vehicle_box as box
 import paper_vehicle_export as export
 import paper_vehicle_flights as flights
@@ -183,9 +184,56 @@ def test_a_member_of_the_ensemble_shows_the_figures_and_keeps_its_sides(name: st
             assert apart >= np.log(search.DIFFERENT) - 1e-3
 
 
-def test_the_ensemble_has_members_from_different_seeds() -> None:
-    """Eight are wanted (docs/explanation/roadmap.md); the searches that are stored found these."""
-    assert len({member["seed"] for member in ENSEMBLE}) == len(ENSEMBLE) >= 3
+def test_the_ensemble_has_eight_members() -> None:
+    assert len(ENSEMBLE) >= 8
+
+
+def test_the_largest_set_is_of_vehicles_apart_and_the_best_of_its_size() -> None:
+    """Of five in a ring, each apart from its neighbours but one, no three are; 1 and 2 are the best two."""
+    apart = np.zeros((5, 5), dtype=bool)
+    for i in range(5):
+        apart[i, (i + 1) % 5] = apart[(i + 1) % 5, i] = True
+    ranks = np.array([9.0, 1.0, 2.0, 5.0, 4.0])
+    chosen = ensemble.largest_set(
+        apart, np.ones(5, dtype=bool), ranks, np.random.default_rng(1), 100
+    )
+    assert sorted(chosen) == [1, 2]
+
+
+def test_a_search_aims_where_a_vehicle_would_enlarge_the_ensemble() -> None:
+    """Without a member the aim is apart from so many of the others that they are as many with it."""
+    found = {
+        member["name"]: search.Found(
+            member["worst"], member["values"], tuple(member["traits"].values())
+        )
+        for member in ENSEMBLE
+    }
+    assert set(ensemble.choose_members(found)) == set(found)
+    del found[ENSEMBLE[-1]["name"]]
+    aimed = ensemble.aim_search(1, found)
+    assert aimed.start in [each.values for each in found.values()]
+    assert found[ensemble.SHIPPED].traits in aimed.others
+    assert len(aimed.others) >= len(found) - 1
+    (start,) = (each for each in found.values() if each.values == aimed.start)
+    signs = np.sign(start.traits)
+    assert aimed.is_apart((*(signs[:6] * np.array(aimed.aim)), *start.traits[6:]))
+
+
+def test_a_search_is_pulled_to_its_aim_and_away_from_others() -> None:
+    traits = (117.0, -19.9, -2.0, 10.9, -3.4, -0.55, 0.55, 0.2)
+    free = search.Search("one", 1)
+    assert free.pulls(traits) == []
+    assert free.is_apart(traits)
+    there = search.Search("two", 1, aim=traits[:6], others=(traits,))
+    near, away = np.split(np.array(there.pulls(traits)), [6])
+    np.testing.assert_allclose(near, 0.0)
+    assert away[0] > 0.0
+    assert not there.is_apart(traits)
+    differs = tuple(1.6 * trait for trait in traits)
+    assert there.is_apart(differs)
+    near, away = np.split(np.array(there.pulls(differs)), [6])
+    assert (near > 0.0).all()
+    assert away[0] == 0.0
 
 
 def test_the_shipped_vehicle_is_the_member_that_its_file_names(tmp_path: Path) -> None:

@@ -72,7 +72,14 @@ _PANELS: dict[str, tuple[Any, ...]] = {  # by name: added by a package
     "Search": (searching.worst, searching.rare, searching.tune),
     "Look": (
         *(reporting.report, reporting.show, "explore", reporting.compare, replaying.explain),
-        *(reporting.whatif, reporting.status, querying.query, querying.export, flying.trim),
+        *(
+            reporting.whatif,
+            reporting.place,
+            reporting.status,
+            querying.query,
+            querying.export,
+            flying.trim,
+        ),
     ),
     "Analyse": (linearizing.margins, linearizing.linearize),
     "Prove": (proving.verify, "bench"),

@@ -49,7 +49,7 @@ def exit_code_of(error: BaseException) -> int | str | None:
             "not enough memory: what was flown is kept; fewer workers or smaller blocks need less"
         )
     elif is_exhausted(error):
-        words = f"{words}: what was flown is kept; fewer workers, or more open files (ulimit -n)"
+        words = f"{words}: what was flown is kept; fewer workers, or more open files or processes (ulimit -n, -u)"
     elif (
         type(error).__module__.partition(".")[0] == "distributed"
     ):  # of many kinds, as a scheduler or its host dies

@@ -1,6 +1,7 @@
 """``report``, ``show``, ``compare``, ``whatif``, ``status``: what a flown campaign says."""
 
 from dataclasses import replace
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,6 +10,7 @@ import typer
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import (
     Baseline,
+    Controller,
     Folder,
     Json,
     Junit,
@@ -142,6 +144,12 @@ def compare(
         list[str] | None,
         typer.Option(metavar="METRIC=5%", help="Exit 1 where B is worse than that; repeatable."),
     ] = None,
+    fail_if_loses: Annotated[
+        int | None,
+        typer.Option(
+            min=1, metavar="N", help="Exit 1 where B loses N or more flights that A does not."
+        ),
+    ] = None,
     out: Annotated[Path | None, output(output_folder, "DIR", "Write a page there.")] = None,
     requirements: Requirements = None,
     json: Json = None,
@@ -157,15 +165,78 @@ def compare(
 
     margins = parse_margins(fail_if_worse or [])
     found, section, page = compare_folders(
-        folder_a, folder_b, parse_names(controllers) or (), margins, out, requirements
+        folder_a,
+        folder_b,
+        parse_names(controllers) or (),
+        margins,
+        out,
+        requirements,
+        bool(fail_if_loses),
     )
     answer(found, json, lambda: print_section(section))
     if page is not None:
         say(f"report    {page}", file=beside(json))
     paired = found.paired if isinstance(found, Compared) else ()
     gates = [gate for pair in paired for gate in pair.not_worse.values()]
-    if not all(gate.shown for gate in gates):
+    newly_lost = [pair.newly_lost for pair in paired] if fail_if_loses else []
+    for pair, lost in zip(paired, newly_lost, strict=False):
+        say(f"{pair.b} loses {lost} flights that {pair.a} does not", file=beside(json))
+    if not all(gate.shown for gate in gates) or max(newly_lost, default=0) >= (fail_if_loses or 1):
         raise typer.Exit(ExitCode.FAILED)
+
+
+def place(
+    flights: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FLIGHT.csv...",
+            help="Histories with a column time (s) and channels, or rows of metrics.",
+        ),
+    ],
+    folder: Annotated[Path, folder_argument("Folder of a campaign with sampling: random.")],
+    controller: Controller = None,
+    measured: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="CHANNEL=SIGMA",
+            help="Standard deviation of a channel's measurement noise, in its unit; repeatable.",
+        ),
+    ] = None,
+    out: Annotated[Path | None, output(output_folder, "DIR", "Write a page there.")] = None,
+    json: Json = None,
+) -> None:
+    """Compare test flights with a campaign: does the dispersed model cover them?
+
+    Prints the rank of each metric among the simulated flights, the joint p-value of all metrics, and where a history
+    leaves the simultaneous 95 % band first; of several flights also whether they differ together.
+    """
+    from abhv_mc.analysis.place import place_flights
+    from abhv_mc.report.pages.page import write_answer
+    from abhv_mc.report.pages.place_page import make_place_answer
+
+    found = place_flights(folder, flights, controller, _parse_noise(measured or []))
+    shown = make_place_answer(found, folder)
+    answer(
+        {key: value for key, value in vars(found).items() if key != "bands"},
+        json,
+        lambda: print_section(shown.section),
+    )
+    if out is not None:
+        say(f"report    {write_answer(shown, out / 'report.html')}", file=beside(json))
+
+
+def _parse_noise(words: list[str]) -> dict[str, float]:
+    """Return standard deviations by channel. Raises InputError."""
+    noise: dict[str, float] = {}
+    for word in words:
+        channel, _, number = word.partition("=")
+        try:
+            noise[channel] = float(number)
+        except ValueError:
+            noise[channel] = -1.0
+        if not 0.0 < noise[channel] < inf:
+            raise InputError("--measured", f"'{word}'", "CHANNEL=SIGMA with a positive number")
+    return noise
 
 
 def whatif(

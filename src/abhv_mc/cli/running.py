@@ -13,7 +13,6 @@ import typer
 
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import (
-    Baseline,
     Fresh,
     Json,
     Junit,
@@ -48,7 +47,6 @@ _WIDTH = 80  # columns
 def run(
     request: Request,
     no_report: NoReport = False,
-    baseline: Baseline = None,
     json: Json = None,
     junit: Junit = None,
     staging: Annotated[
@@ -70,6 +68,7 @@ def run(
     from abhv_mc.execution.runner import run_campaign
     from abhv_mc.folder.remote import mirrored
 
+    baseline = None if request.baseline is None else Path(request.baseline)
     if baseline is not None:
         from abhv_mc.campaign.file.check import read_campaign
         from abhv_mc.report.numbers.compare import check_baseline
@@ -184,7 +183,12 @@ def print_requirements(manifest: "Manifest") -> None:
         row = cells.setdefault(f"{entry.asked} in {100 * entry.probability:g} %", {})
         count = "" if len(flights) == 1 else f" of {entry.flights}"
         row[entry.controller] = f"{entry.verdict} {entry.failures}{count}"
-        advice += [f"{entry.verdict}: {words}" for words in entry.words.split("; ")[1:]]
+        missing = entry.failures_not_computed
+        advice += (
+            [f"{entry.verdict}: {missing} of {entry.failures} failures were not computed"]
+            if missing
+            else [f"{entry.verdict}: {words}" for words in entry.words.split("; ")[1:]]
+        )
     one = next(iter(flights)) if len(flights) == 1 else None
     say("\nVerdict and number of failures" + (f" in {one} flights" if one else ""), end="")
     say(" (* the exit code follows)")

@@ -61,7 +61,7 @@ def adopt_table(
     campaign = read_campaign(campaign_file, runs=1)
     if campaign.can_rerun:
         wish = "one with 'inputs', without a simulator"
-        raise campaign.document.error((), "a campaign that is flown by itself", wish)
+        raise campaign.document.error((), "a campaign whose flights abhv-mc computes", wish)
     columns = _find_columns(table, campaign)
     pieces = list(_read(table, columns, campaign))
     samples, lines = _join_samples(table, campaign, pieces)

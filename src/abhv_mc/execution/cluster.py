@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +32,7 @@ from abhv_mc.folder.plan_file import flatten
 from abhv_mc.identity import code_hash
 from abhv_mc.interfaces import Engine, Fly, Recorded
 from abhv_mc.io.input_error import InputError
+from abhv_mc.kernel.jit import tell_compiling
 from abhv_mc.simulators.stored_plans import Code, code_of, rebuild_sent
 from abhv_mc.simulators.user_simulator.user_flights import note_surplus, with_surplus
 from abhv_mc.user_code.c_source import refuse_platform
@@ -48,7 +49,8 @@ _PER_THREAD = (
 )
 _MOST_PLANS = 32  # held on the cluster: `tune` has one for each candidate
 _FEWEST = 16  # blocks under way at least: room for workers that join later
-_warm: set[tuple[str, str, str]] = set()
+_COMPILING = "abhv-mc-compiling"  # topic of the events that workers send
+_warm: set[tuple[str, bool, str, str]] = set()
 _warming = threading.Lock()
 
 
@@ -79,10 +81,12 @@ def fly_remote(
     with _warming:
         kind = (
             f"{plan.law} {plan.source_hash} {plan.channels_hash} {plan.vehicle.foreign.digest}",
+            plan.lean,
             type(plan).__name__,
             fly.__qualname__,
         )
         if kind not in _warm:
+            tell_compiling(_report_compiling)
             fly(plan, nominal_parameters(), None)  # loads or compiles, which is no flight's time
             _warm.add(kind)
     watch = _Watch(limit)
@@ -90,6 +94,23 @@ def fly_remote(
         return sign(fly_in_batches(fly, plan, parameters, recorded, watch.begin))
     finally:
         watch.end()
+
+
+@contextmanager
+def _report_compiling(_function: Any, elsewhere: bool) -> Iterator[None]:
+    """Tell the launching command that this worker compiles; not that it waits for another one."""
+    from distributed import get_worker
+
+    with suppress(ValueError):  # no worker runs this thread
+        worker = get_worker()
+        if not elsewhere:
+            worker.log_event(_COMPILING, worker.address)
+    yield
+
+
+def _print_compiling(event: tuple[float, str]) -> None:
+    words = "compiles the flight (a minute, once per machine and kind of campaign)"
+    print(f"worker {event[1]} {words}", file=sys.stderr, flush=True)
 
 
 def fly_user_remote(
@@ -207,6 +228,7 @@ def connect_cluster(address: str) -> Iterator[Cluster]:
         logging.CRITICAL
     )  # the command says in words what went wrong
     with client:
+        client.subscribe_topic(_COMPILING, _print_compiling)
         told = False
         try:
             while not client.nthreads():

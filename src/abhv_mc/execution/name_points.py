@@ -11,7 +11,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import check_campaign
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.file.unknowns import points_entry
+from abhv_mc.campaign.file.unknowns import Unknowns, points_entry
 from abhv_mc.campaign.sampling.designs import make_generator
 from abhv_mc.execution.executor import Executor, open_executor
 from abhv_mc.execution.progress import Progress
@@ -29,8 +29,13 @@ from abhv_mc.statistics.unknowns import (
 )
 
 
-def name_points(campaign: Experiment, plans: Mapping[str, Plan], workers: int | None) -> Experiment:
-    """Return the campaign with the points that a search of each controller finds.
+def name_points(
+    campaign: Experiment,
+    plans: Mapping[str, Plan],
+    workers: int | None,
+    baseline: Unknowns | None = None,
+) -> Experiment:
+    """Return the campaign with the points that a search of each controller finds, and those of a baseline in its box.
 
     A campaign without unknowns, or with points of its own, is returned as it is. The flights of the search are not
     judged.
@@ -56,7 +61,12 @@ def name_points(campaign: Experiment, plans: Mapping[str, Plan], workers: int | 
                 searches.append(
                     search_worst(evaluate, number, make_generator(campaign.seed, name, "unknowns"))
                 )
-    chosen = choose_points(number, searches)
+    others = None
+    if baseline is not None:
+        places = 2.0 * (baseline.points - unknowns.low) / (unknowns.high - unknowns.low) - 1.0
+        places = np.round(places, 12)  # the box's own corners and centre stay what they are
+        others = places[np.all(np.abs(places) <= 1.0, axis=1)]
+    chosen = choose_points(number, searches, others)
     return with_points(campaign, points_entry(unknowns, chosen, tuple(plans), searches))
 
 

@@ -25,6 +25,7 @@ from abhv_mc.folder.inputs import (
     collect_inputs,
     describe_changes,
     merge_inputs,
+    read_folder_campaign,
     read_folder_inputs,
 )
 from abhv_mc.folder.layout import CampaignFolder
@@ -100,7 +101,10 @@ def open_campaign(request: Request, engine: Engine | None, stack: ExitStack) -> 
     if not simulator.capabilities.is_repeatable:
         first = fly_first(make_ready(requested, plans), request.workers)
     if requested.unknowns.names:
-        requested = name_points(requested, plans, request.workers)
+        baseline = None
+        if request.baseline is not None:
+            baseline = read_folder_campaign(CampaignFolder(Path(request.baseline))).unknowns
+        requested = name_points(requested, plans, request.workers, baseline)
         inputs = collect_inputs(requested)
     requested = replace(requested, repeatability=first.repeatability)
     ready = make_ready(requested, plans, margins=True)

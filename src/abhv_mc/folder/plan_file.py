@@ -95,7 +95,10 @@ def _is_record(kind: Any) -> bool:
 
 def _fields(kind: Any) -> tuple[str, ...]:
     if dataclasses.is_dataclass(kind):
-        return tuple(
-            field.name for field in dataclasses.fields(kind) if field.metadata.get("stored", True)
-        )
+        return tuple(field.name for field in dataclasses.fields(kind) if is_stored(field))
     return tuple(kind._fields)
+
+
+def is_stored(field: "dataclasses.Field[Any]") -> bool:
+    """Return whether files of plans hold a field."""
+    return bool(field.metadata.get("stored", True))

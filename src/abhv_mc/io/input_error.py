@@ -79,8 +79,9 @@ def _sentence(found: str, expected: str) -> str:
 
 
 def is_exhausted(error: BaseException) -> bool:
-    """Return whether an error says that the process or the machine has too many open files: the file may be whole."""
-    return isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE)
+    """Return whether an error says that there are too many open files or processes, or too little memory."""
+    kinds = (errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM)
+    return isinstance(error, OSError) and error.errno in kinds
 
 
 def printable(text: str) -> str:

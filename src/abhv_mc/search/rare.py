@@ -1,5 +1,6 @@
 """``abhv-mc rare``: the probability that a flight breaks a requirement, where plain sampling would see no failure."""
 
+import sys
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +14,14 @@ from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.plant.parameters import Parameters
 from abhv_mc.requests import RareRequest
-from abhv_mc.search.methods.rare import CONFIDENCE, FEWEST, RareEstimate, choose_chains
+from abhv_mc.search.methods.evaluation import LANES, make_generator
+from abhv_mc.search.methods.rare import (
+    CONFIDENCE,
+    FEWEST,
+    RareEstimate,
+    choose_chains,
+    noise_share,
+)
 from abhv_mc.search.methods.second_opinion import MOST_LOOKED, MOST_SAMPLED
 from abhv_mc.search.methods.strata import Stratum, Switched, estimate_switched
 from abhv_mc.search.methods.subset import SubsetPlan
@@ -21,6 +29,10 @@ from abhv_mc.search.search_flights import DrawnFlights, open_search, read_search
 from abhv_mc.search.severity import FAILS_ABOVE, Severity, ended_early, rank_distinct
 from abhv_mc.search.space import Space, make_space
 from abhv_mc.statistics.estimates import Criterion
+
+_PILOT = 2 * LANES  # points, flown twice each, by which noise is measured
+_PLACE = 1 << 22  # of their random numbers
+_UNLIKELY = 0.5  # share of noise with which an estimate of less than 1e-4 is
 
 
 @dataclass(frozen=True)
@@ -41,6 +53,8 @@ class RareFound:
     failed_to_run: int
     drawn: DrawnFlights | None
     known: Parameters
+    noise_share: float | None  # of the variance of the severity's ranks; None without noise
+    includes_unwarned: bool  # whether the interval reaches to what may fail without warning
 
     def words(self, part: Stratum) -> str:
         """What comes in a combination."""
@@ -53,12 +67,19 @@ class RareFound:
 
     @property
     def unwarned(self) -> str:
-        """The second half of the estimate's sentence, beyond the dimension to which the second look finds branches."""
-        if len(self.space.names) <= MOST_LOOKED or self.estimate.unwarned_high is None:
+        """The second half of the estimate's sentence: what the interval says of failures without warning."""
+        high, (_, flights) = self.estimate.unwarned_high, self.estimate.plain
+        if high is None:
+            return ""
+        if self.includes_unwarned and self.estimate.high <= high:
+            return f"; the upper end is the bound on failures without warning, by the {flights:,} plain flights alone"
+        if self.includes_unwarned:
+            return f"; the upper end is that of the levels, as failures without warning are below {high:.1e}"
+        if len(self.space.names) <= MOST_LOOKED:
             return ""
         return (
             ", as far as the severity gives warning; of flights that end without warning only the "
-            f"{self.estimate.plain[1]:,} plain ones speak: below {self.estimate.unwarned_high:.1e}"
+            f"{flights:,} plain ones speak: below {high:.1e}"
         )
 
     @property
@@ -90,6 +111,8 @@ class RareFound:
             "high": None if refused else found.high,
             "confidence": CONFIDENCE,
             "unwarned_high": found.unwarned_high,
+            "includes_unwarned": self.includes_unwarned,
+            "noise_share": self.noise_share,
             "flights": found.flights,
             "cov": None if refused else found.cov,
             "levels": [
@@ -123,7 +146,8 @@ def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
     requirement = _find_requirement(campaign, controller, request.requirement)
     space = make_space(campaign)
     chains = choose_chains(request.flights)
-    least = FEWEST * SubsetPlan(1, 0.0, 0, chains).size
+    is_noisy = bool(space.seeds) or campaign.simulator.states_noise
+    least = FEWEST * SubsetPlan(1, 0.0, 0, chains).size + 2 * _PILOT * is_noisy
     if request.flights < least:
         raise InputError("--flights", f"{request.flights}", f"at least {least}")
     criterion = Criterion(request.requirement, "high", requirement.limits)
@@ -140,10 +164,26 @@ def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
 
         plan = SubsetPlan(len(space.names), FAILS_ABOVE, search.seed, chains)
         switches = np.array(list(space.probabilities.values()))
+        noise = None
+        if is_noisy:
+            generator = make_generator(search.seed, _PLACE)
+            points = generator.standard_normal((_PILOT, len(space.names)))
+            off = np.zeros((_PILOT, len(switches)), dtype=np.bool_)
+            noise = noise_share((evaluate(points, off), evaluate(points, off)))
+            if noise > _UNLIKELY:
+                print(
+                    f"warning: {100.0 * noise:.0f} % of the severity's variance is noise, by {_PILOT} points with two "
+                    "seeds each: an estimate is unlikely if the probability is below 1e-4",
+                    file=sys.stderr,
+                    flush=True,
+                )
         estimate, strata = estimate_switched(
-            evaluate, switches, plan, float(request.target_cov), request.flights
+            evaluate, switches, plan, float(request.target_cov), request.flights - search.flown
         )
         rows = search.rows()
+        unwarned = noise is not None or (early and bool(ended_early(rows).any()))
+        if unwarned:
+            estimate = estimate.include_unwarned()
         severities = severity.ranked(rows)
         found = RareFound(
             request,
@@ -158,6 +198,8 @@ def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
             search.failed_to_run,
             search.draw(severities),
             campaign.parameters,
+            noise,
+            unwarned,
         )
         search.finish(found.numbers())
     return found

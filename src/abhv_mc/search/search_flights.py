@@ -6,6 +6,7 @@ and `export` read the folder like any campaign's.
 """
 
 import contextlib
+import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
@@ -22,7 +23,7 @@ from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.campaign.file.requirement_set import describe_requirement_changes
 from abhv_mc.execution.cluster import connect_cluster
 from abhv_mc.execution.executor import Executor, open_executor
-from abhv_mc.execution.first_flights import fly_first
+from abhv_mc.execution.first_flights import FirstFlights, fly_first
 from abhv_mc.execution.probe_dispersions import fly_probes
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.metrics import MARGIN_NAMES, MARGIN_VALUES, Metric
@@ -307,8 +308,11 @@ def open_search(
         else:
             plan = simulator.make_plans([name])[name]
             ready = make_ready(campaign, {name: plan})
+            first = FirstFlights()
             if plan.timing is None:
-                fly_first(ready, request.workers)
+                first = fly_first(ready, request.workers)
+                for words in first.warnings:
+                    print(f"warning: {words}", file=sys.stderr, flush=True)
             else:
                 fly_probes(ready, plan.timing.ticks)
             files = begin_folder(folder, inputs, {name: plan}, stack)
@@ -324,6 +328,7 @@ def open_search(
                 commit=find_commit(),
                 machine=find_machine(),
                 files=files.listed(),
+                warnings=first.warnings,
             )
             write_manifest(folder.manifest, manifest)
         cluster = (

@@ -3,14 +3,17 @@
 ``abhv-mc margins CAMPAIGN --worst``: the least margins over dispersions and unknowns, by linear analysis alone.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
+from math import prod
 from typing import Any
 
 import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
+from abhv_mc.campaign.sampling.marginals import DiscreteMarginal
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.metrics import MARGIN_NAMES, Metric
 from abhv_mc.folder.flights import FlightRows
@@ -27,11 +30,13 @@ from abhv_mc.search.search_flights import (
     read_searched,
 )
 from abhv_mc.search.severity import Severity, ended_early, not_computed
-from abhv_mc.search.space import make_space
+from abhv_mc.search.space import Space, make_space
 from abhv_mc.simulators.margin_plans import TrimMargins, trim_margins
 from abhv_mc.statistics.estimates import Criterion
 
 _BATCH = 512  # random flights
+_MOST_COMBINATIONS = 64  # of the values of discrete parameters
+_OTHER_SEEDS = 64  # flights of the worst point with other turbulence and noise
 MARGIN_EVALUATIONS = 512  # of each margin
 _MARGIN_BOX = 3.0  # sigma of unbounded distributions
 _MOVED = 1e-6  # half widths of the range
@@ -61,6 +66,23 @@ class WorstFound:
     drawn: DrawnFlights | None
     known: Parameters
     requirements: tuple[Requirement, ...] = ()  # on the metric
+    random: int = 0  # random flights; those after them are the worst one's with other seeds
+
+    @property
+    def other_seeds(self) -> tuple[int, int, tuple[float, float, float] | None] | None:
+        """Flights of the worst point with other seeds, how many of them ended early, and the metric's range.
+
+        The range is the smallest, median and largest value of flights that did not; None without seeds.
+        """
+        rows = slice(self.searched + self.random, None)
+        early, absent = ended_early(self.flights)[rows], not_computed(self.flights)[rows]
+        values = self.flights.column(self.metric.name)[rows][~early & ~absent]
+        if not early.size:
+            return None
+        ends = None
+        if values.size:
+            ends = float(values.min()), float(np.median(values)), float(values.max())
+        return early.size, int(early.sum()), ends
 
     def failures(self, requirement: Requirement) -> int:
         """Return how many flights of the search break a requirement."""
@@ -106,6 +128,8 @@ class WorstFound:
             "random_outcome": self.flights.outcome[self.random_worst],
             "random_flight": self.random_worst,
             "at_bounds": self.at_bounds,
+            "other_seeds": self.other_seeds
+            and dict(zip(("flights", "ended_early", "range"), self.other_seeds, strict=True)),
             "requirements": [
                 {**item.limits.as_entry(), "failures": self.failures(item)}
                 for item in self.requirements
@@ -144,9 +168,18 @@ def find_worst(request: WorstRequest, engine: Engine | None = None) -> WorstFoun
             return severity.of(search.fly(space.from_box(points, bounds), common_seed=True))
 
         case = search_worst(evaluate, len(space.names), request.flights, search.seed)
+        best = space.from_box(case.place[None], bounds)
+        for values in _combine(space, best):
+            search.fly(values, common_seed=True)
         searched = search.flown
-        for start in range(0, searched, _BATCH):
-            search.fly(random[start : min(start + _BATCH, searched)], common_seed=True)
+        random = random[:searched]
+        for start in range(0, len(random), _BATCH):
+            search.fly(random[start : start + _BATCH], common_seed=True)
+        if space.seeds:
+            found_so_far = search.rows()
+            at = int(np.argmax(severity.ranked(found_so_far)[:searched]))
+            worst = found_so_far.samples[at, : len(space.names)]
+            search.fly(np.tile(worst, (_OTHER_SEEDS, 1)), common_seed=False)
         rows = search.rows()
         severities = severity.ranked(rows)
         found = WorstFound(
@@ -161,16 +194,34 @@ def find_worst(request: WorstRequest, engine: Engine | None = None) -> WorstFoun
             rows,
             searched,
             int(np.argmax(severities[:searched])),
-            searched + int(np.argmax(severities[searched:])),
-            severities,
+            searched + int(np.argmax(severities[searched : searched + len(random)])),
+            severities[: searched + len(random)],
             severity.duration,
             search.failed_to_run,
             search.draw(severities[:searched]),
             campaign.parameters,
             requirements=binding_requirements(campaign, controller, metric.name),
+            random=len(random),
         )
         search.finish(found.numbers())
     return found
+
+
+def _combine(space: Space, best: Floats) -> Iterator[Floats]:
+    """Yield the best point [1, dimension] with all combinations of the values of discrete parameters, if few.
+
+    A search moves one parameter at a time or all, and no slope leads from one value to the next.
+    """
+    values = {
+        i: marginal.values
+        for i, marginal in enumerate(space.marginals)
+        if isinstance(marginal, DiscreteMarginal)
+    }
+    number = prod(map(len, values.values()))
+    if 1 < number <= _MOST_COMBINATIONS:
+        rows = np.tile(best, (number, 1))
+        rows[:, list(values)] = list(product(*values.values()))
+        yield rows
 
 
 @dataclass(frozen=True)

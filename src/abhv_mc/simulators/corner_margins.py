@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Floats
+from abhv_mc.blas_threads import one_blas_thread
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.flight.fly import nominal_parameters
@@ -35,6 +36,7 @@ def make_corners(campaign: Experiment) -> Floats:
     )
 
 
+@one_blas_thread()
 def describe_stability(campaign: Experiment, plans: Mapping[str, FlightPlan]) -> dict[str, Any]:
     """What ``margins.json`` holds: for each controller its nominal rows, and the least over the corners by loop.
 

@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from abhv_mc.folder.hashes import read_checked
 from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import read_manifest
-from abhv_mc.folder.plan_file import WISH, flatten, read_stored_parts, rebuild
+from abhv_mc.folder.plan_file import WISH, flatten, is_stored, read_stored_parts, rebuild
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import one_of
 from abhv_mc.io.input_error import InputError
@@ -32,11 +33,8 @@ from abhv_mc.user_code.law_source import read_law_source
 from abhv_mc.user_code.source import UserSource, read_source
 from abhv_mc.user_code.trust import check_trusted
 from abhv_mc.user_code.vehicle_functions import check_vehicle_trusted, find_code, load_vehicle
-from abhv_mc.vehicle.vehicle_code import VehicleCode
 
-Code = tuple[
-    UserSource | None, UserSource | None, VehicleCode | None
-]  # of a law, of channels, of a vehicle
+Code = dict[str, Any]  # the fields of a plan that no file stores: code, and whether it is lean
 _COLUMNS = {"tlc": (len(TLC_GAINS), len(TLC_SETTINGS)), "lqr": (len(LQR_GAINS), len(LQR_SETTINGS))}
 
 
@@ -151,15 +149,15 @@ def _take(sources: Iterable[UserSource], place: Path, digest: str, trusted: bool
 
 
 def code_of(plan: FlightPlan) -> Code:
-    """What travels beside a plan's arrays."""
-    return plan.source, plan.channels_source, plan.vehicle_code
+    """Return what travels beside a plan's arrays."""
+    fields = (field for field in dataclasses.fields(plan) if not is_stored(field))
+    code = {field.name: getattr(plan, field.name) for field in fields}
+    return code | ({"steady": code_of(plan.steady)} if isinstance(plan, MarginPlan) else {})
 
 
 def rebuild_sent(arrays: dict[str, np.ndarray], code: Code) -> FlightPlan:
-    """A plan that came as arrays (:func:`abhv_mc.folder.plan_file.flatten`), with its code."""
+    """Rebuild a plan from its arrays (:func:`abhv_mc.folder.plan_file.flatten`) and its code."""
     plan = rebuild(MarginPlan if "margin_times" in arrays else FlightPlan, arrays)
     if isinstance(plan, MarginPlan):
-        plan = dataclasses.replace(
-            plan, steady=dataclasses.replace(plan.steady, source=code[0], vehicle_code=code[2])
-        )
-    return dataclasses.replace(plan, source=code[0], channels_source=code[1], vehicle_code=code[2])
+        code = code | {"steady": dataclasses.replace(plan.steady, **code["steady"])}
+    return dataclasses.replace(plan, **code)

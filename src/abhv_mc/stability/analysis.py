@@ -6,6 +6,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from abhv_mc.array_types import Complexes, Floats, Ints, Mask
+from abhv_mc.blas_threads import one_blas_thread
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.stability.lifted import find_lifted_margins
 from abhv_mc.stability.linear_model import REASONS, Linear
@@ -111,6 +112,7 @@ def points_at(
     return plan, flown_points(plan, parameters, time)
 
 
+@one_blas_thread()
 def margins_of_flights(
     plan: FlightPlan,
     steady: FlightPlan,

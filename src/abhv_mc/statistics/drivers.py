@@ -1,9 +1,9 @@
-"""Which inputs drive an output: standardized rank regression and partial rank correlation.
+"""Which inputs drive an output: standardized rank regression.
 
-Both come from the correlation matrix of the ranks (Saltelli et al., "Sensitivity Analysis in Practice", 2004;
-Iman & Conover 1979). Intervals allow for errors of unequal spread (White 1980). An input is named as a driver only
-where the regression explains most of the output, where its coefficient is large, and where its partial correlation
-passes the exact test under a controlled false-discovery rate over all inputs and outputs.
+The coefficients come from the correlation matrix of the ranks (Saltelli et al., "Sensitivity Analysis in Practice",
+2004; Iman & Conover 1979). Their intervals are bootstrapped; each resample is ranked anew, because a coefficient of
+ranks varies with the ranks. An input is a driver if its coefficient is large and passes the test of a regression under
+a controlled false-discovery rate over all inputs and outputs, however much of the output is noise.
 """
 
 from dataclasses import dataclass
@@ -17,10 +17,11 @@ from abhv_mc.statistics.ranks import discoveries, split_partners, standard_ranks
 
 FALSE_DISCOVERY_RATE = 0.005
 LEAST_COEFFICIENT = 0.2  # of a driver
-LEAST_EXPLAINED = 0.5  # R^2 of a regression that names drivers, adjusted for the number of inputs
 _FEWEST_SPARE = 10  # flights beyond the number of inputs
 _PARTNERS = 0.3  # rank correlation from which an input moves with a driver
-_TWINS = 0.9  # rank correlation from which a regression does not tell two inputs apart
+_TWINS = 0.9  # rank correlation from which a regression does not distinguish two inputs
+_RESAMPLES = 300
+_MOST_RESAMPLED = 1000  # flights; the standard error of more follows by the square root
 
 
 @dataclass(frozen=True)
@@ -30,16 +31,13 @@ class RankDrivers:
     srrc: Floats
     srrc_low: Floats
     srrc_high: Floats
-    prcc: Floats
-    prcc_low: Floats
-    prcc_high: Floats
-    p_value: Floats  # of PRCC = 0
+    p_value: Floats  # of a zero coefficient
     found: NDArray[np.bool_]  # drivers
     moves_with: NDArray[
         np.intp
     ]  # the driver with which an input that is none is correlated; -1 for none
     explained: Floats  # [output] R^2 of the rank regression
-    tells: NDArray[np.bool_]  # [output] whether the regression explains enough to name drivers
+    residuals: Floats  # [flight, output] of the ranks, in their standard deviations
 
 
 def rank_drivers(inputs: Floats, outputs: Floats, confidence: float = 0.95) -> RankDrivers | None:
@@ -48,9 +46,11 @@ def rank_drivers(inputs: Floats, outputs: Floats, confidence: float = 0.95) -> R
     None where the flights are too few for the number of inputs. Constant inputs get zero coefficients.
     """
     flights, count = inputs.shape
+    freedom = flights - count - 1
     if flights < count + _FEWEST_SPARE or not count or not outputs.shape[1]:
         return None
-    ranks = standard_ranks(np.concatenate([inputs, outputs], axis=1))
+    values = np.concatenate([inputs, outputs], axis=1)
+    ranks = standard_ranks(values)
     x, y = ranks[:, :count], ranks[:, count:]
     moving = np.asarray(y.any(axis=0), dtype=np.bool_)
     correlation = x.T @ ranks / flights
@@ -59,50 +59,59 @@ def rank_drivers(inputs: Floats, outputs: Floats, confidence: float = 0.95) -> R
     inside[steady, steady] = 1.0
     inverse = np.asarray(np.linalg.pinv(inside, hermitian=True), dtype=np.float64)
     slopes = inverse @ across
-    explained = np.clip(np.sum(across * slopes, axis=0), 0.0, 1.0)
-    srrc, prcc = np.where(moving, slopes, np.nan), _partial(slopes, explained, inverse, moving)
-    explained = np.where(moving, explained, np.nan)
-    with np.errstate(invalid="ignore"):
-        residual = y - x @ slopes
-        spread = (
-            np.sqrt(((x @ inverse) ** 2).T @ residual**2 * flights / (flights - count - 1))
-            / flights
-        )
-    half = -float(ndtri((1.0 - confidence) / 2.0)) * np.where(moving, spread, np.nan)
-    low, high = srrc - half, srrc + half
-    freedom = flights - count - 1
-    # Student's t of a partial correlation: P(|t| > t0) = I_{v/(v+t0^2)}(v/2, 1/2), and v/(v + t0^2) = 1 - r^2
+    explained = np.where(moving, np.clip(np.sum(across * slopes, axis=0), 0.0, 1.0), np.nan)
+    srrc = np.where(moving, slopes, np.nan)
+    half = -float(ndtri((1.0 - confidence) / 2.0)) * _standard_errors(values, slopes, inverse)
+    # Student's t of a coefficient, as the partial correlation r = t / sqrt(t^2 + freedom):
+    # P(|t| > t0) = I_{1 - r^2}(freedom / 2, 1/2).
+    own = srrc**2 / np.diag(inverse)[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        left = np.where(own > 0.0, (1.0 - explained) / (1.0 - explained + own), 1.0)
     p_value = np.asarray(
-        betainc(freedom / 2.0, 0.5, 1.0 - np.clip(prcc**2, 0.0, 1.0)), dtype=np.float64
+        betainc(freedom / 2.0, 0.5, np.where(moving, left, np.nan)), dtype=np.float64
     )
     found = discoveries(p_value, FALSE_DISCOVERY_RATE)
     with np.errstate(invalid="ignore"):
-        tells = np.asarray(
-            1.0 - (1.0 - explained) * (flights - 1.0) / freedom > LEAST_EXPLAINED, dtype=np.bool_
-        )
-        found &= (np.abs(srrc) > LEAST_COEFFICIENT) & tells
+        found &= np.abs(srrc) > LEAST_COEFFICIENT
     together = np.abs(correlation[:, :count])
     np.fill_diagonal(together, 0.0)
-    moves_with = split_partners(found, np.abs(srrc), together, _PARTNERS, _TWINS)
     return RankDrivers(
-        srrc,
-        low,
-        high,
-        prcc,
-        _partial(low, explained, inverse, moving),
-        _partial(high, explained, inverse, moving),
-        p_value,
-        found,
-        moves_with,
-        explained,
-        tells,
+        srrc=srrc,
+        srrc_low=srrc - half,
+        srrc_high=srrc + half,
+        p_value=p_value,
+        moves_with=split_partners(found, np.abs(srrc), together, _PARTNERS, _TWINS),
+        found=found,
+        explained=explained,
+        residuals=y - x @ slopes,
     )
 
 
-def _partial(srrc: Floats, explained: Floats, inverse: Floats, moving: NDArray[np.bool_]) -> Floats:
-    """Partial correlation from the regression: b_j scaled by what is left of input j and of the output."""
-    diagonal = np.diag(inverse)[:, None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        left = np.sqrt(np.maximum(1.0 - explained, 0.0) + srrc**2 / diagonal)
-        prcc = np.where(left > 0.0, srrc / np.sqrt(diagonal) / left, 0.0)
-    return np.where(moving, np.clip(prcc, -1.0, 1.0), np.nan)
+def _standard_errors(values: Floats, slopes: Floats, inverse: Floats) -> Floats:
+    """Standard errors of `slopes` by a bootstrap of the flights, the same resamples for all outputs.
+
+    Each resample is ranked anew and takes one step from the coefficients of all flights to its own.
+    """
+    used, count = min(len(values), _MOST_RESAMPLED), len(slopes)
+    columns = values[:used].T
+    order = np.argsort(columns, axis=1)
+    ends = np.empty((2, *columns.shape), dtype=np.intp)  # of equal values in their sorted column
+    for k, (column, places) in enumerate(zip(columns, order, strict=True)):
+        ends[0, k] = np.searchsorted(column[places], column, "left")
+        ends[1, k] = np.searchsorted(column[places], column, "right")
+    ends += (used + 1) * np.arange(len(columns))[:, None]
+    draw = np.random.default_rng(0)
+    total, squares = np.zeros(slopes.shape), np.zeros(slopes.shape)
+    counts = np.zeros((len(columns), used + 1))
+    for _ in range(_RESAMPLES):
+        weights = np.bincount(draw.integers(used, size=used), minlength=used).astype(np.float64)
+        np.cumsum(weights[order], axis=1, out=counts[:, 1:])
+        ranks = 0.5 * (counts.take(ends[0]) + counts.take(ends[1]) - used)
+        spread = np.sqrt(ranks**2 @ weights / used)
+        ranks /= np.where(spread > 0.0, spread, 1.0)[:, None]
+        x, y = ranks[:count], ranks[count:]
+        step = inverse @ ((x * weights) @ (y.T - x.T @ slopes)) / used
+        total += step
+        squares += step**2
+    variance = (squares - total**2 / _RESAMPLES) / (_RESAMPLES - 1)
+    return np.asarray(np.sqrt(variance * used / len(values)), dtype=np.float64)

@@ -82,6 +82,7 @@ def flights_to_fail(failures: int, probability: float, risk: float) -> int:
     return first_where(failures + 1, holds_out) - 1
 
 
+@lru_cache(maxsize=65536)
 def most_failures(flights: int, probability: float, risk: float) -> int:
     """Most failures with which so many flights PASS; -1 where not even none do."""
 

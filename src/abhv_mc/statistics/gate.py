@@ -35,6 +35,7 @@ class Gate:
     )
     loses_more: bool
     misses_more: tuple[int, ...]  # requirements, by their place
+    at: str = ""  # values of unknowns, in words
 
     shown: bool = field(init=False)  # whether `b` passes
 
@@ -49,8 +50,9 @@ def judge_change(
     lost: tuple[Mask, Mask],
     missed: Sequence[tuple[Mask, Mask]],
     margin: float,
+    risk: float = RISK,
 ) -> Gate:
-    """Judge severities [pair], larger being worse and +infinity a lost flight.
+    """Judge severities [pair], larger being worse and +infinity a lost flight; `risk` is of each test of what is worse.
 
     ``lost`` and each of ``missed`` (a requirement) are masks [pair] of `a` and of `b`. On most flights `b` is at most
     `margin` |a| worse by the sign test: for positive metrics the median ratio of the pairs is at most 1 + margin. A
@@ -70,8 +72,8 @@ def judge_change(
         pairs=a.size,
         within=within,
         within_low=clopper_pearson(within, a.size, 1.0 - 2.0 * RISK)[0],
-        worse_tails=worse_tails(b, allowed, 1.0 - RISK)[0],
+        worse_tails=worse_tails(b, allowed, 1.0 - risk)[0],
         worst_doubled=bool(np.isfinite(worst_a) and worst_b - worst_a > abs(worst_a)),
-        loses_more=p_lost <= RISK,
-        misses_more=tuple(k for k, rejected in enumerate(holm(p_missed, RISK)) if rejected),
+        loses_more=p_lost <= risk,
+        misses_more=tuple(k for k, rejected in enumerate(holm(p_missed, risk)) if rejected),
     )

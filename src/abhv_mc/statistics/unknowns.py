@@ -127,14 +127,16 @@ def standing_points(unknowns: int) -> Floats:
     return np.vstack([ends, np.zeros((1, unknowns))])
 
 
-def choose_points(unknowns: int, searches: Sequence[Search]) -> JudgedPoints:
+def choose_points(
+    unknowns: int, searches: Sequence[Search], others: Floats | None = None
+) -> JudgedPoints:
     """Choose the points at which requirements are judged, from the search of each controller.
 
     Up to four unknowns all corners and the centre, then the worst point of each controller and requirement; beyond
     four, in place of all corners the worst corner of each and its opposite. Each requirement is also judged at the
     point where a search saw it fail most often, unless a judged point failed as often there: the quantile by which
     points are ranked does not see failures of less than 5 % of the flights. If no flight failed at any point, that is
-    the point of the flight nearest to the limit.
+    the point of the flight nearest to the limit. `others` [point, unknown] are judged, too.
     """
     ends, rows = corners(unknowns), [*standing_points(unknowns)]
     for points, trial in searches:
@@ -142,6 +144,7 @@ def choose_points(unknowns: int, searches: Sequence[Search]) -> JudgedPoints:
             worst = ends[trial.severity[: len(ends)].argmax(axis=0)]
             rows += [*worst, *-worst]
         rows += [*points[trial.severity.argmax(axis=0)]]
+    rows += [] if others is None else [*others]
     judged = list(dict.fromkeys(_key(row) for row in rows))
     shared, most = len(judged), list[MostFailures]()
     for search, (points, trial) in enumerate(searches):

@@ -1,11 +1,12 @@
 """Whether a requirement is met: one rule, a function of the counts alone, whenever and however often one looks."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import exp, inf, log
 from typing import Literal
 
 import numpy as np
-from scipy.special import betainc
+from scipy.special import betaln, gammaln
 
 from abhv_mc.array_types import Floats
 from abhv_mc.statistics.evidence import (
@@ -18,8 +19,9 @@ from abhv_mc.statistics.evidence import (
 Status = Literal["PASS", "FAIL", "NOT SHOWN", "ESTIMATE"]
 
 UNSEARCHED = "its worst values of the unknowns were not searched for: a new folder does that"
-_WORTH_TRYING = 0.25  # chance of PASS at today's rate with which an extension is advised
-_MOST_ADVISED = 10_000_000  # flights
+MOST_TIMES = 10  # the flights so far: a longer extension is not advised
+_LIKELY = 0.5  # chance of PASS with which an extension is advised
+_TRIED = 40  # numbers of failures that a longer campaign allows
 
 
 @dataclass(frozen=True)
@@ -102,43 +104,49 @@ def _exp(logarithm: float) -> float:
 
 @dataclass(frozen=True)
 class Extension:
-    """A number of flights with which a campaign may PASS."""
+    """A number of flights with which all of some verdicts are likely to be PASS."""
 
     flights: int  # in all
-    failures: int  # most of the added flights that may fail
-    chance: float  # at the failure rate seen so far
+    chance: float  # independent failure rates; larger if they are alike
 
 
-def advise(verdict: Verdict) -> Extension | None:
-    """The shortest extension that passes with a fair chance at today's failure rate, or else if no added flight fails.
+def predict_pass(verdict: Verdict, flights: int) -> float:
+    """Return the chance that the verdict of a campaign extended to `flights` is PASS.
 
-    None where the failure rate exceeds what is allowed, so that more flights would rather show that.
+    The added failures are beta-binomial: their rate is distributed as Jeffreys' prior and the flights so far tell.
     """
-    rate = verdict.failures / verdict.flights if verdict.flights else 0.0
-    if verdict.status == "PASS" or rate >= 1.0 - verdict.probability:
-        return None
-    first = None
-    more = 0
-    while True:
-        flights = flights_to_pass(
-            verdict.failures + more, verdict.probability, verdict.consumer_risk
-        )
-        added = flights - verdict.flights
-        if added > 0:
-            chance = (
-                1.0
-                if rate == 0.0
-                else float(betainc(added - more, more + 1, 1.0 - rate))
-                if added > more
-                else 1.0
-            )
-            found = Extension(flights, more, chance)
-            first = first or found
-            if chance >= _WORTH_TRYING:
-                return found
-        if flights > _MOST_ADVISED:
-            return first
-        more += max(1, more // 4)
+    added = flights - verdict.flights
+    more = most_failures(flights, verdict.probability, verdict.consumer_risk) - verdict.failures
+    if more < 0 or more >= added:
+        return float(more >= 0)
+    a, b = verdict.failures + 0.5, verdict.flights - verdict.failures + 0.5
+    k = np.arange(more + 1.0)
+    choose = gammaln(added + 1.0) - gammaln(k + 1.0) - gammaln(added - k + 1.0)
+    return min(float(np.sum(np.exp(choose + betaln(a + k, b + added - k) - betaln(a, b)))), 1.0)
+
+
+def advise(verdicts: Sequence[Verdict]) -> Extension | None:
+    """Return the smallest number of flights with which all verdicts are likely to be PASS.
+
+    None if no number up to MOST_TIMES the flights is. The chances are multiplied as if the failure rates were
+    independent.
+    """
+    flights = max(verdict.flights for verdict in verdicts)
+    rules = {(verdict.probability, verdict.consumer_risk) for verdict in verdicts}
+    numbers: set[int] = set()
+    for probability, risk in rules:
+        most = most_failures(MOST_TIMES * flights, probability, risk)
+        allowed = np.unique(np.geomspace(1, most + 2, _TRIED).astype(np.int64)) - 1
+        numbers |= {flights_to_pass(int(k), probability, risk) for k in allowed if k <= most}
+    for number in sorted(number for number in numbers if number > flights):
+        chance = 1.0
+        for verdict in verdicts:
+            chance *= predict_pass(verdict, number)
+            if chance < _LIKELY:
+                break
+        else:
+            return Extension(number, chance)
+    return None
 
 
 def tolerance_limit(
@@ -168,25 +176,28 @@ def verdict_words(verdict: Verdict, flies: bool = True) -> str:
 
 
 def advice_words(verdict: Verdict, flies: bool = True) -> str:
-    """To how many flights a campaign, or a table that flies no more, is to be extended; how likely it passes then."""
+    """Return to how many flights to extend a campaign, or a table, and how likely it is to pass then."""
     if UNSEARCHED in verdict.note:
         return ""
-    found = advise(verdict)
-    if found is None:
+    least = flights_to_pass(verdict.failures, verdict.probability, verdict.consumer_risk)
+    if found := advise([verdict]):
+        more = f"extend to {found.flights} flights (--runs {found.flights})"
+        more = more if flies else f"adopt a table of {found.flights} flights"
+        return f"{more}: PASS with a chance of {about(found.chance)}"
+    if verdict.failures >= (1.0 - verdict.probability) * verdict.flights > 0.0:
         return "more of its flights failed than the requirement allows"
-    most = (
-        f"at most {found.failures} of them fail"
-        if found.failures > 1
-        else f"at most {found.failures} of them fails"
+    chance = about(predict_pass(verdict, least))
+    most = MOST_TIMES * verdict.flights
+    return (
+        f"at least {least} flights are needed (PASS with a chance of {chance})"
+        if least > most
+        else f"no number of flights up to {most} is likely to show it; at least {least} are needed ({chance})"
     )
-    condition = (
-        "none of the added flights fails"
-        if not found.failures
-        else most.replace("them", "the added flights")
-    )
-    chance = f", {100.0 * found.chance:.2g} % at today's rate" if verdict.failures else ""
-    more = f"extend to {found.flights} flights (--runs {found.flights})"
-    return f"{more if flies else f'adopt a table of {found.flights} flights'}: passes if {condition}{chance}"
+
+
+def about(chance: float) -> str:
+    """Return 'about 53 %' of a predicted chance, which is never certain."""
+    return f"about {min(max(round(100.0 * chance), 1), 99)} %"
 
 
 def _count(number: int, noun: str) -> str:

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from abhv_mc.folder.flown_campaign import FlownCampaign
+from abhv_mc.topics.credibility import credibility_fold
 from abhv_mc.topics.names import Names, full_labels
 from abhv_mc.topics.section import Cell, Fold, Section, Table, Text
 from abhv_mc.topics.topic import Topic
@@ -90,6 +91,7 @@ def _section(_found: Provenance, names: Names) -> Section:
         title,
         (
             Text(text),
+            credibility_fold(names),
             Fold("Provenance", (Table("Provenance", ("What", "Value"), (made,), numbers=False),)),
             Fold("Files and their SHA-256", (Table("Files and their hashes", ("File", "SHA-256"), (files,),
                                                    "Files that this page was made from", numbers=False),)),

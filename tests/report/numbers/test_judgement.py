@@ -34,7 +34,7 @@ def judged(folder, requirements, **keys):
     ("limit", "probability", "met", "command"),
     [
         (1e6, 0.5, "yes", ""),
-        (1e6, 0.99, "not shown", "--runs"),
+        (1e6, 0.98, "not shown", "--runs"),
         (1e6, 0.999999, "not shown", ""),  # would take more than ten times the flights
         (1e-9, 0.9, "no", "explain DIR --all"),
     ],

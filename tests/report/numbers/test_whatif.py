@@ -95,7 +95,7 @@ def test_weights_are_the_ratio_of_the_joint_densities(tmp_path):
 
 @pytest.mark.parametrize(("settings", "words"), [
     (["atmosphere.density.half_width=12%"], "beyond what was flown; expected a distribution within 0.9"),
-    (["atmosphere.density.half_width=0.4%"], "an effective number of at least 100"),
+    (["atmosphere.density.half_width=0.4%"], "an effective number of at least 750"),
     (["aero.lift.sigma=9%"], "beyond all 1500 flights; expected at most 1 %"),
     (["aero.lift=9%"], "expected aero.lift.sigma=VALUE"),
     (["aero.drag.sigma=5%"], "'aero.drag', which the campaign did not disperse"),

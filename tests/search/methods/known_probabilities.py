@@ -150,6 +150,19 @@ def corner(dimension: int) -> Case:
     )
 
 
+def random_crash(seed: int) -> Case:
+    """One flight in 50 beyond 3 sigma of u1 fails by its own noise, beside a gradual branch of 1.3e-5."""
+    noise = np.random.default_rng(seed)
+
+    def severity(u: np.ndarray) -> np.ndarray:
+        crashed = (u[:, 0] > 3.0) & (noise.random(len(u)) < 0.02)
+        return np.where(crashed, 1.0, u[:, 1] - 4.2)
+
+    gradual, crash = stats.norm.sf(4.2), 0.02 * stats.norm.sf(3.0)
+    probability = gradual + crash - gradual * crash
+    return Case("random crash", 2, severity, 0.0, float(probability))
+
+
 def held_out_cases() -> list[Case]:
     """Cases on which nothing of the method was chosen: other shapes, other dimensions."""
     # A corner of the box of uniform factors fails (Irwin-Hall).

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats, Numbers
+from abhv_mc.blas_threads import one_blas_thread
 from abhv_mc.control.controller_file import LqrController, Weights
 from abhv_mc.control.design.design_model import (
     Environment,
@@ -108,6 +109,7 @@ def make_lqr_models(
     return pieces
 
 
+@one_blas_thread()
 def gains_of_models(controller: LqrController, pieces: list[Piece], times: Floats) -> Floats:
     """``[tick, gain]`` from the models; see :func:`make_lqr_gains`."""
     gains = np.empty((times.size, len(LQR_GAINS)))

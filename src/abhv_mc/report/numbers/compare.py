@@ -8,13 +8,14 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
-from abhv_mc.campaign.file.requirement_set import RequirementSource
+from abhv_mc.campaign.file.unknowns import Unknowns
 from abhv_mc.folder.controller_flights import ControllerFlights, common_rows, distances
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.documents import InputError, Refusal, one_of
 from abhv_mc.io.units import parse_in_unit
-from abhv_mc.statistics.gate import Gate, judge_change
+from abhv_mc.report.numbers.common_points import at_common_points
+from abhv_mc.statistics.gate import RISK, Gate, judge_change
 from abhv_mc.statistics.paired import PairedFailures
 from abhv_mc.topics.comparison.model import ControllerPair, compare_any_failures, compare_pair
 from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
@@ -27,7 +28,8 @@ class CampaignPair(ControllerPair):
 
     controllers: tuple[str, str]
     any_failure: PairedFailures  # of a requirement, or an early end
-    not_worse: Mapping[str, Gate]  # by metric
+    newly_lost: int  # flights that only the second one lost, on the same samples
+    not_worse: Mapping[str, Gate]  # by metric; with unknowns that of the point that is worst
 
 
 @dataclass(frozen=True)
@@ -71,13 +73,25 @@ def require_same_samples(
 def check_baseline(campaign: Experiment, baseline: Path) -> None:
     """Raise InputError, before anything flies, where a campaign's flights will not pair with those of a folder."""
     held = read_flown(baseline)
-    source = campaign.make_samples()
-    drawn = source.draw(0, campaign.runs)
-    columns = {name: drawn[:, i] for i, name in enumerate(source.names)}
-    require_same_samples(held.samples, columns, baseline, campaign.document.path)
+    source, unknowns = campaign.make_samples(), held.campaign.unknowns
+    if unknowns.names != campaign.unknowns.names:
+        expected = f"{', '.join(unknowns.names) or 'none'}, as in {baseline}"
+        raise campaign.document.key_error(("unknowns",), "other unknowns", expected)
+    drawn = source.draw(0, campaign.runs)[:: len(campaign.unknowns.points)]
+    columns = {
+        name: drawn[:, i] for i, name in enumerate(source.names) if name not in unknowns.names
+    }
+    theirs = {name: values[:: len(unknowns.points)] for name, values in _drawn(held).items()}
+    require_same_samples(theirs, columns, baseline, campaign.document.path)
     if not set(campaign.controllers) & set(held.flights):
         expected = f"one of {', '.join(held.controllers)}, as in {baseline}"
         raise campaign.document.error(("controllers",), "no controller of the baseline", expected)
+
+
+def _drawn(results: FlownCampaign) -> dict[str, Floats]:
+    """Return the samples of the dispersions, without the values of unknowns."""
+    unknowns = results.campaign.unknowns.names
+    return {name: values for name, values in results.samples.items() if name not in unknowns}
 
 
 def parse_margins(texts: Sequence[str]) -> dict[str, float]:
@@ -101,20 +115,16 @@ def parse_margins(texts: Sequence[str]) -> dict[str, float]:
     return margins
 
 
-def read_compared(
-    folder_a: Path, folder_b: Path, requirements: RequirementSource | None = None
-) -> tuple[FlownCampaign, FlownCampaign]:
-    """Read two campaigns, judged by the requirements of each, or by others."""
-    return read_flown(folder_a, requirements), read_flown(folder_b, requirements)
+def read_compared(folder_a: Path, folder_b: Path) -> tuple[FlownCampaign, FlownCampaign]:
+    """Read two campaigns on the same samples. Raise InputError if their samples differ."""
+    return pair_campaigns(read_flown(folder_a), read_flown(folder_b))
 
 
-def have_same_samples(a: FlownCampaign, b: FlownCampaign) -> bool:
-    """Return whether flights of two campaigns are the same draws, so that they can be paired."""
-    try:
-        require_same_samples(a.samples, b.samples, a.folder, CampaignFolder(b.folder).samples)
-    except InputError:
-        return False
-    return True
+def pair_campaigns(a: FlownCampaign, b: FlownCampaign) -> tuple[FlownCampaign, FlownCampaign]:
+    """Return two campaigns at their common points of unknowns. Raise InputError if their samples differ."""
+    a, b = at_common_points(a, b)
+    require_same_samples(_drawn(a), _drawn(b), a.folder, CampaignFolder(b.folder).samples)
+    return a, b
 
 
 def compare_results(
@@ -138,23 +148,34 @@ def compare_results(
                 "--fail-if-worse", f"unknown metric '{metric}'", one_of(metrics, metric)
             )
     requirements = tuple(item for item in a.campaign.requirements if item.metric in metrics)
-    independent = a.campaign.independent
+    independent, unknowns = a.campaign.judged, a.campaign.unknowns
     pairs = []
     for one, other in pair_controllers(a, b, controllers):
         flights = sides(a, b, one, other)
         names = (f"{a.folder}: {one}", f"{b.folder}: {other}")
         found = compare_pair(
-            *flights, names, metrics, compared, requirements, independent=independent
+            *flights,
+            names,
+            metrics,
+            compared,
+            requirements,
+            independent=independent,
+            points=len(unknowns.points),
         )
         if found is not None:
             gates = {
-                metric: _gate(*flights, metric, margin, requirements)
+                metric: _gate(*flights, metric, margin, requirements, unknowns)
                 for metric, margin in (margins or {}).items()
             }
-            failed = compare_any_failures(*flights, requirements)
+            rows_a, rows_b = common_rows(*flights)
+            newly_lost = flights[1].failed[rows_b] & ~flights[0].failed[rows_a]
             pairs.append(
                 CampaignPair(
-                    **vars(found), controllers=(one, other), any_failure=failed, not_worse=gates
+                    **vars(found),
+                    controllers=(one, other),
+                    any_failure=compare_any_failures(*flights, requirements),
+                    newly_lost=int(newly_lost.sum()),
+                    not_worse=gates,
                 )
             )
     if not pairs:
@@ -173,10 +194,11 @@ def sides(
 def compare_baseline(results: FlownCampaign, baseline: Path) -> Baseline:
     """A campaign against an earlier one on the same samples, as its report holds it. Raises InputError."""
     held = read_flown(baseline)
+    before, after = at_common_points(held, results)
     require_same_samples(
-        held.samples, results.samples, baseline, CampaignFolder(results.folder).samples
+        _drawn(before), _drawn(after), baseline, CampaignFolder(results.folder).samples
     )
-    found = compare_results(results, held)
+    found = compare_results(after, before)
     held.refuse_changes()
     return Baseline(**vars(found), folder=baseline.as_posix(), digest=held.manifest.digest)
 
@@ -184,7 +206,8 @@ def compare_baseline(results: FlownCampaign, baseline: Path) -> Baseline:
 def gate_words(pair: CampaignPair, metric: str, b: str, requirements: Sequence[str]) -> str:
     """What a metric's gate says of the second one, called ``b``; the requirements of the comparison are in words."""
     gate, worst = pair.not_worse[metric], pair.metrics[metric].worst
-    words = f"{b} {'passes' if gate.shown else 'is stopped'}: {'' if gate.within_low > 0.5 else 'NOT '}shown to be"
+    at = f"at {gate.at}, " if gate.at else ""
+    words = f"{at}{b} {'passes' if gate.shown else 'is stopped'}: {'' if gate.within_low > 0.5 else 'NOT '}shown to be"
     words += f" at most {100.0 * gate.margin:g} % worse on more than half of the flights (on {gate.within} of "
     words += f"{gate.pairs} flown; with 95 % confidence on at least {percent(gate.within_low, 2)} of all)"
     reasons = [
@@ -206,15 +229,32 @@ def _gate(
     metric: str,
     margin: float,
     requirements: Sequence[Requirement],
+    unknowns: Unknowns,
 ) -> Gate:
-    """What stops `b`, which may be so much worse."""
+    """What stops `b`, which may be so much worse; with unknowns at the point that stops it, or is nearest to it.
+
+    `b` has to be shown not worse at each point, which costs no risk; the tests of whether it is worse share theirs.
+    """
     rows_a, rows_b = common_rows(a, b)
     values = distances(a, metric, rows_a), distances(b, metric, rows_b)
+    lost = a.failed[rows_a], b.failed[rows_b]
     missed = [
         (requirement_failures(a, item)[rows_a], requirement_failures(b, item)[rows_b])
         for item in requirements
     ]
-    return judge_change(*values, (a.failed[rows_a], b.failed[rows_b]), missed, margin)
+    points, gates = len(unknowns.points), []
+    for point in range(points):
+        at = a.flight[rows_a] % points == point
+        gate = judge_change(
+            values[0][at],
+            values[1][at],
+            (lost[0][at], lost[1][at]),
+            [(x[at], y[at]) for x, y in missed],
+            margin,
+            RISK / points,
+        )
+        gates.append(replace(gate, at=unknowns.words(point) if unknowns.names else ""))
+    return min(gates, key=lambda gate: (gate.shown, gate.within_low))
 
 
 def pair_controllers(

@@ -98,8 +98,10 @@ def contrast_results(
 
 
 def _find_changes(a: FlownCampaign, b: FlownCampaign) -> list[str]:
-    inputs = (read_folder_inputs(CampaignFolder(each.folder), each.manifest) for each in (a, b))
-    changes = describe_changes(*inputs, extensible=False)
+    before, after = (
+        read_folder_inputs(CampaignFolder(each.folder), each.manifest) for each in (a, b)
+    )
+    changes = describe_changes(before, after, extensible=False)
     if a.manifest.source_hash != b.manifest.source_hash:
         commits = (each.manifest.commit or each.manifest.source_hash for each in (a, b))
         changes.append("flight code: {} -> {}".format(*(commit[:12] for commit in commits)))
@@ -130,12 +132,14 @@ def _verdict(item: Requirement, flights: ControllerFlights, is_judged: bool) -> 
 def _quantiles(
     metric: str, a: ControllerFlights, b: ControllerFlights
 ) -> dict[str, ContrastQuantile]:
-    values, sense = [severities(each, metric) for each in (a, b)], a.records[metric].bad
+    first, second = (severities(each, metric) for each in (a, b))
+    sense = a.records[metric].bad
     found = {}
     for level in LEVELS:
-        difference = quantile_difference(*values, level)
+        difference = quantile_difference(first, second, level)
         found[level_name(level)] = ContrastQuantile(
-            *(quantile(each, level).in_sense(sense) for each in values),
+            quantile(first, level).in_sense(sense),
+            quantile(second, level).in_sense(sense),
             difference and difference.in_sense(sense),
         )
     return found

@@ -1,13 +1,13 @@
 """The judgement on a campaign: are its requirements met, which controller is better, why, how sure, and what next."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.flight.metrics import GAIN_MARGIN
 from abhv_mc.report.numbers.judged import Judgement, Met, Next
 from abhv_mc.statistics.evidence import flights_to_pass
-from abhv_mc.statistics.verdicts import advise
+from abhv_mc.statistics.verdicts import MOST_TIMES, Verdict, about, advise
 from abhv_mc.statistics.winner import RISK as WINNERS_RISK
 from abhv_mc.topics.comparison import COMPARISON
 from abhv_mc.topics.comparison.model import ControllerPair
@@ -33,9 +33,8 @@ from abhv_mc.topics.words import (
 
 MIXED, NO_DIFFERENCE, ALONE = "mixed", "no difference shown", "none to compare"
 _REASONS = 3
+_MOST_WORDS = 80  # on the first screen; reasons beyond are left to the sections
 _SAME_USAGE = 0.05  # of a ratio of surface usage: nearer to 1 goes without saying
-_MOST_TIMES = 10  # the flights flown: an extension beyond that is not advised
-_FAIR = 0.25  # chance of a PASS with which one is
 
 
 def judge_campaign(models: Models) -> Judgement:
@@ -48,8 +47,27 @@ def judge_campaign(models: Models) -> Judgement:
         met = "no" if "FAIL" in statuses else "yes" if statuses == {"PASS"} else "not shown"
     sentences = [_runs_words(models), _asked_words(models), _met_words(models)]
     answer = " ".join(filter(None, (*sentences, _better_words(models, better))))
-    because = tuple(_reasons(models))[:_REASONS]
-    return Judgement(met, better, because, _sure(models), _next(models, met), answer)
+    because, following = list(_reasons(models))[:_REASONS], _next(models, met)
+    sure = " ".join(filter(None, (_changed_words(models), _sure(models))))
+    while because and _count_words(answer, *because, sure, following) > _MOST_WORDS:
+        because.pop()
+    return Judgement(met, better, tuple(because), sure, following, answer)
+
+
+def _changed_words(models: Models) -> str:
+    """Return which requirements were last changed after results had been seen."""
+    for change in models.results.requirement_changes[-1:]:
+        words = few(list(change.words))
+        return f"Requirements were changed after results of {change.flights} flights: {words}."
+    return ""
+
+
+def _count_words(*texts: str | Next | None) -> int:
+    """Return the number of words on the first screen."""
+    lines = (
+        f"Next: {text.why}: {text.command}" if isinstance(text, Next) else text for text in texts
+    )
+    return sum(len(line.split()) for line in lines if line)
 
 
 def _runs_words(models: Models) -> str:
@@ -196,9 +214,6 @@ def _better(models: Models) -> str:
 
 def _reasons(models: Models) -> Iterator[str]:
     names, verdicts, flights = models.names, models[VERDICTS], models[FLIGHTS].counts
-    for change in models.results.requirement_changes[-1:]:
-        words = few(list(change.words))
-        yield f"Requirements were changed after results of {change.flights} flights: {words}."
     lost = [
         f"{names.label(name)} {count_of(each.failed, each.flown)}"
         for name, each in flights.items()
@@ -301,7 +316,7 @@ def _sure(models: Models) -> str:
         jointly = f"all {passed}" if held.stand == passed else f"{held.stand or 'none'} of {passed}"
         text += f"; {jointly} also hold{'s' * (held.stand == 1)} jointly"
     if models.names.campaign.judged and _pairs(models):
-        text += f". Naming any winner by chance has at most {percent(WINNERS_RISK, 2)} risk"
+        text += f". The risk of naming a wrong winner is at most {percent(WINNERS_RISK, 2)}"
     return f"{text}."
 
 
@@ -337,26 +352,37 @@ def _next(models: Models, met: Met) -> Next | None:
         return why_failed
     if met == "not shown":
         binding = [
-            item.controllers.get(name)
+            verdict
             for item in verdicts.requirements
             for name in item.asked.controllers
+            if (verdict := item.controllers.get(name))
         ]
-        open_ones = [each for each in binding if each and each.status == "NOT SHOWN"]
-        if not open_ones:
-            return None
-        found = [advise(each) for each in open_ones]
-        if any(each is None or each.chance < _FAIR for each in found):
-            return why_failed
-        need = max(each.flights for each in found if each)
-        if need > _MOST_TIMES * max(each.flights for each in open_ones):
-            return Next(
-                f"{fixed(need, 0)} flights would do, more than {_MOST_TIMES} times those flown"
-            )
-        return _more(need, f"{fixed(need, 0)} flights would do for each by itself", flies)
+        return _extend(binding, flies)
     jointly = flights_jointly(verdicts)
     if jointly:
         return _more(jointly, f"all stand with {fixed(jointly, 0)} flights if no more fail", flies)
     return Next("no further flights are needed") if met == "yes" else None
+
+
+def _extend(binding: Sequence[Verdict], flies: bool) -> Next | None:
+    """Return with how many flights all binding verdicts are likely to be PASS, and how likely that is."""
+    open_ones = [verdict for verdict in binding if verdict.status == "NOT SHOWN"]
+    if not open_ones:
+        return None
+    if found := advise(binding):
+        alike = ", more if their true failure rates are alike" if len(binding) > 1 else ""
+        all_of_them = f"all {len(binding)} verdicts" if len(binding) > 1 else "the verdict"
+        chance = f"{all_of_them} PASS with a chance of {about(found.chance)}{alike}"
+        return _more(found.flights, f"with {fixed(found.flights, 0)} flights {chance}", flies)
+    own = [each for verdict in open_ones if (each := advise([verdict]))]
+    most = fixed(MOST_TIMES * max(verdict.flights for verdict in open_ones), 0)
+    text = f"no number of flights up to {most} is likely to do"
+    if len(binding) > 1:
+        text += " for all verdicts"
+    if own:
+        need = fixed(max(each.flights for each in own), 0)
+        text += f"; each by itself: {len(own)} of {len(open_ones)} not shown with {need}"
+    return Next(text)
 
 
 def _more(flights: int, why: str, flies: bool) -> Next:

@@ -23,6 +23,7 @@ from abhv_mc.topics.missed_requirements import requirement_failures, requirement
 from abhv_mc.topics.plain import level_name
 
 FEWEST_EFFECTIVE = 100.0  # flights
+LEAST_EFFECTIVE = 0.5  # of the flights: below it intervals miss too often
 MOST_UNSEEN = 0.01  # probability of values that no flight had
 
 
@@ -107,9 +108,12 @@ def _refuse_too_little(
     if most > MOST_UNSEEN:
         found = f"{100.0 * most:.2g} % of the probability beyond all {total} flights"
         raise InputError(root, found, f"at most {100.0 * MOST_UNSEEN:g} %: fly a fresh campaign")
-    if effective < FEWEST_EFFECTIVE:
+    least = max(FEWEST_EFFECTIVE, LEAST_EFFECTIVE * total)
+    if effective < least:
         found = f"flights worth {effective:.0f}, of {total} flown"
-        expected = f"an effective number of at least {FEWEST_EFFECTIVE:g}: a smaller change, more flights, or a fresh"
+        expected = (
+            f"an effective number of at least {least:g}: a smaller change, more flights, or a fresh"
+        )
         raise InputError(root, found, f"{expected} campaign")
 
 

@@ -8,16 +8,14 @@ from typing import NamedTuple
 
 from abhv_mc.campaign.file.requirement_set import RequirementSource
 from abhv_mc.flight.metrics import SURFACE_USAGE
-from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown
+from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.compare import (
     CampaignPair,
     Compared,
     compare_results,
     gate_words,
-    have_same_samples,
-    read_compared,
-    require_same_samples,
+    pair_campaigns,
     sides,
 )
 from abhv_mc.report.numbers.contrast import Contrast, contrast_results
@@ -50,15 +48,19 @@ def compare_folders(
     margins: Mapping[str, float] | None = None,
     out: Path | None = None,
     requirements: RequirementSource | None = None,
+    is_paired: bool = False,
 ) -> Comparison:
     """Compare two folders flight by flight if their samples are the same, else by their distributions.
 
-    Write a page into ``out``. Raise InputError for folders that have nothing in common.
+    Write a page into ``out``. Raise InputError for folders that have nothing in common, and for different samples if
+    ``margins`` or ``is_paired`` need flight by flight.
     """
-    a, b = read_compared(folder_a, folder_b, requirements)
-    if margins:
-        require_same_samples(a.samples, b.samples, folder_a, CampaignFolder(folder_b).samples)
-    if not have_same_samples(a, b):
+    a, b = (read_flown(folder, requirements) for folder in (folder_a, folder_b))
+    try:
+        a, b = pair_campaigns(a, b)
+    except InputError:
+        if margins or is_paired or a.campaign.unknowns.names or b.campaign.unknowns.names:
+            raise
         return _contrast(a, b, controllers, out)
     found = compare_results(a, b, controllers, margins)
     told = _told(a, b, found)
@@ -117,16 +119,24 @@ def _section(
         "Differences are of the same flights, the first minus the second, with 95 % intervals; a flight that ended "
         "early counts as worse than any that did not."
     )
-    if any(names.campaign.independent for _, _, names in told):
+    if any(names.campaign.judged for _, _, names in told):
         answers[-1] += (
             " Who is better allows for all metrics that are asked for and of control usage."
+        )
+    unknowns = a.campaign.unknowns
+    if unknowns.names:
+        count = len(unknowns.points)
+        answers.append(
+            f"Compared at the {count} values of the unknowns that both ran; flight {count} k + p is sample k "
+            "at the p-th."
         )
     flying = dict.fromkeys(str(each.folder) for each in (a, b) if each.campaign.can_rerun)
     again = (
         f"`{shlex.join(['abhv-mc', 'replay', one])} --controller NAME --flight NUMBER`"
         for one in flying
     )
-    answers += [f"A flight again, bit for bit: {' or '.join(again)}."] if flying else []
+    if flying and not unknowns.names:
+        answers.append(f"A flight again, bit for bit: {' or '.join(again)}.")
     return Section(
         "Answer", (_lead(told, b), Bullets(tuple(answers)), Picture("differences"), *tables)
     )
@@ -173,7 +183,7 @@ def _lead(told: Sequence[tuple[str, CampaignPair, Names]], b: FlownCampaign) -> 
         words = {"better": f"{first} is better", "worse": f"{second} is better", "mixed": "mixed",
                  "open": "no difference is shown"}  # fmt: skip
         answer = "no winner is named, as the flights are not independent"
-        if names.campaign.independent:
+        if names.campaign.judged:
             answer = words[verdict_of(pair, names)]
             parts = (
                 [f"loses {'more' if pair.losing == 'b' else 'fewer'} flights"]
@@ -230,7 +240,7 @@ def _sentences(title: str, pair: CampaignPair, names: Names, of: Compared) -> li
             *found,
             f"{title}: the same in all {fixed(pair.pairs, 0)} flights, in every metric.",
         ]
-    judged = names.campaign.independent
+    judged = names.campaign.judged
     words = (
         pair_words(pair, names) if judged else "no winner is named: the flights are not independent"
     )

@@ -1,7 +1,7 @@
 """Two campaigns on different samples as sentences, tables and figures."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -34,7 +34,7 @@ from abhv_mc.topics.words import bounds, count_of, estimate, joined, percent
 
 _CHANGES = 4  # that are named in a sentence
 _ASKED = 6  # panels at most
-_STYLES = ("--", "-")  # of the first and the second campaign
+_STYLES: tuple[Literal["--"], Literal["-"]] = ("--", "-")  # of the first and the second campaign
 _DASH = "\N{EM DASH}"
 
 

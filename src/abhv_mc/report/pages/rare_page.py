@@ -15,6 +15,7 @@ from abhv_mc.search.severity import ENDED_EARLY
 from abhv_mc.topics.names import controller_label
 from abhv_mc.topics.section import Bullets, FigureText, Lead, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
+from abhv_mc.topics.words import percent
 
 
 def make_rare_answer(found: RareFound, folder: Path) -> Answer:
@@ -62,14 +63,23 @@ def _answers(found: RareFound, asked: str) -> tuple[Lead, Bullets]:
             f"P({controller_label(found.controller)} breaks '{asked}') is about {estimate.probability:.1e}, "
             f"95 % interval {estimate.low:.1e} .. {estimate.high:.1e}, from {estimate.flights} flights"
             f"{repeated}{found.unwarned}.",
-            f"As narrow an interval from plain sampling takes about {_plain_flights(found):,} flights.",
         ]
+        if not (found.includes_unwarned and estimate.high == estimate.unwarned_high):
+            plain = f"{_plain_flights(found):,}"
+            answers.append(
+                f"As narrow an interval from plain sampling takes about {plain} flights."
+            )
     else:
         answers = [f"There is no trustworthy estimate: {estimate.refusal}."]
     worst = float(found.flights.column(found.metric.name)[int(np.argmax(found.severities))])
     flights = found.flights.stop
     answers.append(limit_sentence(found.requirement, found.metric, worst, found.failures, flights))
     answers.append(f"Second opinion: {found.second_opinion}.")
+    if found.noise_share is not None:
+        answers.append(
+            f"{percent(found.noise_share, 2)} of the severity's variance (of ranks) is noise: points were flown twice, "
+            "with other seeds."
+        )
     looked = estimate.check is not None and len(found.space.names) <= MOST_LOOKED
     more = " Failures apart from where flights grow worse were searched for in random directions; some may stay unseen."
     answers.append(

@@ -48,11 +48,7 @@ def _answers(found: WorstFound) -> tuple[Lead, Bullets]:
         value = found.value(found.worst)
         failures = found.failures(item)
         first += f" {limit_sentence(item, metric, value, failures, found.searched)}"
-    how_many = (
-        "As many"
-        if found.flights.stop == 2 * found.searched
-        else f"{found.flights.stop - found.searched}"
-    )
+    how_many = "As many" if found.random == found.searched else f"{found.random}"
     answers = [
         first,
         f"{how_many} random flights of the same box, drawn from the campaign's distributions: the worst "
@@ -72,11 +68,24 @@ def _answers(found: WorstFound) -> tuple[Lead, Bullets]:
         )
     if found.flights.names != found.names:
         answers.append(
-            "All flights met the same turbulence and noise, so that they differ by their parameters alone."
+            "The search's flights met the same turbulence and noise, so that they differ by their parameters alone."
         )
+        answers += _other_seeds(found)
     if found.failed_to_run:
         answers.append(f"{found.failed_to_run} flights could not be computed and count as none.")
     return Lead(answers[0]), Bullets(tuple(answers[1:]))
+
+
+def _other_seeds(found: WorstFound) -> Iterator[str]:
+    """Yield the range of the worst point over other seeds of turbulence and noise."""
+    if found.other_seeds is None:
+        return
+    flights, lost, ends = found.other_seeds
+    parts = [f"{lost} ended early"] if lost else []
+    if ends is not None:
+        low, median, high = (found.metric.with_unit(f"{value:.5g}") for value in ends)
+        parts.append(f"{found.metric.phrase} from {low} to {high}, median {median}")
+    yield f"The worst point in {flights} flights with other turbulence and noise: {'; '.join(parts)}."
 
 
 def _ended_early(found: WorstFound, flight: int) -> bool:

@@ -6,7 +6,7 @@ does not find the event; they differ by far more than their chains explain; the 
 and so is a second opinion by importance sampling that does not agree; the upper end is the larger of both.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
@@ -23,6 +23,7 @@ from abhv_mc.search.methods.second_opinion import (
 )
 from abhv_mc.search.methods.subset import Repetition, SubsetPlan, run_subset
 from abhv_mc.statistics.binomial import clopper_pearson
+from abhv_mc.statistics.ranks import standard_ranks
 
 CONFIDENCE = 0.95
 FEWEST = 4  # repetitions of an estimate
@@ -80,6 +81,10 @@ class RareEstimate:
         """Upper end (95 %, one-sided) for what fails without warning: the first levels' alone. None without levels."""
         return clopper_pearson(*self.plain, 2.0 * CONFIDENCE - 1.0)[1] if self.repetitions else None
 
+    def include_unwarned(self) -> "RareEstimate":
+        """Return the estimate with an interval that reaches to what may fail without warning."""
+        return replace(self, high=max(self.high, self.unwarned_high or 0.0))
+
 
 def estimate_rare(
     evaluate: Evaluate, plan: SubsetPlan, target_cov: float = 0.2, flights: int = 20000
@@ -134,6 +139,15 @@ def estimate_rare(
             refusal = f"importance sampling gives {check.probability:.2g}, subset simulation {probability:.2g}"
         high = max(high, min(1.0, check.probability * factor))
     return RareEstimate(probability, low, high, cov, used, tuple(repetitions), check, refusal)
+
+
+def noise_share(severities: tuple[Floats, Floats]) -> float:
+    """Return the share of the variance of the severities' ranks that is noise.
+
+    Both are severities [point] of the same points, with other random numbers.
+    """
+    first, second = np.split(standard_ranks(np.concatenate(severities)), 2)
+    return min(1.0, float(np.mean((first - second) ** 2)) / 2.0)
 
 
 def _half_width(repetitions: list[Repetition], number: int) -> float:

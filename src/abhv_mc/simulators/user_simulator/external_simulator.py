@@ -157,11 +157,12 @@ class ExternalSimulator:
         return []
 
     def try_out(self) -> Iterator[str]:
+        plan = next(iter(self.make_plans(self.systems).values()))
         try:
-            Process(next(iter(self.make_plans(self.systems).values()))).end()
+            Process(plan).end()
         except (LostFlightError, OSError) as error:
-            wish = "a simulator that starts"
-            place = self.experiment.document.key_error(("simulator",), str(error), wish)
+            found, wish = f"{error}{plan.name_undeclared(str(error))}", "a simulator that starts"
+            place = self.experiment.document.key_error(("simulator",), found, wish)
             raise InputErrors([place]) from None
         if self.model.simulator and self.model.simulator.command:
             yield _BY_ORDER

@@ -162,7 +162,9 @@ class Process:
             if isinstance(answer := json.loads(line), dict):
                 return answer
         self.end()  # what it answers next might be of any flight
-        raise LostFlightError(f"it answered {line[:80]!r}, which is no mapping in JSON")
+        text = line[:80].decode(errors="replace")
+        found = f"it answered '{text}', which is no mapping in JSON"
+        raise LostFlightError(f"{found} (messages belong on standard error)")
 
     def _read_lines(self, limit: float, verb: str, notice: float) -> None:
         deadline, notice = time.monotonic() + limit, time.monotonic() + notice

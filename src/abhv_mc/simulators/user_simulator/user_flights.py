@@ -16,6 +16,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, Recording
+from abhv_mc.io.input_error import is_exhausted
 from abhv_mc.simulators.user_simulator.answers import find_extremes, read_answer, sample_histories
 from abhv_mc.simulators.user_simulator.process import LostFlightError, OutOfStepError, Process
 from abhv_mc.simulators.user_simulator.process_pool import StoppedError, current_pool
@@ -192,6 +193,8 @@ class _Flights:
                 self._run_pieces(begun, stop_again, max(1, (stop_again - begun) // 2))
                 done = stop_again
             except (LostFlightError, OSError) as lost:
+                if is_exhausted(lost):
+                    raise  # no flight's fault
                 unproven = process.unproven if process else 0
                 self._end(process)
                 if not unproven:
@@ -222,6 +225,8 @@ class _Flights:
             self._lose(flight, "it answered twice")
             return False
         except (LostFlightError, OSError) as lost:
+            if is_exhausted(lost):
+                raise
             self._end(process)
             self._lose(flight, str(lost))
             return False

@@ -37,7 +37,7 @@ def make_working_folder(plan: UserPlan) -> WorkingFolder:
     InputError if a file is not the one that the campaign was started with.
     """
     try:
-        folder = Path(os.path.realpath(tempfile.mkdtemp(prefix="abhv-mc-")))
+        folder = Path(os.path.realpath(tempfile.mkdtemp(prefix="abhv-mc-simulator-")))
         watch(str(folder))
     except OSError as error:
         raise _unusable_place(error) from None

@@ -5,12 +5,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from abhv_mc.array_types import Floats, Mask
+from abhv_mc.array_types import Floats
 from abhv_mc.folder.controller_flights import distances
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.statistics.drivers import FALSE_DISCOVERY_RATE, RankDrivers, rank_drivers
+from abhv_mc.statistics.drivers import (
+    FALSE_DISCOVERY_RATE,
+    LEAST_COEFFICIENT,
+    RankDrivers,
+    rank_drivers,
+)
 from abhv_mc.statistics.estimates import Interval
-from abhv_mc.statistics.given_data import given_data_indices
+from abhv_mc.statistics.given_data import LEAST_SHARE, given_data_indices
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import (
     Cell,
@@ -31,6 +36,7 @@ _MOST_FLIGHTS = 5_000  # the first so many tell correlations of 0.05 from chance
 _NAMED = 2  # drivers of an error in a sentence
 _LISTED = 4  # in the table
 _MOVED = 2  # controllers whose drivers are told
+_NOISY = 0.5  # share that the regression leaves, from which a sentence gives it
 
 Ends = tuple[float, float, float]  # an estimate, the lower and the upper end of its 95 % interval
 
@@ -42,15 +48,14 @@ class Driver:
     parameter: str
     either_way: bool  # its distance from the median, not itself
     srrc: Ends  # standardized rank regression coefficient
-    prcc: Ends  # partial rank correlation
-    p_value: float
+    p_value: float  # of a zero coefficient
     driver: bool  # whether chance does not explain it
     moves_with: str | None  # another parameter that the flights do not tell apart from it
 
 
 @dataclass(frozen=True)
 class Share:
-    """A parameter's share of the variance of ranks, where the relation is not monotonic."""
+    """A parameter's share of the variance of ranks that the regression does not explain."""
 
     parameter: str
     first: float  # alone
@@ -63,8 +68,7 @@ class MetricDrivers:
     """What drives one metric."""
 
     explained: float  # share of the variation of ranks
-    tells: bool  # whether that is enough for the coefficients to tell
-    otherwise: tuple[Share, ...]  # largest first
+    otherwise: tuple[Share, ...]  # not monotonic, largest first
     parameters: tuple[Driver, ...]  # largest first
 
 
@@ -105,7 +109,7 @@ def _coefficients(results: FlownCampaign, controller: str) -> dict[str, MetricDr
     drivers = rank_drivers(np.column_stack([*inputs, *folded]), outputs)
     if drivers is None:
         return {}
-    otherwise = _given_data(results, np.column_stack(inputs), outputs, drivers.tells)
+    otherwise = _given_data(results, np.column_stack(inputs), drivers)
     table = {}
     for column, metric in enumerate(metrics):
         if np.isfinite(drivers.explained[column]):
@@ -114,7 +118,6 @@ def _coefficients(results: FlownCampaign, controller: str) -> dict[str, MetricDr
             ]
             table[metric] = MetricDrivers(
                 float(drivers.explained[column]),
-                bool(drivers.tells[column]),
                 otherwise.get(metric, ()),
                 tuple(_driver(drivers, names, row, column) for row in order.tolist()),
             )
@@ -129,43 +132,50 @@ def _driver(drivers: RankDrivers, names: list[str], row: int, column: int) -> Dr
         return value, low, high
 
     return Driver(
-        names[row % len(names)],
-        row >= len(names),
-        ends(drivers.srrc, drivers.srrc_low, drivers.srrc_high),
-        ends(drivers.prcc, drivers.prcc_low, drivers.prcc_high),
-        float(drivers.p_value[row, column]),
-        bool(drivers.found[row, column]),
-        names[partner % len(names)] if partner >= 0 else None,
+        parameter=names[row % len(names)],
+        either_way=row >= len(names),
+        srrc=ends(drivers.srrc, drivers.srrc_low, drivers.srrc_high),
+        p_value=float(drivers.p_value[row, column]),
+        driver=bool(drivers.found[row, column]),
+        moves_with=names[partner % len(names)] if partner >= 0 else None,
     )
 
 
 def _given_data(
-    results: FlownCampaign, inputs: Floats, outputs: Floats, tells: Mask
+    results: FlownCampaign, inputs: Floats, drivers: RankDrivers
 ) -> dict[str, tuple[Share, ...]]:
-    """Parameters that decide a headline error in another way than steadily up or down, largest first.
+    """Return parameters with an effect on a required metric that is not monotonic, largest first.
 
-    By first-order and total indices from the flights, of metrics that the rank regression does not explain. Designs
-    whose flights are no random draws have an order that these would take for an effect.
+    First-order and total indices of the residuals of the regression, but of parameters that are correlated with one
+    that it finds. Designs whose flights are no random draws have an order that these would take for an effect.
     """
     names, metrics = list(results.dispersed), list(results.metrics)
-    chosen = [c for c, metric in enumerate(metrics) if metric in results.asked and not tells[c]]
-    found = (
-        given_data_indices(inputs, outputs[:, chosen])
+    left = 1.0 - drivers.explained
+    chosen = [
+        c for c, name in enumerate(metrics) if name in results.asked and left[c] > LEAST_SHARE
+    ]
+    indices = (
+        given_data_indices(inputs, drivers.residuals[:, chosen])
         if chosen and results.campaign.independent
         else None
     )
-    if found is None:
+    if indices is None:
         return {}
+    both = (2, len(names), -1)  # the parameters, and their distances from the median
+    partner = np.any((drivers.moves_with >= 0).reshape(both), axis=0)
+    partner &= ~np.any(drivers.found.reshape(both), axis=0)
+    first, total = indices.first * left[chosen], indices.total * left[chosen]
+    found = indices.found & ~partner[:, chosen] & (total > LEAST_SHARE)
     return {
         metrics[column]: tuple(
             Share(
                 names[row],
-                float(found.first[row, place]),
-                float(found.total[row, place]),
-                names[found.partner[row, place]] if found.partner[row, place] >= 0 else None,
+                float(first[row, place]),
+                float(total[row, place]),
+                names[indices.partner[row, place]] if indices.partner[row, place] >= 0 else None,
             )
-            for row in np.argsort(-found.total[:, place], kind="stable").tolist()
-            if found.found[row, place]
+            for row in np.argsort(-total[:, place], kind="stable").tolist()
+            if found[row, place]
         )
         for place, column in enumerate(chosen)
     }
@@ -204,15 +214,28 @@ def _sentence(label: str, drivers: ControllerDrivers, names: Names) -> str:
         if metric not in drivers.metrics:
             continue
         entry, phrase = drivers.metrics[metric], names.metrics[metric].phrase
-        found = dict.fromkeys(
-            spoken_name(each.parameter) for each in entry.parameters if each.driver
+        signs: dict[str, str] = {}
+        for driver in (each for each in entry.parameters if each.driver):
+            signs.setdefault(spoken_name(driver.parameter), _sign(driver))
+        words = [f"{name} ({sign})" for name, sign in signs.items()]
+        words += otherwise_words(
+            [s for s in entry.otherwise if spoken_name(s.parameter) not in signs]
         )
-        if words := (list(found) or otherwise_words(entry.otherwise))[:_NAMED]:
-            parts.append(f"{phrase}: {joined(words)}")
+        rest = f" (noise and interactions: {percent(1.0 - entry.explained, 2)})"
+        noise = rest if 1.0 - entry.explained > _NOISY and not entry.otherwise else ""
+        if words:
+            parts.append(f"{phrase}: {joined(words[:_NAMED])}{noise}")
         else:
-            none.append(phrase)
+            none.append(phrase + noise)
     parts += [f"no single parameter moves {joined(none)}"] if none else []
     return f"What moves the errors of {label} most: {'; '.join(parts)}." if parts else ""
+
+
+def _sign(driver: Driver) -> str:
+    """Return the direction in which the error grows."""
+    if driver.either_way:
+        return "high or low" if driver.srrc[0] > 0.0 else "near its median"
+    return "+" if driver.srrc[0] > 0.0 else "\N{MINUS SIGN}"
 
 
 def driver_section(drivers: Drivers, names: Names) -> Section:
@@ -232,17 +255,18 @@ def driver_section(drivers: Drivers, names: Names) -> Section:
         )
     rate = percent(drivers.false_discovery_rate, 1)
     method = (
-        "Which dispersed parameters move each error: standardized rank regression coefficients (SRRC) and partial "
-        'rank correlations (PRCC) with 95 % intervals. "High or low" is a parameter\'s distance from its median, '
-        "either side. Below 50 % explained the relation is not monotonic; first-order and total rank indices are given "
-        "instead (Gamboa et al. 2022; pairs by the variance between cells of both). Listed are those that chance does "
-        f"not explain (false-discovery rate {rate} over all parameters and metrics)."
+        "Which dispersed parameters move each error: standardized rank regression coefficients (SRRC), with bootstrap "
+        '95 % intervals. "High or low" is a parameter\'s distance from its median, either side. "Not monotonic" is '
+        "what the regression leaves: a parameter's share of the variance of ranks, alone and with "
+        "others (Gamboa et al. 2022; pairs by the variance between cells of both). Listed are those that chance does "
+        f"not explain (false-discovery rate {rate} over all parameters and metrics). Parameters with an SRRC below "
+        f"{LEAST_COEFFICIENT} or a share below {percent(LEAST_SHARE)} are not listed."
     )
     caption = (
-        "Drivers of the errors, largest first, and the share of the variation of ranks "
-        "that all parameters explain"
+        "Drivers of the errors, largest first, and the share of the variance of ranks that no parameter explains "
+        "by itself"
     )
-    heads = (names.campaign.kind.capitalize(), "Error", "Explained", "Driver", "SRRC", "PRCC")
+    heads = (names.campaign.kind.capitalize(), "Error", "Noise and interactions", "Driver", "SRRC")
     table = Fold(
         "Rank coefficients in full",
         (Text(method), Table("Drivers of the errors", heads, groups, caption)),
@@ -252,10 +276,13 @@ def driver_section(drivers: Drivers, names: Names) -> Section:
 
 def _group(names: Names, controller: str, metric: str, entry: MetricDrivers) -> tuple[Row, ...]:
     """A row for each driver."""
-    rows = [_driver_row(each, names) for each in entry.parameters if each.driver][:_LISTED]
+    rows = [_driver_row(each, names) for each in entry.parameters if each.driver]
+    rows += [_share_row(share) for share in entry.otherwise]
     first = Cell(names.label(controller), head=True), Cell(names.metrics[metric].label, head=True)
     return grouped(
-        rows or [(Cell(_otherwise(entry), columns=3),)], *first, Cell(percent(entry.explained, 2))
+        rows[:_LISTED] or [(Cell("no single parameter"), Cell(""))],
+        *first,
+        Cell(percent(1.0 - entry.explained, 2)),
     )
 
 
@@ -267,19 +294,13 @@ def _driver_row(driver: Driver, names: Names) -> Row:
         note,
         hint=f"{driver.parameter}: {parameter_doc(driver.parameter, names.campaign.parameters)}",
     )
-    return name, interval_cell(Interval(*driver.srrc)), interval_cell(Interval(*driver.prcc))
+    return name, interval_cell(Interval(*driver.srrc))
 
 
-def _otherwise(entry: MetricDrivers) -> str:
-    """'lift together with density, not steadily up or down: lift 4 % alone and 62 % in all, ...'."""
-    if not entry.otherwise:
-        return "no single parameter"
-    shares = [
-        f"{spoken_name(share.parameter)} {percent(share.first, 2)} alone, {percent(share.total, 2)} in all"
-        for share in entry.otherwise[:_LISTED]
-    ]
-    names = joined(otherwise_words(entry.otherwise[:_LISTED]))
-    return f"{names}, not steadily up or down (of the variance of ranks: {'; '.join(shares)})"
+def _share_row(share: Share) -> Row:
+    note = f"mostly with {spoken_name(share.partner)}" if share.partner else ""
+    shares = f"{percent(share.total, 2)} of the variance", f"{percent(share.first, 2)} alone"
+    return Cell(f"{spoken_name(share.parameter)}, not monotonic", note), Cell(*shares)
 
 
 DRIVERS = Topic(

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from matplotlib.figure import Figure
 
-from abhv_mc.topics.drivers import Drivers, MetricDrivers
+from abhv_mc.topics.drivers import Drivers, Ends, MetricDrivers
 from abhv_mc.topics.figure_style import INK, WIDTH, controller_colors, new_figure, styled
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
@@ -17,13 +17,11 @@ _ROW = 0.155  # in, of a bar
 
 @dataclass(frozen=True)
 class TornadoBar:
-    """One row: a parameter's effect under each controller (value, low, high; the share alone of one 'in all')."""
+    """One row: a parameter's effect under each controller; None if chance explains it."""
 
     label: str
-    effects: Sequence[
-        tuple[float, float, float] | None
-    ]  # [controller]; None where chance explains it
-    shares: Sequence[bool]  # [controller] whether it is a share of the variance of ranks
+    coefficients: Sequence[Ends | None]  # [controller]
+    shares: Sequence[tuple[float, float] | None]  # [controller] of the variance, alone and in all
 
 
 def draw(drivers: Drivers, names: Names) -> Iterator[tuple[FigureText, Figure]]:
@@ -38,7 +36,7 @@ def draw(drivers: Drivers, names: Names) -> Iterator[tuple[FigureText, Figure]]:
             "drivers",
             "What moves the errors",
             "Solid: standardized rank regression coefficients with 95 % intervals, to the right where the error grows "
-            'with the parameter ("high or low": with its distance from the median). Open, where the relation is not '
+            'with the parameter ("high or low": with its distance from the median). Open, if the effect is not '
             "monotonic: the parameter's share of the variance of ranks, alone (solid part) and in all.",
         )
         yield text, plot_tornado(charts, {name: names.label(name) for name in drivers.controllers})
@@ -46,28 +44,34 @@ def draw(drivers: Drivers, names: Names) -> Iterator[tuple[FigureText, Figure]]:
 
 def _bars(entries: Sequence[MetricDrivers | None]) -> list[TornadoBar]:
     """The parameters that move an error most under any controller, largest first."""
-    found: list[dict[str, tuple[float, float, float]]] = []
-    shares: list[bool] = []
+    coefficients: list[dict[str, Ends]] = []
+    shares: list[dict[str, tuple[float, float]]] = []
     for entry in entries:
-        drivers = [each for each in entry.parameters if each.driver] if entry else []
-        shares.append(entry is not None and not drivers)
-        found.append(
+        coefficients.append(
             {
                 spoken_name(d.parameter) + (", high or low" if d.either_way else ""): d.srrc
-                for d in drivers
+                for d in (entry.parameters if entry else ())
+                if d.driver
             }
         )
-        if entry and not drivers:
-            found[-1] = {
-                spoken_name(each.parameter): (each.total, each.first, each.total)
-                for each in entry.otherwise
+        shares.append(
+            {
+                spoken_name(each.parameter): (each.first, each.total)
+                for each in (entry.otherwise if entry else ())
             }
+        )
     largest: dict[str, float] = {}
-    for effects in found:
-        for name, (value, *_) in effects.items():
-            largest[name] = max(largest.get(name, 0.0), abs(value))
+    sizes = [
+        (name, abs(value)) for effects in coefficients for name, (value, *_) in effects.items()
+    ]
+    sizes += [(name, total) for effects in shares for name, (_, total) in effects.items()]
+    for name, size in sizes:
+        largest[name] = max(largest.get(name, 0.0), size)
     ranked = sorted(largest, key=lambda name: -largest[name])[:_BARS]
-    return [TornadoBar(name, [effects.get(name) for effects in found], shares) for name in ranked]
+    return [
+        TornadoBar(name, [c.get(name) for c in coefficients], [s.get(name) for s in shares])
+        for name in ranked
+    ]
 
 
 @styled
@@ -90,16 +94,13 @@ def plot_tornado(
         axes.grid(visible=False, axis="y")
         axes.axvline(0.0, color=INK, linewidth=0.6)
         for at, bar in places:
-            effect = bar.effects[c]
-            if effect is None:
-                continue
-            value, low, high = effect
-            if bar.shares[c]:
-                axes.barh(at, value, 0.7, fill=False, edgecolor=color, linewidth=0.8)
-                axes.barh(at, max(low, 0.0), 0.7, color=color)
-            else:
+            if (coefficient := bar.coefficients[c]) is not None:
+                value, low, high = coefficient
                 axes.barh(at, value, 0.7, color=color)
                 axes.plot([low, high], [at, at], color=INK, linewidth=0.9)
+            elif (share := bar.shares[c]) is not None:
+                axes.barh(at, share[1], 0.7, fill=False, edgecolor=color, linewidth=0.8)
+                axes.barh(at, max(share[0], 0.0), 0.7, color=color)
         axes.set_xlim(-1.08, 1.08)
         axes.set_xticks([-1.0, -0.5, 0.0, 0.5, 1.0], ["−1", "", "0", "", "1"])
         axes.spines["left"].set_visible(False)

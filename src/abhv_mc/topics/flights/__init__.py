@@ -81,9 +81,12 @@ def _items(found: Flights, names: Names) -> Iterator[Item]:
             ("Input", "Unit", "Stated mean", "Found mean", "Stated spread", "Found spread"),
             (tuple(_moments(name, found.inputs[name], names) for name in found.inputs),),
         )
-    heads = (campaign.kind.capitalize(), "Flown", "Ended early", "Not computed", "Outcomes")
-    counts = tuple(_counts(names.label(name), entry) for name, entry in found.counts.items())
-    yield Table("How the flights ended", heads, (counts,), numbers=False)
+    if any(entry.failed or entry.not_computed for entry in found.counts.values()):
+        heads = (campaign.kind.capitalize(), "Flown", "Ended early", "Not computed", "Outcomes")
+        counts = tuple(_counts(names.label(name), entry) for name, entry in found.counts.items())
+        yield Table("How the flights ended", heads, (counts,), numbers=False)
+    else:
+        yield Text("No flight ended early.")
     yield Widget("flights")
     kept = (
         "Their histories are kept: a number draws it" if campaign.channels else "A number opens it"

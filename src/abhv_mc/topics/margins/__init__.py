@@ -14,7 +14,18 @@ from abhv_mc.topics.margins.model import (
     loop_name,
 )
 from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import Cell, Heading, Item, Picture, Row, Section, Table, Text, grouped
+from abhv_mc.topics.section import (
+    Cell,
+    Fold,
+    Heading,
+    Item,
+    Picture,
+    Row,
+    Section,
+    Table,
+    Text,
+    grouped,
+)
 from abhv_mc.topics.topic import Topic, figures_of
 from abhv_mc.topics.words import count_of, fixed, percent
 
@@ -74,6 +85,24 @@ def margin_section(margins: Margins, names: Names) -> Section | None:
     steady = margins.steady
     if not steady.controllers:
         return None
+    title = "Stability margins of each loop, nominal and least over the corners"
+    table = Table(
+        title,
+        (
+            "Controller",
+            "Loop",
+            "Gain (dB)",
+            "corners",
+            "Phase (deg)",
+            "corners",
+            "Delay (ms)",
+            "corners",
+        ),
+        tuple(
+            _steady_group(names.label(name), entry, steady.corners, margin_words(margins, name))
+            for name, entry in steady.controllers.items()
+        ),
+    )
     items: list[Item] = [
         Text(
             "The closed loop as flown (plant, actuators, engine, the law at its rate), linearized in steady, level "
@@ -82,23 +111,7 @@ def margin_section(margins: Margins, names: Names) -> Section | None:
             'margins are downwards / upwards in dB; "all at once" is the disk margin: so much gain or phase in every '
             "loop at the same time."
         ),
-        Table(
-            "Stability margins of each loop, nominal and least over the corners",
-            (
-                "Controller",
-                "Loop",
-                "Gain (dB)",
-                "corners",
-                "Phase (deg)",
-                "corners",
-                "Delay (ms)",
-                "corners",
-            ),
-            tuple(
-                _steady_group(names.label(name), entry, steady.corners, margin_words(margins, name))
-                for name, entry in steady.controllers.items()
-            ),
-        ),
+        Fold(title, (table,)),
     ]
     return Section("Stability", (*items, *_flight_items(margins, names)))
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from abhv_mc.campaign.file.config import TRACED
 from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import Cell, Row, Section, Table, Text, grouped
+from abhv_mc.topics.section import Cell, Fold, Row, Section, Table, Text, grouped
 from abhv_mc.topics.topic import Topic
 from abhv_mc.topics.verdicts.model import (
     ControllerVerdict,
@@ -82,7 +82,35 @@ def verdict_section(verdicts: Verdicts, names: Names) -> Section:
         why = f"{campaign.dependence[:1].upper()}{campaign.dependence[1:]}."
         is_random = campaign.has_noise or not campaign.can_rerun
         text = f"{why} {_ESTIMATES}{'' if is_random else _RANDOM}."
-    return Section(title, (Text(text), table))
+    fold = (_other_intervals(verdicts, names),) if verdicts.held_together is not None else ()
+    return Section(title, (Text(text), table, *fold))
+
+
+def _other_intervals(verdicts: Verdicts, names: Names) -> Fold:
+    """Return binomial intervals for reviewers who use other rules."""
+    rows = [
+        (
+            Cell(f"{entry.asked.traced.get('id', '')} {entry.words}".strip(), head=True),
+            Cell(names.label(name), head=True),
+            Cell(percent(verdict.one_look_bound)),
+            Cell(" to ".join(map(percent, verdict.failure_rate or ()))),
+        )
+        for entry in verdicts.requirements
+        for name, verdict in entry.controllers.items()
+    ]
+    text = (
+        "Valid if the number of flights was fixed before and the counts are looked at once: the lower bound on the "
+        "success probability at the consumer's risk (Clopper and Pearson), and the 95 % interval of the failure "
+        "probability from Jeffreys' prior."
+    )
+    heads = (
+        "Requirement",
+        names.campaign.kind.capitalize(),
+        "Success at least (Clopper-Pearson)",
+        "Failure probability (Jeffreys)",
+    )
+    title = "Binomial intervals for one look"
+    return Fold(title, (Text(text), Table(title, heads, tuple((row,) for row in rows))))
 
 
 def _group(entry: JudgedRequirement, names: Names) -> tuple[Row, ...]:

@@ -10,7 +10,7 @@ from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.statistics.binomial import success_lower_bound
+from abhv_mc.statistics.binomial import jeffreys, success_lower_bound
 from abhv_mc.statistics.estimates import spread
 from abhv_mc.statistics.family import hold_family
 from abhv_mc.statistics.verdicts import Verdict, advice_words, tolerance_limit, verdict_words
@@ -38,6 +38,7 @@ class ControllerVerdict(Verdict):
     one_look_bound: (
         float | None
     )  # lower bound on the success probability, for one look at a number fixed before
+    failure_rate: tuple[float, float] | None  # 95 % interval (Jeffreys), for one look, too
 
 
 @dataclass(frozen=True)
@@ -168,6 +169,7 @@ def _verdict(
         one_look_bound=success_lower_bound(verdict.failures, verdict.flights, item.consumer_risk)
         if given
         else None,
+        failure_rate=jeffreys(verdict.failures, verdict.flights) if given else None,
     )
 
 

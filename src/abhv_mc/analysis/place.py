@@ -1,0 +1,294 @@
+"""Compare test flights with the simulated flights of a campaign: does the dispersed model cover them?"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from abhv_mc.array_types import Floats
+from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown, read_histories
+from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.io.number_table import NumberTable, read_number_table
+from abhv_mc.statistics.placement import (
+    Band,
+    joint_p_value,
+    rank_p_values,
+    set_p_value,
+    simultaneous_band,
+)
+
+CONFIDENCE = 0.95
+FEWEST_FLIGHTS = 39  # simulated: with fewer no two-sided rank has a p-value of 5 %
+_MOST_TIMES = 500  # of a history that are compared
+_SUMMARIES = ("largest", "smallest", "mean", "last")
+
+
+@dataclass(frozen=True)
+class RankedMetric:
+    """A number of a test flight among those of the simulated flights."""
+
+    metric: str
+    value: float
+    rank: int  # 1: the smallest of all
+    low: float  # 2.5 % quantile of the simulated flights
+    median: float
+    high: float
+    p_value: float  # two-sided
+
+
+@dataclass(frozen=True)
+class Departure:
+    """Where a history first leaves the simultaneous band."""
+
+    channel: str
+    time_s: float
+
+
+@dataclass(frozen=True)
+class PlacedFlight:
+    """One test flight among the simulated ones."""
+
+    name: str
+    metrics: tuple[RankedMetric, ...]  # smallest p-value first
+    joint_p_value: float  # of all metrics
+    band_p_value: float | None  # of the largest deviation of its history
+    leaves: Departure | None
+
+
+@dataclass(frozen=True)
+class ChannelBands:
+    """Bands of one channel over time, for a figure."""
+
+    time: Floats
+    simultaneous: tuple[Floats, Floats]
+    pointwise: tuple[Floats, Floats]
+    flights: tuple[Floats, ...]  # test flights
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Test flights among the simulated flights of one controller."""
+
+    controller: str
+    simulated: int
+    noise: Mapping[str, float]  # standard deviations added to simulated channels
+    ignored: tuple[str, ...]  # columns of the files that the campaign does not record
+    flights: tuple[PlacedFlight, ...]
+    together_p_value: float | None  # of several flights
+    bands: Mapping[str, ChannelBands]
+
+
+def place_flights(
+    root: Path,
+    files: Sequence[Path],
+    controller: str | None = None,
+    noise: Mapping[str, float] | None = None,
+) -> Placement:
+    """Compare test flights with those of a campaign.
+
+    A file with a column `time` is a history; of each channel the largest, smallest, mean and last values are ranked,
+    and the history is compared with the simultaneous band. Any other file has a row for each flight and metrics of the
+    campaign as columns. `noise` are standard deviations of measurements by channel. Raises InputError.
+    """
+    results = read_flown(root)
+    controller = controller or results.controllers[0]
+    if controller not in results.controllers:
+        raise InputError(
+            root, f"no controller '{controller}'", one_of(results.controllers, controller)
+        )
+    if not results.campaign.independent or len(results.campaign.unknowns.points) > 1:
+        expected = "one with 'sampling: random' and no unknowns"
+        raise InputError(root, "a campaign whose flights are not alike", expected)
+    tables = [read_number_table(file) for file in files]
+    timed = ["time" in table.names for table in tables]
+    if any(timed) and not all(timed):
+        raise InputError(files[timed.index(False)], "no column time", "one, as in the other files")
+    labels = [table.rows.path.name for table in tables]
+    if all(timed):
+        simulated, tests, times, channels = _read_histories(
+            results, controller, tables, dict(noise or {})
+        )
+        names = [f"{channel}, {words}" for words in _SUMMARIES for channel in channels]
+        values, own = summarize(simulated), summarize(tests)
+    else:
+        if noise:
+            raise InputError("--measured", "noise of a channel", "histories, with a column time")
+        flights = results.flights[controller]
+        names = _shared_columns(tables, results.metrics)
+        values = np.column_stack([flights.metrics[name] for name in names])
+        values = values[np.isfinite(values).all(axis=1)]
+        own = np.vstack([_columns(table, names) for table in tables])
+        labels = [f"{t.rows.path.name}:{line}" for t in tables for line in t.rows.lines]
+    if len(values) < FEWEST_FLIGHTS:
+        found = f"{len(values)} simulated flights to compare with"
+        raise InputError(root, found, f"at least {FEWEST_FLIGHTS}")
+    placed, bands = (
+        [_place(label, names, values, row) for label, row in zip(labels, own, strict=True)],
+        {},
+    )
+    together = np.vstack([values, own])
+    if all(timed):
+        band = simultaneous_band(simulated, CONFIDENCE)
+        placed = [
+            _locate(flight, band, test, times, channels)
+            for flight, test in zip(placed, tests, strict=True)
+        ]
+        bands = _channel_bands(band, simulated, tests, times, channels)
+        scores = [band.deviations(test).max() for test in tests]
+        together = np.column_stack([together, np.append(band.scores, scores)])
+    results.refuse_changes()
+    return Placement(
+        controller=controller,
+        simulated=len(values),
+        noise=dict(noise or {}),
+        ignored=tuple(
+            dict.fromkeys(
+                name
+                for table in tables
+                for name in table.names
+                if name != "time" and name not in (bands or names)
+            )
+        ),
+        flights=tuple(placed),
+        together_p_value=set_p_value(together, len(placed)) if len(placed) > 1 else None,
+        bands=bands,
+    )
+
+
+def _shared_columns(tables: Sequence[NumberTable], known: Sequence[str]) -> list[str]:
+    """Return the columns of the first file that the campaign knows; all files have to have them."""
+    names = [name for name in tables[0].names if name in known]
+    for table in tables:
+        missing = [name for name in names or known[:1] if name not in table.names]
+        if missing:
+            expected = f"columns of the campaign, such as {missing[0]}"
+            raise table.rows.error(None, None, f"no column {missing[0]}", expected)
+    return names
+
+
+def _columns(table: NumberTable, names: Sequence[str]) -> Floats:
+    return table.values[:, [table.names.index(name) for name in names]]
+
+
+def _read_histories(
+    results: FlownCampaign,
+    controller: str,
+    tables: Sequence[NumberTable],
+    noise: Mapping[str, float],
+) -> tuple[Floats, Floats, Floats, list[str]]:
+    """Return simulated and test histories [flight, time, channel], the times of the first test flight, the channels."""
+    kept = read_histories(results.folder, controller)
+    histories = [kept[k] for k in _random_flights(results, kept)]
+    if not histories:
+        expected = (
+            "'keep: {histories: {flights: all}}', or 'every N': chosen flights are no random ones"
+        )
+        raise InputError(results.folder, "no histories of random flights", expected)
+    channels = _shared_columns(tables, [name for name in histories[0] if name != "time"])
+    for channel in noise:
+        if channel not in channels:
+            raise InputError("--measured", f"'{channel}'", one_of(channels, channel))
+    for table in tables:
+        table.check_rising("time", "s")
+    end = max(history["time"][-1] for history in histories)
+    times = _columns(tables[0], ["time"])[:, 0]
+    times = times[(times >= 0.0) & (times <= end)]
+    if not times.size:
+        raise tables[0].error(0, "time", "no time of the simulated flights", f"0 to {end:g} s")
+    times = times[:: max(1, times.size // _MOST_TIMES)]
+    sigma = np.array([noise.get(name, 0.0) for name in channels])
+    draw = np.random.default_rng(0)
+
+    def sample(at: Floats, columns: Sequence[Floats]) -> Floats:
+        return np.column_stack([np.interp(times, at, c, np.nan, np.nan) for c in columns])
+
+    simulated = np.stack(
+        [
+            sample(history["time"], [history[name] for name in channels])
+            + sigma * draw.standard_normal((times.size, sigma.size))
+            for history in histories
+        ]
+    )
+    tests = np.stack(
+        [sample(_columns(t, ["time"])[:, 0], list(_columns(t, channels).T)) for t in tables]
+    )
+    return simulated[np.isfinite(simulated).any(axis=(1, 2))], tests, times, channels
+
+
+def _random_flights(results: FlownCampaign, kept: Mapping[int, object]) -> list[int]:
+    """Return the flights whose histories are kept whatever became of them."""
+    steps = [
+        1 if item == "all" else int(str(item).removeprefix("every "))
+        for item in results.campaign.model.keep.histories.flights
+        if str(item) == "all" or str(item).startswith("every ")
+    ]
+    return [k for k in sorted(kept) if any(k % step == 0 for step in steps)]
+
+
+def summarize(histories: Floats) -> Floats:
+    """Return the largest, smallest, mean and last value of each channel [flight, summary]."""
+    last = histories.shape[1] - 1 - np.argmax(np.isfinite(histories[:, ::-1, 0]), axis=1)
+    return np.hstack(
+        [
+            np.nanmax(histories, axis=1),
+            np.nanmin(histories, axis=1),
+            np.nanmean(histories, axis=1),
+            histories[np.arange(len(histories)), last],
+        ]
+    )
+
+
+def _place(label: str, names: Sequence[str], values: Floats, row: Floats) -> PlacedFlight:
+    """Rank the numbers of one test flight."""
+    pool = np.vstack([values, row])
+    p_values = rank_p_values(pool)[-1]
+    quantiles = np.quantile(values, [0.025, 0.5, 0.975], axis=0)
+    return PlacedFlight(
+        name=label,
+        metrics=tuple(
+            RankedMetric(
+                metric=names[k],
+                value=float(row[k]),
+                rank=int(np.sum(values[:, k] < row[k])) + 1,
+                low=float(quantiles[0, k]),
+                median=float(quantiles[1, k]),
+                high=float(quantiles[2, k]),
+                p_value=float(p_values[k]),
+            )
+            for k in np.argsort(p_values, kind="stable").tolist()
+        ),
+        joint_p_value=joint_p_value(pool),
+        band_p_value=None,
+        leaves=None,
+    )
+
+
+def _locate(
+    flight: PlacedFlight, band: Band, history: Floats, times: Floats, channels: Sequence[str]
+) -> PlacedFlight:
+    """Return the flight with where its history leaves the band."""
+    outside = band.deviations(history) > band.factor
+    leaves = None
+    if outside.any():
+        first = int(np.argmax(outside.any(axis=1)))
+        leaves = Departure(channels[int(np.argmax(outside[first]))], float(times[first]))
+    return replace(flight, band_p_value=band.p_value(history), leaves=leaves)
+
+
+def _channel_bands(
+    band: Band, simulated: Floats, tests: Floats, times: Floats, channels: Sequence[str]
+) -> dict[str, ChannelBands]:
+    bands = {}
+    for c, channel in enumerate(channels):
+        half = band.factor * band.spread[:, c]
+        judged = np.isfinite(band.middle[:, c])
+        ends = np.full((2, times.size), np.nan)
+        ends[:, judged] = np.nanquantile(simulated[:, judged, c], [0.025, 0.975], axis=0)
+        bands[channel] = ChannelBands(
+            time=times,
+            simultaneous=(band.middle[:, c] - half, band.middle[:, c] + half),
+            pointwise=(ends[0], ends[1]),
+            flights=tuple(test[:, c] for test in tests),
+        )
+    return bands

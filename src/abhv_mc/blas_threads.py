@@ -1,0 +1,37 @@
+"""Limit of the threads of BLAS: on small matrices further threads spin, and cost as much processor time again."""
+
+import os
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+_lock = threading.Lock()
+_entered = 0  # calls under way
+_limits: Any = None
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Limit BLAS to one thread in this process, until the last of the calls side by side ends.
+
+    Programs that start with OPENBLAS_NUM_THREADS=1, such as the command line and workers, need no limit.
+    """
+    global _entered, _limits  # noqa: PLW0603  the limit is the process's
+    if os.environ.get("OPENBLAS_NUM_THREADS") == "1":
+        yield
+        return
+    import scipy.linalg  # noqa: F401  it has a BLAS of its own, and only one that is loaded can be limited
+    from threadpoolctl import threadpool_limits
+
+    with _lock:
+        if not _entered:
+            _limits = threadpool_limits(1, "blas")
+        _entered += 1
+    try:
+        yield
+    finally:
+        with _lock:
+            _entered -= 1
+            if not _entered:
+                _limits.restore_original_limits()

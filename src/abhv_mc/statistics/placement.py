@@ -1,0 +1,106 @@
+"""Where test flights lie among simulated ones: ranks, and simultaneous bands of histories.
+
+If a test flight is one more draw of what was simulated, it and the n simulated flights are exchangeable. Ranks in the
+pool of all, and smallest rank p-values ranked once more, are then exact at any n. The band is that of split conformal
+prediction with leave-one-out scores (Lei, G'Sell, Rinaldo, Tibshirani & Wasserman, JASA 113, 2018; Diquigiovanni,
+Fontana & Vantini, "Conformal prediction bands for multivariate functional data", J. Multivariate Anal. 189, 2022).
+"""
+
+from dataclasses import dataclass
+from math import ceil, inf
+
+import numpy as np
+
+from abhv_mc.array_types import Floats
+from abhv_mc.statistics.ranks import standard_ranks
+
+_FLOOR = 0.05  # of a channel's largest spread: the least
+_FEWEST = 10  # simulated flights with a value at a time that is judged
+_ROUNDING = 1e-9  # of a channel's size: no spread
+_DRAWS = 2000  # random sets of flights
+
+
+def rank_p_values(pool: Floats) -> Floats:
+    """Return the two-sided p-value of each rank [flight, column] in its column."""
+    flights, ordered = len(pool), np.sort(pool, axis=0)
+    p_values = np.empty(pool.shape)
+    for column, values in enumerate(pool.T):
+        at_most = np.searchsorted(ordered[:, column], values, "right")
+        at_least = flights - np.searchsorted(ordered[:, column], values, "left")
+        p_values[:, column] = 2.0 * np.minimum(at_most, at_least) / flights
+    return np.minimum(p_values, 1.0)
+
+
+def joint_p_value(pool: Floats) -> float:
+    """Return the p-value of all columns of the last flight: the rank of its smallest rank p-value among all flights."""
+    smallest = rank_p_values(pool).min(axis=1)
+    return float(np.mean(smallest <= smallest[-1]))
+
+
+def set_p_value(pool: Floats, tests: int) -> float:
+    """Return the p-value of the last `tests` flights together, by a permutation test.
+
+    The statistic is the largest, over columns, of the mean rank and of the mean rank of the distance from the middle.
+    """
+    ranks = standard_ranks(pool)
+    columns = np.hstack([ranks, standard_ranks(np.abs(ranks))])
+    draw = np.random.default_rng(0)
+
+    def statistic(rows: Floats) -> float:
+        return float(np.abs(rows.mean(axis=0)).max())
+
+    observed = statistic(columns[-tests:])
+    drawn = [
+        statistic(columns[draw.choice(len(pool), tests, replace=False, shuffle=False)])
+        for _ in range(_DRAWS)
+    ]
+    return (1.0 + sum(value >= observed for value in drawn)) / (1.0 + _DRAWS)
+
+
+@dataclass(frozen=True)
+class Band:
+    """A simultaneous band of histories: a new one lies inside at all times and in all channels with `confidence`."""
+
+    middle: Floats  # [time, channel]
+    spread: Floats  # [time, channel]; NaN where too few flights have a value
+    factor: float  # half the band's width, in spreads; infinite with too few flights
+    scores: (
+        Floats  # [flight] largest deviation of each simulated flight from the others, in spreads
+    )
+
+    def deviations(self, history: Floats) -> Floats:
+        """Return the deviations [time, channel] of a history in spreads; zero where it has no value."""
+        return np.nan_to_num(np.abs(history - self.middle) / self.spread)
+
+    def p_value(self, history: Floats) -> float:
+        """Return the share of all flights that deviate at least as much as this one."""
+        largest = self.deviations(history).max()
+        return float((1 + np.sum(self.scores >= largest)) / (1 + self.scores.size))
+
+
+def simultaneous_band(histories: Floats, confidence: float = 0.95) -> Band:
+    """Return the band of `histories` [flight, time, channel]; NaN after a flight's end."""
+    flights = len(histories)
+    middle, spread = np.empty(histories.shape[1:]), np.empty(histories.shape[1:])
+    scores = np.zeros(flights)
+    for channel in range(histories.shape[2]):
+        values = histories[:, :, channel]
+        has_value = np.isfinite(values)
+        count = has_value.sum(axis=0).astype(np.float64)
+        judged = count >= _FEWEST
+        with np.errstate(invalid="ignore", divide="ignore"):
+            mean = np.where(judged, np.nansum(values, axis=0) / count, np.nan)
+            apart = np.where(has_value & judged, values - mean, np.nan)
+            squares = np.nansum(apart**2, axis=0)
+            deviation = np.where(judged, np.sqrt(squares / (count - 1.0)), np.nan)
+            size = _ROUNDING * np.nanmax(np.abs(mean), initial=0.0) + np.finfo(float).tiny
+            floor = max(_FLOOR * np.nanmax(deviation, initial=0.0), size)
+            # Mean and variance of all flights but one follow from those of all.
+            without = (squares - apart**2 * count / (count - 1.0)) / (count - 2.0)
+            others = np.maximum(np.sqrt(np.maximum(without, 0.0)), floor)
+            own = np.nan_to_num(np.abs(apart) * count / (count - 1.0) / others)
+        middle[:, channel], spread[:, channel] = mean, np.maximum(deviation, floor)
+        scores = np.maximum(scores, own.max(axis=1))
+    rank = ceil(confidence * (flights + 1))
+    factor = inf if rank > flights else float(np.partition(scores, rank - 1)[rank - 1])
+    return Band(middle, spread, factor, scores)

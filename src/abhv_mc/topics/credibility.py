@@ -1,0 +1,64 @@
+"""What a results folder knows of the credibility of its numbers, by the factors of NASA-STD-7009."""
+
+from collections.abc import Iterator
+
+from abhv_mc.topics.names import Names
+from abhv_mc.topics.section import Cell, Fold, Table, Text
+from abhv_mc.topics.words import count_of, fixed, joined, percent
+
+_TEXT = (
+    "The factors of credibility of NASA-STD-7009. The middle column is what this folder shows; the evidence and the "
+    "assessment of everything else are the user's, in the empty column."
+)
+
+
+def credibility_fold(names: Names) -> Fold:
+    """Return the table of the eight factors."""
+    rows = tuple((Cell(name, head=True), Cell(words), Cell("")) for name, words in _factors(names))
+    title = "Credibility (NASA-STD-7009)"
+    heads = ("Factor", "Shown by this folder", "Assessment")
+    return Fold(title, (Text(_TEXT), Table(title, heads, (rows,), numbers=False)))
+
+
+def _factors(names: Names) -> Iterator[tuple[str, str]]:
+    campaign, manifest = names.campaign, names.results.manifest
+    version = manifest.versions.get("abhv_mc", "")
+    verified = f"Statistics and files by abhv-mc {version}; the simulator is the user's."
+    if not campaign.can_rerun:
+        verified = f"Statistics by abhv-mc {version}; the flights come from a table."
+    elif campaign.simulator.capabilities.has_mission:
+        verified = (
+            f"abhv-mc {version}; `abhv-mc verify all` compares its flights with published data."
+        )
+    if manifest.repeatable is not None:
+        verified += f" {manifest.repeatable.sentence}"
+    yield "Verification", verified
+    yield "Validation", f"None. `abhv-mc place FLIGHT.csv {names.folder}` compares test flights."
+    drawn, unknown = len(names.results.dispersed), len(campaign.unknowns.names)
+    pedigree = f"{drawn} dispersed {'input' if drawn == 1 else 'inputs'}"
+    if unknown:
+        pedigree += f", {unknown} unknown, judged at {len(campaign.unknowns.points)} points"
+    yield (
+        "Input pedigree",
+        f"{pedigree}; {len(manifest.inputs)} input files with their SHA-256. Sources of the distributions are not "
+        "recorded.",
+    )
+    required = names.requirements
+    sampled = f"{fixed(manifest.runs_done, 0)} flights ({campaign.sampling})"
+    risks = sorted({item.consumer_risk for item in required})
+    if required and campaign.judged:
+        risk = joined([percent(risk, 2) for risk in risks])
+        sampled += f"; verdicts at a consumer's risk of {risk}, valid at any number of looks"
+    yield "Results uncertainty", f"{sampled}. Uncertainty of the model itself is not included."
+    yield (
+        "Results robustness",
+        "The drivers of each error in this report; `worst` and `rare` search beyond it.",
+    )
+    started = f"Run {manifest.started}. " if manifest.started else ""
+    yield "Use history", f"{started}Earlier uses are not recorded."
+    traced = sum(bool(item.traced) for item in required)
+    management = f"Commit {manifest.commit or 'not known'}; campaign {manifest.campaign_hash[:12]}"
+    if required:
+        management += f"; {count_of(traced, len(required))} requirements traced to a source"
+    yield "M&S management", f"{management}. Every file has a SHA-256 in the manifest."
+    yield "People qualifications", ""

@@ -1,0 +1,101 @@
+"""place: test flights beside a campaign, as a user calls it."""
+
+import json
+
+import numpy as np
+import pytest
+from fake_flight import run as run_campaign
+from fake_flight import write_campaign
+from typer.testing import CliRunner
+
+from abhv_mc.cli.app import app
+from abhv_mc.folder.flown_campaign import read_histories
+from abhv_mc.io.input_error import InputError
+
+KEEP = "{histories: {flights: all, channels: [altitude_m, speed_mps], rate: 2 Hz}}"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    root = tmp_path_factory.mktemp("place")
+    path = write_campaign(root, runs="60", controllers="{one: one.yaml}", keep=KEEP)
+    return run_campaign(path, root / "out").folder
+
+
+def write_flight(path, history, offset=0.0, **more):
+    columns = {**history, "altitude_m": history["altitude_m"] + offset, **more}
+    table = np.column_stack(list(columns.values()))
+    np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="")
+    return path
+
+
+def place(*words):
+    return CliRunner().invoke(app, ["place", *map(str, words)])
+
+
+def test_a_flight_of_the_campaign_lies_inside_and_a_shifted_one_outside(folder, tmp_path):
+    histories = read_histories(folder, "one")
+    extra = np.zeros_like(histories[7]["time"])
+    inside = write_flight(tmp_path / "in.csv", histories[7], battery_V=extra)
+    spread = np.ptp([history["altitude_m"].max() for history in histories.values()])
+    outside = write_flight(tmp_path / "out.csv", histories[7], 10.0 * spread + 1.0)
+    found = json.loads(place(inside, folder, "--json", "-").stdout)
+    (flight,) = found["flights"]
+    assert found["simulated"] == 60 and found["ignored"] == ["battery_V"]
+    assert flight["leaves"] is None and flight["joint_p_value"] > 0.05
+    assert found["together_p_value"] is None
+    page = tmp_path / "page"
+    shown = place(inside, outside, folder, "-o", page)
+    assert shown.exit_code == 0, shown.output
+    assert "Outside the simulated flights: out.csv." in shown.stdout
+    assert "altitude_m leaves the simultaneous band first, at 0 s" in shown.stdout
+    assert "No measurement noise is declared" in shown.stdout
+    assert (page / "report.html").is_file() and (page / "figures/placement.png").is_file()
+
+
+def test_declared_noise_widens_the_band(folder, tmp_path):
+    histories = read_histories(folder, "one")
+    noise = 50.0 * np.random.default_rng(2).standard_normal(histories[3]["time"].size)
+    noisy = write_flight(tmp_path / "noisy.csv", histories[3], noise)
+    assert "leaves the simultaneous band" in place(noisy, folder).stdout
+    words = ["--measured", "altitude_m=50"]
+    shown = place(noisy, folder, *words).stdout
+    assert "stays within the simultaneous band" in shown and "deviation 50 in altitude_m" in shown
+
+
+def test_rows_of_metrics_are_ranked_without_histories(folder, tmp_path):
+    table = tmp_path / "metrics.csv"
+    table.write_text("altitude_error_max_m,speed_error_max_mps\n1e6,0\n1e6,0\n", encoding="utf-8")
+    found = json.loads(place(table, folder, "--json", "-").stdout)
+    assert [flight["name"] for flight in found["flights"]] == ["metrics.csv:2", "metrics.csv:3"]
+    first = found["flights"][0]["metrics"][0]
+    assert first["metric"] == "altitude_error_max_m" and first["rank"] == 61
+    assert found["together_p_value"] < 0.01
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "words"),
+    [
+        ("time,mach\n0,1\n1,1\n", (), "no column altitude_m"),
+        ("time,altitude_m\n1,1\n0,1\n", (), "times that rise"),
+        ("time,altitude_m\n0,1\n1,x\n", (), "a finite number"),
+        ("time,altitude_m\n0,1\n1,1\n", ("--measured", "altitude_m=-1"), "a positive number"),
+        ("time,altitude_m\n0,1\n1,1\n", ("--measured", "mach=1"), "'mach'"),
+        ("time,altitude_m\n9000,1\n9001,1\n", (), "no time of the simulated flights"),
+        ("time,altitude_m\n0,1\n1,1\n", ("--controller", "three"), "no controller 'three'"),
+    ],
+)
+def test_what_cannot_be_compared_is_rejected(folder, tmp_path, text, options, words):
+    file = tmp_path / "flight.csv"
+    file.write_text(text, encoding="utf-8")
+    error = place(file, folder, *options).exception
+    assert isinstance(error, InputError) and words in str(error)
+
+
+def test_chosen_histories_are_no_random_flights(tmp_path):
+    path = write_campaign(tmp_path, runs="40", controllers="{one: one.yaml}")
+    folder = run_campaign(path, tmp_path / "out").folder
+    file = tmp_path / "flight.csv"
+    file.write_text("time,altitude_m\n0,1\n1,1\n", encoding="utf-8")
+    error = place(file, folder).exception
+    assert isinstance(error, InputError) and "no histories of random flights" in str(error)

@@ -1,0 +1,78 @@
+"""Test flights among simulated ones: exact ranks, and a band that holds whole histories as often as it says."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from abhv_mc.statistics.placement import (
+    joint_p_value,
+    rank_p_values,
+    set_p_value,
+    simultaneous_band,
+)
+
+
+def test_rank_p_values_are_those_of_ranks_in_the_pool():
+    pool = np.array([[3.0], [1.0], [2.0], [2.0], [9.0]])
+    expected = 2.0 / 5.0 * np.array([2.0, 1.0, 3.0, 3.0, 1.0])  # flights as far out on its side
+    assert rank_p_values(pool)[:, 0] == pytest.approx(np.minimum(expected, 1.0))
+
+
+def test_the_joint_p_value_is_exact_whatever_the_correlation():
+    """Each of the n + 1 flights as the test flight in turn: at most a share p has a p-value of p or less."""
+    draw = np.random.default_rng(3)
+    common = draw.standard_normal((200, 1))
+    pool = np.hstack([common + 0.3 * draw.standard_normal((200, 3)), draw.integers(0, 4, (200, 2))])
+    found = np.array([joint_p_value(np.roll(pool, k, axis=0)) for k in range(len(pool))])
+    for p_value in (0.02, 0.05, 0.1, 0.5):
+        assert np.mean(found <= p_value + 1e-12) <= p_value + 1e-12
+
+
+def test_scores_are_deviations_from_all_other_flights():
+    draw = np.random.default_rng(4)
+    histories = draw.standard_normal((15, 4, 2)) * [1.0, 5.0] + [0.0, 100.0]
+    histories[3, 2:] = np.nan  # ended early
+    band = simultaneous_band(histories, 0.8)
+    largest = np.nanstd(histories, axis=0, ddof=1).max(axis=0)
+    for k in range(15):
+        others = np.delete(histories, k, axis=0)
+        spread = np.maximum(np.nanstd(others, axis=0, ddof=1), 0.05 * largest)
+        score = np.nanmax(np.abs(histories[k] - np.nanmean(others, axis=0)) / spread)
+        assert band.scores[k] == pytest.approx(score, rel=1e-9)
+    assert band.factor == np.sort(band.scores)[12]  # the 13th of 15: 0.8 of 16, rounded up
+    assert band.deviations(np.full((4, 2), np.nan)).max() == 0.0
+    assert simultaneous_band(histories, 0.99).factor == np.inf
+
+
+def test_a_channel_without_spread_is_left_by_any_other_value():
+    histories = np.ones((50, 3, 1)) / 3.0
+    band = simultaneous_band(histories)
+    assert band.deviations(histories[0]).max() <= band.factor
+    assert band.deviations(histories[0] + 1e-3).max() > band.factor
+    assert band.p_value(histories[0] + 1e-3) == 1.0 / 51.0
+
+
+def test_the_band_holds_19_in_20_honest_histories():
+    draw = np.random.default_rng(5)
+
+    def walks(number):
+        return np.cumsum(draw.standard_normal((number, 20, 2)), axis=1)
+
+    outside = []
+    for _ in range(40):
+        band = simultaneous_band(walks(99))
+        outside += [band.deviations(test).max() > band.factor for test in walks(50)]
+    assert np.mean(outside) == pytest.approx(0.05, abs=0.015)
+
+
+def test_ten_flights_show_a_shift_that_one_does_not():
+    draw = np.random.default_rng(6)
+    simulated, honest = draw.standard_normal((300, 4)), draw.standard_normal((10, 4))
+    shifted = honest + np.array([2.0, 0.0, 0.0, 0.0])
+    assert set_p_value(np.vstack([simulated, honest]), 10) > 0.05
+    assert set_p_value(np.vstack([simulated, shifted]), 10) < 0.01
+    assert set_p_value(np.vstack([simulated, 3.0 * honest]), 10) < 0.01  # another spread
+    p_values = [
+        set_p_value(np.vstack([simulated, draw.standard_normal((10, 4))]), 10) for _ in range(30)
+    ]
+    assert stats.kstest(p_values, "uniform").pvalue > 1e-3
