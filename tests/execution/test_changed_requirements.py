@@ -45,7 +45,7 @@ def statuses(manifest: Manifest) -> list[tuple[str, int, str]]:
 @pytest.mark.parametrize("engine", [IDLE, replace(IDLE, source="another version")])
 def test_a_run_with_other_limits_judges_the_stored_flights(flown, tmp_path, engine, capsys):
     before, out = flown
-    tight = write_campaign(tmp_path / "g", requirements=TIGHT, keep=KEEP, question="Is it tight?")
+    tight = write_campaign(tmp_path / "g", requirements=TIGHT, keep=KEEP, author="A. Lead")
     after = run(tight, out, engine).manifest
     assert "altitude_error_max_m: below 50 -> 1.8" in capsys.readouterr().err
     assert after.digest == before.digest and after.complete
