@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from abhv_mc.analysis.explain import Explanation
+    from abhv_mc.campaign.file.requirement_set import RequirementSource
     from abhv_mc.folder.flown_campaign import FlownCampaign
     from abhv_mc.report.numbers.judged import Judgement
     from abhv_mc.topics.topic import Models
@@ -36,8 +37,9 @@ class Results:
     InputError says where a run has changed the folder since it was opened.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, requirements: "RequirementSource | None" = None) -> None:
         self.folder = folder.absolute()
+        self._requirements = requirements
         self._paths = CampaignFolder(self.folder)
         self.manifest = read_checked(self._paths)
 
@@ -99,6 +101,28 @@ class Results:
         from abhv_mc.report.numbers.judgement import judge_campaign
 
         return judge_campaign(self._models)
+
+    def judge(self, requirements: "RequirementSource") -> "Results":
+        """Judge the stored flights by other requirements; nothing is run or written.
+
+        Parameters
+        ----------
+        requirements : path, mapping or list of mappings
+            A campaign file, a YAML file with ``requirements``, a CSV file of them, or the entries themselves.
+
+        Returns
+        -------
+        Results
+            The same flights; verdicts, judgement and figures follow from the requirements.
+
+        Examples
+        --------
+        >>> results = abhv_mc.open_results("first")  # doctest: +SKIP
+        >>> results.judge("tighter.yaml").verdicts  # doctest: +SKIP
+        """
+        judged = Results(self.folder, requirements)
+        judged._results  # noqa: B018  # requirements that do not fit are rejected here
+        return judged
 
     @property
     def summary(self) -> list[str]:
@@ -195,6 +219,11 @@ class Results:
         from abhv_mc.report.pages.build import build_report
 
         refuse_changes(self._paths, self.manifest)
+        if self._requirements is not None:
+            found = "results judged by other requirements than those of the folder"
+            raise InputError(
+                "make_report", found, "`abhv-mc report DIR --requirements FILE -o OUT`"
+            )
         return build_report(self.folder)
 
     def query(self, sql: str) -> "pd.DataFrame":
@@ -265,7 +294,7 @@ class Results:
             name, _, entry = str(key).rpartition(".")
             nested.setdefault(name, {})[entry] = value
         refuse_changes(self._paths, self.manifest)
-        found = make_whatif(self.folder, nested)
+        found = make_whatif(self.folder, nested, self._requirements)
         rows = []
         for name, part in found.controllers.items():
             for metric, levels in part.metrics.items():
@@ -290,7 +319,7 @@ class Results:
     def _results(self) -> "FlownCampaign":
         from abhv_mc.folder.flown_campaign import read_flown
 
-        results = read_flown(self.folder)
+        results = read_flown(self.folder, self._requirements)
         refuse_changes(self._paths, self.manifest)
         return results
 

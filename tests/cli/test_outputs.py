@@ -15,7 +15,17 @@ from abhv_mc.cli.app import app
 from abhv_mc.folder.layout import find_user_place
 
 # Read, or there for a while.
-NOT_OUTPUTS = {"baseline", "block", "campaign", "plans", "references", "vehicle", "file", "staging"}
+NOT_OUTPUTS = {
+    "baseline",
+    "block",
+    "campaign",
+    "plans",
+    "references",
+    "requirements",
+    "vehicle",
+    "file",
+    "staging",
+}
 
 
 def commands(group, words=()):

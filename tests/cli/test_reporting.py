@@ -77,3 +77,34 @@ def test_compare(folder, tmp_path):
     (line,) = [line for line in crossed.splitlines() if line.strip().startswith("Reached the end")]
     assert line.split()[6:11] == ["0", "0", "4", "36", "0.12"]
     assert len(json.loads(run("compare", folder, folder, "--json", "-").stdout)["paired"]) == 3
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_a_report_by_other_requirements_goes_elsewhere(folder, tmp_path):
+    file, out, junit = tmp_path / "r.yaml", tmp_path / "page", tmp_path / "j.xml"
+    asked = "{metric: altitude_error_max_m, below: 1e-6, probability: 0.5}"
+    file.write_text(f"requirements: [{asked}]\n", encoding="utf-8")
+    held = sorted(path.name for path in folder.iterdir())
+    assert isinstance(run("report", folder, "--requirements", file).exception, InputError)
+    made = run("report", folder, "--requirements", file, "-o", out, "--junit", junit)
+    numbers = json.loads((out / "report.json").read_text(encoding="utf-8"))
+    assert numbers["judgement"]["met"] == "no" and made.exit_code == 1
+    assert numbers["judgement"]["answer"] in made.stdout and "<failure" in junit.read_text("utf-8")
+    assert sorted(path.name for path in folder.iterdir()) == held
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_campaigns_on_different_samples_are_compared_by_their_distributions(folder, tmp_path):
+    other = write_campaign(tmp_path / "c", runs=40, seed=7)
+    found = run("compare", folder, other, "--json", "-")
+    contrast = json.loads(found.stdout)
+    assert contrast["contrasted"][0]["flights"] == [12, 40]
+    for item in contrast["contrasted"][0]["requirements"]:
+        sides = item["before"], item["after"]
+        shares = [side["failures"] / side["flights"] for side in sides]
+        assert item["share_difference"]["value"] == pytest.approx(shares[1] - shares[0])
+        assert item["share_difference"]["low"] <= item["share_difference"]["high"]
+    page = run("compare", folder, other, "-o", tmp_path / "page")
+    assert page.exit_code == 0 and "seed: " in page.stdout and "Verdicts" in page.stdout
+    gated = run("compare", folder, other, "--fail-if-worse", "altitude_error_max_m=5%")
+    assert gated.exit_code != 0 and isinstance(gated.exception, InputError)

@@ -81,13 +81,18 @@ def spoil(parts, changes):
     write_manifest(path, replace(read_manifest(path), **changes))
 
 
+def change_seed(parts):
+    campaign = write_campaign(parts[1].parent / "g", seed="6")
+    run(campaign, parts[1], shard=(2, 3), fresh=True)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
         (lambda parts: parts.pop(), "no shard 3 of 3"),
         (lambda parts: parts.append(parts[0]), "shard 1/3 a second time"),
         (lambda parts: spoil(parts, {"state": "interrupted"}), "a shard that is interrupted"),
-        (lambda parts: spoil(parts, {"campaign_hash": "0"}), "another campaign hash"),
+        (change_seed, r"another campaign .*seed: 5 -> 6"),
         (lambda parts: spoil(parts, {"source_hash": "0"}), "another source hash"),
         (lambda parts: spoil(parts, {"shard": None}), "no shard of a campaign"),
     ],

@@ -84,7 +84,10 @@ def test_a_merge_goes_on_and_can_be_merged_and_extended(flown, tmp_path):
     ("change", "words"),
     [
         (dict(seed=1), "seed 1 a second time"),
-        (dict(campaign=dict(requirements=ASKED.replace("50", "51"))), "another question"),
+        (
+            dict(campaign=dict(requirements=ASKED.replace("50", "51"))),
+            "other requirements .*below 50 -> 51",
+        ),
         (dict(campaign=dict(sampling="lhs")), "question"),
         (dict(engine=replace(ENGINE, source="other")), "source hash"),
     ],

@@ -129,6 +129,15 @@ Json = Annotated[
     ),
 ]
 
+Requirements = Annotated[
+    Path | None,
+    typer.Option(
+        "--requirements",
+        metavar="FILE",
+        help="Judge by these: a campaign file, a file with 'requirements', or a CSV file.",
+        show_default="the folder's",
+    ),
+]
 Junit = Annotated[
     Path | None,
     typer.Option(

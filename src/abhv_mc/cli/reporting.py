@@ -13,6 +13,8 @@ from abhv_mc.cli.options import (
     Controller,
     Folder,
     Json,
+    Junit,
+    Requirements,
     controllers_option,
     folder_argument,
     parse_names,
@@ -51,13 +53,26 @@ def report(
         bool, typer.Option("--pdf", help="Print report.pdf (A4), where a Chromium is found.")
     ] = False,
     letter: Annotated[bool, typer.Option("--letter", help="Print it on US letter.")] = False,
+    requirements: Requirements = None,
+    junit: Junit = None,
 ) -> None:
-    """Make the page, the figures and report.json from a campaign's Parquet alone."""
+    """Make the page, the figures and report.json from a campaign's Parquet alone.
+
+    With --requirements the stored flights are judged by others and nothing is run; the exit code is 1 if one fails.
+    """
+    import json
+
+    from abhv_mc.folder.flown_campaign import read_flown
     from abhv_mc.folder.manifest import read_manifest
     from abhv_mc.folder.remote import fetched, local_path
     from abhv_mc.report.pages.build import build_report
+    from abhv_mc.report.pages.matrix import judged_cases, make_junit
     from abhv_mc.report.pages.pdf import find_browser, print_pdf
+    from abhv_mc.topics.topic import Models
+    from abhv_mc.topics.verdicts import VERDICTS
 
+    if requirements is not None and out is None:
+        raise InputError("--requirements", "no -o OUT", "-o OUT: DIR keeps the report of its own")
     browser = find_browser() if pdf or letter else None
 
     with fetched(folder) as source:
@@ -65,12 +80,22 @@ def report(
             out = output_folder(
                 Path("reports") / read_manifest(CampaignFolder(source).manifest).name
             )
-        page = build_report(source, baseline, svg, stage=Waiting, out=out)
+        page = build_report(
+            source, baseline, svg, stage=Waiting, out=out, requirements=requirements
+        )
         say(page)
+        if junit is not None:
+            judged = Models(read_flown(source, requirements))[VERDICTS]
+            junit.write_text(make_junit(page.parent.name, judged_cases(judged)), "utf-8")
         if browser is not None:
             with Waiting("report: PDF"):
                 printed = print_pdf(page, browser, letter)
             say(printed)
+    if requirements is not None:
+        judgement = json.loads(page.with_suffix(".json").read_text("utf-8"))["judgement"]
+        say(judgement["answer"], *judgement["because"], judgement["sure"], sep="\n")
+        if judgement["met"] == "no":
+            raise typer.Exit(ExitCode.FAILED)
 
 
 def show(
@@ -111,9 +136,7 @@ def show(
 
 def compare(
     folder_a: Annotated[Path, folder_argument("Folder of a campaign.", "DIR_A")],
-    folder_b: Annotated[
-        Path, folder_argument("Folder of a campaign on the same samples.", "DIR_B")
-    ],
+    folder_b: Annotated[Path, folder_argument("Folder of another campaign.", "DIR_B")],
     controllers: Annotated[
         str | None, controllers_option("Compare A of DIR_A with B of DIR_B.")
     ] = None,
@@ -128,27 +151,35 @@ def compare(
         ),
     ] = None,
     out: Annotated[Path | None, output(output_folder, "DIR", "Write a page there.")] = None,
+    requirements: Requirements = None,
     json: Json = None,
 ) -> None:
-    """Pair two campaigns flight by flight: differences with intervals, and failures of only one.
+    """Compare two campaigns: flight by flight on the same samples, else by verdicts, shares and quantiles.
 
     Without --controllers, each controller that both flew is compared with itself. --fail-if-worse stops B unless it is
     shown to be at most so much worse on more than half of the flights; and where its 95 % or 99.73 % quantile is shown
     to be worse by more, its worst flight is twice as bad, it loses more flights, or misses a requirement more often.
     """
-    from abhv_mc.report.numbers.compare import parse_margins
+    from abhv_mc.report.numbers.compare import Compared, parse_margins
     from abhv_mc.report.pages.compare_page import compare_folders
 
     margins = parse_margins(fail_if_worse or [])
     found, section, page = compare_folders(
-        folder_a, folder_b, parse_names(controllers) or (), margins, out
+        folder_a,
+        folder_b,
+        parse_names(controllers) or (),
+        margins,
+        out,
+        requirements,
+        bool(fail_if_loses),
     )
     answer(found, json, lambda: print_section(section))
     if page is not None:
         say(f"report    {page}", file=beside(json))
-    gates = [gate for pair in found.paired for gate in pair.not_worse.values()]
-    newly_lost = [pair.newly_lost for pair in found.paired] if fail_if_loses else []
-    for pair, lost in zip(found.paired, newly_lost, strict=False):
+    paired = found.paired if isinstance(found, Compared) else ()
+    gates = [gate for pair in paired for gate in pair.not_worse.values()]
+    newly_lost = [pair.newly_lost for pair in paired] if fail_if_loses else []
+    for pair, lost in zip(paired, newly_lost, strict=False):
         say(f"{pair.b} loses {lost} flights that {pair.a} does not", file=beside(json))
     if not all(gate.shown for gate in gates) or max(newly_lost, default=0) >= (fail_if_loses or 1):
         raise typer.Exit(ExitCode.FAILED)
@@ -216,6 +247,7 @@ def whatif(
             "--set", metavar="K=V", help="For example aero.drag.half_width=12%; may be repeated."
         ),
     ],
+    requirements: Requirements = None,
     json: Json = None,
 ) -> None:
     """Estimate results under other dispersions by re-weighting existing flights.
@@ -225,7 +257,7 @@ def whatif(
     from abhv_mc.analysis.reweight import parse_settings
     from abhv_mc.report.numbers.whatif import make_whatif
 
-    found = make_whatif(folder, parse_settings(settings))
+    found = make_whatif(folder, parse_settings(settings), requirements)
     answer(found, json, lambda: _print_whatif(found))
 
 

@@ -17,6 +17,7 @@ from abhv_mc.cli.options import (
     Json,
     Junit,
     NoReport,
+    Requirements,
     TrustCode,
 )
 from abhv_mc.cli.outputs import campaign_folder, output, output_folder
@@ -267,6 +268,7 @@ def merge(
     no_report: NoReport = False,
     json: Json = None,
     trust_code: TrustCode = False,
+    requirements: Requirements = None,
 ) -> None:
     """Join the shards of a campaign (run --shard i/n), or campaigns of one question with different seeds.
 
@@ -280,5 +282,10 @@ def merge(
     with ExitStack() as stack:
         here = [stack.enter_context(fetched(part)) for part in parts]
         manifest = read_manifest(CampaignFolder(here[0]).manifest)
-        merged = merge_campaign(here, out or Path("reports") / manifest.name, trust_code=trust_code)
+        merged = merge_campaign(
+            here,
+            out or Path("reports") / manifest.name,
+            trust_code=trust_code,
+            requirements=requirements,
+        )
     finish(merged, no_report, json)

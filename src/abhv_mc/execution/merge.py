@@ -4,11 +4,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.file.requirement_set import judge_by
 from abhv_mc.execution.runner import RunResult, run_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.manifest import read_manifest
-from abhv_mc.folder.merge import join_shards, order_shards
+from abhv_mc.folder.merge import join_shards, order_shards, refuse_other_requirements
+from abhv_mc.folder.requirement_sets import replace_requirements
 from abhv_mc.folder.siblings import check_pool, join_seeds
 from abhv_mc.interfaces import Engine
 from abhv_mc.requests import Request
@@ -17,21 +19,32 @@ from abhv_mc.simulators.engine import check_source
 
 
 def merge_campaign(
-    parts: Sequence[Path], out: Path, engine: Engine | None = None, trust_code: bool = False
+    parts: Sequence[Path],
+    out: Path,
+    engine: Engine | None = None,
+    trust_code: bool = False,
+    requirements: Path | None = None,
 ) -> RunResult:
     """Join complete shards, or campaigns of one question with different seeds, in the new folder ``out``, then make
     what follows from all flights.
 
     The same call goes on with a merge that was interrupted. ``trust_code`` runs a law of the folders that this user has
-    not flown. Raises InputError, before anything is written, where the parts are not all of one campaign or question,
-    flown by the same code and plans, each flight once.
+    not flown. ``requirements``: the set that judges all flights, needed if the parts have different ones. Raise
+    InputError, before anything is written, if the parts are not all of one campaign or question, run by the same code
+    and plans, each flight once.
     """
     sharded = read_manifest(CampaignFolder(parts[0]).manifest).shard is not None
     folders = order_shards(parts) if sharded else check_pool(parts)
     campaign = read_campaign(folders[0].campaign, engine=engine)
+    if requirements is None:
+        refuse_other_requirements(folders)
+    else:
+        campaign = judge_by(campaign, requirements)
     check_source(folders[0], read_manifest(folders[0].manifest), campaign.simulator)
     check_user_code(campaign, trust_code)  # flights are flown again for their histories
     target = CampaignFolder(out)
     with hold_lock(target.lock):
         (join_shards if sharded else join_seeds)(folders, out)
+        if requirements is not None:
+            replace_requirements(target, campaign)
     return run_campaign(Request(target.campaign, out, trust_code=trust_code), engine)

@@ -126,7 +126,8 @@ class _Run:
             keep_lost=not self.campaign.can_rerun,
         ):
             self.completion.add(rows, digest)
-        if self.manifest.complete and self.completion.whole() and self._has_products():
+        is_whole = self.manifest.complete and self.completion.whole()
+        if is_whole and (self._has_products() or self._must_stay()):
             if self._judge() != self.manifest:  # with another controller first
                 self._write_manifest(COMPLETE)
             return RunResult(self.folder.root, self.manifest)
@@ -146,6 +147,12 @@ class _Run:
                 self._write_manifest(INTERRUPTED)
             raise
         return RunResult(self.folder.root, self.manifest)
+
+    def _must_stay(self) -> bool:
+        """Whether other histories are wanted, by changed requirements, and another version made the flights."""
+        other = self.manifest.source_hash != self.simulator.engine.source
+        margins = self.files.knows(self.folder.margins) or not self.simulator.engine.find_stability
+        return other and margins and self._knows_envelopes()
 
     def _has_products(self) -> bool:
         """Whether all is there that follows from the flights; a shard makes nothing of them."""
@@ -314,9 +321,7 @@ class _Run:
         # Whoever goes on after a kill makes anew what may be replaced from here on.
         histories = self._list_histories()
         whole = {file.path for file in histories if file.whole}
-        self.files.forget(
-            self.folder.margins, *(set(self.folder.histories.glob("*.parquet")) - whole)
-        )
+        self.files.forget(*(set(self.folder.histories.glob("*.parquet")) - whole))
         if self.collectors:
             self.files.forget(self.folder.envelopes)
         self._write_manifest(RUNNING)
@@ -379,7 +384,7 @@ class _Run:
 
     def _write_stability(self) -> None:
         """The margins in steady flight, of all controllers of the folder."""
-        if self.simulator.engine.find_stability is not None:
+        if self.simulator.engine.find_stability and not self.files.knows(self.folder.margins):
             with Waiting("margins"):
                 found = self.simulator.engine.find_stability(self.campaign, self.plans)
             write_text(self.folder.margins, json.dumps(found, indent=1, allow_nan=False) + "\n")

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from abhv_mc.campaign.file.check import check_campaign, read_campaign
 from abhv_mc.campaign.file.config import PROCESSES
 from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.campaign.file.requirement_set import JUDGING, describe_requirement_changes
 from abhv_mc.campaign.sampling.designs import EXTENSIBLE
 from abhv_mc.execution.first_flights import FirstFlights, fly_first
 from abhv_mc.execution.name_points import name_points, with_points
@@ -30,6 +31,7 @@ from abhv_mc.folder.inputs import (
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import RUNNING, Manifest, write_manifest
 from abhv_mc.folder.opening import FlownFolder, begin_folder, grow_folder, open_folder
+from abhv_mc.folder.requirement_sets import add_requirement_set, mark_later_choices
 from abhv_mc.folder.samples import ROW_GROUP, SampleReader, write_samples
 from abhv_mc.identity import find_commit, find_compiler, find_machine, find_versions
 from abhv_mc.interfaces import Engine, Plan
@@ -177,7 +179,11 @@ def _resume(
         raise InputError(folder.root, found, "another folder (-o DIR), or --fresh")
     longer = requested.runs_at_point > before.data["runs"]
     merged = merge_inputs(before, inputs, selected=request.controllers is not None)
-    judged_anew = next(iter(merged.systems)) != next(iter(before.systems))
+    limits = [*describe_requirement_changes(before.data, merged.data)]
+    judged_anew = [next(iter(merged.systems)), *map(merged.data.get, JUDGING)] != [
+        next(iter(before.systems)),
+        *map(before.data.get, JUDGING),
+    ]
     changed = (
         added or longer or judged_anew or not files.knows(folder.campaign)
     )  # the last: killed while it grew
@@ -191,9 +197,13 @@ def _resume(
         _fly_nominal(requested, new)  # refuses what cannot fly, before anything is written
     if longer and files.knows(folder.samples):
         _check_drawn(folder, requested)
+    if limits:
+        manifest = add_requirement_set(folder, manifest, before.data, merged.data)
+        print(f"requirements changed: {'; '.join(limits)}", file=sys.stderr, flush=True)
     if changed:
-        manifest = grow_folder(flown, inputs, merged, new, longer)
+        manifest = grow_folder(replace(flown, manifest=manifest), inputs, merged, new, longer)
     campaign = _join(requested, inputs, merged if changed else before)
+    campaign, _ = mark_later_choices(folder, manifest, campaign)
     if not files.knows(folder.samples):
         _write_samples(folder, campaign)
     kept = [name for name in campaign.controllers if name not in new]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.campaign.file.requirement_set import RequirementSource, judge_by
 from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES
 from abhv_mc.folder.controller_flights import ControllerFlights, Ranking, rank_flights, read_flights
 from abhv_mc.folder.file_columns import FileColumns, read_table
@@ -21,6 +22,7 @@ from abhv_mc.folder.histories import MOST_MEDIAN, QUANTILE_COLUMNS
 from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import Manifest, read_manifest
+from abhv_mc.folder.requirement_sets import RequirementChange, mark_later_choices
 from abhv_mc.folder.samples import POINT
 from abhv_mc.folder.steady_margins import SteadyMargins, read_steady_margins
 from abhv_mc.io.input_error import InputError
@@ -59,6 +61,7 @@ class FlownCampaign:
     reference: dict[str, Floats]  # "time" and REFERENCE_CHANNELS -> [time]
     nominal: dict[str, dict[str, Floats]]  # controller -> "time" and CHANNELS -> [time]
     steady_margins: SteadyMargins = field(default_factory=SteadyMargins)
+    requirement_changes: tuple[RequirementChange, ...] = ()  # after results had been seen
 
     def refuse_changes(self) -> None:
         """For the end of whatever is made of them. Raises InputError where a run has changed the folder meanwhile."""
@@ -157,8 +160,11 @@ def _read_nominal(path: Path) -> dict[str, dict[str, Floats]]:
     }
 
 
-def read_flown(root: Path) -> FlownCampaign:
-    """Read a campaign's folder. Raises InputError where a file is missing or unreadable."""
+def read_flown(root: Path, requirements: RequirementSource | None = None) -> FlownCampaign:
+    """Read a campaign's folder, judged by its own requirements or by others.
+
+    Raise InputError if a file is missing or unreadable, or if the requirements do not fit the campaign.
+    """
     folder = CampaignFolder(root)
     manifest = read_checked(folder)
     if manifest.shard:
@@ -166,6 +172,9 @@ def read_flown(root: Path) -> FlownCampaign:
         raise InputError(root, found, "all of it: 'abhv-mc merge' joins its shards")
     samples = FileColumns(folder.samples, "the samples of a campaign", without=("flight", POINT))
     campaign = replace(read_folder_campaign(folder), repeatability=manifest.repeatable)
+    if requirements is not None:
+        campaign = judge_by(campaign, requirements)
+    campaign, changes = mark_later_choices(folder, manifest, campaign, requirements is None)
     files = data_files(folder, manifest)
     flights = read_flights(folder.flights, files, campaign.metrics, ends=campaign.outcomes)
     can = campaign.simulator.capabilities
@@ -181,6 +190,7 @@ def read_flown(root: Path) -> FlownCampaign:
         reference={name: value.astype(np.float64) for name, value in reference.items()},
         nominal=_read_nominal(folder.nominal) if ours else {},
         steady_margins=read_steady_margins(folder.margins) if can.has_margins else SteadyMargins(),
+        requirement_changes=changes,
     )
 
 

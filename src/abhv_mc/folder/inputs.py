@@ -7,14 +7,19 @@ identity: a folder goes on with the same campaign alone, and seeds of one questi
 import hashlib
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from abhv_mc.campaign.file.check import check_campaign
-from abhv_mc.campaign.file.config import select_asked
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.kinds import find_references
+from abhv_mc.campaign.file.requirement_set import (
+    JUDGING,
+    data_of_rows,
+    with_requirements,
+)
 from abhv_mc.campaign.file.requirements import join_requirements, select_requirements
 from abhv_mc.campaign.file.simulator import SYSTEMS, systems_key
 from abhv_mc.folder.layout import CampaignFolder, is_inside, write_bytes, write_whole
@@ -47,20 +52,32 @@ class FolderInputs:
 
     @property
     def identity(self) -> str:
-        """Hash of the campaign file without ``execution``, and of every file that it refers to."""
-        return self._hash_without("execution")
+        """Hash of what rows depend on: the campaign file without requirements and labels, and every file it names."""
+        return self._hash_without()
 
     @property
     def question(self) -> str:
         """Hash of what is asked: the identity without the seed and the number of flights. With unknowns the seed finds
         the points, so that flights of different seeds are not counted together."""
         return self._hash_without(
-            "execution", "runs", "pooled", *(() if self.data.get("unknowns") else ("seed",))
+            "runs", "pooled", *(() if self.data.get("unknowns") else ("seed",))
         )
 
     def _hash_without(self, *left_out: str) -> str:
-        data = {key: value for key, value in self.data.items() if key not in left_out}
+        rows = data_of_rows(self.data)
+        data = {key: value for key, value in rows.items() if key not in left_out}
         return hashlib.sha256(json.dumps([data, self.hashes], sort_keys=True).encode()).hexdigest()
+
+    @property
+    def judged_identity(self) -> str:
+        """Hash of the identity and of the requirements."""
+        judging = [self.data.get(key) for key in JUDGING]
+        return hashlib.sha256(json.dumps([self.identity, judging]).encode()).hexdigest()
+
+    def judged_by(self, changed: Mapping[str, Any]) -> "FolderInputs":
+        """Return the inputs with another set of requirements."""
+        data = with_requirements(self.data, changed)
+        return replace(self, document=replace(self.document, data=data))
 
     def write_copies(self, folder: CampaignFolder) -> None:
         """Write the copies into the folder."""
@@ -117,11 +134,11 @@ def describe_changes(flown: FolderInputs, asked: FolderInputs, extensible: bool)
     More flights (of an extensible design), more controllers and another way of execution do not.
     """
     shared = [name for name in flown.systems if name in asked.systems]
-    old, new = (_flat(_for_controllers(data, shared)) for data in (flown.data, asked.data))
+    old, new = (_flat(_rows_of(data, shared)) for data in (flown.data, asked.data))
     changes = []
     for key in sorted(old.keys() | new.keys()):
         before, after = old.get(key), new.get(key)
-        if before == after or key.startswith("execution") or key.startswith("controllers."):
+        if before == after or key.startswith("controllers."):
             continue
         if key == "runs" and extensible and (before or 0) < (after or 0):
             continue
@@ -151,28 +168,31 @@ def merge_inputs(flown: FolderInputs, asked: FolderInputs, selected: bool = Fals
     first, then = (flown, asked) if selected else (asked, flown)
     controllers = {**first.systems, **then.systems, **asked.systems}
     new, old = (part.data.get("requirements") or [] for part in (asked, flown))
-    requirements = join_requirements(new, old, controllers)
+    absent = [name for name in controllers if name not in asked.systems]
+    kept = [entry for entry in select_requirements(old, absent) if entry.get("controllers")]
+    requirements = join_requirements(new, kept, controllers)
+    if sorted(map(_order, requirements)) == sorted(map(_order, old)):
+        requirements = old  # in their order
     asks = {"asks": flown.data["asks"]} if selected and "asks" in flown.data else {}
-    data = {
-        **asked.data,
-        **asks,
-        systems_key(asked.data): controllers,
-        "requirements": requirements,
-    }
+    changed = {**asked.data, **asks, "requirements": requirements}
+    points = {key: flown.data[key] for key in ("points",) if key in flown.data}
+    data = with_requirements(
+        {**asked.data, **points, "requirements": old, systems_key(asked.data): controllers},
+        changed,
+    )
     return FolderInputs(
         replace(flown.document, data=data), asked.copies, flown.hashes | asked.hashes
     )
 
 
-def _for_controllers(data: dict[str, Any], names: list[str]) -> dict[str, Any]:
-    """The data with the requirements that apply to these, whatever entries they are written in, in one order."""
-    selected = join_requirements(
-        select_requirements(data.get("requirements") or [], names), (), names
-    )
+def _order(entry: object) -> str:
+    return json.dumps(entry, sort_keys=True)
+
+
+def _rows_of(data: dict[str, Any], names: list[str]) -> dict[str, Any]:
+    """The data that rows of these systems depend on."""
     systems = {SYSTEMS: {name: data[SYSTEMS][name] for name in names}} if SYSTEMS in data else {}
-    data = select_asked(data, names)
-    ordered = sorted(selected, key=lambda entry: json.dumps(entry, sort_keys=True))
-    return {**data, **systems, "requirements": ordered}
+    return {**data_of_rows(data), **systems}
 
 
 def _flat(value: Any, prefix: str = "") -> dict[str, Any]:

@@ -48,6 +48,7 @@ class CampaignFolder:
         self.matrix = root / "verification_matrix.csv"
         self.metrics = root / "metrics.csv"
         self.inputs = root / "inputs"
+        self.requirements = root / "requirements"
         self.plans = root / "plans"
         self.flights = root / "flights"
         self.histories = root / "histories"
@@ -85,6 +86,7 @@ class CampaignFolder:
         )
         folders = (
             self.inputs,
+            self.requirements,
             self.plans,
             self.flights,
             self.histories,

@@ -82,6 +82,15 @@ class Pooled:
 
 
 @dataclass(frozen=True)
+class RequirementSet:
+    """A set of requirements by which the flights were judged."""
+
+    file: str  # in the folder
+    time: str | None  # when it was set
+    flights: int  # of each controller that had been run by then
+
+
+@dataclass(frozen=True)
 class Manifest:
     """What `manifest.json` says; an entry that is None stands there not at all."""
 
@@ -101,6 +110,7 @@ class Manifest:
     controllers: Mapping[str, ControllerCount] = field(default_factory=dict)
     requirements: tuple[RequirementVerdict, ...] = ()  # that bind
     requirements_shown: tuple[RequirementVerdict, ...] = ()
+    requirement_sets: tuple[RequirementSet, ...] = ()  # in their order, if there were several
     versions: Mapping[str, str] = field(default_factory=dict)
     compiler: str | None = None
     commit: str | None = None

@@ -9,9 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
+from abhv_mc.campaign.file.requirement_set import describe_requirement_changes
 from abhv_mc.flight.repeatability import weakest
 from abhv_mc.folder.envelope_states import merge_states
-from abhv_mc.folder.hashes import FileHashes, damage_error, find_damage, record_hashes
+from abhv_mc.folder.hashes import (
+    FileHashes,
+    damage_error,
+    find_damage,
+    read_checked,
+    record_hashes,
+)
+from abhv_mc.folder.inputs import describe_changes, read_folder_inputs
 from abhv_mc.folder.layout import CampaignFolder, write_whole
 from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.manifest import (
@@ -26,7 +34,7 @@ from abhv_mc.folder.plan_file import read_stored_parts
 from abhv_mc.folder.samples import ROW_GROUP, SampleReader
 from abhv_mc.io.documents import InputError
 
-_SAME = ("campaign_hash", "source_hash", "inputs")
+_SAME = ("source_hash", "inputs")
 
 
 def order_shards(parts: Sequence[Path]) -> list[CampaignFolder]:
@@ -46,6 +54,7 @@ def order_shards(parts: Sequence[Path]) -> list[CampaignFolder]:
             found = f"controllers in another order than in {folders[0].root}"
             raise InputError(folder.root, found, "shards of one campaign file")
         refuse_other(folder, manifest, folders[0], manifests[0], _SAME, "shards of one campaign")
+        _refuse_other_campaign(folder, manifest, folders[0], manifests[0])
     numbers = [manifest.shard or (1, 1) for manifest in manifests]
     count = numbers[0][1]
     for folder, number in zip(folders, numbers, strict=True):
@@ -58,6 +67,29 @@ def order_shards(parts: Sequence[Path]) -> list[CampaignFolder]:
     return [
         folder for _, folder in sorted(zip(numbers, folders, strict=True), key=lambda pair: pair[0])
     ]
+
+
+def _refuse_other_campaign(
+    folder: CampaignFolder, manifest: Manifest, first: CampaignFolder, held: Manifest
+) -> None:
+    """Raise InputError if a shard's rows depend on another campaign than the first one's."""
+    for each in (first, folder):
+        read_checked(each, [each.campaign])
+    ours, theirs = read_folder_inputs(first, held), read_folder_inputs(folder, manifest)
+    if ours.identity != theirs.identity:
+        changes = "; ".join(describe_changes(ours, theirs, extensible=False))
+        found = f"another campaign than in {first.root} ({changes})"
+        raise InputError(folder.root, found, "shards of one campaign")
+
+
+def refuse_other_requirements(folders: Sequence[CampaignFolder]) -> None:
+    """Raise InputError if folders to join are judged by different requirements."""
+    first, *others = (read_folder_inputs(each, read_manifest(each.manifest)) for each in folders)
+    for folder, other in zip(folders[1:], others, strict=True):
+        if changes := [*describe_requirement_changes(first.data, other.data)]:
+            found = f"other requirements than in {folders[0].root} ({'; '.join(changes)})"
+            wish = "one set for all: --requirements FILE, such as the campaign.yaml of one folder"
+            raise InputError(folder.root, found, wish)
 
 
 def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
@@ -162,6 +194,7 @@ def begin_joined(
         target.clear()
         files = stack.enter_context(record_hashes(target, {}))
         made = [path for path in (first.nominal, first.reference) if path.exists()]
+        made += sorted(first.requirements.glob("*.yaml"))
         for path in (*also, *made, *first.input_files(), *sorted(first.plans.glob("*.npz"))):
             write_whole(target.root / path.relative_to(first.root), partial(_copy, path))
         yield files

@@ -30,7 +30,7 @@ from abhv_mc.folder.merge import begin_joined, is_joined, refuse_other, refuse_o
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError
 
-_SAME = ("question", "source_hash")  # of campaigns whose flights may be counted together
+_SAME = ("source_hash",)  # of campaigns whose flights may be counted together
 _ONE_QUESTION = "campaigns of one question, which differ in seed and number of flights alone"
 
 
@@ -50,11 +50,8 @@ def name_siblings(root: Path, manifest: Manifest) -> tuple[str, str]:
     for path in sorted(root.resolve().parent.glob("*/manifest.json")):
         with contextlib.suppress(InputError):  # of something else
             other = read_manifest(path)
-            same = (
-                all(getattr(other, key) == getattr(manifest, key) for key in _SAME)
-                and other.complete
-            )
-            if same and other.requirements:
+            same = (other.question, other.source_hash) == (manifest.question, manifest.source_hash)
+            if same and other.complete and _required(other) == _required(manifest):
                 beside.append((-other.runs_done, root.parent / path.parent.name, other))
     named, folders, taken = [], [root], seeds_of(manifest)
     for flights, folder, other in sorted(beside, key=lambda one: one[0]):
@@ -72,6 +69,14 @@ def name_siblings(root: Path, manifest: Manifest) -> tuple[str, str]:
     )
 
 
+def _required(manifest: Manifest) -> list[tuple[object, ...]]:
+    """What is required of whom."""
+    return [
+        (each.asked, each.controller, each.probability, each.consumer_risk, each.producer_risk)
+        for each in manifest.requirements
+    ]
+
+
 def check_pool(parts: Sequence[Path]) -> list[CampaignFolder]:
     """The folders, where they may be joined. Raises InputError where they are not of one question, or overlap."""
     folders = [CampaignFolder(part) for part in parts]
@@ -83,6 +88,14 @@ def check_pool(parts: Sequence[Path]) -> list[CampaignFolder]:
                 folder.root, f"a folder that is {manifest.state}", "a complete campaign"
             )
         refuse_other(folder, manifest, folders[0], first, _SAME, _ONE_QUESTION)
+        questions = [
+            read_folder_inputs(each, held).question
+            for each, held in ((folder, manifest), (folders[0], first))
+        ]
+        if questions[0] != questions[1]:
+            raise InputError(
+                folder.root, f"another question than in {folders[0].root}", _ONE_QUESTION
+            )
         if seeds := taken & seeds_of(manifest):
             found = f"flights of seed {min(seeds)} a second time"
             raise InputError(

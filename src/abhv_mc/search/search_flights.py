@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
+from abhv_mc.campaign.file.requirement_set import describe_requirement_changes
 from abhv_mc.execution.cluster import connect_cluster
 from abhv_mc.execution.executor import Executor, open_executor
 from abhv_mc.execution.first_flights import FirstFlights, fly_first
@@ -358,11 +359,15 @@ def _check_same(
     wish = "the same search, another folder (-o DIR), or --fresh to delete what was flown"
     if before is None:
         raise InputError(root, "a folder that holds a campaign's flights", wish)
-    parts = (asked, read_folder_inputs(flown.folder, manifest))
+    parts = (asked, held := read_folder_inputs(flown.folder, manifest))
     axes = [
         list(part.data.get("dispersions") or ()) for part in parts
     ]  # of the search, in their order
-    if manifest.campaign_hash != asked.identity or axes[0] != axes[1]:
+    limits = [*describe_requirement_changes(held.data, asked.data)]
+    if limits and before["kind"] == "rare":
+        found = f"a search with other requirements: {'; '.join(limits)}"
+        raise InputError(root, found, "another folder (-o DIR): other limits are a new search")
+    if held.identity != asked.identity or axes[0] != axes[1]:
         raise InputError(root, "a folder that holds a search of another campaign", wish)
     changes = [
         f"{key}: {before.get(key)} -> {value}"

@@ -213,7 +213,13 @@ def _tune(request: TuneRequest, engine: Engine) -> TuneFound:
     # crash in compiled code ends the program; the same command then goes on with what is kept.
     execution = model.execution.model_copy(update={"isolation": THREADS})
     text = json.dumps(
-        [collect_inputs(campaign).identity, name, block.model_dump(), model.seed, engine.source]
+        [
+            collect_inputs(campaign).judged_identity,
+            name,
+            block.model_dump(),
+            model.seed,
+            engine.source,
+        ]
     )
     kept = out.with_suffix(_KEPT)
     with hold_lock(kept / ".lock"), ExitStack() as stack:

@@ -5,7 +5,6 @@
 
 import re
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
@@ -126,8 +125,7 @@ def _meaningless(campaign: Experiment) -> Iterator[InputError]:
             ):
                 continue  # a law that comes near zero and never reaches it
             wish = "values above zero, as of a truncated_normal or lognormal law: at or below it has no meaning"
-            data: Any = campaign.document.data
-            entry = data["dispersions"].get(name, {})
+            entry = campaign.dispersions.get(name, {})
             width = entry.get("half_width", entry.get("sigma"))
             if isinstance(width, (int, float)) and width >= 1:
                 wish = f"did you mean '{width:g} %' in place of {width:g}?"

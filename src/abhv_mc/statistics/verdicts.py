@@ -18,6 +18,7 @@ from abhv_mc.statistics.evidence import (
 
 Status = Literal["PASS", "FAIL", "NOT SHOWN", "ESTIMATE"]
 
+UNSEARCHED = "its worst values of the unknowns were not searched for: a new folder does that"
 MOST_TIMES = 10  # the flights so far: a longer extension is not advised
 _LIKELY = 0.5  # chance of PASS with which an extension is advised
 _TRIED = 40  # numbers of failures that a longer campaign allows
@@ -176,6 +177,8 @@ def verdict_words(verdict: Verdict, flies: bool = True) -> str:
 
 def advice_words(verdict: Verdict, flies: bool = True) -> str:
     """Return to how many flights to extend a campaign, or a table, and how likely it is to pass then."""
+    if UNSEARCHED in verdict.note:
+        return ""
     least = flights_to_pass(verdict.failures, verdict.probability, verdict.consumer_risk)
     if found := advise([verdict]):
         more = f"extend to {found.flights} flights (--runs {found.flights})"

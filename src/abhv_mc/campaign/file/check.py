@@ -21,7 +21,7 @@ from abhv_mc.campaign.file.requirements import (
     select_requirements,
 )
 from abhv_mc.campaign.file.simulator import SimulatorCampaign, check_simulator, is_own, systems_key
-from abhv_mc.campaign.file.unknowns import check_unknowns
+from abhv_mc.campaign.file.unknowns import check_unknowns, match_requirements
 from abhv_mc.campaign.file.user_metrics import (
     declare_metrics,
     find_user_channels,
@@ -150,6 +150,8 @@ def _check(document: Document, model: Campaign) -> Experiment:
     }
     box = model.unknowns, model.points, others, model.sampling.design
     unknowns = check_unknowns(document, *box, parameters, errors)
+    data: Any = document.data
+    unknowns = match_requirements(unknowns, model.points, data.get("requirements") or [])
     number = _check_runs(document, model, names, sample_file, errors) * len(unknowns.points)
     by = model.keep.histories.by
     ranked = (

@@ -213,6 +213,7 @@ class Campaign(StrictModel):
     simulator_maker: ClassVar = "abhv_mc.simulators.vehicle_simulator:VehicleSimulator"
     name: Name = Field(description="name of the campaign, and of its folder below reports/")
     question: str = Field("", description="what the campaign asks; the headline of its report")
+    author: str = Field("", description="who is responsible for the campaign; opens its report")
     asks: (
         Annotated[
             Annotated[Literal["drivers", "margins", "worst"], Tag("answer")]

@@ -35,7 +35,7 @@ from abhv_mc.io.documents import Document
 from abhv_mc.plant.parameters import OURS, Parameters
 from abhv_mc.statistics.estimates import Criterion
 from abhv_mc.statistics.family import judge_family
-from abhv_mc.statistics.verdicts import Verdict, judge
+from abhv_mc.statistics.verdicts import UNSEARCHED, Verdict, judge
 
 _MIDDLE = 0.6  # of its extent, where a dispersion stands in other trials: no nominal value of a symmetric law
 
@@ -97,6 +97,7 @@ class Experiment:
     repeatability: Repeatability | None = None  # of a user's simulator, as its folder says
     file_runs: int | None = None  # of the campaign file, which an option may override
     engine: Engine | None = None  # of the vehicle, in place of the compiled flight
+    later_choices: frozenset[int] = frozenset()  # requirements that were set after the results
 
     @cached_property
     def simulator(self) -> Simulator:
@@ -333,6 +334,25 @@ class Experiment:
 
         ``groups`` holds the verdicts at every point of the unknowns, by controller, then requirement.
         """
+        number = max(1, len(self.requirements))
+        return [
+            (self._note_limits(k % number, verdict), point)
+            for k, (verdict, point) in enumerate(self._judge(controllers, groups))
+        ]
+
+    def _note_limits(self, number: int, verdict: Verdict) -> Verdict:
+        """Note what keeps a verdict from standing for itself: a later choice, values not searched for."""
+        notes = [verdict.note]
+        if number in self.unknowns.unsearched and verdict.status in ("PASS", "NOT SHOWN"):
+            verdict = replace(verdict, status="NOT SHOWN")
+            notes.append(UNSEARCHED)
+        if number in self.later_choices:
+            notes.append("set after the results")
+        return replace(verdict, note="; ".join(filter(None, notes)))
+
+    def _judge(
+        self, controllers: Sequence[str], groups: Sequence[Sequence[Verdict]]
+    ) -> list[tuple[Verdict, int]]:
         if not self.unknowns.names:
             return judge_family(groups, self.judged, self.family_risk)
         requirements = range(len(self.requirements))

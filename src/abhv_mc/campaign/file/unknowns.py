@@ -1,8 +1,8 @@
 """A campaign's unknowns: parameters with one value for the whole programme, of which only bounds are known."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
@@ -57,6 +57,10 @@ class UnknownPoints(StrictModel):
     most_failures: tuple[MostFailures, ...] = Field(
         (), description="where the search of each controller saw each requirement fail most often"
     )
+    requirements: tuple[dict[str, Any], ...] | None = Field(
+        None,
+        description="the requirements that they were searched for; left out: those of the campaign",
+    )
     at: dict[str, tuple[float, ...]] = Field(
         description="values by unknown, SI; each flight is flown at every point"
     )
@@ -73,6 +77,9 @@ class Unknowns:
     tried: int = 0
     shared: int | None = None  # how many of the first points judge all requirements; None: all
     most_failures: tuple[MostFailures, ...] = ()
+    unsearched: frozenset[int] = (
+        frozenset()
+    )  # requirements whose worst values were not searched for
     parameters: Parameters = OURS
 
     def values(self, places: Floats) -> Floats:
@@ -158,6 +165,37 @@ def points_entry(
             for most in chosen.most_failures
         ]
     return entry
+
+
+def match_requirements(
+    unknowns: Unknowns,
+    points: UnknownPoints | None,
+    requirements: Sequence[Mapping[str, Any]],
+) -> Unknowns:
+    """Return the unknowns with the search's results for these requirements, if it was made for others."""
+    if points is None or points.requirements is None:
+        return unknowns
+    searched = [_severity(entry) for entry in points.requirements]
+    numbers = [
+        searched.index(key) if (key := _severity(entry)) in searched else None
+        for entry in requirements
+    ]
+    return replace(
+        unknowns,
+        most_failures=tuple(
+            entry.model_copy(update={"requirement": number})
+            for number, old in enumerate(numbers)
+            for entry in unknowns.most_failures
+            if entry.requirement == old
+        ),
+        unsearched=frozenset(number for number, old in enumerate(numbers) if old is None),
+    )
+
+
+def _severity(entry: Mapping[str, Any]) -> tuple[object, ...]:
+    """What a search of the worst values depends on."""
+    keys = ("metric", "below", "above")
+    return (*(str(entry.get(key)) for key in keys), entry.get("ended_early", "failure"))
 
 
 def check_unknowns(

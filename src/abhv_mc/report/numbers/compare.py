@@ -116,9 +116,14 @@ def parse_margins(texts: Sequence[str]) -> dict[str, float]:
 
 
 def read_compared(folder_a: Path, folder_b: Path) -> tuple[FlownCampaign, FlownCampaign]:
-    """Two campaigns that flew the same samples, at common points of unknowns. Raises InputError where these differ."""
-    a, b = at_common_points(read_flown(folder_a), read_flown(folder_b))
-    require_same_samples(_drawn(a), _drawn(b), folder_a, CampaignFolder(folder_b).samples)
+    """Read two campaigns on the same samples. Raise InputError if their samples differ."""
+    return pair_campaigns(read_flown(folder_a), read_flown(folder_b))
+
+
+def pair_campaigns(a: FlownCampaign, b: FlownCampaign) -> tuple[FlownCampaign, FlownCampaign]:
+    """Return two campaigns at their common points of unknowns. Raise InputError if their samples differ."""
+    a, b = at_common_points(a, b)
+    require_same_samples(_drawn(a), _drawn(b), a.folder, CampaignFolder(b.folder).samples)
     return a, b
 
 
@@ -145,7 +150,7 @@ def compare_results(
     requirements = tuple(item for item in a.campaign.requirements if item.metric in metrics)
     independent, unknowns = a.campaign.judged, a.campaign.unknowns
     pairs = []
-    for one, other in _pairs(a, b, controllers):
+    for one, other in pair_controllers(a, b, controllers):
         flights = sides(a, b, one, other)
         names = (f"{a.folder}: {one}", f"{b.folder}: {other}")
         found = compare_pair(
@@ -252,9 +257,10 @@ def _gate(
     return min(gates, key=lambda gate: (gate.shown, gate.within_low))
 
 
-def _pairs(
+def pair_controllers(
     a: FlownCampaign, b: FlownCampaign, controllers: Sequence[str]
 ) -> Iterator[tuple[str, str]]:
+    """Yield the controllers to compare: the two that are named, or each that both campaigns ran."""
     if controllers:
         if len(controllers) != 2:
             found = f"{len(controllers)} controllers"

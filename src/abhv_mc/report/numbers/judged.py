@@ -44,7 +44,8 @@ def read_judgement(folder: Path, manifest: Manifest) -> Judgement | None:
     """The judgement that a folder's `report.json` holds; None where that is not of its flights, or is not there."""
     try:
         held = json.loads((folder / "report.json").read_text("utf-8"))
-        if (held["digest"], held["state"]) != (manifest.digest, manifest.state):
+        flown = manifest.digest, manifest.state, len(manifest.requirement_sets)
+        if (held["digest"], held["state"], held.get("requirement_sets", 0)) != flown:
             return None
         found = held["judgement"]
         following = Next(**found["next"]) if found["next"] else None

@@ -47,10 +47,19 @@ def judge_campaign(models: Models) -> Judgement:
         met = "no" if "FAIL" in statuses else "yes" if statuses == {"PASS"} else "not shown"
     sentences = [_runs_words(models), _asked_words(models), _met_words(models)]
     answer = " ".join(filter(None, (*sentences, _better_words(models, better))))
-    because, sure, following = list(_reasons(models))[:_REASONS], _sure(models), _next(models, met)
+    because, following = list(_reasons(models))[:_REASONS], _next(models, met)
+    sure = " ".join(filter(None, (_changed_words(models), _sure(models))))
     while because and _count_words(answer, *because, sure, following) > _MOST_WORDS:
         because.pop()
     return Judgement(met, better, tuple(because), sure, following, answer)
+
+
+def _changed_words(models: Models) -> str:
+    """Return which requirements were last changed after results had been seen."""
+    for change in models.results.requirement_changes[-1:]:
+        words = few(list(change.words))
+        return f"Requirements were changed after results of {change.flights} flights: {words}."
+    return ""
 
 
 def _count_words(*texts: str | Next | None) -> int:

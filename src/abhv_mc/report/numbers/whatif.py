@@ -11,6 +11,7 @@ from abhv_mc.analysis.reweight import make_change, unseen_probability, weigh_fli
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Requirement
+from abhv_mc.campaign.file.requirement_set import RequirementSource
 from abhv_mc.folder.controller_flights import ControllerFlights, severities
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.layout import CampaignFolder
@@ -67,9 +68,13 @@ class Whatif:
     controllers: Mapping[str, WhatifController]
 
 
-def make_whatif(root: Path, settings: Mapping[str, Mapping[str, Any]]) -> Whatif:
+def make_whatif(
+    root: Path,
+    settings: Mapping[str, Mapping[str, Any]],
+    requirements: RequirementSource | None = None,
+) -> Whatif:
     """Quantiles and failures as flown and with other ``settings``. Raises InputError where too few flights count."""
-    results = read_flown(root)
+    results = read_flown(root, requirements)
     campaign = read_campaign(CampaignFolder(root).campaign)
     change = make_change(campaign, settings)
     samples = np.column_stack([results.samples[name] for name in campaign.names])

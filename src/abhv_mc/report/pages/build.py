@@ -129,10 +129,12 @@ def build_report(
     svg: bool = False,
     stage: Stage = nullcontext,
     out: Path | None = None,
+    requirements: Path | None = None,
 ) -> Path:
     """Write a folder's report into ``out``, by default the folder itself, and return its page.
 
-    ``svg`` also writes each figure as SVG. Raises InputError.
+    ``svg`` also writes each figure as SVG; ``requirements`` judges the flights in place of the folder's. Raise
+    InputError.
     """
     from abhv_mc.folder.flown_campaign import read_flown
     from abhv_mc.folder.layout import explain_os_error, write_text
@@ -148,7 +150,7 @@ def build_report(
 
     refuse_search(folder, read_manifest(CampaignFolder(folder).manifest))
     key = make_key(folder, baseline)  # as it is now: a run may go on meanwhile
-    results = read_flown(folder)
+    results = read_flown(folder, requirements)
     models = Models(results)
     held = compare_baseline(results, baseline) if baseline else None
     with stage("report: statistics"):

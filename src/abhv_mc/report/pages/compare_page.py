@@ -6,17 +6,21 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+from abhv_mc.campaign.file.requirement_set import RequirementSource
 from abhv_mc.flight.metrics import SURFACE_USAGE
-from abhv_mc.folder.flown_campaign import FlownCampaign
+from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown
+from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.compare import (
     CampaignPair,
     Compared,
     compare_results,
     gate_words,
-    read_compared,
+    pair_campaigns,
     sides,
 )
+from abhv_mc.report.numbers.contrast import Contrast, contrast_results
 from abhv_mc.report.numbers.judgement import few
+from abhv_mc.report.pages.contrast_page import contrast_figures, contrast_section
 from abhv_mc.report.pages.page import Answer, make_table, write_answer
 from abhv_mc.topics.comparison import pair_tables
 from abhv_mc.topics.comparison.figures import DifferencePanel, plot_differences
@@ -32,7 +36,7 @@ from abhv_mc.topics.words import ends_of, fixed, joined, p_value
 class Comparison(NamedTuple):
     """Two folders compared: in numbers, in words and tables, and the page where one is asked for."""
 
-    found: Compared
+    found: Compared | Contrast
     section: Section
     page: Path | None
 
@@ -43,9 +47,21 @@ def compare_folders(
     controllers: Sequence[str] = (),
     margins: Mapping[str, float] | None = None,
     out: Path | None = None,
+    requirements: RequirementSource | None = None,
+    is_paired: bool = False,
 ) -> Comparison:
-    """Compare two folders as :func:`compare_results` does; write a page into ``out``. Raises InputError."""
-    a, b = read_compared(folder_a, folder_b)
+    """Compare two folders flight by flight if their samples are the same, else by their distributions.
+
+    Write a page into ``out``. Raise InputError for folders that have nothing in common, and for different samples if
+    ``margins`` or ``is_paired`` need flight by flight.
+    """
+    a, b = (read_flown(folder, requirements) for folder in (folder_a, folder_b))
+    try:
+        a, b = pair_campaigns(a, b)
+    except InputError:
+        if margins or is_paired or a.campaign.unknowns.names or b.campaign.unknowns.names:
+            raise
+        return _contrast(a, b, controllers, out)
     found = compare_results(a, b, controllers, margins)
     told = _told(a, b, found)
     section = _section(a, b, found, told)
@@ -57,6 +73,31 @@ def compare_folders(
         whole = replace(section, items=(*section.items, _provenance(a, b, found, out)))
         drawn = _figures(a, b, {words: pair for words, pair, _ in told if not _is_same(pair)})
         page = write_answer(Answer(title, kicker, whole, drawn), out / "report.html")
+    for results in (a, b):
+        results.refuse_changes()
+    return Comparison(found, section, page)
+
+
+def _contrast(
+    a: FlownCampaign, b: FlownCampaign, controllers: Sequence[str], out: Path | None
+) -> Comparison:
+    """Compare two campaigns on different samples."""
+    found, titles = contrast_results(a, b, controllers), _folder_names(a, b)
+    section, page = contrast_section(a, b, found, titles), None
+    if out is not None:
+        kicker = f"Comparison on different samples · {a.campaign.question or a.campaign.name}"
+        words = ["abhv-mc", "compare", str(a.folder), str(b.folder), "-o", str(out)]
+        words += ["--controllers", ",".join(controllers)] if controllers else []
+        rows = [(str(each.folder), str(each.manifest.digest)) for each in (a, b)]
+        made = make_table(
+            "What was compared",
+            f"This page again: `{shlex.join(words)}`",
+            ("folder", "digest of its flights"),
+            rows,
+        )
+        whole = replace(section, items=(*section.items, made))
+        drawn = contrast_figures(a, b, found, titles)
+        page = write_answer(Answer(" and ".join(titles), kicker, whole, drawn), out / "report.html")
     for results in (a, b):
         results.refuse_changes()
     return Comparison(found, section, page)

@@ -69,6 +69,29 @@ def verdict_cases(entries: Iterable[RequirementVerdict]) -> list[Case]:
     return cases
 
 
+def judged_cases(verdicts: Verdicts) -> list[Case]:
+    """The binding requirements, as a report judges them."""
+    return [
+        Case(
+            " ".join(
+                filter(
+                    None,
+                    (
+                        item.asked.traced.get("id"),
+                        f"{item.asked.metric} {item.asked.limits}",
+                        f"in {100.0 * item.asked.probability:g} % ({name})",
+                    ),
+                )
+            ),
+            verdict.status,
+            verdict.words,
+        )
+        for item in verdicts.requirements
+        for name, verdict in item.controllers.items()
+        if name in item.asked.controllers
+    ]
+
+
 def make_junit(suite: str, cases: Iterable[Case]) -> str:
     """JUnit XML: what failed is a failure, what is neither shown nor failed is skipped."""
     listed = list(cases)

@@ -4,7 +4,7 @@ import base64
 import gzip
 import hashlib
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
@@ -143,6 +143,17 @@ def page_sections(models: Models, warnings: Sequence[str] = ()) -> dict[str, Sec
     return found
 
 
+def _facts(models: Models, flown: str) -> Iterator[str]:
+    """Yield vehicle, flights, date, author and version of a campaign."""
+    campaign, manifest = models.results.campaign, models.results.manifest
+    if campaign.simulator.capabilities.has_mission:
+        yield Path(campaign.model.vehicle).stem
+    yield flown
+    yield (manifest.started or "").partition("T")[0]
+    yield campaign.model.author
+    yield f"abhv-mc {manifest.versions['abhv_mc']}" if "abhv_mc" in manifest.versions else ""
+
+
 def make_page(
     models: Models,
     figures: Sequence[PageFigure],
@@ -173,7 +184,9 @@ def make_page(
         .get_template("page.html.j2")
         .render(
             title=title,
-            kicker=f"{title} \N{MIDDLE DOT} {flown} flights each, {drawn}",
+            kicker=" \N{MIDDLE DOT} ".join(
+                filter(None, (title, *_facts(models, f"{flown} flights each, {drawn}")))
+            ),
             question=campaign.question or f"What does the campaign {campaign.name} show?",
             state=state,
             sections=page_sections(models, warnings),

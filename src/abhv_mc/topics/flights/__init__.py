@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.folder.flown_campaign import kept_flights
 from abhv_mc.topics.flights.model import (
     FlightCounts,
     Flights,
@@ -98,7 +99,7 @@ def _items(found: Flights, names: Names) -> Iterator[Item]:
     if campaign.can_rerun:
         words += f" `abhv-mc explain {names.folder} --controller NAME --flight NUMBER` finds the smallest set of "
         words += "dispersions that still makes a flight fail."
-    yield Text(words)
+    yield Text(words + _kept_words(names))
     asked = (names.metrics[metric].label_with_unit for metric in names.asked)
     worst_heads = (
         "Flight",
@@ -115,6 +116,25 @@ def _items(found: Flights, names: Names) -> Iterator[Item]:
         table = Table(title, worst_heads, (listed,)).without_constant()
         yield Fold(title, (Text(again), table) if campaign.can_rerun else (table,))
     yield Picture("worst_flights")
+
+
+def _kept_words(names: Names) -> str:
+    """Return how many of the worst flights have histories, if requirements were changed and not all have."""
+    results, number = names.results, names.campaign.worst
+    if not (results.requirement_changes and number and names.campaign.channels):
+        return ""
+    worst = {
+        name: results.flights[name].flight[results.ranking.rows_of(name)[:number]]
+        for name in results.controllers
+    }
+    total = sum(flights.size for flights in worst.values())
+    kept = sum(
+        len(kept_flights(results.folder, name).intersection(flights.tolist()))
+        for name, flights in worst.items()
+    )
+    if kept == total:
+        return ""
+    return f" {kept} of the {total} worst flights by these limits have histories; `abhv-mc run` makes the rest."
 
 
 def _flown(found: Flights, campaign: Experiment, names: Names) -> str:

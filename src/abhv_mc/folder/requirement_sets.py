@@ -1,0 +1,111 @@
+"""The sets of requirements by which a folder's flights were judged, each a file that is never replaced."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from itertools import pairwise
+from typing import Any
+
+from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.campaign.file.requirement_set import (
+    JUDGING,
+    describe_requirement_changes,
+    find_later_choices,
+)
+from abhv_mc.folder.hashes import record_hashes
+from abhv_mc.folder.inputs import read_folder_inputs
+from abhv_mc.folder.layout import CampaignFolder, write_whole
+from abhv_mc.folder.manifest import Manifest, RequirementSet, read_manifest, write_manifest
+from abhv_mc.io.documents import read_document, write_document
+
+_HEAD = (
+    "Requirements by which the flights of this folder were judged; the next number replaced them."
+)
+
+
+@dataclass(frozen=True)
+class RequirementChange:
+    """Requirements that were changed after results had been seen."""
+
+    time: str  # empty if they are those of a report alone
+    flights: int  # of each controller that had been run by then
+    words: tuple[str, ...]  # 'speed_error_max_mps: below 5 -> 3'
+
+
+def add_requirement_set(
+    folder: CampaignFolder,
+    manifest: Manifest,
+    before: Mapping[str, Any],
+    after: Mapping[str, Any],
+) -> Manifest:
+    """Write the set of a changed campaign, and the first one if it stands in the campaign file alone.
+
+    Return the manifest that names them.
+    """
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    flights = max((each.flights_done for each in manifest.controllers.values()), default=0)
+    sets = manifest.requirement_sets or (_write(folder, before, manifest.started, 0, 1),)
+    added = _write(folder, after, now, flights, len(sets) + 1)
+    return replace(manifest, requirement_sets=(*sets, added))
+
+
+def _write(
+    folder: CampaignFolder, data: Mapping[str, Any], time: str | None, flights: int, number: int
+) -> RequirementSet:
+    path = folder.requirements / f"{number:03d}.yaml"
+    content = {key: data[key] for key in JUDGING if key in data}
+    content.setdefault("requirements", [])
+    head = f"{_HEAD}\nSet at {time}, after {flights} flights of each controller."
+    write_whole(path, lambda temporary: write_document(temporary, content, head), durable=True)
+    return RequirementSet(path.relative_to(folder.root).as_posix(), time, flights)
+
+
+def replace_requirements(folder: CampaignFolder, campaign: Experiment) -> None:
+    """Judge a folder, which the caller has locked, by the requirements of another campaign from now on."""
+    manifest = read_manifest(folder.manifest)
+    before = read_folder_inputs(folder, manifest)
+    judged = before.judged_by(campaign.document.data)  # type: ignore[arg-type]
+    if not [*describe_requirement_changes(before.data, judged.data)]:
+        return
+    with record_hashes(folder, manifest.files) as files:
+        manifest = add_requirement_set(folder, manifest, before.data, judged.data)
+        judged.write_campaign(folder)
+        write_manifest(folder.manifest, replace(manifest, files=files.listed()))
+
+
+def mark_later_choices(
+    folder: CampaignFolder, manifest: Manifest, campaign: Experiment, is_stored: bool = True
+) -> tuple[Experiment, tuple[RequirementChange, ...]]:
+    """Return the campaign that knows which requirements were chosen after results, and all changes made after results.
+
+    ``is_stored``: whether the campaign's requirements are the folder's, or those of a report alone.
+    """
+    if is_stored and not manifest.requirement_sets:
+        return campaign, ()
+    now: Any = campaign.document.data
+    stored = [(each, _read(folder, each)) for each in manifest.requirement_sets] or [
+        (RequirementSet("", manifest.started, 0), _read_campaign(folder))
+    ]
+    if not is_stored:
+        flights = max((each.flights_done for each in manifest.controllers.values()), default=0)
+        stored.append((RequirementSet("", "", flights), now))
+    blind = [entry for each, data in stored if not each.flights for entry in data["requirements"]]
+    changes = tuple(_find_changes(stored))
+    later = find_later_choices(blind, now.get("requirements") or [])
+    return replace(campaign, later_choices=later), changes
+
+
+def _find_changes(stored: list[tuple[RequirementSet, Any]]) -> Iterator[RequirementChange]:
+    for (_, before), (each, after) in pairwise(stored):
+        words = tuple(describe_requirement_changes(before, after))
+        if each.flights and words:
+            yield RequirementChange(each.time or "", each.flights, words)
+
+
+def _read(folder: CampaignFolder, each: RequirementSet) -> Any:
+    return read_document(folder.root / each.file).data
+
+
+def _read_campaign(folder: CampaignFolder) -> Any:
+    data: Any = read_document(folder.campaign).data
+    return {**data, "requirements": data.get("requirements") or []}

@@ -1,0 +1,160 @@
+"""Requirements are not part of what was run: changed ones judge the stored flights."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from fake_flight import ENGINE, run, write_campaign
+
+import abhv_mc
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.execution.merge import merge_campaign
+from abhv_mc.folder.flown_campaign import read_flown
+from abhv_mc.folder.manifest import Manifest, read_manifest, write_manifest
+from abhv_mc.io.input_error import InputError
+from abhv_mc.report.pages.matrix import judged_cases, verdict_cases
+from abhv_mc.topics.topic import Models
+from abhv_mc.topics.verdicts import VERDICTS
+
+LOOSE = "[{metric: altitude_error_max_m, below: 50, probability: 0.9}]"
+TIGHT = "[{metric: altitude_error_max_m, below: 1.8, probability: 0.9}]"
+OTHER = "[{metric: altitude_error_max_m, below: 1.8, probability: 0.8}, " + (
+    "{metric: speed_error_max_mps, below: 9, probability: 0.9}]"
+)
+KEEP = "{histories: {flights: [7], rate: 10 Hz}, envelopes: {rate: 5 Hz}}"
+
+
+def no_flight(*_: object) -> None:
+    raise AssertionError("a flight was run")
+
+
+IDLE = replace(ENGINE, fly=no_flight)
+
+
+@pytest.fixture
+def flown(tmp_path: Path) -> tuple[Manifest, Path]:
+    campaign = write_campaign(tmp_path / "f", requirements=LOOSE, keep=KEEP)
+    return run(campaign, tmp_path / "out").manifest, tmp_path / "out"
+
+
+def statuses(manifest: Manifest) -> list[tuple[str, int, str]]:
+    entries = (*manifest.requirements, *manifest.requirements_shown)
+    return [(each.verdict, each.failures, each.words) for each in entries]
+
+
+@pytest.mark.parametrize("engine", [IDLE, replace(IDLE, source="another version")])
+def test_a_run_with_other_limits_judges_the_stored_flights(flown, tmp_path, engine, capsys):
+    before, out = flown
+    tight = write_campaign(tmp_path / "g", requirements=TIGHT, keep=KEEP, author="A. Lead")
+    after = run(tight, out, engine).manifest
+    assert "altitude_error_max_m: below 50 -> 1.8" in capsys.readouterr().err
+    assert after.digest == before.digest and after.complete
+    whole = run(tight, tmp_path / "whole").manifest
+    assert statuses(after) == statuses(whole) != statuses(before)
+    assert [(each.file, each.flights) for each in after.requirement_sets] == [
+        ("requirements/001.yaml", 0),
+        ("requirements/002.yaml", 300),
+    ]
+    results = abhv_mc.open_results(out)
+    assert results.judgement.sure.startswith(
+        "Requirements were changed after results of 300 flights: altitude_error_max_m: below 50 -> 1.8."
+    )
+    assert run(tight, out, engine).manifest == after  # nothing new
+
+
+def test_judging_by_the_original_requirements_gives_the_same_numbers(flown, tmp_path):
+    _, out = flown
+    files = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    own = abhv_mc.open_results(out)
+    judged = own.judge(out / "campaign.yaml")
+    assert judged.numbers == own.numbers
+    other = own.judge(
+        {"requirements": [{"metric": "altitude_error_max_m", "below": 1.8, "probability": 0.9}]}
+    )
+    tight = run(write_campaign(tmp_path / "g", requirements=TIGHT, keep=KEEP), tmp_path / "whole")
+    assert judged_cases(Models(other._results)[VERDICTS]) == verdict_cases(
+        tight.manifest.requirements
+    )
+    assert files == {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    with pytest.raises(InputError, match="unknown metric"):
+        own.judge([{"metric": "altitud", "below": 1.8, "probability": 0.9}])
+
+
+def test_what_was_chosen_after_the_results_is_marked_and_another_limit_is_not(flown, tmp_path):
+    _, out = flown
+    manifest = run(
+        write_campaign(tmp_path / "g", requirements=OTHER, keep=KEEP), out, IDLE
+    ).manifest
+    words = [each.words for each in manifest.requirements]
+    assert all("set after the results" in each for each in words)
+    judged = Models(read_flown(out))[VERDICTS]
+    assert judged_cases(judged) == verdict_cases(manifest.requirements)
+    manifest = run(
+        write_campaign(tmp_path / "h", requirements=TIGHT, keep=KEEP), out, IDLE
+    ).manifest
+    assert "set after" not in manifest.requirements[0].words
+    assert len(manifest.requirement_sets) == 3
+
+
+def test_other_rows_are_still_another_campaign(flown, tmp_path):
+    _, out = flown
+    for entries in (
+        dict(seed="6"),
+        dict(dispersions="{aero.lift: {distribution: normal, sigma: 4 %}}"),
+    ):
+        with pytest.raises(InputError, match="another campaign"):
+            run(write_campaign(tmp_path / "g", **entries), out, IDLE)
+
+
+def test_a_folder_begun_before_resumes(flown, tmp_path):
+    """Its manifest has the hashes of then, of which requirements were a part, and names no sets."""
+    _, out = flown
+    path = out / "manifest.json"
+    write_manifest(path, replace(read_manifest(path), campaign_hash="old", question="old"))
+    again = run(write_campaign(tmp_path / "g", requirements=TIGHT, keep=KEEP), out, IDLE)
+    assert again.complete and len(again.manifest.requirement_sets) == 2
+
+
+def test_added_controllers_and_flights_keep_the_requirements(tmp_path):
+    named = "[{metric: altitude_error_max_m, below: 50, probability: 0.9, controllers: [one, two]}]"
+    campaign = write_campaign(tmp_path / "f", requirements=named, keep=KEEP)
+    run(campaign, tmp_path / "out", controllers=("one",), runs=64)
+    manifest = run(campaign, tmp_path / "out", runs=128).manifest
+    assert not manifest.requirement_sets
+    assert [each.controller for each in manifest.requirements] == ["one", "two"]
+
+
+def test_shards_with_different_requirements_merge_with_one_set_named(tmp_path):
+    loose = write_campaign(tmp_path / "f", requirements=LOOSE, keep=KEEP)
+    tight = write_campaign(tmp_path / "g", requirements=TIGHT, keep=KEEP)
+    parts = [tmp_path / f"part{i}" for i in (1, 2)]
+    for number, (campaign, part) in enumerate(zip((loose, tight), parts, strict=True), 1):
+        run(campaign, part, shard=(number, 2))
+    with pytest.raises(InputError, match=r"below 50 -> 1\.8.*--requirements"):
+        merge_campaign(parts, tmp_path / "merged", ENGINE)
+    merged = merge_campaign(parts, tmp_path / "merged", ENGINE, requirements=tight).manifest
+    whole = run(tight, tmp_path / "whole").manifest
+    assert (merged.digest, statuses(merged)) == (whole.digest, statuses(whole))
+
+
+def test_requirements_that_no_search_of_the_unknowns_was_made_for_are_not_shown(tmp_path):
+    points = (
+        "{tried: 7, at: {aero.drag: [0.8, 1.15]}, shared: 1, most_failures:"
+        " [{controller: one, requirement: 0, point: 1, failures: 9, tried: 7}]}"
+    )
+    entries = dict(
+        controllers="{one: one.yaml}", keep=KEEP, runs="60", points=points,
+        unknowns="{aero.drag: {low: -20 %, high: 15 %}}",
+    )  # fmt: skip
+    campaign = write_campaign(tmp_path / "f", requirements=LOOSE.replace("0.9", "0.5"), **entries)
+    first = run(campaign, tmp_path / "out").manifest
+    assert first.requirements[0].verdict == "PASS"
+    looser = "[{metric: speed_error_max_mps, below: 99, probability: 0.5}, " + LOOSE[1:].replace(
+        "0.9", "0.5"
+    )
+    del entries["points"]
+    changed = write_campaign(tmp_path / "g", requirements=looser, **entries)
+    speed, altitude = run(changed, tmp_path / "out", IDLE).manifest.requirements
+    assert speed.verdict == "NOT SHOWN" and "were not searched for" in speed.words
+    assert (altitude.verdict, altitude.failures) == ("PASS", first.requirements[0].failures)
+    assert read_campaign(tmp_path / "out/campaign.yaml").unknowns.most_failures[0].requirement == 1
