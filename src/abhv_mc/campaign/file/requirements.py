@@ -34,7 +34,11 @@ def read_tables(document: Document) -> Document:
 
     Raise InputErrors.
     """
-    document = _read_inputs(document)
+    return read_requirements(_read_inputs(document))
+
+
+def read_requirements(document: Document) -> Document:
+    """Return the campaign with the entries of the table of requirements that it names. Raise InputErrors."""
     data = document.data
     if not isinstance(data, dict) or not isinstance(data.get("requirements"), str):
         return document
