@@ -117,14 +117,16 @@ def no_profile() -> Floats:
 @lanes
 def between_knots(profile, column, altitude):
     """A column at an altitude: linear between the knots, constant beyond them."""
-    value = profile[0, column]
-    for knot in range(profile.shape[0] - 1):
-        low, high = profile[knot, _ALTITUDE], profile[knot + 1, _ALTITUDE]
-        share = (altitude - low) / (high - low)
-        share = 1.0 if share > 1.0 else share
-        here = profile[knot, column] + share * (profile[knot + 1, column] - profile[knot, column])
-        value = here if altitude > low else value
-    return value
+    knot, count = 0, profile.shape[0] - 1
+    while count > 1:  # of intervals, among which a half is left at each step
+        half = count // 2
+        knot = knot + half if altitude > profile[knot + half, _ALTITUDE] else knot
+        count -= half
+    low, high = profile[knot, _ALTITUDE], profile[knot + 1, _ALTITUDE]
+    share = (altitude - low) / (high - low)
+    share = 1.0 if share > 1.0 else share
+    here = profile[knot, column] + share * (profile[knot + 1, column] - profile[knot, column])
+    return here if altitude > low else profile[0, column]
 
 
 @lanes
