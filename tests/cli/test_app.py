@@ -261,6 +261,7 @@ def test_a_container_without_a_home_runs_a_simulator(tmp_path: Path) -> None:
 
     run("new", "mine", "--simulator", "python")
     said = run("run", "mine/campaign.yaml", "--runs", "20", "-o", "out")
-    assert said.count("Set XDG_CACHE_HOME") == 1 and "atplotlib" not in said
+    assert said.count("Set XDG_CACHE_HOME") == 1
+    assert "temporary" not in said  # as matplotlib warns of a folder that it makes itself
     assert (tmp_path / "out" / "report.html").exists()
     assert (tmp_path / f"abhv-mc-{os.getuid()}").stat().st_mode & 0o077 == 0

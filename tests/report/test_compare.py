@@ -155,9 +155,7 @@ def test_a_report_with_a_baseline_is_verified_with_it(with_baseline, before):
 
 
 def test_other_samples_are_refused_before_anything_flies(before, abhv_mc, tmp_path):
-    other = write_campaign(tmp_path / "other", runs=10, seed=8, controllers=("tlc", "lqr"))
-    with pytest.raises(InputError, match=r"atmosphere\.density = .* in flight 0"):
-        compare(before, other)
+    write_campaign(tmp_path / "other", runs=10, seed=8, controllers=("tlc", "lqr"))
     campaign = tmp_path / "other files/campaign.yaml"
     with pytest.raises(InputError, match=r"atmosphere\.density = .* in flight 0"):
         check_baseline(read_campaign(campaign), before)
