@@ -439,6 +439,22 @@ def test_a_program_may_take_its_time_to_start_and_has_to_flush(
     assert "does it flush its standard output" in capfd.readouterr().err
 
 
+def test_a_program_without_answers_is_lost_with_its_last_error(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A shell goes on after a program that it does not find; nothing told that the program was undeclared."""
+    (tmp_path / "loop.sh").write_text("#!/bin/sh\nwhile read -r line; do ./shot </dev/null; done\n")
+    (tmp_path / "shot").write_text("#!/bin/sh\n")
+    for name in ("loop.sh", "shot"):
+        (tmp_path / name).chmod(0o755)
+    simulator = {"command": ["./loop.sh"], "time_limit": "500 ms", "start_limit": "500 ms"}
+    path = dive_campaign(tmp_path, simulator=simulator)
+    assert fly_delays(path, [1.0]).outcome.tolist() == [LOST]
+    said = capfd.readouterr().err
+    assert "./shot: not found' is its last line on standard error" in said
+    assert "shot lies in the simulator's folder but not in 'files'" in said
+
+
 @pytest.mark.parametrize("code", [errno.EMFILE, errno.EAGAIN])
 def test_a_machine_that_starts_no_process_costs_no_flight(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int

@@ -174,11 +174,13 @@ class Process:
                 self._bound_errors()
                 if left <= _LOOK:
                     self.end()
-                    raise LostFlightError(f"not {verb} in {limit:g} s{self._flush_hint()}")
+                    raise LostFlightError(f"not {verb} in {limit:g} s{self._describe_silence()}")
                 if notice < time.monotonic():
                     notice = math.inf
+                    self._gather_errors()
                     words = f"still waiting for its first answer, for {left:.0f} s more at most"
-                    print(f"simulator: {words} (start_limit)", file=sys.stderr, flush=True)
+                    words = ", ".join([f"{words} (start_limit)", *self._quote_last_error()])
+                    print(f"simulator: {words}", file=sys.stderr, flush=True)
                 if self._process.poll() is None or self._poll.poll(0):
                     continue  # else its children hold its standard output open
                 raise LostFlightError(f"its process ended: {self._describe_end()}")
@@ -189,10 +191,18 @@ class Process:
             *whole, self._rest = (self._rest + content).split(b"\n")
             self._read.extend(whole)
 
-    def _flush_hint(self) -> str:
+    def _describe_silence(self) -> str:
+        """Describe what it wrote on standard error, or else what may keep its answer from coming."""
+        if error := self._quote_last_error():
+            return f"; {error[0]} is its last line on standard error"
         if self._has_written:
             return ""
         return "; it wrote nothing at all: does it flush its standard output after each answer?"
+
+    def _quote_last_error(self) -> list[str]:
+        """Return the last line that it wrote on standard error, in quotation marks; empty without any."""
+        last = self._excerpt.decode(errors="replace").strip().splitlines()[-1:]
+        return [f"'{self._without_folder(text):.200}'" for text in last]
 
     def _describe_end(self) -> str:
         """Describe how it ended, with the last line that it wrote on standard error."""
@@ -202,9 +212,7 @@ class Process:
             self.end()
             return "it closed its standard output, and was stopped"
         self.end()
-        last = self._excerpt.decode(errors="replace").strip().splitlines()[-1:]
-        quoted = (f"'{self._without_folder(text):.200}'" for text in last)
-        return ", ".join([describe_exit(code), *quoted])
+        return ", ".join([describe_exit(code), *self._quote_last_error()])
 
     def _without_folder(self, text: str) -> str:
         """Name its files as its user does."""

@@ -77,7 +77,7 @@ class UserPlan:
     def name_undeclared(self, message: str) -> str:
         """Return what is wrong if an error message names a file that `files` lacks, or ''."""
         for word in re.findall(r"[\w.+/-]+", message):
-            for path in (word.strip("."), f"{word.replace('.', '/')}.py"):
+            for path in (word.rstrip("."), f"{word.replace('.', '/')}.py"):
                 name = os.path.normpath(path)
                 is_inside = name[0] not in "./" and Path(self.folder, name).is_file()
                 if is_inside and not self._find_declared(name):
