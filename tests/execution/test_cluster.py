@@ -242,7 +242,9 @@ def test_the_command_says_that_a_worker_compiles(tmp_path, monkeypatch, capfd):
     dask = Dask(tmp_path)
     try:
         dask.start_worker()
-        with connect_cluster(dask.address, replace(ENGINE, fly=fly_compiled)) as cluster:
+        with connect_cluster(dask.address) as cluster:
+            cluster.engine = replace(ENGINE, fly=fly_compiled)
+            cluster.check = lambda plan, rows, block: block
             cluster.fly(make_plan("one"), nominal_parameters())
             worker = next(iter(cluster._client.nthreads()))
             deadline = time.monotonic() + 30.0
