@@ -95,9 +95,10 @@ def test_a_report_by_other_requirements_goes_elsewhere(folder, tmp_path):
 
 @pytest.mark.usefixtures("no_figures")
 def test_campaigns_on_different_samples_are_compared_by_their_distributions(folder, tmp_path):
-    other = write_campaign(tmp_path / "c", runs=40, seed=7)
+    other = write_campaign(tmp_path / "c", runs=40, seed=7, requirements=[])
     found = run("compare", folder, other, "--json", "-")
     contrast = json.loads(found.stdout)
+    assert any("no longer required" in words for words in contrast["changes"])
     assert contrast["contrasted"][0]["flights"] == [12, 40]
     for item in contrast["contrasted"][0]["requirements"]:
         sides = item["before"], item["after"]

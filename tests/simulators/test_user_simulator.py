@@ -447,10 +447,11 @@ def test_a_program_without_answers_is_lost_with_its_last_error(
     (tmp_path / "shot").write_text("#!/bin/sh\n")
     for name in ("loop.sh", "shot"):
         (tmp_path / name).chmod(0o755)
-    simulator = {"command": ["./loop.sh"], "time_limit": "500 ms", "start_limit": "500 ms"}
+    simulator = {"command": ["./loop.sh"], "time_limit": "1 s", "start_limit": "2 s"}
     path = dive_campaign(tmp_path, simulator=simulator)
-    assert fly_delays(path, [1.0]).outcome.tolist() == [LOST]
+    assert fly_delays(path, [1.0, 2.0, 3.0]).outcome.tolist() == [LOST] * 3
     said = capfd.readouterr().err
+    assert said.count("still waiting for its first answer") == 1  # the start limit is used up once
     assert "./shot: not found' is its last line on standard error" in said
     assert "shot lies in the simulator's folder but not in 'files'" in said
 

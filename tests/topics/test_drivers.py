@@ -56,6 +56,17 @@ def test_what_the_regression_tells_is_not_told_twice(results):
     assert told_of(results, lambda x: np.exp(x["aero.lift"])) == (["aero.lift"], [])
 
 
+def test_signs_are_those_of_the_metric_if_small_values_are_bad(results):
+    """A longer range at more speed was listed as a negative coefficient, that of a severity."""
+    flights = results.flights["tlc"]
+    records = {**flights.records, METRIC: replace(flights.records[METRIC], bad="low")}
+    changed = replace(flights, records=records)
+    low = replace(results, flights={**results.flights, "tlc": changed})
+    entry = changed_drivers(low, lambda x: x["aero.lift"]).controllers["tlc"].metrics[METRIC]
+    (lift,) = (each for each in entry.parameters if each.driver)
+    assert lift.parameter == "aero.lift" and 0.9 < lift.srrc[1] <= lift.srrc[0] <= lift.srrc[2]
+
+
 def test_a_driver_has_its_sign_and_a_product_remains_beside_it(results):
     """Regression and residual each name their own, and the table keeps a column for both."""
 

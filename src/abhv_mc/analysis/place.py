@@ -1,6 +1,6 @@
 """Compare test flights with the simulated flights of a campaign: does the dispersed model cover them?"""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -140,23 +140,12 @@ def place_flights(
         scores = [band.deviations(test).max() for test in tests]
         together = np.column_stack([together, np.append(band.scores, scores)])
     results.refuse_changes()
+    compared = {"time", *(bands or names)}
     return Placement(
         controller=controller,
         simulated=len(values),
         noise=dict(noise or {}),
-        ignored=tuple(
-            dict.fromkeys(
-                head
-                for table in tables
-                for i, head in enumerate(table.table.heads)
-                if i
-                not in [
-                    table.columns[name].position
-                    for name in ("time", *(bands or names))
-                    if name in table.columns
-                ]
-            )
-        ),
+        ignored=tuple(dict.fromkeys(head for each in tables for head in _unused(each, compared))),
         flights=tuple(placed),
         together_p_value=set_p_value(together, len(placed)) if len(placed) > 1 else None,
         bands=bands,
@@ -170,6 +159,12 @@ def _read_table(file: Path, units: Mapping[str, str]) -> NumberTable:
     factors = [table.factor(column, units[name]) for name, column in columns.items()]
     numbers = table.numbers([column.position for column in columns.values()])
     return NumberTable(table, columns, numbers * factors)
+
+
+def _unused(table: NumberTable, compared: Collection[str]) -> list[str]:
+    """Return the heads of the columns that are not compared."""
+    used = {column.position for name, column in table.columns.items() if name in compared}
+    return [head for i, head in enumerate(table.table.heads) if i not in used]
 
 
 def _shared_columns(tables: Sequence[NumberTable], known: Sequence[str]) -> list[str]:

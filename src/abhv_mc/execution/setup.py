@@ -199,7 +199,10 @@ def _resume(
         _check_drawn(folder, requested)
     if limits:
         manifest = add_requirement_set(folder, manifest, before.data, merged.data)
-        print(f"requirements changed: {'; '.join(limits)}", file=sys.stderr, flush=True)
+        words = (
+            f"requirements changed: {'; '.join(limits)}; stored flights are judged, not run again"
+        )
+        print(words, file=sys.stderr, flush=True)
     if changed:
         manifest = grow_folder(replace(flown, manifest=manifest), inputs, merged, new, longer)
     campaign = _join(requested, inputs, merged if changed else before)

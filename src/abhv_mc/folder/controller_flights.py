@@ -83,6 +83,11 @@ def distances(flights: ControllerFlights, metric: str, rows: Any = slice(None)) 
     return severity(band.worse(values), "high", flights.failed[rows])
 
 
+def metric_sign(record: Metric) -> float:
+    """Return the factor from a distance to the metric: -1 if small values are bad."""
+    return -1.0 if record.bad == "low" and not record.band else 1.0
+
+
 def common_rows(a: ControllerFlights, b: ControllerFlights) -> tuple[Any, Any]:
     """Rows of the flights that both flew, so that row i of one is the same flight as row i of the other."""
     _, rows_a, rows_b = np.intersect1d(a.flight, b.flight, assume_unique=True, return_indices=True)

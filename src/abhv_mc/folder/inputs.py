@@ -175,7 +175,7 @@ def merge_inputs(flown: FolderInputs, asked: FolderInputs, selected: bool = Fals
         requirements = old  # in their order
     asks = {"asks": flown.data["asks"]} if selected and "asks" in flown.data else {}
     changed = {**asked.data, **asks, "requirements": requirements}
-    points = {key: flown.data[key] for key in ("points",) if key in flown.data}
+    points = {"points": flown.data["points"]} if "points" in flown.data else {}
     data = with_requirements(
         {**asked.data, **points, "requirements": old, systems_key(asked.data): controllers},
         changed,

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from abhv_mc.campaign.file.experiment import Requirement
+from abhv_mc.campaign.file.requirement_set import describe_requirement_changes
 from abhv_mc.folder.controller_flights import ControllerFlights, severities
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.folder.inputs import describe_changes, read_folder_inputs
@@ -102,6 +103,9 @@ def _find_changes(a: FlownCampaign, b: FlownCampaign) -> list[str]:
         read_folder_inputs(CampaignFolder(each.folder), each.manifest) for each in (a, b)
     )
     changes = describe_changes(before, after, extensible=False)
+    changes += [
+        f"requirements, {words}" for words in describe_requirement_changes(before.data, after.data)
+    ]
     if a.manifest.source_hash != b.manifest.source_hash:
         commits = (each.manifest.commit or each.manifest.source_hash for each in (a, b))
         changes.append("flight code: {} -> {}".format(*(commit[:12] for commit in commits)))

@@ -308,7 +308,8 @@ def _sure(models: Models) -> str:
     if not verdicts.requirements:
         return ""
     if held is None:
-        return "Exact for independent flights only: no verdicts for this design."
+        why = models.results.campaign.dependence
+        return f"Estimates, no verdicts: {why}."
     risk = max(entry.asked.consumer_risk for entry in verdicts.requirements)
     passed = held.stand + len(held.dropped)
     text = f"{'Each' if passed else 'A'} PASS has at most {percent(risk, 2)} consumer's risk"

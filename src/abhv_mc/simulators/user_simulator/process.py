@@ -74,6 +74,7 @@ class Process:
         self._ended = False
         self._read: deque[bytes] = deque()
         self._has_written = False
+        self.has_timed_out = False
         self._excerpt = b""
         self._next_flight = int.from_bytes(os.urandom(4), "big")
         self.flights = 0  # that it was asked for and answered
@@ -173,6 +174,7 @@ class Process:
             if not self._poll.poll(1e3 * min(left, _LOOK)):
                 self._bound_errors()
                 if left <= _LOOK:
+                    self.has_timed_out = True
                     self.end()
                     raise LostFlightError(f"not {verb} in {limit:g} s{self._describe_silence()}")
                 if notice < time.monotonic():

@@ -38,6 +38,7 @@ class _Record:
         # s of the longest answer before each of the last proofs, but of a process's first answer
         self.longest: deque[float] = deque(maxlen=_PROOF)
         self.start: float | None = None  # s, the longest first answer
+        self.is_stuck = False  # whether a process used up its start limit and none ever answered
         self.flights = self.surplus = 0
 
 
@@ -252,6 +253,8 @@ class _Flights:
         """Return the seconds that a program may take to start, beyond those of a flight."""
         if self.plan.python:
             return 0.0  # it says itself when it is loaded
+        if self.record.is_stuck:
+            return 0.0  # the same limit again for each flight would take hours
         before, limit = self.record.start, self.plan.start_limit
         return limit if before is None else min(limit, _START_TIMES * before + _START_SLACK)
 
@@ -308,6 +311,7 @@ class _Flights:
         """Take what a process says of itself: the time of its start, and its standard error."""
         if process.flights:
             self.record.start = max(self.record.start or 0.0, process.first_time)
+        self.record.is_stuck = self.record.start is None and process.has_timed_out
         if text := process.take_errors():
             self.errors = [*self.errors[:2], *self.errors[2:][-2:], text]
 

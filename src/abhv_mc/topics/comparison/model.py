@@ -9,7 +9,13 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.flight.metrics import SURFACE_USAGE, Metric
-from abhv_mc.folder.controller_flights import ControllerFlights, common_rows, distances, severities
+from abhv_mc.folder.controller_flights import (
+    ControllerFlights,
+    common_rows,
+    distances,
+    metric_sign,
+    severities,
+)
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.statistics.estimates import LEVELS, Interval, pair_differences, quantile
 from abhv_mc.statistics.paired import (
@@ -262,11 +268,6 @@ def metric_differences(a: ControllerFlights, b: ControllerFlights, metric: str) 
         *(distances(f, metric, rows) for f, rows in zip((a, b), common_rows(a, b), strict=True))
     )
     return metric_sign(a.records[metric]) * found
-
-
-def metric_sign(record: Metric) -> float:
-    """What turns a severity into the metric: -1 where small values are bad."""
-    return -1.0 if record.bad == "low" and not record.band else 1.0
 
 
 def total_usage(metrics: Mapping[str, Floats]) -> Floats:

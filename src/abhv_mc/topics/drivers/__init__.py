@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.folder.controller_flights import distances
+from abhv_mc.folder.controller_flights import distances, metric_sign
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.statistics.drivers import (
     FALSE_DISCOVERY_RATE,
@@ -97,7 +97,12 @@ def _coefficients(results: FlownCampaign, controller: str) -> dict[str, MetricDr
     metrics, names = list(results.metrics), list(results.dispersed)
     flights = results.flights[controller]
     first = np.arange(min(_MOST_FLIGHTS, flights.flight.size))
-    outputs = np.column_stack([distances(flights, metric, first) for metric in metrics])
+    outputs = np.column_stack(
+        [
+            metric_sign(flights.records[metric]) * distances(flights, metric, first)
+            for metric in metrics
+        ]
+    )
     inputs, folded = [], []
     for sampled in map(results.samples.__getitem__, names):
         inputs.append(sampled[flights.flight[first]])
@@ -233,7 +238,7 @@ def _sentence(label: str, drivers: ControllerDrivers, names: Names) -> str:
 
 
 def _sign(driver: Driver) -> str:
-    """Return the direction in which the error grows."""
+    """Return the direction in which the metric grows."""
     if driver.either_way:
         return "high or low" if driver.srrc[0] > 0.0 else "near its median"
     return "+" if driver.srrc[0] > 0.0 else "\N{MINUS SIGN}"

@@ -35,7 +35,7 @@ def draw(drivers: Drivers, names: Names) -> Iterator[tuple[FigureText, Figure]]:
         text = FigureText(
             "drivers",
             "What moves the errors",
-            "Solid: standardized rank regression coefficients with 95 % intervals, to the right where the error grows "
+            "Solid: standardized rank regression coefficients with 95 % intervals, to the right where the metric grows "
             'with the parameter ("high or low": with its distance from the median). Open, if the effect is not '
             "monotonic: the parameter's share of the variance of ranks, alone (solid part) and in all.",
         )
