@@ -83,6 +83,7 @@ def test_values_and_places(tmp_path: Path) -> None:
         ("a: 1\na: 2\n", (2, 1), "'a' again"),
         ("a: 1\n\tb: 2\n", (2, 1), "a tab"),
         ("a: 1\nb: [1\n", (3, 1), "expected"),
+        ("a: 1\nb: {c: 1, d\r", (3, 1), "expected"),  # a lone carriage return ends a line in YAML
         ("a: !!python/object/apply:os.system [ls]\n", (1, 4), "tag"),
         ("x: 1\na: *unknown\n", (2, 4), "alias"),
         ("1: a\n", (1, 1), "key 1"),

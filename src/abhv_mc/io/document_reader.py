@@ -53,7 +53,7 @@ def compose(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = (mark.line + 1, mark.column + 1) if mark else ()
-        if mark and text.split("\n")[mark.line][mark.column :].startswith("\t"):
+        if mark and text[mark.index : mark.index + 1] == "\t":
             raise InputError(
                 path, "a tab", "spaces: YAML is indented by spaces only", *place
             ) from None
