@@ -27,10 +27,10 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.jit import kernel
 from abhv_mc.requests import RareRequest, Request, WorstRequest
 from abhv_mc.search.rare import find_rare
-from abhv_mc.search.tune import tune_controller
 from abhv_mc.search.worst import find_worst
 from abhv_mc.shipped import shipped_campaigns
 from abhv_mc.simulators.vehicle_simulator import make_engine
+from abhv_mc_tune.tuning import tune_controller
 
 pytest.importorskip("distributed")
 

@@ -26,11 +26,16 @@ from abhv_mc.folder.lock import hold_lock
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import Document, InputError, StrictModel, read_document, validate
 from abhv_mc.io.input_files import reading_once
-from abhv_mc.requests import Paths, TuneRequest
-from abhv_mc.search.methods.tune import Scores, Tuning, tune
+from abhv_mc.requests import Paths
 from abhv_mc.search.search_flights import find_metric, read_searched
 from abhv_mc.search.space import make_space
-from abhv_mc.search.tune_trials import (
+from abhv_mc.simulators.vehicle_simulator import make_engine
+from abhv_mc.statistics.estimates import Interval
+from abhv_mc.statistics.quantile_pairs import quantile_difference
+from abhv_mc_tune.candidates import Candidates, ControllerNumbers, read_controller_numbers
+from abhv_mc_tune.method import Scores, Tuning, tune
+from abhv_mc_tune.request import TuneRequest
+from abhv_mc_tune.trials import (
     Trials,
     bound_of,
     excess_of,
@@ -40,10 +45,6 @@ from abhv_mc.search.tune_trials import (
     value_of,
     vehicles_of,
 )
-from abhv_mc.simulators.candidates import Candidates, ControllerNumbers, read_controller_numbers
-from abhv_mc.simulators.vehicle_simulator import make_engine
-from abhv_mc.statistics.estimates import Interval
-from abhv_mc.statistics.quantile_pairs import quantile_difference
 
 # Endings of the folder of candidates, of the page, and of the file of a rejected candidate.
 _KEPT, _PAGE, _REJECTED = ".tuning", ".html", ".rejected.yaml"

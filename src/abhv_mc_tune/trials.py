@@ -19,12 +19,12 @@ from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.metrics import MARGIN_NAMES, MARGIN_VALUES, Metric
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.arrays import read_array, write_array
-from abhv_mc.search.methods.tune import Scores
 from abhv_mc.search.space import Space
-from abhv_mc.simulators.candidates import Candidate, Candidates, Time
 from abhv_mc.simulators.corner_margins import make_corners
 from abhv_mc.simulators.engine import simulate
 from abhv_mc.statistics.estimates import severity, sorted_quantile
+from abhv_mc_tune.candidates import Candidate, Candidates, Time
+from abhv_mc_tune.method import Scores
 
 _BLOCK = 128  # flights of one call
 
