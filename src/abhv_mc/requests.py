@@ -91,7 +91,10 @@ Seed = Annotated[int | None, Option("Seed.", "count", "the campaign's", low=0)]
 Workers = Annotated[
     int | None, Option("Flights in parallel.", "count", "cores", low=1, high=MOST_WORKERS)
 ]
-Scheduler = Annotated[str | None, Option("Fly on this Dask cluster.", "scheduler")]
+Scheduler = Annotated[
+    str | None,
+    Option("Compute on this cluster, as tcp://host:8786 of Dask.", "scheduler"),
+]
 Fresh = Annotated[bool, Option("Delete what the folder holds of a campaign first.", "flag")]
 
 

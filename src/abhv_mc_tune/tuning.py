@@ -16,8 +16,7 @@ from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.config import THREADS
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.tuning import Aim, Limit, Tune
-from abhv_mc.execution.cluster import connect_cluster
-from abhv_mc.execution.executor import open_executor
+from abhv_mc.execution.executor import connect, open_executor
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.metrics import MARGIN_NAMES, Metric
 from abhv_mc.folder.inputs import collect_inputs
@@ -224,10 +223,8 @@ def _tune(request: TuneRequest, engine: Engine) -> TuneFound:
     )
     kept = out.with_suffix(_KEPT)
     with hold_lock(kept / ".lock"), ExitStack() as stack:
-        cluster = (
-            stack.enter_context(connect_cluster(request.scheduler)) if request.scheduler else None
-        )
-        executor = stack.enter_context(open_executor(engine, execution, request.workers, cluster))
+        scheduler = stack.enter_context(connect(request.scheduler))
+        executor = stack.enter_context(open_executor(engine, execution, request.workers, scheduler))
         identity = hashlib.sha256(text.encode()).hexdigest()
         vehicles = vehicles_of(campaign, block)
         candidates = Candidates(campaign, name, numbers, engine)

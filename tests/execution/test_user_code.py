@@ -7,7 +7,7 @@ import shutil
 
 import numpy as np
 import pytest
-from execution.test_cluster import Dask
+from remote.test_cluster import Dask
 from report.synthetic import build_page
 from user_code.test_vehicle_functions import write_ghame_x
 
