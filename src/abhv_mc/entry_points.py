@@ -7,6 +7,7 @@ group                      object                                               
 ``abhv_mc.functions``      a function of ``import abhv_mc``                       of the function
 ``abhv_mc.campaign_blocks`` check of a block: ``(Experiment) -> None``            of the block
 ``abhv_mc.executors``      an :data:`abhv_mc.interfaces.Connect`                  scheme of ``--scheduler``
+``abhv_mc.law_backends``   a ``user_code.native_loop.LawBackend``                 ``law`` of the controller file
 ``abhv_mc.stores``         a class, of an address: an ``interfaces.Store``        scheme of the address
 ``abhv_mc.topics``         an :class:`abhv_mc.topics.Topic`                       any
 ========================== ====================================================== =================================
@@ -17,7 +18,8 @@ from importlib.metadata import EntryPoint, distributions
 from typing import Any
 
 COMMANDS, FUNCTIONS, TOPICS = "abhv_mc.commands", "abhv_mc.functions", "abhv_mc.topics"
-BLOCKS, EXECUTORS, STORES = "abhv_mc.campaign_blocks", "abhv_mc.executors", "abhv_mc.stores"
+BLOCKS, LAW_BACKENDS = "abhv_mc.campaign_blocks", "abhv_mc.law_backends"
+EXECUTORS, STORES = "abhv_mc.executors", "abhv_mc.stores"
 _SHOW_ONLY = (COMMANDS, FUNCTIONS, TOPICS)
 
 
