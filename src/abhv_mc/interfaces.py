@@ -1,7 +1,8 @@
 """The contracts at the package's boundaries.
 
 What stands above a contract never asks which implementation it has: a feature that needs more than the contract
-promises to all asks for a capability, or calls :meth:`Simulator.check`.
+promises to all asks for a capability, or calls :meth:`Simulator.check`. The contract of a section of the report is
+:class:`abhv_mc.topics.Topic`.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
