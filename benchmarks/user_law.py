@@ -32,7 +32,7 @@ METRICS = {
 }  # fmt: skip
 
 sys.path.insert(0, str(ROOT / "tests"))
-from user_code.make_fmu import make_fmu, write_controller  # noqa: E402  of the tests, which are no package
+from fmu.make_fmu import make_fmu, write_controller  # noqa: E402  of the tests, which are no package
 
 allow_here()  # this process may be lost: native code flies in it
 configs = ROOT / "configs"

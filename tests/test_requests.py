@@ -8,7 +8,8 @@ import typer
 import abhv_mc
 from abhv_mc.cli.app import app
 from abhv_mc.io.input_error import InputError
-from abhv_mc.requests import RareRequest, Request, TuneRequest, WorstRequest, options_of
+from abhv_mc.requests import RareRequest, Request, WorstRequest, options_of
+from abhv_mc_tune.request import TuneRequest
 
 TAKEN = [
     ("run", abhv_mc.Campaign.run, Request),

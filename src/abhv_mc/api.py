@@ -7,7 +7,6 @@ import os
 import shutil
 import weakref
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any
@@ -23,7 +22,6 @@ from abhv_mc.requests import (
     Paths,
     RareRequest,
     Request,
-    TuneRequest,
     WorstRequest,
     check_count,
     takes,
@@ -36,7 +34,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from abhv_mc.search.rare import RareFound
-    from abhv_mc.search.tune import TuneFound
     from abhv_mc.search.worst import WorstFound
 
 __all__ = [
@@ -55,7 +52,6 @@ __all__ = [
     "rare",
     "simulate",
     "trim",
-    "tune",
     "worst",
 ]
 
@@ -197,37 +193,6 @@ def rare(request: RareRequest) -> "RareFound":
     found, folder = find_rare(request), Path(request.output)
     write_answer(make_rare_answer(found, folder), folder / "report.html")
     return found
-
-
-@takes(TuneRequest)
-def tune(request: TuneRequest) -> "TuneFound":
-    """Tune the free numbers of a controller, as ``abhv-mc tune`` does.
-
-    The controller file is written where the result is ``.shown`` to be better within all limits.
-
-    Returns
-    -------
-    TuneFound
-        ``.as_json()`` is what ``--json`` holds.
-
-    Raises
-    ------
-    InputError
-        For what is wrong with a file or an argument.
-    """
-    from abhv_mc.report.pages.page import write_answer
-    from abhv_mc.report.pages.tune_page import make_tune_answer
-    from abhv_mc.search.tune import tune_controller
-
-    out = Path(request.output)
-
-    def finish(found: "TuneFound") -> None:
-        if request.tell is not None:
-            request.tell(found)
-        figures = out.with_suffix(".tuning") / "figures"
-        write_answer(make_tune_answer(found), out.with_suffix(".html"), figures)
-
-    return tune_controller(replace(request, tell=finish))
 
 
 def simulate(

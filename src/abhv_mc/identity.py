@@ -1,6 +1,7 @@
 """Where rows come from: one hash of the source that this process has imported and of its compiler; commit and machine.
 
-Whatever flies, draws, judges or merges may shape a row, so every package counts but those that only show (``_SHOWN``).
+Whatever flies, draws, judges or merges may shape a row, so every package counts but those that only show (``_SHOWN``),
+and those beside ``abhv_mc`` that register executors, stores, control laws or blocks (:mod:`abhv_mc.entry_points`).
 A process that lives through an edit of its source is still the old code: the hash is of the source when this module was
 imported, and modules that are imported later are held against it. What compiled code is kept under is another, smaller
 hash (:mod:`abhv_mc.kernel.cache`): an edit of a table in ``execution`` must not compile the kernels anew.
@@ -14,10 +15,12 @@ import subprocess
 import sys
 import threading
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import abhv_mc
+from abhv_mc.entry_points import find_packages
 
 _PACKAGE = Path(__file__).parent
 _SHOWN = ("cli", "report", "topics")
@@ -43,6 +46,8 @@ class Flyer(NamedTuple):
 
 def hash_source(package: Path) -> dict[str, str]:
     """SHA-256 of each module of a package that may shape a row, by its name."""
+    if package.is_file():  # a module alone
+        return {package.stem: hashlib.sha256(package.read_bytes()).hexdigest()}
     files = (
         file for file in package.rglob("*.py") if file.relative_to(package).parts[0] not in _SHOWN
     )
@@ -57,7 +62,18 @@ def _module_name(package: Path, file: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-_source = hash_source(_PACKAGE)
+def _hash_registered() -> dict[str, str]:
+    """SHA-256 of each module of the packages that register what may shape a row, by its name."""
+    hashes: dict[str, str] = {}
+    for name in find_packages():
+        spec = find_spec(name)
+        if spec is not None and spec.origin is not None:
+            file = Path(spec.origin)
+            hashes |= hash_source(file.parent if file.name == "__init__.py" else file)
+    return hashes
+
+
+_source = hash_source(_PACKAGE) | _hash_registered()
 _known: set[str] = set()  # modules whose source has been held against it
 _lock = threading.Lock()
 

@@ -1,4 +1,4 @@
-"""Requests of a run, a search and a tuning, and how a function takes one.
+"""Requests of a run and a search, and how a function takes one.
 
 A field is declared once: :func:`takes` makes it an argument in Python, and :mod:`abhv_mc.cli.request_options` an option
 of the command line.
@@ -85,17 +85,22 @@ _CHECKS: dict[str, Callable[[Any, str, Option], Any]] = {  # by kind; of values 
     "side": _check_side,
 }
 
-_Campaign = Annotated[Paths, Option("Campaign file, or the name of a shipped one.", "campaign")]
-_Controller = Annotated[str | None, Option("Controller.", "controller", "the first")]
-_Seed = Annotated[int | None, Option("Seed.", "count", "the campaign's", low=0)]
-_Workers = Annotated[
+CampaignPath = Annotated[Paths, Option("Campaign file, or the name of a shipped one.", "campaign")]
+Controller = Annotated[str | None, Option("Controller.", "controller", "the first")]
+Seed = Annotated[int | None, Option("Seed.", "count", "the campaign's", low=0)]
+Workers = Annotated[
     int | None, Option("Flights in parallel.", "count", "cores", low=1, high=MOST_WORKERS)
 ]
-_Scheduler = Annotated[str | None, Option("Fly on this Dask cluster.", "scheduler")]
-_Fresh = Annotated[bool, Option("Delete what the folder holds of a campaign first.", "flag")]
+Scheduler = Annotated[
+    str | None,
+    Option("Compute on this cluster, as tcp://host:8786 of Dask.", "scheduler"),
+]
+Fresh = Annotated[bool, Option("Delete what the folder holds of a campaign first.", "flag")]
 
 
-class _Checked:
+class CheckedRequest:
+    """Record of fields that are options, converted and checked when it is made."""
+
     def __post_init__(self) -> None:
         """Convert and check each value. Raises InputError, which calls it by its field."""
         for name, option in options_of(type(self)).items():
@@ -105,10 +110,10 @@ class _Checked:
 
 
 @dataclass(frozen=True)
-class Request(_Checked):
+class Request(CheckedRequest):
     """Request of a run: by the command line, a notebook or merge."""
 
-    campaign: _Campaign
+    campaign: CampaignPath
     output: Annotated[
         Paths | None,
         Option("Folder, or an address such as s3://bucket/folder.", "address", "reports/NAME"),
@@ -116,13 +121,13 @@ class Request(_Checked):
     runs: Annotated[
         int | None, Option("Flights of each controller.", "count", "the campaign's", low=1)
     ] = None
-    seed: _Seed = None
+    seed: Seed = None
     controllers: Annotated[
         Sequence[str] | None, Option("Only these of its controllers.", "controllers")
     ] = None
-    workers: _Workers = None
-    fresh: _Fresh = False
-    scheduler: _Scheduler = None
+    workers: Workers = None
+    fresh: Fresh = False
+    scheduler: Scheduler = None
     shard: Annotated[
         tuple[int, int] | None, Option("Only part I of N; merge joins them.", "shard")
     ] = None
@@ -146,17 +151,17 @@ class Request(_Checked):
 
 
 @dataclass(frozen=True)
-class SearchRequest(_Checked):
+class SearchRequest(CheckedRequest):
     """Request that every search has in common."""
 
-    campaign: _Campaign
+    campaign: CampaignPath
     output: Annotated[Paths, Option("Folder of the flights and the page.", "folder")]
     _: KW_ONLY
-    controller: _Controller = None
-    seed: _Seed = None
-    workers: _Workers = None
-    scheduler: _Scheduler = None
-    fresh: _Fresh = False
+    controller: Controller = None
+    seed: Seed = None
+    workers: Workers = None
+    scheduler: Scheduler = None
+    fresh: Fresh = False
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -194,24 +199,6 @@ class RareRequest(SearchRequest):
         Option("Coefficient of variation to reach, as 0.2 or 20 %.", "share", low=0.01, high=1.0),
     ] = 0.2
     flights: Annotated[int, Option("Flights at most.", "count", low=1)] = 20_000
-
-
-@dataclass(frozen=True)
-class TuneRequest(_Checked):
-    """Request of better numbers for a controller."""
-
-    campaign: _Campaign
-    output: Annotated[Paths, Option("Controller file to write; its page lies beside.", "new file")]
-    _: KW_ONLY
-    controller: _Controller = None
-    block: Annotated[Paths | None, Option("File with the block 'tune'.", "file", "CAMPAIGN")] = None
-    seed: _Seed = None
-    workers: _Workers = None
-    scheduler: _Scheduler = None
-    tell: Annotated[
-        Callable[[Any], None] | None,
-        Option("Function of the result, called just before the controller file is written.", ""),
-    ] = None
 
 
 def takes(request: Callable[P, R], of: str = "") -> Callable[[Callable[[R], T]], Callable[P, T]]:

@@ -1,5 +1,5 @@
 """A stranger's folder: no command runs what it holds, SQL over it sees its tables and nothing else of the machine, and
-what it says steers no terminal. See also execution/test_user_code (laws of others) and test_remote (names that lead
+what it says steers no terminal. See also execution/test_user_code (laws of others), remote/test_store (names that lead
 out)."""
 
 import os

@@ -7,7 +7,6 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 from abhv_mc.folder.flown_campaign import BANDS
-from abhv_mc.report.figures.searches import plot_front
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.topics import registry
 from abhv_mc.topics.envelopes import ENVELOPES
@@ -17,6 +16,7 @@ from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.metrics.figures import Spread, plot_distributions
 from abhv_mc.topics.registry import make_figures
 from abhv_mc.topics.topic import Models
+from abhv_mc_tune.page import plot_front
 
 FILES = [
     "channels",

@@ -129,7 +129,7 @@ def map_failures(
     campaign = open_flown(folder, failed, trust_code)
     found = {}
     with open_executor(
-        engine or campaign.simulator.engine, campaign.model.execution, None, None
+        engine or campaign.simulator.engine, campaign.model.execution, None
     ) as executor:
         for name, flights in failed.items():
             found[name] = _map_controller(

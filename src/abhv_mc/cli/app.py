@@ -72,7 +72,7 @@ _PANELS: dict[str, tuple[Any, ...]] = {  # by name: added by a package
         *(starting.samples, querying.lists),
     ),
     "Fly": (running.run, running.adopt, running.merge, flying.fly, replaying.replay),
-    "Search": (searching.worst, searching.rare, searching.tune),
+    "Search": (searching.worst, searching.rare, "tune"),
     "Look": (
         *(reporting.report, reporting.show, "explore", reporting.compare, replaying.explain),
         *(

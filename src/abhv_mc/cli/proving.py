@@ -20,11 +20,11 @@ def campaign(folder: Folder) -> None:
     Numbers are computed anew from the flights. Nothing is flown again: replay does that with one flight.
     """
     from abhv_mc.folder.manifest import read_manifest
-    from abhv_mc.folder.remote import fetched
+    from abhv_mc.folder.stores import open_store
     from abhv_mc.report.pages.build import search_command
     from abhv_mc.report.pages.verify import skipped_topics, verify_campaign
 
-    with fetched(folder) as source:
+    with open_store(folder).reading() as source:
         for difference in verify_campaign(source):
             say(difference)
             raise typer.Exit(1)

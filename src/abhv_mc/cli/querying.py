@@ -36,14 +36,15 @@ def campaigns(
     json: Json = None,
 ) -> None:
     """List the campaigns in a folder: state, flights, controllers, when, and the digest's first digits."""
-    from abhv_mc.folder.remote import fetched_manifests
     from abhv_mc.folder.status import find_campaigns
+    from abhv_mc.folder.stores import open_store
 
     address = read_address(folder)
     if address is None and not folder.is_dir() and folder != _DEFAULT:
         raise InputError(folder, "no such folder", "one that holds campaigns' folders")
-    with fetched_manifests(folder, "*/manifest.json") as (here, describe):
-        found = find_campaigns(here, describe)
+    store = open_store(folder)
+    with store.reading("*/manifest.json") as here:
+        found = find_campaigns(here, store)
     if address is not None:
         found = [replace(one, folder=Path(one.folder).name) for one in found]
 
@@ -178,10 +179,10 @@ def query(
 
     Parameters have a dot in their names: write them in double quotes, as in select "aero.lift" from samples.
     """
-    from abhv_mc.folder.remote import fetched
+    from abhv_mc.folder.stores import open_store
     from abhv_mc.folder.tables import ask
 
-    with fetched(folder) as source:
+    with open_store(folder).reading() as source:
         if json is None and csv is None:
             say(ask(source, sql, _draw) or "", end="")
             return
@@ -264,7 +265,7 @@ def export(
         write_gains(output_file(out) or out, make_flight_plan(*files))
         say(out)
         return
-    from abhv_mc.folder.remote import fetched, local_path
+    from abhv_mc.folder.stores import open_store
     from abhv_mc.folder.tables import export_csv
 
     if mission is not None:
@@ -272,8 +273,9 @@ def export(
             mission, "a second argument", "nothing after the folder, or 'gains' before it"
         )
     out = output_folder(out)
-    if out is None and local_path(folder) is None:
+    store = open_store(folder)
+    if out is None and store.local is None:
         raise InputError("--output", "nothing, for a campaign at an address", "-o DIR: where to")
-    with fetched(folder) as source:
+    with store.reading() as source:
         for path in export_csv(source, out or folder / "csv"):
             say(path)

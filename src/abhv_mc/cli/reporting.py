@@ -64,7 +64,7 @@ def report(
 
     from abhv_mc.folder.flown_campaign import read_flown
     from abhv_mc.folder.manifest import read_manifest
-    from abhv_mc.folder.remote import fetched, local_path
+    from abhv_mc.folder.stores import open_store
     from abhv_mc.report.pages.build import build_report
     from abhv_mc.report.pages.matrix import judged_cases, make_junit
     from abhv_mc.report.pages.pdf import find_browser, print_pdf
@@ -75,8 +75,9 @@ def report(
         raise InputError("--requirements", "no -o OUT", "-o OUT: DIR keeps the report of its own")
     browser = find_browser() if pdf or letter else None
 
-    with fetched(folder) as source:
-        if out is None and local_path(folder) is None:
+    store = open_store(folder)
+    with store.reading() as source:
+        if out is None and store.local is None:
             out = output_folder(
                 Path("reports") / read_manifest(CampaignFolder(source).manifest).name
             )
@@ -297,13 +298,12 @@ def _entry(entry: "Mapping[str, object]") -> str:
 
 def status(folder: Folder, json: Json = None) -> None:
     """Say how far a campaign is, who flies it, and what was found so far."""
-    from abhv_mc.folder.remote import fetched_manifests
     from abhv_mc.folder.status import read_status
+    from abhv_mc.folder.stores import open_store
 
-    with fetched_manifests(folder, "*.json") as (here, describe):
-        found = replace(
-            read_status(here, describe and describe("")), folder=str(read_address(folder) or folder)
-        )
+    store = open_store(folder)
+    with store.reading("*.json") as here:
+        found = replace(read_status(here, store), folder=str(read_address(folder) or folder))
         answer(found.as_entries(), json, lambda: _print_status(found, here))
 
 

@@ -66,7 +66,7 @@ def run(
     """
     announce_compiling()
     from abhv_mc.execution.runner import run_campaign
-    from abhv_mc.folder.remote import mirrored
+    from abhv_mc.folder.stores import open_store
 
     baseline = None if request.baseline is None else Path(request.baseline)
     if baseline is not None:
@@ -78,7 +78,7 @@ def run(
         asked = read_campaign(request.campaign, request.runs, request.seed, request.controllers)
         check_baseline(asked, baseline)
     out = None if request.output is None else Path(request.output)
-    with mirrored(out, staging) if out else nullcontext() as folder:
+    with open_store(out).writing(staging) if out else nullcontext() as folder:
         result = run_campaign(replace(request, output=folder))
         finish(result, no_report or request.shard is not None, json, out, junit, baseline)
 
@@ -277,10 +277,10 @@ def merge(
     """
     from abhv_mc.execution.merge import merge_campaign
     from abhv_mc.folder.manifest import read_manifest
-    from abhv_mc.folder.remote import fetched
+    from abhv_mc.folder.stores import open_store
 
     with ExitStack() as stack:
-        here = [stack.enter_context(fetched(part)) for part in parts]
+        here = [stack.enter_context(open_store(part).reading()) for part in parts]
         manifest = read_manifest(CampaignFolder(here[0]).manifest)
         merged = merge_campaign(
             here,

@@ -11,7 +11,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.execution.executor import Executor
+from abhv_mc.execution.executor import FlightRunner
 from abhv_mc.execution.flight_tables import read_flight_tables
 from abhv_mc.execution.interrupts import sigterm_as_interrupt
 from abhv_mc.execution.runner import RunResult, fly_opened
@@ -78,7 +78,7 @@ def adopt_tables(
             _write_blocks(folder, files, campaign, blocks, name)
             manifest = replace(manifest, state=RUNNING)
         opened = OpenCampaign(folder, campaign, manifest, campaign.controllers, files)
-        return fly_opened(opened, Executor(campaign.simulator.engine.fly, 1))
+        return fly_opened(opened, FlightRunner(campaign.simulator.engine.fly, 1))
 
 
 def _without_verdicts(campaign: Experiment) -> Experiment:

@@ -13,7 +13,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.execution.executor import Executor, open_executor, open_threads
+from abhv_mc.execution.executor import FlightRunner, open_executor, open_threads
 from abhv_mc.execution.probe_dispersions import make_trials, unchanging
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.outcome import Outcome
@@ -67,9 +67,7 @@ def fly_first(campaign: Experiment, workers: int | None) -> FirstFlights:
     Raises InputError if no flight of a system can be computed.
     """
     rows = campaign.make_samples().draw(0, min(_CHECKED, campaign.runs))
-    with open_executor(
-        campaign.simulator.engine, campaign.model.execution, workers, None
-    ) as executor:
+    with open_executor(campaign.simulator.engine, campaign.model.execution, workers) as executor:
         end_processes()  # those of an earlier campaign: a check needs new ones
         repeats, warnings = _fly_twice(campaign, executor, rows)
         for name in campaign.systems:
@@ -120,7 +118,7 @@ def _checked(campaign: Experiment, process: int = 1) -> Experiment:
 
 
 def _fly_twice(
-    campaign: Experiment, executor: Executor, rows: Floats
+    campaign: Experiment, executor: FlightRunner, rows: Floats
 ) -> tuple[dict[str, list[_Repeats]], list[str]]:
     """Simulate ``rows`` in pairs of new processes at the same time; return the flights by system, pairs side by side,
     and warnings of files that native code reads."""

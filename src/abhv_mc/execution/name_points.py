@@ -13,7 +13,7 @@ from abhv_mc.campaign.file.check import check_campaign
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.unknowns import Unknowns, points_entry
 from abhv_mc.campaign.sampling.designs import make_generator
-from abhv_mc.execution.executor import Executor, open_executor
+from abhv_mc.execution.executor import FlightRunner, open_executor
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.outcome import Outcome
@@ -51,9 +51,7 @@ def name_points(
             f"{total} flights search the worst values of the unknowns", file=sys.stderr, flush=True
         )
         with (
-            open_executor(
-                campaign.simulator.engine, campaign.model.execution, workers, None
-            ) as executor,
+            open_executor(campaign.simulator.engine, campaign.model.execution, workers) as executor,
             Progress("search of the unknowns' worst values: flights", total) as progress,
         ):
             for name in plans:
@@ -79,7 +77,7 @@ def with_points(campaign: Experiment, points: object) -> Experiment:
 
 
 def _evaluate(
-    campaign: Experiment, name: str, executor: Executor, progress: Progress, points: Floats
+    campaign: Experiment, name: str, executor: FlightRunner, progress: Progress, points: Floats
 ) -> Trial:
     """Simulate the flights of the search at each point [point, unknown] of the box."""
     rows = campaign.search_rows(SEARCH_FLIGHTS, campaign.unknowns.values(points))

@@ -12,9 +12,8 @@ import numpy as np
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.execution.backpressure import work_ahead
 from abhv_mc.execution.blocks import Block, choose_batch, choose_plain, choose_timed, cut_blocks
-from abhv_mc.execution.cluster import connect_cluster
 from abhv_mc.execution.completion import Completion
-from abhv_mc.execution.executor import Executor, open_executor
+from abhv_mc.execution.executor import FlightRunner, connect, open_executor
 from abhv_mc.execution.flight_counts import count_flights, flight_values, judge_requirements
 from abhv_mc.execution.fly_batches import AT_ONCE
 from abhv_mc.execution.interrupts import interrupts_deferred, sigterm_as_interrupt
@@ -70,9 +69,7 @@ def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
     """
     with ExitStack() as stack:
         stack.enter_context(sigterm_as_interrupt())
-        cluster = None
-        if request.scheduler is not None:
-            cluster = stack.enter_context(connect_cluster(request.scheduler))
+        scheduler = stack.enter_context(connect(request.scheduler))
         opened = open_campaign(request, engine, stack)
         execution = opened.campaign.model.execution
         executor = stack.enter_context(
@@ -80,20 +77,20 @@ def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
                 opened.campaign.simulator.engine,
                 execution,
                 request.workers,
-                cluster,
+                scheduler,
                 request.check_workers,
             )
         )
         return fly_opened(opened, executor)
 
 
-def fly_opened(opened: OpenCampaign, executor: Executor) -> RunResult:
+def fly_opened(opened: OpenCampaign, executor: FlightRunner) -> RunResult:
     """Fly what an open folder misses of its campaign, and make what follows from all flights."""
     return _Run(opened, executor).run()
 
 
 class _Run:
-    def __init__(self, opened: OpenCampaign, executor: Executor) -> None:
+    def __init__(self, opened: OpenCampaign, executor: FlightRunner) -> None:
         self.folder, self.plans = opened.folder, opened.plans
         self.campaign = prove_blocks(opened.campaign)
         self.manifest, self.simulator = opened.manifest, self.campaign.simulator

@@ -21,8 +21,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.campaign.file.requirement_set import describe_requirement_changes
-from abhv_mc.execution.cluster import connect_cluster
-from abhv_mc.execution.executor import Executor, open_executor
+from abhv_mc.execution.executor import FlightRunner, connect, open_executor
 from abhv_mc.execution.first_flights import FirstFlights, fly_first
 from abhv_mc.execution.probe_dispersions import fly_probes
 from abhv_mc.execution.progress import Progress
@@ -122,7 +121,7 @@ class SearchFlights:
         self,
         flown: FlownFolder,
         campaign: Experiment,
-        executor: Executor,
+        executor: FlightRunner,
         writer: ThreadPoolExecutor,
         margins: bool,
     ) -> None:
@@ -331,11 +330,9 @@ def open_search(
                 warnings=first.warnings,
             )
             write_manifest(folder.manifest, manifest)
-        cluster = (
-            stack.enter_context(connect_cluster(request.scheduler)) if request.scheduler else None
-        )
+        scheduler = stack.enter_context(connect(request.scheduler))
         executor = stack.enter_context(
-            open_executor(simulator.engine, campaign.model.execution, request.workers, cluster)
+            open_executor(simulator.engine, campaign.model.execution, request.workers, scheduler)
         )
         writer = stack.enter_context(ThreadPoolExecutor(1))
         ready = make_ready(campaign, {name: plan}, with_margins)

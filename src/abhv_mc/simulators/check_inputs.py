@@ -12,12 +12,12 @@ from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.design.profile import make_profile
 from abhv_mc.control.law_file import UserController
 from abhv_mc.control.mission import read_mission
+from abhv_mc.entry_points import BLOCKS, find_entry_points
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.documents import InputError, InputErrors
 from abhv_mc.shipped import DEFAULT_VEHICLE, shipped_configs
-from abhv_mc.simulators.candidates import check_free_numbers
 from abhv_mc.simulators.feasibility import find_impossible
 from abhv_mc.user_code.child import run_in_thread
 from abhv_mc.user_code.law_source import law_place, read_law_source
@@ -92,7 +92,9 @@ def _check(
         yield from simulator.try_out()
         if not simulator.capabilities.has_mission:
             return
-        check_free_numbers(checked)
+        for name, block in find_entry_points(BLOCKS).items():
+            if getattr(campaign, name, None) is not None:
+                block.load()(checked)
         flown = campaign.vehicle, campaign.mission
         pending += [(campaign.vehicle, "vehicle", None), (campaign.mission, "mission", None)]
         pending += [

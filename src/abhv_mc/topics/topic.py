@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
-from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
+from abhv_mc.entry_points import TOPICS, find_entry_points
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.io.input_error import InputError, describe
 from abhv_mc.topics.names import Names, names_of
@@ -94,7 +94,6 @@ class Models:
         return topic.figures(self[topic], self.names)
 
 
-GROUP = "abhv_mc.topics"  # of entry points: name = "package.module:TOPIC"
 REGISTERED: dict[str, Topic[Any]] = {}  # in this process
 
 
@@ -104,7 +103,7 @@ def user_topics() -> tuple[Topic[Any], ...]:
     Raises InputError for an entry point that is none.
     """
     found: dict[str, Topic[Any]] = {}
-    for entry in entry_points(group=GROUP):
+    for entry in find_entry_points(TOPICS).values():
         try:
             topic = entry.load()
         except Exception:
@@ -112,7 +111,7 @@ def user_topics() -> tuple[Topic[Any], ...]:
             continue
         if not isinstance(topic, Topic):
             raise InputError(
-                f"entry point {entry.name} of {GROUP}", describe(topic), "an abhv_mc.topics.Topic"
+                f"entry point {entry.name} of {TOPICS}", describe(topic), "an abhv_mc.topics.Topic"
             )
         found[topic.name] = topic
     return tuple({**found, **REGISTERED}.values())

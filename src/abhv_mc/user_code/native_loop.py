@@ -4,10 +4,12 @@ from collections.abc import Callable, Iterable, Mapping
 from textwrap import indent
 from typing import Any, NamedTuple
 
+from abhv_mc.array_types import Floats
 from abhv_mc.kernel.jit_pointer import call_c, floats_at
 from abhv_mc.kernel.laws.user import FAULT, MEMORY
 from abhv_mc.user_code.compiled import LAW_FAILED, build_loop, lane_of
 from abhv_mc.user_code.law_interface import NOT_GIVEN
+from abhv_mc.user_code.source import UserSource
 
 
 class OpenLaw(NamedTuple):
@@ -17,6 +19,20 @@ class OpenLaw(NamedTuple):
     context: int
     held: Any
     close: Callable[[], Any] = lambda: None
+
+
+class LawBackend(NamedTuple):
+    """Functions that make a control law in native code ready to fly.
+
+    ``open`` takes the source, names of gains, lanes, flights at the same time, numbers of memory in the lanes' rows or
+    None, measured values and names of effectors; it raises InputError. ``find_memory`` takes the source, the settings
+    and the first row of the reference, and returns the numbers that the law remembers at the start by name, or None if
+    it does not give them; it runs in a child process. A package registers a backend in the group
+    ``abhv_mc.law_backends``, by the value of ``law`` in the controller file.
+    """
+
+    open: Callable[..., OpenLaw]
+    find_memory: Callable[[UserSource, Floats, Floats], dict[str, float] | None]
 
 
 def build_native(

@@ -7,7 +7,7 @@ import shutil
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from fnmatch import fnmatch
 from pathlib import Path
 
@@ -15,9 +15,9 @@ import pyarrow as pa
 from pyarrow import fs as pyarrow_fs
 
 from abhv_mc.folder.layout import CampaignFolder, StorageFullError, is_inside
-from abhv_mc.folder.store import LEASE_NAME, Lease, Store, open_store, read_holder
-from abhv_mc.io.address import Address, read_address
+from abhv_mc.io.address import Address
 from abhv_mc.io.input_error import InputError
+from abhv_mc_remote.objects import LEASE_NAME, Lease, Objects, open_objects, read_holder
 
 PUSH_INTERVAL = 5.0  # s: what the loss of this machine costs
 _MANIFEST = "manifest.json"
@@ -26,7 +26,7 @@ _MANIFEST = "manifest.json"
 class Remote:
     """A folder at an address, and the local one that it is kept like."""
 
-    def __init__(self, store: Store, local: Path, lease: Lease | None = None) -> None:
+    def __init__(self, store: Objects, local: Path, lease: Lease | None = None) -> None:
         """``lease``: without it nothing is written once it is lost."""
         self.store, self.local, self._lease = store, local, lease
         self._held: dict[
@@ -111,92 +111,65 @@ def _stamp(path: Path) -> tuple[int, int]:
     return status.st_size, status.st_mtime_ns
 
 
-def local_path(path: Path) -> Path | None:
-    """The path itself, or what a ``file://`` address says; None for an address elsewhere."""
-    found = _open(path)
-    return found if isinstance(found, Path) else None
+class ObjectStore:
+    """Campaign folders at an address, by the contract :class:`abhv_mc.interfaces.Store`."""
 
+    local = None
 
-def _open(path: Path) -> Path | Store:
-    """A place on this machine, or the store elsewhere."""
-    address = read_address(path)
-    if address is None:
-        return path
-    store = open_store(address)
-    return Path(store.base) if store.system.type_name == "local" else store
+    def __init__(self, address: Address) -> None:
+        self._objects = open_objects(address)
 
+    @contextlib.contextmanager
+    def reading(self, pattern: str = "*") -> Iterator[Path]:
+        """Yield a temporary copy of the files whose names fit ``pattern``."""
+        with tempfile.TemporaryDirectory(prefix="abhv-mc-") as folder:
+            copy = Path(folder) / "copy"  # nobody else's folders beside it
+            with _explain_store_error(self._objects.address):
+                Remote(self._objects, copy).pull(pattern)
+            yield copy
 
-@contextlib.contextmanager
-def fetched(path: Path) -> Iterator[Path]:
-    """A campaign's folder to read: ``path``, or a copy for a while of what is at an address."""
-    with fetched_manifests(path, "*") as (folder, _):
-        yield folder
+    def describe(self, name: str = "") -> tuple[str | None, int]:
+        """Return who writes to the folder ``name``, and its size in bytes."""
+        objects = self._objects.below(name)
+        with _explain_store_error(objects.address):
+            holder, _ = read_holder(objects) or (None, "")
+            return holder, sum(info.size or 0 for info in objects.find())
 
+    @contextlib.contextmanager
+    def writing(self, staging: Path | None = None) -> Iterator[Path]:
+        """Yield a local folder whose content goes to the address as it comes, while this process has the lease.
 
-@contextlib.contextmanager
-def fetched_manifests(
-    path: Path, pattern: str
-) -> Iterator[tuple[Path, Callable[[str], tuple[str | None, int]] | None]]:
-    """``path``, or a copy of its files that fit ``pattern``, and what else there is to say of folders there."""
-    store = _open(path)
-    if isinstance(store, Path):
-        yield store, None
-        return
-
-    def describe(name: str) -> tuple[str | None, int]:
-        one = store.below(name)
-        with _explain_store_error(store.address):
-            holder, _ = read_holder(one) or (None, "")
-            return holder, sum(info.size or 0 for info in one.find())
-
-    with tempfile.TemporaryDirectory(prefix="abhv-mc-") as folder:
-        copy = Path(folder) / "copy"  # nobody else's folders beside it
-        with _explain_store_error(store.address):
-            Remote(store, copy).pull(pattern)
-        yield copy, describe
-
-
-@contextlib.contextmanager
-def mirrored(path: Path, staging: Path | None = None) -> Iterator[Path]:
-    """A campaign's folder to fly in: ``path``, or a local one whose content goes to the address as it comes.
-
-    ``staging``: where the local one is made, by default in the system's folder for temporary files. A run whose lease
-    another process has taken over is interrupted, writes nothing more to the address, and says so.
-    Raises InputError where another process flies there, and StorageFullError, which names the local folder that is
-    kept, where the address takes nothing in the end.
-    """
-    store = _open(path)
-    if isinstance(store, Path):
-        yield store
-        return
-    if staging is not None:
-        staging.mkdir(parents=True, exist_ok=True)
-    folder = Path(tempfile.mkdtemp(prefix="abhv-mc-", dir=staging)) / "copy"
-    folder.mkdir()
-    lease = Lease(store)
-    remote = Remote(store, folder, lease)
-    keep, ended = False, threading.Event()
-    pushing = threading.Thread(target=_push, args=(remote, ended), daemon=True)
-    try:
-        with _explain_store_error(store.address):
-            lease.take()
-            remote.pull()
-        pushing.start()
+        ``staging``: where the local folder is made, by default in the system's folder for temporary files. A run whose
+        lease another process has taken over is interrupted and writes nothing more to the address.
+        """
+        if staging is not None:
+            staging.mkdir(parents=True, exist_ok=True)
+        folder = Path(tempfile.mkdtemp(prefix="abhv-mc-", dir=staging)) / "copy"
+        folder.mkdir()
+        lease = Lease(self._objects)
+        remote = Remote(self._objects, folder, lease)
+        keep, ended = False, threading.Event()
+        pushing = threading.Thread(target=_push, args=(remote, ended), daemon=True)
         try:
-            yield folder
+            with _explain_store_error(self._objects.address):
+                lease.take()
+                remote.pull()
+            pushing.start()
+            try:
+                yield folder
+            finally:
+                ended.set()
+                pushing.join()
+                if CampaignFolder(folder).manifest.exists():
+                    keep = True
+                    _push_at_last(remote, lease)
+                    keep = False
+                else:
+                    lease.drop()
         finally:
-            ended.set()
-            pushing.join()
-            if CampaignFolder(folder).manifest.exists():
-                keep = True
-                _push_at_last(remote, lease)
-                keep = False
-            else:
-                lease.drop()
-    finally:
-        lease.stop()
-        if not keep:
-            shutil.rmtree(folder.parent, ignore_errors=True)
+            lease.stop()
+            if not keep:
+                shutil.rmtree(folder.parent, ignore_errors=True)
 
 
 def _push(remote: Remote, ended: threading.Event) -> None:

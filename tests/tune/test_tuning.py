@@ -12,11 +12,11 @@ from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.folder.arrays import write_array
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import InputError
-from abhv_mc.requests import TuneRequest
-from abhv_mc.search import tune as module
-from abhv_mc.search.methods.tune import Scores, pareto_front, tune
-from abhv_mc.search.tune import tune_controller
-from abhv_mc.simulators.candidates import check_free_numbers
+from abhv_mc_tune import tuning as module
+from abhv_mc_tune.candidates import check_free_numbers
+from abhv_mc_tune.method import Scores, pareto_front, tune
+from abhv_mc_tune.request import TuneRequest
+from abhv_mc_tune.tuning import tune_controller
 
 
 @pytest.fixture
@@ -150,7 +150,7 @@ def test_a_stability_margin_is_a_limit_of_the_nominal_vehicle_or_of_all_corners(
         seen.append((len(lift), self.margins_at))
         return np.tile(((12.0 - 100.0 * bandwidth) - lift)[:, None], (1, 4))
 
-    monkeypatch.setattr("abhv_mc.search.tune_trials.Trials.margins_of", margins_of)
+    monkeypatch.setattr("abhv_mc_tune.trials.Trials.margins_of", margins_of)
     text = "limits: [{metric: gain_margin_min_db, above: 7%s}]\nmargins_at: [trim, 1 s]\ncandidates: 161\n"
     start = BLOCK[: BLOCK.index("limits:")]
     for vehicles, vehicle_count, wanted in (("", 1, 0.05), (", vehicles: corners", 3, 0.02)):

@@ -14,17 +14,17 @@ from abhv_mc.campaign.file.experiment import Experiment, System
 from abhv_mc.campaign.file.tuning import Aim, Limit, Tune
 from abhv_mc.campaign.sampling.designs import INDEPENDENT, Design
 from abhv_mc.campaign.sampling.samples import drawn_samples
-from abhv_mc.execution.executor import Executor
+from abhv_mc.execution.executor import FlightRunner
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.metrics import MARGIN_NAMES, MARGIN_VALUES, Metric
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.arrays import read_array, write_array
-from abhv_mc.search.methods.tune import Scores
 from abhv_mc.search.space import Space
-from abhv_mc.simulators.candidates import Candidate, Candidates, Time
 from abhv_mc.simulators.corner_margins import make_corners
 from abhv_mc.simulators.engine import simulate
 from abhv_mc.statistics.estimates import severity, sorted_quantile
+from abhv_mc_tune.candidates import Candidate, Candidates, Time
+from abhv_mc_tune.method import Scores
 
 _BLOCK = 128  # flights of one call
 
@@ -59,7 +59,7 @@ class Trials:
     space: Space
     kept: Path  # folder
     identity: str  # of all that the flights depend on besides point and parameters
-    executor: Executor
+    executor: FlightRunner
     vehicles: Floats  # [vehicle, parameter] whose margins are found
     margins_at: tuple[Time, ...]
     flights_at: tuple[Time, ...] = ()  # where margins of each flight are found; none: nowhere

@@ -10,15 +10,15 @@ import pytest
 from fake_flight import write_campaign
 from pyarrow import fs
 
-from abhv_mc.folder import remote
-from abhv_mc.folder import store as module
-from abhv_mc.folder.remote import Remote
-from abhv_mc.folder.store import LEASE, LEASE_NAME, Lease, Store, read_holder
 from abhv_mc.io.address import Address
 from abhv_mc.io.input_error import InputError
+from abhv_mc_remote import objects as module
+from abhv_mc_remote import store as remote
+from abhv_mc_remote.objects import LEASE, LEASE_NAME, Lease, Objects, read_holder
+from abhv_mc_remote.store import Remote
 
 
-class DatedStore(Store):
+class DatedStore(Objects):
     """In memory, dated by a clock that stands still until it is moved."""
 
     def __init__(self):
@@ -108,7 +108,7 @@ def test_a_key_is_written_nowhere(store, fake_engine, abhv_mc, tmp_path, monkeyp
         from_uri=lambda uri: opened.append(uri) or (store.system, "bucket/folder")
     )
     known = SimpleNamespace(FileSystem=opens, FileSelector=fs.FileSelector)
-    monkeypatch.setattr("abhv_mc.folder.store.pyarrow_fs", known)
+    monkeypatch.setattr("abhv_mc_remote.objects.pyarrow_fs", known)
     campaign = write_campaign(tmp_path / "f")
     said = [
         abhv_mc("run", campaign, "--runs", 64, f"--output={at}", "--json", tmp_path / "run.json")
@@ -118,12 +118,12 @@ def test_a_key_is_written_nowhere(store, fake_engine, abhv_mc, tmp_path, monkeyp
     said += [abhv_mc("status", at, "--json", "-"), abhv_mc("verify", "campaign", at)]
     said.append(abhv_mc("run", campaign, "--runs", 80, "--no-report", "-o", at))
 
-    def refuse(self, name, content, write=Store.write):
+    def refuse(self, name, content, write=Objects.write):
         if not name.startswith(LEASE_NAME):
             raise OSError(f"the bucket of {at} is gone")
         write(self, name, content)
 
-    monkeypatch.setattr(Store, "write", refuse)
+    monkeypatch.setattr(Objects, "write", refuse)
     said.append(abhv_mc("run", campaign, "--runs", 96, "--no-report", "-o", at))
     assert [code for code, *_ in said] == [0, 0, 0, 0, 3]
     kept = Path(re.search(r"What was flown is kept in (\S+):", said[-1][2])[1])

@@ -3,14 +3,17 @@
 from collections.abc import Iterator
 
 import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
-from abhv_mc.report.figures.searches import plot_front
+from abhv_mc.array_types import Floats
 from abhv_mc.report.pages.page import Answer, make_table
-from abhv_mc.search.tune import TuneFound
+from abhv_mc.topics.figure_style import BLUE, INK, SKY, VERMILION, new_figure, styled
 from abhv_mc.topics.names import controller_label
 from abhv_mc.topics.section import Bullets, FigureText, Lead, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
 from abhv_mc.topics.words import significant
+from abhv_mc_tune.tuning import TuneFound
 
 
 def make_tune_answer(found: TuneFound) -> Answer:
@@ -34,6 +37,53 @@ def _draw(found: TuneFound) -> Iterator[Drawn]:
     )
     points = scores.usage, scores.objective, scores.allowed
     yield front, plot_front((usage, aim), points, found.tuning.front, found.tuning.best)
+
+
+@styled
+def plot_front(
+    labels: tuple[str, str],
+    points: tuple[Floats, Floats, NDArray[np.bool_]],
+    front: NDArray[np.intp],
+    best: int,
+) -> Figure:
+    """Candidates by usage and error: those beyond a limit, those within all, the front, the start and the best."""
+    usage, error, allowed = points
+    figure = new_figure(3.4)
+    axes = figure.subplots()
+    shown = np.isfinite(usage) & np.isfinite(error)
+    axes.plot(
+        usage[shown & ~allowed],
+        error[shown & ~allowed],
+        ".",
+        color="#BBBBBB",
+        label="beyond a limit",
+    )
+    axes.plot(
+        usage[shown & allowed], error[shown & allowed], ".", color=SKY, label="within all limits"
+    )
+    axes.plot(
+        usage[front],
+        error[front],
+        color=BLUE,
+        linewidth=1.2,
+        drawstyle="steps-post",
+        label="Pareto front",
+    )
+    axes.plot(usage[0], error[0], "s", color=INK, label="start")
+    axes.plot(usage[best], error[best], "o", color=VERMILION, label="result", zorder=5)
+    axes.set_xlabel(labels[0])
+    axes.set_ylabel(labels[1])
+    if shown.any():  # far candidates would squeeze what matters into a corner
+        for near, values in ((axes.set_xlim, usage), (axes.set_ylim, error)):
+            low = float(values[shown].min())
+            marks = values[[0, best]]
+            far = float(marks[np.isfinite(marks)].max(initial=low))
+            near(
+                low - 0.1 * (far - low),
+                far + 1.5 * max(far - low, 0.1 * abs(far)),
+            )
+    figure.legend(loc="outside right upper")
+    return figure
 
 
 def _answers(found: TuneFound) -> tuple[Lead, Bullets]:

@@ -1,5 +1,5 @@
-"""A folder at any address that pyarrow.fs knows (s3://, gs://, hdfs://, file://): its objects, whole, and the lease of
-who flies there.
+"""A folder at any address that pyarrow.fs knows (s3://, gs://, hdfs://): its objects, and the lease of the process that
+writes there.
 
 An object store has neither locks nor renames: an object appears whole, with the store's date. So one object says who
 flies there, renewed by a thread while its holder lives. Two processes that start within a second of each other on one
@@ -31,15 +31,15 @@ RENEWAL = 15.0  # s between renewals: a copy may take longer than the lease
 _SETTLE = 1.0  # s until a store shows everyone the same
 
 
-class Store:
+class Objects:
     """The objects below a folder. All methods raise OSError or pyarrow's errors where the store does not answer."""
 
     def __init__(self, address: Address, system: Any, base: str) -> None:
         self.address, self.system, self.base = address, system, base
 
-    def below(self, name: str) -> "Store":
+    def below(self, name: str) -> "Objects":
         """A folder in this one."""
-        return Store(self.address, self.system, f"{self.base}/{name}".rstrip("/"))
+        return Objects(self.address, self.system, f"{self.base}/{name}".rstrip("/"))
 
     def find(self) -> list[Any]:
         """What pyarrow says of all objects, those of folders below among them."""
@@ -73,7 +73,7 @@ class Store:
         ]
 
 
-def open_store(address: Address) -> Store:
+def open_objects(address: Address) -> Objects:
     """The folder at an address. Raises InputError for what is none."""
     uri = address.uri()
     if uri.startswith(("gs:", "gcs:")) and "retry_limit_seconds=" not in uri:
@@ -87,13 +87,13 @@ def open_store(address: Address) -> Store:
         raise InputError(
             "address", found, "s3://bucket/folder, gs://bucket/folder or a path"
         ) from None
-    return Store(address, system, base.rstrip("/"))
+    return Objects(address, system, base.rstrip("/"))
 
 
 class Lease:
     """What says that this process flies at an address."""
 
-    def __init__(self, store: Store) -> None:
+    def __init__(self, store: Objects) -> None:
         self._store, self._token = store, uuid.uuid4().hex
         self._ended = threading.Event()
         self.lost: InputError | None = (
@@ -170,7 +170,7 @@ class Lease:
             )
 
 
-def read_holder(store: Store) -> tuple[str, str] | None:
+def read_holder(store: Objects) -> tuple[str, str] | None:
     """Who flies at an address, or was killed at it within the lease, in words, and its mark; None for nobody."""
     try:
         held = json.loads(store.read(LEASE_NAME))

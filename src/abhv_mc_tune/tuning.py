@@ -16,8 +16,7 @@ from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.config import THREADS
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.tuning import Aim, Limit, Tune
-from abhv_mc.execution.cluster import connect_cluster
-from abhv_mc.execution.executor import open_executor
+from abhv_mc.execution.executor import connect, open_executor
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.metrics import MARGIN_NAMES, Metric
 from abhv_mc.folder.inputs import collect_inputs
@@ -26,11 +25,16 @@ from abhv_mc.folder.lock import hold_lock
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import Document, InputError, StrictModel, read_document, validate
 from abhv_mc.io.input_files import reading_once
-from abhv_mc.requests import Paths, TuneRequest
-from abhv_mc.search.methods.tune import Scores, Tuning, tune
+from abhv_mc.requests import Paths
 from abhv_mc.search.search_flights import find_metric, read_searched
 from abhv_mc.search.space import make_space
-from abhv_mc.search.tune_trials import (
+from abhv_mc.simulators.vehicle_simulator import make_engine
+from abhv_mc.statistics.estimates import Interval
+from abhv_mc.statistics.quantile_pairs import quantile_difference
+from abhv_mc_tune.candidates import Candidates, ControllerNumbers, read_controller_numbers
+from abhv_mc_tune.method import Scores, Tuning, tune
+from abhv_mc_tune.request import TuneRequest
+from abhv_mc_tune.trials import (
     Trials,
     bound_of,
     excess_of,
@@ -40,10 +44,6 @@ from abhv_mc.search.tune_trials import (
     value_of,
     vehicles_of,
 )
-from abhv_mc.simulators.candidates import Candidates, ControllerNumbers, read_controller_numbers
-from abhv_mc.simulators.vehicle_simulator import make_engine
-from abhv_mc.statistics.estimates import Interval
-from abhv_mc.statistics.quantile_pairs import quantile_difference
 
 # Endings of the folder of candidates, of the page, and of the file of a rejected candidate.
 _KEPT, _PAGE, _REJECTED = ".tuning", ".html", ".rejected.yaml"
@@ -223,10 +223,8 @@ def _tune(request: TuneRequest, engine: Engine) -> TuneFound:
     )
     kept = out.with_suffix(_KEPT)
     with hold_lock(kept / ".lock"), ExitStack() as stack:
-        cluster = (
-            stack.enter_context(connect_cluster(request.scheduler)) if request.scheduler else None
-        )
-        executor = stack.enter_context(open_executor(engine, execution, request.workers, cluster))
+        scheduler = stack.enter_context(connect(request.scheduler))
+        executor = stack.enter_context(open_executor(engine, execution, request.workers, scheduler))
         identity = hashlib.sha256(text.encode()).hexdigest()
         vehicles = vehicles_of(campaign, block)
         candidates = Candidates(campaign, name, numbers, engine)

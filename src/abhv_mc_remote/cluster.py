@@ -17,12 +17,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.execution.attest import Check, sign
+from abhv_mc.execution.attest import sign
 from abhv_mc.execution.fly_batches import AT_ONCE, fly_in_batches
 from abhv_mc.execution.retry import (
     FlightLostError,
     UnusableError,
-    fly_with_retries,
     make_failed,
     time_limit,
 )
@@ -30,7 +29,7 @@ from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.folder.plan_file import flatten
 from abhv_mc.identity import code_hash
-from abhv_mc.interfaces import Engine, Fly, Recorded
+from abhv_mc.interfaces import Engine, Fly, OpenExecutor, Recorded
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.jit import tell_compiling
 from abhv_mc.simulators.stored_plans import Code, code_of, rebuild_sent
@@ -43,6 +42,7 @@ if TYPE_CHECKING:
 
 Arrays = dict[str, np.ndarray]
 
+_LIMIT = 600.0  # s that one flight, or 16 in a batch, may take
 _CONNECT = 10.0  # s to find the scheduler
 _PER_THREAD = (
     2  # blocks under way for each thread of the cluster, so that none waits for the next one
@@ -146,29 +146,28 @@ class _Watch:
 class Cluster:
     """Flies on the workers of a scheduler; threads may call :meth:`fly` side by side."""
 
-    def __init__(self, client: "Client") -> None:
-        self._client = client
-        self.engine: Engine  # both as the executor sets them
-        self.check: Check
-        self.limit = 600.0  # s that one flight, or 16 in a batch, may take
+    def __init__(self, client: "Client", engine: Engine, limit: float | None) -> None:
+        self._client, self._engine = client, engine
+        self._limit = limit or _LIMIT
         self._plans: dict[int, tuple[Future, FlightPlan]] = {}  # held, so that no id comes twice
         self._lock = threading.Lock()
 
     @property
-    def room(self) -> int:
+    def workers(self) -> int:
         """Blocks to have under way."""
         return max(_FEWEST, _PER_THREAD * sum(self._client.nthreads().values()))
 
     def fly(self, plan: Any, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
-        """As the engine's ``fly``; what cannot be computed has the outcome ``failed_to_run``."""
-        if self.engine.close is None:
-            return fly_with_retries(partial(self._attempt, plan), plan, parameters, recorded)
-        try:
-            block = self._attempt(with_surplus(plan), parameters, recorded)
-            note_surplus(plan, len(parameters), block.events.get("surplus", 0))
-            return block
-        except FlightLostError as lost:  # its flights cost no worker: it is the machine
-            raise UnusableError(str(lost)) from None
+        """Compute a block on the cluster. Raises FlightLostError and UnusableError."""
+        if self._engine.close is None:
+            return self._attempt(plan, parameters, recorded)
+        block = self._attempt(with_surplus(plan), parameters, recorded)
+        note_surplus(plan, len(parameters), block.events.get("surplus", 0))
+        return block
+
+    def close(self) -> None:
+        """Forget the plans; the connection ends with :func:`connect_cluster`."""
+        self._plans.clear()
 
     def _hold(self, plan: FlightPlan) -> "Future":
         """The plan on the cluster: held anew where Dask gave it up, as it does after workers that died with it."""
@@ -186,7 +185,7 @@ class Cluster:
     def _attempt(self, plan: Any, parameters: Floats, recorded: Recorded) -> FlightBlock:
         from distributed import CancelledError, KilledWorker
 
-        engine, limit = self.engine, time_limit(min(len(parameters), AT_ONCE), self.limit)
+        engine, limit = self._engine, time_limit(min(len(parameters), AT_ONCE), self._limit)
         source = engine.source if engine.checked else ""
         if engine.close is not None:
             future = self._client.submit(
@@ -197,6 +196,7 @@ class Cluster:
             future = self._client.submit(fly_remote, engine.fly, source, *given, pure=False)
         try:
             block: FlightBlock = future.result()
+            return block
         except UnusableError:
             raise
         except KilledWorker as error:
@@ -206,12 +206,11 @@ class Cluster:
             raise UnusableError(f"the cluster is gone: {type(error).__name__}: {error}") from None
         except Exception as error:
             raise FlightLostError(f"{type(error).__name__}: {error}") from None
-        return self.check(plan, parameters, block)
 
 
 @contextmanager
-def connect_cluster(address: str) -> Iterator[Cluster]:
-    """The cluster whose scheduler is at ``address``. Raises InputError where there is none."""
+def connect_cluster(address: str) -> Iterator[OpenExecutor]:
+    """Yield what opens executors on the cluster whose scheduler is at ``address``. Raises InputError."""
     try:
         from distributed import Client
     except ImportError:
@@ -236,7 +235,7 @@ def connect_cluster(address: str) -> Iterator[Cluster]:
                     print(f"waiting for workers of {address}", file=sys.stderr, flush=True)
                     told = True
                 time.sleep(0.2)
-            yield Cluster(client)
+            yield partial(Cluster, client)
         except (
             OSError,
             RuntimeError,

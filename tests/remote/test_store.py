@@ -8,13 +8,13 @@ import pytest
 from fake_flight import interrupted_after, write_campaign
 from pyarrow import fs
 
-from abhv_mc.folder import remote
-from abhv_mc.folder import store as module
 from abhv_mc.folder.layout import StorageFullError
-from abhv_mc.folder.remote import fetched, local_path, mirrored
-from abhv_mc.folder.store import Store
+from abhv_mc.folder.stores import open_store
 from abhv_mc.io.address import Address
 from abhv_mc.io.input_error import InputError
+from abhv_mc_remote import objects as module
+from abhv_mc_remote import store as remote
+from abhv_mc_remote.objects import Objects
 
 server = pytest.importorskip("moto.server")
 pytestmark = pytest.mark.usefixtures("fake_engine")
@@ -124,7 +124,7 @@ def test_an_object_whose_name_leads_out_of_the_folder_is_refused(tmp_path, name)
     (tmp_path / "a/b").mkdir(parents=True)
     with pytest.raises(InputError, match="leads out"):
         remote.Remote(
-            Store(Address("s3://bucket/first"), System(), "bucket/first"), tmp_path / "a/b"
+            Objects(Address("s3://bucket/first"), System(), "bucket/first"), tmp_path / "a/b"
         ).pull()
     assert [path.name for path in tmp_path.rglob("*")] == ["a", "b"]
 
@@ -132,7 +132,7 @@ def test_an_object_whose_name_leads_out_of_the_folder_is_refused(tmp_path, name)
 def test_what_was_flown_is_there_while_it_flies(bucket, monkeypatch):
     """The loss of this machine costs what came since the last copy, not the campaign."""
     store, address, base = bucket
-    with mirrored(Path(address)) as folder:
+    with open_store(Path(address)).writing() as folder:
         (folder / "flights").mkdir()
         (folder / "flights/one.parquet").write_bytes(b"rows")
         (folder / "manifest.json").write_text("{}")
@@ -143,10 +143,10 @@ def test_what_was_flown_is_there_while_it_flies(bucket, monkeypatch):
                 break
             landed.wait(0.05)
         assert landed.is_set()
-        with pytest.raises(InputError, match="is flying"), mirrored(Path(address)):
+        with pytest.raises(InputError, match="is flying"), open_store(Path(address)).writing():
             pass
         monkeypatch.setattr(module, "LEASE", -60.0)  # as if this one had been dead for a minute
-        with mirrored(Path(address)):
+        with open_store(Path(address)).writing():
             pass
         (folder / "flights/one.parquet").unlink()
     assert names(store, base) == {"manifest.json"} and not folder.exists()
@@ -159,7 +159,7 @@ def test_a_writer_that_lost_its_lease_stops_and_writes_nothing_more(
     monkeypatch.setattr(module, "RENEWAL", 0.1)
 
     def fly_on():
-        with mirrored(Path(address), tmp_path / "staging") as folder:
+        with open_store(Path(address)).writing(tmp_path / "staging") as folder:
             (folder / "manifest.json").write_text("{}")
             monkeypatch.setattr(module, "read_holder", lambda _: ("process 7 on other", "another"))
             try:
@@ -177,6 +177,6 @@ def test_a_writer_that_lost_its_lease_stops_and_writes_nothing_more(
 
 
 def test_files_are_local(tmp_path):
-    assert local_path(Path(f"file://{tmp_path}")) == tmp_path
-    with fetched(tmp_path) as folder:
+    assert open_store(Path(f"file://{tmp_path}")).local == tmp_path
+    with open_store(tmp_path).reading() as folder:
         assert folder == tmp_path

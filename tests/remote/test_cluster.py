@@ -1,5 +1,6 @@
 """A scheduler and workers as processes of their own, started as Dask's documentation says: the same digest."""
 
+import contextlib
 import json
 import os
 import signal
@@ -17,8 +18,9 @@ from fake_flight import DENSITY, ENGINE, fly, fly_slowly, make_plan, run, write_
 from own_simulators import DIVE_CHANNELS, DIVE_HISTORY, dive_campaign
 from search.known_flights import LINE, METRIC, TUNED, write_line, write_tuned
 
+from abhv_mc.campaign.file.config import Execution
 from abhv_mc.cli.errors import ExitCode, exit_code_of
-from abhv_mc.execution.cluster import connect_cluster
+from abhv_mc.execution.executor import open_executor
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.retry import UnusableError
 from abhv_mc.execution.runner import run_campaign
@@ -27,10 +29,11 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.jit import kernel
 from abhv_mc.requests import RareRequest, Request, WorstRequest
 from abhv_mc.search.rare import find_rare
-from abhv_mc.search.tune import tune_controller
 from abhv_mc.search.worst import find_worst
 from abhv_mc.shipped import shipped_campaigns
 from abhv_mc.simulators.vehicle_simulator import make_engine
+from abhv_mc_remote.cluster import connect_cluster
+from abhv_mc_tune.tuning import tune_controller
 
 pytest.importorskip("distributed")
 
@@ -166,13 +169,16 @@ def test_a_plan_that_waits_on_a_killed_worker_is_held_anew(dask):
     dask.held.touch()
     worker, rows = dask.start_worker(), np.repeat(nominal_parameters(), 8, axis=0)
     flown = {}
-    with connect_cluster(dask.address) as cluster:
-        cluster.limit, cluster.engine = 60.0, replace(ENGINE, fly=fly_when_let)
-        cluster.check = lambda plan, rows, block: block
+    engine = replace(ENGINE, fly=fly_when_let)
+    with (
+        connect_cluster(dask.address) as opened,
+        contextlib.closing(opened(engine, 60.0)) as cluster,
+        open_executor(engine, Execution(), None, lambda *_: cluster) as runner,
+    ):
 
         def start(name):
             work = threading.Thread(
-                target=lambda: flown.update({name: cluster.fly(make_plan(name), rows)})
+                target=lambda: flown.update({name: runner.fly(make_plan(name), rows)})
             )
             work.start()
             return work
@@ -242,9 +248,8 @@ def test_the_command_says_that_a_worker_compiles(tmp_path, monkeypatch, capfd):
     dask = Dask(tmp_path)
     try:
         dask.start_worker()
-        with connect_cluster(dask.address) as cluster:
-            cluster.engine = replace(ENGINE, fly=fly_compiled)
-            cluster.check = lambda plan, rows, block: block
+        with connect_cluster(dask.address) as opened:
+            cluster = opened(replace(ENGINE, fly=fly_compiled), None)
             cluster.fly(make_plan("one"), nominal_parameters())
             worker = next(iter(cluster._client.nthreads()))
             deadline = time.monotonic() + 30.0
@@ -264,7 +269,7 @@ def test_workers_with_other_code_stop_the_campaign(dask, tmp_path):
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "carrier-pigeon://here:1"])
 def test_no_scheduler_is_bad_input(tmp_path, monkeypatch, address):
-    monkeypatch.setattr("abhv_mc.execution.cluster._CONNECT", 0.5)
+    monkeypatch.setattr("abhv_mc_remote.cluster._CONNECT", 0.5)
     request = Request(write_campaign(tmp_path / "f"), tmp_path / "out", scheduler=address)
     with pytest.raises(InputError, match="no scheduler"):
         run_campaign(request, ENGINE)

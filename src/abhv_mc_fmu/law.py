@@ -20,11 +20,11 @@ from abhv_mc.io.units import parse_any, parse_unit, unit_of
 from abhv_mc.kernel.laws.user import MAX_MEMORY
 from abhv_mc.user_code.child import check_may_run
 from abhv_mc.user_code.effector_commands import effector_rows, find_commanded
-from abhv_mc.user_code.fmu_loop import FLAGS, Wire, compile_fmu_adapter
 from abhv_mc.user_code.law_interface import find_unit
-from abhv_mc.user_code.native_loop import OpenLaw
+from abhv_mc.user_code.native_loop import LawBackend, OpenLaw
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import filled_once, unpack
+from abhv_mc_fmu.loop import FLAGS, Wire, compile_fmu_adapter
 
 _FUNCTIONS = {  # by version: what sets up a flight, then what a tick calls; what makes and frees an instance
     2: (
@@ -243,3 +243,6 @@ def open_fmu(
         held,
         lambda: any(map(fmu.free, instances.tolist())),
     )
+
+
+FMU = LawBackend(open_fmu, find_states)

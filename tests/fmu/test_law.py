@@ -10,7 +10,7 @@ pytest.importorskip("fmpy")
 if shutil.which("cc") is None:
     pytest.skip("no C compiler", allow_module_level=True)
 
-from user_code.make_fmu import ELEVONS, SEEN, make_fmu, measure_leak, write_controller
+from fmu.make_fmu import ELEVONS, SEEN, make_fmu, measure_leak, write_controller
 
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
