@@ -33,6 +33,7 @@ _THOROUGH = (
     "execution/test_kill.py",
     "execution/test_user_code.py",
     "folder/test_remote.py",
+    "jsbsim_models/test_flight.py",
     "report/test_browser.py",
     "report/test_flights_view.py",
     "report/test_reading.py",

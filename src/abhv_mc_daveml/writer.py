@@ -28,6 +28,7 @@ from abhv_mc.user_code.module_text import (
     lay_out,
     names_in,
     number,
+    sequence,
 )
 from abhv_mc.user_code.source import UserSource
 from abhv_mc_daveml.formulas import FROM_MATH, MODEL, OUTPUTS, TAKEN
@@ -136,24 +137,17 @@ def _tables(model: Model) -> tuple[list[Line], dict[str, str]]:
             look_up.table if look_up.table.lower().endswith("table") else f"{look_up.table}_table"
         )
         if look_up.points is None:
-            arguments = [add(f"GRID_{grid}", _sequence(points)) for grid, points in look_up.grids]
-            arguments.append(_sequence(look_up.values))
+            arguments = [add(f"GRID_{grid}", sequence(points)) for grid, points in look_up.grids]
+            arguments.append(sequence(look_up.values))
             ends = tuple(argument.extrapolate for argument in look_up.arguments)
             if set(ends) != {"neither"}:  # a table for this function
                 arguments.append(f"extrapolate={ends!r}")
                 name = f"{name}_to_{'_'.join(ends)}"
             value = call("table", arguments)
         else:
-            value = call("scattered", map(_sequence, (look_up.points, look_up.values)))
+            value = call("scattered", map(sequence, (look_up.points, look_up.values)))
         functions[identifier] = add(name, value, f"{look_up.name}: {look_up.title}")
     return list(found.values()), functions
-
-
-def _sequence(values: Any) -> str:
-    """Numbers, however nested, as tuples."""
-    return (
-        str(tuple(map(_sequence, values))).replace("'", "") if np.ndim(values) else number(values)
-    )
 
 
 def _docstring(model: Model) -> str:

@@ -12,7 +12,9 @@ import re
 import textwrap
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from abhv_mc.io.atomic_write import atomic_write
 
@@ -70,6 +72,11 @@ def free_name(text: str, taken: Collection[str] = ()) -> str:
 def number(value: float) -> str:
     """A number as Python reads it."""
     return repr(float(value)).replace("inf", "1e309")
+
+
+def sequence(values: Any) -> str:
+    """Numbers, however nested, as tuples."""
+    return str(tuple(map(sequence, values))).replace("'", "") if np.ndim(values) else number(values)
 
 
 def import_names(
