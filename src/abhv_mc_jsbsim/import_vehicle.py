@@ -210,7 +210,10 @@ def _rising_lift(module: str, aerodynamics: Aerodynamics) -> tuple[float, float]
     angles = np.arange(_ANGLES[0], _ANGLES[1] + 0.25, 0.5)
     for angle in np.radians(angles):
         air = SimpleNamespace(**_LOW_SPEED, angle_of_attack=float(angle))
-        made = function(air, controls, rates, settings)
+        try:
+            made = function(air, controls, rates, settings)
+        except (ArithmeticError, ValueError):  # such as a division by the angle, at 0
+            return _ANGLES
         lift.append(made.CL + made.CX * np.sin(angle) - made.CZ * np.cos(angle))
     middle = int(np.argmin(np.abs(angles)))
     falls = np.flatnonzero(np.diff(lift) <= 0.0)
