@@ -62,14 +62,10 @@ def report(
     """
     import json
 
-    from abhv_mc.folder.flown_campaign import read_flown
     from abhv_mc.folder.manifest import read_manifest
     from abhv_mc.folder.remote import fetched, local_path
     from abhv_mc.report.pages.build import build_report
-    from abhv_mc.report.pages.matrix import judged_cases, make_junit
     from abhv_mc.report.pages.pdf import find_browser, print_pdf
-    from abhv_mc.topics.topic import Models
-    from abhv_mc.topics.verdicts import VERDICTS
 
     if requirements is not None and out is None:
         raise InputError("--requirements", "no -o OUT", "-o OUT: DIR keeps the report of its own")
@@ -81,12 +77,15 @@ def report(
                 Path("reports") / read_manifest(CampaignFolder(source).manifest).name
             )
         page = build_report(
-            source, baseline, svg, stage=Waiting, out=out, requirements=requirements
+            source,
+            baseline,
+            svg,
+            stage=Waiting,
+            out=out,
+            requirements=requirements,
+            junit=junit,
         )
         say(page)
-        if junit is not None:
-            judged = Models(read_flown(source, requirements))[VERDICTS]
-            junit.write_text(make_junit(page.parent.name, judged_cases(judged)), "utf-8")
         if browser is not None:
             with Waiting("report: PDF"):
                 printed = print_pdf(page, browser, letter)
@@ -105,7 +104,11 @@ def show(
     folder: Annotated[Path, folder_argument("Folder of a campaign.")],
     json: Json = None,
 ) -> None:
-    """Print what the report says of a topic: its sentences and tables, or its numbers with --json."""
+    """Print what the report says of a topic: its sentences and tables, or its numbers with --json.
+
+    Topics: verdicts, comparison, metrics, flights, failure_cases, failures, drivers, envelopes, margins, simulator,
+    convergence, provenance, and those of installed packages.
+    """
     from abhv_mc.folder.flown_campaign import read_flown
     from abhv_mc.topics.plain import plain
     from abhv_mc.topics.registry import find_topic
