@@ -122,7 +122,7 @@ def test_a_command_that_asks_with_sql_ends_without_a_word():
 
 @pytest.mark.parametrize("ending", ["", "; raise SystemExit(1)"])
 def test_output_that_nobody_reads_any_more_is_no_failed_requirement(ending):
-    """`status DIR | head -1` ended with exit code 1, which says that a requirement failed."""
+    """`runs DIR | head -1` ended with exit code 1, which says that a requirement failed."""
     read, write = os.pipe()
     os.close(read)
     with os.fdopen(write, "wb") as closed:

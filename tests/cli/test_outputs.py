@@ -91,7 +91,7 @@ def test_all_commands_are_looked_at_and_all_that_print_figures_write_json():
             "explain",
             "whatif",
             "place",
-            "status",
+            "runs",
             "query",
         ),
         *("adopt", "trim", "margins", "plan", "list", "verify", "bench", "validate", "show"),
@@ -113,8 +113,8 @@ def test_outputs_keep_away_from_what_is_the_campaigns(call, flown, tmp_path, wor
     ("words", "said"),
     [
         (("export", "FLOWN", "-o", "file.yaml"), "a file"),
-        (("status", "FLOWN", "--json", "."), "a folder"),
-        (("status", "FLOWN", "--json", "file.yaml/more/x.json"), "cannot be written"),
+        (("runs", "FLOWN", "--json", "."), "a folder"),
+        (("runs", "FLOWN", "--json", "file.yaml/more/x.json"), "cannot be written"),
         (
             ("fly", "level", "-o", "FLOWN"),
             "own files",

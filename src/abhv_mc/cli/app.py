@@ -78,7 +78,7 @@ _PANELS: dict[str, tuple[Any, ...]] = {  # by name: added by a package
         *(
             reporting.whatif,
             reporting.place,
-            reporting.status,
+            reporting.runs,
             querying.query,
             querying.export,
             flying.trim,

@@ -1,9 +1,10 @@
 """``list``, ``query``, ``export``: what there is, and tables in other forms."""
 
 import io
+import re
 import sys
 from contextlib import redirect_stdout
-from dataclasses import replace
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,7 +14,6 @@ from abhv_mc.cli.options import Folder, Json, controller_option, folder_argument
 from abhv_mc.cli.outputs import output_file, output_file_or_stream, output_folder
 from abhv_mc.cli.printing import answer, new_table, print_table, say
 from abhv_mc.folder.layout import write_text
-from abhv_mc.io.address import read_address
 from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
 
@@ -22,42 +22,50 @@ if TYPE_CHECKING:
 
 lists = typer.Typer(
     name="list",
-    help="List campaigns, parameters, channels, metrics or schemas.",
+    help="List what ships: campaigns, vehicles, missions, controllers, parameters, channels, metrics, schemas.",
     no_args_is_help=True,
 )
-_DEFAULT = Path("reports")
 
 
 @lists.command()
-def campaigns(
-    folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Folder that holds campaigns' folders.")
-    ] = _DEFAULT,
-    json: Json = None,
-) -> None:
-    """List the campaigns in a folder: state, flights, controllers, when, and the digest's first digits."""
-    from abhv_mc.folder.remote import fetched_manifests
-    from abhv_mc.folder.status import find_campaigns
+def campaigns(json: Json = None) -> None:
+    """List the shipped campaigns with their questions; `runs` lists those that were run."""
+    _list_shipped("campaign", json)
 
-    address = read_address(folder)
-    if address is None and not folder.is_dir() and folder != _DEFAULT:
-        raise InputError(folder, "no such folder", "one that holds campaigns' folders")
-    with fetched_manifests(folder, "*/manifest.json") as (here, describe):
-        found = find_campaigns(here, describe)
-    if address is not None:
-        found = [replace(one, folder=Path(one.folder).name) for one in found]
 
-    def in_words() -> None:
-        table = new_table(("folder", "state", "flights", "controllers", "started", "digest"), ())
-        for one in found:
-            held = one.manifest
-            flights, names = f"{held.runs_done}/{held.runs_planned}", ",".join(held.controllers)
-            table.add_row(
-                one.folder, held.state, flights, names, held.started, str(held.digest)[:12]
-            )
-        print_table(table) if found else say(f"no campaigns in {folder}")
+@lists.command()
+def vehicles(json: Json = None) -> None:
+    """List the shipped vehicles."""
+    _list_shipped("vehicle", json)
 
-    answer([one.as_entries() for one in found], json, in_words)
+
+@lists.command()
+def missions(json: Json = None) -> None:
+    """List the shipped missions."""
+    _list_shipped("mission", json)
+
+
+@lists.command()
+def controllers(json: Json = None) -> None:
+    """List the shipped controllers."""
+    _list_shipped("control", json)
+
+
+def _list_shipped(kind: str, json: Path | None) -> None:
+    """List shipped files with their question or description, or the first sentence of the comment above them."""
+    from abhv_mc.io.documents import read_document
+    from abhv_mc.shipped import shipped_files
+
+    records = []
+    for name, path in shipped_files(kind).items():
+        data = read_document(path).data
+        comment = takewhile(lambda line: line.startswith("#"), path.read_text("utf-8").splitlines())
+        first = " ".join(line.removeprefix("#").strip() for line in comment)
+        sentence = re.split(r"(?<=[.?]) (?=[A-Z])", first)[0]
+        records.append(
+            {"name": name, "doc": data.get("question") or data.get("description") or sentence}
+        )
+    _show_records(records, json)
 
 
 @lists.command()

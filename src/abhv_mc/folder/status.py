@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -54,14 +53,3 @@ def _size(root: Path) -> int:
             with contextlib.suppress(OSError):
                 size += Path(place, name).lstat().st_size
     return size
-
-
-def find_campaigns(
-    root: Path, describe: Callable[[str], tuple[str | None, int]] | None = None
-) -> list[Status]:
-    """The status of every campaign's folder directly in ``root``, by name; ``describe`` as for a copy of an address."""
-    found = []
-    for path in sorted(root.glob("*/manifest.json")):
-        with contextlib.suppress(InputError):  # somebody else's manifest
-            found.append(read_status(path.parent, describe and describe(path.parent.name)))
-    return found

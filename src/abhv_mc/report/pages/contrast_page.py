@@ -1,6 +1,7 @@
 """Two campaigns on different samples as sentences, tables and figures."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from math import nan
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -140,6 +141,23 @@ def _verdict_table(
     kind = a.campaign.kind.capitalize()
     heads = ("Requirement", kind, *titles, "Difference of the share that fails")
     return make_table("Verdicts", "Requirements of the first campaign in both", heads, rows)
+
+
+def contrast_rows(found: Contrast) -> Iterator[tuple[object, ...]]:
+    """Yield the rows of a comparison's table: shares that fail, and quantiles, each with its difference."""
+    for each in found.contrasted:
+        for item in each.requirements:
+            shares = (side.failures / side.flights for side in (item.before, item.after))
+            difference = item.share_difference
+            interval = difference.value, difference.low, difference.high
+            yield (*each.controllers, item.words, "share that fails", *shares, *interval)
+        for metric, levels in each.metrics.items():
+            for level, pair in levels.items():
+                ends = pair.before.value, pair.after.value
+                shown = pair.difference or Interval(nan, nan, nan)
+                quantity = f"{level[1:]} % quantile"
+                interval = shown.value, shown.low, shown.high
+                yield (*each.controllers, metric, quantity, *ends, *interval)
 
 
 def _side(found: SideVerdict) -> str:
