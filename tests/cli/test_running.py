@@ -183,7 +183,7 @@ def test_a_query_without_an_end_heeds_an_interrupt(flown, delay):
 
 
 def test_export_keeps_every_bit(abhv_mc, flown, tmp_path):
-    code, out, _ = abhv_mc("export", flown, "-o", tmp_path / "csv")
+    code, out, _ = abhv_mc("query", flown, "--csv", tmp_path / "csv")
     assert code == 0 and str(tmp_path / "csv/flights.csv") in out
     with (tmp_path / "csv/flights.csv").open() as file:
         rows = list(csv.DictReader(file))

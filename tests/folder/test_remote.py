@@ -81,10 +81,10 @@ def test_run_resume_report_and_query(bucket, abhv_mc, tmp_path, monkeypatch):
     assert status["bytes"] > 50_000
     assert abhv_mc("verify", "campaign", address)[0] == 0
     assert (
-        abhv_mc("export", address, "-o", tmp_path / "csv")[0] == 0
+        abhv_mc("query", address, "--csv", tmp_path / "csv")[0] == 0
         and (tmp_path / "csv/flights.csv").is_file()
     )
-    assert abhv_mc("export", address)[0] == 2
+    assert abhv_mc("query", address)[0] == 2
     code, out, _ = abhv_mc("runs", address.replace("/first", "/"), "--json", "-")
     assert [(one["folder"], one["flights"]) for one in json.loads(out)] == [("first", 300)]
     code, out, _ = abhv_mc("report", address, "-o", tmp_path / "here")

@@ -78,7 +78,7 @@ def commands(campaign, folder):
     """What people do with a folder that they were given."""
     yield "runs", folder
     yield "query", folder, "select * from flights"
-    yield "export", folder, "-o", "csv"
+    yield "query", folder, "--csv", "csv"
     yield "report", folder
     yield "verify", "campaign", folder
     yield "compare", folder, folder
