@@ -157,7 +157,8 @@ def _fit_table(table: "Table", terminal: int, keys: int) -> Iterator[tuple["Tabl
         return
     for part, chosen in enumerate(parts):
         columns = [table.columns[k] for k in chosen]
-        shown = new_table((), (), None if part else table.title, box=table.box)
+        shown = new_table((), (), box=table.box)
+        shown.title = None if part else table.title
         shown.columns = [
             replace(column, _index=at, _cells=list(column.cells))
             for at, column in enumerate(columns)
