@@ -67,25 +67,18 @@ class Command(_Short, TyperCommand):
 
 
 _PANELS: dict[str, tuple[Any, ...]] = {  # by name: added by a package
-    "Start": (
-        *(starting.new, starting.imports, starting.validate, starting.plan),
-        *(starting.samples, querying.lists),
+    "First day": (
+        *(starting.new, starting.validate, running.run),
+        *(reporting.report, reporting.compare, reporting.runs),
     ),
-    "Fly": (running.run, running.adopt, running.merge, flying.fly, replaying.replay),
+    "Run": (starting.imports, running.merge, flying.fly, replaying.replay),
     "Search": (searching.worst, searching.rare, "tune"),
     "Look": (
-        *(reporting.report, reporting.show, "explore", reporting.compare, replaying.explain),
-        *(
-            reporting.whatif,
-            reporting.place,
-            reporting.status,
-            querying.query,
-            querying.export,
-            flying.trim,
-        ),
+        *(reporting.show, "explore", replaying.explain, reporting.whatif),
+        *(reporting.place, querying.query, querying.lists),
     ),
-    "Analyse": (linearizing.margins, linearizing.linearize),
-    "Prove": (proving.verify, "bench"),
+    "Analyse": (flying.trim, linearizing.margins, linearizing.linearize),
+    "Prove": (proving.verify,),
 }
 _OTHERS = "Extensions"  # the panel of other packages' commands
 _PROGRAM = "abhv-mc"

@@ -92,8 +92,8 @@ def _items(found: Flights, names: Names) -> Iterator[Item]:
         "Their histories are kept: a number draws it" if campaign.channels else "A number opens it"
     )
     words = (
-        "Sorted by severity: early terminations first, the earliest before all others, then by exceedance of a limit, "
-        "in units of it as in the chart (without requirements, of the median). "
+        "Sorted by severity: early terminations first, the earliest before all others, then by exceedance of a limit "
+        "in percent of it (without requirements, of the median); below zero the limit is met. "
         f"{kept} above; on paper the first five are listed."
     )
     if campaign.can_rerun:
@@ -105,7 +105,7 @@ def _items(found: Flights, names: Names) -> Iterator[Item]:
         "Flight",
         "Outcome",
         "Worst in",
-        "Beyond its limit (units of it)",
+        f"Exceedance (% of {'limit' if any(c.limits for c in campaign.criteria) else 'median'})",
         *asked,
         "Largest dispersions",
     )
@@ -205,7 +205,7 @@ def _worst(controller: str, found: WorstFlight, names: Names) -> Row:
         Cell(str(found.flight), head=True, flight=(controller, found.flight)),
         Cell(ended_words(found.outcome, found.missed, len(names.requirements))),
         Cell(names.metrics[found.by].label if found.by else ""),
-        Cell(significant(found.beyond, 3)),
+        Cell(significant(100.0 * found.beyond, 3)),
         *map(Cell, values),
         Cell(", ".join(_words(each, names) for each in found.largest)),
     )
