@@ -41,7 +41,8 @@ class _Short:
 
     def get_params(self, ctx: Any) -> list[Any]:
         """The parameters, an option's type by ``_SHORT``."""
-        parameters: list[Any] = super().get_params(ctx)  # type: ignore[misc]
+        base: Any = super()
+        parameters: list[Any] = base.get_params(ctx)
         for each in parameters:
             if (
                 each.param_type_name == "option"

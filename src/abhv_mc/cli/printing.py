@@ -49,7 +49,8 @@ def say(*words: Any, sep: str = " ", folds: bool = True, **options: Any) -> None
 
 def _fold(line: str, width: int) -> str:
     """Break a sentence that is wider than a terminal between words, but not within a command; leave rows of tables."""
-    label, text = re.fullmatch(r"(\s*(?:\S{1,12}\s{2,6})?)(.*)", line, re.DOTALL).groups()  # type: ignore[union-attr]
+    match: Any = re.fullmatch(r"(\s*(?:\S{1,12}\s{2,6})?)(.*)", line, re.DOTALL)
+    label, text = match.groups()
     if len(line) <= width or "  " in text:
         return line
     whole = re.sub(r"`[^`]*`", lambda command: command[0].replace(" ", "\0"), text)
