@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from abhv_mc.cli.options import Json, NewVehicle, Runs
+from abhv_mc.cli.options import CampaignFile, Json, NewVehicle, Runs
 from abhv_mc.cli.outputs import output, output_file, output_folder
 from abhv_mc.cli.printing import (
     announce_compiling,
@@ -160,15 +160,28 @@ def validate(
     if errors:
         raise InputErrors(errors)
     if samples is not None:
-        from abhv_mc.campaign.file.check import read_campaign
-        from abhv_mc.folder.input_table import write_inputs
-
-        flights = write_inputs(read_campaign(paths[0], runs), samples)
-        say(f"{samples}: the inputs of {flights} flights", file=beside(json))
+        say(_write_samples(paths[0], runs, samples), file=beside(json))
     if dry_run:
         _plan(paths, runs, out, json)
     elif json is not None:
         answer({}, json, lambda: None)
+
+
+def samples(
+    campaign: CampaignFile,
+    out: Annotated[Path, output(output_file, "FILE.csv", "Where to.")],
+    runs: Runs = None,
+) -> None:
+    """Write the inputs of a campaign's flights, to run them elsewhere, as 'validate --samples' does."""
+    say(_write_samples(campaign, runs, out))
+
+
+def _write_samples(campaign: Path, runs: int | None, out: Path) -> str:
+    from abhv_mc.campaign.file.check import read_campaign
+    from abhv_mc.folder.input_table import write_inputs
+
+    flights = write_inputs(read_campaign(campaign, runs), out)
+    return f"{out}: the inputs of {flights} flights"
 
 
 def _plan(paths: list[Path], runs: int | None, out: Path | None, json: Path | None) -> None:
