@@ -32,6 +32,7 @@ _THOROUGH = (
     "execution/test_faults.py",
     "execution/test_kill.py",
     "execution/test_user_code.py",
+    "jsbsim_models/test_flight.py",
     "remote/test_store.py",
     "report/test_browser.py",
     "report/test_flights_view.py",

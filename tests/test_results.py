@@ -201,7 +201,8 @@ def test_a_comparison_has_the_numbers_and_the_page_of_the_command(tmp_path):
         write_flown(tmp_path / name, runs=20, failing=lost) for name, lost in (("a", 1), ("b", 3))
     )
     gates = {"altitude_error_max_m": "5 %"}
-    found = abhv_mc.compare(abhv_mc.open_results(a), b, ("lqr", "lqr"), gates, tmp_path / "page")
+    made = abhv_mc.compare(abhv_mc.open_results(a), b, ("lqr", "lqr"), gates, tmp_path / "page")
+    found = made.numbers()
     assert found == plain(
         compare_results(*read_compared(a, b), ("lqr", "lqr"), {"altitude_error_max_m": 0.05})
     )
@@ -209,5 +210,10 @@ def test_a_comparison_has_the_numbers_and_the_page_of_the_command(tmp_path):
         found["paired"][0]["ended_early"]["only_b"] == 2
         and (tmp_path / "page/report.html").is_file()
     )
+    entry = found["paired"][0]["metrics"]["altitude_error_max_m"]["median_difference"]
+    rows = made.table.set_index(["metric", "quantity"])
+    row = rows.loc[("altitude_error_max_m", "median over flights")]
+    assert [row["difference"], row["low"], row["high"]] == [*entry.values()]
+    assert made.figure().axes and made.page == tmp_path / "page/report.html"
     with pytest.raises(InputError, match="fail_if_worse"):
         abhv_mc.compare(a, b, fail_if_worse="altitude_error_max_m=5%")

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+    from abhv_mc.report.pages.compare_page import Comparison
     from abhv_mc.search.rare import RareFound
     from abhv_mc.search.worst import WorstFound
 
@@ -238,8 +239,8 @@ def compare(
     controllers: Sequence[str] = (),
     fail_if_worse: Mapping[str, float | str] | None = None,
     output: Paths | None = None,
-) -> dict[str, Any]:
-    """Compare two campaigns on the same samples flight by flight.
+) -> "Comparison":
+    """Compare two campaigns: flight by flight on the same samples, else by verdicts, shares and quantiles.
 
     Parameters
     ----------
@@ -254,8 +255,9 @@ def compare(
 
     Returns
     -------
-    dict
-        The numbers of ``abhv-mc compare --json``.
+    Comparison
+        ``.table`` is a DataFrame of differences with their intervals, ``.figure()`` the figure of the page, and
+        ``.numbers()`` what ``--json`` holds.
 
     Raises
     ------
@@ -264,13 +266,9 @@ def compare(
     """
     from abhv_mc.report.numbers.compare import parse_margins
     from abhv_mc.report.pages.compare_page import compare_folders
-    from abhv_mc.topics.plain import plain
 
     shares = check_mapping(fail_if_worse or {}, "fail_if_worse")
     margins = parse_margins([f"{metric}={share}" for metric, share in shares.items()])
     one, other = (each.folder if isinstance(each, Results) else Path(each) for each in (a, b))
-    compared = compare_folders(
-        one, other, controllers, margins, Path(output) if output is not None else None
-    )
-    numbers: dict[str, Any] = plain(compared.found)
-    return numbers
+    out = Path(output) if output is not None else None
+    return compare_folders(one, other, controllers, margins, out)

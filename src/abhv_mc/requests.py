@@ -155,7 +155,10 @@ class SearchRequest(CheckedRequest):
     """Request that every search has in common."""
 
     campaign: CampaignPath
-    output: Annotated[Paths, Option("Folder of the flights and the page.", "folder")]
+    output: Annotated[
+        Paths,
+        Option("Folder of the flights and the page.", "folder", "reports/CAMPAIGN_SEARCH_NAME"),
+    ]
     _: KW_ONLY
     controller: Controller = None
     seed: Seed = None
@@ -192,7 +195,7 @@ class WorstRequest(SearchRequest):
 class RareRequest(SearchRequest):
     """Request of an estimate of the probability of a failure."""
 
-    requirement: Annotated[str, Option("Metric of the requirement.", "metric")]
+    requirement: Annotated[str, Option("Requirement by its ID, or its metric.", "requirement")]
     _: KW_ONLY
     target_cov: Annotated[
         float | str,

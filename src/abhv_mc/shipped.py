@@ -10,6 +10,7 @@ PACKAGES = (  # side by side
     "abhv_mc_daveml",
     "abhv_mc_explore",
     "abhv_mc_fmu",
+    "abhv_mc_jsbsim",
     "abhv_mc_remote",
     "abhv_mc_tune",
     "abhv_mc_verification",

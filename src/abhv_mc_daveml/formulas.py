@@ -1,19 +1,17 @@
-"""MathML calculations as the text of Python expressions, by a fixed list of operators; and names that Python takes.
+"""MathML calculations as the text of Python expressions, by a fixed list of operators.
 
 Nothing that a file says becomes code: its names become identifiers, its numbers are read and written anew.
 """
 
 import ast
-import builtins
 import functools
-import keyword
 import math
-import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 from abhv_mc import extend
 from abhv_mc.io.input_error import one_of
-from abhv_mc_daveml.xml_reader import Node
+from abhv_mc.io.xml_reader import Node
+from abhv_mc.user_code.module_text import number
 
 FROM_MATH = ("ceil", "floor", "fmod", "trunc")
 OUTPUTS, MODEL = "Outputs", "model"
@@ -30,8 +28,7 @@ _OWN = (
     "law",
     "out",
 )
-_TAKEN = {*dir(builtins), *extend.__all__, *FROM_MATH, *_OWN}
-_LONGEST = 60  # letters of a name
+TAKEN = frozenset((*extend.__all__, *FROM_MATH, *_OWN))  # names that no variable has
 
 _LOGIC = ("and", "or", "xor", "not")  # of truths
 _RELATIONS = {"gt": ">", "lt": "<", "geq": ">=", "leq": "<=", "eq": "==", "neq": "!="}
@@ -73,25 +70,6 @@ _TWO = {
 _MANY = {"max": "larger({}, {})", "min": "smaller({}, {})", "xor": "({} != {})"}
 OPERATORS = (*_ONE, *_TWO, *_MANY, *_BETWEEN, "piecewise")
 _CONSTANTS = {"pi": math.pi, "exponentiale": math.e}
-
-
-def free_name(text: str, taken: Iterable[str] = ()) -> str:
-    """A Python name for a text, its own where that is possible."""
-    found = re.sub(r"\W", "_", text, flags=re.ASCII)[:_LONGEST]
-    found = found if found[:1].isalpha() else f"x{found}"
-    while (
-        found in _TAKEN
-        or keyword.iskeyword(found)
-        or keyword.issoftkeyword(found)
-        or found in taken
-    ):
-        found += "_"
-    return found
-
-
-def number(value: float) -> str:
-    """A number as Python reads it."""
-    return repr(float(value)).replace("inf", "1e309")
 
 
 def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:

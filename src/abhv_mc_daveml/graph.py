@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from abhv_mc.io.input_error import InputError, Refusal, one_of
-from abhv_mc_daveml.formulas import free_name, read_formula
+from abhv_mc.io.xml_reader import Node, read_xml
+from abhv_mc.user_code.module_text import free_name
+from abhv_mc_daveml.formulas import TAKEN, read_formula
 from abhv_mc_daveml.look_ups import LookUp, read_look_ups
 from abhv_mc_daveml.s119_units import parse_s119_unit
-from abhv_mc_daveml.xml_reader import Node, read_xml
 
 _WITHOUT_TOLERANCE = 1e-6  # of a check value for which the file gives none
 
@@ -112,7 +113,7 @@ class Model:
 
 def read_model(path: Path) -> Model:
     """Read a DAVE-ML file. Raises :class:`abhv_mc.io.input_error.InputError` with line and column."""
-    root, content = read_xml(path)
+    root, content = read_xml(path, "a DAVE-ML file")
     if root.name != "DAVEfunc":
         raise root.refuse(f"the element '{root.name}'", "a DAVE-ML file: 'DAVEfunc'")
     look_ups, names = read_look_ups(root), _name_variables(root.all("variableDef"))
@@ -148,7 +149,7 @@ def _name_variables(nodes: Iterable[Node]) -> dict[str, str]:
         identifier = node.attributes.get("varID")
         if identifier is None or identifier in names:
             raise node.refuse(f"'{node.name}' with varID '{identifier}'", "one of its own")
-        names[identifier] = free_name(identifier, names.values())
+        names[identifier] = free_name(identifier, {*TAKEN, *names.values()})
     return names
 
 

@@ -1,6 +1,5 @@
 """``abhv-mc import daveml``: from DAVE-ML files to a folder with Python functions and a vehicle file."""
 
-import hashlib
 import json
 import math
 import re
@@ -9,9 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.documents import read_document
 from abhv_mc.io.input_error import InputError, Refusal, describe, one_of
+from abhv_mc.io.xml_reader import fold
+from abhv_mc.user_code.module_text import Line, write_text, write_unless_edited
 from abhv_mc_daveml.adapters import (
     Answer,
     command_inputs,
@@ -28,11 +28,9 @@ from abhv_mc_daveml.adapters import (
 from abhv_mc_daveml.graph import Model, Variable, read_model
 from abhv_mc_daveml.signals import find_signals, kinds_of, quantity_of
 from abhv_mc_daveml.uncertainties import write_dispersions
-from abhv_mc_daveml.writer import Line, make_function, run_shots, write_module
-from abhv_mc_daveml.xml_reader import fold
+from abhv_mc_daveml.writer import make_function, run_shots, write_module
 
 ANSWERS, EFFECTORS = "import.yaml", "effectors"
-_UNEDITED = "# A second import replaces this file unless it is edited. SHA-256 of the text above: "
 Answers = dict[str, dict[str, Answer]]  # [file name][varID]
 
 
@@ -78,13 +76,13 @@ def import_daveml(files: Sequence[Path], folder: Path) -> Imported:
         path = folder / ANSWERS
         if texts:
             folder.mkdir(parents=True, exist_ok=True)
-            _write_text(path, texts[ANSWERS])
+            write_text(path, texts[ANSWERS])
         found = f"no value for {', '.join(left)}"
         raise InputError(path, found, "numbers there, then the same command again")
     if texts:
         folder.mkdir(parents=True, exist_ok=True)
-        _write_text(folder / ANSWERS, texts[ANSWERS])
-    paths, kept = _write(folder, _write_parts(models, asked, effectors))
+        write_text(folder / ANSWERS, texts[ANSWERS])
+    paths, kept = write_unless_edited(folder, _write_parts(models, asked, effectors))
     answers = (folder / ANSWERS,) if texts else ()
     shots = {model.path.name: len(model.shots) for model in models}
     return Imported((*answers, *paths), shots, kept)
@@ -288,27 +286,3 @@ def _controller(model: Model, module: str) -> str:
             f"  {variable.key}: {value}{'' if unit == '-' else f' {written}'} # {variable.name}"
         )
     return "\n".join(lines) + "\n"
-
-
-def _write(folder: Path, texts: Mapping[str, str]) -> tuple[list[Path], tuple[Path, ...]]:
-    """Write files that end with a hash of their text; leave one whose hash is not right, and write beside it."""
-    folder.mkdir(parents=True, exist_ok=True)
-    paths, kept = [], []
-    for name, text in texts.items():
-        path = folder / name
-        if path.exists() and _is_edited(path):
-            kept.append(path)
-            path = path.with_suffix(f".new{path.suffix}")
-        _write_text(path, text + _UNEDITED + hashlib.sha256(text.encode()).hexdigest() + "\n")
-        paths.append(path)
-    return paths, tuple(kept)
-
-
-def _is_edited(path: Path) -> bool:
-    text, mark, digest = path.read_text(encoding="utf-8").rpartition(_UNEDITED)
-    return not mark or hashlib.sha256(text.encode()).hexdigest() != digest.strip()
-
-
-def _write_text(path: Path, text: str) -> None:
-    with atomic_write(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")

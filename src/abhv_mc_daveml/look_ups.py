@@ -8,7 +8,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.io.input_error import one_of
-from abhv_mc_daveml.xml_reader import Node
+from abhv_mc.io.xml_reader import Node
 
 Grids = tuple[
     tuple[str, Floats], ...

@@ -76,9 +76,9 @@ def test_of_the_values_of_envelopes_only_whole_blocks_of_this_campaign_are_taken
 
 def commands(campaign, folder):
     """What people do with a folder that they were given."""
-    yield "status", folder
+    yield "runs", folder
     yield "query", folder, "select * from flights"
-    yield "export", folder, "-o", "csv"
+    yield "query", folder, "--csv", "csv"
     yield "report", folder
     yield "verify", "campaign", folder
     yield "compare", folder, folder

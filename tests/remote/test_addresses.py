@@ -115,7 +115,7 @@ def test_a_key_is_written_nowhere(store, fake_engine, abhv_mc, tmp_path, monkeyp
     ]
     held = contents(store.system)
     assert {"manifest.json", "report.html"} < set(held)
-    said += [abhv_mc("status", at, "--json", "-"), abhv_mc("verify", "campaign", at)]
+    said += [abhv_mc("runs", at, "--json", "-"), abhv_mc("verify", "campaign", at)]
     said.append(abhv_mc("run", campaign, "--runs", 80, "--no-report", "-o", at))
 
     def refuse(self, name, content, write=Objects.write):
@@ -141,7 +141,7 @@ def test_a_key_is_written_nowhere(store, fake_engine, abhv_mc, tmp_path, monkeyp
 @pytest.mark.parametrize(
     "words",
     ["report {}", "report x {}", "run {}", "run x.yaml -o {} --nonsense", "run x.yaml --plans {}", "new {}", "{}",
-     "validate {}", "list campaigns {}", "merge {} {} -o x", "replay {} --flight 1", "fly x --output={}"],
+     "validate {}", "runs {}", "merge {} {} -o x", "replay {} --flight 1", "fly x --output={}"],
 )  # fmt: skip
 def test_a_key_is_repeated_by_no_error(words, abhv_mc):
     """Of the usage, of what is no address (a slash of a key is %2F in one), of what has no such folder."""

@@ -75,18 +75,18 @@ def test_run_resume_report_and_query(bucket, abhv_mc, tmp_path, monkeypatch):
     assert manifest_of(store, base)["digest"] == whole["digest"]
     code, out, _ = abhv_mc("query", address, "select count(*) as n from flights", "--json", "-")
     assert (code, json.loads(out)) == (0, [{"n": 600}])
-    code, out, _ = abhv_mc("status", address, "--json", "-")
+    code, out, _ = abhv_mc("runs", address, "--json", "-")
     status = json.loads(out)
     assert (status["folder"], status["runs_done"], status["holder"]) == (address, 300, None)
     assert status["bytes"] > 50_000
     assert abhv_mc("verify", "campaign", address)[0] == 0
     assert (
-        abhv_mc("export", address, "-o", tmp_path / "csv")[0] == 0
+        abhv_mc("query", address, "--csv", tmp_path / "csv")[0] == 0
         and (tmp_path / "csv/flights.csv").is_file()
     )
-    assert abhv_mc("export", address)[0] == 2
-    code, out, _ = abhv_mc("list", "campaigns", address.replace("/first", "/"), "--json", "-")
-    assert [(one["folder"], one["runs_done"]) for one in json.loads(out)] == [("first", 300)]
+    assert abhv_mc("query", address)[0] == 2
+    code, out, _ = abhv_mc("runs", address.replace("/first", "/"), "--json", "-")
+    assert [(one["folder"], one["flights"]) for one in json.loads(out)] == [("first", 300)]
     code, out, _ = abhv_mc("report", address, "-o", tmp_path / "here")
     assert (
         code == 0

@@ -25,7 +25,7 @@ from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.requests import RareRequest, WorstRequest
-from abhv_mc.search.rare import find_rare
+from abhv_mc.search.rare import find_rare, find_requirement
 from abhv_mc.search.worst import find_worst, find_worst_margins
 
 
@@ -302,3 +302,17 @@ def test_a_search_warns_of_what_the_first_flights_show(tmp_path, monkeypatch, ca
     assert f"warning: {words}" in capsys.readouterr().err
     manifest = json.loads((tmp_path / "worst" / "manifest.json").read_text())
     assert [text.startswith(words) for text in manifest["warnings"]] == [True]
+
+
+def test_a_requirement_is_named_by_its_id_or_by_its_metric(tmp_path):
+    entry = "{{id: {}, metric: {}, below: {}, probability: 0.9}}"
+    rows = [("R-1", METRIC, 2), ("R-2", METRIC, 3), ("R-3", "sideslip_max_deg", 4)]
+    asked = f"[{', '.join(entry.format(*row) for row in rows)}]"
+    campaign = read_campaign(write_campaign(tmp_path, requirements=asked))
+    (controller, *_) = campaign.controllers
+    assert find_requirement(campaign, controller, "R-2").limits.as_entry() == {"below": 3.0}
+    assert find_requirement(campaign, controller, "sideslip_max_deg").traced["id"] == "R-3"
+    with pytest.raises(InputError, match="by its 'id'"):
+        find_requirement(campaign, controller, METRIC)
+    with pytest.raises(InputError, match="no requirement on 'R-4'"):
+        find_requirement(campaign, controller, "R-4")

@@ -28,6 +28,14 @@ def test_the_joint_p_value_is_exact_whatever_the_correlation():
         assert np.mean(found <= p_value + 1e-12) <= p_value + 1e-12
 
 
+def test_what_is_unusual_only_together_is_found():
+    draw = np.random.default_rng(7)
+    common = draw.standard_normal((300, 1))
+    values = common + 0.1 * draw.standard_normal((300, 2))
+    assert joint_p_value(np.vstack([values, [1.0, 1.0]])) > 0.2
+    assert joint_p_value(np.vstack([values, [1.0, -1.0]])) < 0.01
+
+
 def test_scores_are_deviations_from_all_other_flights():
     draw = np.random.default_rng(4)
     histories = draw.standard_normal((15, 4, 2)) * [1.0, 5.0] + [0.0, 100.0]

@@ -10,6 +10,8 @@ from abhv_mc.array_types import Floats
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown, read_histories
 from abhv_mc.io.foreign_table import NumberTable, read_foreign_table
 from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.io.units import parse_in_any_unit, parse_unit
+from abhv_mc.kernel.plant.parameter_names import ALL_SENSORS
 from abhv_mc.statistics.placement import (
     Band,
     joint_p_value,
@@ -73,6 +75,7 @@ class Placement:
     controller: str
     simulated: int
     noise: Mapping[str, float]  # standard deviations added to simulated channels
+    sensed: tuple[str, ...]  # channels to which the errors of the campaign's sensors were added
     ignored: tuple[str, ...]  # columns of the files that the campaign does not record
     flights: tuple[PlacedFlight, ...]
     together_p_value: float | None  # of several flights
@@ -89,7 +92,8 @@ def place_flights(
 
     A file with a column `time` is a history; of each channel the largest, smallest, mean and last values are ranked,
     and the history is compared with the simultaneous band. Any other file has a row for each flight and metrics of the
-    campaign as columns. `noise` are standard deviations of measurements by channel. Raises InputError.
+    campaign as columns. `noise` are standard deviations of measurements by channel; of other channels those that the
+    campaign declares, else the errors of its sensors. Raises InputError.
     """
     results = read_flown(root)
     controller = controller or results.controllers[0]
@@ -107,10 +111,22 @@ def place_flights(
     if any(timed) and not all(timed):
         raise InputError(files[timed.index(False)], "no column time", "one, as in the other files")
     labels = [table.table.path.name for table in tables]
+    sensed: tuple[str, ...] = ()
     if all(timed):
-        simulated, tests, times, channels = _read_histories(
-            results, controller, tables, dict(noise or {})
-        )
+        histories, tests, times, channels = _read_histories(results, controller, tables)
+        for channel in noise or {}:
+            if channel not in channels:
+                raise InputError("--measured", f"'{channel}'", one_of(channels, channel))
+        declared = results.campaign.model.measured.items()
+        noise = {
+            channel: sigma
+            for channel, sigma in (
+                *((name, parse_in_any_unit(value, units[name])) for name, value in declared),
+                *(noise or {}).items(),
+            )
+            if channel in channels
+        }
+        simulated, sensed = measure(results, histories, channels, noise, units)
         names = [f"{channel}, {words}" for words in _SUMMARIES for channel in channels]
         values, own = summarize(simulated), summarize(tests)
     else:
@@ -145,6 +161,7 @@ def place_flights(
         controller=controller,
         simulated=len(values),
         noise=dict(noise or {}),
+        sensed=sensed,
         ignored=tuple(dict.fromkeys(head for each in tables for head in _unused(each, compared))),
         flights=tuple(placed),
         together_p_value=set_p_value(together, len(placed)) if len(placed) > 1 else None,
@@ -186,39 +203,75 @@ def _read_histories(
     results: FlownCampaign,
     controller: str,
     tables: Sequence[NumberTable],
-    noise: Mapping[str, float],
-) -> tuple[Floats, Floats, Floats, list[str]]:
-    """Return simulated and test histories [flight, time, channel], the times of the first test flight, the channels."""
+) -> tuple[dict[int, Floats], Floats, Floats, list[str]]:
+    """Return simulated histories [time, channel] by flight, test histories [flight, time, channel], times, channels."""
     histories = _random_histories(results, controller)
     if not histories:
         expected = (
             "'keep: {histories: {flights: all}}', or 'every N': chosen flights are no random ones"
         )
         raise InputError(results.folder, "no histories of random flights", expected)
-    channels = _shared_columns(tables, [name for name in histories[0] if name != "time"])
-    for channel in noise:
-        if channel not in channels:
-            raise InputError("--measured", f"'{channel}'", one_of(channels, channel))
+    channels = _shared_columns(
+        tables, [name for name in next(iter(histories.values())) if name != "time"]
+    )
     for table in tables:
         table.check_rising("time", "s")
-    end = max(history["time"][-1] for history in histories)
+    end = max(history["time"][-1] for history in histories.values())
     times = _columns(tables[0], ["time"])[:, 0]
     times = times[(times >= 0.0) & (times <= end)]
     if not times.size:
         raise tables[0].error(0, "time", "no time of the simulated flights", f"0 to {end:g} s")
     times = times[:: max(1, times.size // _MOST_TIMES)]
-    sigma = np.array([noise.get(name, 0.0) for name in channels])
-    draw = np.random.default_rng(0)
-
-    simulated = np.stack([_sample(history, channels, times) for history in histories])
-    simulated += sigma * draw.standard_normal(simulated.shape)
+    sampled = ((k, _sample(history, channels, times)) for k, history in histories.items())
+    simulated = {k: values for k, values in sampled if np.isfinite(values).any()}
     tests = np.stack(
         [_sample(dict(zip(t.names, t.values.T, strict=True)), channels, times) for t in tables]
     )
     for table, test in zip(tables, tests, strict=True):
         if not np.isfinite(test).any():
             raise table.error(0, "time", "no time of the first test flight", "times in common")
-    return simulated[np.isfinite(simulated).any(axis=(1, 2))], tests, times, channels
+    return simulated, tests, times, channels
+
+
+def measure(
+    results: FlownCampaign,
+    histories: Mapping[int, Floats],
+    channels: Sequence[str],
+    noise: Mapping[str, float],
+    units: Mapping[str, str],
+) -> tuple[Floats, tuple[str, ...]]:
+    """Return histories [flight, time, channel] as instruments tell them, and the channels of the campaign's sensors.
+
+    A sensor has the scale, bias and white noise that the campaign draws for each flight; its lag is left out.
+    """
+    flights, simulated = list(histories), np.stack(list(histories.values()))
+    sigma = np.tile([noise.get(name, 0.0) for name in channels], (len(flights), 1))
+    sensed = []
+    for c, channel in enumerate(channels):
+        sensor = _sensor_of(channel)
+        drawn = {
+            error: results.samples[f"sensor.{sensor}_{error}"][flights]
+            for error in ("scale", "bias", "noise")
+            if f"sensor.{sensor}_{error}" in results.samples
+        }
+        if channel in noise or not drawn:
+            continue
+        unit = parse_unit(units[channel])[0]
+        if "scale" in drawn and not channel.rpartition("_")[0].endswith("_error"):
+            simulated[:, :, c] *= drawn["scale"][:, np.newaxis]
+        simulated[:, :, c] += np.reshape(drawn.get("bias", 0.0) / unit, (-1, 1))
+        sigma[:, c] = np.abs(drawn.get("noise", 0.0)) / unit
+        sensed.append(channel)
+    draw = np.random.default_rng(0)
+    simulated += sigma[:, np.newaxis] * draw.standard_normal(simulated.shape)
+    return simulated, tuple(sensed)
+
+
+def _sensor_of(channel: str) -> str | None:
+    """Return the quantity of a channel for which a campaign may have a sensor."""
+    stem = channel if channel in ALL_SENSORS else channel.rpartition("_")[0]
+    stem = stem.removesuffix("_error")
+    return stem if stem in ALL_SENSORS else None
 
 
 def _sample(history: Mapping[str, Floats], channels: Sequence[str], times: Floats) -> Floats:
@@ -227,15 +280,15 @@ def _sample(history: Mapping[str, Floats], channels: Sequence[str], times: Float
     return np.column_stack([np.interp(times, at, history[c], np.nan, np.nan) for c in channels])
 
 
-def _random_histories(results: FlownCampaign, controller: str) -> list[dict[str, Floats]]:
-    """Return the histories that are kept whatever became of their flights."""
+def _random_histories(results: FlownCampaign, controller: str) -> dict[int, dict[str, Floats]]:
+    """Return the histories by flight that are kept whatever became of it."""
     steps = [
         1 if item == "all" else int(str(item).removeprefix("every "))
         for item in results.campaign.model.keep.histories.flights
         if str(item) == "all" or str(item).startswith("every ")
     ]
     kept = read_histories(results.folder, controller) if steps else {}
-    return [kept[k] for k in sorted(kept) if any(k % step == 0 for step in steps)]
+    return {k: kept[k] for k in sorted(kept) if any(k % step == 0 for step in steps)}
 
 
 def find_band(
@@ -247,7 +300,7 @@ def find_band(
     """
     if not results.campaign.independent:
         return None
-    histories = _random_histories(results, controller)
+    histories = list(_random_histories(results, controller).values())
     shared = [name for name in channels if histories and name in histories[0]]
     if len(histories) < FEWEST_FLIGHTS or not shared:
         return None

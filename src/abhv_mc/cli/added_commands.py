@@ -1,6 +1,6 @@
 """Commands that packages add, by entry points of the group ``abhv_mc.commands``.
 
-The name of an entry point is that of the command, after its group's and a dot where it has one: ``bench``,
+The name of an entry point is that of the command, after its group's and a dot where it has one: ``explore``,
 ``verify.nesc``. Its object is a function, annotated as typer wants it, or a ``typer.Typer``. A package is imported when
 one of its commands is run or listed; one that cannot be imported costs a warning and its own commands.
 """

@@ -30,11 +30,17 @@ def campaign(folder: Folder) -> None:
             raise typer.Exit(1)
         manifest = read_manifest(CampaignFolder(source).manifest)
         skipped = skipped_topics(source)
+        has_report = (source / "report.json").is_file()
     if manifest.search:
         say(
             f"{folder}: every file is as the search wrote it; this makes its page again from its flights:"
         )
         say(search_command(folder, manifest))
+        return
+    if not has_report:
+        say(
+            f"{folder}: every file is as it was written; no report to check: abhv-mc report {folder}"
+        )
         return
     say(
         f"{folder}: every file is as it was written, and every number of the report follows from the flights"

@@ -1,4 +1,4 @@
-"""``run``, ``adopt``, ``merge``: campaigns that are flown, adopted or joined."""
+"""``run``, ``import flights``, ``merge``: campaigns that are run, imported or joined."""
 
 import shlex
 import sys
@@ -29,6 +29,7 @@ from abhv_mc.cli.printing import (
     say,
 )
 from abhv_mc.cli.request_options import takes_options
+from abhv_mc.cli.starting import imports
 from abhv_mc.execution.progress import Waiting
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.address import read_address
@@ -222,7 +223,8 @@ def describe_verdicts(manifest: "Manifest") -> str:
     return f"{'; '.join(parts)}. The exit code follows {follows}."
 
 
-def adopt(
+@imports.command()
+def flights(
     tables: Annotated[
         list[Path],
         typer.Argument(
@@ -247,10 +249,10 @@ def adopt(
     """Import flights computed by another simulator and create their report.
 
     TABLE has a row per flight and a column for each dispersed input and metric, and if wanted system, outcome and
-    flight; heads may give units, as in 'altitude_min [ft]'. Inputs (see 'samples') and results may be two tables,
-    paired by flight; a flight without results failed to run. Verdicts need 'independent: true' in FILE, and rows that
-    pass the tests of independent draws. After an interruption, run the same command to resume. Exit codes are those of
-    'run'.
+    flight; heads may give units, as in 'altitude_min [ft]'. Inputs (see 'validate --samples') and results may be two
+    tables, paired by flight; a flight without results failed to run. Verdicts need 'independent: true' in FILE, and
+    rows that pass the tests of independent draws. After an interruption, run the same command to resume. Exit codes
+    are those of 'run'.
     """
     from abhv_mc.execution.adopt import adopt_tables
 

@@ -337,7 +337,7 @@ def make_manifest(
         source_hash=campaign.simulator.engine.source,
         started=datetime.now(UTC).isoformat(timespec="seconds"),
         versions=find_versions() | find_package_versions(sources),
-        compiler=find_compiler(),
+        compiler=find_compiler() if campaign.simulator.capabilities.has_mission else None,
         commit=find_commit(),
         machine=find_machine(),
         command=tuple(sys.argv[1:]),

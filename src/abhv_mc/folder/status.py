@@ -1,6 +1,5 @@
 """Status of campaign folders: manifest, holder of the lock and size."""
 
-import contextlib
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -41,12 +40,3 @@ def read_status(root: Path, store: Store, name: str = "") -> Status:
     if manifest.state == RUNNING and holder is None:
         manifest = replace(manifest, state=INTERRUPTED)
     return Status(str(root), manifest, holder, size)
-
-
-def find_campaigns(root: Path, store: Store) -> list[Status]:
-    """Return the status of every campaign's folder directly in a store, whose manifests are in ``root``, by name."""
-    found = []
-    for path in sorted(root.glob("*/manifest.json")):
-        with contextlib.suppress(InputError):  # somebody else's manifest
-            found.append(read_status(path.parent, store, path.parent.name))
-    return found

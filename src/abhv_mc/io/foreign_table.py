@@ -12,7 +12,7 @@ import math
 import re
 import zlib
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -239,7 +239,8 @@ def read_foreign_table(path: Path, has_units: bool = True) -> ForeignTable:
             heads = tuple(map(str, data.column_names))
             return ForeignTable(path, heads, ("",) * len(heads), data, range(1, 1 + len(data)))
         if path.suffix.lower() in (".xlsx", ".xlsm"):
-            return _read_text(path, _sheet_text(content), has_units)
+            table = _read_text(path, _sheet_text(content), has_units)
+            return replace(table, texts=())  # a character has no column there
         utf16 = content[:2] in (b"\xff\xfe", b"\xfe\xff")
         text = content.decode("utf-16" if utf16 else "utf-8-sig")
         if text.lstrip()[:1] == "{":

@@ -143,14 +143,14 @@ class RareFound:
 def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
     """Estimate P(failure) of one requirement. Raises InputError for a request that is wrong."""
     campaign, controller = read_searched(request.campaign, request.controller, request.seed)
-    requirement = _find_requirement(campaign, controller, request.requirement)
+    requirement = find_requirement(campaign, controller, request.requirement)
     space = make_space(campaign)
     chains = choose_chains(request.flights)
     is_noisy = bool(space.seeds) or campaign.simulator.states_noise
     least = FEWEST * SubsetPlan(1, 0.0, 0, chains).size + 2 * _PILOT * is_noisy
     if request.flights < least:
         raise InputError("--flights", f"{request.flights}", f"at least {least}")
-    criterion = Criterion(request.requirement, "high", requirement.limits)
+    criterion = Criterion(requirement.metric, "high", requirement.limits)
     early = requirement.early_is_failure
     with open_search(
         request, {"kind": "rare", **request.settings}, request.flights, engine
@@ -205,12 +205,14 @@ def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
     return found
 
 
-def _find_requirement(campaign: Experiment, controller: str, metric: str) -> Requirement:
-    """The campaign's requirement on this metric. Raises InputError where there is none, or several."""
+def find_requirement(campaign: Experiment, controller: str, name: str) -> Requirement:
+    """Return the campaign's requirement with this ID, or on this metric. Raise InputError if none or several are."""
     bound = [
         item for item in campaign.requirements if not item.named or controller in item.controllers
     ]
-    own = [item for item in bound if item.metric == metric]
+    own = [item for item in bound if item.traced.get("id") == name]
+    own = own or [item for item in bound if item.metric == name]
+    metric = own[0].metric if own else name
     where = ("requirements",)
     if (known := campaign.metrics.get(metric)) and known.plateaus:
         values = " or ".join(f"{value:g}" for value in known.plateaus)
@@ -224,4 +226,6 @@ def _find_requirement(campaign: Experiment, controller: str, metric: str) -> Req
         said = f"no requirement on '{metric}' for '{controller}'"
         expected = one_of(names, metric) if names else "a requirement with the limit that is meant"
         raise campaign.document.error(where if names else (), said, expected)
-    raise campaign.document.error(where, f"{len(own)} requirements on '{metric}'", "one of them")
+    raise campaign.document.error(
+        where, f"{len(own)} requirements on '{metric}'", "one of them, by its 'id'"
+    )

@@ -2,7 +2,7 @@
 
 The algorithms are functions of their seeds and of the values that they are given. So a search is resumed by running it
 again: batches whose flights are stored are answered from their blocks, the others are flown. `abhv-mc replay`, `query`
-and `export` read the folder like any campaign's.
+and `verify campaign` read the folder like any campaign's.
 """
 
 import contextlib

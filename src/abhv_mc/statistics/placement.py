@@ -1,7 +1,7 @@
 """Where test flights lie among simulated ones: ranks, and simultaneous bands of histories.
 
 If a test flight is one more draw of what was simulated, it and the n simulated flights are exchangeable. Ranks in the
-pool of all, and smallest rank p-values ranked once more, are then exact at any n. The band is that of split conformal
+pool of all, and whatever of them is ranked once more, are then exact at any n. The band is that of split conformal
 prediction with leave-one-out scores (Lei, G'Sell, Rinaldo, Tibshirani & Wasserman, JASA 113, 2018; Diquigiovanni,
 Fontana & Vantini, "Conformal prediction bands for multivariate functional data", J. Multivariate Anal. 189, 2022).
 """
@@ -18,6 +18,7 @@ _FLOOR = 0.05  # of a channel's largest spread: the least
 _FEWEST = 10  # simulated flights with a value at a time that is judged
 _ROUNDING = 1e-9  # of a channel's size: no spread
 _DRAWS = 2000  # random sets of flights
+_RIDGE = 1e-3  # of the variance 1 of a column: distances along less are no distances
 
 
 def rank_p_values(pool: Floats) -> Floats:
@@ -32,9 +33,33 @@ def rank_p_values(pool: Floats) -> Floats:
 
 
 def joint_p_value(pool: Floats) -> float:
-    """Return the p-value of all columns of the last flight: the rank of its smallest rank p-value among all flights."""
+    """Return the p-value of all columns of the last flight: the rank of its most unlikely value among all flights.
+
+    It is the least of the rank p-values of each column and of the distance from the middle, with the correlations of
+    the columns: that finds what is usual in each column and unusual together.
+    """
     smallest = rank_p_values(pool).min(axis=1)
-    return float(np.mean(smallest <= smallest[-1]))
+    distances = _distances(pool)
+    alone, together = (_shares(values) for values in (-smallest, distances))
+    least = np.minimum(alone, together)
+    return float(np.mean(least <= least[-1]))
+
+
+def _shares(values: Floats) -> Floats:
+    """Return the share of all values that are at least as large as each."""
+    return 1.0 - np.searchsorted(np.sort(values), values, "left") / len(values)
+
+
+def _distances(pool: Floats) -> Floats:
+    """Return squared Mahalanobis distances of the columns' normal scores [flight]; equal columns count once."""
+    from scipy.special import ndtri
+    from scipy.stats import rankdata
+
+    scores = np.nan_to_num(ndtri((rankdata(pool, axis=0) - 0.5) / len(pool)))
+    covariance = scores.T @ scores / len(pool) + _RIDGE * np.eye(scores.shape[1])
+    solved = np.linalg.solve(covariance, scores.T)
+    # Rounding would tell flights of equal values apart.
+    return np.round(np.einsum("fc,cf->f", scores, solved), 9)
 
 
 def set_p_value(pool: Floats, tests: int) -> float:

@@ -70,7 +70,7 @@ def read_operations() -> dict[str, dict[str, float]]:
 
 
 def measure_speed(repetitions: int, flights: int = 64) -> dict[str, Any]:
-    """What ``abhv-mc bench --json`` writes but starts and memory: medians of ``repetitions`` of the default campaign.
+    """What the benchmark writes but starts and memory: medians of ``repetitions`` of the default campaign.
 
     ``flights`` at a time should be a multiple of the lanes, so that none flies empty.
     """

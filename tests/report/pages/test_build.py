@@ -101,6 +101,16 @@ def test_a_bit_of_a_page_or_figure_is_told_and_one_that_is_gone(copy, name, plac
     assert next(verify_campaign(copy)).startswith(f"{place}.{name}: ")
 
 
+def test_flights_are_checked_without_a_report(copy):
+    (copy / "report.json").unlink()
+    assert [line.split(":")[0] for line in verify_campaign(copy)] == ["report.json"]
+    (copy / "report.html").unlink()
+    assert list(verify_campaign(copy)) == []
+    flights = next((copy / "flights").glob("*.parquet"))
+    flipped(flights, flights.stat().st_size // 2)
+    assert next(verify_campaign(copy)).startswith("flights/")
+
+
 def test_a_verdict_changed_in_the_matrix_is_found(copy):
     matrix = copy / "verification_matrix.csv"
     text = matrix.read_text(encoding="utf-8")

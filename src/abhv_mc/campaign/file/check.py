@@ -1,7 +1,7 @@
 """What a campaign file's entries must be to each other and to the tables of parameters and metrics."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -51,6 +51,7 @@ from abhv_mc.io.documents import (
     read_document,
     validate,
 )
+from abhv_mc.io.units import parse_in_any_unit
 from abhv_mc.kernel.plant.parameter_names import EFFECTORS, ENGINES
 from abhv_mc.plant.parameters import OURS, Parameters
 from abhv_mc.user_code.effector_commands import find_driven
@@ -142,6 +143,9 @@ def _check(document: Document, model: Campaign) -> Experiment:
         _check_channels(document, model, effectors, errors)
         metrics = {metric.name: metric for metric in (*METRICS, *declared)}
         measured = metrics | {metric.name: metric for metric in MARGINS}
+    channels = own.returned_channels if own else (*CHANNELS, *effector_channels(effectors))
+    units = {channel.name: channel.unit for channel in channels} | dict(user_channels)
+    _check_measured(document, model, units, errors)
     requirements = tuple(check_requirements(document, model, measured, errors))
     _check_asked(document, model, tuple(own.systems if own else model.controllers), errors)
     others = {
@@ -381,6 +385,22 @@ def _check_channels(
                     ("keep", "histories", "channels"), f"channel '{name}'", one_of(known, name)
                 )
             )
+
+
+def _check_measured(
+    document: Document, model: Campaign, units: Mapping[str, str], errors: list[InputError]
+) -> None:
+    """That what is measured are channels, with noise in their units."""
+    for name, value in model.measured.items():
+        where = ("measured", name)
+        if name not in units:
+            errors.append(document.key_error(where, f"channel '{name}'", one_of(units, name)))
+            continue
+        try:
+            if not parse_in_any_unit(value, units[name]) >= 0.0:
+                raise Refusal(f"{value}", "a standard deviation")
+        except Refusal as refusal:
+            errors.append(document.error(where, refusal.found, refusal.expected))
 
 
 def _check_runs(

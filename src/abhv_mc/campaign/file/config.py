@@ -295,6 +295,11 @@ class Campaign(StrictModel):
         description="one risk for all verdicts together; left out: each requirement has its own",
     )
     keep: Keep = Field(Keep(), description="what is written besides the metrics of every flight")
+    measured: dict[str, str | float] = Field(
+        {},
+        description="standard deviation of the noise with which a test flight's channels are measured, by channel: "
+        "for `abhv-mc place`; left out: the campaign's sensors",
+    )
     figures: Literal["paper"] | None = Field(
         None,
         description="'paper': the channels' figures are those of Zhu and Shen 2014, with their numbers beside them",

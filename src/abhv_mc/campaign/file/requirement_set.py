@@ -21,7 +21,7 @@ from abhv_mc.io.documents import (
 
 # Keys of a campaign file that judge and present flights; rows depend on none of them.
 JUDGING = ("requirements", "family", "question", "asks")
-_PRESENTING = ("author", "figures", "tune")
+_PRESENTING = ("author", "figures", "measured", "tune")
 _LIMITS = ("below", "above", "probability", "consumer_risk", "producer_risk", "ended_early")
 _EMPTY = Path("requirements")  # what errors name if a set comes from Python
 RequirementSource = str | Path | Mapping[str, Any] | Sequence[Mapping[str, Any]]

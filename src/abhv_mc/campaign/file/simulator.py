@@ -189,11 +189,11 @@ class SimulatorCampaign(Campaign):
     figures: ClassVar = None  # type: ignore[misc]
     simulator: Simulator | None = Field(
         None,
-        description="what flies, in place of vehicle, mission and controllers; left out: `adopt` takes flights",
+        description="what flies, in place of vehicle, mission and controllers; without it: `import flights`",
     )
     independent: YesNo = Field(
         False,
-        description="without a simulator: yes if flights are independent draws of the dispersions; `adopt` tests it",
+        description="without a simulator: yes if flights are independent draws of the dispersions, which is tested",
     )
     columns: dict[str, str] = Field(
         {},

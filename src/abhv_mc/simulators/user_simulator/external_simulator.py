@@ -61,7 +61,7 @@ class ExternalSimulator:
         """What computes flights, and the folder that it lies in. Raises InputError where nothing does."""
         document = self.experiment.document
         if self.model.simulator is None:
-            wish = "'simulator' here; abhv-mc adopt TABLE takes flights that were flown"
+            wish = "'simulator' here; abhv-mc import flights TABLE takes flights that were flown"
             raise document.error((), "a campaign without a simulator: nothing can fly", wish)
         return self.model.simulator, document.path.parent / self.model.simulator.folder
 

@@ -1,7 +1,9 @@
 """How each number of a report settled as flights came in."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+
+import numpy as np
 
 from abhv_mc.folder.controller_flights import severities
 from abhv_mc.folder.flown_campaign import FlownCampaign
@@ -16,10 +18,22 @@ from abhv_mc.statistics.estimates import (
 from abhv_mc.topics.missed_requirements import requirement_failures
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.plain import level_name
-from abhv_mc.topics.section import Fold, Picture, Section, Text
+from abhv_mc.topics.section import (
+    Cell,
+    Fold,
+    Item,
+    Picture,
+    Row,
+    Section,
+    Table,
+    Text,
+    grouped,
+    interval_cell,
+)
 from abhv_mc.topics.topic import Topic, figures_of
 
 _FEWEST = 100  # flights of a figure: of fewer, the intervals are wider than what settles
+_PARTS = {0.25: "A quarter", 0.5: "Half", 1.0: "All flights"}  # of the flights, in the table
 
 
 @dataclass(frozen=True)
@@ -79,13 +93,45 @@ def _settling(trace: Iterable[Interval], bad: Sense = "high") -> Settling:
     )
 
 
-def _section(found: Convergence, _names: Names) -> Section:
+def _section(found: Convergence, names: Names) -> Section:
     words = "How each statistic converged. `report.json` holds these curves for every metric and requirement."
     if not found.is_drawn:
         words = f"A figure of how each statistic converged takes {_FEWEST} flights; `report.json` holds the curves."
-    return Section(
-        "How sure", (Fold("How the numbers settled", (Text(words), Picture("convergence"))),)
+    table = Table(
+        "Estimates as flights came in",
+        ("Quantile", names.campaign.kind.capitalize(), *_PARTS.values()),
+        tuple(_groups(found, names)),
+        caption="Estimates as flights came in, with 95 % intervals",
     )
+    items: list[Item] = [Text(words), Picture("convergence")]
+    items += [table] if table.groups else []
+    return Section("How sure", (Fold("How the numbers settled", tuple(items)),))
+
+
+def _groups(found: Convergence, names: Names) -> Iterator[tuple[Row, ...]]:
+    """Yield the rows of each metric that stands first: a quarter, half and all of each controller's flights."""
+    for metric in names.asked:
+        level, words = settled_level(found, metric)
+        rows = []
+        for name, part in found.controllers.items():
+            trace = part.metrics[metric][level]
+            counts = np.array(part.flights)
+            if not counts.size:
+                continue
+            looks = [int(np.abs(counts - share * counts[-1]).argmin()) for share in _PARTS]
+            estimates = (Interval(trace.value[k], trace.low[k], trace.high[k]) for k in looks)
+            rows.append((Cell(names.label(name)), *map(interval_cell, estimates)))
+        if rows:
+            yield grouped(
+                rows, Cell(f"{names.metrics[metric].label_with_unit}, {words}", head=True)
+            )
+
+
+def settled_level(found: Convergence, metric: str) -> tuple[str, str]:
+    """Return the quantile that every controller reached, by its name in the model and in words."""
+    tables = (part.metrics[metric] for part in found.controllers.values())
+    reached = all(bool(np.isfinite(table["q95"].value[-1:]).all()) for table in tables)
+    return ("q95", "95 % quantile") if reached else ("q50", "median")
 
 
 CONVERGENCE = Topic(

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullFormatter, NullLocator, ScalarFormatter
 
 from abhv_mc.array_types import Floats
-from abhv_mc.topics.convergence import Convergence
+from abhv_mc.topics.convergence import Convergence, settled_level
 from abhv_mc.topics.figure_style import (
     controller_colors,
     label_lowest,
@@ -28,8 +28,7 @@ def draw(found: Convergence, names: Names) -> Iterator[tuple[FigureText, Figure]
     panels: list[tuple[str, dict[str, Floats]]] = []
     for metric in names.asked:
         tables = {name: part.metrics[metric] for name, part in found.controllers.items()}
-        reached = all(np.isfinite(table["q95"].value[-1]) for table in tables.values())
-        level, words = ("q95", "95 % quantile") if reached else ("q50", "median")
+        level, words = settled_level(found, metric)
         series = {
             name: np.array([each[level].value, each[level].low, each[level].high])
             for name, each in tables.items()

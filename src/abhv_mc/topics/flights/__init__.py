@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.campaign.file.unknowns import unknowns_hint
 from abhv_mc.folder.flown_campaign import kept_flights
 from abhv_mc.topics.flights.model import (
     FlightCounts,
@@ -92,8 +93,8 @@ def _items(found: Flights, names: Names) -> Iterator[Item]:
         "Their histories are kept: a number draws it" if campaign.channels else "A number opens it"
     )
     words = (
-        "Sorted by severity: early terminations first, the earliest before all others, then by exceedance of a limit, "
-        "in units of it as in the chart (without requirements, of the median). "
+        "Sorted by severity: early terminations first, the earliest before all others, then by exceedance of a limit "
+        "in percent of it (without requirements, of the median); below zero the limit is met. "
         f"{kept} above; on paper the first five are listed."
     )
     if campaign.can_rerun:
@@ -105,7 +106,7 @@ def _items(found: Flights, names: Names) -> Iterator[Item]:
         "Flight",
         "Outcome",
         "Worst in",
-        "Beyond its limit (units of it)",
+        f"Exceedance (% of {'limit' if any(c.limits for c in campaign.criteria) else 'median'})",
         *asked,
         "Largest dispersions",
     )
@@ -159,6 +160,8 @@ def _flown(found: Flights, campaign: Experiment, names: Names) -> str:
             text += f"Each sample flew at each of {len(unknowns.points)} values of the unknowns. "
         text += f"Each flight drew {count} parameter{'s' if count != 1 else ''} as listed here; nothing else differed "
         text += "from the nominal flight. "
+        hint = unknowns_hint(name for name in found.dispersions if name not in unknowns.names)
+        text += f"{hint} " if hint else ""
     return text + (
         "A flight that ended early counts as a failure in every statistic and verdict, unless a requirement says "
         "otherwise; both counts are shown."
@@ -205,7 +208,7 @@ def _worst(controller: str, found: WorstFlight, names: Names) -> Row:
         Cell(str(found.flight), head=True, flight=(controller, found.flight)),
         Cell(ended_words(found.outcome, found.missed, len(names.requirements))),
         Cell(names.metrics[found.by].label if found.by else ""),
-        Cell(significant(found.beyond, 3)),
+        Cell(significant(100.0 * found.beyond, 3)),
         *map(Cell, values),
         Cell(", ".join(_words(each, names) for each in found.largest)),
     )

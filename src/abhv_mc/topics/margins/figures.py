@@ -31,7 +31,7 @@ def draw(margins: Margins, names: Names) -> Iterator[tuple[FigureText, Figure]]:
     text = FigureText(
         "margins",
         "Margins against failure",
-        f"Each mark is one flight: how far it is beyond the {words}, in units of its size, "
+        f"Each mark is one flight: its exceedance of the {words}, in percent of it, "
         "over its least gain and phase margin. "
         + (
             "Filled marks failed; marks at the upper end ended early."
@@ -41,7 +41,7 @@ def draw(margins: Margins, names: Names) -> Iterator[tuple[FigureText, Figure]]:
     )
     yield (
         text,
-        plot_margins(margins, names, f"beyond a {'limit' if required else 'median'} (units of it)"),
+        plot_margins(margins, names, f"exceedance (% of {'limit' if required else 'median'})"),
     )
 
 
@@ -54,7 +54,7 @@ def plot_margins(margins: Margins, names: Names, label: str) -> Figure:
         flights = results.flights[name]
         rows = np.flatnonzero(np.isfinite(flights.metrics[MARGIN_NAMES[0]]))[:_MOST_POINTS]
         failed = failed_anyhow(flights, names.requirements)[rows]
-        shown[name] = rows, failed, results.ranking.beyond[name][rows]
+        shown[name] = rows, failed, 100.0 * results.ranking.beyond[name][rows]
     finite = np.concatenate([beyond[np.isfinite(beyond)] for *_, beyond in shown.values()])
     low, high = float(finite.min(initial=0.0)), float(finite.max(initial=0.0))
     ceiling = high + 0.15 * (high - low or 1.0)

@@ -6,6 +6,7 @@ Words are folded as they are read, so that none can end the comment, docstring o
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import NoReturn
 from xml.parsers import expat
@@ -25,7 +26,7 @@ def fold(text: str) -> str:
 
 @dataclass
 class Node:
-    """An element: its name without the name space, attributes, children and the text directly in it, folded."""
+    """An element: its name without the name space, attributes, children and the text directly in it."""
 
     path: Path  # of the file
     name: str
@@ -33,7 +34,17 @@ class Node:
     line: int
     column: int
     children: list["Node"] = field(default_factory=list)
-    text: str = ""
+    raw: str = ""  # the text as the file has it
+
+    @cached_property
+    def text(self) -> str:
+        """The text, folded."""
+        return fold(self.raw)
+
+    @property
+    def lines(self) -> list[str]:
+        """The lines of the text that are not blank, each folded."""
+        return [line for line in map(fold, self.raw.splitlines()) if line]
 
     def first(self, name: str) -> "Node | None":
         """The first child of a name."""
@@ -67,20 +78,18 @@ class Node:
         return self.number(self.attributes[name]) if name in self.attributes else None
 
 
-def read_xml(path: Path) -> tuple[Node, bytes]:
-    """The root element of a file, and the file's bytes. Raises :class:`InputError` with line and column."""
+def read_xml(path: Path, kind: str) -> tuple[Node, bytes]:
+    """The root element of a file of a kind, and the file's bytes. Raises :class:`InputError` with line and column."""
     try:
         content = path.read_bytes()
     except OSError as error:
-        raise InputError(
-            path, f"a file that cannot be read ({error.strerror})", "a DAVE-ML file"
-        ) from None
-    return _Reader(path).read(content), content
+        raise InputError(path, f"a file that cannot be read ({error.strerror})", kind) from None
+    return _Reader(path, kind).read(content), content
 
 
 class _Reader:
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, path: Path, kind: str) -> None:
+        self._path, self._kind = path, kind
         self._open: list[Node] = []
         self._root: Node
         self._parser = expat.ParserCreate(namespace_separator=_SEPARATOR)
@@ -101,7 +110,7 @@ class _Reader:
         except expat.ExpatError as error:
             found = f"what is no XML ({expat.ErrorString(error.code)})"
             raise InputError(
-                self._path, found, "a DAVE-ML file", error.lineno, error.offset + 1
+                self._path, found, self._kind, error.lineno, error.offset + 1
             ) from None
         return self._root
 
@@ -116,19 +125,18 @@ class _Reader:
         node = Node(self._path, plain, bare, *place)
         if self._open:
             self._open[-1].children.append(node)
-            self._open[-1].text += " "  # 1<sep/>3 is two numbers
+            self._open[-1].raw += " "  # 1<sep/>3 is two numbers
         else:
             self._root = node
         self._open.append(node)
 
     def _end(self, name: str) -> None:
-        node = self._open.pop()
-        node.text = fold(node.text)
+        self._open.pop()
 
     def _characters(self, text: str) -> None:
         if self._open:
-            self._open[-1].text += text
+            self._open[-1].raw += text
 
     def _refuse(self, found: str) -> NoReturn:
         place = self._parser.CurrentLineNumber, self._parser.CurrentColumnNumber + 1
-        raise InputError(self._path, found, "a DAVE-ML file that stands alone", *place)
+        raise InputError(self._path, found, f"{self._kind} that stands alone", *place)
