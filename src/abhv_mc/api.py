@@ -133,7 +133,7 @@ class Campaign:
     def _repr_html_(self) -> str:
         """What a notebook shows: what it asks, who flies, and what is dispersed."""
         head = f"{self.name}: {self.runs} flights each. {self.question}"
-        data: Any = self._checked.document.data
+        data = self._checked.document.entries
         entries = data.get("dispersions") or {}
         rows = [("controllers", ", ".join(self.controllers), "")]
         rows += [

@@ -57,7 +57,7 @@ class ControllerNumbers:
 
     def write(self, path: Path, point: Floats, comment: str = "") -> None:
         """Write the file with the free numbers of a point; the files of a user law stay the same."""
-        data: Any = dict(self.document.data)  # type: ignore[arg-type]
+        data = dict(self.document.entries)
         for key in NAMING_KEYS:
             if key in data:
                 named = data[key] if isinstance(data[key], list) else [data[key]]

@@ -57,7 +57,7 @@ def test_version_and_help() -> None:
     help_ = run_program("--help")
     assert help_.returncode == 0
     for command in app.registered_commands:
-        assert f" {command.name} " in help_.stdout
+        assert (f" {command.name} " in help_.stdout) is not command.hidden
     panels = re.split(r"╭─ (.+?) ─+╮", help_.stdout)
     commands = {
         panel: re.findall(r"^│ (\S+) ", text, re.MULTILINE)

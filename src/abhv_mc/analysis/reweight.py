@@ -57,7 +57,7 @@ def make_change(campaign: Experiment, settings: Mapping[str, Mapping[str, Any]])
         found = "flights that are no evidence: " + campaign.dependence
         found = "flights at points of unknowns" if campaign.unknowns.names else found
         raise InputError(campaign.document.path, found, f"a campaign with sampling: {INDEPENDENT}")
-    data: Any = campaign.document.data
+    data = campaign.document.entries
     entries = dict(data["dispersions"] or {})
     after = {}
     for name, keys in settings.items():

@@ -83,6 +83,10 @@ _DEFAULT = f"{DEFAULT_VEHICLE}, or the campaign's"
 Vehicle = Annotated[
     Path | None, typer.Option(metavar="V", show_default=_DEFAULT, **_of_kinds("vehicle"))
 ]
+NewVehicle = Annotated[
+    Path | None,
+    typer.Option("--vehicle", metavar="V", show_default="the campaign's", **_of_kinds("vehicle")),
+]
 ControllerFiles = Annotated[
     str | None,
     controllers_option(

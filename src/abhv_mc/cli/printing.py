@@ -49,7 +49,8 @@ def say(*words: Any, sep: str = " ", folds: bool = True, **options: Any) -> None
 
 def _fold(line: str, width: int) -> str:
     """Break a sentence that is wider than a terminal between words, but not within a command; leave rows of tables."""
-    label, text = re.fullmatch(r"(\s*(?:\S{1,12}\s{2,6})?)(.*)", line, re.DOTALL).groups()  # type: ignore[union-attr]
+    match: Any = re.fullmatch(r"(\s*(?:\S{1,12}\s{2,6})?)(.*)", line, re.DOTALL)
+    label, text = match.groups()
     if len(line) <= width or "  " in text:
         return line
     whole = re.sub(r"`[^`]*`", lambda command: command[0].replace(" ", "\0"), text)
@@ -157,7 +158,8 @@ def _fit_table(table: "Table", terminal: int, keys: int) -> Iterator[tuple["Tabl
         return
     for part, chosen in enumerate(parts):
         columns = [table.columns[k] for k in chosen]
-        shown = new_table((), (), None if part else table.title, box=table.box)
+        shown = new_table((), (), box=table.box)
+        shown.title = None if part else table.title
         shown.columns = [
             replace(column, _index=at, _cells=list(column.cells))
             for at, column in enumerate(columns)

@@ -58,7 +58,7 @@ def _list_shipped(kind: str, json: Path | None) -> None:
 
     records = []
     for name, path in shipped_files(kind).items():
-        data = read_document(path).data
+        data: Any = read_document(path).data
         comment = takewhile(lambda line: line.startswith("#"), path.read_text("utf-8").splitlines())
         first = " ".join(line.removeprefix("#").strip() for line in comment)
         sentence = re.split(r"(?<=[.?]) (?=[A-Z])", first)[0]

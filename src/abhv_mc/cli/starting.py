@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from abhv_mc.cli.options import Json, Runs
+from abhv_mc.cli.options import CampaignFile, Json, NewVehicle, Runs
 from abhv_mc.cli.outputs import output, output_file, output_folder
 from abhv_mc.cli.printing import (
     announce_compiling,
@@ -44,6 +44,10 @@ def new(
             metavar="[LANGUAGE]", help="Of the law: python or c.", show_default="python"
         ),
     ] = None,
+    vehicle: NewVehicle = None,
+    tune: Annotated[
+        bool, typer.Option("--tune", help="Add a block of free numbers for 'abhv-mc tune'.")
+    ] = False,
     simulator: Annotated[
         str | None,
         typer.Option(
@@ -57,28 +61,33 @@ def new(
     from abhv_mc.simulators.new_campaign import write_new_campaign
 
     if simulator is not None:
-        _begin_simulator(folder, simulator, law)
+        if law or tune or vehicle is not None:
+            raise InputError(
+                "--simulator",
+                "it beside --law, --vehicle or --tune",
+                "one of both: those are of this program's vehicles",
+            )
+        _begin_simulator(folder, simulator)
         return
     if language is not None and not law:
         raise InputError(language, "a language without --law", "--law before it")
     chosen = (language or "python") if law else None
-    campaign, *others = write_new_campaign(folder, source, chosen)
+    campaign, *others = write_new_campaign(folder, source, chosen, vehicle=vehicle, tune=tune)
     say(f"{campaign} and {len(others)} files that it needs. Next:")
     if law:
         file = "my_law.c" if chosen == "c" else "my_law.py"
         say(
             f"  cd {folder} && abhv-mc fly level --controllers control/my_law.yaml   # after each edit of {file}"
         )
+    if tune:
+        command = f"abhv-mc tune {campaign.name} --controller tlc -o control/tlc_tuned.yaml"
+        say(f"  cd {folder} && {command}")
     say(f"  cd {folder} && abhv-mc run {campaign.name}")
 
 
-def _begin_simulator(folder: Path, kind: str, law: bool) -> None:
+def _begin_simulator(folder: Path, kind: str) -> None:
     from abhv_mc.simulators.new_campaign import write_new_simulator
 
-    if law:
-        raise InputError(
-            "--simulator", "it beside --law", "one of both: a law flies this program's vehicles"
-        )
     campaign, *others = write_new_simulator(folder, kind)
     names = [file.name for file in others if file.suffix != ".json"]
     say(f"{campaign} and {', '.join(names)}. Next:")
@@ -151,15 +160,28 @@ def validate(
     if errors:
         raise InputErrors(errors)
     if samples is not None:
-        from abhv_mc.campaign.file.check import read_campaign
-        from abhv_mc.folder.input_table import write_inputs
-
-        flights = write_inputs(read_campaign(paths[0], runs), samples)
-        say(f"{samples}: the inputs of {flights} flights", file=beside(json))
+        say(_write_samples(paths[0], runs, samples), file=beside(json))
     if dry_run:
         _plan(paths, runs, out, json)
     elif json is not None:
         answer({}, json, lambda: None)
+
+
+def samples(
+    campaign: CampaignFile,
+    out: Annotated[Path, output(output_file, "FILE.csv", "Where to.")],
+    runs: Runs = None,
+) -> None:
+    """Write the inputs of a campaign's flights, to run them elsewhere, as 'validate --samples' does."""
+    say(_write_samples(campaign, runs, out))
+
+
+def _write_samples(campaign: Path, runs: int | None, out: Path) -> str:
+    from abhv_mc.campaign.file.check import read_campaign
+    from abhv_mc.folder.input_table import write_inputs
+
+    flights = write_inputs(read_campaign(campaign, runs), out)
+    return f"{out}: the inputs of {flights} flights"
 
 
 def _plan(paths: list[Path], runs: int | None, out: Path | None, json: Path | None) -> None:
@@ -168,10 +190,12 @@ def _plan(paths: list[Path], runs: int | None, out: Path | None, json: Path | No
 
     from abhv_mc.campaign.file.check import read_campaign
     from abhv_mc.campaign.file.kinds import find_kind
+    from abhv_mc.campaign.file.unknowns import unknowns_hint
     from abhv_mc.execution.estimate import estimate_campaign
     from abhv_mc.report.numbers.planned import plan_campaign
 
     plans: dict[str, Planned | None] = {}
+    hints: dict[str, str] = {}
     costs: dict[str, Estimate] = {}
     for file in paths:
         if find_kind(file) != "campaign":
@@ -182,12 +206,14 @@ def _plan(paths: list[Path], runs: int | None, out: Path | None, json: Path | No
         announce_warnings(cost.warnings)
         costs[str(file)] = cost
         plans[str(file)] = plan_campaign(checked) if checked.model.requirements else None
+        hints[str(file)] = unknowns_hint(checked.names)
 
     def in_words() -> None:
         for file, cost in costs.items():
             _print_cost(file, cost)
             if planned := plans[file]:
                 _print_plan(planned)
+            say(*filter(None, [hints[file]]), sep="\n", end="\n" * bool(hints[file]))
 
     entries = {file: {**asdict(cost), "plan": plans[file]} for file, cost in costs.items()}
     answer(entries, json, in_words)

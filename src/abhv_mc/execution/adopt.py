@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -83,7 +82,7 @@ def adopt_tables(
 
 def _without_verdicts(campaign: Experiment) -> Experiment:
     """Return the campaign as one whose flights are no independent draws."""
-    data: Any = campaign.document.data
+    data = campaign.document.entries
     document = replace(campaign.document, data={**data, "independent": False})
     model = campaign.model.model_copy(update={"independent": False})
     return replace(campaign, document=document, model=model)

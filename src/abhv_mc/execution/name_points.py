@@ -4,7 +4,6 @@ import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -72,7 +71,7 @@ def with_points(campaign: Experiment, points: object) -> Experiment:
     """The campaign judged at ``points``, as a folder's campaign file has them; None: as it is."""
     if points is None or campaign.model.points is not None:
         return campaign
-    data: dict[str, Any] = {**campaign.document.data, "points": points}  # type: ignore[dict-item]
+    data = {**campaign.document.entries, "points": points}
     return check_campaign(replace(campaign.document, data=data), campaign.engine)
 
 

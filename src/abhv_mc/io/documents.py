@@ -55,6 +55,12 @@ class Document:
     value_places: Mapping[tuple[Key, ...], Place] = field(repr=False)
     key_places: Mapping[tuple[Key, ...], Place] = field(repr=False)
 
+    @property
+    def entries(self) -> dict[str, Any]:
+        """The data of a file that is a mapping."""
+        data: Any = self.data
+        return data
+
     def __str__(self) -> str:
         """The file that it stands for, as messages name it."""
         return str(self.path)
@@ -191,7 +197,7 @@ def validate(document: Document, model: type[M]) -> M:
     raise InputErrors([_explain(document, detail, known_keys) for detail in details])
 
 
-def _locate(data: Plain, location: tuple[Key, ...]) -> tuple[Key, ...]:
+def _locate(data: Any, location: tuple[Key, ...]) -> tuple[Key, ...]:
     """The part of pydantic's location that exists in the data; tags and types of unions are not in the data."""
     best: tuple[Key, ...] = ()
     if not isinstance(data, (dict, list)):
@@ -199,7 +205,8 @@ def _locate(data: Plain, location: tuple[Key, ...]) -> tuple[Key, ...]:
     for i, key in enumerate(location):
         inside = key in data if isinstance(data, dict) else isinstance(key, int) and key < len(data)
         if inside:
-            best = max(best, (key, *_locate(data[key], location[i + 1 :])), key=len)  # type: ignore[index]
+            inner: Any = data
+            best = max(best, (key, *_locate(inner[key], location[i + 1 :])), key=len)
     return best
 
 
@@ -220,9 +227,10 @@ def _explain(document: Document, detail: Any, known_keys: Mapping[int, list[str]
     """One of pydantic's errors as ours."""
     kind, location, context = detail["type"], tuple(detail["loc"]), detail.get("ctx", {})
     keys = _locate(document.data, location)
-    value, around = document.data, document.data
+    value: Any = document.data
+    around = value
     for key in keys:
-        value, around = value[key], value  # type: ignore[index]
+        value, around = value[key], value
     cause = context.get("error")
     if isinstance(cause, Refusal):
         return document.error((*keys, *cause.keys), cause.found, cause.expected)

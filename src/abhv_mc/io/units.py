@@ -123,7 +123,8 @@ def parse_unit(text: str) -> tuple[float, Exponents]:
         power = int(match.group(3) or 1) * (-1 if match.group(1) else 1)
         scale, base = _UNITS[symbol]
         factor = factor * scale**power if power > 0 else factor / scale**-power
-        exponents = tuple(e + power * b for e, b in zip(exponents, base, strict=True))  # type: ignore[assignment]
+        m, kg, s, rad = (e + power * b for e, b in zip(exponents, base, strict=True))
+        exponents = m, kg, s, rad
         place = match.end()
     return factor, exponents
 

@@ -25,7 +25,6 @@ from abhv_mc.user_code.trust import is_in_a_folder, is_trusted
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
 
-_NAMED = 3  # dispersions of a warning
 _LONGEST = 600.0  # s, compiling included
 _BROKEN = {
     Outcome.NOT_FINITE: "a law whose command at the first tick is not a number",
@@ -81,14 +80,6 @@ def _check(
         simulator, campaign = checked.simulator, checked.model
         if problems := [*find_impossible(checked), *simulator.find_lacking()]:
             raise InputErrors(problems)
-        drawn = [
-            name
-            for name in checked.names
-            if name.startswith("aero.") or name.endswith("_effectiveness")
-        ]
-        if drawn:
-            more = f" and {len(drawn) - _NAMED} more" if len(drawn) > _NAMED else ""
-            yield f"{', '.join(drawn[:_NAMED])}{more}: is this one value for the whole programme? Then 'unknowns'"
         yield from simulator.try_out()
         if not simulator.capabilities.has_mission:
             return

@@ -35,12 +35,38 @@ _QUESTION = (
 )
 
 
-def write_new_campaign(folder: Path, name: str = DEFAULT, law: str | None = None) -> list[Path]:
+_TUNE = """
+# `abhv-mc tune campaign.yaml --controller tlc -o control/tlc_tuned.yaml` searches these numbers of control/tlc.yaml.
+tune:
+  free: # a fifth to five times the number in the file, or the factor given
+    - altitude.damping
+    - {key: altitude.bandwidth, factor: 10}
+  minimise: {metric: altitude_error_rms_m, quantile: 0.95}
+  limits: # what the smaller error may cost
+    - {metric: elevator_travel_deg, quantile: 0.5, below_start_times: 1.5}
+    - {metric: gain_margin_min_db, above: 6} # of the nominal vehicle
+    - {metric: phase_margin_min_deg, above: 30}
+  margins_at: [trim]
+  usage: {metric: elevator_travel_deg, quantile: 0.5} # what the page draws the error against
+  flights: 32 # of each candidate, the same for all
+  candidates: 64
+  validation: 400 # fresh flights of the result and of the start
+"""
+
+
+def write_new_campaign(
+    folder: Path,
+    name: str = DEFAULT,
+    law: str | None = None,
+    vehicle: Path | None = None,
+    tune: bool = False,
+) -> list[Path]:
     """Fill a new or empty folder with the shipped campaign ``name`` and all that it refers to; name what was written.
 
-    The campaign, ``campaign.yaml``, comes first; ``law`` (``python`` or ``c``) adds a commented controller of one's
-    own to it.
-    Raises :class:`InputError` for an unknown name, or where the folder holds something already.
+    The campaign, ``campaign.yaml``, comes first. ``law`` (``python`` or ``c``) adds a commented controller of one's
+    own to it, ``tune`` a block of free numbers, and ``vehicle`` replaces its vehicle: controllers that were designed
+    for another one are left out. Raises :class:`InputError` for an unknown name, where the folder holds something
+    already, or if the vehicle does not fit the campaign; nothing is written then.
     """
     if law is not None and law not in LAWS:
         raise InputError("--law", f"'{law}'", one_of(LAWS, law))
@@ -50,20 +76,65 @@ def write_new_campaign(folder: Path, name: str = DEFAULT, law: str | None = None
     refuse_filled(folder)
     source = known[name]
     campaign = read_campaign(source).model
-    named = (campaign.vehicle, campaign.mission, *campaign.controllers.values())
+    text = source.read_text(encoding="utf-8").replace("../configs/", "")
+    controllers = dict(campaign.controllers)
+    if vehicle is not None:
+        text, controllers = _replace_vehicle(text, controllers, vehicle)
+    if tune and "tlc" not in controllers:
+        raise InputError(
+            "--tune", f"'{name}', which has no tlc", "a campaign with the controller tlc"
+        )
+    craft = vehicle or campaign.vehicle
+    named = (craft, campaign.mission, *controllers.values())
     files = {file for path in named for file in (path, *find_references(path.resolve()))}
+    targets = {file.resolve(): folder / _place(file.resolve(), craft) for file in files}
     written = [folder / "campaign.yaml"]
-    for file in sorted({path.resolve() for path in files}):
-        target = folder / file.relative_to(shipped_configs().resolve())
+    for file, target in sorted(targets.items()):
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(file, target)
         written.append(target)
-    written[0].write_text(
-        source.read_text(encoding="utf-8").replace("../configs/", ""), encoding="utf-8"
-    )
-    if law is not None:
-        written += _add_law(folder, written[0], law)
+    written[0].write_text(text + _TUNE * tune, encoding="utf-8")
+    try:
+        if law is not None:
+            written += _add_law(folder, written[0], law)
+        read_campaign(written[0])
+    except InputError:
+        shutil.rmtree(folder)
+        raise
     return written + write_schemas(folder, [file for file in written if file.suffix == ".yaml"])
+
+
+def _place(file: Path, vehicle: Path) -> Path:
+    """Return where a file of the campaign goes below its folder. Raise InputError for one outside its vehicle's."""
+    for home, below in (
+        (shipped_configs().resolve(), Path()),
+        (vehicle.resolve().parent, Path("vehicle")),
+    ):
+        if file.is_relative_to(home):
+            return below / file.relative_to(home)
+    raise InputError(
+        vehicle, f"a vehicle that names {file}", "files in its own folder, or below it"
+    )
+
+
+def _replace_vehicle(
+    text: str, controllers: dict[str, Path], vehicle: Path
+) -> tuple[str, dict[str, Path]]:
+    """Return a campaign's text with another vehicle, and its controllers: those of one vehicle for that one alone."""
+    designed = {name for name in shipped_files("vehicle") if name != vehicle.stem}
+    kept = {name: file for name, file in controllers.items() if file.parent.name not in designed}
+    own = shipped_configs() / "control" / vehicle.stem
+    kept |= {file.stem: file for file in sorted(own.glob("*.yaml")) if file not in kept.values()}
+    place = _place(vehicle.resolve(), vehicle).as_posix()
+    text = re.sub(r"(?m)^vehicle:.*$", f"vehicle: {place}", text)
+    lines = [
+        f"  {name}: {file.resolve().relative_to(shipped_configs().resolve()).as_posix()}\n"
+        for name, file in kept.items()
+    ]
+    text = re.sub(
+        r"(?m)^(controllers:.*\n)(?:  .*\n)*", lambda head: head[1] + "".join(lines), text
+    )
+    return re.sub(r"(?m)^asks:.*\n", "", text), kept
 
 
 def refuse_filled(folder: Path) -> None:

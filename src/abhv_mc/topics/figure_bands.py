@@ -23,8 +23,8 @@ BANDS = (
 )
 SIMULTANEOUS = ("simultaneous_low", "simultaneous_high")
 MEDIANS = ("q50", MOST_MEDIAN)
-REFERENCE = {"color": INK, "linewidth": 0.6, "linestyle": "-"}
-LIMIT = {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 2))}
+REFERENCE: dict[str, Any] = {"color": INK, "linewidth": 0.6, "linestyle": "-"}
+LIMIT: dict[str, Any] = {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 2))}
 _INSET = (0.3, 0.66, 0.69, 0.34)  # of the axes: left, lower edge, width, height
 _SHOWN = 3.0  # s on either side of the largest move
 
@@ -64,9 +64,9 @@ def _draw(axes: Axes, panel: EnvelopePanel, color: str) -> None:
     for median in [name for name in MEDIANS if name in panel.bands and not panel.flights]:
         axes.plot(panel.x, panel.bands[median], color=color, linewidth=1.6)
     for level in panel.levels:
-        axes.axhline(level, **LIMIT)  # type: ignore[arg-type]
+        axes.axhline(level, **LIMIT)
     if panel.reference is not None:
-        axes.plot(*panel.reference, **REFERENCE)  # type: ignore[arg-type]
+        axes.plot(*panel.reference, **REFERENCE)
 
 
 def _legend(
@@ -82,7 +82,7 @@ def _legend(
     ]
     handles += lines
     if any(panel.reference is not None for panel in panels):
-        handles.append(Line2D([], [], label="reference", **REFERENCE))  # type: ignore[arg-type]
+        handles.append(Line2D([], [], label="reference", **REFERENCE))
     put_legend(figure, handles, [str(handle.get_label()) for handle in handles])
 
 
@@ -115,7 +115,7 @@ def plot_envelopes(
             Line2D([], [], color=INK, linewidth=0.35, label="the next worst"),
         ]
         if any(panel.levels for row in rows for panel in row.panels):
-            lines.append(Line2D([], [], label="limit", **LIMIT))  # type: ignore[arg-type]
+            lines.append(Line2D([], [], label="limit", **LIMIT))
     else:
         two = any(MOST_MEDIAN in panel.bands for row in rows for panel in row.panels)
         lines = [
@@ -160,7 +160,7 @@ def _overlay(axes: Axes, row: EnvelopeRow, looks: Sequence[tuple[str, Any]]) -> 
         for edge in [name for name in SIMULTANEOUS if name in panel.bands]:
             axes.plot(panel.x, panel.bands[edge], color=color, linestyle=":", linewidth=0.8)
     if row.panels[0].reference is not None:
-        axes.plot(*row.panels[0].reference, **REFERENCE)  # type: ignore[arg-type]
+        axes.plot(*row.panels[0].reference, **REFERENCE)
 
 
 def _draw_inset(axes: Axes, row: EnvelopeRow, looks: Sequence[tuple[str, Any]]) -> None:

@@ -1,5 +1,6 @@
 """What a campaign calls its controllers and metrics, for sentences, tables and figures."""
 
+import re
 import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -20,13 +21,18 @@ def controller_label(name: str) -> str:
 
 def full_labels(folder: Path, names: Iterable[str]) -> dict[str, str]:
     """Labels of a campaign's controllers that say which of them is the paper's LQR, as it is not the best one."""
-    paper = shipped_files("control")["lqr"].read_bytes()
+    paper = _controller_text(shipped_files("control")["lqr"])
     flown = {name: folder / "inputs" / "controllers" / name / "lqr.yaml" for name in names}
     return {
         name: controller_label(name)
-        + (" (paper's weights)" if path.is_file() and path.read_bytes() == paper else "")
+        + (" (paper's weights)" if path.is_file() and _controller_text(path) == paper else "")
         for name, path in flown.items()
     }
+
+
+def _controller_text(path: Path) -> bytes:
+    """Return a controller file's content without the line by which editors find its schema, which `new` writes."""
+    return re.sub(rb"\A# yaml-language-server:.*\n", b"", path.read_bytes())
 
 
 @dataclass(frozen=True)

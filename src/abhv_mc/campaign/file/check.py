@@ -154,7 +154,7 @@ def _check(document: Document, model: Campaign) -> Experiment:
     }
     box = model.unknowns, model.points, others, model.sampling.design
     unknowns = check_unknowns(document, *box, parameters, errors)
-    data: Any = document.data
+    data = document.entries
     unknowns = match_requirements(unknowns, model.points, data.get("requirements") or [])
     number = _check_runs(document, model, names, sample_file, errors) * len(unknowns.points)
     by = model.keep.histories.by
@@ -204,7 +204,7 @@ def name_effectors(document: Document) -> Document:
     ``failure.right_elevon.stuck_time`` becomes ``failure.effector_0.stuck_time`` where the vehicle file lists
     right_elevon first.
     """
-    data: Any = document.data
+    data = document.entries
     try:
         content: Any = read_document(document.resolve(data["vehicle"])).data
         parts = (
@@ -240,7 +240,7 @@ def name_effectors(document: Document) -> Document:
 
 def _select_controllers(document: Document, controllers: Sequence[str]) -> Document:
     """A campaign that was checked, of these controllers alone."""
-    data: Any = document.data
+    data = document.entries
     key = systems_key(data)
     held = data.get(key) or {}
     for name in controllers:

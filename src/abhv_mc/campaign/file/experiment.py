@@ -213,7 +213,7 @@ class Experiment:
     @property
     def dispersions(self) -> dict[str, dict[str, Any]]:
         """As the file writes them."""
-        data: Any = self.document.data
+        data = self.document.entries
         unknowns = {
             name: {"distribution": "unknown", **entry}
             for name, entry in (data.get("unknowns") or {}).items()

@@ -80,8 +80,7 @@ def with_requirements(data: Mapping[str, Any], changed: Mapping[str, Any]) -> di
 def judge_by(campaign: Experiment, source: RequirementSource) -> Experiment:
     """Return a campaign judged by another set of requirements. Raise InputErrors in the places of the set."""
     changed = read_requirement_set(source)
-    held: Any = campaign.document.data
-    data = with_requirements(held, changed.data)  # type: ignore[arg-type]
+    data = with_requirements(campaign.document.entries, changed.entries)
     places = {**campaign.document.value_places, **changed.value_places}
     keys = {**campaign.document.key_places, **changed.key_places}
     document = replace(campaign.document, data=data, value_places=places, key_places=keys)

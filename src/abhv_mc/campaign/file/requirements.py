@@ -49,7 +49,7 @@ def read_requirements(document: Document) -> Document:
         )
     table = _read_table(path)
     validate(table, _Table)  # here, where the places are those of the table
-    return replace(document, data={**data, **table.data})  # type: ignore[dict-item]
+    return replace(document, data={**data, **table.entries})
 
 
 class _Inputs(StrictModel):

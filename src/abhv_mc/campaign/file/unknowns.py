@@ -1,6 +1,6 @@
 """A campaign's unknowns: parameters with one value for the whole programme, of which only bounds are known."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
@@ -33,6 +33,23 @@ class Unknown(StrictModel):
 
 
 Count = Annotated[int, Field(ge=0)]
+
+
+_HINTED = 3  # dispersions that a sentence names
+
+
+def unknowns_hint(dispersed: Iterable[str]) -> str:
+    """Return a sentence on dispersions that may be one value for the whole programme; '' without any."""
+    drawn = [
+        name for name in dispersed if name.startswith("aero.") or name.endswith("_effectiveness")
+    ]
+    if not drawn:
+        return ""
+    more = f" and {len(drawn) - _HINTED} more" if len(drawn) > _HINTED else ""
+    return (
+        f"Each flight draws {', '.join(drawn[:_HINTED])}{more} anew. If one value holds for the whole programme, list "
+        "it under `unknowns`: requirements are then judged at its worst value."
+    )
 
 
 class MostFailures(StrictModel):

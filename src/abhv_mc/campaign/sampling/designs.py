@@ -18,6 +18,7 @@ import hashlib
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,13 +134,13 @@ def _dimension(design: Design, name: str) -> int:
     return design.parameters.dispersible.index(name) + 1
 
 
-def _slice(make_sampler: Callable[[], object], first: int, stop: int) -> Floats:
+def _slice(make_sampler: Callable[[], Any], first: int, stop: int) -> Floats:
     """Last column of the sampler's points ``first`` .. ``stop - 1``, piece by piece to bound the memory."""
-    sampler: object = make_sampler()
+    sampler = make_sampler()
     start = first - first % _PIECE
     if start:
-        sampler.fast_forward(start)  # type: ignore[attr-defined]
-    pieces = [sampler.random(_PIECE)[:, -1] for _ in range(start, stop, _PIECE)]  # type: ignore[attr-defined]
+        sampler.fast_forward(start)
+    pieces = [sampler.random(_PIECE)[:, -1] for _ in range(start, stop, _PIECE)]
     return np.concatenate(pieces)[first - start : stop - start] if pieces else np.empty(0)
 
 

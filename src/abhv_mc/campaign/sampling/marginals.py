@@ -231,7 +231,8 @@ def outside(marginal: Marginal, values: Floats, rounding: Floats | float = 0.0) 
     if isinstance(marginal, DiscreteMarginal):
         slack = _SLACK * float(np.ptp(marginal.values)) + rounding
         return np.asarray(np.abs(values[:, None] - marginal.values).min(axis=1) > slack)
-    low, high = marginal.frozen.support()  # type: ignore[attr-defined]
+    scipy_like: Any = marginal
+    low, high = scipy_like.frozen.support()
     slack = (_SLACK * (high - low) if np.isfinite(high - low) else 0.0) + rounding
     return np.asarray((values < low - slack) | (values > high + slack))
 

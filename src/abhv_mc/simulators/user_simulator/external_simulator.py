@@ -77,7 +77,7 @@ class ExternalSimulator:
         place, (simulator, base) = "inputs/simulator", self.find_simulator()
         for name, path in simulator.find_files(base).items():
             copies[f"{place}/{name}"] = path
-        written: Any = self.experiment.document.data
+        written = self.experiment.document.entries
         data = {**written["simulator"], "folder": place}
         if folders := simulator.find_folders(base):  # the results folder holds files alone
             data["files"] = [

@@ -21,6 +21,7 @@ from abhv_mc.topics.plain import level_name
 from abhv_mc.topics.section import (
     Cell,
     Fold,
+    Item,
     Picture,
     Row,
     Section,
@@ -102,8 +103,9 @@ def _section(found: Convergence, names: Names) -> Section:
         tuple(_groups(found, names)),
         caption="Estimates as flights came in, with 95 % intervals",
     )
-    items = Text(words), Picture("convergence"), *([table] if table.groups else [])
-    return Section("How sure", (Fold("How the numbers settled", items),))
+    items: list[Item] = [Text(words), Picture("convergence")]
+    items += [table] if table.groups else []
+    return Section("How sure", (Fold("How the numbers settled", tuple(items)),))
 
 
 def _groups(found: Convergence, names: Names) -> Iterator[tuple[Row, ...]]:

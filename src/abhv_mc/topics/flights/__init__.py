@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.campaign.file.unknowns import unknowns_hint
 from abhv_mc.folder.flown_campaign import kept_flights
 from abhv_mc.topics.flights.model import (
     FlightCounts,
@@ -159,6 +160,8 @@ def _flown(found: Flights, campaign: Experiment, names: Names) -> str:
             text += f"Each sample flew at each of {len(unknowns.points)} values of the unknowns. "
         text += f"Each flight drew {count} parameter{'s' if count != 1 else ''} as listed here; nothing else differed "
         text += "from the nominal flight. "
+        hint = unknowns_hint(name for name in found.dispersions if name not in unknowns.names)
+        text += f"{hint} " if hint else ""
     return text + (
         "A flight that ended early counts as a failure in every statistic and verdict, unless a requirement says "
         "otherwise; both counts are shown."
