@@ -8,7 +8,8 @@ from typing import Any
 from abhv_mc.control.law_file import USER_LAWS
 from abhv_mc.entry_points import LAW_BACKENDS, load_entry_point
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.documents import Document
+from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc.kernel.flight.interface import UserCode
 from abhv_mc.kernel.flight.memory import TOGETHER
 from abhv_mc.kernel.laws.user import MAX_MEMORY, MEMORY
@@ -70,7 +71,7 @@ def open_law(
         places = -(-max(min(flights, TOGETHER), 1) // width) * width  # more are flown after these
         memory = len(native_memory(plan)) if memory_in_rows else None
         gains, seen = tuple(plan.gain_names.tolist()), measured_count(plan)
-        made = _find_backend(plan).open(
+        made = _find_backend(plan.law, plan_source(plan).file).open(
             plan_source(plan), gains, width, places, memory, seen, name_effectors(plan.vehicle)
         )
         address, context = made.address, made.context
@@ -145,21 +146,31 @@ def _checked(source: UserSource | None, digest: str) -> UserSource:
     return source
 
 
-def _find_backend(plan: FlightPlan) -> LawBackend:
-    """Return the backend of a plan's native law. Raises InputError if no installed package registers it."""
-    if plan.law == "c":
+def _find_backend(law: str, file: str) -> LawBackend:
+    """Return the backend of a native law. Raises InputError if no installed package registers it."""
+    if law == "c":
         return LawBackend(open_c_law, find_c_memory)
-    backend: LawBackend | None = load_entry_point(LAW_BACKENDS, plan.law)
+    backend: LawBackend | None = load_entry_point(LAW_BACKENDS, law)
     if backend is None:
-        found = f"a law of the kind '{plan.law}', which no installed package knows"
-        raise InputError(plan_source(plan).file, found, "'law: c' or 'law: python'")
+        found = f"a law of the kind '{law}', which no installed package knows"
+        raise InputError(file, found, "'law: c' or 'law: python'")
     return backend
+
+
+def refuse_misfits(document: Document, law: str, source: UserSource) -> None:
+    """Raise InputErrors with the places in a controller file that do not fit the native law that it names."""
+    find = _find_backend(law, source.file).find_misfits
+    if find and (found := in_child(find, source)):
+        raise InputErrors([document.error(*each) for each in found])
 
 
 def native_memory(plan: FlightPlan) -> dict[str, float]:
     """The numbers that a law in native code remembers, as a flight starts. Raises InputError where it hides them."""
     found = in_child(
-        _find_backend(plan).find_memory, plan_source(plan), plan.settings, plan.reference[0]
+        _find_backend(plan.law, plan_source(plan).file).find_memory,
+        plan_source(plan),
+        plan.settings,
+        plan.reference[0],
     )
     if found is None:
         raise hidden_memory(plan)
