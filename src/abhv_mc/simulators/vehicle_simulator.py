@@ -1,6 +1,6 @@
 """The program's own simulator: a vehicle that flies a mission with its controllers."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -110,6 +110,15 @@ class VehicleSimulator:
 
     def time_of_flight(self, plans: Sequence[FlightPlan]) -> None:
         return None
+
+    def prove(self, plan: FlightPlan, check: int = 0) -> FlightPlan:
+        return plan
+
+    def describe_events(self, system: str, events: Mapping[str, int]) -> list[str]:
+        return []
+
+    def find_undeclared_reads(self, plan: FlightPlan, since: float) -> Iterable[str]:
+        return ()
 
     def describe_end(self, system: str, row: Floats, outcome: int) -> str:
         from abhv_mc.simulators.end_sentence import describe_end
