@@ -1,4 +1,4 @@
-"""Record of a linearised flight under control: plant, control law, sensors and delay at each point."""
+"""Linear models of the closed loop: plant, controller, sensors and delay at each point."""
 
 from typing import NamedTuple
 
