@@ -32,6 +32,7 @@ def compile_fmu_adapter(
     outputs: tuple[Wire, ...],
     params: int,
     gains: tuple[str, ...],
+    *,
     width: int,
     remade: int | None,
     effectors: tuple[tuple[str, int], ...] = (),

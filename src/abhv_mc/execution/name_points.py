@@ -81,7 +81,7 @@ def _evaluate(
     """Simulate the flights of the search at each point [point, unknown] of the box."""
     rows = campaign.search_rows(SEARCH_FLIGHTS, campaign.unknowns.values(points))
     margins = campaign.model.margins is not None
-    block = simulate(campaign, name, rows, None, executor.fly_side_by_side, margins)
+    block = simulate(campaign, name, rows, None, executor.fly_side_by_side, margins=margins)
     progress.add(len(rows))
     columns = [signal.name for signal in (*campaign.measured, *MARGIN_VALUES)]
     trials = []

@@ -133,7 +133,7 @@ def plant_slopes(plan: FlightPlan, points: Points, held: bool = False) -> Slopes
     """Rates of the path, sideslip to the air, measurement [point, 10 + 1 + 10]; slopes over path and controls."""
 
     def rates(x: Floats, point: Ints) -> tuple[Floats, Ints]:
-        answer, states = ask_at(plan, points, x[:, :10], x[:, 10:], point, held)
+        answer, states = ask_at(plan, points, x[:, :10], x[:, 10:], point, held=held)
         measured = answer.measured
         for angle in _TURNING:  # without the step at half a turn
             measured[:, angle] = x[:, angle] + _wrapped(measured[:, angle] - x[:, angle])
@@ -152,13 +152,14 @@ def ask_at(
     coordinates: Floats,
     controls: Floats,
     point: Ints,
+    *,
     held: bool = False,
 ) -> tuple[PlantAnswer, Floats]:
     """The plants of ``point`` at path coordinates and positions, and their states."""
     shown = as_axes(plan.vehicle, controls)
     states = path.make_states(coordinates, shown, points.latitude[point], points.mass[point])
     at = controls if plan.vehicle.constants.driven else None
-    return ask_plant(plan, points.lane, points.tick, point, states, held, at), states
+    return ask_plant(plan, points.lane, points.tick, point, states, held=held, at=at), states
 
 
 def _wrapped(angle: Floats) -> Floats:

@@ -69,16 +69,18 @@ def refine_peaks(
         new = np.where(useful & (step % 3 != 2), vertex, longer)
         f_new = quantity(loops, np.exp(new))
         better, after = f_new > f_here, new > here
-        low, f_low = _choose(better & after, here, f_here, ~better & ~after, new, f_new, low, f_low)
+        low, f_low = _choose(
+            better & after, here, f_here, ~better & ~after, new, fb=f_new, x=low, f=f_low
+        )
         high, f_high = _choose(
-            better & ~after, here, f_here, ~better & after, new, f_new, high, f_high
+            better & ~after, here, f_here, ~better & after, new, fb=f_new, x=high, f=f_high
         )
         here, f_here = np.where(better, new, here), np.where(better, f_new, f_here)
     return np.asarray(f_here), np.asarray(np.exp(here))
 
 
 def _choose(  # the first that is so
-    a: Mask, xa: Floats, fa: Floats, b: Mask, xb: Floats, fb: Floats, x: Floats, f: Floats
+    a: Mask, xa: Floats, fa: Floats, b: Mask, xb: Floats, *, fb: Floats, x: Floats, f: Floats
 ) -> tuple[Floats, Floats]:
     return np.where(a, xa, np.where(b, xb, x)), np.where(a, fa, np.where(b, fb, f))
 

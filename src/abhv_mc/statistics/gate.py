@@ -50,6 +50,7 @@ def judge_change(
     lost: tuple[Mask, Mask],
     missed: Sequence[tuple[Mask, Mask]],
     margin: float,
+    *,
     risk: float = RISK,
 ) -> Gate:
     """Judge severities [pair], larger being worse and +infinity a lost flight; `risk` is of each test of what is worse.

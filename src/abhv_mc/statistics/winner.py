@@ -41,7 +41,7 @@ class Decision:
 
 
 def decide(
-    a: Floats, b: Floats, lost_a: Mask, lost_b: Mask, comparisons: int, risk: float = RISK
+    a: Floats, b: Floats, lost_a: Mask, lost_b: Mask, comparisons: int, *, risk: float = RISK
 ) -> Decision:
     """Decide on severities [pair], larger being worse and +infinity a lost flight.
 

@@ -153,7 +153,7 @@ def _check(document: Document, model: Campaign) -> Experiment:
         **dict.fromkeys(model.dispersions, "a dispersion"),
     }
     box = model.unknowns, model.points, others, model.sampling.design
-    unknowns = check_unknowns(document, *box, parameters, errors)
+    unknowns = check_unknowns(document, *box, parameters=parameters, errors=errors)
     data = document.entries
     unknowns = match_requirements(unknowns, model.points, data.get("requirements") or [])
     number = _check_runs(document, model, names, sample_file, errors) * len(unknowns.points)
@@ -369,7 +369,9 @@ def _declare_metrics(
         if any(entry.phase for entry in entries.values())
         else {}
     )
-    own = declare_metrics(entries, user_channels, of, place, errors, windows, effectors)
+    own = declare_metrics(
+        entries, user_channels, of, place, errors, windows=windows, effectors=effectors
+    )
     return (*effector_metrics(effectors), *own)
 
 
