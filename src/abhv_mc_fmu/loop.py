@@ -84,6 +84,7 @@ def compile_fmu_adapter(
     outputs: tuple[Wire, ...],
     params: tuple[Wire, ...],
     gains: tuple[str, ...],
+    *,
     width: int,
     remade: int | None,
     effectors: tuple[tuple[str, int], ...] = (),

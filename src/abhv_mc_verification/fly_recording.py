@@ -69,6 +69,7 @@ def make_start(
     heading: float,
     rates: tuple[float, float, float],
     mass: float,
+    *,
     latitude: float = 0.0,
 ) -> Floats:
     """A state ``[state]`` level at a heading, longitude 0, SI and radians; inertial body rates."""

@@ -111,7 +111,7 @@ def verify_nesc(folder: Path, scale: float = 1.0) -> list[Row]:
                     columns,
                     at_times(step, states, np.array(columns["time"])),
                     allowed,
-                    scale,
+                    scale=scale,
                 )
             )
     return rows
@@ -179,6 +179,7 @@ def _compare(
     given: "pd.DataFrame",
     states: Floats,
     allowed: tuple[float, ...],
+    *,
     scale: float,
 ) -> list[Row]:
     apart = _differences(_flown(states), _published(given))

@@ -78,7 +78,7 @@ def fly_aircraft(name: str, duration: float) -> Floats:
     law = _read_law(folder / "f16" / f"{case.law}.py")
     timing = Timing(1.0 / RATE, 1, math.ceil(duration * RATE - 1e-6))
     steps = make_steps(law, case, start)
-    plan = make_law_plan(vehicle, start, timing, law, steps, heading_of(case))
+    plan = make_law_plan(vehicle, start, timing, law, steps, heading=heading_of(case))
     return fly(plan, nominal_parameters(), record_every=1, keep_states=True).states[0]
 
 
@@ -171,7 +171,13 @@ def make_steps(law: Law, case: AircraftCase, start: Floats) -> CommandSteps:
 
 
 def make_law_plan(
-    vehicle: Vehicle, start: Floats, timing: Timing, law: Law, steps: CommandSteps, heading: float
+    vehicle: Vehicle,
+    start: Floats,
+    timing: Timing,
+    law: Law,
+    steps: CommandSteps,
+    *,
+    heading: float,
 ) -> FlightPlan:
     """A plan that flies a law without a mission: its reference is the commanded course at the speed of the start."""
     time = np.arange(timing.ticks + 1, dtype=np.float64) * timing.tick

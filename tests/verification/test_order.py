@@ -36,7 +36,9 @@ def errors() -> dict[str, Floats]:
     """
     vehicle = load_vehicle(shipped_configs() / "vehicle" / "nesc" / "brick.yaml")
     rates = tuple(np.radians((100.0, 80.0, 120.0)))
-    start = make_start(4000.0, (60.0, 40.0, -30.0), 0.4, rates, vehicle.constants.mass_start, 0.5)
+    start = make_start(
+        4000.0, (60.0, 40.0, -30.0), 0.4, rates, vehicle.constants.mass_start, latitude=0.5
+    )
 
     def fly(step: float) -> Floats:
         ticks = round(DURATION / step)

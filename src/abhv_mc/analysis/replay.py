@@ -48,6 +48,7 @@ def replay_flight(
     flight: int,
     fly: Fly | None = None,
     every: int = 1,
+    *,
     trust_code: bool = False,
 ) -> Replay:
     """Fly flight ``flight`` of the campaign in ``root`` with its stored plan, recording every ``every``-th tick.

@@ -200,7 +200,7 @@ class SearchFlights:
             samples,
             None,
             self.executor.fly_side_by_side,
-            self.margins,
+            margins=self.margins,
         )
         outcome = self.campaign.outcomes.of(flown.outcome)
         values = np.column_stack(

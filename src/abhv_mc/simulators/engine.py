@@ -39,6 +39,7 @@ def simulate(
     rows: Floats,
     recording: Recorded = None,
     executor: Fly | None = None,
+    *,
     margins: bool = False,
 ) -> FlightBlock:
     """Fly ``rows`` [flight, input], SI, whose columns are ``experiment.inputs``; what is none of them is nominal.

@@ -75,7 +75,7 @@ def _find_period(plan: FlightPlan) -> Period:
     begun = start + change
     begun[1, :n] += steps[:n]
     values = run_law(
-        go_on(plan, 0, settling + _WATCHED), 0, begun, settling + _WATCHED, follow, change
+        go_on(plan, 0, settling + _WATCHED), 0, begun, settling + _WATCHED, follow, change=change
     )
     values = np.nan_to_num(
         values

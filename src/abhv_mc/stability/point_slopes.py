@@ -138,7 +138,9 @@ def plant_slopes(plan: FlightPlan, points: Points, held: bool = False) -> Slopes
     n = 10 + points.controls.shape[1]
 
     def rates(x: Floats, point: Ints) -> tuple[Floats, Ints]:
-        answer, states = ask_at(plan, points, x[:, :10], x[:, 10:n], x[:, n:], point, held)
+        answer, states = ask_at(
+            plan, points, x[:, :10], x[:, 10:n], x[:, n:], point=point, held=held
+        )
         measured = answer.measured
         for angle in _TURNING:  # without the step at half a turn
             measured[:, angle] = x[:, angle] + _wrapped(measured[:, angle] - x[:, angle])
@@ -160,6 +162,7 @@ def ask_at(
     coordinates: Floats,
     controls: Floats,
     custom: Floats,
+    *,
     point: Ints,
     held: bool = False,
 ) -> tuple[PlantAnswer, Floats]:
@@ -167,7 +170,8 @@ def ask_at(
     shown = as_axes(plan.vehicle, controls)
     states = path.make_states(coordinates, shown, points.latitude[point], points.mass[point])
     at = controls if plan.vehicle.constants.driven else None
-    return ask_plant(plan, points.lane, points.tick, point, states, custom, held, at), states
+    answer = ask_plant(plan, points.lane, points.tick, point, states, custom, held=held, at=at)
+    return answer, states
 
 
 def _wrapped(angle: Floats) -> Floats:

@@ -94,7 +94,7 @@ _DEGREES = ("angle_of_attack", "sideslip", "aileron", "rudder", "elevator")
 def near_nodes(plan: FlightPlan, points: Points) -> list[str]:
     """A sentence for each variable of the first point that lies close to a node of the plant's or guidance's tables."""
     first = points.path[:1], points.controls[:1], points.custom[:1]
-    variables = ask_at(plan, points, *first, np.zeros(1, np.int64))[0].variables
+    variables = ask_at(plan, points, *first, point=np.zeros(1, np.int64))[0].variables
     found = _near("the vehicle's tables", plan.vehicle.tables, variables[0])
     if plan.commanding_law == "tlc":
         answer = law_tick(plan, points.tick, points.measured[:1], points.memory[:1])

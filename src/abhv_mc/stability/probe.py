@@ -131,6 +131,7 @@ def ask_plant(
     flight: Ints,
     states: Floats,
     custom: Floats | None = None,
+    *,
     held: bool = False,
     at: Floats | None = None,
 ) -> PlantAnswer:
@@ -220,7 +221,7 @@ def law_at(plan: FlightPlan, sensed: Floats, tick: int) -> Floats:
 
 
 def run_law(
-    plan: FlightPlan, tick: int, start: Floats, ticks: int, follow: Ints, change: Floats
+    plan: FlightPlan, tick: int, start: Floats, ticks: int, follow: Ints, *, change: Floats
 ) -> Floats:
     """The law's memory after each of some ticks and its commands there, [tick, point, memory + input], its limits off.
 

@@ -102,6 +102,7 @@ def new_panels(
     count: int,
     columns: int,
     row_height: float,
+    *,
     between: tuple[float, float] = (0.68, 0.48),
     top: float = 0.24,
     lettered: bool = True,

@@ -140,7 +140,9 @@ def _check(document: Document, model: Campaign) -> Experiment:
         metrics = measured = {name: entry.record(name) for name, entry in own.metrics.items()}
     else:
         effectors = find_driven(model.vehicle, model.controllers.values())
-        declared = _declare_metrics(document, model, user_channels, effectors, states, errors)
+        declared = _declare_metrics(
+            document, model, user_channels, errors, effectors=effectors, states=states
+        )
         own_channels = *effector_channels(effectors), *state_channels(states)
         _check_channels(document, model, own_channels, errors)
         metrics = {metric.name: metric for metric in (*METRICS, *declared)}
@@ -155,7 +157,7 @@ def _check(document: Document, model: Campaign) -> Experiment:
         **dict.fromkeys(model.dispersions, "a dispersion"),
     }
     box = model.unknowns, model.points, others, model.sampling.design
-    unknowns = check_unknowns(document, *box, parameters, errors)
+    unknowns = check_unknowns(document, *box, parameters=parameters, errors=errors)
     data = document.entries
     unknowns = match_requirements(unknowns, model.points, data.get("requirements") or [])
     number = _check_runs(document, model, names, sample_file, errors) * len(unknowns.points)
@@ -358,9 +360,10 @@ def _declare_metrics(
     document: Document,
     model: Campaign,
     user_channels: Sequence[tuple[str, str]],
+    errors: list[InputError],
+    *,
     effectors: tuple[str, ...],
     states: tuple[tuple[str, str], ...],
-    errors: list[InputError],
 ) -> tuple[Metric, ...]:
     """The records of the campaign's own metrics; no file of channels is run."""
     place: tuple[str, ...] = ("metrics",)
@@ -373,7 +376,16 @@ def _declare_metrics(
         if any(entry.phase for entry in entries.values())
         else {}
     )
-    own = declare_metrics(entries, user_channels, of, place, errors, windows, effectors, states)
+    own = declare_metrics(
+        entries,
+        user_channels,
+        of,
+        place,
+        errors,
+        windows=windows,
+        effectors=effectors,
+        states=states,
+    )
     return (*effector_metrics(effectors), *own)
 
 

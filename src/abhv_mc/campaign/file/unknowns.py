@@ -227,6 +227,7 @@ def check_unknowns(
     points: UnknownPoints | None,
     others: dict[str, str],
     design: str,
+    *,
     parameters: Parameters,
     errors: list[InputError],
 ) -> Unknowns:

@@ -103,16 +103,18 @@ def compute_comparison(results: FlownCampaign) -> Comparison:
     """Pairs of all controllers with the first."""
     campaign, rivals = results.campaign, len(list(results.pairs))
     points = len(campaign.unknowns.points)
-    asked = (
-        results.metrics,
-        results.compared,
-        campaign.requirements,
-        rivals,
-        campaign.judged,
-        points,
-    )
     pairs = {
-        f"{a} - {b}": compare_pair(results.flights[a], results.flights[b], (a, b), *asked)
+        f"{a} - {b}": compare_pair(
+            results.flights[a],
+            results.flights[b],
+            (a, b),
+            results.metrics,
+            results.compared,
+            requirements=campaign.requirements,
+            rivals=rivals,
+            independent=campaign.judged,
+            points=points,
+        )
         for a, b in results.pairs
     }
     medians = {
@@ -133,6 +135,7 @@ def compare_pair(
     names: tuple[str, str],
     metrics: Iterable[str],
     compared: Sequence[str],
+    *,
     requirements: Sequence[Requirement],
     rivals: int = 1,
     independent: bool = True,
@@ -165,8 +168,8 @@ def compare_pair(
                 names,
                 lost,
                 rows if independent and metric in compared else 0,
-                at,
-                flights_a.records[metric],
+                at=at,
+                record=flights_a.records[metric],
             )
             for metric in metrics
         },
@@ -196,6 +199,7 @@ def _metric(
     names: tuple[str, str],
     lost: tuple[Mask, Mask],
     rows: int,
+    *,
     at: Sequence[Mask],
     record: Metric,
 ) -> ComparedMetric:
