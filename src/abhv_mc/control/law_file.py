@@ -47,9 +47,16 @@ class PythonController(ControllerModel):
         {},
         description="of the file's class Commands: a value, or values from times on, as {0 s: 100 m, 5 s: 130 m}",
     )
+    around: File | None = Field(
+        None,
+        description="controller file of TLC or LQR whose measurement the file's function filters; its rate counts",
+    )
 
     @model_validator(mode="after")
     def _check(self) -> "PythonController":
+        for key in ("rate", "period", "commands"):
+            if self.around is not None and key in self.model_fields_set:
+                raise Refusal(f"'{key}' of a filter", "that of the controller around it", (key,))
         find_files(self)
         return self
 
@@ -208,6 +215,7 @@ NAMING_KEYS = (
     "library",
     "design",
     "sources",
+    "around",
 )  # of controller files: paths from the file's own folder
 
 

@@ -1,5 +1,6 @@
 """From the three files of a flight to its plan: reference, gains, trim and start, computed once."""
 
+import functools
 from pathlib import Path
 from typing import NamedTuple
 
@@ -31,6 +32,7 @@ from abhv_mc.control.law_file import (
     UserController,
 )
 from abhv_mc.control.mission import Mission, read_mission
+from abhv_mc.flight.dynamics_start import start_custom
 from abhv_mc.flight.metrics import effector_metrics, pack_metrics
 from abhv_mc.flight.native_check import check_native
 from abhv_mc.flight.outcome import EndBounds, Limits
@@ -111,6 +113,7 @@ class UserParts(NamedTuple):
     source: UserSource
     settings: Floats
     commands: CommandSteps = NO_COMMANDS
+    around: TlcController | LqrController | None = None  # whose measurement the code filters
 
 
 def read_law(controller: Path) -> tuple[Controller, UserParts | None]:
@@ -127,14 +130,36 @@ def read_law(controller: Path) -> tuple[Controller, UserParts | None]:
         return law, UserParts(source, np.array(numbers, dtype=np.float64))
     check_closure(source)
     loaded = load_law(source)
+    around = read_around(law)
+    if loaded.mark.filters != (around is not None):
+        found = (
+            "a filter without the controller around it" if around is None else "'around' of a law"
+        )
+        wish = "'around:', a controller file of TLC or LQR, with @measurement_filter"
+        raise document.error(("file",) if around is None else ("around",), found, wish)
+    if around is not None:
+        law = law.model_copy(update={"rate": around.rate})
     commands = make_commands(document, law, loaded)
-    return law, UserParts(source, make_user_settings(document, law, loaded), commands)
+    return law, UserParts(source, make_user_settings(document, law, loaded), commands, around)
 
 
-def user_parts_of(plan: FlightPlan) -> UserParts | None:
+def read_around(law: PythonController) -> TlcController | LqrController | None:
+    """Read the controller whose measurement a law filters; None for a law that commands. Raise InputError."""
+    if law.around is None:
+        return None
+    document, around = read_controller_document(law.around)
+    if isinstance(around, UserController):
+        raise document.error(("law",), f"'{around.law}' with a filter", "tlc or lqr")
+    return around
+
+
+def user_parts_of(plan: FlightPlan, controller: Controller) -> UserParts | None:
     """A plan's own law and its settings; None for a law of the program. Raises ValueError without its source."""
     if plan.law not in USER_LAWS:
         return None
+    if isinstance(controller, PythonController) and controller.around is not None:
+        around = read_around(controller)
+        return UserParts(plan_source(plan), plan.filter_settings, NO_COMMANDS, around)
     gains, commands = split_columns(tuple(plan.gain_names.tolist()))
     columns = plan.gains[:, len(gains) :]
     times = np.arange(len(columns), dtype=np.float64) * plan.timing.tick
@@ -199,7 +224,10 @@ def make_plan(
         warnings.append(
             f"the nominal fuel lasts {lasts:.0f} s of the mission's {reference[-1, TIME]:.0f} s"
         )
-    start = make_start_trim(mission, vehicle)
+    rigid = make_start_trim(mission, vehicle)
+    make_state = functools.partial(make_initial_state, mission, vehicle)
+    start, states, slow = start_custom(mission, vehicle, make_state, rigid, timing.step)
+    warnings += slow
     if start.fault:
         warnings.append(f"at the start {start.fault}")
     names, gains, settings = make_gains(
@@ -230,7 +258,7 @@ def make_plan(
             _LEAST_FUEL if mission.limits.fuel_out and constants.burns_fuel else -np.inf,
             mission.limits.speed or _SPEED_FACTOR * float(reference[:, SPEED].max()),
         ),
-        initial_state=make_initial_state(mission, vehicle, start),
+        initial_state=np.append(make_state(start), states),
         reference=reference,
         gains=gains,
         settings=settings,
@@ -238,6 +266,8 @@ def make_plan(
         warnings=np.array(warnings, dtype=np.str_),
         gain_names=np.array(names, dtype=np.str_),
         period=controller.period if isinstance(controller, UserController) else 0,
+        around=user_code.around.law if user_code and user_code.around else "",
+        filter_settings=user_code.settings if user_code and user_code.around else np.empty(0),
         source_hash=user_code.source.hash if user_code else "",
         source=user_code.source if user_code else None,
         vehicle_code=find_code(vehicle),
@@ -261,6 +291,8 @@ def make_gains(
         return (), gains, make_limit_settings(controller.limits, model.vehicle)
     if user_code is None:
         raise ValueError("a controller of the user's own without its law")
+    if user_code.around is not None:
+        return make_gains(user_code.around, None, model)
     names, gains = watched_design(user_code.source, model, user_code.settings)
     gains = np.concatenate([gains, user_code.commands.columns(model.time)], axis=1)
     return (*names, *user_code.commands.column_names()), gains, user_code.settings

@@ -16,7 +16,7 @@ from abhv_mc.kernel.laws.user import MAX_MEMORY, MEMORY
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.user_code.c_law import find_c_memory, open_c_law
 from abhv_mc.user_code.child import in_child, may_run_here
-from abhv_mc.user_code.compiled import compile_law
+from abhv_mc.user_code.compiled import compile_filter, compile_law
 from abhv_mc.user_code.effector_commands import commands_effectors
 from abhv_mc.user_code.law_interface import Measured
 from abhv_mc.user_code.load_law import is_number, load_law
@@ -25,7 +25,7 @@ from abhv_mc.user_code.native_loop import LawBackend
 from abhv_mc.user_code.plain_law import PlainLaw
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.user_channels import compile_channels
-from abhv_mc.user_code.vehicle_functions import compile_functions
+from abhv_mc.user_code.vehicle_functions import Functions, compile_functions
 from abhv_mc.vehicle.actuators import name_effectors
 
 PYTHON = "python"
@@ -37,14 +37,13 @@ NATIVE = tuple(law for law in USER_LAWS if law != PYTHON)
 def open_vehicle(plan: FlightPlan, width: int) -> Iterator[UserCode]:
     """The functions of a plan's vehicle for ``width`` lanes, without its law; nothing for a vehicle of tables."""
     foreign, code = plan.vehicle.foreign, plan.vehicle_code
-    made: tuple[Any, ...] = None, None  # held while it flies
-    if foreign.aerodynamics or foreign.propulsion:
+    functions: tuple[Any, ...] = (None, None, None)  # held while it flies
+    if foreign.digest.any():
         if code is None or code.digest != foreign.digest.tobytes():
             raise ValueError("a plan of a vehicle with functions of its own without their source")
         functions = compile_functions(code, width)
-        made = functions.aerodynamics, functions.propulsion
-    aerodynamics, propulsion = (0 if one is None else int(one.address) for one in made)
-    yield UserCode(0, 0, 0, 0, aerodynamics=aerodynamics, propulsion=propulsion)
+    addresses = (0 if one is None else int(one.address) for one in functions)
+    yield UserCode(0, 0, 0, 0, **dict(zip(Functions._fields, addresses, strict=True)))
 
 
 @contextlib.contextmanager
@@ -62,7 +61,9 @@ def open_law(
         law = load_plan_law(plan)
         source, gains = law.source, tuple(plan.gain_names.tolist())
         effectors = name_effectors(plan.vehicle) if commands_effectors(source) else ()
-        if law.mark.compiled:
+        if plan.around:
+            made = compile_filter(source, tuple(plan.filter_settings.tolist()), width)
+        elif law.mark.compiled:
             made = compile_law(source, gains, width, effectors)
         else:
             made = PlainLaw(law, gains, width, memory_in_rows, effectors)

@@ -8,7 +8,7 @@ from typing import Any
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import PROCESSES
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.flight.channels import CHANNELS, Signal, effector_channels
+from abhv_mc.flight.channels import CHANNELS, Signal, effector_channels, state_channels
 from abhv_mc.flight.outcome import OUTCOMES, Outcome
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.identity import code_hash
@@ -34,7 +34,8 @@ class VehicleSimulator:
     def __init__(self, experiment: Experiment) -> None:
         self.experiment, model = experiment, experiment.model
         self.systems: tuple[str, ...] = tuple(model.controllers)
-        self.channels: tuple[Signal, ...] = (*CHANNELS, *effector_channels(experiment.effectors))
+        own = effector_channels(experiment.effectors), state_channels(experiment.states)
+        self.channels: tuple[Signal, ...] = (*CHANNELS, *own[0], *own[1])
 
     @cached_property
     def engine(self) -> Engine:
