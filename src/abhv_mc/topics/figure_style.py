@@ -42,7 +42,8 @@ BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = (
 CYCLE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.5, 1)), (0, (5, 1, 1, 1)))
 MARKERS = ("o", "s", "^", "D", "v", "P")
-INK = "#767676"
+INK = "#666666"
+PERCENT = "\N{NARROW NO-BREAK SPACE}%"  # behind the number of a tick, as in the text
 GRID = "#80808050"
 
 _RC: dict[Any, Any] = {
