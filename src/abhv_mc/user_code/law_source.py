@@ -1,4 +1,4 @@
-"""The code that a controller file names, read as it is and not run."""
+"""Code named by a controller file, read without running it."""
 
 import json
 from pathlib import Path
@@ -24,16 +24,19 @@ _GROUPS = {"measured": Measured._fields, "reference": REFERENCE, "onboard": onbo
 
 
 def law_place(controller: UserController) -> Path:
-    """The file that is the law, by the path that its controller file gives: from a folder it may lead out."""
+    """Return the file of a control law, by the path in its controller file.
+
+    The path may lead out of the folder.
+    """
     if isinstance(controller, CController):
         return controller.library or controller.sources[0]
     return controller.file
 
 
 def read_law_source(controller: UserController) -> UserSource:
-    """A controller's code with the files that it declares; nothing is built. Raises InputError.
+    """Return a controller's code with its declared files, without building it.
 
-    The text of a law in C or an FMU is a recipe: what it is built by and for, and how it is wired.
+    The text of a law in C or an FMU is a recipe: build, platform and wiring. Raise InputError.
     """
     paths = find_files(controller)
     if isinstance(controller, PythonController):
@@ -77,16 +80,20 @@ def read_law_source(controller: UserController) -> UserSource:
 def _check_names(controller: FmuController) -> None:
     for name, source in controller.inputs.items():
         group, _, field = source.partition(".")
-        known = (
+        is_known = (
             source == "time"
             or (group == "gains" and bool(field))
             or field in _GROUPS.get(group, ())
         )
-        if not known:
-            choices = [f"{each}.{entry}" for each, entries in _GROUPS.items() for entry in entries]
-            found = f"'{source}' for the input '{name}'"
+        if not is_known:
+            choices = [
+                f"{group_name}.{entry}"
+                for group_name, entries in _GROUPS.items()
+                for entry in entries
+            ]
+            problem = f"'{source}' for the input '{name}'"
             raise InputError(
-                controller.file, found, one_of([*choices, "gains.NAME", "time"], source)
+                controller.file, problem, one_of([*choices, "gains.NAME", "time"], source)
             )
     missing = [name for name in _NEEDED if name not in controller.outputs]
     if missing:
@@ -96,7 +103,7 @@ def _check_names(controller: FmuController) -> None:
 
 
 def read_trusted_law(controller: UserController) -> UserSource:
-    """A controller's code that is to be run. Raises InputError for a folder's copy that its user has not flown."""
+    """Return a controller's code to be run. Raise InputError for an untrusted copy."""
     source = read_law_source(controller)
     if is_in_a_folder(law_place(controller)):
         check_trusted(source)

@@ -1,4 +1,4 @@
-"""A vehicle's own functions: run, checked, compiled as loops over lanes, and evaluated on the launching side."""
+"""Custom vehicle functions: run, checked, compiled to loops and evaluated."""
 
 import ctypes
 import functools
@@ -27,7 +27,7 @@ from abhv_mc.user_code.trust import check_trusted, is_in_a_folder
 from abhv_mc.vehicle.file import pack_vehicle, read_vehicle_file
 from abhv_mc.vehicle.vehicle_code import N_THRUST, FunctionCode, VehicleCode, register
 
-WIDTH = 32  # points of a call on the launching side
+WIDTH = 32  # points of a call in the launching process
 WANTED = "floats, named tuples and functions of them"
 _AXES = ("aileron", "rudder", "elevator")
 _AERODYNAMICS = ("air", "controls", "rates", "settings")
@@ -35,7 +35,7 @@ _PROPULSION = ("air", "throttle", "controls", "rates", "settings")
 
 
 class Functions(NamedTuple):
-    """A vehicle's compiled functions; None where it has tables."""
+    """Compiled functions of a vehicle; None if it has tables instead."""
 
     aerodynamics: Any
     propulsion: Any
@@ -45,19 +45,19 @@ class Functions(NamedTuple):
 
 @made_once
 def load_vehicle(path: str | Path) -> Vehicle:
-    """Read and pack a vehicle file; functions of its own are run, if they are its user's own.
+    """Read and pack a vehicle file; run its functions if they are trusted.
 
-    Raises :class:`abhv_mc.io.documents.InputError`.
+    Raise :class:`abhv_mc.io.documents.InputError`.
     """
     file = read_vehicle_file(path)
     vehicle = pack_vehicle(file, PARAMETER_INDEX)
     rows, axes = count_rows(vehicle), vehicle.tables.axis_variable.size
     if rows > s.MAX_TABLE_ROWS:
-        found = (
+        problem = (
             f"tables that fill {rows} rows (those on equal axes share rows in eights; slopes "
             f"with deflections count)"
         )
-        raise InputError(file.path, found, f"at most {s.MAX_TABLE_ROWS}")
+        raise InputError(file.path, problem, f"at most {s.MAX_TABLE_ROWS}")
     if axes > s.MAX_AXES:
         raise InputError(file.path, f"tables on {axes} different grids", f"at most {s.MAX_AXES}")
     if file.code is None:
@@ -67,7 +67,7 @@ def load_vehicle(path: str | Path) -> Vehicle:
 
 
 def check_vehicle_trusted(path: str | Path, trusted: bool = False) -> None:
-    """Raise InputError for functions in a folder that this user has not flown, unless he says that he trusts them."""
+    """Raise InputError for untrusted functions of a vehicle in a results folder."""
     code = read_vehicle_file(path).code
     for function in code.functions() if code else ():
         if is_in_a_folder(Path(function.file)):
@@ -78,12 +78,12 @@ _codes: dict[bytes, VehicleCode] = {}
 
 
 def find_code(vehicle: Vehicle) -> VehicleCode | None:
-    """The code of a loaded vehicle; None for one of tables."""
+    """Return the code of a loaded vehicle, or None for tables."""
     return _codes.get(vehicle.foreign.digest.tobytes())
 
 
 def load_functions(code: VehicleCode, vehicle: Vehicle) -> Foreign:
-    """Compile a vehicle's functions for the launching side and register them; what the vehicle packs of them."""
+    """Compile and register a vehicle's functions here; return the packed settings."""
     functions = compile_functions(code, WIDTH)
     _codes[code.digest] = code
     register(code.digest, functools.partial(_evaluate, functions))
@@ -95,35 +95,42 @@ def load_functions(code: VehicleCode, vehicle: Vehicle) -> Foreign:
 
 @functools.lru_cache(maxsize=16)
 def compile_functions(code: VehicleCode, width: int) -> Functions:
-    """The compiled loops over ``width`` lanes. Raises InputError, with the user's line, for what does not compile."""
+    """Return the compiled loops over ``width`` lanes.
+
+    Raise InputError, with the user's line, for code that does not compile.
+    """
     loops: list[Any] = [None, None]
     settings = [np.zeros(1), np.zeros(1)]
-    for i, of in enumerate((code.aerodynamics, code.propulsion)):
-        if of is None:
+    for i, function_code in enumerate((code.aerodynamics, code.propulsion)):
+        if function_code is None:
             continue
-        source = UserSource(of.text, of.file)
+        source = UserSource(function_code.text, function_code.file)
         module = run_module(source)
         with refuse_in_words(source, "a function of the vehicle", WANTED):
-            if of.function not in module.texts:
+            if function_code.function not in module.texts:
                 raise InputError(
-                    source.file, f"no function '{of.function}'", one_of(module.texts, of.function)
+                    source.file,
+                    f"no function '{function_code.function}'",
+                    one_of(module.texts, function_code.function),
                 )
-            given = module.check_arguments(of.function, (_AERODYNAMICS, _PROPULSION)[i])
-            check_functions(module, of.function)
-            values = _settings(module, of)
+            arguments = module.check_arguments(
+                function_code.function, (_AERODYNAMICS, _PROPULSION)[i]
+            )
+            check_functions(module, function_code.function)
+            values = _settings(module, function_code)
             names = compiled_names(module)
             names |= {
                 "_Air": Air,
                 "_Rates": Rates,
-                "_function": names[of.function],
+                "_function": names[function_code.function],
                 "_sincos": sincos,
             }
             names |= {"_Settings": module.names.get("Settings"), "_Controls": _controls(code)}
-        held = ", ".join(f"given[{k}]" for k in range(len(values)))
-        once = [f"settings = {f'_Settings({held})' if names['_Settings'] else '0.0'}"]
-        body = [*_read_lane(width, code), f"made = _function({', '.join(given)})"]
+        setting_values = ", ".join(f"given[{k}]" for k in range(len(values)))
+        once = [f"settings = {f'_Settings({setting_values})' if names['_Settings'] else '0.0'}"]
+        body = [*_read_lane(width, code), f"made = _function({', '.join(arguments)})"]
         body += (_write_coefficients, _write_thrust)[i](width, code)
-        loops[i] = build(module, loop_text(width, once, body), names, of.function)
+        loops[i] = build(module, loop_text(width, once, body), names, function_code.function)
         settings[i] = np.array(values or (0.0,))
     return Functions(*loops, *settings)
 
@@ -134,33 +141,39 @@ def _controls(code: VehicleCode) -> Any:
     return namedtuple("Controls", (*_AXES, *names, "equivalence_ratio", "throttle"))
 
 
-def _settings(module: Module, of: FunctionCode) -> tuple[float, ...]:
-    """The numbers of the file's class ``Settings``; none without one. Raises InputError."""
+def _settings(module: Module, function_code: FunctionCode) -> tuple[float, ...]:
+    """Return the numbers of class ``Settings``, empty without one. Raise InputError."""
     kind: Any = module.names.get("Settings")
-    given, units = dict(of.settings), module.names.get("UNITS", {})
-    known = kind._fields if kind is not None else ()
+    entries, units = dict(function_code.settings), module.names.get("UNITS", {})
+    fields = kind._fields if kind is not None else ()
     values = []
-    for name in given:
-        if name not in known:
-            expected = one_of(known, name) if known else "a class Settings(NamedTuple) in the file"
-            raise InputError(of.file, f"the setting '{name}'", expected)
-    for name in known:
+    for name in entries:
+        if name not in fields:
+            expected = (
+                one_of(fields, name) if fields else "a class Settings(NamedTuple) in the file"
+            )
+            raise InputError(function_code.file, f"the setting '{name}'", expected)
+    for name in fields:
         try:
             number = (
-                parse_in_unit(given[name], units.get(name, "-"))
-                if name in given
+                parse_in_unit(entries[name], units.get(name, "-"))
+                if name in entries
                 else kind._field_defaults.get(name)
             )
         except Refusal as refusal:
-            raise InputError(of.file, f"{name}: {refusal.found}", refusal.expected) from None
+            raise InputError(
+                function_code.file, f"{name}: {refusal.found}", refusal.expected
+            ) from None
         if not is_number(number):
-            raise InputError(of.file, f"no number for the setting '{name}'", "one, or a default")
+            raise InputError(
+                function_code.file, f"no number for the setting '{name}'", "one, or a default"
+            )
         values.append(float(number))
     return tuple(values)
 
 
 def _read_lane(width: int, code: VehicleCode) -> list[str]:
-    """Lines that make a lane's arguments of the rows of the lane memory."""
+    """Return lines that build a lane's arguments from rows of the lane memory."""
 
     lane = functools.partial(lane_of, width)
 
@@ -187,7 +200,7 @@ def _read_lane(width: int, code: VehicleCode) -> list[str]:
 
 
 def _write_coefficients(width: int, code: VehicleCode) -> list[str]:
-    """Lines that put coefficients of any frame into their rows, in stability axes."""
+    """Return lines that store coefficients of any frame as stability axes."""
     names = ("lift", "drag", "side", "made.Cl", "made.Cm", "made.Cn")
     return _FRAMES[code.frame] + [
         f"{lane_of(width, s.COEF + i)} = {name}" for i, name in enumerate(names)
@@ -195,11 +208,11 @@ def _write_coefficients(width: int, code: VehicleCode) -> list[str]:
 
 
 def _write_thrust(width: int, code: VehicleCode) -> list[str]:
-    """Lines that put an engine's force, moment and fuel flow into their rows."""
+    """Return lines that store an engine's force, moment and fuel flow."""
     first = {"force": s.F_THRUST, "moment": s.F_MOMENT}
     lines = [
-        f"{lane_of(width, first[of] + i)} = made.{of}_{axis}"
-        for of in first
+        f"{lane_of(width, first[quantity] + i)} = made.{quantity}_{axis}"
+        for quantity in first
         for i, axis in enumerate("xyz")
     ]
     return [*lines, f"{lane_of(width, s.F_FUEL_FLOW)} = made.fuel_flow"]
@@ -225,15 +238,15 @@ _FRAMES = {
 def _evaluate(
     functions: Functions, variables: Floats, density: Floats, speed: Floats
 ) -> tuple[Floats, Floats]:
-    """What :func:`abhv_mc.vehicle.vehicle_code.register` wants."""
+    """Return coefficients and thrust [row, point] for the registered vehicle."""
     points = variables.shape[1]
     coefficients, thrust = np.zeros((len(COEFFICIENTS), points)), np.zeros((N_THRUST, points))
     Z = aligned_zeros((s.LAW, WIDTH))
     for first in range(0, points, WIDTH):
-        here = np.minimum(np.arange(first, first + WIDTH), points - 1)
+        points_of_call = np.minimum(np.arange(first, first + WIDTH), points - 1)
         n = min(WIDTH, points - first)
-        Z[s.VAR : s.VAR + len(VARIABLES)] = variables[:, here]
-        Z[s.F_DENSITY], Z[s.F_AIRSPEED] = density[here], speed[here]
+        Z[s.VAR : s.VAR + len(VARIABLES)] = variables[:, points_of_call]
+        Z[s.F_DENSITY], Z[s.F_AIRSPEED] = density[points_of_call], speed[points_of_call]
         if functions.aerodynamics is not None:
             _call(functions.aerodynamics, Z, functions.aerodynamics_settings)
             coefficients[:, first : first + n] = Z[s.COEF : s.COEF + len(COEFFICIENTS), :n]
@@ -244,7 +257,15 @@ def _evaluate(
     return coefficients, thrust
 
 
-def _call(made: Any, Z: Floats, settings: Floats) -> None:
+def _call(loop: Any, Z: Floats, settings: Floats) -> None:
     pointer = ctypes.POINTER(ctypes.c_double)
-    given = settings.ctypes.data_as(pointer)
-    made.ctypes(None, Z.ctypes.data_as(pointer), given, given, given, 0, 0.0)
+    settings_pointer = settings.ctypes.data_as(pointer)
+    loop.ctypes(
+        None,
+        Z.ctypes.data_as(pointer),
+        settings_pointer,
+        settings_pointer,
+        settings_pointer,
+        0,
+        0.0,
+    )
