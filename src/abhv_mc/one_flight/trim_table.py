@@ -116,7 +116,9 @@ def trim(
         "flight_path_angle": flight_path_angle,
         "latitude": latitude,
     }
-    point = {name: _quantity(name, value) for name, value in (given | {"heading": heading}).items()}
+    point: dict[str, Any] = {
+        name: _quantity(name, value) for name, value in (given | {"heading": heading}).items()
+    }
     angles = [_quantity("bank", angle) for angle in banks]
     kilograms = None if mass is None else _quantity("mass", mass)
     craft = load_vehicle(document)

@@ -36,7 +36,9 @@ class Parameter:
     unit: str  # SI, or what a user's simulator has; "-" for a factor (1.0 = nominal)
     nominal: float
     doc: str
-    of_user: bool = False  # whether it is an input of a user's simulator
+    of_user: bool = (
+        False  # whether a user defines it: an input of his simulator, a setting of his vehicle
+    )
     seed: bool = False  # whether it says which noise a flight meets, and not how much of anything
 
     @property
@@ -317,6 +319,11 @@ class Parameters:
 
     def __contains__(self, name: object) -> bool:
         return name in self.index
+
+    @cached_property
+    def has_program(self) -> bool:
+        """Whether the program's own are among them, as of every vehicle."""
+        return PARAMETERS[0].name in self.index
 
     def nominal_of(self, names: Iterable[str]) -> Floats:
         """[name]"""

@@ -28,7 +28,7 @@ def write_gains(file: Path, plan: FlightPlan) -> None:
     without gains.
     """
     check_gain_format(file)
-    names = _BUILT_IN.get(plan.law) or tuple(plan.gain_names.tolist())
+    names = _BUILT_IN.get(plan.commanding_law) or tuple(plan.gain_names.tolist())
     if not names:
         raise InputError(
             file, f"the law {plan.controller}, which has no gains", "one with a design"

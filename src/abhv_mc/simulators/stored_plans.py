@@ -34,7 +34,7 @@ from abhv_mc.user_code.source import UserSource, read_source
 from abhv_mc.user_code.trust import check_trusted
 from abhv_mc.user_code.vehicle_functions import check_vehicle_trusted, find_code, load_vehicle
 
-Code = dict[str, Any]  # fields of a plan not stored in files: code, and whether it is lean
+Code = dict[str, Any]  # the fields of a plan that no file stores: code, and whether it is lean
 _COLUMNS = {"tlc": (len(TLC_GAINS), len(TLC_SETTINGS)), "lqr": (len(LQR_GAINS), len(LQR_SETTINGS))}
 
 
@@ -53,7 +53,7 @@ def _rebuild_plan(stored: dict[str, np.ndarray], vehicle: Vehicle) -> FlightPlan
     flat = {
         name: value for name, value in stored.items() if value.ndim == 0 or value.dtype.kind in "fU"
     }
-    flat.setdefault("period", np.array(0))  # folders written before laws had a period
+    flat.setdefault("period", np.array(0))  # of a folder from before laws had one
     for name, value in flatten(vehicle, "vehicle").items():
         if value.dtype.kind == "f":
             _check_shape(name, flat[name], value.shape)
@@ -63,11 +63,11 @@ def _rebuild_plan(stored: dict[str, np.ndarray], vehicle: Vehicle) -> FlightPlan
     flat |= flatten(rebuild_trim_tables(*numbers), "trim_tables")
     flat |= flatten(make_effectiveness(rebuild(Vehicle, flat, "vehicle")), "effectiveness")
     plan = rebuild(FlightPlan, flat)
-    own = plan.gain_names.size, plan.settings.size  # a custom law declares its sizes
-    gains, settings = _COLUMNS.get(plan.law, own)
+    own = plan.gain_names.size, plan.settings.size  # a law of the user's says how many
+    gains, settings = _COLUMNS.get(plan.commanding_law, own)
     rows = plan.timing.ticks + 1
     shapes = {
-        "initial_state": (N_STATES,),
+        "initial_state": (N_STATES + vehicle.foreign.states,),
         "reference": (rows, len(REFERENCE)),
         "gains": (rows, gains),
         "settings": (settings,),

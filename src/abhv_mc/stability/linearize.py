@@ -28,7 +28,7 @@ from abhv_mc.stability.sensor_states import add_sensors
 from abhv_mc.vehicle.actuators import list_actuators
 
 _N_PATH = len(path.COORDINATES)
-_AIR_SIDESLIP = _N_PATH  # behind the rates, in what plant_slopes gives
+_MEASURED = _N_PATH + 1  # behind the rates and the sideslip to the air, in what plant_slopes gives
 _WHOLE = 1e-7  # how near to a whole number a slope of the measurement is taken for one
 _AT_ONCE = 1e5  # rad/s: of an ideal actuator, with a damping of 1: 0.02 ms late
 _FELT = 1e-8  # slope of a rate over a control, of which rounding leaves some
@@ -37,10 +37,15 @@ _FELT = 1e-8  # slope of a rate over a control, of which rounding leaves some
 def linearize(plan: FlightPlan, points: Points) -> Linear:
     """Linear models at points of flights."""
     plant = plant_slopes(plan, points)
-    plant_A, plant_B = plant.slope[:, :_N_PATH, :10], plant.slope[:, :_N_PATH, 10:]
+    m, n, k = points.memory.shape[1], points.measured.shape[1], points.controls.shape[1]
+    # Path and custom states are those that forces move; actuators stand between them in the whole state.
+    rates = [*range(_N_PATH), *range(_MEASURED + n, plant.slope.shape[1])]
+    moved = [*range(_N_PATH), *range(_N_PATH + k, plant.slope.shape[2])]
+    driven = slice(_N_PATH, _N_PATH + k)
+    plant_A, plant_B = plant.slope[:, rates][:, :, moved], plant.slope[:, rates, driven]
     held_B = np.zeros_like(plant_B)
     if (points.lane[:, s.SLOW_EFFECTOR : s.SLOW_EFFECTOR + MAX_EFFECTORS] != NEVER).any():
-        held_B = plant_slopes(plan, points, held=True).slope[:, :_N_PATH, 10:] - plant_B
+        held_B = plant_slopes(plan, points, held=True).slope[:, rates, driven] - plant_B
     A, B = hold(plan, points.lane, plant_A, plant_B, held_B)
     felt = np.abs(plant_B).max(axis=1) + np.abs(held_B).max(axis=1)
     cut = np.where(felt < _FELT, NO_EFFECT, 0)
@@ -52,7 +57,6 @@ def linearize(plan: FlightPlan, points: Points) -> Linear:
     for i in range(stuck.shape[1]):
         B[stuck[:, i], :, i] = 0.0
         A[here[:, i], :, 11 + 2 * i] = 0.0  # its rate is taken from it at every tick
-    m, n = points.memory.shape[1], points.measured.shape[1]
     age = (points.lane[:, s.parameter_row("sensor.delay")] / plan.timing.tick + 0.5).astype(
         np.int64
     )
@@ -68,7 +72,7 @@ def linearize(plan: FlightPlan, points: Points) -> Linear:
             law.slope[:, m:, n:],
             law.slope[:, m:, :n],
             np.minimum(age, MAX_DELAY_TICKS),
-            _sensing(plant.slope[:, _AIR_SIDESLIP + 1 :]),
+            _sensing(plant.slope[:, _MEASURED : _MEASURED + n], k),
             cut,
             inputs=name_inputs(plan.vehicle),
         )
@@ -92,12 +96,17 @@ def _mixed(linear: Linear, mix: Floats) -> Linear:
     return linear._replace(B=linear.B @ mix, law_C=law_C, law_D=law_D, cut=cut, inputs=INPUTS)
 
 
-def _sensing(slope: Floats) -> Floats:
-    """Measurement of the plant's states from its slopes [point, measured, 10 + input], cleared of the last digits."""
+def _sensing(slope: Floats, inputs: int) -> Floats:
+    """Measurement of the plant's states from its slopes [point, measured, 10 + input + custom state].
+
+    It is cleared of the last digits.
+    """
     whole = np.round(slope)
     clean = np.where(np.abs(slope - whole) < _WHOLE, whole, slope)
-    sense = np.zeros((*slope.shape[:2], 2 * slope.shape[2] - 10))
-    sense[:, :, :10], sense[:, :, 10::2] = clean[:, :, :10], clean[:, :, 10:]
+    last = 10 + 2 * inputs
+    sense = np.zeros((*slope.shape[:2], slope.shape[2] + inputs))
+    sense[:, :, :10], sense[:, :, 10:last:2] = clean[:, :, :10], clean[:, :, 10 : 10 + inputs]
+    sense[:, :, last:] = clean[:, :, 10 + inputs :]
     return sense
 
 
@@ -127,20 +136,22 @@ def hold(
     from scipy.linalg import expm
 
     actuator_A, actuator_B = actuator_matrices(plan, lane)
-    n, k = 10 + actuator_A.shape[1], actuator_B.shape[2]
+    last, k = 10 + actuator_A.shape[1], actuator_B.shape[2]
+    n = last + plant_A.shape[1] - 10
     size = n + (2 * k if held_B.any() else k)
+    moved = np.array([*range(10), *range(last, n)])
     together = np.zeros((len(plant_A), size, size))
-    together[:, :10, :10] = plant_A
-    together[:, :10, 10:n:2] = plant_B
-    together[:, 10:n, 10:n] = actuator_A
-    together[:, 10:n, n : n + k] = actuator_B
-    together[:, :10, n + k :] = held_B[:, :, : size - n - k]
+    together[:, moved[:, None], moved] = plant_A
+    together[:, moved, 10:last:2] = plant_B
+    together[:, 10:last, 10:last] = actuator_A
+    together[:, 10:last, n : n + k] = actuator_B
+    together[:, moved, n + k :] = held_B[:, :, : size - n - k]
     # Rates in units of the position times their bandwidth: the exponential's argument is then small.
     scale = np.ones((len(plant_A), size))
-    scale[:, 11:n:2] = np.sqrt(actuator_B[:, 1::2].sum(axis=-1))
+    scale[:, 11:last:2] = np.sqrt(actuator_B[:, 1::2].sum(axis=-1))
     balanced = together * scale[:, None, :] / scale[:, :, None]
     end = expm(plan.timing.tick * balanced) * scale[:, :, None] / scale[:, None, :]
-    end[:, :n, 10:n:2][:, :, : size - n - k] += end[:, :n, n + k :]
+    end[:, :n, 10:last:2][:, :, : size - n - k] += end[:, :n, n + k :]
     return np.ascontiguousarray(end[:, :n, :n]), np.ascontiguousarray(end[:, :n, n : n + k])
 
 

@@ -46,7 +46,7 @@ _known: dict[str, Period] = {}
 
 def find_period(plan: FlightPlan) -> Period:
     """As the plan declares it, else the smallest found. Raises InputError for a law that does not repeat, or not so."""
-    if plan.law not in USER_LAWS:
+    if plan.commanding_law not in USER_LAWS:
         count = len(law_memory_rows(plan))
         return Period(1, np.zeros(count, bool), np.zeros(count), ())
     facts = (

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from abhv_mc.array_types import Floats, Mask
+from abhv_mc.array_types import Floats, Ints, Mask
 from abhv_mc.control.law_file import USER_LAWS
 from abhv_mc.flight.arguments import Kept
 from abhv_mc.flight.plan import FlightPlan
@@ -13,7 +13,9 @@ from abhv_mc.kernel.plant.parameter_names import EFFECTORS, NEVER
 from abhv_mc.kernel.plant.vehicle import HIGH, LOW, Vehicle
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.user_code.effector_commands import commands_effectors
+from abhv_mc.user_code.vehicle_functions import find_code
 from abhv_mc.vehicle.actuators import list_actuators, name_effectors
+from abhv_mc.vehicle.vehicle_code import name_states
 
 INPUTS = ("aileron", "rudder", "elevator", "equivalence_ratio")
 
@@ -24,11 +26,30 @@ def name_inputs(vehicle: Vehicle) -> tuple[str, ...]:
 
 
 def plant_states(vehicle: Vehicle) -> tuple[str, ...]:
-    """Names of the states of vehicle and actuators: path coordinates, position and rate of each input."""
+    """Names of plant states: path coordinates, position and rate of each input, custom states."""
     return (
         *path.COORDINATES,
         *(f"{name}{part}" for name in name_inputs(vehicle) for part in ("", "_rate")),
+        *(f"state.{name}" for name, _ in name_states(find_code(vehicle))),
     )
+
+
+def plant_units(vehicle: Vehicle) -> tuple[str, ...]:
+    """Units of these states."""
+    surfaces = len(name_inputs(vehicle)) - 1
+    own = (unit for _, unit in name_states(find_code(vehicle)))
+    return (*path.UNITS, *["rad", "rad/s"] * surfaces, "-", "1/s", *own)
+
+
+def solved_states(plan: FlightPlan) -> Ints:
+    """Places of the custom states that a trim finds; those with a start of their own stay there."""
+    states = plan.vehicle_code.states if plan.vehicle_code else ()
+    return np.array([i for i, state in enumerate(states) if state.start is None], dtype=np.int64)
+
+
+def custom_of(vehicle: Vehicle, lane: Floats) -> Floats:
+    """Custom states [point, state] in the kernel's memory ``lane`` [point, row]."""
+    return np.ascontiguousarray(lane[:, s.CUSTOM_STATE : s.CUSTOM_STATE + vehicle.foreign.states])
 
 
 def mixes(plan: FlightPlan) -> bool:

@@ -126,24 +126,32 @@ class Points(NamedTuple):
     measured: Floats  # [point, 10] what the law sees
     memory: Floats  # [point, memory] of the law before its tick
     lane: Floats  # [point, row] the kernel's memory in the tick: dispersions, wind, what has failed
+    custom: Floats  # [point, state] of custom dynamics
     tick: int  # row of the reference and of the gains
 
 
 def plant_slopes(plan: FlightPlan, points: Points, held: bool = False) -> Slopes:
-    """Rates of the path, sideslip to the air, measurement [point, 10 + 1 + 10]; slopes over path and controls."""
+    """Rates of the path, sideslip to the air, measurement [point, 10 + 1 + 10], then rates of custom states.
+
+    Slopes over path, controls and custom states.
+    """
+    n = 10 + points.controls.shape[1]
 
     def rates(x: Floats, point: Ints) -> tuple[Floats, Ints]:
-        answer, states = ask_at(plan, points, x[:, :10], x[:, 10:], point, held)
+        answer, states = ask_at(plan, points, x[:, :10], x[:, 10:n], x[:, n:], point, held)
         measured = answer.measured
         for angle in _TURNING:  # without the step at half a turn
             measured[:, angle] = x[:, angle] + _wrapped(measured[:, angle] - x[:, angle])
         sideslip = answer.variables[:, [VARIABLES.index("sideslip")]]
-        values = np.hstack([path.path_rates(states, answer.rates), sideslip, measured])
+        found = path.path_rates(states, answer.rates), sideslip, measured, answer.custom_rates
+        values = np.hstack(found)
         return values, cells_of(plan.vehicle.tables, answer.variables)
 
-    at = np.hstack([points.path, points.controls])
-    steps = np.append(_STEPS, np.full(points.controls.shape[1], _MOVE))
-    return differentiate(rates, at, np.broadcast_to(steps, at.shape))
+    at = np.hstack([points.path, points.controls, points.custom])
+    steps = np.append(_STEPS, np.full(at.shape[1] - 10, _MOVE))
+    steps = np.tile(steps, (len(at), 1))
+    steps[:, n:] *= np.maximum(np.abs(points.custom), 1.0)
+    return differentiate(rates, at, steps)
 
 
 def ask_at(
@@ -151,14 +159,15 @@ def ask_at(
     points: Points,
     coordinates: Floats,
     controls: Floats,
+    custom: Floats,
     point: Ints,
     held: bool = False,
 ) -> tuple[PlantAnswer, Floats]:
-    """The plants of ``point`` at path coordinates and positions, and their states."""
+    """The plants of ``point`` at path coordinates, positions and custom states, and their states."""
     shown = as_axes(plan.vehicle, controls)
     states = path.make_states(coordinates, shown, points.latitude[point], points.mass[point])
     at = controls if plan.vehicle.constants.driven else None
-    return ask_plant(plan, points.lane, points.tick, point, states, held, at), states
+    return ask_plant(plan, points.lane, points.tick, point, states, custom, held, at), states
 
 
 def _wrapped(angle: Floats) -> Floats:

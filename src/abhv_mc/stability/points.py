@@ -22,7 +22,13 @@ from abhv_mc.kernel.plant.parameter_names import NEVER
 from abhv_mc.kernel.plant.vehicle import VARIABLES, Tables
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.periods import SWITCHES, over_period, switching
-from abhv_mc.stability.plant_inputs import actuator_columns, as_axes, held_at, range_of
+from abhv_mc.stability.plant_inputs import (
+    actuator_columns,
+    as_axes,
+    custom_of,
+    held_at,
+    range_of,
+)
 from abhv_mc.stability.point_slopes import Points, ask_at
 from abhv_mc.stability.probe import begin, law_at, law_memory_rows, law_tick
 
@@ -54,6 +60,7 @@ def flown_points(plan: FlightPlan, parameters: Floats, time: float) -> Found:
         sensed[:, s.MEASURED : s.MEASURED + measured_count(plan)],
         law_at(plan, sensed, tick),
         lane,
+        custom_of(plan.vehicle, lane),
         tick,
     )
     limited = behind_limit(plan, points)
@@ -71,7 +78,9 @@ def behind_limit(plan: FlightPlan, points: Points) -> Mask:
     outside = (free.command < low) | (free.command > high)
     outside[:, :-1] &= held_at(plan.vehicle, points.lane) == NEVER
     beyond = np.asarray(outside.any(axis=1))
-    if plan.law in USER_LAWS:  # its limits of the angle of attack and the bank are in its code
+    if (
+        plan.commanding_law in USER_LAWS
+    ):  # its limits of the angle of attack and the bank are in its code
         return beyond
     low, high, bank = plan.settings[-N_LIMITS:][:3]
     alpha, sigma = free.guidance[:, 1], np.abs(free.guidance[:, 2])
@@ -84,11 +93,10 @@ _DEGREES = ("angle_of_attack", "sideslip", "aileron", "rudder", "elevator")
 
 def near_nodes(plan: FlightPlan, points: Points) -> list[str]:
     """A sentence for each variable of the first point that lies close to a node of the plant's or guidance's tables."""
-    variables = ask_at(plan, points, points.path[:1], points.controls[:1], np.zeros(1, np.int64))[
-        0
-    ].variables
+    first = points.path[:1], points.controls[:1], points.custom[:1]
+    variables = ask_at(plan, points, *first, np.zeros(1, np.int64))[0].variables
     found = _near("the vehicle's tables", plan.vehicle.tables, variables[0])
-    if plan.law == "tlc":
+    if plan.commanding_law == "tlc":
         answer = law_tick(plan, points.tick, points.measured[:1], points.memory[:1])
         found += _near("the tables at trim", plan.trim_tables, answer.guided[0])
     return list(dict.fromkeys(found))
@@ -115,10 +123,11 @@ def _near(whose: str, tables: Tables, variables: Floats) -> list[str]:
 
 
 def closed_states(plan: FlightPlan, kept: Kept) -> Floats:
-    """States [flight, n + memory] of the closed loop: path coordinates, actuators, the law's memory; as flown."""
+    """States [flight, n + memory] of the closed loop: path coordinates, actuators, custom states, law's memory."""
     now = kept.rows[:, s.X : s.X + s.N_STATES]
     memory = law_at(plan, begin(plan, kept)[0], kept.tick)
-    return np.hstack([path.make_path(now), kept.rows[:, actuator_columns(plan.vehicle)], memory])
+    moving = kept.rows[:, actuator_columns(plan.vehicle)], custom_of(plan.vehicle, kept.rows)
+    return np.hstack([path.make_path(now), *moving, memory])
 
 
 def disturb(plan: FlightPlan, kept: Kept, change: Floats) -> Kept:
@@ -134,7 +143,10 @@ def disturb(plan: FlightPlan, kept: Kept, change: Floats) -> Kept:
     rows[:, columns] = there[:, 10:n]
     if plan.vehicle.constants.driven:
         rows[:, columns[:-2:2] + STAGE - POSITION] = there[:, 10 : n - 2 : 2]
-    rows[:, list(law_memory_rows(plan).values())] = there[:, n:]
+    last = n + plan.vehicle.foreign.states
+    for first in (s.CUSTOM_STATE, s.CUSTOM_STAGE):
+        rows[:, first : first + last - n] = there[:, n:last]
+    rows[:, list(law_memory_rows(plan).values())] = there[:, last:]
     return Kept(kept.tick, rows)
 
 

@@ -105,7 +105,8 @@ def choose_probe(make: Callable[[bool], Any], lean: bool) -> Any:
 def compile_probes(plan: FlightPlan) -> None:
     """Have the probes compiled, or loaded, by asking them nothing."""
     _, lane = begin(plan, Kept(0, np.empty((0, SAVED_ROWS))))
-    ask_plant(plan, lane, 0, np.empty(0, np.int64), np.empty((0, s.N_STATES)))
+    states = np.empty((0, s.N_STATES)), np.empty((0, plan.vehicle.foreign.states))
+    ask_plant(plan, lane, 0, np.empty(0, np.int64), *states)
     law_tick(
         plan, 1, np.empty((0, measured_count(plan))), np.empty((0, len(law_memory_rows(plan))))
     )
@@ -129,17 +130,22 @@ def ask_plant(
     tick: int,
     flight: Ints,
     states: Floats,
+    custom: Floats | None = None,
     held: bool = False,
     at: Floats | None = None,
 ) -> PlantAnswer:
     """The plants of flights with the memory ``lane`` [flight, row] at ``states`` [point, state] of ``flight`` [point].
 
+    ``custom`` [point, state] are those of custom dynamics, by default as ``lane`` has them.
     ``held``: effectors that failures made slow, and that are held over a tick, are where the state's mix puts them.
     ``at`` [point, input]: where effectors with actuators are.
     """
     points = len(states)
     count = measured_count(plan)
-    sizes = s.AILERON, len(VARIABLES), count
+    if custom is None:
+        first = s.CUSTOM_STATE
+        custom = lane[flight, first : first + plan.vehicle.foreign.states]
+    sizes = s.AILERON, custom.shape[1], len(VARIABLES), count
     answer = PlantAnswer(*(np.empty((points, size)) for size in sizes))
     kernel_plan = make_kernel_plan(plan, nominal_parameters(), Recording(0))
     rows = np.ascontiguousarray(lane[:, : s.LAW])
@@ -147,6 +153,7 @@ def ask_plant(
     numbers = (
         np.asarray(flight, dtype=np.int64),
         np.ascontiguousarray(states),
+        np.ascontiguousarray(custom),
         positions,
         np.arange(points),
     )
@@ -161,9 +168,10 @@ def law_memory_rows(plan: FlightPlan) -> dict[str, int]:
     """Rows of the lane memory that the law remembers, by name. Raises InputError where a user's is not known."""
     if plan.law == "fmu":
         check_states(plan)
+    own: dict[str, int] = {}
     if plan.law in USER_LAWS:
-        return {name: row for name, (row, _) in law_memory(plan).items()}
-    return _MEMORY[plan.law]
+        own = {name: row for name, (row, _) in law_memory(plan).items()}
+    return own | _MEMORY.get(plan.commanding_law, {})
 
 
 def law_tick(plan: FlightPlan, tick: int, measured: Floats, memory: Floats) -> LawTick:
@@ -200,7 +208,8 @@ def law_at(plan: FlightPlan, sensed: Floats, tick: int) -> Floats:
     if tick > 0:
         return memory
     if plan.law in USER_LAWS:
-        memory[:] = [start for _, start in law_memory(plan).values()]
+        starts = [start for _, start in law_memory(plan).values()]
+        memory[:, : len(starts)] = starts
     rows = np.arange(Z_ROWS)
     resting = [name.startswith("differentiator") for name in kept]
     if any(resting):
@@ -268,7 +277,7 @@ def _without_limits(plan: FlightPlan, tick: int) -> FlightPlan:
         surface_limit=_WIDE, equivalence_ratio_min=-_WIDE, equivalence_ratio_max=_WIDE
     )
     settings = plan.settings.copy()
-    if plan.law not in USER_LAWS:
+    if plan.commanding_law not in USER_LAWS:
         settings[-N_LIMITS:] = (-_WIDE, _WIDE, _WIDE, *(3 * (-_WIDE, _WIDE)))
     free = replace(plan, vehicle=plan.vehicle._replace(constants=constants), settings=settings)
     if tick > 0:

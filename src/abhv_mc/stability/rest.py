@@ -12,7 +12,7 @@ from abhv_mc.kernel.laws import columns as ref
 from abhv_mc.kernel.plant.parameter_names import NEVER
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.periods import find_period, over_period
-from abhv_mc.stability.plant_inputs import held_at, mixes
+from abhv_mc.stability.plant_inputs import held_at, mixes, solved_states
 from abhv_mc.stability.point_slopes import Points, Slopes, newton_step, plant_slopes
 
 _ITERATIONS = 40
@@ -36,7 +36,7 @@ def leave_limits(plan: FlightPlan, points: Points, at_errors_zero: Floats) -> tu
     free = Slopes(free.value[rows], free.slope[rows], free.uneven[rows])
     found, at_rest = _come_to_rest(plan, some, free)
     at_rest &= ~_limited(plan, found, free)
-    for name in ("path", "controls", "measured", "memory"):
+    for name in ("path", "controls", "custom", "measured", "memory"):
         getattr(points, name)[rows[at_rest]] = getattr(found, name)[at_rest]
     limited[rows] &= ~at_rest
     return points, limited
@@ -68,31 +68,37 @@ def _come_to_rest(plan: FlightPlan, points: Points, free: Slopes) -> tuple[Point
         free.slope[:, :, :n],
         free.slope[:, :, n:] - np.eye(free.slope.shape[1], m),
     )
-    moves, k = _moves(plan, points), 10 + points.controls.shape[1]
+    moves, k, own = _moves(plan, points), 10 + points.controls.shape[1], solved_states(plan)
+    seen = slice(_MEASURED, _MEASURED + n)
+    columns = [*range(k), *(k + own)]  # of path, controls and custom states
     for iteration in range(_ITERATIONS + 1):
         plant = plant_slopes(plan, points)
-        frozen = (plant.slope[:, _MEASURED:] == 0.0).all(axis=2)
-        points = points._replace(
-            measured=np.where(frozen, points.measured, plant.value[:, _MEASURED:])
-        )
+        frozen = (plant.slope[:, seen] == 0.0).all(axis=2)
+        points = points._replace(measured=np.where(frozen, points.measured, plant.value[:, seen]))
         memory, command = np.split(over_period(plan, points).value, [m], axis=1)
         memory = np.where(find_period(plan).carried, points.memory, memory)
         rates = plant.value[:, :10].copy()
         rates[:, path.CHI] -= plan.reference[0, ref.HEADING_RATE]
         apart = np.where(moves, command - points.controls, 0.0)
-        left = np.hstack([rates, memory - points.memory, apart])
+        left = np.hstack([rates, memory - points.memory, apart, plant.value[:, seen.stop + own]])
         at_rest = np.asarray(np.abs(left).max(axis=1) < _AT_REST)
         if iteration == _ITERATIONS or at_rest.all():
             break
-        J = np.zeros((*left.shape, k + m))
-        J[:, :10, :k] = plant.slope[:, :10]
-        J[:, 10:, :k] = law_measured @ plant.slope[:, _MEASURED:]
-        J[:, 10:, k:] = law_memory
-        J[:, 10 + m :][~moves] = 0.0
-        J[:, 10 + m :, 10:k] -= np.eye(k - 10)
+        J, j = np.zeros((*left.shape, k + own.size + m)), k + own.size
+        law = slice(10, m + k)  # rows of the law's memory and commands
+        J[:, :10, :j] = plant.slope[:, :10, columns]
+        J[:, law, :j] = law_measured @ plant.slope[:, seen][:, :, columns]
+        J[:, law, j:] = law_memory
+        J[:, 10 + m : m + k][~moves] = 0.0
+        J[:, 10 + m : m + k, 10:k] -= np.eye(k - 10)
+        J[:, m + k :, :j] = plant.slope[:, seen.stop + own][:, :, columns]
         step = np.where(at_rest[:, None], 0.0, newton_step(J, left))
-        moved = np.split(
-            np.hstack([points.path, points.controls, points.memory]) - step, [10, k], axis=1
+        custom = points.custom.copy()
+        custom[:, own] -= step[:, k:j]
+        points = points._replace(
+            path=points.path - step[:, :10],
+            controls=points.controls - step[:, 10:k],
+            custom=custom,
+            memory=points.memory - step[:, j:],
         )
-        points = points._replace(path=moved[0], controls=moved[1], memory=moved[2])
     return points, at_rest

@@ -14,6 +14,7 @@ from abhv_mc.flight.arguments import Kept
 from abhv_mc.flight.fly import fly_until, nominal_parameters
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import UserParts, make_gains, make_plan
+from abhv_mc.flight.user_law import measured_count
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.laws import columns as ref
 from abhv_mc.kernel.laws.trim_search import GuidancePoints
@@ -22,7 +23,15 @@ from abhv_mc.kernel.plant.parameter_names import NEVER, PARAMETER_INDEX
 from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.periods import SWITCHES, find_period, over_period, switching
-from abhv_mc.stability.plant_inputs import as_axes, from_axes, held_at, mix_matrix, range_of
+from abhv_mc.stability.plant_inputs import (
+    as_axes,
+    custom_of,
+    from_axes,
+    held_at,
+    mix_matrix,
+    range_of,
+    solved_states,
+)
 from abhv_mc.stability.point_slopes import Points, newton_step, plant_slopes
 from abhv_mc.stability.points import AT_LIMIT, Found
 from abhv_mc.stability.probe import begin, law_memory_rows
@@ -158,25 +167,37 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
         return np.where(stuck, held, from_axes(plan.vehicle, at[:, 10:]))
 
     latitude, mass = lane[:, s.X + s.LATITUDE], lane[:, s.X + s.MASS]
-    points = Points(at[:, :10], controls(at), latitude, mass, nothing, nothing, lane, 1)
+    custom = custom_of(plan.vehicle, lane)
+    points = Points(at[:, :10], controls(at), latitude, mass, nothing, nothing, lane, custom, 1)
+    last = _EXPECTED.stop + measured_count(
+        plan
+    )  # of the measurement; rates of custom states follow
+    own = solved_states(plan)
+    expected = [*range(_EXPECTED.start, _EXPECTED.stop), *(last + own)]
     moved = np.where(stuck[:, :, None], 0.0, mix)  # [point, input, axis]
     lateral = np.linalg.matrix_rank(moved[:, :, :2]) == np.linalg.matrix_rank(mix[:, :2])
-    holds = np.hstack([np.ones((count, 9), bool), lateral[:, None]])
-    user_law = plan.law in USER_LAWS
-    at_errors_zero = plant_slopes(plan, points).value[:, _EXPECTED.stop :] if user_law else nothing
+    holds = np.ones((count, len(expected)), bool)
+    holds[:, 9] = lateral
+    user_law = plan.commanding_law in USER_LAWS
+    at_errors_zero = (
+        plant_slopes(plan, points).value[:, _EXPECTED.stop : last] if user_law else nothing
+    )
     for _ in range(_ITERATIONS):
-        found = plant_slopes(plan, points._replace(path=at[:, :10], controls=controls(at)))
-        left = found.value[:, _EXPECTED].copy()
+        there = points._replace(path=at[:, :10], controls=controls(at), custom=custom)
+        found = plant_slopes(plan, there)
+        left = found.value[:, expected]
         left[:, path.CHI - 1] -= row[ref.HEADING_RATE]
         left[~holds] = 0.0
-        slope = found.slope[:, _EXPECTED]
-        J = np.concatenate([slope[:, :, _UNKNOWNS[:-4]], slope[:, :, 10:] @ moved], axis=2)
+        slope, end = found.slope[:, expected], 10 + mix.shape[0]
+        parts = slope[:, :, _UNKNOWNS[:-4]], slope[:, :, 10:end] @ moved, slope[:, :, end + own]
+        J = np.concatenate(parts, axis=2)
         J[~holds] = 0.0
         step = newton_step(J, left)
         step[np.abs(left).max(axis=1) < 0.01 * _BALANCED] = 0.0
         if not step.any():
             break
-        at[:, _UNKNOWNS] -= np.clip(step, -_LARGEST, _LARGEST)
+        at[:, _UNKNOWNS] -= np.clip(step[:, : _LARGEST.size], -_LARGEST, _LARGEST)
+        custom[:, own] -= step[:, _LARGEST.size :]
     limits = [np.tile(each, (count, 1)) for each in range_of(plan.vehicle)]
     for each in limits:
         each[:, :-1] *= lane[:, [s.parameter_row("actuator.deflection_limit")]]
@@ -184,10 +205,10 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
     reached = controls(at)
     beyond = ((reached < limits[0]) | (reached > limits[1])).any(axis=1)
     off = ~(np.abs(left).max(axis=1) < _BALANCED)
-    measured = found.value[:, _EXPECTED.stop :].copy()
-    frozen = (found.slope[:, _EXPECTED.stop :] == 0.0).all(axis=2)
+    measured = found.value[:, _EXPECTED.stop : last].copy()
+    frozen = (found.slope[:, _EXPECTED.stop : last] == 0.0).all(axis=2)
     measured[:, :10][frozen[:, :10]] = at[:, :10][frozen[:, :10]]  # it failed in this steady flight
-    points = points._replace(path=at[:, :10], controls=reached, measured=measured)
+    points = points._replace(path=at[:, :10], controls=reached, custom=custom, measured=measured)
     memory, grows, switches = _memory_at_rest(plan, points)
     points = points._replace(memory=memory)
     points, limited = (

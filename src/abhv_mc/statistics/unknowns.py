@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.statistics.verdicts import Status, Verdict
 
-SEARCH_FLIGHTS = 256  # at each point that is tried
+SEARCH_FLIGHTS = 256  # at each point that is tried, if the campaign has as many
+FEWEST_SEARCHED = 32  # at each point, of a campaign of fewer flights
 SEARCH_QUANTILE = 0.95  # of their severity beyond the limit, by which points are ranked
 MOST_UNKNOWNS = 64
 _HALTON = 32
@@ -46,7 +47,7 @@ class MostFailures(NamedTuple):
     search: int  # index of the controller
     requirement: int
     point: int
-    failures: int  # of SEARCH_FLIGHTS
+    failures: int  # of the flights of the search at the point
 
 
 class JudgedPoints(NamedTuple):
@@ -111,9 +112,14 @@ def search_worst(
     )
 
 
-def search_flights(unknowns: int, requirements: int) -> int:
-    """Flights of a search of one controller."""
-    return SEARCH_FLIGHTS * (len(corners(unknowns)) + 1 + _HALTON + requirements * _STEPS)
+def search_size(runs: int) -> int:
+    """Return the flights of a search at each point, for a campaign of so many flights at each of its points."""
+    return min(SEARCH_FLIGHTS, max(FEWEST_SEARCHED, runs))
+
+
+def search_flights(unknowns: int, requirements: int, runs: int) -> int:
+    """Return the flights of a search of one controller."""
+    return search_size(runs) * (len(corners(unknowns)) + 1 + _HALTON + requirements * _STEPS)
 
 
 def most_points(unknowns: int, searches: int) -> int:
@@ -175,12 +181,12 @@ def _key(point: Floats) -> tuple[float, ...]:
     return tuple((point + 0.0).tolist())
 
 
-def showing_factor(probability: float) -> float:
+def showing_factor(probability: float, flights: int = SEARCH_FLIGHTS) -> float:
     """How many times too often a value of the unknowns fails that a search finds with about an even chance.
 
     Two failures are expected there; simulated by ``benchmarks/unknowns.py`` for a single corner.
     """
-    return _SHOWING / (SEARCH_FLIGHTS * (1.0 - probability))
+    return _SHOWING / (flights * (1.0 - probability))
 
 
 def judge_points(verdicts: Sequence[Verdict]) -> tuple[Verdict, int]:

@@ -39,8 +39,8 @@ class FailureCondition:
 class FailureRule:
     """Region of the dispersions with more failures."""
 
-    where: str  # description of the region
-    rule: str  # description with shares of flights
+    where: str  # in words
+    rule: str  # the same with its shares
     conditions: tuple[FailureCondition, ...]
     failures_inside: int
     failures: int
@@ -69,7 +69,7 @@ class Failures:
         None  # by controller; None where it was not made of these flights
     )
     false_discovery_rate: float = FALSE_DISCOVERY_RATE
-    fewest_failures: int = FEWEST_FAILURES  # minimum for a rule
+    fewest_failures: int = FEWEST_FAILURES  # that tell anything
 
 
 def compute_failures(results: FlownCampaign) -> Failures:
@@ -160,37 +160,39 @@ def _parameter_words(rule: Rule, names: list[str], parameters: Parameters) -> st
 def _difference_words(
     rule: Rule,
     names: list[str],
-    parameters: Parameters,
+    known: Parameters,
     failed: Mask,
     column: Callable[[int], Floats],
 ) -> str:
-    """Return how two inputs deviate in a rule's region, with the failures' medians.
+    """Return how two inputs are off in the region of a rule, with the medians of its failures as an example.
 
-    The text is 'density and drag off in opposite directions (e.g. density -7 %, drag +9 %)' if that
-    holds for each failure, else 'density low for drag'.
+    'density and drag off in opposite directions (e.g. density -7 %, drag +9 %)' if this holds for each of its failures,
+    else 'density far below drag, each in its own range'.
     """
     condition = rule.conditions[0]
     inputs = condition.input, condition.minus or 0
-    first, second = (spoken_name(names[i]) for i in inputs)
+    one, other = (spoken_name(names[i]) for i in inputs)
     region = failed & rule_mask(rule, column)
     side = failed & rule_mask(replace(rule, conditions=(condition,)), column)
     example = ", ".join(
-        f"{spoken_name(names[i])} {shown_value(names[i], float(np.median(column(i)[side])), parameters)}"
+        f"{spoken_name(names[i])} {shown_value(names[i], float(np.median(column(i)[side])), known)}"
         for i in inputs
         if side.any()
     )
     off = [(column(i) - np.mean(column(i)))[region] for i in inputs]
     if np.all(off[0] * off[1] < 0.0):
-        description = f"{first} and {second} off in opposite directions"
+        words = f"{one} and {other} off in opposite directions"
     elif rule.either:
-        description = f"{first} low or high for {second}"
+        words = f"{one} and {other} far apart, each in its own range"
     else:
-        description = f"{first} {'high' if condition.above else 'low'} for {second}"
-    return f"{description} (e.g. {example})" if example else description
+        words = (
+            f"{one} far {'above' if condition.above else 'below'} {other}, each in its own range"
+        )
+    return f"{words} (e.g. {example})" if example else words
 
 
 TITLE = "Why flights fail"
-_LISTED = 2  # rules per mode
+_LISTED = 2  # rules of a kind
 
 
 def failure_section(failures: Failures, names: Names) -> Section:

@@ -197,4 +197,4 @@ if __name__ == "__main__":
 
     controller_file = read_controller(sys.argv[1])
     if isinstance(controller_file, CController):
-        write_headers(Path(sys.argv[1]).parent, controller_file.layout, given.onboard)
+        write_headers(Path(sys.argv[1]).parent, controller_file.layout, controller_file.onboard)

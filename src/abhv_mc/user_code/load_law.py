@@ -16,7 +16,7 @@ from abhv_mc.io.input_error import InputError, Refusal, one_of
 from abhv_mc.io.units import parse_unit
 from abhv_mc.kernel.laws.user import MAX_MEMORY
 from abhv_mc.user_code.effector_commands import parse_law
-from abhv_mc.user_code.law_interface import ARGUMENTS, CLASSES, GIVEN
+from abhv_mc.user_code.law_interface import ARGUMENTS, CLASSES, FILTER_ARGUMENTS, GIVEN
 from abhv_mc.user_code.module import (
     CONTROLLER,
     ControllerMark,
@@ -50,17 +50,18 @@ def load_law(source: UserSource) -> Law:
     """Run a controller's file and return its law. Raise InputError for the first problem."""
     module = run_module(source)
     with refuse_in_words(source, "a law", "a plain function, and named tuples of numbers"):
-        controllers = module.marked(CONTROLLER)
-        if len(controllers) != 1:
-            problem = (
-                f"{len(controllers)} functions with @controller"
-                if controllers
-                else "no function with @controller"
+        found = module.marked(CONTROLLER)
+        if len(found) != 1:
+            words = (
+                f"{len(found)} functions with @controller"
+                if found
+                else "no function with @controller or @measurement_filter"
             )
-            raise InputError(source.file, problem, "one: from abhv_mc.extend import controller")
-        ((name, function),) = controllers.items()
+            raise InputError(source.file, words, "one: from abhv_mc.extend import controller")
+        ((name, function),) = found.items()
         mark: ControllerMark = getattr(function, CONTROLLER)
-        arguments = module.check_arguments(name, ARGUMENTS)
+        known = FILTER_ARGUMENTS if mark.filters else ARGUMENTS
+        arguments = module.check_arguments(name, known)
         names = module.names.get
         defined = names("Memory"), names("Settings"), names("Commands"), names("design")
         law = Law(module, function, mark, arguments, *defined)
@@ -69,7 +70,7 @@ def load_law(source: UserSource) -> Law:
         _check_units(law, line)
         if mark.compiled:
             check_functions(module, name, texts_of(parse_law(source)))
-            _check_fields(law, name)
+            check_fields(module, name, _fields_of(law))
             _check_returns(law, name)
     return law
 
@@ -206,59 +207,53 @@ def _find_refused(node: ast.AST, names: dict[str, Any], local: set[str]) -> tupl
     return None
 
 
-def _check_fields(law: Law, name: str) -> None:
-    """Raise InputError for attributes that arguments do not have."""
+def _fields_of(law: Law) -> dict[str, Any]:
+    """The classes of a law's arguments."""
     kinds: dict[str, Any] = {
         argument: kind for argument, kind in GIVEN.items() if argument in law.arguments
     }
-    kinds |= {
-        parameter: getattr(law, parameter)
-        for parameter in ("memory", "settings", "commands")
-        if parameter in law.arguments
+    return kinds | {
+        of: getattr(law, of) for of in ("memory", "settings", "commands") if of in law.arguments
     }
-    for node in _walk(law.module.texts[name]):
+
+
+def check_fields(module: Module, name: str, kinds: dict[str, Any]) -> None:
+    """Raise InputError for a field that an argument of a function does not have, by the class of each."""
+    for node in _walk(module.texts[name]):
         if (
             isinstance(node, ast.Attribute)
             and isinstance(node.value, ast.Name)
             and node.value.id in kinds
         ):
-            argument, fields = node.value.id, kinds[node.value.id]._fields
-            if node.attr not in fields:
-                location = node.lineno, (node.value.end_col_offset or 0) + 2
-                expected = one_of(fields, node.attr)
+            of, known = node.value.id, kinds[node.value.id]._fields
+            if node.attr not in known:
+                place = node.lineno, (node.value.end_col_offset or 0) + 2
+                expected = one_of(known, node.attr)
                 raise InputError(
-                    law.source.file,
-                    f"{argument}.{node.attr}, which there is not",
-                    expected,
-                    *location,
+                    module.source.file, f"{of}.{node.attr}, which there is not", expected, *place
                 )
 
 
 def _check_returns(law: Law, name: str) -> None:
-    """Check that all paths return a Command, and the memory if there is one."""
+    """Every way through the law returns a Command (a filter's Filtered), and the memory where there is one."""
     function, remembers = law.module.texts[name], "memory" in law.arguments
+    made = "Filtered" if law.mark.filters else "Command"
     wrong = [
         node
         for node in _walk(function)
-        if isinstance(node, ast.Return) and _is_wrong(node.value, remembers)
+        if isinstance(node, ast.Return) and _is_wrong(node.value, remembers, made)
     ]
     if wrong or not _always_returns(function.body):
         last = [*wrong, function.body[-1]][0]
-        expected = f"return Command(...){', Memory(...)' if remembers else ''}"
-        problem = (
-            f"'{ast.unparse(last):.60}'" if wrong else "a way through the law without 'return'"
-        )
-        raise InputError(law.source.file, problem, expected, last.lineno, last.col_offset + 1)
+        expected = f"return {made}(...){', Memory(...)' if remembers else ''}"
+        found = f"'{ast.unparse(last):.60}'" if wrong else "a way through the law without 'return'"
+        raise InputError(law.source.file, found, expected, last.lineno, last.col_offset + 1)
 
 
-def _is_wrong(value: ast.expr | None, remembers: bool) -> bool:
+def _is_wrong(value: ast.expr | None, remembers: bool, made: str) -> bool:
     if isinstance(value, ast.Tuple):
         return not remembers or len(value.elts) != 2
-    if (
-        isinstance(value, ast.Call)
-        and isinstance(value.func, ast.Name)
-        and value.func.id == "Command"
-    ):
+    if isinstance(value, ast.Call) and isinstance(value.func, ast.Name) and value.func.id == made:
         return remembers
     return value is None or isinstance(value, ast.Constant)
 

@@ -20,11 +20,12 @@ from abhv_mc.user_code.source import UserSource, compile_text
 from abhv_mc.user_code.unpack import in_its_folder, laws_folder, unpack
 from abhv_mc.user_code.watch import watching
 
-_LONGEST = 600.0  # s, time limit of a file
-MODULE = "abhv_mc_own_"  # prefix of the names of such modules
-CONTROLLER, CHANNEL = (
+_LONGEST = 600.0  # s that a file may run
+MODULE = "abhv_mc_own_"  # how the modules that are made of such files are called
+CONTROLLER, CHANNEL, DYNAMICS = (
     "_abhv_mc_controller",
     "_abhv_mc_channel",
+    "_abhv_mc_dynamics",
 )  # attributes that the decorators set
 
 
@@ -34,6 +35,7 @@ class ControllerMark:
 
     units: dict[str, str] = field(default_factory=dict)  # of settings
     compiled: bool = True
+    filters: bool = False  # a measurement, before a law of the program; it is no law itself
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,7 @@ class Law:
     function: Callable[..., Any]
     mark: ControllerMark
     arguments: tuple[str, ...]
-    memory: Any  # None without
+    memory: Any  # class of its memory, None without
     settings: Any  # class of its settings, None without
     commands: Any  # class of its commands, None without
     design: Callable[..., Any] | None

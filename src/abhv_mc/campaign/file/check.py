@@ -39,8 +39,9 @@ from abhv_mc.campaign.sampling.designs import (
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.samples import SampleFile, full_rows, read_sample_file
 from abhv_mc.control.mission import read_mission
-from abhv_mc.flight.channels import CHANNELS, effector_channels
+from abhv_mc.flight.channels import CHANNELS, Channel, effector_channels, state_channels
 from abhv_mc.flight.metrics import MARGINS, METRICS, Metric, effector_metrics
+from abhv_mc.flight.vehicle_parameters import read_vehicle_parameters
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import (
     Document,
@@ -56,7 +57,7 @@ from abhv_mc.kernel.plant.parameter_names import EFFECTORS, ENGINES
 from abhv_mc.plant.parameters import OURS, Parameters
 from abhv_mc.user_code.effector_commands import find_driven
 
-_SAME = 1e-9  # relative tolerance for a rounded nominal value
+_SAME = 1e-9  # by how much of itself a nominal value may be rounded
 
 
 def check_derived(
@@ -138,7 +139,7 @@ def _check(document: Document, model: Campaign) -> Experiment:
     own = model if isinstance(model, SimulatorCampaign) else None
     if not own:
         check_kinds(document, model)
-    parameters = own.parameters if own else OURS
+    parameters, states = (own.parameters, ()) if own else read_vehicle_parameters(model.vehicle)
     marginals = _make_marginals(document, model, parameters, errors)
     sample_file = read_sample_file(model.sampling.path, parameters) if model.sampling.path else None
     names = sample_file.names if sample_file else tuple(model.dispersions)
@@ -152,8 +153,9 @@ def _check(document: Document, model: Campaign) -> Experiment:
         metrics = measured = {name: entry.record(name) for name, entry in own.metrics.items()}
     else:
         effectors = find_driven(model.vehicle, model.controllers.values())
-        declared = _declare_metrics(document, model, user_channels, effectors, errors)
-        _check_channels(document, model, effectors, errors)
+        declared = _declare_metrics(document, model, user_channels, effectors, states, errors)
+        own_channels = *effector_channels(effectors), *state_channels(states)
+        _check_channels(document, model, own_channels, errors)
         metrics = {metric.name: metric for metric in (*METRICS, *declared)}
         measured = metrics | {metric.name: metric for metric in MARGINS}
     channels = own.returned_channels if own else (*CHANNELS, *effector_channels(effectors))
@@ -161,24 +163,22 @@ def _check(document: Document, model: Campaign) -> Experiment:
     _check_measured(document, model, units, errors)
     requirements = tuple(check_requirements(document, model, measured, errors))
     _check_asked(document, model, tuple(own.systems if own else model.controllers), errors)
-    other_roles = {
+    others = {
         **dict.fromkeys(model.derived, "derived"),
         **dict.fromkeys(model.dispersions, "a dispersion"),
     }
-    box = model.unknowns, model.points, other_roles, model.sampling.design
+    box = model.unknowns, model.points, others, model.sampling.design
     unknowns = check_unknowns(document, *box, parameters, errors)
     data = document.entries
     unknowns = match_requirements(unknowns, model.points, data.get("requirements") or [])
     number = _check_runs(document, model, names, sample_file, errors) * len(unknowns.points)
-    ranking = model.keep.histories.by
+    by = model.keep.histories.by
     ranked = (
         BY_REQUIREMENTS,
         *(measured if model.margins and model.margins.of(number) == number else metrics),
     )
-    if ranking not in ranked:
-        errors.append(
-            document.error(("keep", "histories", "by"), f"'{ranking}'", one_of(ranked, ranking))
-        )
+    if by not in ranked:
+        errors.append(document.error(("keep", "histories", "by"), f"'{by}'", one_of(ranked, by)))
     for item in model.keep.histories.flights:
         if isinstance(item, int) and item >= number:
             where = ("keep", "histories", "flights")
@@ -187,11 +187,11 @@ def _check(document: Document, model: Campaign) -> Experiment:
             )
     check_stop(document, model, errors)
     joined = model.sampling.design == INDEPENDENT and not unknowns.names
-    if model.pooled and (not joined or sum(pool.runs for pool in model.pooled) > number):
-        problem = f"{sum(pool.runs for pool in model.pooled)} pooled flights"
+    if model.pooled and (not joined or sum(part.runs for part in model.pooled) > number):
+        found = f"{sum(part.runs for part in model.pooled)} pooled flights"
         errors.append(
             document.key_error(
-                ("pooled",), problem, f"at most {number} ('runs'), of the design {INDEPENDENT}"
+                ("pooled",), found, f"at most {number} ('runs'), of the design {INDEPENDENT}"
             )
         )
     check_margins(document, model, number, errors)
@@ -204,6 +204,7 @@ def _check(document: Document, model: Campaign) -> Experiment:
         declared,
         user_channels,
         effectors,
+        states,
         derived=derived,
         unknowns=unknowns,
         parameters=parameters,
@@ -378,35 +379,37 @@ def _declare_metrics(
     model: Campaign,
     user_channels: Sequence[tuple[str, str]],
     effectors: tuple[str, ...],
+    states: tuple[tuple[str, str], ...],
     errors: list[InputError],
 ) -> tuple[Metric, ...]:
     """Return the records of the campaign's own metrics without running its channels' file."""
-    location: tuple[str, ...] = ("metrics",)
-    entries, source = model.metrics, document
+    place: tuple[str, ...] = ("metrics",)
+    entries, of = model.metrics, document
     if isinstance(entries, Path):
-        source, entries = read_metrics_file(entries)
-        location = ()
+        of, entries = read_metrics_file(entries)
+        place = ()
     windows = (
         read_mission(model.mission).windows()
         if any(entry.phase for entry in entries.values())
         else {}
     )
-    own = declare_metrics(entries, user_channels, source, location, errors, windows, effectors)
+    own = declare_metrics(entries, user_channels, of, place, errors, windows, effectors, states)
     return (*effector_metrics(effectors), *own)
 
 
 def _check_channels(
-    document: Document, model: Campaign, effectors: tuple[str, ...], errors: list[InputError]
+    document: Document,
+    model: Campaign,
+    own_channels: tuple[Channel, ...],
+    errors: list[InputError],
 ) -> None:
     """Check that kept histories name channels of the program or the vehicle's effectors."""
-    channel_names = [ALL, *(channel.name for channel in (*CHANNELS, *effector_channels(effectors)))]
+    known = [ALL, *(channel.name for channel in (*CHANNELS, *own_channels))]
     for name in model.keep.histories.channels:
-        if name not in channel_names:
+        if name not in known:
             errors.append(
                 document.error(
-                    ("keep", "histories", "channels"),
-                    f"channel '{name}'",
-                    one_of(channel_names, name),
+                    ("keep", "histories", "channels"), f"channel '{name}'", one_of(known, name)
                 )
             )
 

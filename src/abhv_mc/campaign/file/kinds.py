@@ -87,7 +87,7 @@ def find_references(path: Path, seen: frozenset[Path] = frozenset()) -> Iterator
 def _named_files(value: Any) -> Iterator[str]:
     """Yield values of the keys that name files in files referenced by a campaign."""
     for key, inner in value.items() if isinstance(value, dict) else ():
-        if key in ("file", "python") and isinstance(inner, str):
+        if key in ("file", "python", "around") and isinstance(inner, str):
             yield inner
     for inner in (
         value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()

@@ -49,7 +49,7 @@ _TAKEN = {
     *BUILT_IN,
     *(signal.name for signal in MARGIN_FAULTS),
 }
-# Units that end an expression's metric name; of two matching ends the longer comes first.
+# What the name of an expression's metric may say; of two ends that fit, the longer one comes first.
 _NAMED_UNITS = ("J/m2", "W/m2", "m/s", "deg/s", "deg", "kg", "Pa", "m", "s", "g", "N", "J")
 
 
@@ -141,12 +141,13 @@ def declare_metrics(
     errors: list[InputError],
     windows: Mapping[str, tuple[float, float]],
     effectors: tuple[str, ...] = (),
+    states: tuple[tuple[str, str], ...] = (),
 ) -> tuple[Metric, ...]:
     """Return records of a campaign's metrics; append problems to ``errors``.
 
     ``effectors`` are those with actuators.
     """
-    sources = known_sources(pack_sources(user_channels), effectors)
+    known = known_sources(pack_sources(user_channels), effectors, states)
     taken = _TAKEN | {metric.name for metric in effector_metrics(effectors)}
     if len(entries) > MAX_DECLARED:
         errors.append(
@@ -155,10 +156,10 @@ def declare_metrics(
     records = []
     for name, entry in entries.items():
         if name in taken:
-            problem = f"'{name}', a metric of the program"
-            errors.append(document.key_error((*where, name), problem, "another name"))
+            found = f"'{name}', a metric of the program"
+            errors.append(document.key_error((*where, name), found, "another name"))
         try:
-            nonnegative = compile_expression(entry.of, sources).nonnegative
+            nonnegative = compile_expression(entry.of, known).nonnegative
         except Refusal as refusal:
             errors.append(document.error((*where, name, "of"), refusal.found, refusal.expected))
             nonnegative = False
@@ -172,7 +173,7 @@ def declare_metrics(
             errors.append(document.error((*where, name, "phase"), f"'{entry.phase}'", expected))
         elif entry.phase is not None:
             window = windows[entry.phase]
-        records.append(_record(name, entry, sources, nonnegative, window))
+        records.append(_record(name, entry, known, nonnegative, window))
     return tuple(records)
 
 

@@ -29,9 +29,9 @@ from abhv_mc.kernel.plant.parameter_names import SENSOR_NOISES
 from abhv_mc.plant.parameters import OURS, Parameters
 
 NOISE_OF_SEED = {"wind.turbulence_seed": ("wind.turbulence",), "sensor.noise_seed": SENSOR_NOISES}
-"""Parameters that enable the noise of each seed, by seed."""
+"""By seed, the parameters that make the noise that it belongs to."""
 
-_WHOLE = 2.0**52  # upper bound of a user simulator's seeds, which are integers
+_WHOLE = 2.0**52  # a seed of a user's simulator is a whole number below it
 
 
 @dataclass(frozen=True)
@@ -69,16 +69,16 @@ def drawn_samples(
 
 def find_seeds(names: Sequence[str], parameters: Parameters = OURS) -> tuple[str, ...]:
     """Return the seeds that flights need besides ``names``; all of a user's simulator."""
-    if parameters is not OURS:
+    if not parameters.has_program:
         return tuple(record.name for record in parameters.records if record.seed)
-    noise_parameters = {
+    there = {
         *names,
         *(parameter.name for parameter in parameters.records if parameter.nominal != 0.0),
     }
     return tuple(
         seed
         for seed, noises in NOISE_OF_SEED.items()
-        if seed not in names and noise_parameters.intersection(noises)
+        if seed not in names and there.intersection(noises)
     )
 
 

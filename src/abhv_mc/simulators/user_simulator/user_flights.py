@@ -6,14 +6,13 @@ An answer is accepted only if it belongs to its request.
 import sys
 import time
 from collections import Counter, defaultdict, deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, Recording
 from abhv_mc.io.input_error import is_exhausted
@@ -23,14 +22,11 @@ from abhv_mc.simulators.user_simulator.process_pool import StoppedError, current
 from abhv_mc.simulators.user_simulator.user_plan import UserPlan
 
 _AHEAD = 1e-3  # s: shorter flights are requested ahead of their answers
-_SLACK = 0.02  # s of a proof of silence beyond twice the longest answer
-_SHORT_PROOF = 0.25  # s that a proof may take after fewer flights than
+_SLACK = 0.02  # s that a proof of silence takes beyond twice the longest answer
+_SHORT_PROOF = 0.25  # s that it may take after fewer flights than
 _PROOF = 20  # flights of a process
-_RARE = 300  # with fewer surplus lines than one per this many pieces, pieces are proven one by one
-_START_TIMES, _START_SLACK = (
-    10.0,
-    10.0,
-)  # factor on the longest first answer, and s, allowed for a start
+_RARE = 300  # so many pieces of the usual flights between two surplus lines are proven one by one
+_START_TIMES, _START_SLACK = 10.0, 10.0  # times the first answer before, and s, that a start takes
 
 
 class _Record:
@@ -46,12 +42,7 @@ class _Record:
 
 
 _records: dict[object, _Record] = defaultdict(_Record)
-_told: set[str] = set()  # reasons already printed
-
-
-def process_ids() -> list[int]:
-    """Return the IDs of the idle and busy processes."""
-    return [process.number for process in list(current_pool().all) if process.number]
+_told: set[str] = set()  # reasons that were said already
 
 
 def seconds_of_a_flight(plans: Iterable[Any]) -> float:
@@ -64,27 +55,6 @@ def note_surplus(plan: UserPlan, flights: int, surplus: int) -> None:
     record = _records[plan.system]
     record.flights += flights
     record.surplus += surplus
-
-
-def prove_blocks(campaign: Experiment) -> Experiment:
-    """Return the campaign with a proof of silence after each block of a user's program."""
-    systems = {
-        name: system._replace(plan=replace(cast("Any", system.plan), is_proven=True))
-        if isinstance(system.plan, UserPlan)
-        else system
-        for name, system in campaign.systems.items()
-    }
-    return replace(campaign, systems=systems)
-
-
-def describe_events(system: str, events: Mapping[str, int]) -> list[str]:
-    """Return warnings about the events of a system's flights (:attr:`FlightBlock.events`)."""
-    if not events.get("surplus"):
-        return []
-    return [
-        f"'{system}' wrote lines that answer no request. Flights whose answers could belong to"
-        " others were computed again one by one; a flight that answered twice failed to run"
-    ]
 
 
 def with_surplus(plan: UserPlan) -> UserPlan:
