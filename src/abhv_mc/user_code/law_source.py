@@ -1,4 +1,4 @@
-"""The code that a controller file names, read as it is and not run."""
+"""Code named by a controller file, read without running it."""
 
 import json
 from pathlib import Path
@@ -25,16 +25,19 @@ _GROUPS = {"measured": Measured._fields, "reference": REFERENCE, "onboard": onbo
 
 
 def law_place(controller: UserController) -> Path:
-    """The file that is the law, by the path that its controller file gives: from a folder it may lead out."""
+    """Return the file of a control law, by the path in its controller file.
+
+    The path may lead out of the folder.
+    """
     if isinstance(controller, CController):
         return controller.library or controller.sources[0]
     return controller.file
 
 
 def read_law_source(controller: UserController) -> UserSource:
-    """A controller's code with the files that it declares; nothing is built. Raises InputError.
+    """Return a controller's code with its declared files, without building it.
 
-    The text of a law in C or an FMU is a recipe: what it is built by and for, and how it is wired.
+    The text of a law in C or an FMU is a recipe: build, platform and wiring. Raise InputError.
     """
     paths = find_files(controller)
     if isinstance(controller, PythonController):
@@ -99,7 +102,7 @@ def check_wiring(document: Document, controller: FmuController) -> None:
 
 
 def read_trusted_law(controller: UserController) -> UserSource:
-    """A controller's code that is to be run. Raises InputError for a folder's copy that its user has not flown."""
+    """Return a controller's code to be run. Raise InputError for an untrusted copy."""
     source = read_law_source(controller)
     if is_in_a_folder(law_place(controller)):
         check_trusted(source)
