@@ -1,4 +1,4 @@
-"""The command ``explore``."""
+"""Command ``explore``."""
 
 from typing import Annotated
 
@@ -38,5 +38,5 @@ def explore(
             say(server.url, flush=True)
             if browser:
                 webbrowser.open(server.url)
-            with suppress(KeyboardInterrupt):  # how one ends it
+            with suppress(KeyboardInterrupt):  # Ctrl-C ends the server
                 server.serve_forever()

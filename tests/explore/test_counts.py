@@ -9,13 +9,13 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.topics.missed_requirements import requirement_failures
 from abhv_mc_explore import counts
 from abhv_mc_explore.counts import (
-    Asked,
+    Selection,
     count_flights,
     find_flight,
     find_nearest,
     list_flights,
     open_flights,
-    parse_asked,
+    parse_selection,
 )
 
 X, Y, BRUSHED = "aero.lift", "speed_error_max_mps", "atmosphere.density"
@@ -36,7 +36,7 @@ def bins_of(values, ends, number):
 def test_counts_cells_and_strips_are_those_of_the_flights(table, failing, outcome, monkeypatch):
     monkeypatch.setattr(counts, "MOST_POINTS", 0)
     low, high = table.ranges[BRUSHED]
-    asked = Asked(X, Y, ("tlc", "lqr"), outcome, {BRUSHED: (low, low + 0.95 * (high - low))})
+    asked = Selection(X, Y, ("tlc", "lqr"), outcome, {BRUSHED: (low, low + 0.95 * (high - low))})
     found = count_flights(table, asked)
     cells, count, bars = {}, 0, np.zeros(counts.BARS, int)
     for k, name in enumerate(("tlc", "lqr")):
@@ -59,20 +59,20 @@ def test_counts_cells_and_strips_are_those_of_the_flights(table, failing, outcom
 
 
 def test_few_flights_are_points_and_the_worst_are_those_of_the_report(table, failing):
-    found = count_flights(table, Asked(X, Y, ("lqr",), "all", {}))
+    found = count_flights(table, Selection(X, Y, ("lqr",), "all", {}))
     flights = failing.flights["lqr"]
     points = {row[3]: tuple(row[1:3]) for row in found["points"]}
     places = zip(failing.samples[X].tolist(), flights.metrics[Y].tolist(), strict=True)
     assert points == dict(enumerate(places))
     assert sum(row[4] for row in found["points"]) == 12
     lost = count_flights(
-        table, Asked(X, Y, ("lqr",), "failed", {}, fit=True)
+        table, Selection(X, Y, ("lqr",), "failed", {}, fit=True)
     )  # axes that reach as far as these
     values = (failing.samples[X][flights.failed], flights.metrics[Y][flights.failed])
     assert [list(ends) for ends in lost["ends"]] == [[each.min(), each.max()] for each in values]
     order = failing.ranking.rows_of("lqr")
     assert [row[1] for row in found["rows"]] == flights.flight[order][: counts.LISTED].tolist()
-    of_all = count_flights(table, Asked(X, Y, failing.controllers, "all", {}))["rows"]
+    of_all = count_flights(table, Selection(X, Y, failing.controllers, "all", {}))["rows"]
     first = zip(failing.ranking.controller, failing.ranking.row, strict=True)
     assert [tuple(row[:2]) for row in of_all[:20]] == [
         (k, failing.flights[failing.controllers[k]].flight[row]) for k, row in islice(first, 20)
@@ -82,7 +82,7 @@ def test_few_flights_are_points_and_the_worst_are_those_of_the_report(table, fai
 @pytest.mark.parametrize("down", [False, True])
 def test_they_are_listed_by_any_column_and_saved_in_that_order(table, failing, down):
     flights, speeds = failing.flights["lqr"], failing.flights["lqr"].metrics[Y]
-    asked = Asked(X, Y, ("lqr",), "ok", {}, sort=Y, down=down)
+    asked = Selection(X, Y, ("lqr",), "ok", {}, sort=Y, down=down)
     rows = [
         k for k in np.argsort(-speeds if down else speeds, kind="stable") if not flights.failed[k]
     ]
@@ -113,12 +113,12 @@ def test_one_flight_is_told_with_all_its_numbers_and_found_by_its_place(table, f
     with pytest.raises(InputError, match="no flight 99999"):
         find_flight(table, "lqr", 99999)
     place = found["values"][X], found["values"][Y]
-    assert find_nearest(table, Asked(X, Y, ("lqr",), "all", {}), *place) == (1, 17)
-    assert find_nearest(table, Asked(X, Y, (), "all", {}), *place) is None
+    assert find_nearest(table, Selection(X, Y, ("lqr",), "all", {}), *place) == (1, 17)
+    assert find_nearest(table, Selection(X, Y, (), "all", {}), *place) is None
     for k, item in enumerate(failing.campaign.requirements):
         missed = requirement_failures(flights, item)
         assert (
-            count_flights(table, Asked(X, Y, ("lqr",), f"missed {k}", {}))["count"]
+            count_flights(table, Selection(X, Y, ("lqr",), f"missed {k}", {}))["count"]
             == missed.sum()
             > 0
         )
@@ -133,6 +133,6 @@ def test_one_flight_is_told_with_all_its_numbers_and_found_by_its_place(table, f
 def test_what_the_view_never_sends_is_refused(table, change):
     order = {"outcome": "all", "brushes": {}, "fit": False, "sort": "rank", "down": False}
     sent = {"x": X, "y": Y, "controllers": ["tlc"], **order}
-    assert parse_asked(sent, table).x == X
+    assert parse_selection(sent, table).x == X
     with pytest.raises((InputError, ValueError)):
-        parse_asked(sent | change, table)
+        parse_selection(sent | change, table)

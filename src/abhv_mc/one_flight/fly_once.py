@@ -1,4 +1,4 @@
-"""One flight of one call, with what is said of it."""
+"""Simulation of one flight, with its outcome and metrics."""
 
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, NamedTuple
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class OneFlight(NamedTuple):
-    """A flight and its plan."""
+    """Simulated flight with its plan."""
 
     plan: "FlightPlan"
     block: "FlightBlock"  # of one flight
@@ -34,7 +34,10 @@ def fly_once(
     dispersions: Mapping[str, Quantity] | None = None,
     every: int = 1,
 ) -> OneFlight:
-    """Fly one flight and record it ``every`` control ticks; see :func:`abhv_mc.fly`. Raises InputError."""
+    """Simulate one flight, recorded every `every` control ticks. Raise InputError.
+
+    See :func:`abhv_mc.fly`.
+    """
     from abhv_mc.flight.fly import fly
     from abhv_mc.simulators.end_sentence import describe_end
     from abhv_mc.simulators.make_plans import check_rows
@@ -60,7 +63,7 @@ def fly(
     dispersions: Mapping[str, Quantity] | None = None,
     every: int = 1,
 ) -> "pd.DataFrame":
-    """Fly one flight.
+    """Simulate one flight.
 
     Parameters
     ----------
@@ -107,7 +110,10 @@ def fly(
 
 
 def _check_felt(plan: "FlightPlan", parameters: "Floats", names: Iterable[str]) -> None:
-    """Raise InputError for a dispersion without which the flight is the same to the bit, here and farther out."""
+    """Raise InputError for a dispersion that does not change the flight at all.
+
+    The flight is compared bit by bit with the nominal value and with a larger value.
+    """
     import numpy as np
 
     from abhv_mc.execution.probe_dispersions import differs
@@ -115,25 +121,25 @@ def _check_felt(plan: "FlightPlan", parameters: "Floats", names: Iterable[str]) 
     from abhv_mc.kernel.plant.parameter_names import NEVER, PARAMETER_INDEX
     from abhv_mc.plant.parameters import PARAMETERS
 
-    at = [
+    indices = [
         i
         for i in map(PARAMETER_INDEX.get, names)
         if i is not None and parameters[0, i] != PARAMETERS[i].nominal
     ]
     for farther in (False, True):
-        if not at:
+        if not indices:
             return
-        rows = np.tile(parameters, (1 + len(at), 1))
-        for row, i in zip(rows[1:], at, strict=True):
+        rows = np.tile(parameters, (1 + len(indices), 1))
+        for row, i in zip(rows[1:], indices, strict=True):
             nominal = PARAMETERS[i].nominal
             far = {0.0: 25.0 * row[i], NEVER: 0.5 * plan.timing.duration}.get(
                 nominal, 1e-3 * nominal
             )
             row[i] = far if farther else nominal
         block = fly(plan, rows)
-        at = [i for k, i in enumerate(at, 1) if not differs(block, 0, k)]
-    if at:
-        named = ", ".join(f"'{PARAMETERS[i].name}'" for i in at)
+        indices = [i for k, i in enumerate(indices, 1) if not differs(block, 0, k)]
+    if indices:
+        named = ", ".join(f"'{PARAMETERS[i].name}'" for i in indices)
         raise InputError(
             "dispersions",
             f"{named}, without effect on this flight",

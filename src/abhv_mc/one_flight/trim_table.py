@@ -110,13 +110,15 @@ def trim(
     banks = [bank] if isinstance(bank, str | int | float | Real) else list(bank)
     if not banks:
         raise InputError("bank", "no angle", "one or more")
-    given = {
+    conditions = {
         "altitude": altitude,
         "speed": speed,
         "flight_path_angle": flight_path_angle,
         "latitude": latitude,
     }
-    point = {name: _quantity(name, value) for name, value in (given | {"heading": heading}).items()}
+    point = {
+        name: _quantity(name, value) for name, value in (conditions | {"heading": heading}).items()
+    }
     angles = [_quantity("bank", angle) for angle in banks]
     kilograms = None if mass is None else _quantity("mass", mass)
     craft = load_vehicle(document)
@@ -146,7 +148,7 @@ def trim(
 def _make_row(
     trim: "TrimPoint", qualities: "FlyingQualities", area: float, mass: float
 ) -> tuple[float, ...]:
-    """Values of COLUMNS."""
+    """Return the values of COLUMNS."""
     from abhv_mc.plant.trim import GRAVITY
 
     pressure_area = trim.dynamic_pressure * area
@@ -181,10 +183,10 @@ def _make_row(
 
 
 def _quantity(name: str, value: Quantity) -> float:
-    """One of _LIMITS in SI."""
+    """Return a quantity of _LIMITS in SI units. Raise InputError outside its limits."""
     dimension, low, high = _LIMITS[name]
     number = to_si(value, dimension, name)
     if not low <= number <= high:
-        wish = f"{format_quantity(low, dimension)} to {format_quantity(high, dimension)}"
-        raise InputError(name, describe(value), wish)
+        expected = f"{format_quantity(low, dimension)} to {format_quantity(high, dimension)}"
+        raise InputError(name, describe(value), expected)
     return number
