@@ -1,4 +1,4 @@
-"""The command ``import daveml``."""
+"""Command ``import daveml``."""
 
 from pathlib import Path
 from typing import Annotated

@@ -72,7 +72,7 @@ def fly(
         dotted keys, as ``{"base": "tlc", "limits.bank": "60 deg"}``. A controller may be a law's function.
     dispersions
         Parameters of this flight (``abhv-mc list parameters`` lists them), the others nominal; a number is a factor or
-        SI, text has its unit, as in ``{"aero.drag": "110 %", "wind.north": 12.0}``. One without effect is refused.
+        SI, text has its unit, as in ``{"aero.drag": "110 %", "wind.north": 12.0}``. One without effect is an error.
     every
         Control ticks from row to row.
 
@@ -86,7 +86,7 @@ def fly(
     Raises
     ------
     InputError
-        For what is wrong with an input.
+        If an input is invalid.
     """
     import pandas as pd
 

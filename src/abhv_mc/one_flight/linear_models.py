@@ -177,22 +177,23 @@ def linearize(
     Parameters
     ----------
     mission, vehicle, controller, dispersions
-        As of :func:`abhv_mc.fly`; a user law is run.
+        See :func:`abhv_mc.fly`; custom controllers are run.
     at
         ``trim``, the trim of the true plant at the mission's start, or a time of the flight (s, or text with a unit).
     bank
-        Of the steady turn to trim for (rad, or text with a unit).
+        Bank of the steady turn to trim for (rad, or text with a unit).
 
     Returns
     -------
     LinearModel
-        With a law that remembers m numbers and a measurement that is d control periods old, A is [18, 18] of the plant,
-        [m, m] of the law and [18 + m + 10 d, 18 + m + 10 d] of loop and closed loop.
+        For a controller with m memory values and a measurement delay of d control periods, A is
+        [18, 18] for the plant, [m, m] for the law and [18 + m + 10 d, 18 + m + 10 d] for the loop
+        and the closed loop.
 
     Raises
     ------
     InputError
-        For what is wrong with an input, and where there is no such point.
+        If an input is invalid or the point does not exist.
     """
     import pandas as pd
 
@@ -275,7 +276,7 @@ def fly_on(
     duration: Quantity = 1.0,
     dispersions: Mapping[str, Quantity] | None = None,
 ) -> "pd.DataFrame":
-    """Go on with a flight from what it is at a time, disturbed: the full flight that a linear model approximates.
+    """Continue a flight from a time with a disturbance, as a linear model approximates it.
 
     Parameters
     ----------
@@ -284,9 +285,9 @@ def fly_on(
     at
         The time (s, or text with a unit).
     disturbance
-        What is added to states of ``linearize(...).closed`` there, by name, SI and radians.
+        Increments of states of ``linearize(...).closed``, by name, SI and radians.
     duration
-        How long it flies on (s, or text with a unit).
+        Duration of the continuation (s, or text with a unit).
 
     Returns
     -------

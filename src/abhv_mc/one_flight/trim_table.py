@@ -72,15 +72,15 @@ def trim(
     Parameters
     ----------
     vehicle
-        Shipped name, path or mapping, as of :func:`abhv_mc.fly`.
+        Shipped name, path or mapping; see :func:`abhv_mc.fly`.
     altitude, speed, flight_path_angle, latitude, heading
-        Where it flies, and how: SI and radians, or text with a unit.
+        Flight condition: SI and radians, or text with a unit.
     bank
         One angle or several.
     mass
-        That at the start by default.
+        Default: mass at the start.
     rotating
-        Whether the Earth turns.
+        Whether the Earth rotates.
 
     Returns
     -------
@@ -95,7 +95,7 @@ def trim(
     Raises
     ------
     InputError
-        For what is wrong with an input.
+        If an input is invalid.
     """
     import pandas as pd
 
