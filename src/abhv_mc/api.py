@@ -153,7 +153,9 @@ class Campaign:
 
 @takes(WorstRequest)
 def worst(request: WorstRequest) -> "WorstFound":
-    """Search the box of a campaign's dispersions for the worst value of a metric, as ``abhv-mc worst`` does.
+    """Search a campaign's dispersions for the worst value of a metric.
+
+    ``abhv-mc worst`` does the same.
 
     Returns
     -------
@@ -176,7 +178,9 @@ def worst(request: WorstRequest) -> "WorstFound":
 
 @takes(RareRequest)
 def rare(request: RareRequest) -> "RareFound":
-    """Estimate the probability that a flight violates a requirement, as ``abhv-mc rare`` does.
+    """Estimate the probability that a flight violates a requirement.
+
+    ``abhv-mc rare`` does the same.
 
     Returns
     -------
@@ -244,7 +248,9 @@ def compare(
     fail_if_worse: Mapping[str, float | str] | None = None,
     output: Paths | None = None,
 ) -> "Comparison":
-    """Compare two campaigns: flight by flight on the same samples, else by verdicts, shares and quantiles.
+    """Compare two campaigns.
+
+    On the same samples they are compared flight by flight, else by verdicts, shares and quantiles.
 
     Parameters
     ----------

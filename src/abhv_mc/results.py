@@ -265,7 +265,7 @@ class Results:
     def explain(
         self, flight: int, controller: str | None = None, requirement: str | None = None
     ) -> "Explanation":
-        """Return the smallest set of dispersions with which a flight still fails.
+        """Return the smallest set of dispersions that makes a flight fail.
 
         See ``abhv-mc explain``.
         """

@@ -62,7 +62,10 @@ def find_questions(model: Model) -> list[Variable]:
 def parse_answer(
     model: Model, variable: Variable, answer: str, effectors: Collection[str]
 ) -> list[tuple[float, str]]:
-    """Return the terms of 'elevator + aileron' or '-0.5 rudder': factors and names. Raise Refusal."""
+    """Return the terms of 'elevator + aileron' or '-0.5 rudder': factors and names.
+
+    Raise Refusal.
+    """
     names = {name for kind in kinds_of(model) for name in SOURCES[kind]} | set(effectors)
     example = "a number, or a sum such as 'elevator + aileron' of"
     terms: list[tuple[float, str]] = []

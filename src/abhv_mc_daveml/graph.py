@@ -112,7 +112,7 @@ class Model:
 
 
 def read_model(path: Path) -> Model:
-    """Read a DAVE-ML file. Raises :class:`abhv_mc.io.input_error.InputError` with line and column."""
+    """Read a DAVE-ML file. Raise InputError with line and column."""
     root, content = read_xml(path, "a DAVE-ML file")
     if root.name != "DAVEfunc":
         raise root.refuse(f"the element '{root.name}'", "a DAVE-ML file: 'DAVEfunc'")

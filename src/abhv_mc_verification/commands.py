@@ -29,7 +29,9 @@ def nesc(
     tolerance_scale: _Scale = 1.0,
     junit: Junit = None,
 ) -> None:
-    """Fly NASA's atmospheric check-cases 1 to 16, those that DIR has, and compare with each simulator given.
+    """Simulate NASA's atmospheric check-cases and compare with published simulators.
+
+    Those of the cases 1 to 16 that DIR has are compared with each of its simulators.
 
     Exit code 1 if a difference is outside its tolerance.
     """
@@ -68,7 +70,7 @@ def everything(
     tolerance_scale: _Scale = 1.0,
     junit: Junit = None,
 ) -> None:
-    """Show the comparison with all published data as one table: flights of other simulators, and papers."""
+    """Show the comparison with other simulators and papers as one table."""
     from abhv_mc_verification.everything import verify_everything
 
     folder = references or (_REFERENCES if _REFERENCES.is_dir() else None)

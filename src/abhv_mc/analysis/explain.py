@@ -1,4 +1,4 @@
-"""Smallest set of dispersions with which a flight still fails, all others nominal."""
+"""Smallest set of dispersions that makes a flight fail, all others nominal."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -60,7 +60,7 @@ class Failure:
 
 @dataclass(frozen=True)
 class Explanation:
-    """Smallest set of dispersions with which a flight still fails."""
+    """Smallest set of dispersions that makes a flight fail."""
 
     controller: str
     flight: int
@@ -155,7 +155,7 @@ def smallest_sets(
     margins: bool,
     budget: int = BUDGET,
 ) -> list[Shrunk | None]:
-    """Return the smallest sets of dispersions with which each flight still fails.
+    """Return the smallest sets of dispersions that make each flight fail.
 
     `samples` is [failure, parameter].
     """

@@ -172,7 +172,9 @@ def linearize(
     bank: Quantity = 0.0,
     dispersions: Mapping[str, Quantity] | None = None,
 ) -> LinearModel:
-    """Plant, law, open and closed loop about the trim or a time of a flight, as ``abhv-mc linearize`` writes them.
+    """Return plant, law, open and closed loop about the trim or a time of a flight.
+
+    ``abhv-mc linearize`` writes the same.
 
     Parameters
     ----------
@@ -225,7 +227,7 @@ def margins(
     bank: Quantity = 0.0,
     dispersions: Mapping[str, Quantity] | None = None,
 ) -> "pd.DataFrame":
-    """Stability margins, as ``abhv-mc margins`` prints them.
+    """Return stability margins, as ``abhv-mc margins`` prints them.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Controls, forces and flying qualities of steady flight at several bank angles, as a table."""
+"""Table of controls, forces and flying qualities of steady flight over bank angles."""
 
 import math
 from collections.abc import Sequence
@@ -67,7 +67,9 @@ def trim(
     mass: Quantity | None = None,
     rotating: bool = False,
 ) -> "pd.DataFrame":
-    """Controls, forces and flying qualities of steady flight; a vehicle without an engine glides.
+    """Return controls, forces and flying qualities of steady flight.
+
+    A vehicle without an engine glides.
 
     Parameters
     ----------

@@ -16,7 +16,10 @@ def bench(
         int, typer.Option(min=1, help="Of each measurement; medians are shown.")
     ] = 9,
 ) -> None:
-    """Measure flights per second and core, starts and memory, with the default campaign; takes a minute or two."""
+    """Measure flights per second and core, start-up times and memory.
+
+    The default campaign is used; it takes a minute or two.
+    """
     from abhv_mc_verification.bench.speed import measure_speed, measure_start, read_operations
 
     announce_compiling()
