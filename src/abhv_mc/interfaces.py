@@ -5,7 +5,7 @@ promises to all asks for a capability, or calls :meth:`Simulator.check`. The con
 :class:`abhv_mc.topics.Topic`.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -136,6 +136,18 @@ class Simulator(Protocol):
 
     def time_of_flight(self, plans: Sequence[Any]) -> float | None:
         """Mean time of the last flights, s, by which blocks are cut; 0 before any, None: by their number."""
+
+    def prove(self, plan: Any, check: int = 0) -> Any:
+        """Return the plan whose blocks are each followed by a proof that no answer is left over.
+
+        ``check``: number of the processes that its flights have for themselves; 0: those of the campaign.
+        """
+
+    def describe_events(self, system: str, events: Mapping[str, int]) -> list[str]:
+        """Return warnings about the events of a system's flights (:attr:`FlightBlock.events`)."""
+
+    def find_undeclared_reads(self, plan: Any, since: float) -> Iterable[str]:
+        """Return files that flights read since a time (s) and the campaign does not name."""
 
     def describe_end(self, system: str, row: Floats, outcome: int) -> str:
         """Sentences on the end of the flight of ``row`` [1, input]."""

@@ -193,7 +193,7 @@ def test_slopes_end_at_the_tables_nodes():
     points = point._replace(
         **{
             name: np.repeat(getattr(point, name), 4, axis=0)
-            for name in ("path", "controls", "latitude", "mass", "measured", "memory", "lane")
+            for name in point._fields[:-1]  # but for the tick
         }
     )
     points.controls[:, 3] = eta

@@ -11,6 +11,8 @@ from abhv_mc.statistics.unknowns import (
     choose_points,
     corners,
     judge_points,
+    search_flights,
+    search_size,
     search_worst,
     showing_factor,
 )
@@ -152,3 +154,9 @@ def test_risks_by_simulation(system, passes, fails):
     shares, _ = benchmark.simulate(benchmark.System("", **system), repetitions=30)
     assert passes[0] <= shares["rule PASS"] <= passes[1]
     assert fails[0] <= shares["rule FAIL"] <= fails[1]
+
+
+def test_a_trial_of_few_flights_searches_with_few():
+    assert [search_size(runs) for runs in (8, 32, 64, 256, 2200)] == [32, 32, 64, 256, 256]
+    assert search_flights(3, 2, 64) * 4 == search_flights(3, 2, 2200)
+    assert showing_factor(0.99, 64) == 4 * showing_factor(0.99)

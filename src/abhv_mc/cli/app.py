@@ -33,7 +33,7 @@ from abhv_mc.execution.interrupts import sigterm_as_interrupt
 from abhv_mc.io.address import hide_key
 from abhv_mc.shipped import PACKAGES
 
-_SHORT = {"bool": "", "int": "N", "float": "X", "str": "TEXT"}
+_SHORT: dict[str, Any] = {"bool": "", "int": "N", "float": "X", "str": "TEXT"}
 
 
 class _Short:
@@ -81,7 +81,7 @@ _PANELS: dict[str, tuple[Any, ...]] = {  # by name: added by a package
     "Analyse": (flying.trim, linearizing.margins, linearizing.linearize),
     "Prove": (proving.verify,),
 }
-_SHORT = {  # other names of commands, for scripts; --help does not list them
+_HIDDEN: dict[str, Any] = {  # other names of commands, for scripts; --help does not list them
     "adopt": running.flights,
     "samples": starting.samples,
     "status": reporting.runs,
@@ -198,8 +198,8 @@ for _panel, _commands in _PANELS.items():
     for _command in _commands:
         if not isinstance(_command, str):
             _add_command(app, _name(_command), _command, _panel)
-for _short, _command in _SHORT.items():
-    _add_command(app, _short, _command, None, hidden=True)
+for _short, _former in _HIDDEN.items():
+    _add_command(app, _short, _former, None, hidden=True)
 
 
 def main() -> None:

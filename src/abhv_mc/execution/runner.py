@@ -44,7 +44,6 @@ from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Engine
 from abhv_mc.requests import Request
 from abhv_mc.simulators.engine import check_source, simulate
-from abhv_mc.simulators.user_simulator.user_flights import describe_events, prove_blocks
 
 _SAVE_INTERVAL = 5.0  # s between manifests on disk
 
@@ -93,8 +92,12 @@ def fly_opened(opened: OpenCampaign, executor: FlightRunner) -> RunResult:
 class _Run:
     def __init__(self, opened: OpenCampaign, executor: FlightRunner) -> None:
         self.folder, self.plans = opened.folder, opened.plans
-        self.campaign = prove_blocks(opened.campaign)
-        self.manifest, self.simulator = opened.manifest, self.campaign.simulator
+        self.manifest, self.simulator = opened.manifest, opened.campaign.simulator
+        systems = {
+            name: system._replace(plan=self.simulator.prove(system.plan))
+            for name, system in opened.campaign.systems.items()
+        }
+        self.campaign = replace(opened.campaign, systems=systems)
         self.files = opened.files
         model = self.campaign.model
         self.completion = Completion(self.campaign, opened.part, opened.to_fly)
@@ -288,7 +291,7 @@ class _Run:
         if flown.events:
             name = block.controller
             events = add_events([self.manifest.simulator_events, {name: flown.events}])
-            warnings = *self.manifest.warnings, *describe_events(name, flown.events)
+            warnings = *self.manifest.warnings, *self.simulator.describe_events(name, flown.events)
             self.manifest = replace(
                 self.manifest,
                 simulator_events=events,

@@ -103,6 +103,7 @@ DIMENSIONS = (
     LENGTH, AREA, SPEED, ACCELERATION, ANGLE, ANGULAR_RATE, ANGULAR_ACCELERATION, MASS, INERTIA, FORCE, PRESSURE,
     HEAT_FLUX, DENSITY, TIME, FREQUENCY, FRACTION,
 )  # fmt: skip
+_SI_SYMBOLS = ("m", "kg", "s", "rad")
 _BY_EXPONENTS = {dimension.exponents: dimension for dimension in DIMENSIONS}
 
 
@@ -135,6 +136,24 @@ def dimension_of(unit: str) -> Dimension:
     return _BY_EXPONENTS.get(exponents) or Dimension(
         f"a quantity in {unit}", unit, f"1 {unit}", exponents
     )
+
+
+def si_unit_of(unit: str) -> str:
+    """The SI unit of what a unit measures. Raises :class:`Refusal` for an unknown unit."""
+    _, exponents = parse_unit(unit)
+    if exponents in _BY_EXPONENTS:
+        return _BY_EXPONENTS[exponents].unit
+    above = [
+        f"{symbol}{power if power > 1 else ''}"
+        for symbol, power in zip(_SI_SYMBOLS, exponents, strict=True)
+        if power > 0
+    ]
+    below = [
+        f"/{symbol}{-power if power < -1 else ''}"
+        for symbol, power in zip(_SI_SYMBOLS, exponents, strict=True)
+        if power < 0
+    ]
+    return (" ".join(above) or "1") + "".join(below)
 
 
 def parse_quantity(text: str | float, dimension: Dimension, bare_unit: str | None = None) -> float:

@@ -43,7 +43,7 @@ def fly_once(
     from abhv_mc.simulators.make_plans import check_rows
 
     plan = make_flight_plan(mission, vehicle, controller).lean_for(dispersions or ())
-    parameters = make_parameters(dispersions)
+    parameters = make_parameters(dispersions, plan.vehicle)
     check_rows(plan, parameters)
     _check_felt(plan, parameters, dispersions or ())
     block = fly(plan, parameters, min(every, plan.timing.ticks + 1))
@@ -118,20 +118,18 @@ def _check_felt(plan: "FlightPlan", parameters: "Floats", names: Iterable[str]) 
 
     from abhv_mc.execution.probe_dispersions import differs
     from abhv_mc.flight.fly import fly
-    from abhv_mc.kernel.plant.parameter_names import NEVER, PARAMETER_INDEX
-    from abhv_mc.plant.parameters import PARAMETERS
+    from abhv_mc.flight.vehicle_parameters import vehicle_parameters
+    from abhv_mc.kernel.plant.parameter_names import NEVER
 
-    indices = [
-        i
-        for i in map(PARAMETER_INDEX.get, names)
-        if i is not None and parameters[0, i] != PARAMETERS[i].nominal
-    ]
+    table = vehicle_parameters(plan.vehicle_code)
+    indices = [i for i in map(table.index.get, names) if i is not None]
+    indices = [i for i in indices if parameters[0, i] != table.nominal[i]]
     for farther in (False, True):
         if not indices:
             return
         rows = np.tile(parameters, (1 + len(indices), 1))
         for row, i in zip(rows[1:], indices, strict=True):
-            nominal = PARAMETERS[i].nominal
+            nominal = float(table.nominal[i])
             far = {0.0: 25.0 * row[i], NEVER: 0.5 * plan.timing.duration}.get(
                 nominal, 1e-3 * nominal
             )
@@ -139,7 +137,7 @@ def _check_felt(plan: "FlightPlan", parameters: "Floats", names: Iterable[str]) 
         block = fly(plan, rows)
         indices = [i for k, i in enumerate(indices, 1) if not differs(block, 0, k)]
     if indices:
-        named = ", ".join(f"'{PARAMETERS[i].name}'" for i in indices)
+        named = ", ".join(f"'{table.records[i].name}'" for i in indices)
         raise InputError(
             "dispersions",
             f"{named}, without effect on this flight",

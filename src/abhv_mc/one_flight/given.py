@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from abhv_mc.flight.plan import FlightPlan
+    from abhv_mc.kernel.plant.vehicle import Vehicle
 
 Input = str | Path | Mapping[str, Any] | Callable[..., Any]
 Quantity = float | str  # a number in SI (angles in rad), or text with a unit
@@ -102,26 +103,26 @@ def make_flight_plan(
     return prepare(craft, mission_document, law, law.path.stem)
 
 
-def make_parameters(dispersions: Mapping[str, Quantity] | None) -> "NDArray[np.float64]":
+def make_parameters(
+    dispersions: Mapping[str, Quantity] | None, vehicle: "Vehicle"
+) -> "NDArray[np.float64]":
     """Return a row [1, parameter] of nominal parameters with dispersions.
 
     Raise InputError for an unknown parameter.
     """
-    from abhv_mc.flight.fly import nominal_parameters
-    from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
-    from abhv_mc.plant.parameters import PARAMETERS
+    from abhv_mc.flight.vehicle_parameters import vehicle_parameters
+    from abhv_mc.user_code.vehicle_functions import find_code
 
-    row = nominal_parameters()
+    table = vehicle_parameters(find_code(vehicle))
+    row = table.nominal[None].copy()
     for name, value in check_mapping(
         {} if dispersions is None else dispersions, "dispersions"
     ).items():
-        if name not in PARAMETER_INDEX or name == PARAMETERS[0].name:
-            raise InputError(
-                "dispersions", f"parameter '{name}'", one_of(list(PARAMETER_INDEX)[1:], name)
-            )
+        if name not in table.dispersible:
+            raise InputError("dispersions", f"parameter '{name}'", one_of(table.dispersible, name))
         try:
-            dimension = dimension_of(PARAMETERS[PARAMETER_INDEX[name]].unit)
-            row[0, PARAMETER_INDEX[name]] = parse_quantity(value, dimension, dimension.unit)
+            dimension = dimension_of(table[name].unit)
+            row[0, table.index[name]] = parse_quantity(value, dimension, dimension.unit)
         except Refusal as refusal:
             raise InputError("dispersions", f"{name}: {refusal.found}", refusal.expected) from None
     return row

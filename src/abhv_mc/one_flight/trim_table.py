@@ -118,7 +118,7 @@ def trim(
         "flight_path_angle": flight_path_angle,
         "latitude": latitude,
     }
-    point = {
+    point: dict[str, Any] = {
         name: _quantity(name, value) for name, value in (conditions | {"heading": heading}).items()
     }
     angles = [_quantity("bank", angle) for angle in banks]

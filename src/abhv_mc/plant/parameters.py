@@ -37,7 +37,9 @@ class Parameter:
     unit: str  # SI, or what a user's simulator has; "-" for a factor (1.0 = nominal)
     nominal: float
     doc: str
-    of_user: bool = False  # whether it is an input of a user's simulator
+    of_user: bool = (
+        False  # whether a user defines it, as a simulator's input or a vehicle's setting
+    )
     seed: bool = False  # whether it selects a noise realization
 
     @property
@@ -321,6 +323,11 @@ class Parameters:
 
     def __contains__(self, name: object) -> bool:
         return name in self.index
+
+    @cached_property
+    def has_program(self) -> bool:
+        """True if the program's own parameters are included."""
+        return PARAMETERS[0].name in self.index
 
     def nominal_of(self, names: Iterable[str]) -> Floats:
         """Return nominal values [name]."""

@@ -42,6 +42,8 @@ class FlightPoint(NamedTuple):
     speed_rate: float = 0.0  # V'
     flight_path_rate: float = 0.0  # gamma'
     density_factor: float = 1.0  # on the standard atmosphere's
+    # What custom dynamics add: forces along body x and z, N; pitching moment about the centre of gravity, N m.
+    push: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 class TrimPoint(NamedTuple):
@@ -239,6 +241,7 @@ def _control(
             - vehicle.foreign.engine_x * propulsion[2]
         )
         thrust, fuel_flow = propulsion[0], propulsion[6]
+    x, z, moment = x + point.push[0], z + point.push[1], moment + point.push[2]
     upward = x * sin_a - z * cos_a
     return TrimPoint(
         alpha,

@@ -27,7 +27,7 @@ def write_gains(file: Path, plan: FlightPlan) -> None:
     Numbers read back to the same bits. Raises InputError for another ending, and for a law without gains.
     """
     check_gain_format(file)
-    names = _BUILT_IN.get(plan.law) or tuple(plan.gain_names.tolist())
+    names = _BUILT_IN.get(plan.commanding_law) or tuple(plan.gain_names.tolist())
     if not names:
         raise InputError(
             file, f"the law {plan.controller}, which has no gains", "one with a design"

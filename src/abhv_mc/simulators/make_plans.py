@@ -88,7 +88,9 @@ def declare(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
     """
     if find_driven(campaign.model.vehicle, campaign.model.controllers.values()):
         plan = replace(plan, vehicle=drive(plan.vehicle), settings=plan.settings.copy())
-        if plan.law not in USER_LAWS:  # what the actuators of the effectors leave of each axis
+        if (
+            plan.commanding_law not in USER_LAWS
+        ):  # what the actuators of the effectors leave of each axis
             limits = axis_limits(plan.vehicle)
             plan.settings[-limits.size :] = limits
     if campaign.model.channels is not None:

@@ -59,7 +59,7 @@ def make_steady(campaign: "Experiment", plan: FlightPlan, controller: Path) -> F
 
     law, mission = read_controller(controller), read_mission(campaign.model.mission)
     steady = make_steady_plan(
-        plan.vehicle, mission, law, plan.controller, user_code=user_parts_of(plan)
+        plan.vehicle, mission, law, plan.controller, user_code=user_parts_of(plan, law)
     )
     return steady.lean_for(campaign.varied)
 

@@ -64,10 +64,10 @@ def _rebuild_plan(stored: dict[str, np.ndarray], vehicle: Vehicle) -> FlightPlan
     flat |= flatten(make_effectiveness(rebuild(Vehicle, flat, "vehicle")), "effectiveness")
     plan = rebuild(FlightPlan, flat)
     own = plan.gain_names.size, plan.settings.size  # a law of the user's says how many
-    gains, settings = _COLUMNS.get(plan.law, own)
+    gains, settings = _COLUMNS.get(plan.commanding_law, own)
     rows = plan.timing.ticks + 1
     shapes = {
-        "initial_state": (N_STATES,),
+        "initial_state": (N_STATES + vehicle.foreign.states,),
         "reference": (rows, len(REFERENCE)),
         "gains": (rows, gains),
         "settings": (settings,),

@@ -1,6 +1,6 @@
 """The program's own simulator: a vehicle that flies a mission with its controllers."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -8,7 +8,7 @@ from typing import Any
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import PROCESSES
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.flight.channels import CHANNELS, Signal, effector_channels
+from abhv_mc.flight.channels import CHANNELS, Signal, effector_channels, state_channels
 from abhv_mc.flight.outcome import OUTCOMES, Outcome
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.identity import code_hash
@@ -34,7 +34,8 @@ class VehicleSimulator:
     def __init__(self, experiment: Experiment) -> None:
         self.experiment, model = experiment, experiment.model
         self.systems: tuple[str, ...] = tuple(model.controllers)
-        self.channels: tuple[Signal, ...] = (*CHANNELS, *effector_channels(experiment.effectors))
+        own = effector_channels(experiment.effectors), state_channels(experiment.states)
+        self.channels: tuple[Signal, ...] = (*CHANNELS, *own[0], *own[1])
 
     @cached_property
     def engine(self) -> Engine:
@@ -110,6 +111,15 @@ class VehicleSimulator:
 
     def time_of_flight(self, plans: Sequence[FlightPlan]) -> None:
         return None
+
+    def prove(self, plan: FlightPlan, check: int = 0) -> FlightPlan:
+        return plan
+
+    def describe_events(self, system: str, events: Mapping[str, int]) -> list[str]:
+        return []
+
+    def find_undeclared_reads(self, plan: FlightPlan, since: float) -> Iterable[str]:
+        return ()
 
     def describe_end(self, system: str, row: Floats, outcome: int) -> str:
         from abhv_mc.simulators.end_sentence import describe_end

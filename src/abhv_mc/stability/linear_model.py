@@ -17,11 +17,12 @@ class Linear(NamedTuple):
     """
 
     period: float  # s, of the control
-    plant_A: Floats  # [point, 10, 10] continuous, path coordinates
-    plant_B: (
-        Floats  # [point, 10, actuator] continuous; positions of surfaces or effectors, and engine
+    plant_A: (
+        Floats  # [point, 10 + custom, 10 + custom] continuous, path coordinates and custom states
     )
-    A: Floats  # [point, n, n] discrete, path coordinates and actuators: 18 states with three surfaces
+    plant_B: Floats  # [point, 10 + custom, actuator] continuous; positions of surfaces or effectors, and engine
+    # [point, n, n] discrete: path coordinates, actuators (18 states with three surfaces), custom states
+    A: Floats
     B: Floats  # [point, n, input] commands
     law_A: Floats  # [point, memory, memory], sensors' states behind the law's
     law_B: Floats  # [point, memory, 10] measurement

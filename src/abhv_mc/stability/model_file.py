@@ -19,7 +19,7 @@ from abhv_mc.stability.linearize import (
     closed_period,
     open_loop,
 )
-from abhv_mc.stability.plant_inputs import mix_matrix, plant_states
+from abhv_mc.stability.plant_inputs import mix_matrix, plant_states, plant_units
 from abhv_mc.stability.point_slopes import Points
 from abhv_mc.stability.probe import law_memory_rows
 from abhv_mc.stability.sensor_states import sensor_states
@@ -39,10 +39,13 @@ def make_model(plan: FlightPlan, points: Points, linear: Linear) -> dict[str, An
     m, d = linear.law_A.shape[1], int(linear.delay[0])
     old = [f"{name}_{age}_ago" for age in range(1, d + 1) for name in path.COORDINATES]
     actuator_A, actuator_B = actuator_matrices(plan, points.lane[:1])
-    p, k = 10 + actuator_A.shape[1], len(linear.inputs)
+    last, k = 10 + actuator_A.shape[1], len(linear.inputs)
+    p = last + linear.plant_A.shape[1] - 10
+    moved = np.array([*range(10), *range(last, p)])
     A, B = np.zeros((p, p)), np.zeros((p, k))
-    A[:10, :10], A[:10, 10::2], A[10:, 10:] = linear.plant_A[0], linear.plant_B[0], actuator_A[0]
-    B[10:] = actuator_B[0] if linear.apart is None else actuator_B[0] @ mix_matrix(plan.vehicle)
+    A[moved[:, None], moved], A[moved, 10:last:2] = linear.plant_A[0], linear.plant_B[0]
+    A[10:last, 10:last] = actuator_A[0]
+    B[10:last] = actuator_B[0] if linear.apart is None else actuator_B[0] @ mix_matrix(plan.vehicle)
     loop_A, loop_B, loop_C = open_loop(linear, 0)
     n, C, none = len(loop_A), np.eye(10, p), np.zeros((10, k))
     # Names of states, inputs and outputs with their units.
@@ -53,9 +56,7 @@ def make_model(plan: FlightPlan, points: Points, linear: Linear) -> dict[str, An
     memory = _Named(
         [*(f"law_{name}" for name in law_memory_rows(plan)), *sensor_states(plan, points)], [""] * m
     )
-    plant = _Named(
-        plant_states(plan.vehicle), [*path.UNITS, *["rad", "rad/s"] * (p // 2 - 6), "-", "1/s"]
-    )
+    plant = _Named(plant_states(plan.vehicle), plant_units(plan.vehicle))
     states = _Named(
         (*plant.names, *memory.names, *old), (*plant.units, *memory.units, *path.UNITS * d)
     )
@@ -83,8 +84,12 @@ def make_model(plan: FlightPlan, points: Points, linear: Linear) -> dict[str, An
             closed_loop(linear, 0), loop_B, closed_C, no_feedthrough, states, commands, both
         ),
         "point": {
-            "states": np.append(
-                points.path[0], np.pad(points.controls[0][:, None], ((0, 0), (0, 1)))
+            "states": np.concatenate(
+                [
+                    points.path[0],
+                    np.pad(points.controls[0][:, None], ((0, 0), (0, 1))).ravel(),
+                    points.custom[0],
+                ]
             ),
             "measured": points.measured[0],
             "law_memory": points.memory[0],

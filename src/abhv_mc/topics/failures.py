@@ -162,7 +162,7 @@ def _difference_words(
     """Return how two inputs are off in the region of a rule, with the medians of its failures as an example.
 
     'density and drag off in opposite directions (e.g. density -7 %, drag +9 %)' if this holds for each of its failures,
-    else 'density low for drag'.
+    else 'density far below drag, each in its own range'.
     """
     condition = rule.conditions[0]
     inputs = condition.input, condition.minus or 0
@@ -178,9 +178,11 @@ def _difference_words(
     if np.all(off[0] * off[1] < 0.0):
         words = f"{one} and {other} off in opposite directions"
     elif rule.either:
-        words = f"{one} low or high for {other}"
+        words = f"{one} and {other} far apart, each in its own range"
     else:
-        words = f"{one} {'high' if condition.above else 'low'} for {other}"
+        words = (
+            f"{one} far {'above' if condition.above else 'below'} {other}, each in its own range"
+        )
     return f"{words} (e.g. {example})" if example else words
 
 

@@ -7,7 +7,7 @@ import re
 import sys
 import types
 from collections import namedtuple
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from abhv_mc.io.atomic_write import atomic_write
@@ -23,10 +23,13 @@ from abhv_mc.user_code.law_interface import (
     COMMAND_FIELDS,
     Coefficients,
     Command,
+    Effect,
+    Filtered,
     Measured,
     MixedCommand,
     Onboard,
     Reference,
+    Sensed,
     Thrust,
     nest,
 )
@@ -40,7 +43,7 @@ _CONTROLS = s.CMD_AILERON, s.CMD_RUDDER, s.CMD_ELEVATOR, s.CMD_ETA
 COMMAND_ROWS = (*_CONTROLS, s.GAMMA_CMD, s.ALPHA_CMD, s.BANK_CMD)  # of a Command
 LAW_FAILED = 50.0  # abhv_mc.flight.outcome.Outcome.LAW_FAILED, which is a layer above
 _GIVEN = "float('inf')"  # in the text of a loop: abhv_mc.user_code.law_interface.NOT_GIVEN
-_MADE = (Command, Coefficients, Thrust)  # of whatever numbers
+_MADE = (Command, Coefficients, Thrust, Sensed, Filtered)  # of whatever numbers
 ONBOARD_ROWS = (
     *range(ONBOARD, ONBOARD + N_ONBOARD),
     *range(s.CMD, s.CMD + 4),
@@ -77,6 +80,33 @@ def compile_law(
             "_law": names[law.function.__name__],
         }
         return build(law.module, _make_loop(law, gains, width, effectors), names, f"{gains}")
+
+
+@functools.lru_cache(maxsize=64)
+def compile_filter(source: UserSource, settings: tuple[float, ...], width: int) -> Any:
+    """The compiled loop over ``width`` lanes of what filters a measurement, with its ``address``.
+
+    Raises InputError for what does not compile, with the user's line.
+    """
+    law = load_law(source)
+    lane = functools.partial(lane_of, width)
+    with refuse_in_words(source, "a filter", WANTED):
+        names = compiled_names(law.module)
+        names |= {"_Measured": Measured, "_Reference": Reference, "_Memory": law.memory}
+        names |= {"_Settings": law.settings, "_law": names[law.function.__name__]}
+        once = {
+            "reference": REFERENCE_TEXT,
+            "settings": tuple_text("Settings", map(repr, settings)),
+            "time": "tick * dt",
+        }
+        lines = [f"measured = {_measured_text(lane)}", *_memory_lines(law, lane)]
+        lines += [f"{_returned(law, 'filtered')} = _law({', '.join(law.arguments)})"]
+        lines += _keep_memory(law, lane)
+        for i, field in enumerate(Measured._fields):
+            row = lane(s.MEASURED + i)
+            lines.append(f"{row} = {row} if filtered.{field} == {_GIVEN} else filtered.{field}")
+        before = [f"{name} = {once[name]}" for name in law.arguments if name in once]
+        return build(law.module, loop_text(width, before, lines), names, "filter")
 
 
 def split_columns(names: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -183,6 +213,8 @@ def _compile_names(
         elif type(value) is types.ModuleType and _is_in(folder, value.__dict__):
             _compile_names(value.__dict__, folder, made, {})
             names[name] = sys.modules[made[id(value.__dict__)]["__name__"]]
+        elif value is Effect:
+            names[name] = _make_effect_maker(home.__name__)
         elif issubclass(type(value), LookUp):
             names[name] = value.make_compiled()
         elif (
@@ -215,15 +247,48 @@ def _make_maker(kind: Any, home: str, defaults: dict[str, Any]) -> Any:
     return scalar(names["make"])
 
 
+def _make_effect_maker(home: str) -> Any:
+    """A compiled function that makes an Effect, its force and moment of floats."""
+    names: dict[str, Any] = {"_kind": Effect, "_sensed": Sensed(), "__name__": home}
+    nothing = "(0.0, 0.0, 0.0)"
+    floats = ", ".join(
+        f"(float({of}[0]), float({of}[1]), float({of}[2]))" for of in ("force", "moment")
+    )
+    parameters = f"rates, force={nothing}, moment={nothing}, sensed=_sensed"
+    exec(f"def make({parameters}):\n    return _kind(rates, {floats}, sensed)\n", names)
+    return scalar(names["make"])
+
+
+def _measured_text(lane: Callable[[int], str]) -> str:
+    return tuple_text("Measured", [lane(s.MEASURED + i) for i in range(s.N_SEEN)])
+
+
+def _memory_lines(law: Law, lane: Callable[[int], str]) -> list[str]:
+    """A line that makes a law's memory of its rows, or at the start of its defaults; none without one."""
+    if "memory" not in law.arguments:
+        return []
+    starts = [repr(float(law.memory._field_defaults[field])) for field in law.memory._fields]
+    held = [f"{start} if tick == 0 else {lane(MEMORY + i)}" for i, start in enumerate(starts)]
+    return [f"memory = {tuple_text('Memory', held)}"]
+
+
+def _returned(law: Law, name: str) -> str:
+    """What a law's result is assigned to."""
+    return f"{name}, after" if "memory" in law.arguments else name
+
+
+def _keep_memory(law: Law, lane: Callable[[int], str]) -> list[str]:
+    """Lines that put a law's memory after the tick into its rows."""
+    fields = law.memory._fields if "memory" in law.arguments else ()
+    return [f"{lane(MEMORY + i)} = after.{field}" for i, field in enumerate(fields)]
+
+
 def _make_loop(law: Law, gains: tuple[str, ...], width: int, effectors: tuple[str, ...]) -> str:
     """The text of the loop over lanes; the number of lanes is a constant of it, so that it becomes vector code."""
     lane = functools.partial(lane_of, width)
     columns = [f"column[tick * {len(gains)} + {i}]" for i in range(len(gains))]
     designed = len(split_columns(gains)[0])
     settings = law.settings._fields if law.settings is not None else ()
-    memory = law.memory._fields if "memory" in law.arguments else ()
-    starts = [repr(float(law.memory._field_defaults[field])) for field in memory]
-    held = [f"{start} if tick == 0 else {lane(MEMORY + i)}" for i, start in enumerate(starts)]
     once = {
         "reference": REFERENCE_TEXT,
         "gains": tuple_text("Gains", columns[:designed]),
@@ -232,8 +297,7 @@ def _make_loop(law: Law, gains: tuple[str, ...], width: int, effectors: tuple[st
         "time": "tick * dt",
     }
     inside = {
-        "measured": tuple_text("Measured", [lane(s.MEASURED + i) for i in range(s.N_SEEN)]),
-        "memory": tuple_text("Memory", held),
+        "measured": _measured_text(lane),
         "onboard": nest(
             Onboard, map(lane, ONBOARD_ROWS), lambda kind, parts: tuple_text(kind.__name__, parts)
         ),
@@ -241,10 +305,9 @@ def _make_loop(law: Law, gains: tuple[str, ...], width: int, effectors: tuple[st
     before, lines = (
         [f"{name} = {of[name]}" for name in law.arguments if name in of] for of in (once, inside)
     )
-    lines.append(
-        f"{'command, after' if 'memory' in law.arguments else 'command'} = _law({', '.join(law.arguments)})"
-    )
-    lines += [f"{lane(MEMORY + i)} = after.{field}" for i, field in enumerate(memory)]
+    lines += _memory_lines(law, lane)
+    lines.append(f"{_returned(law, 'command')} = _law({', '.join(law.arguments)})")
+    lines += _keep_memory(law, lane)
     lines += [
         f"{lane(row)} = command.effectors[{i}]"
         for i, row in enumerate(effector_rows(law.source, effectors))

@@ -1,5 +1,6 @@
 """What a user law is given and what it gives back: named tuples of floats, SI and radians."""
 
+from collections import namedtuple
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
@@ -184,6 +185,56 @@ class Thrust(NamedTuple):
     moment_y: float = 0.0
     moment_z: float = 0.0
 
+
+class Motion(NamedTuple):
+    """The motion that custom dynamics are given, body axes.
+
+    Accelerations are those of all other forces at this moment: aerodynamics, thrust and, but for the angular ones,
+    gravity. What a part feels that is carried along is ``acceleration`` minus ``gravity``.
+    """
+
+    u: float  # m/s, velocity relative to the Earth
+    v: float
+    w: float
+    q0: float  # attitude, body to north-east-down
+    q1: float
+    q2: float
+    q3: float
+    roll_rate: float  # rad/s
+    pitch_rate: float
+    yaw_rate: float
+    mass: float  # kg
+    acceleration_x: float  # m/s2, of the centre of gravity
+    acceleration_y: float
+    acceleration_z: float
+    roll_acceleration: float  # rad/s2
+    pitch_acceleration: float
+    yaw_acceleration: float
+    gravity_x: float  # m/s2
+    gravity_y: float
+    gravity_z: float
+
+
+# What sensors feel of custom states: additions to the measured quantities, in their units.
+_N_MEASURED = len(Measured._fields)
+Sensed: Any = namedtuple("Sensed", Measured._fields, defaults=[*_N_MEASURED * [0.0]])  # type: ignore[misc]
+
+
+class Effect(NamedTuple):
+    """What custom dynamics return: rates in the order of the states; force (N) and moment (N m) in body axes.
+
+    They act at and about the centre of gravity.
+    """
+
+    rates: Any
+    force: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    moment: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    sensed: Any = Sensed()
+
+
+# What a filter gives a law of the program in place of the measurement; what is left out stays as it is measured.
+Filtered: Any = namedtuple("Filtered", Measured._fields, defaults=[*_N_MEASURED * [NOT_GIVEN]])  # type: ignore[misc]
+FILTER_ARGUMENTS = ("measured", "reference", "memory", "settings", "time", "dt")
 
 # Arguments that a law may name, and the rest, which its file defines.
 GIVEN = {"measured": Measured, "reference": Reference, "onboard": Onboard}

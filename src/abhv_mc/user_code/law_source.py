@@ -11,7 +11,8 @@ from abhv_mc.control.law_file import (
     UserController,
     find_files,
 )
-from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.io.documents import Document
+from abhv_mc.io.input_error import InputErrors, one_of
 from abhv_mc.io.input_files import read_input
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.user_code.c_source import describe_platform, find_compiler, interface, with_library
@@ -54,15 +55,15 @@ def read_law_source(controller: UserController) -> UserSource:
             "settings": controller.layout,
         }
     else:
-        _check_names(controller)
         recipe = {
             "law": "fmu",
             "file": names[0],
             "library": None,
-            "inputs": controller.inputs,
+            "inputs": controller.wired,
             "outputs": controller.outputs,
             "effectors": [name for name in controller.outputs if name not in COMMAND_FIELDS],
-            "params": controller.params,
+            "params": controller.starts,
+            "constants": controller.constants,
             "platform": describe_platform(),
             "settings": [],
         }
@@ -74,8 +75,10 @@ def read_law_source(controller: UserController) -> UserSource:
     return UserSource(json.dumps(recipe), str(paths[names[0]]), files)
 
 
-def _check_names(controller: FmuController) -> None:
-    for name, source in controller.inputs.items():
+def check_wiring(document: Document, controller: FmuController) -> None:
+    """Raise InputErrors, with their places, for sources of inputs that there are not, and for missing outputs."""
+    errors = []
+    for name, source in controller.wired.items():
         group, _, field = source.partition(".")
         known = (
             source == "time"
@@ -85,14 +88,14 @@ def _check_names(controller: FmuController) -> None:
         if not known:
             choices = [f"{each}.{entry}" for each, entries in _GROUPS.items() for entry in entries]
             found = f"'{source}' for the input '{name}'"
-            raise InputError(
-                controller.file, found, one_of([*choices, "gains.NAME", "time"], source)
-            )
+            expected = one_of([*choices, "gains.NAME", "time"], source)
+            errors.append(document.error(("inputs", name), found, expected))
     missing = [name for name in _NEEDED if name not in controller.outputs]
     if missing:
-        raise InputError(
-            controller.file, f"no output for {', '.join(missing)}", "all four controls"
-        )
+        found = f"no output for {', '.join(missing)}"
+        errors.append(document.key_error(("outputs",), found, "all four controls"))
+    if errors:
+        raise InputErrors(errors)
 
 
 def read_trusted_law(controller: UserController) -> UserSource:

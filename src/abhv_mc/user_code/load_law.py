@@ -13,7 +13,7 @@ from abhv_mc.io.input_error import InputError, Refusal, one_of
 from abhv_mc.io.units import parse_unit
 from abhv_mc.kernel.laws.user import MAX_MEMORY
 from abhv_mc.user_code.effector_commands import parse_law
-from abhv_mc.user_code.law_interface import ARGUMENTS, CLASSES, GIVEN
+from abhv_mc.user_code.law_interface import ARGUMENTS, CLASSES, FILTER_ARGUMENTS, GIVEN
 from abhv_mc.user_code.module import (
     CONTROLLER,
     ControllerMark,
@@ -52,12 +52,13 @@ def load_law(source: UserSource) -> Law:
             words = (
                 f"{len(found)} functions with @controller"
                 if found
-                else "no function with @controller"
+                else "no function with @controller or @measurement_filter"
             )
             raise InputError(source.file, words, "one: from abhv_mc.extend import controller")
         ((name, function),) = found.items()
         mark: ControllerMark = getattr(function, CONTROLLER)
-        arguments = module.check_arguments(name, ARGUMENTS)
+        known = FILTER_ARGUMENTS if mark.filters else ARGUMENTS
+        arguments = module.check_arguments(name, known)
         names = module.names.get
         defined = names("Memory"), names("Settings"), names("Commands"), names("design")
         law = Law(module, function, mark, arguments, *defined)
@@ -66,7 +67,7 @@ def load_law(source: UserSource) -> Law:
         _check_units(law, line)
         if mark.compiled:
             check_functions(module, name, texts_of(parse_law(source)))
-            _check_fields(law, name)
+            check_fields(module, name, _fields_of(law))
             _check_returns(law, name)
     return law
 
@@ -182,15 +183,19 @@ def _find_refused(node: ast.AST, names: dict[str, Any], local: set[str]) -> tupl
     return None
 
 
-def _check_fields(law: Law, name: str) -> None:
-    """Fields of the arguments that there are not."""
+def _fields_of(law: Law) -> dict[str, Any]:
+    """The classes of a law's arguments."""
     kinds: dict[str, Any] = {
         argument: kind for argument, kind in GIVEN.items() if argument in law.arguments
     }
-    kinds |= {
+    return kinds | {
         of: getattr(law, of) for of in ("memory", "settings", "commands") if of in law.arguments
     }
-    for node in _walk(law.module.texts[name]):
+
+
+def check_fields(module: Module, name: str, kinds: dict[str, Any]) -> None:
+    """Raise InputError for a field that an argument of a function does not have, by the class of each."""
+    for node in _walk(module.texts[name]):
         if (
             isinstance(node, ast.Attribute)
             and isinstance(node.value, ast.Name)
@@ -201,33 +206,30 @@ def _check_fields(law: Law, name: str) -> None:
                 place = node.lineno, (node.value.end_col_offset or 0) + 2
                 expected = one_of(known, node.attr)
                 raise InputError(
-                    law.source.file, f"{of}.{node.attr}, which there is not", expected, *place
+                    module.source.file, f"{of}.{node.attr}, which there is not", expected, *place
                 )
 
 
 def _check_returns(law: Law, name: str) -> None:
-    """Every way through the law returns a Command, and the memory where there is one."""
+    """Every way through the law returns a Command (a filter's Filtered), and the memory where there is one."""
     function, remembers = law.module.texts[name], "memory" in law.arguments
+    made = "Filtered" if law.mark.filters else "Command"
     wrong = [
         node
         for node in _walk(function)
-        if isinstance(node, ast.Return) and _is_wrong(node.value, remembers)
+        if isinstance(node, ast.Return) and _is_wrong(node.value, remembers, made)
     ]
     if wrong or not _always_returns(function.body):
         last = [*wrong, function.body[-1]][0]
-        expected = f"return Command(...){', Memory(...)' if remembers else ''}"
+        expected = f"return {made}(...){', Memory(...)' if remembers else ''}"
         found = f"'{ast.unparse(last):.60}'" if wrong else "a way through the law without 'return'"
         raise InputError(law.source.file, found, expected, last.lineno, last.col_offset + 1)
 
 
-def _is_wrong(value: ast.expr | None, remembers: bool) -> bool:
+def _is_wrong(value: ast.expr | None, remembers: bool, made: str) -> bool:
     if isinstance(value, ast.Tuple):
         return not remembers or len(value.elts) != 2
-    if (
-        isinstance(value, ast.Call)
-        and isinstance(value.func, ast.Name)
-        and value.func.id == "Command"
-    ):
+    if isinstance(value, ast.Call) and isinstance(value.func, ast.Name) and value.func.id == made:
         return remembers
     return value is None or isinstance(value, ast.Constant)
 

@@ -22,9 +22,10 @@ from abhv_mc.user_code.watch import watching
 
 _LONGEST = 600.0  # s that a file may run
 MODULE = "abhv_mc_own_"  # how the modules that are made of such files are called
-CONTROLLER, CHANNEL = (
+CONTROLLER, CHANNEL, DYNAMICS = (
     "_abhv_mc_controller",
     "_abhv_mc_channel",
+    "_abhv_mc_dynamics",
 )  # attributes that the decorators set
 
 
@@ -34,6 +35,7 @@ class ControllerMark:
 
     units: dict[str, str] = field(default_factory=dict)  # of settings
     compiled: bool = True
+    filters: bool = False  # a measurement, before a law of the program; it is no law itself
 
 
 @dataclass(frozen=True)

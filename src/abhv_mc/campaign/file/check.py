@@ -39,8 +39,9 @@ from abhv_mc.campaign.sampling.designs import (
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.samples import SampleFile, full_rows, read_sample_file
 from abhv_mc.control.mission import read_mission
-from abhv_mc.flight.channels import CHANNELS, effector_channels
+from abhv_mc.flight.channels import CHANNELS, Channel, effector_channels, state_channels
 from abhv_mc.flight.metrics import MARGINS, METRICS, Metric, effector_metrics
+from abhv_mc.flight.vehicle_parameters import read_vehicle_parameters
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import (
     Document,
@@ -125,7 +126,7 @@ def _check(document: Document, model: Campaign) -> Experiment:
     own = model if isinstance(model, SimulatorCampaign) else None
     if not own:
         check_kinds(document, model)
-    parameters = own.parameters if own else OURS
+    parameters, states = (own.parameters, ()) if own else read_vehicle_parameters(model.vehicle)
     marginals = _make_marginals(document, model, parameters, errors)
     sample_file = read_sample_file(model.sampling.path, parameters) if model.sampling.path else None
     names = sample_file.names if sample_file else tuple(model.dispersions)
@@ -139,8 +140,9 @@ def _check(document: Document, model: Campaign) -> Experiment:
         metrics = measured = {name: entry.record(name) for name, entry in own.metrics.items()}
     else:
         effectors = find_driven(model.vehicle, model.controllers.values())
-        declared = _declare_metrics(document, model, user_channels, effectors, errors)
-        _check_channels(document, model, effectors, errors)
+        declared = _declare_metrics(document, model, user_channels, effectors, states, errors)
+        own_channels = *effector_channels(effectors), *state_channels(states)
+        _check_channels(document, model, own_channels, errors)
         metrics = {metric.name: metric for metric in (*METRICS, *declared)}
         measured = metrics | {metric.name: metric for metric in MARGINS}
     channels = own.returned_channels if own else (*CHANNELS, *effector_channels(effectors))
@@ -189,6 +191,7 @@ def _check(document: Document, model: Campaign) -> Experiment:
         declared,
         user_channels,
         effectors,
+        states,
         derived=derived,
         unknowns=unknowns,
         parameters=parameters,
@@ -356,6 +359,7 @@ def _declare_metrics(
     model: Campaign,
     user_channels: Sequence[tuple[str, str]],
     effectors: tuple[str, ...],
+    states: tuple[tuple[str, str], ...],
     errors: list[InputError],
 ) -> tuple[Metric, ...]:
     """The records of the campaign's own metrics; no file of channels is run."""
@@ -369,15 +373,18 @@ def _declare_metrics(
         if any(entry.phase for entry in entries.values())
         else {}
     )
-    own = declare_metrics(entries, user_channels, of, place, errors, windows, effectors)
+    own = declare_metrics(entries, user_channels, of, place, errors, windows, effectors, states)
     return (*effector_metrics(effectors), *own)
 
 
 def _check_channels(
-    document: Document, model: Campaign, effectors: tuple[str, ...], errors: list[InputError]
+    document: Document,
+    model: Campaign,
+    own_channels: tuple[Channel, ...],
+    errors: list[InputError],
 ) -> None:
     """That kept histories can hold what they are to: channels of effectors are those of the campaign's vehicle."""
-    known = [ALL, *(channel.name for channel in (*CHANNELS, *effector_channels(effectors)))]
+    known = [ALL, *(channel.name for channel in (*CHANNELS, *own_channels))]
     for name in model.keep.histories.channels:
         if name not in known:
             errors.append(

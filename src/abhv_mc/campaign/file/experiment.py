@@ -85,6 +85,7 @@ class Experiment:
     declared: tuple[Metric, ...] = ()
     user_sources: tuple[tuple[str, str], ...] = ()  # name and unit of the channels of its own file
     effectors: tuple[str, ...] = ()  # of its vehicle, where they have actuators
+    states: tuple[tuple[str, str], ...] = ()  # names and units of its vehicle's custom states
     systems: Mapping[str, System] = field(
         default_factory=dict
     )  # by controller, where they are ready to fly

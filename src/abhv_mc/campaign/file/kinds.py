@@ -84,7 +84,7 @@ def find_references(path: Path, seen: frozenset[Path] = frozenset()) -> Iterator
 def _named_files(value: Any) -> Iterator[str]:
     """What stands at the one key that names a file in the files that a campaign refers to; text elsewhere is text."""
     for key, inner in value.items() if isinstance(value, dict) else ():
-        if key in ("file", "python") and isinstance(inner, str):
+        if key in ("file", "python", "around") and isinstance(inner, str):
             yield inner
     for inner in (
         value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()

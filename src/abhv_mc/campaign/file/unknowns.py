@@ -58,7 +58,8 @@ class MostFailures(StrictModel):
     controller: str = Field(description="whose search")
     requirement: Count = Field(description="number of the requirement, from 0")
     point: Count = Field(description="number of the point, from 0")
-    failures: Count = Field(description=f"of {SEARCH_FLIGHTS} flights")
+    failures: Count = Field(description="of the flights of the search at the point")
+    flights: Count = Field(SEARCH_FLIGHTS, description="of the search at each value that was tried")
     tried: Count = Field(description="how many values were tried")
 
 
@@ -142,11 +143,11 @@ class Unknowns:
     def _most_words(self, entry: MostFailures, verdict: Verdict) -> str:
         text = f"of {entry.tried} values tried "
         if entry.failures:
-            text += f"the most failures were {entry.failures} of {SEARCH_FLIGHTS} at "
+            text += f"the most failures were {entry.failures} of {entry.flights} at "
         else:
-            text += f"none failed in {SEARCH_FLIGHTS} flights; nearest to the limit came "
+            text += f"none failed in {entry.flights} flights; nearest to the limit came "
         text += f"{self.words(entry.point)}, there {verdict.failures:,} of {verdict.flights:,} flights failed"
-        factor = showing_factor(verdict.probability)
+        factor = showing_factor(verdict.probability, entry.flights)
         if factor <= 1.0:
             return text
         return (
@@ -160,8 +161,12 @@ def points_entry(
     chosen: JudgedPoints,
     controllers: Sequence[str],
     searches: Sequence[Search],
+    flights: int,
 ) -> dict[str, object]:
-    """Return the file's `points` from those chosen in the box and the search of each controller."""
+    """Return the file's `points` from those chosen in the box and the search of each controller.
+
+    ``flights`` is their number at each point that was tried.
+    """
     values = unknowns.values(chosen.points)
     entry: dict[str, object] = {
         "tried": len(np.unique(np.vstack([search.points for search in searches]), axis=0))
@@ -177,6 +182,7 @@ def points_entry(
                 "requirement": most.requirement,
                 "point": most.point,
                 "failures": most.failures,
+                **({} if flights == SEARCH_FLIGHTS else {"flights": flights}),
                 "tried": len(searches[most.search].points),
             }
             for most in chosen.most_failures

@@ -141,9 +141,10 @@ def declare_metrics(
     errors: list[InputError],
     windows: Mapping[str, tuple[float, float]],
     effectors: tuple[str, ...] = (),
+    states: tuple[tuple[str, str], ...] = (),
 ) -> tuple[Metric, ...]:
     """Records of a campaign's metrics; what is wrong is added to ``errors``. ``effectors``: those with actuators."""
-    known = known_sources(pack_sources(user_channels), effectors)
+    known = known_sources(pack_sources(user_channels), effectors, states)
     taken = _TAKEN | {metric.name for metric in effector_metrics(effectors)}
     if len(entries) > MAX_DECLARED:
         errors.append(

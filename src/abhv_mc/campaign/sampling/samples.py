@@ -68,7 +68,7 @@ def drawn_samples(
 
 def find_seeds(names: Sequence[str], parameters: Parameters = OURS) -> tuple[str, ...]:
     """The seeds that flights need beside columns of these names; all of a user's simulator."""
-    if parameters is not OURS:
+    if not parameters.has_program:
         return tuple(record.name for record in parameters.records if record.seed)
     there = {
         *names,

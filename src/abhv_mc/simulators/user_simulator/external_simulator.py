@@ -2,7 +2,8 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,8 +20,9 @@ from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc.io.input_files import read_input
 from abhv_mc.simulators.campaign_code import check_user_code
 from abhv_mc.simulators.feasibility import asked_in_vain
+from abhv_mc.simulators.user_simulator.native_reads import find_native_reads
 from abhv_mc.simulators.user_simulator.process import LostFlightError, Process
-from abhv_mc.simulators.user_simulator.process_pool import end_processes
+from abhv_mc.simulators.user_simulator.process_pool import current_pool, end_processes
 from abhv_mc.simulators.user_simulator.user_flights import fly_user_simulator, seconds_of_a_flight
 from abhv_mc.simulators.user_simulator.user_plan import UserPlan
 from abhv_mc.user_code.source import UserSource
@@ -148,6 +150,21 @@ class ExternalSimulator:
 
     def time_of_flight(self, plans: Sequence[UserPlan]) -> float | None:
         return seconds_of_a_flight(plans)
+
+    def prove(self, plan: UserPlan, check: int = 0) -> UserPlan:
+        return replace(plan, check=check, is_proven=True)
+
+    def describe_events(self, system: str, events: Mapping[str, int]) -> list[str]:
+        if not events.get("surplus"):
+            return []
+        return [
+            f"'{system}' wrote lines that answer no request. Flights whose answers could belong to"
+            " others were computed again one by one; a flight that answered twice failed to run"
+        ]
+
+    def find_undeclared_reads(self, plan: UserPlan, since: float) -> Iterable[str]:
+        numbers = [process.number for process in list(current_pool().all) if process.number]
+        return find_native_reads(numbers, plan, since)
 
     def describe_end(self, system: str, row: Floats, outcome: int) -> str:
         ends = self.outcomes

@@ -6,14 +6,13 @@ An answer is accepted only if it belongs to its request.
 import sys
 import time
 from collections import Counter, defaultdict, deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, Recording
 from abhv_mc.io.input_error import is_exhausted
@@ -46,11 +45,6 @@ _records: dict[object, _Record] = defaultdict(_Record)
 _told: set[str] = set()  # reasons that were said already
 
 
-def process_ids() -> list[int]:
-    """Return the numbers of the processes that wait or simulate."""
-    return [process.number for process in list(current_pool().all) if process.number]
-
-
 def seconds_of_a_flight(plans: Iterable[Any]) -> float:
     """Mean time of the flights flown last, of the slowest of some systems, s; 0 before any."""
     return max(_records[plan.system].seconds for plan in plans)
@@ -61,27 +55,6 @@ def note_surplus(plan: UserPlan, flights: int, surplus: int) -> None:
     record = _records[plan.system]
     record.flights += flights
     record.surplus += surplus
-
-
-def prove_blocks(campaign: Experiment) -> Experiment:
-    """Return the campaign with a proof of silence after each block of a user's program."""
-    systems = {
-        name: system._replace(plan=replace(cast("Any", system.plan), is_proven=True))
-        if isinstance(system.plan, UserPlan)
-        else system
-        for name, system in campaign.systems.items()
-    }
-    return replace(campaign, systems=systems)
-
-
-def describe_events(system: str, events: Mapping[str, int]) -> list[str]:
-    """Return warnings about the events of a system's flights (:attr:`FlightBlock.events`)."""
-    if not events.get("surplus"):
-        return []
-    return [
-        f"'{system}' wrote lines that answer no request. Flights whose answers could belong to"
-        " others were computed again one by one; a flight that answered twice failed to run"
-    ]
 
 
 def with_surplus(plan: UserPlan) -> UserPlan:

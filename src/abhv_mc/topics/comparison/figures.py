@@ -84,7 +84,7 @@ def plot_error_against_usage(
 ) -> Figure:
     """Each flight as a point: how far it strayed against how much it moved its surfaces; medians marked large."""
     columns = min(_TRADES, len(trades))
-    figure, grid = new_panels(len(trades), columns, 2.0, between=(0.68, 0.3), top=0.12, sharex=True)
+    figure, grid = new_panels(len(trades), columns, 1.6, between=(0.68, 0.3), top=0.14, sharex=True)
     for axes, trade in zip(grid.flat, trades, strict=False):
         for i, (name, errors) in enumerate(trade.errors.items()):
             x, y = usage[name], errors
@@ -93,12 +93,19 @@ def plot_error_against_usage(
                 continue
             marker = MARKERS[i % len(MARKERS)]
             few = keep[:: max(1, keep.size // _MOST_POINTS)]
-            small = {"markersize": 1.6, "alpha": 0.35, "markeredgewidth": 0, "rasterized": True}
+            on_top = 1.0 - i / len(trade.errors)  # the first is the subject
+            small = {
+                "markersize": 1.6,
+                "alpha": 0.35,
+                "markeredgewidth": 0,
+                "rasterized": True,
+                "zorder": 2.0 + on_top,
+            }
             large = {
                 "markersize": 7,
                 "markeredgecolor": "white",
                 "label": labels[name],
-                "zorder": 5,
+                "zorder": 5.0 + on_top,
             }
             axes.plot(x[few], y[few], marker, color=colors[name], **small)
             axes.plot(np.median(x[keep]), np.median(y[keep]), marker, color=colors[name], **large)

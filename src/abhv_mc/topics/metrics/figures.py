@@ -40,7 +40,7 @@ def plot_distributions(
     """Share of flights at or below each value, one panel a metric, one line a controller."""
     columns = 3 if len(spreads) > 4 else 2
     figure, grid = new_panels(
-        len(spreads), columns, 1.2, between=(0.25, 0.55), top=0.12, sharey=True
+        len(spreads), columns, 1.05, between=(0.25, 0.68), top=0.16, sharey=True
     )
     for axes, spread in zip(grid.flat, spreads, strict=False):
         for i, (name, values) in enumerate(spread.values.items()):
@@ -48,6 +48,7 @@ def plot_distributions(
                 "color": colors[name],
                 "linestyle": DASHES[i % len(DASHES)],
                 "label": labels[name],
+                "zorder": 3.0 - i / len(labels),  # the first, the subject, on top
             }
             axes.step(*distribution_steps(values), where="post", **look)
         if log_if_wide(axes, "x", list(spread.values.values())):
