@@ -18,6 +18,7 @@ from abhv_mc.campaign.sampling.marginals import (
 )
 from abhv_mc.campaign.sampling.samples import draw_seeds, full_rows
 from abhv_mc.io.documents import InputError
+from abhv_mc.plant.parameters import OURS, Parameters
 
 _SMALLEST = 2.0**-53
 _TRIED, _FEWEST_INSIDE = 65536, 10  # random flights
@@ -36,6 +37,7 @@ class Space:
     marginals: tuple[Marginal, ...]
     copula: Copula
     derived: Derived
+    parameters: Parameters = OURS  # in the order of full rows
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -131,7 +133,7 @@ class Space:
 
     def rows(self, values: Floats) -> Floats:
         """Return full rows [flight, parameter] of values in the order of :attr:`columns`."""
-        return full_rows(self.columns, values, self.derived)
+        return full_rows(self.columns, values, self.derived, self.parameters)
 
     def complete(self, values: Floats, seed: int, first: int | None) -> Floats:
         """Return values with columns of seeds: of flights from `first` on, or one if None."""
@@ -186,4 +188,5 @@ def make_space(campaign: Experiment, with_unknowns: bool = False) -> Space:
             ("correlations",), "a seed that is correlated", "seeds that belong to themselves"
         )
     copula = Copula(tuple(names.index(name) for name in chosen), campaign.copula.factor)
-    return Space(names, seeds, tuple(marginals[name] for name in names), copula, campaign.derived)
+    chosen_marginals = tuple(marginals[name] for name in names)
+    return Space(names, seeds, chosen_marginals, copula, campaign.derived, campaign.parameters)
