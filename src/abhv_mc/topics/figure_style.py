@@ -112,8 +112,8 @@ def new_panels(
 
     Heights are in inches. ``row_height`` is that of axes, ``top`` the space for titles, and
     ``between`` the space beside and below axes; labels and legend have space left of and below all.
-    The layout is fixed, because measuring text takes as long as drawing. Panels are ``lettered`` unless they are a matrix. ``shared`` goes to
-    :meth:`Figure.subplots`.
+    The layout is fixed, because measuring text takes as long as drawing. Panels are ``lettered``
+    unless they are a matrix. ``shared`` goes to :meth:`Figure.subplots`.
     """
     rows = -(-count // columns)
     left, bottom, right = 0.68, 0.72, 0.12
