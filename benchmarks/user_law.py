@@ -40,7 +40,7 @@ files = configs / "vehicle" / "ghame_x.yaml", configs / "mission" / "s_manoeuvre
 built_in = prepare(*files, configs / "control" / "lqr.yaml", "lqr")
 entries = {name: MetricEntry(**entry) for name, entry in METRICS.items()}
 declared = pack_metrics(
-    declare_metrics(entries, (), Document("-", {}, {(): (1, 1)}, {}), (), [], {})
+    declare_metrics(entries, (), Document("-", {}, {(): (1, 1)}, {}), (), [], windows={})
 )
 plans = {
     "built-in LQR": built_in,

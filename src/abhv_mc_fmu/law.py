@@ -294,7 +294,14 @@ def open_fmu(
     recipe: Any = source.recipe
     rows = tuple(zip(find_commanded(source), effector_rows(source, effectors), strict=True))
     loop = compile_fmu_adapter(
-        fmu.version, fmu.inputs, fmu.outputs, fmu.params, gains, width, memory, rows
+        fmu.version,
+        fmu.inputs,
+        fmu.outputs,
+        fmu.params,
+        gains,
+        width=width,
+        remade=memory,
+        effectors=rows,
     )
     instances = np.array([fmu.instantiate() for _ in range(places)], np.int64)
     if not instances.all():

@@ -19,7 +19,7 @@ FLAGS = 8  # numbers' room for what a step of FMI 3.0 says
 
 FLOAT = "Float64"
 _INTEGERS = {f"{sign}Int{bits}": (not sign, bits) for sign in ("", "U") for bits in (8, 16, 32, 64)}
-_NAMES = {
+NAMES = {  # in the texts of these
     "floor": math.floor,
     "int64": np.int64,
     "int32": np.int32,
@@ -38,32 +38,37 @@ class Wire(NamedTuple):
     kind: str = FLOAT  # of FMI 3.0; Boolean1 and Boolean4 by their bytes
 
 
-def _encode(kind: str, value: str) -> str:
-    """The text of the integer whose low bytes hold a value of a kind."""
-    if kind.startswith("Boolean"):
-        return f"(1 if {value} != 0.0 else 0)"
-    if kind == "Float32":
-        return f"(int64(float32({value}).view(int32)) & 0xFFFFFFFF)"
+def _ends(kind: str) -> tuple[float, float]:
+    """The least and the greatest integer of a kind that is passed in a signed integer of 64 bits."""
     signed, bits = _INTEGERS[kind]
-    low, high = (-(2 ** (bits - 1)), 2 ** (bits - 1)) if signed else (0, 2**bits)
-    most = float(min(high, 2**63 - 1024) - (bits < 63))
-    return f"int64(floor(min(max({value}, {float(low)!r}), {most!r}) + 0.5))"
+    if bits == 64:
+        return (-(2.0**63) if signed else 0.0), 2.0**63 - 1024.0
+    return (-(2.0 ** (bits - 1)), 2.0 ** (bits - 1) - 1.0) if signed else (0.0, 2.0**bits - 1.0)
 
 
 def pack(kind: str, value: float) -> int:
     """The integer whose low bytes hold a value of a kind; 0 for 64-bit floats."""
     if kind == FLOAT:
         return 0
-    return int(eval(_encode(kind, "value"), {**_NAMES, "value": value}))  # noqa: S307  own text
+    if kind.startswith("Boolean"):
+        return int(value != 0.0)
+    if kind == "Float32":
+        return int(np.float32(value).view(np.uint32))
+    low, high = _ends(kind)
+    return math.floor(min(max(value, low), high) + 0.5)
 
 
-def unpack(kind: str, bits: int) -> float:
-    """The value of a kind that an integer's low bytes hold."""
-    text = _decode(kind, "bits")
-    return float(eval(text, {**_NAMES, "bits": np.int64(bits)}))  # noqa: S307
+def encode(kind: str, value: str) -> str:
+    """The text of what :func:`pack` computes."""
+    if kind.startswith("Boolean"):
+        return f"(1 if {value} != 0.0 else 0)"
+    if kind == "Float32":
+        return f"(int64(float32({value}).view(int32)) & 0xFFFFFFFF)"
+    low, high = _ends(kind)
+    return f"int64(floor(min(max({value}, {low!r}), {high!r}) + 0.5))"
 
 
-def _decode(kind: str, bits: str) -> str:
+def decode(kind: str, bits: str) -> str:
     """The text of the float that the low bytes of an integer are in a kind."""
     if kind.startswith("Boolean"):
         return f"(1.0 if ({bits} & {2 ** (8 * int(kind[7:])) - 1}) != 0 else 0.0)"
@@ -84,6 +89,7 @@ def compile_fmu_adapter(
     outputs: tuple[Wire, ...],
     params: tuple[Wire, ...],
     gains: tuple[str, ...],
+    *,
     width: int,
     remade: int | None,
     effectors: tuple[tuple[str, int], ...] = (),
@@ -152,12 +158,12 @@ def compile_fmu_adapter(
         fill += [
             f"number_in = {to_fmu(wire)}",
             "total += number_in",
-            f"slots[{typed.index(wire)}] = bits_float({_encode(wire.kind, 'number_in')})",
+            f"slots[{typed.index(wire)}] = bits_float({encode(wire.kind, 'number_in')})",
         ]
     read = [call_typed(wire) for wire in typed_out]
     for i, wire in enumerate(typed_out, n_floats):
         bits = f"float_bits(slots[{typed.index(wire)}])"
-        read.append(f"out[{i}] = {_decode(wire.kind, bits)}")
+        read.append(f"out[{i}] = {decode(wire.kind, bits)}")
     rows = [at(MEMORY + i) for i in range(remade or 0)]
     timing = "(instance, no, 0.0, time, no, 0.0)"
     put_inputs = call("put", "inputs", n_inputs, 8 * n_params)
@@ -211,7 +217,7 @@ if failed <= 1:
 {indent(0, keep)}"""
     names: dict[str, Any] = {"float_bits": float_bits, "yes": np.int32(1), "no": np.int32(0)}
     if typed:
-        names |= {**_NAMES, "bits_float": bits_float}
+        names |= {**NAMES, "bits_float": bits_float}
     texts = {row: from_fmu(field) for field, row in written.items()}
     place = (14, "context[13]") if remade is None else None
     return build_native(width, before, each, "failed > 1", n_outputs, texts, place, names)

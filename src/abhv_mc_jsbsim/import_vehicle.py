@@ -96,7 +96,9 @@ def import_jsbsim(path: Path, folder: Path) -> Imported:
     angles = _rising_lift(module, aerodynamics)
     texts = {
         _MODULE: module,
-        _VEHICLE: _write_vehicle(path, aerodynamics, mass, center, known, angles, left_out),
+        _VEHICLE: _write_vehicle(
+            path, aerodynamics, mass, center, known, angles=angles, left_out=left_out
+        ),
     }
     paths, kept = write_unless_edited(folder, texts)
     return Imported(tuple(paths), left_out, tuple(aerodynamics.settings), kept)
@@ -232,6 +234,7 @@ def _write_vehicle(
     mass: Mass,
     center: Floats,
     known: dict[str, float],
+    *,
     angles: tuple[float, float],
     left_out: Sequence[str],
 ) -> str:

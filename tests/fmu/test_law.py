@@ -1,6 +1,7 @@
 """A law as an FMU of FMI 2.0 and 3.0 flies as the program's own law, resets between flights and leaks nothing."""
 
 import shutil
+import struct
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from abhv_mc.stability.linearize import linearize
 from abhv_mc.stability.points import flown_points
 from abhv_mc.stability.probe import law_memory_rows
 from abhv_mc.user_code.child import in_child
-from abhv_mc_fmu.loop import pack, unpack
+from abhv_mc_fmu.loop import NAMES, decode, encode, pack
 
 
 @pytest.fixture
@@ -120,23 +121,35 @@ def test_other_kinds_of_numbers_and_constants_are_wired(make, tmp_path, version)
     assert (flown("1.0", stage="2").outcome == Outcome.LAW_FAILED).all()
 
 
-def test_numbers_of_each_kind_keep_their_value():
-    for kind, values in {
-        "Boolean1": [0.0, 1.0],
-        "Boolean4": [0.0, 1.0],
-        "Int8": [-128.0, 127.0, -3.0],
-        "UInt8": [0.0, 255.0],
-        "Int16": [-32768.0, 32767.0],
-        "UInt16": [65535.0],
-        "Int32": [-(2.0**31), 2.0**31 - 1.0],
-        "UInt32": [2.0**32 - 1.0],
-        "Int64": [-(2.0**53), 2.0**53],
-        "UInt64": [2.0**53],
-        "Float32": [0.5, -1.25, float(np.float32(0.1))],
-    }.items():
-        for value in values:
-            assert unpack(kind, pack(kind, value)) == value, kind
-    assert pack("Int8", 1e9) == 127 and pack("UInt16", -1e9) == 0 and pack("Int8", 2.5) == 3
+@pytest.mark.parametrize(
+    ("kind", "form", "values"),
+    [
+        ("Boolean1", "?", [0.0, 1.0]),
+        ("Boolean4", "i", [0.0, 1.0]),
+        ("Int8", "b", [-128.0, 127.0, -3.0]),
+        ("UInt8", "B", [0.0, 255.0]),
+        ("Int16", "h", [-32768.0, 32767.0]),
+        ("UInt16", "H", [65535.0]),
+        ("Int32", "i", [-(2.0**31), 2.0**31 - 1.0]),
+        ("UInt32", "I", [2.0**32 - 1.0]),
+        ("Int64", "q", [-(2.0**53), 2.0**53]),
+        ("UInt64", "Q", [2.0**53]),
+        ("Float32", "f", [0.5, -1.25, float(np.float32(0.1))]),
+    ],
+)
+def test_numbers_of_each_kind_lie_in_the_low_bytes(kind, form, values):
+    for value in values:
+        bits = pack(kind, value)
+        low = struct.pack("<q", bits)[: struct.calcsize(form)]
+        assert struct.unpack(f"<{form}", low)[0] == value
+        names = {**NAMES, "value": value, "bits": np.int64(bits)}
+        assert eval(encode(kind, "value"), names) == bits  # noqa: S307  own text
+        assert eval(decode(kind, "bits"), names) == value  # noqa: S307
+
+
+def test_integers_are_rounded_and_held_in_their_range():
+    assert [pack("Int8", value) for value in (1e9, -1e9, 2.5, -0.6)] == [127, -128, 3, -1]
+    assert pack("UInt16", -1e9) == 0
 
 
 def test_an_error_of_a_step_ends_the_flight(make):

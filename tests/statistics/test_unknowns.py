@@ -1,4 +1,4 @@
-"""Verdicts over unknowns: the points, the search, the rule, and its risk by a reduced simulation."""
+"""Verdicts over unknowns: points, search, rule, and risk by a reduced simulation."""
 
 from itertools import combinations
 
@@ -24,15 +24,15 @@ AT = 0.9973, 0.10
 
 @pytest.mark.parametrize("unknowns", [1, 4, 7, 8, 11, 64])
 def test_corners_are_full_or_of_resolution_four(unknowns):
-    found = corners(unknowns)
-    assert found.shape == (2 ** min(unknowns, 7), unknowns)
+    points = corners(unknowns)
+    assert points.shape == (2 ** min(unknowns, 7), unknowns)
     assert np.array_equal(
-        found.T @ found, len(found) * np.eye(unknowns)
+        points.T @ points, len(points) * np.eye(unknowns)
     )  # balanced, and no effect hides another
-    rows = set(map(tuple, found))
-    assert len(rows) == len(found) and all(tuple(-row) in rows for row in found)
+    rows = set(map(tuple, points))
+    assert len(rows) == len(points) and all(tuple(-row) in rows for row in points)
     for i, j in combinations(range(unknowns), 2):  # nor does a product of two
-        assert not np.any((found[:, i] * found[:, j]) @ found)
+        assert not np.any((points[:, i] * points[:, j]) @ points)
 
 
 def quadratic(*peaks):
@@ -125,13 +125,13 @@ def test_a_value_shows_where_two_failures_are_expected():
 )
 def test_verdict_over_points(failures, uncomputed, status):
     flights = 1000
-    each = [
+    verdicts = [
         judge(k, flights, *AT, uncomputed=uncomputed if k == max(failures) else 0) for k in failures
     ]
-    found, worst = judge_points(each)
-    assert found.status == status
-    assert worst == (1 if max(failures) else 0) and found.failures == max(failures) + uncomputed
-    assert found.E_fail == pytest.approx(sum(one.E_fail for one in each) / 3)
+    joint, worst = judge_points(verdicts)
+    assert joint.status == status
+    assert worst == (1 if max(failures) else 0) and joint.failures == max(failures) + uncomputed
+    assert joint.E_fail == pytest.approx(sum(verdict.E_fail for verdict in verdicts) / 3)
 
 
 @pytest.mark.parametrize(

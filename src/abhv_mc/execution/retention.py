@@ -92,6 +92,7 @@ def write_kept_histories(
     expected: Sequence[HistoryFile],
     samples: SampleReader,
     fly: Fly,
+    *,
     workers: int,
     hashes: FileHashes,
 ) -> list[str]:
@@ -118,7 +119,12 @@ def write_kept_histories(
             ]
             metadata = {KEY: "incomplete" if lost.any() else file.product.key}
             of = file.product.path, file.controller, file.flights, block.times, block.history
-            write_histories(*of, campaign.kept_channels, metadata, campaign.channels)
+            write_histories(
+                *of,
+                channels=campaign.kept_channels,
+                metadata=metadata,
+                known=campaign.channels,
+            )
             progress.add(len(file.flights))
     for path in set(folder.histories.glob("*.parquet")) - {file.product.path for file in expected}:
         path.unlink()

@@ -251,7 +251,7 @@ class _Run:
         recorded = self.recording if block.envelope else None
         margins = block.rows and block.first < self.with_margins
         return block, simulate(
-            self.campaign, block.controller, samples, recorded, self.fly, margins
+            self.campaign, block.controller, samples, recorded, self.fly, margins=margins
         )
 
     def _keep(self, block: Block, flown: FlightBlock) -> None:
@@ -355,8 +355,8 @@ class _Run:
                 histories,
                 self.samples,
                 self.fly,
-                self.workers,
-                self.files,
+                workers=self.workers,
+                hashes=self.files,
             )
         except (ArithmeticError, LookupError, TypeError, ValueError) as error:
             failed = [f"not all histories are kept ({type(error).__name__}: {error})"]

@@ -300,8 +300,15 @@ def _write_samples(folder: CampaignFolder, campaign: Experiment) -> None:
     source = campaign.make_samples()
     provenance = {"seed": str(campaign.model.seed), "design": campaign.model.sampling.design}
     provenance[KEY] = Products(folder, (), campaign.runs).samples.key
-    more = provenance, len(campaign.unknowns.points), campaign.parameters
-    write_samples(folder.samples, source.names, campaign.runs, source.draw, *more)
+    write_samples(
+        folder.samples,
+        source.names,
+        campaign.runs,
+        source.draw,
+        provenance,
+        points=len(campaign.unknowns.points),
+        table=campaign.parameters,
+    )
 
 
 def _check_drawn(folder: CampaignFolder, campaign: Experiment) -> None:

@@ -223,6 +223,8 @@ class _StartPoint:
         Z[s.ANGULAR_ACCELERATION + 1] = -push[2] / float(fixed["inertia_yy"][0])
         Z[s.GRAVITY : s.GRAVITY + 3] = np.array(gravity)[:, None]
         Z[s.CUSTOM_STAGE : s.CUSTOM_STAGE + self.states] = states[:, None]
-        call_loop(self.loop, Z, self.vehicle.foreign.settings)
+        settings = self.vehicle.foreign.settings
+        Z[s.SETTING : s.SETTING + settings.size] = settings[:, None]
+        call_loop(self.loop, Z, settings)
         made = Z[[s.CUSTOM_FORCE, s.CUSTOM_FORCE + 2, s.CUSTOM_MOMENT + 1], 0]
         return Z[s.CUSTOM_RATE : s.CUSTOM_RATE + self.states, 0].copy(), made

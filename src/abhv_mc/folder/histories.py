@@ -39,6 +39,7 @@ def write_histories(
     flights: Sequence[int],
     times: Floats,
     history: NDArray[np.float32],
+    *,
     channels: Sequence[str],
     metadata: dict[str, str] | None = None,
     known: Sequence[Signal] = CHANNELS,
@@ -154,6 +155,7 @@ def write_envelopes(
     channels: Sequence[str],
     tables: dict[str, EnvelopeTable],
     flights: int,
+    *,
     points: int = 1,
     key: str = "",
 ) -> None:

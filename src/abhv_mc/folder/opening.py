@@ -72,6 +72,7 @@ def grow_folder(
     merged: FolderInputs,
     plans: Mapping[str, Plan],
     products: Products,
+    *,
     longer: bool,
 ) -> Manifest:
     """Make room for more flights (``longer``), for the controllers of ``plans``, or for another order of controllers;

@@ -10,7 +10,6 @@ from abhv_mc.array_types import Floats
 from abhv_mc.blas_threads import one_blas_thread
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.samples import full_rows
-from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.input_error import InputError
 from abhv_mc.simulators.margin_plans import make_steady
@@ -31,9 +30,9 @@ def make_corners(campaign: Experiment) -> Floats:
     else:
         sides = np.random.default_rng(campaign.model.seed).integers(0, 2, (_SOME, count))
     values = ends[np.arange(count), sides]
-    nominal = nominal_parameters()
+    nominal, known = campaign.parameters.nominal[None], campaign.parameters
     return (
-        np.vstack([nominal, full_rows(campaign.names, values, campaign.derived)])
+        np.vstack([nominal, full_rows(campaign.names, values, campaign.derived, known)])
         if count
         else nominal
     )

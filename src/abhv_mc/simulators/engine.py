@@ -43,6 +43,7 @@ def simulate(
     rows: Floats,
     recording: Recorded = None,
     executor: Fly | None = None,
+    *,
     margins: bool = False,
 ) -> FlightBlock:
     """Simulate ``rows`` [flight, input] in SI, in the columns of ``experiment.inputs``.

@@ -61,7 +61,7 @@ def values_of(campaign: Experiment, name: str) -> Floats:
         return np.array([campaign.unknowns.low[index], campaign.unknowns.high[index]])
     if name not in campaign.names:
         rows = campaign.rows(campaign.make_samples().draw(0, min(campaign.runs, _FIRST)))
-        return rows[:, PARAMETER_INDEX[name]]
+        return rows[:, campaign.parameters.index[name]]
     if campaign.sample_file is not None:
         return campaign.sample_file.values[:, campaign.names.index(name)]
     marginal = campaign.marginals[name]

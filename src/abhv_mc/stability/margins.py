@@ -182,7 +182,7 @@ def eigenvalues(matrices: Complexes) -> Complexes:
 
 
 def largest(size: Quantity, grid: Floats, values: Floats) -> Floats:
-    """Return the peak over frequency [row] of a size with `values` [row, frequency] on the grid."""
+    """Return the peak [row] over frequency of a size; `values` [row, frequency] on the grid."""
     return refine_peaks(size, grid, values.argmax(axis=1), values.max(axis=1))[0]
 
 

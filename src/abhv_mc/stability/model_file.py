@@ -68,20 +68,28 @@ def make_model(plan: FlightPlan, points: Points, linear: Linear) -> dict[str, An
     ) | {
         "period_s": linear.period,
         "measurement_delay_periods": d,
-        "plant_continuous": _part(A, B, C, none, plant, commands, truth),
-        "plant": _part(linear.A[0], linear.B[0], C, none, plant, commands, truth),
+        "plant_continuous": _part(A, B, C, none, plant, inputs=commands, outputs=truth),
+        "plant": _part(linear.A[0], linear.B[0], C, none, plant, inputs=commands, outputs=truth),
         "law": _part(
             linear.law_A[0],
             linear.law_B[0],
             linear.law_C[0],
             linear.law_D[0],
             memory,
-            truth,
-            commands,
+            inputs=truth,
+            outputs=commands,
         ),
-        "loop": _part(loop_A, loop_B, loop_C, np.zeros((k, k)), states, commands, commands),
+        "loop": _part(
+            loop_A, loop_B, loop_C, np.zeros((k, k)), states, inputs=commands, outputs=commands
+        ),
         "closed": _part(
-            closed_loop(linear, 0), loop_B, closed_C, no_feedthrough, states, commands, both
+            closed_loop(linear, 0),
+            loop_B,
+            closed_C,
+            no_feedthrough,
+            states,
+            inputs=commands,
+            outputs=both,
         ),
         "point": {
             "states": np.concatenate(
@@ -105,7 +113,7 @@ class _Named(NamedTuple):
 
 
 def _part(
-    A: Floats, B: Floats, C: Floats, D: Floats, states: _Named, inputs: _Named, outputs: _Named
+    A: Floats, B: Floats, C: Floats, D: Floats, states: _Named, *, inputs: _Named, outputs: _Named
 ) -> dict[str, Any]:
     signals = {"state": states, "input": inputs, "output": outputs}
     named = {f"{kind}s": list(signal.names) for kind, signal in signals.items()}

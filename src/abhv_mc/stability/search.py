@@ -78,17 +78,17 @@ def refine_peaks(
         f_new = quantity(loops, np.exp(new))
         better, after = f_new > f_middle, new > middle
         low, f_low = _choose(
-            better & after, middle, f_middle, ~better & ~after, new, f_new, low, f_low
+            better & after, middle, f_middle, ~better & ~after, new, fb=f_new, x=low, f=f_low
         )
         high, f_high = _choose(
-            better & ~after, middle, f_middle, ~better & after, new, f_new, high, f_high
+            better & ~after, middle, f_middle, ~better & after, new, fb=f_new, x=high, f=f_high
         )
         middle, f_middle = np.where(better, new, middle), np.where(better, f_new, f_middle)
     return np.asarray(f_middle), np.asarray(np.exp(middle))
 
 
 def _choose(  # the first case that applies
-    a: Mask, xa: Floats, fa: Floats, b: Mask, xb: Floats, fb: Floats, x: Floats, f: Floats
+    a: Mask, xa: Floats, fa: Floats, b: Mask, xb: Floats, *, fb: Floats, x: Floats, f: Floats
 ) -> tuple[Floats, Floats]:
     return np.where(a, xa, np.where(b, xb, x)), np.where(a, fa, np.where(b, fb, f))
 

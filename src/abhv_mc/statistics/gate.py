@@ -50,6 +50,7 @@ def judge_change(
     lost: tuple[Mask, Mask],
     missed: Sequence[tuple[Mask, Mask]],
     margin: float,
+    *,
     risk: float = RISK,
 ) -> Gate:
     """Judge severities [pair] of `a` and `b`; larger is worse, +infinity a lost flight.

@@ -66,7 +66,7 @@ class PairedFailures:
 
 
 def compare_failures(a: Mask, b: Mask) -> PairedFailures:
-    """Cross-count the failures [pair] of two controllers."""
+    """Count the failures [pair] of two controllers, jointly and separately."""
     only_a, only_b = int(np.sum(a & ~b)), int(np.sum(b & ~a))
     return PairedFailures(
         int(np.sum(a & b)), only_a, only_b, int(np.sum(~a & ~b)), mcnemar_exact(only_a, only_b)

@@ -1,7 +1,7 @@
-"""Differences between two campaigns on different samples: shares of failures and quantiles, with intervals.
+"""Differences of failure shares and quantiles between two campaigns, with intervals.
 
-Sources: Newcombe 1998, "Interval estimation for the difference between independent proportions", method 10 (score
-intervals without continuity correction); Efron 1979 for the bootstrap.
+Sources: Newcombe 1998, "Interval estimation for the difference between independent proportions",
+method 10 (score intervals without continuity correction); Efron 1979 for the bootstrap.
 """
 
 from math import sqrt

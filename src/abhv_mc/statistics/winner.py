@@ -41,7 +41,7 @@ class Decision:
 
 
 def decide(
-    a: Floats, b: Floats, lost_a: Mask, lost_b: Mask, comparisons: int, risk: float = RISK
+    a: Floats, b: Floats, lost_a: Mask, lost_b: Mask, comparisons: int, *, risk: float = RISK
 ) -> Decision:
     """Compare severities [pair]; larger is worse and +infinity marks a lost flight.
 

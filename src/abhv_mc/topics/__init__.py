@@ -6,6 +6,10 @@ The public names serve custom topics.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from abhv_mc.kernel.cache import cache_root
+
+cache_root()  # before matplotlib is imported, which keeps files there if there is no home folder
+
 if TYPE_CHECKING:
     from abhv_mc.folder.flown_campaign import FlownCampaign
     from abhv_mc.topics.names import Names

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from string import ascii_lowercase
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ BANDS = (
     ("q0.135", "q99.865", 0.30, "0.135–99.865 %"),
     ("q5", "q95", 0.45, "5–95 %"),
 )
+_LABEL = 18  # characters of a line of a row's label
 SIMULTANEOUS = ("simultaneous_low", "simultaneous_high")
 MEDIANS = ("q50", MOST_MEDIAN)
 REFERENCE: dict[str, Any] = {"color": INK, "linewidth": 0.6, "linestyle": "-"}
@@ -103,7 +105,7 @@ def plot_envelopes(
             if r == 0:
                 axes.set_title(titles[c], color=colors[c])
             if c == 0:
-                axes.set_ylabel(row.label)
+                axes.set_ylabel(fill(row.label, _LABEL), va="center")
             if r == len(rows) - 1:
                 axes.set_xlabel("time (s)")
         flown = np.concatenate([panel.x[np.isfinite(panel.x)] for panel in row.panels])

@@ -43,7 +43,8 @@ BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = (
 CYCLE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.5, 1)), (0, (5, 1, 1, 1)))
 MARKERS = ("o", "s", "^", "D", "v", "P")
-INK = "#767676"
+INK = "#666666"
+PERCENT = "\N{NARROW NO-BREAK SPACE}%"  # behind the number of a tick, as in the text
 GRID = "#80808050"
 
 _RC: dict[Any, Any] = {
@@ -103,6 +104,7 @@ def new_panels(
     count: int,
     columns: int,
     row_height: float,
+    *,
     between: tuple[float, float] = (0.68, 0.48),
     top: float = 0.24,
     lettered: bool = True,

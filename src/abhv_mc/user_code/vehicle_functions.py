@@ -21,7 +21,7 @@ from abhv_mc.kernel.plant.state import aligned_zeros, variable_row
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, VARIABLES, Foreign, Vehicle
 from abhv_mc.plant.effectiveness import count_rows
 from abhv_mc.user_code.compiled import build, compiled_names, lane_of, loop_text, tuple_text
-from abhv_mc.user_code.law_interface import Air, Effect, Measured, Motion, Rates
+from abhv_mc.user_code.law_interface import Air, Effect, Measured, Motion, Rates, Sensed
 from abhv_mc.user_code.load_law import check_fields, check_functions, is_number
 from abhv_mc.user_code.module import DYNAMICS, Module, refuse_in_words, run_module
 from abhv_mc.user_code.source import UserSource
@@ -101,41 +101,42 @@ def compile_functions(code: VehicleCode, width: int) -> Functions:
     Raise InputError, with the user's line, for code that does not compile.
     """
     loops = dict.fromkeys(_ARGUMENTS)
-    first = 0  # index of the function's settings among those of all functions
-    for key, function_code in code.named_functions():
-        if function_code is None:
+    first = 0  # of the function's settings among those of all functions
+    for key, of in code.named_functions():
+        if of is None:
             continue
-        source = UserSource(function_code.text, function_code.file)
+        source = UserSource(of.text, of.file)
         module = run_module(source)
         with refuse_in_words(source, "a function of the vehicle", WANTED):
-            function = function_code.function or _find_marked(module)
+            function = of.function or _find_marked(module)
             if function not in module.texts:
                 raise InputError(
                     source.file, f"no function '{function}'", one_of(module.texts, function)
                 )
-            arguments = module.check_arguments(function, _ARGUMENTS[key])
+            given = module.check_arguments(function, _ARGUMENTS[key])
             check_functions(module, function)
             kinds: dict[str, Any] = {"air": Air, "rates": Rates, "controls": _controls(code)}
             if key == "dynamics":
-                kinds["settings"] = namedtuple("Settings", dict(function_code.settings))
+                kinds["settings"] = namedtuple("Settings", dict(of.settings))
                 kinds |= {"states": _states(code), "motion": Motion}
-                values: dict[str, float | None] = {name: None for name, _ in function_code.settings}
-                check_fields(module, function, {name: kinds[name] for name in arguments})
-                _try_out(module, function, code, [kinds[name] for name in arguments])
+                values: dict[str, float | None] = {name: None for name, _ in of.settings}
+                check_fields(module, function, {name: kinds[name] for name in given})
+                _try_out(module, function, code, [kinds[name] for name in given])
             else:
                 kinds["settings"] = module.names.get("Settings")
-                values = _settings(module, function_code)
+                values = _settings(module, of)
             names = compiled_names(module)
             names |= {f"_{name}": kind for name, kind in kinds.items()}
             names |= {"_function": names[function], "_sincos": sincos}
-        positions = {name: first + k for k, (name, _) in enumerate(function_code.settings)}
-        first += len(positions)
+        places = {name: first + k for k, (name, _) in enumerate(of.settings)}
+        first += len(places)
         flow = (s.RHO, s.AIRSPEED) if key == "dynamics" else (s.F_DENSITY, s.F_AIRSPEED)
-        body = [*_read_lane(width, code, *flow), _read_settings(width, values, positions)]
+        reads = _read_settings(width, values, places, key == "dynamics")
+        body = [*_read_lane(width, code, *flow), reads]
         if key == "dynamics":
             body += _read_motion(width, code)
-        body.append(f"made = _function({', '.join(arguments)})")
-        body += _WRITERS[key](width, code)
+        body.append(f"made = _function({', '.join(given)})")
+        body += _WRITERS[key](width, code, module)
         text = loop_text(width, [f"nominal = tick == {NOMINAL}"], body)
         loops[key] = build(module, text, names, function)
     return Functions(**loops)
@@ -225,13 +226,20 @@ def _settings(module: Module, function_code: FunctionCode) -> dict[str, float | 
     return values
 
 
-def _read_settings(width: int, values: dict[str, float | None], positions: dict[str, int]) -> str:
-    """Return the line that builds the function's settings."""
+def _read_settings(
+    width: int, values: dict[str, float | None], places: dict[str, int], dispersed: bool
+) -> str:
+    """A line that makes the function's settings: of the flight, or if nominal of the vehicle file.
+
+    ``dispersed``: the function is part of the plant alone, and no controller calls it.
+    """
+
+    def read(place: int) -> str:
+        of_flight = lane_of(width, s.SETTING + place)
+        return of_flight if dispersed else f"given[{place}] if nominal else {of_flight}"
+
     parts = [
-        f"given[{positions[name]}] if nominal else {lane_of(width, s.SETTING + positions[name])}"
-        if default is None
-        else repr(default)
-        for name, default in values.items()
+        read(places[name]) if default is None else repr(default) for name, default in values.items()
     ]
     return f"settings = {tuple_text('settings', parts) if parts else '0.0'}"
 
@@ -273,7 +281,7 @@ def _read_lane(width: int, code: VehicleCode, density: int, airspeed: int) -> li
     ]
 
 
-def _write_coefficients(width: int, code: VehicleCode) -> list[str]:
+def _write_coefficients(width: int, code: VehicleCode, _: Module) -> list[str]:
     """Return lines that store coefficients of any frame as stability axes."""
     names = ("lift", "drag", "side", "made.Cl", "made.Cm", "made.Cn")
     return _FRAMES[code.frame] + [
@@ -281,7 +289,7 @@ def _write_coefficients(width: int, code: VehicleCode) -> list[str]:
     ]
 
 
-def _write_thrust(width: int, code: VehicleCode) -> list[str]:
+def _write_thrust(width: int, code: VehicleCode, _: Module) -> list[str]:
     """Return lines that store an engine's force, moment and fuel flow."""
     first = {"force": s.F_THRUST, "moment": s.F_MOMENT}
     lines = [
@@ -292,12 +300,23 @@ def _write_thrust(width: int, code: VehicleCode) -> list[str]:
     return [*lines, f"{lane_of(width, s.F_FUEL_FLOW)} = made.fuel_flow"]
 
 
-def _write_effect(width: int, code: VehicleCode) -> list[str]:
+def _write_effect(width: int, code: VehicleCode, module: Module) -> list[str]:
     """Return the lines that store rates, force, moment and sensed quantities."""
     rows = {f"made.rates[{i}]": s.CUSTOM_RATE + i for i in range(len(code.states))}
     rows |= {f"made.force[{i}]": s.CUSTOM_FORCE + i for i in range(3)}
     rows |= {f"made.moment[{i}]": s.CUSTOM_MOMENT + i for i in range(3)}
-    rows |= {f"made.sensed.{name}": s.SENSED + i for i, name in enumerate(Measured._fields)}
+    # What no call of Sensed names stays zero, and is not written at every stage.
+    called = {name for name, value in module.names.items() if value is Sensed}
+    calls = [
+        node
+        for node in ast.walk(ast.parse(module.source.text))
+        if isinstance(node, ast.Call)
+        and (getattr(node.func, "id", "") in called or getattr(node.func, "attr", "") == "Sensed")
+    ]
+    named = {keyword.arg for call in calls for keyword in call.keywords}
+    for i, name in enumerate(Measured._fields):
+        if name in named or None in named or any(call.args for call in calls):
+            rows[f"made.sensed.{name}"] = s.SENSED + i
     return [f"{lane_of(width, row)} = {name}" for name, row in rows.items()]
 
 

@@ -153,7 +153,9 @@ def _check(document: Document, model: Campaign) -> Experiment:
         metrics = measured = {name: entry.record(name) for name, entry in own.metrics.items()}
     else:
         effectors = find_driven(model.vehicle, model.controllers.values())
-        declared = _declare_metrics(document, model, user_channels, effectors, states, errors)
+        declared = _declare_metrics(
+            document, model, user_channels, errors, effectors=effectors, states=states
+        )
         own_channels = *effector_channels(effectors), *state_channels(states)
         _check_channels(document, model, own_channels, errors)
         metrics = {metric.name: metric for metric in (*METRICS, *declared)}
@@ -163,24 +165,22 @@ def _check(document: Document, model: Campaign) -> Experiment:
     _check_measured(document, model, units, errors)
     requirements = tuple(check_requirements(document, model, measured, errors))
     _check_asked(document, model, tuple(own.systems if own else model.controllers), errors)
-    other_roles = {
+    others = {
         **dict.fromkeys(model.derived, "derived"),
         **dict.fromkeys(model.dispersions, "a dispersion"),
     }
-    box = model.unknowns, model.points, other_roles, model.sampling.design
-    unknowns = check_unknowns(document, *box, parameters, errors)
+    box = model.unknowns, model.points, others, model.sampling.design
+    unknowns = check_unknowns(document, *box, parameters=parameters, errors=errors)
     data = document.entries
     unknowns = match_requirements(unknowns, model.points, data.get("requirements") or [])
     number = _check_runs(document, model, names, sample_file, errors) * len(unknowns.points)
-    ranking = model.keep.histories.by
+    by = model.keep.histories.by
     ranked = (
         BY_REQUIREMENTS,
         *(measured if model.margins and model.margins.of(number) == number else metrics),
     )
-    if ranking not in ranked:
-        errors.append(
-            document.error(("keep", "histories", "by"), f"'{ranking}'", one_of(ranked, ranking))
-        )
+    if by not in ranked:
+        errors.append(document.error(("keep", "histories", "by"), f"'{by}'", one_of(ranked, by)))
     for item in model.keep.histories.flights:
         if isinstance(item, int) and item >= number:
             where = ("keep", "histories", "flights")
@@ -189,11 +189,11 @@ def _check(document: Document, model: Campaign) -> Experiment:
             )
     check_stop(document, model, errors)
     joined = model.sampling.design == INDEPENDENT and not unknowns.names
-    if model.pooled and (not joined or sum(pool.runs for pool in model.pooled) > number):
-        problem = f"{sum(pool.runs for pool in model.pooled)} pooled flights"
+    if model.pooled and (not joined or sum(part.runs for part in model.pooled) > number):
+        found = f"{sum(part.runs for part in model.pooled)} pooled flights"
         errors.append(
             document.key_error(
-                ("pooled",), problem, f"at most {number} ('runs'), of the design {INDEPENDENT}"
+                ("pooled",), found, f"at most {number} ('runs'), of the design {INDEPENDENT}"
             )
         )
     check_margins(document, model, number, errors)
@@ -380,23 +380,31 @@ def _declare_metrics(
     document: Document,
     model: Campaign,
     user_channels: Sequence[tuple[str, str]],
+    errors: list[InputError],
+    *,
     effectors: tuple[str, ...],
     states: tuple[tuple[str, str], ...],
-    errors: list[InputError],
 ) -> tuple[Metric, ...]:
     """Return the records of the campaign's own metrics without running its channels' file."""
-    location: tuple[str, ...] = ("metrics",)
-    entries, source = model.metrics, document
+    place: tuple[str, ...] = ("metrics",)
+    entries, of = model.metrics, document
     if isinstance(entries, Path):
-        source, entries = read_metrics_file(entries)
-        location = ()
+        of, entries = read_metrics_file(entries)
+        place = ()
     windows = (
         read_mission(model.mission).windows()
         if any(entry.phase for entry in entries.values())
         else {}
     )
     own = declare_metrics(
-        entries, user_channels, source, location, errors, windows, effectors, states
+        entries,
+        user_channels,
+        of,
+        place,
+        errors,
+        windows=windows,
+        effectors=effectors,
+        states=states,
     )
     return (*effector_metrics(effectors), *own)
 

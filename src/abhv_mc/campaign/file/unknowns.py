@@ -227,6 +227,7 @@ def check_unknowns(
     points: UnknownPoints | None,
     other_roles: dict[str, str],
     design: str,
+    *,
     parameters: Parameters,
     errors: list[InputError],
 ) -> Unknowns:

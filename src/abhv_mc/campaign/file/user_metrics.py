@@ -139,6 +139,7 @@ def declare_metrics(
     document: Document,
     where: tuple[str, ...],
     errors: list[InputError],
+    *,
     windows: Mapping[str, tuple[float, float]],
     effectors: tuple[str, ...] = (),
     states: tuple[tuple[str, str], ...] = (),

@@ -13,6 +13,7 @@ from abhv_mc.topics.comparison.model import Comparison, total_usage
 from abhv_mc.topics.figure_style import (
     INK,
     MARKERS,
+    PERCENT,
     controller_colors,
     distribution_steps,
     label_lowest,
@@ -179,7 +180,7 @@ def plot_differences(
         axes.axvline(0.0, color=INK, linewidth=0.8, linestyle=(0, (1, 1)), label=zero)
         axes.set_xlabel(panel.label)
         axes.set_ylim(-0.02, 1.02)
-        axes.yaxis.set_major_formatter(PercentFormatter(1.0))
+        axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=PERCENT))
     for row in grid:
         row[0].set_ylabel("share of flights")
     legend_below(figure, *grid.flat)

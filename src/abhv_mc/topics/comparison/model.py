@@ -103,16 +103,18 @@ def compute_comparison(results: FlownCampaign) -> Comparison:
     """Return the comparison of the first controller with each other one."""
     campaign, rivals = results.campaign, len(list(results.pairs))
     points = len(campaign.unknowns.points)
-    settings = (
-        results.metrics,
-        results.compared,
-        campaign.requirements,
-        rivals,
-        campaign.judged,
-        points,
-    )
     pairs = {
-        f"{a} - {b}": compare_pair(results.flights[a], results.flights[b], (a, b), *settings)
+        f"{a} - {b}": compare_pair(
+            results.flights[a],
+            results.flights[b],
+            (a, b),
+            results.metrics,
+            results.compared,
+            requirements=campaign.requirements,
+            rivals=rivals,
+            independent=campaign.judged,
+            points=points,
+        )
         for a, b in results.pairs
     }
     medians = {
@@ -133,6 +135,7 @@ def compare_pair(
     names: tuple[str, str],
     metrics: Iterable[str],
     compared: Sequence[str],
+    *,
     requirements: Sequence[Requirement],
     rivals: int = 1,
     independent: bool = True,
@@ -166,8 +169,8 @@ def compare_pair(
                 names,
                 lost,
                 rows if independent and metric in compared else 0,
-                point_masks,
-                flights_a.records[metric],
+                point_masks=point_masks,
+                record=flights_a.records[metric],
             )
             for metric in metrics
         },
@@ -197,6 +200,7 @@ def _metric(
     names: tuple[str, str],
     lost: tuple[Mask, Mask],
     rows: int,
+    *,
     point_masks: Sequence[Mask],
     record: Metric,
 ) -> ComparedMetric:

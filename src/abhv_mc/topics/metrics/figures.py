@@ -12,6 +12,7 @@ from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.topics.figure_style import (
     DASHES,
     INK,
+    PERCENT,
     controller_colors,
     distribution_steps,
     legend_below,
@@ -65,7 +66,7 @@ def plot_distributions(
                 far.append(f"limit {limit:g} {'right' if limit > high else 'left'} of here")
         axes.set_xlabel("\n".join([spread.label, *far]))
         axes.set_ylim(-0.02, 1.02)
-        axes.yaxis.set_major_formatter(PercentFormatter(1.0))
+        axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=PERCENT))
     for row in grid:
         row[0].set_ylabel("share of flights")
     legend_below(figure, *grid.flat)
