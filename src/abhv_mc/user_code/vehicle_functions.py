@@ -102,40 +102,40 @@ def compile_functions(code: VehicleCode, width: int) -> Functions:
     """
     loops = dict.fromkeys(_ARGUMENTS)
     first = 0  # of the function's settings among those of all functions
-    for key, of in code.named_functions():
-        if of is None:
+    for key, function_code in code.named_functions():
+        if function_code is None:
             continue
-        source = UserSource(of.text, of.file)
+        source = UserSource(function_code.text, function_code.file)
         module = run_module(source)
         with refuse_in_words(source, "a function of the vehicle", WANTED):
-            function = of.function or _find_marked(module)
+            function = function_code.function or _find_marked(module)
             if function not in module.texts:
                 raise InputError(
                     source.file, f"no function '{function}'", one_of(module.texts, function)
                 )
-            given = module.check_arguments(function, _ARGUMENTS[key])
+            arguments = module.check_arguments(function, _ARGUMENTS[key])
             check_functions(module, function)
             kinds: dict[str, Any] = {"air": Air, "rates": Rates, "controls": _controls(code)}
             if key == "dynamics":
-                kinds["settings"] = namedtuple("Settings", dict(of.settings))
+                kinds["settings"] = namedtuple("Settings", dict(function_code.settings))
                 kinds |= {"states": _states(code), "motion": Motion}
-                values: dict[str, float | None] = {name: None for name, _ in of.settings}
-                check_fields(module, function, {name: kinds[name] for name in given})
-                _try_out(module, function, code, [kinds[name] for name in given])
+                values: dict[str, float | None] = {name: None for name, _ in function_code.settings}
+                check_fields(module, function, {name: kinds[name] for name in arguments})
+                _try_out(module, function, code, [kinds[name] for name in arguments])
             else:
                 kinds["settings"] = module.names.get("Settings")
-                values = _settings(module, of)
+                values = _settings(module, function_code)
             names = compiled_names(module)
             names |= {f"_{name}": kind for name, kind in kinds.items()}
             names |= {"_function": names[function], "_sincos": sincos}
-        places = {name: first + k for k, (name, _) in enumerate(of.settings)}
-        first += len(places)
+        positions = {name: first + k for k, (name, _) in enumerate(function_code.settings)}
+        first += len(positions)
         flow = (s.RHO, s.AIRSPEED) if key == "dynamics" else (s.F_DENSITY, s.F_AIRSPEED)
-        reads = _read_settings(width, values, places, key == "dynamics")
+        reads = _read_settings(width, values, positions, key == "dynamics")
         body = [*_read_lane(width, code, *flow), reads]
         if key == "dynamics":
             body += _read_motion(width, code)
-        body.append(f"made = _function({', '.join(given)})")
+        body.append(f"made = _function({', '.join(arguments)})")
         body += _WRITERS[key](width, code, module)
         text = loop_text(width, [f"nominal = tick == {NOMINAL}"], body)
         loops[key] = build(module, text, names, function)
@@ -227,19 +227,20 @@ def _settings(module: Module, function_code: FunctionCode) -> dict[str, float | 
 
 
 def _read_settings(
-    width: int, values: dict[str, float | None], places: dict[str, int], dispersed: bool
+    width: int, values: dict[str, float | None], positions: dict[str, int], dispersed: bool
 ) -> str:
-    """A line that makes the function's settings: of the flight, or if nominal of the vehicle file.
+    """Return the line that builds the function's settings.
 
     ``dispersed``: the function is part of the plant alone, and no controller calls it.
     """
 
-    def read(place: int) -> str:
-        of_flight = lane_of(width, s.SETTING + place)
-        return of_flight if dispersed else f"given[{place}] if nominal else {of_flight}"
+    def read(position: int) -> str:
+        of_flight = lane_of(width, s.SETTING + position)
+        return of_flight if dispersed else f"given[{position}] if nominal else {of_flight}"
 
     parts = [
-        read(places[name]) if default is None else repr(default) for name, default in values.items()
+        read(positions[name]) if default is None else repr(default)
+        for name, default in values.items()
     ]
     return f"settings = {tuple_text('settings', parts) if parts else '0.0'}"
 
