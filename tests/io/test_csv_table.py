@@ -1,4 +1,4 @@
-"""CSV for other programs: text that a spreadsheet would run as a formula is escaped, numbers are not."""
+"""CSV for other programs: formulas are escaped, numbers are not."""
 
 import csv
 import io

@@ -1,4 +1,4 @@
-"""What a file may hold, and that a refusal names the place."""
+"""Content of documents, and source locations of errors."""
 
 import pickle
 from pathlib import Path
@@ -78,7 +78,7 @@ def test_values_and_places(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "place", "found"),
+    ("text", "location", "problem"),
     [
         ("a: 1\na: 2\n", (2, 1), "'a' again"),
         ("a: 1\n\tb: 2\n", (2, 1), "a tab"),
@@ -107,13 +107,13 @@ def test_values_and_places(tmp_path: Path) -> None:
     ],
 )
 def test_refused_text(
-    tmp_path: Path, text: str | bytes, place: tuple[int, ...], found: str
+    tmp_path: Path, text: str | bytes, location: tuple[int, ...], problem: str
 ) -> None:
     with pytest.raises(InputError) as caught:
         document(tmp_path, text)
     error = caught.value
-    assert found in error.found
-    assert str(error).startswith(":".join(map(str, (tmp_path / "x.yaml", *place))) + ": ")
+    assert problem in error.found
+    assert str(error).startswith(":".join(map(str, (tmp_path / "x.yaml", *location))) + ": ")
 
 
 @pytest.mark.parametrize(
@@ -125,7 +125,7 @@ def test_words_of_other_programs_suggest_the_key(word: str, key: str) -> None:
 
 
 def test_numbers_of_numpy_are_written_as_numbers(tmp_path: Path) -> None:
-    """A sweep over np.linspace from a notebook ended in a RepresenterError."""
+    """Regression: a sweep over np.linspace in a notebook raised a RepresenterError."""
     data = {
         "a": np.float64(0.1),
         "b": [np.int64(3), np.bool_(True), np.str_("c")],
@@ -140,17 +140,17 @@ def test_numbers_of_numpy_are_written_as_numbers(tmp_path: Path) -> None:
 
 
 def test_refused_paths(tmp_path: Path) -> None:
-    for path, found in (
+    for path, problem in (
         (tmp_path / "missing.yaml", "no such file"),
         (tmp_path, "directory"),
         ("a\0b", "null"),
     ):
-        with pytest.raises(InputError, match=rf"{found}.*; expected a YAML file"):
+        with pytest.raises(InputError, match=rf"{problem}.*; expected a YAML file"):
             read_document(path)
 
 
 @pytest.mark.parametrize(
-    ("text", "place", "found", "wanted"),
+    ("text", "location", "problem", "expected"),
     [
         (GOOD + "sampling: lsh\n", (3, 11), "'lsh'", "one of random, lhs (did you mean 'lhs'?)"),
         (GOOD + "vehicel: x\n", (3, 1), "unknown key 'vehicel'", "did you mean 'vehicle'?"),
@@ -186,21 +186,21 @@ def test_refused_paths(tmp_path: Path) -> None:
     ],
 )
 def test_refused_values(
-    tmp_path: Path, text: str, place: tuple[int, int], found: str, wanted: str
+    tmp_path: Path, text: str, location: tuple[int, int], problem: str, expected: str
 ) -> None:
     with pytest.raises(InputErrors) as caught:
         validate(document(tmp_path, text), Campaign)
     (error,) = caught.value.errors
-    assert (error.line, error.column) == place
-    assert found in error.found
-    assert wanted in error.expected
+    assert (error.line, error.column) == location
+    assert problem in error.found
+    assert expected in error.expected
 
 
 def test_errors_travel_between_processes() -> None:
-    one = InputError("x.yaml", "a", "b", 3)
-    assert str(pickle.loads(pickle.dumps(one))) == "x.yaml:3: a; expected b"  # noqa: S301
-    both = pickle.loads(pickle.dumps(InputErrors([one, one])))  # noqa: S301
-    assert str(both) == f"{one}\n{one}"
+    error = InputError("x.yaml", "a", "b", 3)
+    assert str(pickle.loads(pickle.dumps(error))) == "x.yaml:3: a; expected b"  # noqa: S301
+    both = pickle.loads(pickle.dumps(InputErrors([error, error])))  # noqa: S301
+    assert str(both) == f"{error}\n{error}"
     assert (both.line, both.found) == (3, "a")
 
 

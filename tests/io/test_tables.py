@@ -1,4 +1,4 @@
-"""Tables of other programs, with the location of every mistake; columns of pyarrow; atomic writes."""
+"""Tables of other programs with source locations, columns of pyarrow, atomic writes."""
 
 import json
 import subprocess
@@ -98,9 +98,9 @@ def test_parquet_and_json_have_the_numbers_of_a_csv_file(tmp_path):
     for table in tables:
         names = ["seed", "hit", "gain", "a.b"]
         indices = [table.heads.index(name) for name in names]
-        found = table.numbers(indices, finite=False)
+        numbers = table.numbers(indices, finite=False)
         expected = [[2.0**63 + 2048.0, 1.0, 0.1, 1.0], [3.0, 0.0, 1e-3, np.nan]]
-        assert np.array_equal(found, expected, equal_nan=True)
+        assert np.array_equal(numbers, expected, equal_nan=True)
         assert table.words(table.heads.index("system")) == ["v1", "v2"]
 
 
@@ -127,7 +127,7 @@ def test_a_workbook_has_its_numbers_units_and_rows(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "place", "found"),
+    ("text", "location", "problem"),
     [
         ("a,b\n1,2\n1,x y\n", (3, 3), "'x y' in the column 'b'"),
         ("a,b\n1,2\n\n1,\n", (4, 3), "'' in the column 'b'"),
@@ -141,15 +141,15 @@ def test_a_workbook_has_its_numbers_units_and_rows(tmp_path):
         ('{"a": 1, "b": 2}\n\n{"a": 1}\n', (3, None), "'' in the column 'b'"),
     ],
 )
-def test_a_mistake_is_said_with_its_place(tmp_path, text, place, found):
+def test_a_mistake_is_said_with_its_place(tmp_path, text, location, problem):
     with pytest.raises(InputError) as caught:
         read(tmp_path, text).numbers([0, 1])
-    assert (caught.value.line, caught.value.column) == place
-    assert found in caught.value.found
+    assert (caught.value.line, caught.value.column) == location
+    assert problem in caught.value.found
 
 
 @pytest.mark.parametrize(
-    ("text", "place", "found"),
+    ("text", "location", "problem"),
     [
         ("time_s\n1\n", (1, None), "no column altitude"),
         ("time_s,altitude\n1,2\n", (1, 8), "'altitude' without a unit"),
@@ -159,12 +159,12 @@ def test_a_mistake_is_said_with_its_place(tmp_path, text, place, found):
         ("time_s,altitude_km\n1,1e6\n", (2, 3), "altitude 1e+09 m"),
     ],
 )
-def test_columns_of_a_quantity_have_its_unit(tmp_path, text, place, found):
+def test_columns_of_a_quantity_have_its_unit(tmp_path, text, location, problem):
     (tmp_path / "table.csv").write_text(text)
     with pytest.raises(InputError) as caught:
         read_numbers(tmp_path / "table.csv", {"time": TIME, "altitude": LENGTH})
-    assert (caught.value.line, caught.value.column) == place
-    assert found in caught.value.found
+    assert (caught.value.line, caught.value.column) == location
+    assert problem in caught.value.found
 
 
 def test_numbers_that_do_not_rise_are_found_in_the_file(tmp_path):
@@ -208,9 +208,9 @@ def test_numbers_become_a_column_and_come_back(values):
     assert column.type == pa.array(values).type
     for chunks in ([], [column], [column, column.slice(1, 1)]):
         chunked = pa.chunked_array(chunks, column.type)
-        found = column_values(chunked)
-        assert found.dtype == values.dtype
-        assert np.array_equal(found, chunked.to_numpy(), equal_nan=values.dtype.kind == "f")
+        restored = column_values(chunked)
+        assert restored.dtype == values.dtype
+        assert np.array_equal(restored, chunked.to_numpy(), equal_nan=values.dtype.kind == "f")
     assert np.array_equal(
         column_values(pa.chunked_array([pa.array([1.5, None]), [2.0]])), [1.5, np.nan, 2.0], True
     )

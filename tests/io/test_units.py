@@ -38,7 +38,7 @@ def test_quantity(text: str | float, dimension: Dimension, value: float) -> None
 
 
 @pytest.mark.parametrize(
-    ("text", "dimension", "found"),
+    ("text", "dimension", "problem"),
     [
         ("20", units.LENGTH, "'20' without a unit"),
         ("20 kg", units.LENGTH, "a mass"),
@@ -51,10 +51,10 @@ def test_quantity(text: str | float, dimension: Dimension, value: float) -> None
         ("٢٠ km", units.LENGTH, "'٢٠ km'"),
     ],
 )
-def test_refused(text: object, dimension: Dimension, found: str) -> None:
+def test_refused(text: object, dimension: Dimension, problem: str) -> None:
     with pytest.raises(Refusal) as caught:
         parse_quantity(text, dimension)  # type: ignore[arg-type]
-    assert found in caught.value.found
+    assert problem in caught.value.found
     assert dimension.expected in caught.value.expected
 
 
@@ -78,8 +78,8 @@ def test_in_a_parameter_unit() -> None:
 
 @given(st.floats(allow_nan=False, allow_infinity=False), st.sampled_from(DIMENSIONS))
 def test_written_quantity_reads_back_to_the_same_bits(value: float, dimension: Dimension) -> None:
-    back = parse_quantity(format_quantity(value, dimension), dimension)
-    assert (back, math.copysign(1, back)) == (value, math.copysign(1, value))
+    restored = parse_quantity(format_quantity(value, dimension), dimension)
+    assert (restored, math.copysign(1, restored)) == (value, math.copysign(1, value))
 
 
 @given(st.text(max_size=30), st.sampled_from(DIMENSIONS))

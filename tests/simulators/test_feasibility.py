@@ -1,4 +1,4 @@
-"""What cannot come out is refused at validate, with its place; run says it and flies."""
+"""Infeasible campaigns: `validate` rejects them with a location, `run` warns."""
 
 import pytest
 from fake_flight import run, write_campaign
@@ -20,7 +20,7 @@ def disperse(law, name="atmosphere.density"):
 
 
 @pytest.mark.parametrize(
-    ("entries", "words"),
+    ("entries", "messages"),
     [
         (
             dict(runs="400", requirements=RARE),
@@ -42,10 +42,10 @@ def disperse(law, name="atmosphere.density"):
         (disperse("discrete, values: [0, 1]"), "down to 0"),
     ],
 )
-def test_what_cannot_come_out_is_found(tmp_path, entries, words):
-    """Each of these was valid, and flew for nothing."""
+def test_what_cannot_come_out_is_found(tmp_path, entries, messages):
+    """Regression: each of these campaigns was valid, and its flights were useless."""
     (problem,) = find_impossible(read_campaign(write_campaign(tmp_path, **entries)))
-    assert any(part in str(problem) for part in words.split("|")) and problem.line
+    assert any(message in str(problem) for message in messages.split("|")) and problem.line
 
 
 @pytest.mark.parametrize(
@@ -74,7 +74,7 @@ ABSENT = "of a vehicle that has no such part"
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    ("old", "new", "message"),
     [
         (LIFT, LIFT.replace("aero.lift", "aero.drag.elevator"), f"'aero.drag.elevator' {ABSENT}"),
         (LIFT, LIFT.replace("aero.lift", "control.effector_9_effectiveness"), ABSENT),
@@ -82,11 +82,11 @@ ABSENT = "of a vehicle that has no such part"
     ],
 )
 def test_validate_refuses_what_the_vehicle_lacks_and_what_cannot_be_shown(
-    repository, tmp_path, old, new, words
+    repository, tmp_path, old, new, message
 ):
     text = (repository / "campaigns/s_manoeuvre.yaml").read_text().replace("../", f"{repository}/")
     (tmp_path / "c.yaml").write_text(text.replace(old, new))
-    with pytest.raises(InputErrors, match=words):
+    with pytest.raises(InputErrors, match=message):
         check_inputs(tmp_path / "c.yaml")
 
 

@@ -1,4 +1,4 @@
-"""Plans: stored, every bit back, no index from the file, nothing executed; gains for other programs, to the bit."""
+"""Stored plans, bit-identical and never executed, and exported gains."""
 
 import ctypes
 import io
@@ -28,11 +28,11 @@ def read(path, plan):
 def test_every_part_comes_back_with_its_type(tmp_path):
     plan = make_plan("one", 1.0 / 3.0)
     write_plan(tmp_path / "one.npz", plan)
-    back = read(tmp_path / "one.npz", plan)
-    assert isinstance(back, FlightPlan) and isinstance(back.vehicle, type(plan.vehicle))
-    assert isinstance(back.timing.ticks, int) and isinstance(back.timing.step, float)
-    assert back.controller == "one" and isinstance(back.controller, str)
-    old, new = flatten(plan), flatten(back)
+    restored = read(tmp_path / "one.npz", plan)
+    assert isinstance(restored, FlightPlan) and isinstance(restored.vehicle, type(plan.vehicle))
+    assert isinstance(restored.timing.ticks, int) and isinstance(restored.timing.step, float)
+    assert restored.controller == "one" and isinstance(restored.controller, str)
+    old, new = flatten(plan), flatten(restored)
     assert old.keys() == new.keys()
     for name, value in old.items():
         assert value.dtype == new[name].dtype
@@ -40,19 +40,19 @@ def test_every_part_comes_back_with_its_type(tmp_path):
 
 
 def test_a_sent_plan_flies_with_the_same_code():
-    """Workers of a cluster compiled the full flight, as no file of plans holds ``lean``."""
+    """Regression: workers compiled the full flight because plan files do not store ``lean``."""
     lean = replace(make_plan("one"), lean=True)
     sent = add_margins(lean, replace(make_plan("two"), lean=True), ("trim",))
     for plan in (lean, sent):
-        back = rebuild_sent(flatten(plan), code_of(plan))
-        assert type(back) is type(plan) and back.lean
-    assert back.steady.lean
+        restored = rebuild_sent(flatten(plan), code_of(plan))
+        assert type(restored) is type(plan) and restored.lean
+    assert restored.steady.lean
     full = replace(lean, lean=False)
     assert not rebuild_sent(flatten(full), code_of(full)).lean
 
 
 def test_index_arrays_are_never_read(tmp_path):
-    """Compiled code follows them without a look at their bounds."""
+    """Compiled code uses these indices without checking bounds."""
     plan = make_plan("one")
     assert not [
         name
@@ -65,9 +65,9 @@ def test_index_arrays_are_never_read(tmp_path):
         if v.ndim and v.dtype.kind in "iu"
     }
     np.savez(tmp_path / "one.npz", **{**stored_parts(plan), **hostile})
-    back = flatten(read(tmp_path / "one.npz", plan))
+    restored = flatten(read(tmp_path / "one.npz", plan))
     assert len(hostile) > 10
-    assert all(np.array_equal(back[name], flatten(plan)[name]) for name in hostile)
+    assert all(np.array_equal(restored[name], flatten(plan)[name]) for name in hostile)
 
 
 @pytest.mark.parametrize(
@@ -115,9 +115,9 @@ def lqr():
 def test_mat_and_csv_hold_the_plans_gains(lqr, tmp_path):
     for ending in (".mat", ".csv"):
         write_gains(tmp_path / f"gains{ending}", lqr)
-    held = loadmat(tmp_path / "gains.mat")
-    assert np.array_equal(held["gains"], lqr.gains)
-    assert [name.item() for name in held["names"].ravel()] == list(LQR_GAINS)
+    contents = loadmat(tmp_path / "gains.mat")
+    assert np.array_equal(contents["gains"], lqr.gains)
+    assert [name.item() for name in contents["names"].ravel()] == list(LQR_GAINS)
     table = np.genfromtxt(tmp_path / "gains.csv", delimiter=",", names=True)
     assert table.dtype.names == ("time_s", *LQR_GAINS)
     assert np.array_equal(

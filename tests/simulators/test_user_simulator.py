@@ -1,4 +1,4 @@
-"""Flights of a user's simulator: each is accounted for, whatever it does."""
+"""Flights of user simulators: every flight is accounted for."""
 
 import errno
 import os
@@ -96,14 +96,16 @@ def test_flights_are_those_of_the_function(tmp_path: Path) -> None:
     exec(DIVE, names)  # noqa: S102  the text above
     for system, settings in (("v1", {"pull": 5.0}), ("v2", {"pull": 6.0})):
         block = simulate(campaign, system, rows)
-        given = [
+        inputs = [
             dict(zip(campaign.parameters.index, row, strict=True))
             for row in campaign.rows(rows).tolist()
         ]
-        expected = [names["fly"](each, settings) for each in given]  # type: ignore[operator]
-        assert block.metrics.tolist() == [[one["altitude_min"], one["load"]] for one in expected]
+        expected = [names["fly"](flight_inputs, settings) for flight_inputs in inputs]  # type: ignore[operator]
+        assert block.metrics.tolist() == [
+            [answer["altitude_min"], answer["load"]] for answer in expected
+        ]
         assert set(block.outcome.tolist()) <= {0, 100}
-        assert (block.outcome == 100).tolist() == ["outcome" in one for one in expected]
+        assert (block.outcome == 100).tolist() == ["outcome" in answer for answer in expected]
         assert block.end_time[block.outcome == 100].tolist() == [12.5] * int(
             (block.outcome == 100).sum()
         )
@@ -158,8 +160,8 @@ def test_what_goes_wrong_costs_one_flight_and_none_is_flown_twice(
     assert np.isfinite(block.metrics[[0, 2, 4, -1]]).all()
     assert (block.outcome[10], block.end_time[10]) == (100, 0.0)
     assert sorted(map(float, (tmp_path / "flown").read_text().split())) == sorted(delays)
-    told = capfd.readouterr().err
-    assert [words for _, words in WRONG.values() if words not in told] == []
+    errors = capfd.readouterr().err
+    assert [message for _, message in WRONG.values() if message not in errors] == []
 
 
 def test_a_history_that_is_none_costs_its_flight(
@@ -183,8 +185,8 @@ def test_a_history_that_is_none_costs_its_flight(
     assert (fly_delays(path, delays).outcome == LOST).tolist() == [
         delay in WRONG_HISTORIES for delay in delays
     ]
-    told = capfd.readouterr().err
-    assert [words for _, words in WRONG_HISTORIES.values() if words not in told] == []
+    errors = capfd.readouterr().err
+    assert [message for _, message in WRONG_HISTORIES.values() if message not in errors] == []
     path = dive_campaign(tmp_path, source)
     assert fly_delays(path, [1.0]).outcome.tolist() == [LOST]
     assert "it returned 'history', which the campaign does not declare" in capfd.readouterr().err
@@ -225,8 +227,10 @@ def test_a_file_that_is_missing_at_the_start_is_named(tmp_path: Path) -> None:
     path = dive_campaign(tmp_path)
     (tmp_path / "drag.txt").write_text("0.02")
     (tmp_path / "dive.py").write_text(f"open('drag.txt')\n{DIVE}")
-    words = "drag.txt lies in the simulator's folder but not in 'files'; expected a simulator that"
-    with pytest.raises(InputErrors, match=words):
+    message = (
+        "drag.txt lies in the simulator's folder but not in 'files'; expected a simulator that"
+    )
+    with pytest.raises(InputErrors, match=message):
         list(read_campaign(path).simulator.try_out())
 
 
@@ -422,7 +426,7 @@ def test_a_process_is_replaced_after_so_many_flights_and_says_what_it_wrote(
     simulator = {"command": [sys.executable, "sim.py"], "flights_per_process": 3}
     block = fly_delays(dive_campaign(tmp_path, simulator=simulator), [1.0] * 7)
     numbers = block.metrics[:, 0].tolist()
-    assert [numbers.count(each) for each in dict.fromkeys(numbers)] == [3, 3, 1]
+    assert [numbers.count(number) for number in dict.fromkeys(numbers)] == [3, 3, 1]
     assert block.events == {"restarts": 2}
     assert block.standard_error.count("flying") == 7
 
@@ -447,7 +451,7 @@ def test_a_program_may_take_its_time_to_start_and_has_to_flush(
 def test_a_program_without_answers_is_lost_with_its_last_error(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """A shell goes on after a program that it does not find; nothing told that the program was undeclared."""
+    """Regression: a shell continues after a missing program, which was not reported."""
     (tmp_path / "loop.sh").write_text("#!/bin/sh\nwhile read -r line; do ./shot </dev/null; done\n")
     (tmp_path / "shot").write_text("#!/bin/sh\n")
     for name in ("loop.sh", "shot"):
@@ -455,10 +459,12 @@ def test_a_program_without_answers_is_lost_with_its_last_error(
     simulator = {"command": ["./loop.sh"], "time_limit": "1 s", "start_limit": "2 s"}
     path = dive_campaign(tmp_path, simulator=simulator)
     assert fly_delays(path, [1.0, 2.0, 3.0]).outcome.tolist() == [LOST] * 3
-    said = capfd.readouterr().err
-    assert said.count("still waiting for its first answer") == 1  # the start limit is used up once
-    assert "./shot: not found' is its last line on standard error" in said
-    assert "shot lies in the simulator's folder but not in 'files'" in said
+    errors = capfd.readouterr().err
+    assert (
+        errors.count("still waiting for its first answer") == 1
+    )  # the start limit is used up once
+    assert "./shot: not found' is its last line on standard error" in errors
+    assert "shot lies in the simulator's folder but not in 'files'" in errors
 
 
 @pytest.mark.parametrize("code", [errno.EMFILE, errno.EAGAIN])

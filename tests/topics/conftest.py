@@ -1,4 +1,4 @@
-"""Made-up campaigns as a report reads them, each made once."""
+"""Synthetic campaigns for reports, each made once."""
 
 from functools import cache
 
@@ -10,7 +10,7 @@ from abhv_mc.folder.flown_campaign import read_flown
 
 @pytest.fixture(scope="session")
 def flown(tmp_path_factory):
-    """Results of so many flights of three controllers."""
+    """Return results of ``count`` flights of three controllers."""
     return cache(
         lambda runs: read_flown(write_campaign(tmp_path_factory.mktemp("topics") / "c", runs=runs))
     )

@@ -1,4 +1,4 @@
-"""One controller against another: winners are of the whole first screen, the strongest rival stands first."""
+"""Comparison of controllers: winners over all leading metrics, strongest rival first."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -25,13 +25,13 @@ def results(flown):
 
 @pytest.fixture
 def unknown(results):
-    """Every second flight at the second of two values of an unknown."""
+    """Return results whose second half of flights is at a second value of an unknown."""
     unknowns = Unknowns(("aero.lift",), np.array([0.9]), np.array([1.1]), np.array([[0.9], [1.1]]))
     return replace(results, campaign=replace(results.campaign, unknowns=unknowns))
 
 
 def compared(results, errors):
-    """The comparison where controllers have these errors in one metric, and equal ones in the others."""
+    """Return the comparison for given errors in one metric and equal ones in the others."""
     equal = dict.fromkeys(EQUAL, np.ones(200))
     flights = {
         name: replace(results.flights[name], metrics={METRIC: errors[name], **equal})
@@ -52,7 +52,7 @@ def test_winners_allow_for_all_metrics_and_rivals_of_the_first_screen(results, c
 
 
 @pytest.mark.parametrize(
-    ("worse_at_second", "winner", "words"),
+    ("worse_at_second", "winner", "phrase"),
     [
         (0.5, "tlc", "sideslip"),
         (
@@ -63,21 +63,21 @@ def test_winners_allow_for_all_metrics_and_rivals_of_the_first_screen(results, c
         (2.5, None, "TLC at 1 and LQR at 1 of the 2 values"),
     ],
 )
-def test_with_unknowns_a_winner_is_one_at_every_value(unknown, worse_at_second, winner, words):
-    """TLC is closer on three quarters of all flights in the first two."""
+def test_with_unknowns_a_winner_is_one_at_every_value(unknown, worse_at_second, winner, phrase):
+    """TLC has the smaller error in three quarters of all flights in the first two."""
     at_second = np.arange(200) % 2 == 1
     of_first = np.where(at_second, worse_at_second, 0.5)
     if worse_at_second == 1.5:
         of_first[at_second & ((np.arange(200) // 2) % 2 == 1)] = 0.5
     pair = compared(unknown, {"tlc": of_first, "lqr": np.ones(200)})["tlc - lqr"]
     assert pair.metrics[METRIC].winner == winner
-    held = standing(pair, names_of(unknown), full=True)
-    assert any(words in text for text in held["better" if winner else "mixed"])
+    standings = standing(pair, names_of(unknown), full=True)
+    assert any(phrase in text for text in standings["better" if winner else "mixed"])
 
 
 @pytest.mark.parametrize(("step", "losing"), [(2, ""), (1, "b")])
 def test_with_unknowns_more_lost_flights_are_more_at_every_value(unknown, step, losing):
-    """80 of 100 flights lost at one value of two say nothing of the other."""
+    """80 of 100 flights lost at one of two values are no evidence for the other value."""
     outcome = np.zeros(200, int)
     outcome[step - 1 : 160 : step] = 3
     flights = {
@@ -101,8 +101,8 @@ def models(flown):
 
 
 def said(models, changes):
-    """The sentences where metrics of pairs are other ones: pair -> metric -> fields."""
-    found = models[COMPARISON]
+    """Return the sentences with replaced fields: pair -> metric -> fields."""
+    comparison = models[COMPARISON]
     pairs = {
         name: replace(
             pair,
@@ -110,9 +110,9 @@ def said(models, changes):
                 m: replace(e, **changes.get(name, {}).get(m, {})) for m, e in pair.metrics.items()
             },
         )
-        for name, pair in found.pairs.items()
+        for name, pair in comparison.pairs.items()
     }
-    return comparison_sentences(replace(found, pairs=pairs), models.names)
+    return comparison_sentences(replace(comparison, pairs=pairs), models.names)
 
 
 def test_tails_and_lost_flights_that_contradict_the_median_make_no_winner(models):
@@ -129,7 +129,7 @@ def test_tails_and_lost_flights_that_contradict_the_median_make_no_winner(models
 
 
 def test_the_strongest_rival_comes_first(models):
-    """The page began with the weakest rival: 'TLC is better', where a tuned LQR beats it in some errors."""
+    """Regression: the page began with the weakest rival."""
     won = {
         key: {"winner": "lqr_retuned", "mixed": False}
         for key in ("sideslip_max_deg", "speed_error_max_mps")
@@ -144,19 +144,19 @@ def test_the_strongest_rival_comes_first(models):
 
 def test_each_angle_is_told_with_and_without_the_ramps():
     angles = ("angle_of_attack_error", "bank_error", "sideslip")
-    whole = {record.name: record for record in RECORDS}
-    settled = {f"{name}_own": replace(whole[f"{name}_rms_deg"], settled=True) for name in angles}
+    records = {record.name: record for record in RECORDS}
+    settled = {f"{name}_own": replace(records[f"{name}_rms_deg"], settled=True) for name in angles}
     windowed = {
         "late": replace(settled["bank_error_own"], start=10.0),
-        "early": replace(whole["bank_error_rms_deg"], end=9.0),
+        "early": replace(records["bank_error_rms_deg"], end=9.0),
     }
     pair = SimpleNamespace(
-        metrics={name: SimpleNamespace(a_better=9, b_better=1) for name in {**whole, **settled}}
+        metrics={name: SimpleNamespace(a_better=9, b_better=1) for name in {**records, **settled}}
     )
     pair.metrics["bank_error_rms_deg"] = pair.metrics["late"] = SimpleNamespace(
         a_better=3, b_better=7
     )
     pair.metrics["early"] = pair.metrics["bank_error_own"]
-    found = closer_in(pair, SimpleNamespace(metrics={**whole, **settled, **windowed}))
-    assert found == {(True, True): ["angle of attack", "sideslip"], (False, True): ["bank"]}
-    assert closer_in(pair, SimpleNamespace(metrics=whole)) == {}
+    quantities = closer_in(pair, SimpleNamespace(metrics={**records, **settled, **windowed}))
+    assert quantities == {(True, True): ["angle of attack", "sideslip"], (False, True): ["bank"]}
+    assert closer_in(pair, SimpleNamespace(metrics=records)) == {}

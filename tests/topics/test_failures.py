@@ -1,4 +1,4 @@
-"""What rules of failures say in words, of failures that are planted."""
+"""Rules of failures in words, for planted failures."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ def rules_of(results, failed):
     metrics = {**flights.metrics, METRIC: np.where(failed[flights.flight], 9.0, 1.0)}
     results = replace(results, flights={"lqr": replace(flights, metrics=metrics)})
     kinds = Models(results)[FAILURES].controllers["lqr"]
-    (kind,) = (each for each in kinds if "Speed" in each.kind)
+    (kind,) = (entry for entry in kinds if "Speed" in entry.kind)
     return [rule.rule for rule in kind.rules]
 
 

@@ -1,4 +1,4 @@
-"""The section on stability: what the first screen says of unstable and weak loops, and the margins of flights."""
+"""Section on stability: unstable and weak loops, and margins of flights."""
 
 import json
 
@@ -19,7 +19,7 @@ def _row(loop, *values, stable=True):
     return {"loop": loop, "stable": stable, **dict(zip(COLUMNS, values, strict=True))}
 
 
-def _all(stable=True, **more):
+def _all(stable=True, **fields):
     row = {
         "loop": "all",
         "stable": stable,
@@ -27,11 +27,11 @@ def _all(stable=True, **more):
         "disk_gain_db": 4.4,
         "disk_phase_deg": 28.0,
     }
-    return row | {"delay_margin_ms": 40.0} | more
+    return row | {"delay_margin_ms": 40.0} | fields
 
 
 def _steady():
-    """TLC weak in its rudder loop, LQR unstable, the third sound."""
+    """TLC is weak in its rudder loop, LQR is unstable, the third one is stable."""
     weak = [_row(loop, -20.0, 0.82 if loop == "rudder" else 12.0, 40.0, 50.0) for loop in LOOPS]
     sound = [_row(loop, None, 12.0, 50.0, 60.0) for loop in LOOPS]
     sound.append(_row("left_elevon", None, 3.0, 20.0, 30.0) | {"counts": False})
@@ -57,9 +57,9 @@ def _steady():
 
 @pytest.fixture(scope="module")
 def models(tmp_path_factory):
-    made = write_campaign(tmp_path_factory.mktemp("stability") / "campaign", runs=40)
-    (made / "margins.json").write_text(json.dumps(_steady()), encoding="utf-8")
-    return Models(read_flown(made))
+    folder = write_campaign(tmp_path_factory.mktemp("stability") / "campaign", runs=40)
+    (folder / "margins.json").write_text(json.dumps(_steady()), encoding="utf-8")
+    return Models(read_flown(folder))
 
 
 def test_the_answer_names_the_unstable_controller_with_its_poles_and_the_weak_one(models):

@@ -1,4 +1,4 @@
-"""What topics say of a campaign whose failures and drivers are planted; and the user's topic of the how-to page."""
+"""Topics of a campaign with planted failures and drivers, and a custom topic."""
 
 import copy
 import importlib.util
@@ -38,13 +38,13 @@ from abhv_mc.topics.verdicts.model import GlanceCell
 
 def test_quantiles_count_failed_flights_as_worst(failing):
     table = Models(failing)[METRICS].table
-    found = {
-        name: each.quantiles for name, each in table["altitude_error_max_m"].controllers.items()
+    quantiles = {
+        name: entry.quantiles for name, entry in table["altitude_error_max_m"].controllers.items()
     }
     values = failing.flights["tlc"].metrics["altitude_error_max_m"]
-    assert found["tlc"]["q95"].value == pytest.approx(np.quantile(values, 0.95))
-    assert np.isinf(found["lqr"]["q95"].value)  # 12 of 100 failed
-    assert np.isfinite(found["lqr"]["q50"].value)
+    assert quantiles["tlc"]["q95"].value == pytest.approx(np.quantile(values, 0.95))
+    assert np.isinf(quantiles["lqr"]["q95"].value)  # 12 of 100 failed
+    assert np.isfinite(quantiles["lqr"]["q50"].value)
     values = failing.flights["tlc"].metrics[
         "angle_of_attack_min_deg"
     ]  # of which small ones are bad
@@ -62,7 +62,7 @@ def test_a_flight_that_ended_early_misses_every_requirement(failing):
 
 
 def test_the_chart_prints_the_tolerance_limit_and_its_room(failing):
-    """It printed the median, unlabelled, at its right edge."""
+    """Regression: the figure printed the median without a label at its right edge."""
     lost = float("inf")
     cells = {
         "tlc": GlanceCell(0.2, 0.4, 0.6, 0.65),
@@ -93,12 +93,12 @@ def test_still_flying_is_kaplan_and_meiers_estimate():
 
 
 def test_the_planted_driver_and_rule_are_found(failing_numbers):
-    part = failing_numbers["drivers"]["controllers"]["lqr"]
+    drivers = failing_numbers["drivers"]["controllers"]["lqr"]
     kinds = failing_numbers["failures"]["controllers"]["lqr"]
     early = next(kind for kind in kinds if kind["kind"] == "ended early")
     assert early["rules"][0]["conditions"][0]["parameter"] == "atmosphere.density"
     assert "have density above +" in early["rules"][0]["rule"]
-    speed = part["metrics"]["angle_of_attack_error_rms_deg"]["parameters"]
+    speed = drivers["metrics"]["angle_of_attack_error_rms_deg"]["parameters"]
     assert {entry["parameter"] for entry in speed if entry["driver"]} >= {
         "atmosphere.density",
         "aero.lift",
@@ -118,10 +118,10 @@ def test_dependent_designs_get_estimates(tmp_path):
 def test_convergence_ends_with_the_table(failing_numbers):
     trace = failing_numbers["convergence"]["controllers"]["tlc"]
     assert trace["flights"][-1] == 100
-    found = failing_numbers["metrics"]["table"]["speed_error_max_mps"]["controllers"]["tlc"]
+    metric = failing_numbers["metrics"]["table"]["speed_error_max_mps"]["controllers"]["tlc"]
     assert (
         trace["metrics"]["speed_error_max_mps"]["q95"]["value"][-1]
-        == found["quantiles"]["q95"]["value"]
+        == metric["quantiles"]["q95"]["value"]
     )
 
 
@@ -135,17 +135,19 @@ def test_a_report_is_valid_and_one_with_a_number_more_is_not(failing_numbers):
 
 
 def test_worst_flights_have_their_three_largest_dispersions_in_sigma(flown):
-    """All of them stood in one narrow cell: 24 in a campaign with so many."""
+    """Regression: one narrow cell listed all 24 dispersions."""
     models = Models(flown(80))
     widths = {"atmosphere.density": 0.1, "aero.lift": 0.1, "aero.drag": 0.15}
     samples = models.results.samples
     for entry in (entry for flights in models[FLIGHTS].worst.values() for entry in flights):
-        sigmas = [abs(each.sigma) for each in entry.largest]
+        sigmas = [abs(dispersion.sigma) for dispersion in entry.largest]
         assert len(sigmas) <= 3 and sigmas == sorted(sigmas, reverse=True)
-        for each in entry.largest:
-            column = samples[each.parameter]
-            assert each.sigma == pytest.approx((each.value - column.mean()) / column.std())
-            assert abs(each.value - 1.0) <= widths[each.parameter]
+        for dispersion in entry.largest:
+            column = samples[dispersion.parameter]
+            assert dispersion.sigma == pytest.approx(
+                (dispersion.value - column.mean()) / column.std()
+            )
+            assert abs(dispersion.value - 1.0) <= widths[dispersion.parameter]
     table = next(
         table for table in models.section(FLIGHTS).tables() if table.title.startswith("Worst")
     )
@@ -153,7 +155,7 @@ def test_worst_flights_have_their_three_largest_dispersions_in_sigma(flown):
 
 
 def test_a_settled_error_of_a_flight_lost_before_anything_settled_is_none(flown, monkeypatch):
-    """It read 0: the best value in the table of the worst flights."""
+    """Regression: the table of the worst flights showed 0, the best value."""
     results = flown(80)
     flights = results.flights["tlc"]
     metric = next(name for name in flights.metrics if flights.records[name].settled)
@@ -162,12 +164,12 @@ def test_a_settled_error_of_a_flight_lost_before_anything_settled_is_none(flown,
     monkeypatch.setattr(Experiment, "asked", (metric,))
 
     def found(outcome):
-        each = replace(
+        flight_record = replace(
             flights,
             metrics={**flights.metrics, metric: values},
             outcome=np.full(values.size, outcome),
         )
-        (entries, *_) = worst_flights(replace(results, flights={"tlc": each})).values()
+        (entries, *_) = worst_flights(replace(results, flights={"tlc": flight_record})).values()
         return {(entry.flight % 2, entry.metrics[metric]) for entry in entries}
 
     assert found(Outcome.OK) <= {(0, 1.5), (1, 0.0)}
@@ -176,36 +178,36 @@ def test_a_settled_error_of_a_flight_lost_before_anything_settled_is_none(flown,
 
 
 def test_worst_flights_show_every_required_metric_and_how_many_are_missed(flown):
-    """Four of five required metrics were in the table, and a flight at 250 % of a limit was headed 'ok'."""
+    """Regression: one required metric was missing, and a flight at 250 % of a limit was 'ok'."""
     results = flown(80)
     models = Models(results)
     required = results.campaign.requirements
     for name, worst in models[FLIGHTS].worst.items():
         flights = results.flights[name]
         failed = [requirement_failures(flights, item) for item in required]
-        for each in worst:
-            row = np.flatnonzero(flights.flight == each.flight)[0]
-            assert each.missed == sum(mask[row] for mask in failed)
+        for flight in worst:
+            row = np.flatnonzero(flights.flight == flight.flight)[0]
+            assert flight.missed == sum(mask[row] for mask in failed)
     tables = [t for t in models.section(FLIGHTS).tables() if t.title.startswith("Worst")]
     for table in tables:
-        told = (*table.heads, table.caption)
+        heads = (*table.heads, table.caption)
         assert all(
-            any(results.campaign.metrics[item.metric].label in words for words in told)
+            any(results.campaign.metrics[item.metric].label in text for text in heads)
             for item in required
         )
         assert "ok" not in [row[1] for row in table.plain_rows()]
 
 
 @pytest.mark.parametrize(
-    ("outcome", "missed", "words"),
+    ("outcome", "missed", "text"),
     [
         ("ok", 2, "completed; misses 2 of 5"),
         ("ok", 0, "completed"),
         ("sideslip_limit", 5, "sideslip limit"),
     ],
 )
-def test_how_a_flight_ended(outcome, missed, words):
-    assert ended_words(outcome, missed, 5) == words
+def test_how_a_flight_ended(outcome, missed, text):
+    assert ended_words(outcome, missed, 5) == text
 
 
 def test_columns_of_one_text_move_into_the_caption():
@@ -218,21 +220,21 @@ def test_columns_of_one_text_move_into_the_caption():
 
 
 def test_the_worst_flights_are_drawn_in_what_they_are_worst_in(flown):
-    """Four channels were fixed, while all listed flights were worst in speed."""
+    """Regression: four channels were fixed, but all listed flights were worst in speed."""
     results = flown(80)
     models = Models(results)
-    held = {channel.name for channel in results.campaign.channels}
-    worst = [each.by for own in models[FLIGHTS].worst.values() for each in own]
-    shown = worst_channels(models[FLIGHTS], models.names, held)
-    assert set(shown) == {results.campaign.metrics[metric].of for metric in worst}
+    recorded = {channel.name for channel in results.campaign.channels}
+    worst = [flight.by for own in models[FLIGHTS].worst.values() for flight in own]
+    drawn = worst_channels(models[FLIGHTS], models.names, recorded)
+    assert set(drawn) == {results.campaign.metrics[metric].of for metric in worst}
     ((text, figure),) = models.figures(FLIGHTS)
     assert text.name == "worst_flights"
     labels = [axes.get_ylabel() for axes in figure.axes if axes.get_ylabel()]
-    assert len(labels) == len(shown[:4])
+    assert len(labels) == len(drawn[:4])
 
 
 def test_a_chart_without_requirements_has_values_and_a_scale(tmp_path):
-    """It had neither: bars beside the first controller's median, most of them off the chart."""
+    """Regression: bars beside the first median were mostly off the axes."""
     models = Models(read_flown(write_campaign(tmp_path / "c", runs=40, requirements=())))
     names = models.names.controllers
     for _, bars in chart_rows(models[VERDICTS].glance, names, names):
@@ -260,17 +262,17 @@ def test_it_stands_everywhere(topic, tmp_path):
     assert (
         '<section id="correlate"' in page and '<a href="#correlate">Rank correlations</a>' in page
     )
-    held = json.loads((folder / "report.json").read_text(encoding="utf-8"))["topics"]["correlate"][
-        "controllers"
-    ]
-    told = abhv_mc.open_results(folder).correlate.controllers
+    stored = json.loads((folder / "report.json").read_text(encoding="utf-8"))["topics"][
+        "correlate"
+    ]["controllers"]
+    controllers = abhv_mc.open_results(folder).correlate.controllers
     assert (
-        told["lqr"]["sideslip_max_deg"]["aero.lift"]
-        == held["lqr"]["sideslip_max_deg"]["aero.lift"]
+        controllers["lqr"]["sideslip_max_deg"]["aero.lift"]
+        == stored["lqr"]["sideslip_max_deg"]["aero.lift"]
         > 0.3
     )
-    shown = CliRunner().invoke(app, ["show", "correlate", str(folder)])
-    assert shown.exit_code == 0 and "Speed error, max" in shown.stdout
+    printed = CliRunner().invoke(app, ["show", "correlate", str(folder)])
+    assert printed.exit_code == 0 and "Speed error, max" in printed.stdout
     assert list(verify_campaign(folder)) == []
     REGISTERED.clear()
     assert list(verify_campaign(folder)) == [] and skipped_topics(folder) == ["correlate"]
@@ -283,13 +285,13 @@ def test_one_that_raises_is_left_out_and_named(topic, tmp_path, capsys):
     assert list(json.loads((folder / "report.json").read_text(encoding="utf-8"))["topics"]) == [
         "correlate"
     ]
-    said = capsys.readouterr().err
-    assert said.count("the topic broken is left out") == 1 and "ZeroDivisionError" in said
+    errors = capsys.readouterr().err
+    assert errors.count("the topic broken is left out") == 1 and "ZeroDivisionError" in errors
 
 
 @pytest.mark.parametrize(
-    ("name", "words"), [("margins", "built in"), ("x-y", "a name as Python's are")]
+    ("name", "message"), [("margins", "built in"), ("x-y", "a name as Python's are")]
 )
-def test_a_name_that_it_cannot_have_is_refused(topic, name, words):
-    with pytest.raises(InputError, match=words):
+def test_a_name_that_it_cannot_have_is_refused(topic, name, message):
+    with pytest.raises(InputError, match=message):
         register(Topic(name, topic.model, topic.compute, topic.section))

@@ -1,4 +1,4 @@
-"""How a report speaks: of numbers, parameters, controllers, and in tables."""
+"""Formatting of numbers, parameters, controllers and tables."""
 
 import math
 
@@ -19,7 +19,7 @@ def test_every_parameter_has_its_own_name():
 
 
 @pytest.mark.parametrize(
-    ("found", "value", "ends"),
+    ("interval", "value", "ends"),
     [
         (Interval(24.123, 23.5, 24.8), "24.1", "23.5 to 24.8"),
         (Interval(0.00712, 0.0070, 0.0072), "0.00712", "0.00700 to 0.00720"),
@@ -33,9 +33,9 @@ def test_every_parameter_has_its_own_name():
         (Interval(0.0, 0.0, 0.0), "0", "0 to 0"),
     ],
 )
-def test_digits_are_those_that_the_error_allows(found, value, ends):
-    assert estimate(found) == value
-    assert bounds(found) == ends
+def test_digits_are_those_that_the_error_allows(interval, value, ends):
+    assert estimate(interval) == value
+    assert bounds(interval) == ends
 
 
 @pytest.mark.parametrize(
@@ -56,12 +56,12 @@ def test_shares_keep_their_nines(share, text):
 
 
 def test_only_the_papers_own_lqr_is_called_so(tmp_path):
-    """A plain 'LQR' reads as the best one; and another controller that somebody names lqr is not the paper's."""
+    """A plain 'LQR' reads as the best one, and not every 'lqr' is the paper's."""
     paper = shipped_files("control")["lqr"].read_bytes()
     for name, text in (("lqr", paper), ("mine", paper.replace(b"800.0", b"200.0"))):
-        place = tmp_path / "inputs" / "controllers" / name
-        place.mkdir(parents=True)
-        (place / "lqr.yaml").write_bytes(text)
+        folder = tmp_path / "inputs" / "controllers" / name
+        folder.mkdir(parents=True)
+        (folder / "lqr.yaml").write_bytes(text)
     labels = full_labels(tmp_path, ["tlc", "lqr", "mine"])
     assert labels == {"tlc": "TLC", "lqr": "LQR (paper's weights)", "mine": "mine"}
 
@@ -89,8 +89,8 @@ def test_rows_and_columns_that_a_cell_stands_for_are_repeated():
 def test_columns_that_are_empty_or_zero_throughout_are_not_drawn():
     wide = table(GROUP, ((Cell("speed", head=True), Cell("none", columns=4)),))
     (fold,) = Section("s", (Fold("f", (wide,)),)).without_idle().items
-    (found,) = fold.items
-    assert found.heads == ("Requirement", "Controller", "Room")
+    (item,) = fold.items
+    assert item.heads == ("Requirement", "Controller", "Room")
     lost = (*GROUP[1][:1], Cell("3"), *GROUP[1][2:])
     assert table((GROUP[0], lost)).without_idle().heads == (
         "Requirement",
@@ -98,7 +98,7 @@ def test_columns_that_are_empty_or_zero_throughout_are_not_drawn():
         "Ended early",
         "Room",
     )
-    assert found.plain_rows() == [
+    assert item.plain_rows() == [
         ["altitude", "TLC", "1 %"],
         ["altitude", "LQR", "2 %"],
         ["speed", "none", "none"],

@@ -1,4 +1,4 @@
-"""A law in C flies as the program's own laws do, and what it may not do costs a flight or is refused by name."""
+"""Control laws in C: same results as built-in laws; violations are rejected by name."""
 
 import ctypes
 import shutil
@@ -77,7 +77,7 @@ GAIN = '#include "gain.h"\ndouble gain(void) { return 0.001; }\n'
 
 @pytest.fixture
 def make(tmp_path):
-    """A plan of a law's C text, flown for some seconds of level flight."""
+    """Return a plan of a C law's text for some seconds of level flight."""
     (tmp_path / "gain.h").write_text("double gain(void);\n")
     (tmp_path / "gain.c").write_text(GAIN)
 
@@ -109,12 +109,12 @@ def test_lqr_in_c_is_the_built_in_lqr_to_the_bit_and_has_its_margins(repository)
     assert np.abs(ours.law_D[..., :10] - theirs.law_D).max() < 1e-6 * np.abs(theirs.law_D).max()
     assert np.array_equal(ours.A, theirs.A) and np.abs(ours.law_D[..., 10:]).max(initial=0.0) < 1e-9
     margins, expected = (analyse(linear).margins for linear in (ours, theirs))
-    for name, one, other in zip(margins._fields, margins, expected, strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-6, err_msg=name)
+    for name, actual, other in zip(margins._fields, margins, expected, strict=True):
+        np.testing.assert_allclose(actual, other, rtol=1e-6, err_msg=name)
 
 
 def test_a_law_with_a_state_does_not_depend_on_lanes_company_or_compaction_and_is_linearised(make):
-    """Its twin in Python, too."""
+    """The same holds for its twin in Python."""
     seconds = 5.5  # past a compaction
     plan, python = make(PLAIN, seconds), make(PYTHON, seconds)
     parameters = disperse(300)  # more than share a compaction
@@ -130,7 +130,8 @@ def test_a_law_with_a_state_does_not_depend_on_lanes_company_or_compaction_and_i
         abreast.metrics[some], fly(plan, parameters[some]).metrics, equal_nan=True
     )
     ours, theirs = (
-        linearize(each, flown_points(each, parameters[1:3], 1.0).points) for each in (plan, python)
+        linearize(law_plan, flown_points(law_plan, parameters[1:3], 1.0).points)
+        for law_plan in (plan, python)
     )
     assert np.abs(ours.law_D[..., 10:]).max() > 1e-3
     np.testing.assert_allclose(ours.law_D, theirs.law_D, rtol=0, atol=1e-9)
@@ -175,22 +176,22 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("words", REFUSED)
-def test_what_is_no_law_is_refused_in_words(make, words):
+@pytest.mark.parametrize("message", REFUSED)
+def test_what_is_no_law_is_refused_in_words(make, message):
     with pytest.raises(InputError) as refused:
-        make(REFUSED[words])
-    assert words in refused.value.found, refused.value
-    if words.startswith("'expected"):
+        make(REFUSED[message])
+    assert message in refused.value.found, refused.value
+    if message.startswith("'expected"):
         assert (
             refused.value.line
-            == REFUSED[words][: REFUSED[words].index("return 2\n")].count("\n") + 1
+            == REFUSED[message][: REFUSED[message].index("return 2\n")].count("\n") + 1
         )
-    if "No such file" in words:
+    if "No such file" in message:
         assert refused.value.expected.startswith("files: [helper.h]")
 
 
 @pytest.mark.parametrize(
-    ("value", "units", "words", "line"),
+    ("value", "units", "message", "line"),
     [
         ("70", "bank_limit: rad", "70 without a unit", 3),
         ("70 m", "bank_limit: rad", "a length", 3),
@@ -199,19 +200,21 @@ def test_what_is_no_law_is_refused_in_words(make, words):
         ("70 deg", "bank: rad", "a unit of 'bank'", 4),
     ],
 )
-def test_a_setting_has_the_unit_that_its_file_declares(tmp_path, value, units, words, line):
+def test_a_setting_has_the_unit_that_its_file_declares(tmp_path, value, units, message, line):
     (tmp_path / "law.c").touch()
     text = "law: c\nsources: [law.c]\nsettings: {{bank_limit: {}}}\nunits: {{{}}}\n"
     (tmp_path / "law.yaml").write_text(text.format(value, units))
     with pytest.raises(InputErrors) as refused:
         read_controller(tmp_path / "law.yaml")
-    assert [(words in error.found, error.line) for error in refused.value.errors] == [(True, line)]
+    assert [(message in error.found, error.line) for error in refused.value.errors] == [
+        (True, line)
+    ]
     (tmp_path / "law.yaml").write_text(text.format("70 deg", "bank_limit: rad"))
     assert read_controller(tmp_path / "law.yaml").numbers == [pytest.approx(np.radians(70.0))]
 
 
 def build(folder: Path, text: str, layout, name: str, *flags: str) -> None:
-    """As a user's own Makefile would."""
+    """Build the library as a user's own Makefile would."""
     (folder / "abhv_law.h").write_text(make_header())
     (folder / "abhv_settings.h").write_text(make_settings_header(layout))
     (folder / f"{name}.c").write_text(text)

@@ -1,4 +1,4 @@
-"""What a law consists of: what it declares is hashed and found wherever it flies, anything else is refused by name."""
+"""Declared files of control laws are hashed and available; others are rejected by name."""
 
 import ctypes
 from contextlib import nullcontext
@@ -32,7 +32,7 @@ def law(measured):
 
 @pytest.fixture
 def write(tmp_path, monkeypatch):
-    """The source of a law of this text beside some files, with the ``files`` that it declares."""
+    """Return the source of a law with this text, and its declared ``files``."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     (tmp_path / "tables").mkdir()
     (tmp_path / "gains.csv").write_text("2.0\n")
@@ -51,7 +51,7 @@ def write(tmp_path, monkeypatch):
 
 
 def aileron(source, bank=0.25):
-    """The command of the compiled law in one lane."""
+    """Return the command of the compiled law in one lane."""
     law = compile_law(source, (), 1)
     Z, row = np.zeros((Z_ROWS, 1)), np.zeros(len(REFERENCE))
     Z[s.M_BANK] = bank
@@ -76,15 +76,15 @@ def test_declared_files_are_read_as_they_were_hashed(write, tmp_path):
 
 
 def test_one_changed_byte_or_name_is_another_law(write, tmp_path):
-    known = {write(READS, "[gains.csv, tables/]").hash}
-    assert write(READS, "[gains.csv, tables/]").hash in known
+    hashes = {write(READS, "[gains.csv, tables/]").hash}
+    assert write(READS, "[gains.csv, tables/]").hash in hashes
     for name in ("gains.csv", "tables/more.csv"):
         (tmp_path / name).write_text("2.1\n")
-        known.add(write(READS, "[gains.csv, tables/]").hash)
-    known.add(write(READS + "#", "[gains.csv, tables/]").hash)
+        hashes.add(write(READS, "[gains.csv, tables/]").hash)
+    hashes.add(write(READS + "#", "[gains.csv, tables/]").hash)
     (tmp_path / "tables" / "more.csv").rename(tmp_path / "tables" / "other.csv")
-    known.add(write(READS, "[gains.csv, tables/]").hash)
-    assert len(known) == 5
+    hashes.add(write(READS, "[gains.csv, tables/]").hash)
+    assert len(hashes) == 5
 
 
 @pytest.mark.parametrize("imported", ["from helper import twice", "import helper"])
@@ -119,9 +119,9 @@ UNDECLARED = [
 ]
 
 
-@pytest.mark.parametrize(("text", "line", "found", "wanted"), UNDECLARED)
+@pytest.mark.parametrize(("text", "line", "problem", "expected"), UNDECLARED)
 def test_what_it_does_not_declare_or_does_to_its_process_is_refused_with_the_line(
-    write, tmp_path, text, line, found, wanted
+    write, tmp_path, text, line, problem, expected
 ):
     (tmp_path / "undeclared.py").touch()
     (tmp_path / "reads.py").write_text("K = open('/nowhere/at/all.txt')\n")
@@ -130,7 +130,7 @@ def test_what_it_does_not_declare_or_does_to_its_process_is_refused_with_the_lin
         check_closure(source)
     file = source.file if line != 1 else "reads.py"
     assert str(refused.value.file).endswith(file) and refused.value.line == line
-    assert found in refused.value.found and wanted in refused.value.expected
+    assert problem in refused.value.found and expected in refused.value.expected
 
 
 def test_packages_and_what_it_wrote_itself_are_no_files_of_its_own(write):
@@ -143,7 +143,7 @@ def test_packages_and_what_it_wrote_itself_are_no_files_of_its_own(write):
 def test_packages_of_any_entry_of_the_path_may_be_imported(
     write, tmp_path, monkeypatch, is_installed
 ):
-    """The user's own site, PYTHONPATH and .pth files; but not the modules of a study that PYTHONPATH=. opens."""
+    """Site packages, PYTHONPATH and .pth files are allowed, but not modules of a study."""
     name = f"package_{is_installed}"
     (tmp_path / "site" / name).mkdir(parents=True)
     (tmp_path / "site" / name / "__init__.py").write_text("K = 4.0\n")
@@ -176,18 +176,18 @@ def design(model, settings):
 
 
 def test_packages_are_found_in_the_law_and_in_the_modules_that_it_declares():
-    more = b"import yaml\nfrom . import more\n"
-    files = ("law.py", IMPORTS.encode()), ("mylaw/gains.py", more), ("odd.py", b"print 1")
+    content = b"import yaml\nfrom . import more\n"
+    files = ("law.py", IMPORTS.encode()), ("mylaw/gains.py", content), ("odd.py", b"print 1")
     sources = (
         UserSource(IMPORTS, "law.py", files),
         UserSource('{"law": "c", "library": null}', "law.c"),
     )
-    found = find_package_versions(sources)
-    assert found == {name: metadata.version(name) for name in ("numpy", "scipy", "PyYAML")}
+    versions = find_package_versions(sources)
+    assert versions == {name: metadata.version(name) for name in ("numpy", "scipy", "PyYAML")}
 
 
 def test_a_flipped_bit_of_a_compiled_law_is_not_executed(tmp_path, monkeypatch):
-    """It flew another law, or killed the process."""
+    """Regression: it ran another law, or crashed the process."""
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(compiled, "laws_folder", lambda: tmp_path / "laws")
     (tmp_path / "laws").mkdir()
@@ -195,11 +195,11 @@ def test_a_flipped_bit_of_a_compiled_law_is_not_executed(tmp_path, monkeypatch):
 
     def compile_it():
         compile_law.__wrapped__(source, (), 8)
-        (kept,) = tmp_path.rglob("law_*.nbc")
-        return kept, kept.read_bytes()
+        (cached,) = tmp_path.rglob("law_*.nbc")
+        return cached, cached.read_bytes()
 
-    kept, content = compile_it()
-    assert compile_it() == (kept, content), "found in the cache"
+    cached, content = compile_it()
+    assert compile_it() == (cached, content), "found in the cache"
     damaged = content[:-2000] + bytes([content[-2000] ^ 1]) + content[-1999:]
-    kept.write_bytes(damaged)
+    cached.write_bytes(damaged)
     assert compile_it()[1] != damaged

@@ -1,4 +1,4 @@
-"""A law from a notebook's cell is the same law as its file: taken with all that it names."""
+"""A control law from a notebook's cell is the same as in a file, with its dependencies."""
 
 import types
 
@@ -64,7 +64,7 @@ def array(measured, reference):
 
 @pytest.fixture
 def cells(monkeypatch):
-    """The names of a notebook that has run these cells: its classes have no text that inspect finds."""
+    """Return the names of a notebook that has run these cells; its classes have no text."""
     import linecache
     import sys
 

@@ -1,4 +1,4 @@
-"""The guard of reads in the process of a user's simulator: what it finds and what it lets pass."""
+"""Guard of reads in the process of a user's simulator."""
 
 import json
 import os
@@ -110,8 +110,8 @@ def fly_ways(study: Path, own: Path, ways: dict[str, str]) -> dict[str, dict[str
     scratch = study.parents[1] / "scratch"
     scratch.mkdir(exist_ok=True)
     body = "".join(f"{name!r}: {code},\n" for name, code in ways.items())
-    places = f"SCRATCH, TOOLS = {str(scratch)!r}, {str(scratch.with_name('tools'))!r}\n"
-    (study / "sim.py").write_text(f"{places}{HEAD.format(study=str(study))}{body}}}\n")
+    constants = f"SCRATCH, TOOLS = {str(scratch)!r}, {str(scratch.with_name('tools'))!r}\n"
+    (study / "sim.py").write_text(f"{constants}{HEAD.format(study=str(study))}{body}}}\n")
     if own != study:
         for name in declared:
             shutil.copy(study / name, own / name)

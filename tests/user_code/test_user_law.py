@@ -1,4 +1,4 @@
-"""A law of one's own flies as the program's own laws do: same bits, any lanes, compiled or in plain Python."""
+"""Custom control laws match built-in ones, in any lanes, compiled or in plain Python."""
 
 import json
 import pickle
@@ -57,7 +57,7 @@ def law(measured, reference, memory, settings, time, dt):
 
 @pytest.fixture
 def make(tmp_path):
-    """A plan of a law's text and the text of its controller file."""
+    """Return a plan of a law's text and the text of its controller file."""
 
     def make_plan(text, settings="{}", seconds=3.0):
         (tmp_path / "law.py").write_text(text)
@@ -111,9 +111,9 @@ NO_MEMORY += "@controller(compiled=False)\ndef law(memory):\n    return Command(
 def test_an_exception_in_plain_python_ends_the_flight_and_is_told_once(make, capsys, law, line):
     block = fly(make(HEAD + law), nominal_parameters(3))
     assert [Outcome(code) for code in block.outcome] == [Outcome.LAW_FAILED] * 3
-    told = capsys.readouterr().err
-    assert told.count("KeyError: 'lost'") == 1
-    assert f'law.py", line {line}' in told
+    errors = capsys.readouterr().err
+    assert errors.count("KeyError: 'lost'") == 1
+    assert f'law.py", line {line}' in errors
 
 
 def test_memory_of_any_kind_in_plain_python(make):
@@ -163,7 +163,7 @@ def test_a_stored_plan_holds_no_source_and_does_not_fly_without(make, tmp_path, 
 
 
 def test_onboard_is_the_nominal_vehicle(make, capsys):
-    """Moments, forces and slopes against differences of the numpy design model at the measured state."""
+    """Moments, forces and slopes agree with differences of the numpy design model."""
     names = ["dynamic_pressure", "moment_by_elevator.pitch", "moment_by_aileron.roll", "moment_by_rudder.yaw",
              "thrust_by_equivalence_ratio", "lift_by_angle_of_attack", "inertia.yy"]  # fmt: skip
     text = HEAD + "@controller(compiled=False)\ndef law(onboard, reference):\n"
@@ -173,7 +173,7 @@ def test_onboard_is_the_nominal_vehicle(make, capsys):
         seconds=0.01,
     )
     fly(plan, nominal_parameters())
-    found = dict(zip(names, json.loads(capsys.readouterr().out.splitlines()[0]), strict=True))
+    onboard = dict(zip(names, json.loads(capsys.readouterr().out.splitlines()[0]), strict=True))
     state = plan.initial_state
     alpha, eta, elevator = np.arctan2(state[5], state[3]), state[20], state[16]
     mission = read_mission(Path(__file__).parents[2] / "configs" / "mission" / "level.yaml")
@@ -188,26 +188,29 @@ def test_onboard_is_the_nominal_vehicle(make, capsys):
             plan.vehicle, nominal.around, mass, speed, alpha, beta, 3 * [beta], deflections, eta
         )
 
-    h, here = 1e-6, wrench()
+    h, wrench_here = 1e-6, wrench()
 
-    def slope(of, **moved):
-        return (of(wrench(**moved)) - of(here))[..., 0] / h
+    def slope(quantity, **moved):
+        return (quantity(wrench(**moved)) - quantity(wrench_here))[..., 0] / h
 
-    lift = slope(lambda at: at.force, alpha=alpha + h) @ [np.sin(alpha), 0.0, -np.cos(alpha)]
+    lift = slope(lambda point: point.force, alpha=alpha + h) @ [np.sin(alpha), 0.0, -np.cos(alpha)]
     expected = {
         "dynamic_pressure": (0.5 * nominal.around.density * speed**2, 1e-5),
-        "inertia.yy": (here.inertia[1, 1], 1e-5),
-        "moment_by_elevator.pitch": (slope(lambda at: at.moment[1], elevator=elevator + h), 1e-4),
-        "moment_by_aileron.roll": (slope(lambda at: at.moment[0], aileron=h), 1e-4),
-        "moment_by_rudder.yaw": (slope(lambda at: at.moment[2], rudder=h), 1e-4),
+        "inertia.yy": (wrench_here.inertia[1, 1], 1e-5),
+        "moment_by_elevator.pitch": (
+            slope(lambda point: point.moment[1], elevator=elevator + h),
+            1e-4,
+        ),
+        "moment_by_aileron.roll": (slope(lambda point: point.moment[0], aileron=h), 1e-4),
+        "moment_by_rudder.yaw": (slope(lambda point: point.moment[2], rudder=h), 1e-4),
         "thrust_by_equivalence_ratio": (
-            np.hypot(*slope(lambda at: at.force[[0, 2]], eta=eta + h)),
+            np.hypot(*slope(lambda point: point.force[[0, 2]], eta=eta + h)),
             0.05,
         ),
         "lift_by_angle_of_attack": (lift, 0.1),
     }
     for name, (value, tolerance) in expected.items():
-        assert np.isclose(found[name], value, rtol=tolerance), name
+        assert np.isclose(onboard[name], value, rtol=tolerance), name
 
 
 def test_inversion_with_the_vehicle_on_board_flies_the_s():
@@ -263,22 +266,22 @@ WRONG = [
 
 
 @pytest.mark.parametrize(
-    ("text", "line", "found", "wanted"), WRONG, ids=[entry[2] for entry in WRONG]
+    ("text", "line", "problem", "expected"), WRONG, ids=[entry[2] for entry in WRONG]
 )
 def test_what_cannot_be_compiled_is_said_in_the_users_terms(
-    make, tmp_path, text, line, found, wanted
+    make, tmp_path, text, line, problem, expected
 ):
     with pytest.raises(InputError) as caught:
         make(HEAD + "@controller\n" + text)
     error = caught.value
-    assert found in error.found, str(error)
-    assert wanted in error.expected or wanted in error.found, str(error)
+    assert problem in error.found, str(error)
+    assert expected in error.expected or expected in error.found, str(error)
     assert error.file == str(tmp_path / "law.py")
-    assert error.line == line or (error.line is None and "something" in found), str(error)
+    assert error.line == line or (error.line is None and "something" in problem), str(error)
 
 
 @pytest.mark.parametrize(
-    ("settings", "words"),
+    ("settings", "message"),
     [
         (
             "{pth: 1.0}",
@@ -288,7 +291,7 @@ def test_what_cannot_be_compiled_is_said_in_the_users_terms(
         ("{path: fast}", "4:18: 'fast'"),
     ],
 )
-def test_wrong_settings_are_said_with_file_line_and_column(make, tmp_path, settings, words):
+def test_wrong_settings_are_said_with_file_line_and_column(make, tmp_path, settings, message):
     with pytest.raises(InputError) as caught:
         make(CASCADE.format(compiled=""), settings)
-    assert f"{tmp_path / 'law.yaml'}:{words}" in str(caught.value)
+    assert f"{tmp_path / 'law.yaml'}:{message}" in str(caught.value)

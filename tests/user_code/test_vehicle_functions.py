@@ -1,4 +1,4 @@
-"""A vehicle given as functions: what the same vehicle of tables gives, trims, flights and dispersions alike."""
+"""A vehicle given as functions has the results of the same vehicle given as tables."""
 
 from pathlib import Path
 
@@ -39,7 +39,7 @@ _NAMES = {
 def write_ghame_x(
     folder: Path, frame: str = "stability", point: tuple[float, float] = (0.0, 0.0)
 ) -> Path:
-    """``ghame_x`` with its coefficients, and its thrust, as Python functions."""
+    """Write ``ghame_x`` with coefficients and thrust as Python functions."""
     file = read_vehicle_file(CONFIGS / "vehicle" / "ghame_x.yaml")
     content = file.content
     lines = ["from abhv_mc.extend import Coefficients, Thrust, sincos, table", ""]
@@ -49,15 +49,15 @@ def write_ghame_x(
         "equivalence_ratio": set(),
     }
     calls = {}
-    for name, held in file.tables.items():
-        if not held.axes:
-            calls[name] = repr(float(held.values))
+    for name, table in file.tables.items():
+        if not table.axes:
+            calls[name] = repr(float(table.values))
             continue
-        for axis in held.axes:
+        for axis in table.axes:
             nodes[VARIABLES[axis.variable]] |= set(axis.grid.tolist())
-        grids = ", ".join(repr(tuple(axis.grid.tolist())) for axis in held.axes)
-        lines.append(f"t_{name} = table({grids}, {held.values.tolist()!r})")
-        arguments = ", ".join(f"air.{VARIABLES[axis.variable]}" for axis in held.axes)
+        grids = ", ".join(repr(tuple(axis.grid.tolist())) for axis in table.axes)
+        lines.append(f"t_{name} = table({grids}, {table.values.tolist()!r})")
+        arguments = ", ".join(f"air.{VARIABLES[axis.variable]}" for axis in table.axes)
         calls[name] = f"t_{name}({arguments.replace('air.equivalence_ratio', 'throttle')})"
     lines += ["", "", "def coefficients(air, controls, rates):"]
     for coefficient, short in _NAMES.items():
@@ -132,8 +132,8 @@ def test_coefficients_and_trims_are_those_of_the_tables(tmp_path: Path) -> None:
         ours[:3], theirs[:3], rtol=1e-12, atol=1e-14
     )  # moments are about another point
     for bank in (0.0, 0.9):
-        here = FlightPoint(20e3, 1400.0, bank, 0.5)
-        a, b = trim(tables, WGS84, here), trim(functions, WGS84, here)
+        point = FlightPoint(20e3, 1400.0, bank, 0.5)
+        a, b = trim(tables, WGS84, point), trim(functions, WGS84, point)
         assert not b.fault
         for name in ("angle_of_attack", "elevator", "equivalence_ratio"):
             assert getattr(a, name) == pytest.approx(getattr(b, name), abs=1e-10), name
@@ -150,16 +150,16 @@ def test_dispersed_flights_are_those_of_the_tables(tmp_path: Path) -> None:
         "mass.center_of_gravity_x": 0.02,
     }
     parameters = rows_of({}, *({name: value} for name, value in cases.items()))
-    made = {}
+    flights = {}
     for name, vehicle in (
         ("tables", "ghame_x"),
         ("functions", str(write_ghame_x(tmp_path, "body"))),
     ):
-        made[name] = fly(
+        flights[name] = fly(
             make_flight_plan("s_manoeuvre", vehicle), parameters, 100, keep_states=True
         )
-    assert (made["tables"].outcome == made["functions"].outcome).all()
-    altitude = [made[name].states[:, :, 0] for name in ("tables", "functions")]
+    assert (flights["tables"].outcome == flights["functions"].outcome).all()
+    altitude = [flights[name].states[:, :, 0] for name in ("tables", "functions")]
     assert np.nanmax(np.abs(altitude[0] - altitude[1])) < 1e-6
     assert np.nanmax(np.abs(altitude[0] - altitude[0][0])) > 1.0  # the dispersions are felt
 
@@ -188,13 +188,13 @@ def test_a_function_that_does_not_fit_is_said_with_its_line(tmp_path: Path) -> N
 @pytest.mark.thorough
 def test_margins_are_those_of_the_tables(tmp_path: Path) -> None:
     plans = [
-        make_flight_plan("s_manoeuvre", each, "lqr_retuned_ghame_x")
-        for each in ("ghame_x", str(write_ghame_x(tmp_path)))
+        make_flight_plan("s_manoeuvre", vehicle, "lqr_retuned_ghame_x")
+        for vehicle in ("ghame_x", str(write_ghame_x(tmp_path)))
     ]
     tables, functions = (
         analyse(linearize(p, flown_points(p, nominal_parameters(), 45.0).points)) for p in plans
     )
-    for name, one, other in zip(
+    for name, actual, other in zip(
         tables.margins._fields, tables.margins, functions.margins, strict=True
     ):
-        np.testing.assert_allclose(one, other, rtol=1e-5, err_msg=name)
+        np.testing.assert_allclose(actual, other, rtol=1e-5, err_msg=name)

@@ -141,7 +141,7 @@ def dimension_of(unit: str) -> Dimension:
 
 
 def si_unit_of(unit: str) -> str:
-    """The SI unit of what a unit measures. Raises :class:`Refusal` for an unknown unit."""
+    """Return the SI unit of what a unit measures. Raise Refusal for an unknown unit."""
     _, exponents = parse_unit(unit)
     if exponents in _BY_EXPONENTS:
         return _BY_EXPONENTS[exponents].unit

@@ -160,35 +160,35 @@ def _parameter_words(rule: Rule, names: list[str], parameters: Parameters) -> st
 def _difference_words(
     rule: Rule,
     names: list[str],
-    known: Parameters,
+    parameters: Parameters,
     failed: Mask,
     column: Callable[[int], Floats],
 ) -> str:
-    """Return how two inputs are off in the region of a rule, with the medians of its failures as an example.
+    """Return how two inputs deviate in a rule's region, with the failures' medians.
 
-    'density and drag off in opposite directions (e.g. density -7 %, drag +9 %)' if this holds for each of its failures,
-    else 'density far below drag, each in its own range'.
+    The text is 'density and drag off in opposite directions (e.g. density -7 %, drag +9 %)' if that
+    holds for each failure, else 'density far below drag, each in its own range'.
     """
     condition = rule.conditions[0]
     inputs = condition.input, condition.minus or 0
-    one, other = (spoken_name(names[i]) for i in inputs)
+    first, second = (spoken_name(names[i]) for i in inputs)
     region = failed & rule_mask(rule, column)
     side = failed & rule_mask(replace(rule, conditions=(condition,)), column)
     example = ", ".join(
-        f"{spoken_name(names[i])} {shown_value(names[i], float(np.median(column(i)[side])), known)}"
+        f"{spoken_name(names[i])} {shown_value(names[i], float(np.median(column(i)[side])), parameters)}"
         for i in inputs
         if side.any()
     )
     off = [(column(i) - np.mean(column(i)))[region] for i in inputs]
     if np.all(off[0] * off[1] < 0.0):
-        words = f"{one} and {other} off in opposite directions"
+        description = f"{first} and {second} off in opposite directions"
     elif rule.either:
-        words = f"{one} and {other} far apart, each in its own range"
+        description = f"{first} and {second} far apart, each in its own range"
     else:
-        words = (
-            f"{one} far {'above' if condition.above else 'below'} {other}, each in its own range"
+        description = (
+            f"{first} far {'above' if condition.above else 'below'} {second}, each in its own range"
         )
-    return f"{words} (e.g. {example})" if example else words
+    return f"{description} (e.g. {example})" if example else description
 
 
 TITLE = "Why flights fail"

@@ -1,4 +1,4 @@
-"""Bands over all flights: a column a controller, or all controllers in the same axes on a sheet of channels."""
+"""Figures of envelopes: a column per controller, or a sheet of channels."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -55,7 +55,7 @@ class EnvelopeRow:
 
 
 def _draw(axes: Axes, panel: EnvelopePanel, color: str) -> None:
-    """Bands of one controller; of its flights the worst in front, the others thin."""
+    """Draw the bands of a controller; the worst flight is in front, others are thin."""
     faint = 0.5 if panel.flights else 1.0
     for low, high, opacity, _ in [band for band in BANDS if band[0] in panel.bands]:
         area = panel.bands[low], panel.bands[high]
@@ -73,15 +73,15 @@ def _draw(axes: Axes, panel: EnvelopePanel, color: str) -> None:
 
 
 def _legend(
-    figure: Figure, rows: Sequence[EnvelopeRow], shown: Sequence[str], lines: Sequence[Line2D]
+    figure: Figure, rows: Sequence[EnvelopeRow], band_names: Sequence[str], lines: Sequence[Line2D]
 ) -> None:
-    """These bands as far as they are drawn, these lines, and the reference."""
+    """Add a legend of the drawn bands, the lines and the reference."""
     panels = [panel for row in rows for panel in row.panels]
     drawn = {name for panel in panels for name in panel.bands}
     handles: list[Patch | Line2D] = [
-        Patch(facecolor=INK, alpha=opacity + 0.1 * i, linewidth=0, label=words)
-        for i, (low, _, opacity, words) in enumerate(BANDS)
-        if low in drawn and low in shown
+        Patch(facecolor=INK, alpha=opacity + 0.1 * i, linewidth=0, label=label)
+        for i, (low, _, opacity, label) in enumerate(BANDS)
+        if low in drawn and low in band_names
     ]
     handles += lines
     if any(panel.reference is not None for panel in panels):
@@ -93,7 +93,7 @@ def _legend(
 def plot_envelopes(
     rows: Sequence[EnvelopeRow], titles: Sequence[str], colors: Sequence[str]
 ) -> Figure:
-    """Rows of panels, columns of controllers; y is shared along a row so that controllers compare at sight."""
+    """Plot rows of panels, a column per controller; rows share the y axis."""
     count = len(rows) * len(titles)
     figure, grid = new_panels(
         count, len(titles), 0.8, between=(0.2, 0.3), lettered=False, sharex="row", sharey="row"
@@ -134,7 +134,7 @@ def plot_envelopes(
 def plot_sheet(
     rows: Sequence[EnvelopeRow], labels: Mapping[str, str], colors: Mapping[str, str]
 ) -> Figure:
-    """Small multiples: one panel a channel, in it all controllers (all flights, 5 to 95 % and the median)."""
+    """Plot small multiples with all controllers: all flights, 5 to 95 %, median."""
     figure, grid = new_panels(len(rows), 3, 1.3, between=(0.4, 0.42), top=0.24, lettered=False)
     looks = [(colors[name], DASHES[i % len(DASHES)]) for i, name in enumerate(labels)]
     for k, (axes, row) in enumerate(zip(grid.flat, rows, strict=False)):
@@ -173,7 +173,7 @@ def _overlay(axes: Axes, row: EnvelopeRow, looks: Sequence[tuple[str, Any]]) -> 
 
 
 def _draw_inset(axes: Axes, row: EnvelopeRow, looks: Sequence[tuple[str, Any]]) -> None:
-    """The seconds about the largest move, above the curves: there is made room for it."""
+    """Draw the seconds about the largest move in an inset above the curves."""
     peaks = []
     for panel in row.panels:
         middle = np.nanmedian(panel.bands["q50"])
@@ -182,21 +182,21 @@ def _draw_inset(axes: Axes, row: EnvelopeRow, looks: Sequence[tuple[str, Any]]) 
     start, end = row.panels[0].x[0], row.panels[0].x[-1]
     if end - start < 4.0 * _SHOWN:
         return
-    at = float(np.clip(max(peaks)[1], start + _SHOWN, end - _SHOWN))
+    center = float(np.clip(max(peaks)[1], start + _SHOWN, end - _SHOWN))
     low, high = axes.get_ylim()
     axes.set_yticks([tick for tick in MaxNLocator(4).tick_values(low, high) if low <= tick <= high])
     axes.set_ylim(low, high + 0.75 * (high - low))
     inset = axes.inset_axes(_INSET)
     _overlay(inset, row, looks)
-    inset.set_xlim(at - _SHOWN, at + _SHOWN)
+    inset.set_xlim(center - _SHOWN, center + _SHOWN)
     _set_y_limits(inset, row)
-    inset.set_xticks([float(np.ceil(at - _SHOWN)), float(np.floor(at + _SHOWN))])
+    inset.set_xticks([float(np.ceil(center - _SHOWN)), float(np.floor(center + _SHOWN))])
     inset.locator_params(axis="y", nbins=2)
     inset.tick_params(length=2, pad=1)
 
 
 def _set_y_limits(axes: Axes, row: EnvelopeRow) -> None:
-    """Limits from what lies inside the x range, with a margin; never a range of nothing."""
+    """Set limits from the values inside the x range, with a margin, never empty."""
     low, high = np.inf, -np.inf
     left, right = axes.get_xlim()
     for panel in row.panels:
@@ -214,18 +214,20 @@ def _set_y_limits(axes: Axes, row: EnvelopeRow) -> None:
 
 
 def off_reference(x: Floats, y: Floats, time: Floats, reference: Floats | None) -> Floats:
-    """A channel [x] s less its reference [time]; as it is without one."""
+    """Return a channel less its reference [time], unchanged without one; ``x`` in s."""
     return y if reference is None else y - np.interp(x, time, reference)
 
 
 def bands_off(
     x: Floats, bands: Mapping[str, Floats], time: Floats, reference: Floats | None
 ) -> dict[str, Floats]:
-    """The bands of a channel less its reference [time], as far as they mean something then.
+    """Return the bands of a channel less its reference [time], if they are meaningful.
 
-    Minimum and maximum are those of all control ticks between two samples: less a reference that moves meanwhile, they
-    would show its way and not the flights' error.
+    Minimum and maximum cover all control ticks between two samples. Less a moving reference they
+    would show its change instead of the flights' error, and are left out.
     """
     moves = reference is not None and float(np.ptp(reference)) > 0.0
-    shown = {name: band for name, band in bands.items() if not (moves and name in ("min", "max"))}
-    return {name: off_reference(x, band, time, reference) for name, band in shown.items()}
+    drawn_bands = {
+        name: band for name, band in bands.items() if not (moves and name in ("min", "max"))
+    }
+    return {name: off_reference(x, band, time, reference) for name, band in drawn_bands.items()}

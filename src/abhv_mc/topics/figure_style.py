@@ -1,6 +1,7 @@
-"""One look for all figures: sizes, colours that colour-blind readers tell apart, and small files.
+"""Common style of figures: sizes, colours for colour-blind readers, small files.
 
-The ground is transparent, and ink and colours have a contrast of 3 and more on white and on a dark page.
+The background is transparent; ink and colours have a contrast of at least 3 on white and on a dark
+page.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,8 +27,8 @@ P = ParamSpec("P")
 WIDTH = 7.2  # in, two columns of a journal
 DPI = 200
 _MOST_STEPS = 2000  # of a distribution curve
-_COLORS = 128  # of a figure: a third of the bytes, and no difference to see
-SMALLEST = 8.0  # pt, of all text: figures are printed as wide as they are drawn
+_COLORS = 128  # of a figure: a third of the bytes without visible difference
+SMALLEST = 8.0  # pt, of all text: figures are printed at the drawn width
 
 # Okabe & Ito's palette (jfly.uni-koeln.de/color), in the order in which controllers take it.
 # The last two are darker than theirs: legible on white.
@@ -81,7 +82,7 @@ _RC: dict[Any, Any] = {
 
 
 def styled(plot: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Make a figure under the common style, whatever the caller's settings are, and leave those untouched."""
+    """Return the plot function with the common style, independent of global settings."""
 
     @wraps(plot)
     def draw(*args: P.args, **kwargs: P.kwargs) -> Figure:
@@ -92,7 +93,7 @@ def styled(plot: Callable[P, Figure]) -> Callable[P, Figure]:
 
 
 def new_figure(height: float, width: float = WIDTH) -> Figure:
-    """An empty figure, inches; it is laid out so that nothing overlaps."""
+    """Return an empty figure, sizes in inches; its layout avoids overlaps."""
     # The layout rests on the size of text, which hinting makes depend on the resolution: the final one, then.
     figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
@@ -109,12 +110,12 @@ def new_panels(
     lettered: bool = True,
     **shared: Any,
 ) -> tuple[Figure, Any]:
-    """Return a figure and its grid [row, column] of axes for ``count`` panels. Heights in inches.
+    """Return a figure and axes [row, column] for ``count`` panels; spare ones are hidden.
 
-    ``row_height`` is that of axes; ``top`` is the room for titles, ``between`` the room beside and below each of the
-    axes; left of and below all there is room for the labels and the legend. Fixed, as a layout that measures
-    the text takes as long as the drawing. Panels are ``lettered`` unless they are a matrix. ``shared`` goes to
-    :meth:`Figure.subplots`.
+    Heights are in inches. ``row_height`` is that of axes, ``top`` the space for titles, and
+    ``between`` the space beside and below axes; labels and legend have space left of and below all.
+    The layout is fixed, because measuring text takes as long as drawing. Panels are ``lettered``
+    unless they are a matrix. ``shared`` goes to :meth:`Figure.subplots`.
     """
     rows = -(-count // columns)
     left, bottom, right = 0.68, 0.72, 0.12
@@ -122,7 +123,7 @@ def new_panels(
     width = (WIDTH - left - right - (columns - 1) * between[0]) / columns
     figure = Figure(figsize=(WIDTH, height), dpi=DPI)
     FigureCanvasAgg(figure)
-    place = {
+    layout = {
         "left": left / WIDTH,
         "right": 1.0 - right / WIDTH,
         "bottom": bottom / height,
@@ -130,7 +131,7 @@ def new_panels(
         "wspace": between[0] / width,
         "hspace": between[1] / row_height,
     }
-    grid = figure.subplots(rows, columns, squeeze=False, gridspec_kw=place, **shared)
+    grid = figure.subplots(rows, columns, squeeze=False, gridspec_kw=layout, **shared)
     for axes in grid.flat:
         for axis in (axes.xaxis, axes.yaxis):
             axis.get_major_locator().set_params(nbins=6)
@@ -153,14 +154,14 @@ def new_panels(
 
 
 def label_lowest(grid: Any, count: int, label: str) -> None:
-    """Name the x axis under the lowest panel of each column."""
+    """Set the x label under the lowest panel of each column."""
     for axes in grid.flat[max(0, count - grid.shape[1]) : count]:
         axes.tick_params(labelbottom=True)
         axes.set_xlabel(label)
 
 
 def legend_below(figure: Figure, *panels: Axes) -> None:
-    """One legend under all panels, each label once."""
+    """Add one legend under all panels, each label once."""
     entries = {
         label: handle
         for axes in panels
@@ -170,7 +171,7 @@ def legend_below(figure: Figure, *panels: Axes) -> None:
 
 
 def put_legend(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) -> None:
-    """These entries in one line at the lower edge, closer to each other where they are many."""
+    """Add a legend in one line at the lower edge, denser if there are many entries."""
     letters = sum(map(len, labels)) + 6 * len(labels)
     figure.legend(
         handles,
@@ -184,19 +185,22 @@ def put_legend(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) ->
 
 
 def controller_colors(names: Sequence[str]) -> dict[str, str]:
-    """Each controller's colour, by its place in the campaign."""
+    """Return each controller's colour, by its position in the campaign."""
     return {name: CYCLE[i % len(CYCLE)] for i, name in enumerate(names)}
 
 
 def pad_if_flat(axes: Axes) -> None:
-    """Open the y limits of a curve without variation, so that it does not look like noise."""
+    """Widen the y limits of a constant curve, so that it does not look like noise."""
     low, high = axes.get_ylim()
     if high - low < 1e-9:
         axes.set_ylim((low + high) / 2.0 - 1.0, (low + high) / 2.0 + 1.0)
 
 
 def distribution_steps(values: Floats) -> tuple[Floats, Floats]:
-    """Finite values, rising, and the share of all at or below each; so many of them as can be seen."""
+    """Return finite values, ascending, and the cumulative share of each.
+
+    Points are thinned to what is visible.
+    """
     ascending = np.sort(values)
     share = np.arange(1, ascending.size + 1) / max(ascending.size, 1)
     keep = np.unique(
@@ -207,7 +211,10 @@ def distribution_steps(values: Floats) -> tuple[Floats, Floats]:
 
 
 def write_png(figure: Figure, path: Path) -> tuple[int, int]:
-    """Write a figure at print resolution, drawn once; its width and height, px. Raises StorageFullError, InputError."""
+    """Write a figure at print resolution; return width and height, px.
+
+    Raise StorageFullError, InputError.
+    """
     from PIL import Image
 
     canvas = FigureCanvasAgg(figure)
@@ -223,7 +230,10 @@ def write_png(figure: Figure, path: Path) -> tuple[int, int]:
 
 
 def write_svg(figure: Figure, path: Path) -> None:
-    """Write a figure as SVG, the same bytes each time, its text as text. Raises as :func:`write_png` does."""
+    """Write a figure as reproducible SVG with text as text.
+
+    Raise errors as :func:`write_png`.
+    """
     file = BytesIO()
     with context(["default", _RC, {"svg.hashsalt": "abhv-mc", "svg.fonttype": "none"}]):
         FigureCanvasSVG(figure).print_svg(file, metadata={"Date": None, "Creator": None})
@@ -231,7 +241,7 @@ def write_svg(figure: Figure, path: Path) -> None:
 
 
 def log_if_wide(axes: Axes, way: Literal["x", "y"], values: Sequence[Floats]) -> bool:
-    """Make an axis logarithmic where all but the smallest values span more than 20 to 1."""
+    """Make an axis logarithmic if all but the smallest values span more than 20 to 1."""
     finite = np.concatenate([v[np.isfinite(v)] for v in values])
     if not finite.size or finite.min() <= 0.0:
         return False

@@ -1,4 +1,4 @@
-"""How a campaign is flown again: what was asked, which program and machine flew it, and its bytes."""
+"""Reproducibility: question, program, machine, digests and hashes of a campaign."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from abhv_mc.topics.words import significant
 
 @dataclass(frozen=True)
 class Provenance:
-    """What the campaign is called and asks, and where its numbers come from."""
+    """Identity and origin of a campaign's numbers."""
 
     name: str
     question: str
@@ -29,7 +29,7 @@ class Provenance:
 
 
 def compute_provenance(results: FlownCampaign) -> Provenance:
-    """What the campaign file and the manifest say."""
+    """Return the provenance from the campaign file and the manifest."""
     campaign, manifest = results.campaign, results.manifest
     return Provenance(
         **{key: getattr(campaign, key) for key in ("name", "question", "runs", "seed", "sampling")},
@@ -49,7 +49,7 @@ _TOLD_ELSEWHERE = (
 
 
 def _rows(manifest: Mapping[str, object]) -> Iterator[tuple[str, str]]:
-    """What the manifest says, flat, as pairs of words."""
+    """Yield the entries of the manifest, flattened, as pairs of texts."""
     for key, value in manifest.items():
         if key in _TOLD_ELSEWHERE:
             continue
@@ -84,13 +84,18 @@ def _section(_found: Provenance, names: Names) -> Section:
         f"To check every number on it against the data: `abhv-mc verify campaign {names.folder}`. `report.json` beside "
         "this page holds every number unrounded, and the SHA-256 of every file that it was made from."
     )
-    made = tuple((Cell(key, head=True), Cell(value)) for key, value in _rows(manifest.as_entries()))
+    manifest_rows = tuple(
+        (Cell(key, head=True), Cell(value)) for key, value in _rows(manifest.as_entries())
+    )
     return Section(
         title,
         (
             Text(text),
             credibility_fold(names),
-            Fold("Provenance", (Table("Provenance", ("What", "Value"), (made,), numbers=False),)),
+            Fold(
+                "Provenance",
+                (Table("Provenance", ("What", "Value"), (manifest_rows,), numbers=False),),
+            ),
         ),
     )
 

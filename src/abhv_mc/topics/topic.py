@@ -1,4 +1,4 @@
-"""What a topic is: a question about a campaign, answered once for the page, JSON, the terminal and Python."""
+"""Topic: a question about a campaign, answered for the page, JSON, terminal and Python."""
 
 import sys
 import traceback
@@ -23,7 +23,10 @@ Drawn: TypeAlias = "tuple[FigureText, Figure]"  # a figure and its words
 
 
 def figures_of(room: str) -> Callable[[Any, Names], Iterator[Drawn]]:
-    """What a room's ``figures.draw`` gives: that module, and matplotlib, is imported when they are drawn."""
+    """Return the function that draws a package's ``figures``.
+
+    That module, and matplotlib, is imported on the first drawing.
+    """
 
     def draw(model: Any, names: Names) -> Iterator[Drawn]:
         yield from import_module(f"{room}.figures").draw(model, names)
@@ -33,16 +36,16 @@ def figures_of(room: str) -> Callable[[Any, Names], Iterator[Drawn]]:
 
 @dataclass(frozen=True)
 class Topic(Generic[M]):
-    """One topic: ``compute`` makes its model, a frozen dataclass of numbers; all else is made of that alone.
+    """Topic whose ``compute`` makes a model, a frozen dataclass of numbers.
 
-    A field of the model with ``metadata={DRAWN: True}`` (:mod:`abhv_mc.topics.plain`) serves figures and stands in no
-    JSON.
+    Sections, sentences and figures are made from the model alone. A field with ``metadata={DRAWN:
+    True}`` (:mod:`abhv_mc.topics.plain`) serves figures only and is not in JSON.
     """
 
     name: str  # of its numbers in report.json, of `abhv-mc show NAME DIR`, of an attribute of the results
     model: type[M]
     compute: Callable[[FlownCampaign], M]
-    section: Callable[[M, Names], Section | None]  # None where there is nothing to say
+    section: Callable[[M, Names], Section | None]  # None if there is nothing to report
     sentences: Callable[[M, Names], Sequence[str]] = (
         lambda _model, _names: ()
     )  # the answer in words
@@ -50,28 +53,28 @@ class Topic(Generic[M]):
 
 
 class Models:
-    """The models of a campaign's topics, each computed when it is first asked for."""
+    """Models of a campaign's topics, each computed on first use."""
 
     def __init__(self, results: FlownCampaign, page: Path | None = None) -> None:
-        """``page``: the folder of the page that they are shown on, to which its commands are relative."""
+        """Set up the models; commands name the results folder relative to ``page``, a folder."""
         self.results = results
         self._page = page
         self._held: dict[str, Any] = {}
 
     @cached_property
     def names(self) -> Names:
-        """What the campaign calls its controllers and metrics."""
+        """Names of the campaign's controllers and metrics."""
         return names_of(self.results, self._page)
 
     def __getitem__(self, topic: Topic[M]) -> M:
         if topic.name not in self._held:
             self._held[topic.name] = topic.compute(self.results)
-        found: M = self._held[topic.name]
-        return found
+        model: M = self._held[topic.name]
+        return model
 
     @cached_property
     def users(self) -> tuple["Topic[Any]", ...]:
-        """The users' topics, less those that cannot be made of this campaign: standard error says which and why."""
+        """Custom topics that work for this campaign; failures are reported on stderr."""
         return tuple(topic for topic in user_topics() if self._can_be_made(topic))
 
     def _can_be_made(self, topic: Topic[Any]) -> bool:
@@ -84,16 +87,16 @@ class Models:
         return True
 
     def section(self, topic: Topic[Any]) -> Section | None:
-        """A topic's section."""
+        """Return a topic's section."""
         section = topic.section(self[topic], self.names)
         return section and section.without_idle()
 
     def sentences(self, topic: Topic[Any]) -> Sequence[str]:
-        """A topic's answer in words."""
+        """Return a topic's answer in sentences."""
         return topic.sentences(self[topic], self.names)
 
     def figures(self, topic: Topic[Any]) -> Iterator[Drawn]:
-        """A topic's figures, each with its words."""
+        """Yield a topic's figures with their texts."""
         return topic.figures(self[topic], self.names)
 
 
@@ -101,11 +104,11 @@ REGISTERED: dict[str, Topic[Any]] = {}  # in this process
 
 
 def user_topics() -> tuple[Topic[Any], ...]:
-    """Those that installed packages and notebooks have added, less those whose import fails.
+    """Return custom topics of installed packages and notebooks that can be imported.
 
-    Raises InputError for an entry point that is none.
+    Raise InputError for an entry point that is no topic.
     """
-    found: dict[str, Topic[Any]] = {}
+    topics: dict[str, Topic[Any]] = {}
     for entry in find_entry_points(TOPICS).values():
         try:
             topic = entry.load()
@@ -116,12 +119,12 @@ def user_topics() -> tuple[Topic[Any], ...]:
             raise InputError(
                 f"entry point {entry.name} of {TOPICS}", describe(topic), "an abhv_mc.topics.Topic"
             )
-        found[topic.name] = topic
-    return tuple({**found, **REGISTERED}.values())
+        topics[topic.name] = topic
+    return tuple({**topics, **REGISTERED}.values())
 
 
 def _tell_failure(name: str) -> None:
-    """Of a user's topic, which what is made goes on without."""
+    """Report on stderr that a custom topic failed and is left out."""
     print(
         f"the topic {name} is left out:\n{traceback.format_exc()}",
         end="",

@@ -83,9 +83,10 @@ def compile_law(
 
 @functools.lru_cache(maxsize=64)
 def compile_filter(source: UserSource, settings: tuple[float, ...], width: int) -> Any:
-    """The compiled loop over ``width`` lanes of what filters a measurement, with its ``address``.
+    """Return the compiled loop over ``width`` lanes of a measurement filter.
 
-    Raises InputError for what does not compile, with the user's line.
+    Its attribute is ``address``. Raise InputError, with the user's line, for code that does not
+    compile.
     """
     law = load_law(source)
     lane = functools.partial(lane_of, width)
@@ -184,18 +185,18 @@ def compiled_names(module: Module) -> dict[str, Any]:
 
 
 def _compile_names(
-    given: dict[str, Any],
+    globals_of_module: dict[str, Any],
     folder: str,
-    made: dict[int, dict[str, Any]],
+    namespaces: dict[int, dict[str, Any]],
     codes: dict[str, types.CodeType],
 ) -> dict[str, Any]:
     """Return the names of a module, and of modules imported from the law's ``folder``.
 
     ``codes`` has functions that are compiled from a text other than the user's.
     """
-    if id(given) in made:
-        return made[id(given)]
-    name = given["__name__"]
+    if id(globals_of_module) in namespaces:
+        return namespaces[id(globals_of_module)]
+    name = globals_of_module["__name__"]
     mark = hashlib.sha256(folder.encode()).hexdigest()[
         :16
     ]  # of a module of the law's own, whose name others may have
@@ -204,20 +205,23 @@ def _compile_names(
         home  # numba finds what it kept of a function under its module's name
     )
     names = home.__dict__
-    names.update({**given, "__name__": home.__name__})
-    made[id(given)] = names
-    for name, value in given.items():  # by type: isinstance() would ask the objects themselves
-        if type(value) is types.FunctionType and value.__globals__ is given:
+    names.update({**globals_of_module, "__name__": home.__name__})
+    namespaces[id(globals_of_module)] = names
+    for (
+        name,
+        value,
+    ) in globals_of_module.items():  # by type: isinstance() would ask the objects themselves
+        if type(value) is types.FunctionType and value.__globals__ is globals_of_module:
             copy = types.FunctionType(
                 codes.get(name, value.__code__), names, name, value.__defaults__, value.__closure__
             )
             copy.__kwdefaults__ = value.__kwdefaults__
             names[name] = scalar(copy)
         elif type(value) is types.FunctionType and _is_in(folder, value.__globals__):
-            names[name] = _compile_names(value.__globals__, folder, made, {})[value.__name__]
+            names[name] = _compile_names(value.__globals__, folder, namespaces, {})[value.__name__]
         elif type(value) is types.ModuleType and _is_in(folder, value.__dict__):
-            _compile_names(value.__dict__, folder, made, {})
-            names[name] = sys.modules[made[id(value.__dict__)]["__name__"]]
+            _compile_names(value.__dict__, folder, namespaces, {})
+            names[name] = sys.modules[namespaces[id(value.__dict__)]["__name__"]]
         elif value is Effect:
             names[name] = _make_effect_maker(home.__name__)
         elif issubclass(type(value), LookUp):
@@ -256,11 +260,12 @@ def _make_maker(kind: Any, home: str, defaults: dict[str, Any]) -> Any:
 
 
 def _make_effect_maker(home: str) -> Any:
-    """A compiled function that makes an Effect, its force and moment of floats."""
+    """Return a compiled function that makes an Effect with a float force and moment."""
     names: dict[str, Any] = {"_kind": Effect, "_sensed": Sensed(), "__name__": home}
     nothing = "(0.0, 0.0, 0.0)"
     floats = ", ".join(
-        f"(float({of}[0]), float({of}[1]), float({of}[2]))" for of in ("force", "moment")
+        f"(float({vector}[0]), float({vector}[1]), float({vector}[2]))"
+        for vector in ("force", "moment")
     )
     parameters = f"rates, force={nothing}, moment={nothing}, sensed=_sensed"
     exec(f"def make({parameters}):\n    return _kind(rates, {floats}, sensed)\n", names)
@@ -272,21 +277,26 @@ def _measured_text(lane: Callable[[int], str]) -> str:
 
 
 def _memory_lines(law: Law, lane: Callable[[int], str]) -> list[str]:
-    """A line that makes a law's memory of its rows, or at the start of its defaults; none without one."""
+    """Return the line that builds a law's memory from its rows, if it has one.
+
+    At the start the memory has its default values.
+    """
     if "memory" not in law.arguments:
         return []
     starts = [repr(float(law.memory._field_defaults[field])) for field in law.memory._fields]
-    held = [f"{start} if tick == 0 else {lane(MEMORY + i)}" for i, start in enumerate(starts)]
-    return [f"memory = {tuple_text('Memory', held)}"]
+    memory_values = [
+        f"{start} if tick == 0 else {lane(MEMORY + i)}" for i, start in enumerate(starts)
+    ]
+    return [f"memory = {tuple_text('Memory', memory_values)}"]
 
 
 def _returned(law: Law, name: str) -> str:
-    """What a law's result is assigned to."""
+    """Return the assignment targets of a law's result."""
     return f"{name}, after" if "memory" in law.arguments else name
 
 
 def _keep_memory(law: Law, lane: Callable[[int], str]) -> list[str]:
-    """Lines that put a law's memory after the tick into its rows."""
+    """Return the lines that store a law's memory after the tick."""
     fields = law.memory._fields if "memory" in law.arguments else ()
     return [f"{lane(MEMORY + i)} = after.{field}" for i, field in enumerate(fields)]
 
@@ -314,7 +324,8 @@ def _make_loop(law: Law, gains: tuple[str, ...], width: int, effectors: tuple[st
         ),
     }
     before, lines = (
-        [f"{name} = {of[name]}" for name in law.arguments if name in of] for of in (once, inside)
+        [f"{name} = {values[name]}" for name in law.arguments if name in values]
+        for values in (once, inside)
     )
     lines += _memory_lines(law, lane)
     lines.append(f"{_returned(law, 'command')} = _law({', '.join(law.arguments)})")

@@ -224,9 +224,9 @@ Sensed: Any = namedtuple("Sensed", Measured._fields, defaults=[*_N_MEASURED * [0
 
 
 class Effect(NamedTuple):
-    """What custom dynamics return: rates in the order of the states; force (N) and moment (N m) in body axes.
+    """Result of custom dynamics: rates in the order of the states, and loads.
 
-    They act at and about the centre of gravity.
+    Force (N) and moment (N m) are in body axes.
     """
 
     rates: Any

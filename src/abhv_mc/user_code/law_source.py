@@ -79,24 +79,28 @@ def read_law_source(controller: UserController) -> UserSource:
 
 
 def check_wiring(document: Document, controller: FmuController) -> None:
-    """Raise InputErrors, with their places, for sources of inputs that there are not, and for missing outputs."""
+    """Raise InputErrors for unknown sources of inputs and missing outputs."""
     errors = []
     for name, source in controller.wired.items():
         group, _, field = source.partition(".")
-        known = (
+        is_known = (
             source == "time"
             or (group == "gains" and bool(field))
             or field in _GROUPS.get(group, ())
         )
-        if not known:
-            choices = [f"{each}.{entry}" for each, entries in _GROUPS.items() for entry in entries]
-            found = f"'{source}' for the input '{name}'"
+        if not is_known:
+            choices = [
+                f"{group_name}.{entry}"
+                for group_name, entries in _GROUPS.items()
+                for entry in entries
+            ]
+            problem = f"'{source}' for the input '{name}'"
             expected = one_of([*choices, "gains.NAME", "time"], source)
-            errors.append(document.error(("inputs", name), found, expected))
+            errors.append(document.error(("inputs", name), problem, expected))
     missing = [name for name in _NEEDED if name not in controller.outputs]
     if missing:
-        found = f"no output for {', '.join(missing)}"
-        errors.append(document.key_error(("outputs",), found, "all four controls"))
+        problem = f"no output for {', '.join(missing)}"
+        errors.append(document.key_error(("outputs",), problem, "all four controls"))
     if errors:
         raise InputErrors(errors)
 

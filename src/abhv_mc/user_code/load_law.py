@@ -50,18 +50,18 @@ def load_law(source: UserSource) -> Law:
     """Run a controller's file and return its law. Raise InputError for the first problem."""
     module = run_module(source)
     with refuse_in_words(source, "a law", "a plain function, and named tuples of numbers"):
-        found = module.marked(CONTROLLER)
-        if len(found) != 1:
-            words = (
-                f"{len(found)} functions with @controller"
-                if found
+        controllers = module.marked(CONTROLLER)
+        if len(controllers) != 1:
+            problem = (
+                f"{len(controllers)} functions with @controller"
+                if controllers
                 else "no function with @controller or @measurement_filter"
             )
-            raise InputError(source.file, words, "one: from abhv_mc.extend import controller")
-        ((name, function),) = found.items()
+            raise InputError(source.file, problem, "one: from abhv_mc.extend import controller")
+        ((name, function),) = controllers.items()
         mark: ControllerMark = getattr(function, CONTROLLER)
-        known = FILTER_ARGUMENTS if mark.filters else ARGUMENTS
-        arguments = module.check_arguments(name, known)
+        allowed = FILTER_ARGUMENTS if mark.filters else ARGUMENTS
+        arguments = module.check_arguments(name, allowed)
         names = module.names.get
         defined = names("Memory"), names("Settings"), names("Commands"), names("design")
         law = Law(module, function, mark, arguments, *defined)
@@ -208,52 +208,66 @@ def _find_refused(node: ast.AST, names: dict[str, Any], local: set[str]) -> tupl
 
 
 def _fields_of(law: Law) -> dict[str, Any]:
-    """The classes of a law's arguments."""
+    """Return the classes of a law's arguments."""
     kinds: dict[str, Any] = {
         argument: kind for argument, kind in GIVEN.items() if argument in law.arguments
     }
     return kinds | {
-        of: getattr(law, of) for of in ("memory", "settings", "commands") if of in law.arguments
+        parameter: getattr(law, parameter)
+        for parameter in ("memory", "settings", "commands")
+        if parameter in law.arguments
     }
 
 
 def check_fields(module: Module, name: str, kinds: dict[str, Any]) -> None:
-    """Raise InputError for a field that an argument of a function does not have, by the class of each."""
+    """Raise InputError for attributes that arguments do not have.
+
+    ``kinds`` are the classes of the arguments.
+    """
     for node in _walk(module.texts[name]):
         if (
             isinstance(node, ast.Attribute)
             and isinstance(node.value, ast.Name)
             and node.value.id in kinds
         ):
-            of, known = node.value.id, kinds[node.value.id]._fields
-            if node.attr not in known:
-                place = node.lineno, (node.value.end_col_offset or 0) + 2
-                expected = one_of(known, node.attr)
+            argument, fields = node.value.id, kinds[node.value.id]._fields
+            if node.attr not in fields:
+                location = node.lineno, (node.value.end_col_offset or 0) + 2
+                expected = one_of(fields, node.attr)
                 raise InputError(
-                    module.source.file, f"{of}.{node.attr}, which there is not", expected, *place
+                    module.source.file,
+                    f"{argument}.{node.attr}, which there is not",
+                    expected,
+                    *location,
                 )
 
 
 def _check_returns(law: Law, name: str) -> None:
-    """Every way through the law returns a Command (a filter's Filtered), and the memory where there is one."""
+    """Check that all paths return a Command (or Filtered), and the memory if there is one."""
     function, remembers = law.module.texts[name], "memory" in law.arguments
-    made = "Filtered" if law.mark.filters else "Command"
+    result_class = "Filtered" if law.mark.filters else "Command"
     wrong = [
         node
         for node in _walk(function)
-        if isinstance(node, ast.Return) and _is_wrong(node.value, remembers, made)
+        if isinstance(node, ast.Return) and _is_wrong(node.value, remembers, result_class)
     ]
     if wrong or not _always_returns(function.body):
         last = [*wrong, function.body[-1]][0]
-        expected = f"return {made}(...){', Memory(...)' if remembers else ''}"
-        found = f"'{ast.unparse(last):.60}'" if wrong else "a way through the law without 'return'"
-        raise InputError(law.source.file, found, expected, last.lineno, last.col_offset + 1)
+        expected = f"return {result_class}(...){', Memory(...)' if remembers else ''}"
+        problem = (
+            f"'{ast.unparse(last):.60}'" if wrong else "a way through the law without 'return'"
+        )
+        raise InputError(law.source.file, problem, expected, last.lineno, last.col_offset + 1)
 
 
-def _is_wrong(value: ast.expr | None, remembers: bool, made: str) -> bool:
+def _is_wrong(value: ast.expr | None, remembers: bool, result_class: str) -> bool:
     if isinstance(value, ast.Tuple):
         return not remembers or len(value.elts) != 2
-    if isinstance(value, ast.Call) and isinstance(value.func, ast.Name) and value.func.id == made:
+    if (
+        isinstance(value, ast.Call)
+        and isinstance(value.func, ast.Name)
+        and value.func.id == result_class
+    ):
         return remembers
     return value is None or isinstance(value, ast.Constant)
 

@@ -87,7 +87,7 @@ def find_code(vehicle: Vehicle) -> VehicleCode | None:
 
 
 def load_functions(code: VehicleCode, vehicle: Vehicle) -> Foreign:
-    """Compile a vehicle's functions for the launching side and register them; return their record."""
+    """Compile a vehicle's functions in this process and register them; return their record."""
     functions = compile_functions(code, WIDTH)
     _codes[code.digest] = code
     register(code.digest, functools.partial(_evaluate, functions, vehicle.foreign.settings))
@@ -102,40 +102,40 @@ def compile_functions(code: VehicleCode, width: int) -> Functions:
     """
     loops = dict.fromkeys(_ARGUMENTS)
     first = 0  # of the function's settings among those of all functions
-    for key, of in code.named_functions():
-        if of is None:
+    for key, function_code in code.named_functions():
+        if function_code is None:
             continue
-        source = UserSource(of.text, of.file)
+        source = UserSource(function_code.text, function_code.file)
         module = run_module(source)
         with refuse_in_words(source, "a function of the vehicle", WANTED):
-            function = of.function or _find_marked(module)
+            function = function_code.function or _find_marked(module)
             if function not in module.texts:
                 raise InputError(
                     source.file, f"no function '{function}'", one_of(module.texts, function)
                 )
-            given = module.check_arguments(function, _ARGUMENTS[key])
+            arguments = module.check_arguments(function, _ARGUMENTS[key])
             check_functions(module, function)
             kinds: dict[str, Any] = {"air": Air, "rates": Rates, "controls": _controls(code)}
             if key == "dynamics":
-                kinds["settings"] = namedtuple("Settings", dict(of.settings))
+                kinds["settings"] = namedtuple("Settings", dict(function_code.settings))
                 kinds |= {"states": _states(code), "motion": Motion}
-                values: dict[str, float | None] = {name: None for name, _ in of.settings}
-                check_fields(module, function, {name: kinds[name] for name in given})
-                _try_out(module, function, code, [kinds[name] for name in given])
+                values: dict[str, float | None] = {name: None for name, _ in function_code.settings}
+                check_fields(module, function, {name: kinds[name] for name in arguments})
+                _try_out(module, function, code, [kinds[name] for name in arguments])
             else:
                 kinds["settings"] = module.names.get("Settings")
-                values = _settings(module, of)
+                values = _settings(module, function_code)
             names = compiled_names(module)
             names |= {f"_{name}": kind for name, kind in kinds.items()}
             names |= {"_function": names[function], "_sincos": sincos}
-        places = {name: first + k for k, (name, _) in enumerate(of.settings)}
-        first += len(places)
+        positions = {name: first + k for k, (name, _) in enumerate(function_code.settings)}
+        first += len(positions)
         flow = (s.RHO, s.AIRSPEED) if key == "dynamics" else (s.F_DENSITY, s.F_AIRSPEED)
-        reads = _read_settings(width, values, places, key == "dynamics")
+        reads = _read_settings(width, values, positions, key == "dynamics")
         body = [*_read_lane(width, code, *flow), reads]
         if key == "dynamics":
             body += _read_motion(width, code)
-        body.append(f"made = _function({', '.join(given)})")
+        body.append(f"made = _function({', '.join(arguments)})")
         body += _WRITERS[key](width, code, module)
         text = loop_text(width, [f"nominal = tick == {NOMINAL}"], body)
         loops[key] = build(module, text, names, function)
@@ -146,35 +146,35 @@ def _find_marked(module: Module) -> str:
     """Return the name of the one function that is custom dynamics. Raise InputError."""
     marked = module.marked(DYNAMICS)
     if len(marked) != 1:
-        found = f"{len(marked) or 'no'} functions with @dynamics"
-        raise InputError(module.source.file, found, "one: from abhv_mc.extend import dynamics")
+        problem = f"{len(marked) or 'no'} functions with @dynamics"
+        raise InputError(module.source.file, problem, "one: from abhv_mc.extend import dynamics")
     return next(iter(marked))
 
 
 def _try_out(module: Module, function: str, code: VehicleCode, kinds: list[Any]) -> None:
-    """Raise InputError if custom dynamics do not return an Effect with a rate for each state.
+    """Raise InputError if custom dynamics do not return an Effect with a rate per state.
 
-    Arithmetic that fails at the numbers of this trial says nothing.
+    Arithmetic errors at the trial's numbers are ignored.
     """
     try:
-        made: Any = module.names[function](*(kind(*[1.0] * len(kind._fields)) for kind in kinds))
+        effect: Any = module.names[function](*(kind(*[1.0] * len(kind._fields)) for kind in kinds))
     except (ArithmeticError, ValueError):
         return
     text = module.texts[function]
     returns = [node.lineno for node in ast.walk(text) if isinstance(node, ast.Return)]
     line = (returns or [text.lineno])[0]
-    if type(made) is not Effect:
-        found = f"custom dynamics that return {type(made).__name__}"
-        raise InputError(module.source.file, found, "return Effect(rates=(...), ...)", line)
-    count = len(made.rates) if isinstance(made.rates, tuple) else 1
+    if type(effect) is not Effect:
+        problem = f"custom dynamics that return {type(effect).__name__}"
+        raise InputError(module.source.file, problem, "return Effect(rates=(...), ...)", line)
+    count = len(effect.rates) if isinstance(effect.rates, tuple) else 1
     if count != len(code.states):
         names = ", ".join(state.name for state in code.states)
-        found = f"{count} rate{'s' if count != 1 else ''} for {len(code.states)} states"
-        raise InputError(module.source.file, found, f"a tuple, one of each state: {names}", line)
+        problem = f"{count} rate{'s' if count != 1 else ''} for {len(code.states)} states"
+        raise InputError(module.source.file, problem, f"a tuple, one of each state: {names}", line)
 
 
 def function_line(code: VehicleCode) -> int | None:
-    """The line at which a vehicle's custom dynamics are defined."""
+    """Return the line at which a vehicle's custom dynamics are defined."""
     if code.dynamics is None:
         return None
     module = run_module(UserSource(code.dynamics.text, code.dynamics.file))
@@ -192,54 +192,61 @@ def _states(code: VehicleCode) -> Any:
     return namedtuple("States", [state.name for state in code.states])
 
 
-def _settings(module: Module, of: FunctionCode) -> dict[str, float | None]:
-    """The fields of the file's class ``Settings``: None for one of the vehicle file, else its default.
+def _settings(module: Module, function_code: FunctionCode) -> dict[str, float | None]:
+    """Return the fields of class ``Settings``, empty without one. Raise InputError.
 
-    None without such a class. Raises InputError.
+    The value of a field is None if the vehicle file sets it, else its default.
     """
     kind: Any = module.names.get("Settings")
-    given, units = dict(of.settings), module.names.get("UNITS", {})
-    known = kind._fields if kind is not None else ()
+    entries, units = dict(function_code.settings), module.names.get("UNITS", {})
+    fields = kind._fields if kind is not None else ()
     values: dict[str, float | None] = {}
-    for name in given:
-        if name not in known:
-            expected = one_of(known, name) if known else "a class Settings(NamedTuple) in the file"
-            raise InputError(of.file, f"the setting '{name}'", expected)
-    for name in known:
+    for name in entries:
+        if name not in fields:
+            expected = (
+                one_of(fields, name) if fields else "a class Settings(NamedTuple) in the file"
+            )
+            raise InputError(function_code.file, f"the setting '{name}'", expected)
+    for name in fields:
         try:
             number = (
-                parse_in_unit(given[name], units.get(name, "-"))
-                if name in given
+                parse_in_unit(entries[name], units.get(name, "-"))
+                if name in entries
                 else kind._field_defaults.get(name)
             )
         except Refusal as refusal:
-            raise InputError(of.file, f"{name}: {refusal.found}", refusal.expected) from None
+            raise InputError(
+                function_code.file, f"{name}: {refusal.found}", refusal.expected
+            ) from None
         if not is_number(number):
-            raise InputError(of.file, f"no number for the setting '{name}'", "one, or a default")
-        values[name] = None if name in given else float(number)
+            raise InputError(
+                function_code.file, f"no number for the setting '{name}'", "one, or a default"
+            )
+        values[name] = None if name in entries else float(number)
     return values
 
 
 def _read_settings(
-    width: int, values: dict[str, float | None], places: dict[str, int], dispersed: bool
+    width: int, values: dict[str, float | None], positions: dict[str, int], dispersed: bool
 ) -> str:
-    """A line that makes the function's settings: of the flight, or if nominal of the vehicle file.
+    """Return the line that builds the function's settings.
 
     ``dispersed``: the function is part of the plant alone, and no controller calls it.
     """
 
-    def read(place: int) -> str:
-        of_flight = lane_of(width, s.SETTING + place)
-        return of_flight if dispersed else f"given[{place}] if nominal else {of_flight}"
+    def read(position: int) -> str:
+        of_flight = lane_of(width, s.SETTING + position)
+        return of_flight if dispersed else f"given[{position}] if nominal else {of_flight}"
 
     parts = [
-        read(places[name]) if default is None else repr(default) for name, default in values.items()
+        read(positions[name]) if default is None else repr(default)
+        for name, default in values.items()
     ]
     return f"settings = {tuple_text('settings', parts) if parts else '0.0'}"
 
 
 def _read_motion(width: int, code: VehicleCode) -> list[str]:
-    """Lines that make the states and the motion that custom dynamics are given."""
+    """Return the lines that build the states and the motion for custom dynamics."""
     states = [lane_of(width, s.CUSTOM_STAGE + i) for i in range(len(code.states))]
     motion = [lane_of(width, s.MOTION + i) for i in range(len(Motion._fields))]
     return [
@@ -295,7 +302,7 @@ def _write_thrust(width: int, code: VehicleCode, _: Module) -> list[str]:
 
 
 def _write_effect(width: int, code: VehicleCode, module: Module) -> list[str]:
-    """Lines that put rates, force, moment and what sensors feel into their rows."""
+    """Return the lines that store rates, force, moment and sensed quantities."""
     rows = {f"made.rates[{i}]": s.CUSTOM_RATE + i for i in range(len(code.states))}
     rows |= {f"made.force[{i}]": s.CUSTOM_FORCE + i for i in range(3)}
     rows |= {f"made.moment[{i}]": s.CUSTOM_MOMENT + i for i in range(3)}
@@ -344,10 +351,10 @@ def _evaluate(
     coefficients, thrust = np.zeros((len(COEFFICIENTS), points)), np.zeros((N_THRUST, points))
     Z = aligned_zeros((s.LAW, WIDTH))
     for first in range(0, points, WIDTH):
-        here = np.minimum(np.arange(first, first + WIDTH), points - 1)
+        points_of_call = np.minimum(np.arange(first, first + WIDTH), points - 1)
         n = min(WIDTH, points - first)
-        Z[s.VAR : s.VAR + len(VARIABLES)] = variables[:, here]
-        Z[s.F_DENSITY], Z[s.F_AIRSPEED] = density[here], speed[here]
+        Z[s.VAR : s.VAR + len(VARIABLES)] = variables[:, points_of_call]
+        Z[s.F_DENSITY], Z[s.F_AIRSPEED] = density[points_of_call], speed[points_of_call]
         if functions.aerodynamics is not None:
             call_loop(functions.aerodynamics, Z, settings)
             coefficients[:, first : first + n] = Z[s.COEF : s.COEF + len(COEFFICIENTS), :n]
@@ -358,8 +365,16 @@ def _evaluate(
     return coefficients, thrust
 
 
-def call_loop(made: Any, Z: Floats, settings: Floats) -> None:
+def call_loop(loop: Any, Z: Floats, settings: Floats) -> None:
     """Call a compiled function for the lanes of ``Z``, with the vehicle file's settings."""
     pointer = ctypes.POINTER(ctypes.c_double)
-    given = settings.ctypes.data_as(pointer)
-    made.ctypes(None, Z.ctypes.data_as(pointer), given, given, given, NOMINAL, 0.0)
+    settings_pointer = settings.ctypes.data_as(pointer)
+    loop.ctypes(
+        None,
+        Z.ctypes.data_as(pointer),
+        settings_pointer,
+        settings_pointer,
+        settings_pointer,
+        NOMINAL,
+        0.0,
+    )

@@ -1,5 +1,7 @@
-"""Bad files: exit code 2, the place, what was found, what is wanted; nothing written, nothing flown. With random
-mistakes each is taken or refused in words, and no reader fails in another way."""
+"""Bad files: exit code 2, location, value found and value expected; no files created.
+
+Random mistakes are accepted or rejected with an error; no reader fails in another way.
+"""
 
 import copy
 import json
@@ -35,16 +37,16 @@ TABLE = [
 
 
 @pytest.mark.parametrize(
-    ("name", "line", "column", "words"), TABLE, ids=[entry[0] for entry in TABLE]
+    ("name", "line", "column", "message"), TABLE, ids=[entry[0] for entry in TABLE]
 )
-def test_refused(name, line, column, words, abhv_mc, tmp_path, monkeypatch):
+def test_refused(name, line, column, message, abhv_mc, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     file = BAD / f"{name}.yaml"
-    code, _, said = abhv_mc("run", file)
+    code, _, errors = abhv_mc("run", file)
     assert code == 2
-    assert f"{file}:{line}:{column}: " in said
-    for word in words:
-        assert word in said
+    assert f"{file}:{line}:{column}: " in errors
+    for word in message:
+        assert word in errors
     assert not list(tmp_path.iterdir())
 
 
@@ -56,7 +58,7 @@ OTHERS = (
 
 
 def places(data, keys=()):
-    """Where every value of a document stands, the root apart."""
+    """Yield the keys of every value of a document except the root."""
     inner = (
         data.items()
         if isinstance(data, dict)
@@ -70,11 +72,11 @@ def places(data, keys=()):
 
 
 def mutants(campaign):
-    """A campaign as it is, then 88 times with one of its values replaced."""
-    chance, whole = random.Random(campaign.stem), read_document(campaign).data
-    yield "", json.dumps(whole)
-    for keys in chance.choices(list(places(whole)), k=88):
-        data = copy.deepcopy(whole)
+    """Yield a campaign unchanged, then 88 times with one of its values replaced."""
+    chance, original = random.Random(campaign.stem), read_document(campaign).data
+    yield "", json.dumps(original)
+    for keys in chance.choices(list(places(original)), k=88):
+        data = copy.deepcopy(original)
         around = data
         for key in keys[:-1]:
             around = around[key]
@@ -93,7 +95,7 @@ CAMPAIGNS = [
 def test_a_replaced_value_is_taken_or_refused_with_its_place(
     campaign, tmp_path, abhv_mc, monkeypatch
 ):
-    """A mapping in the place of a number ended in 2,500 lines of traceback."""
+    """Regression: a mapping in place of a number caused 2,500 lines of traceback."""
     monkeypatch.setattr(check_inputs, "_try_law", lambda *_: [])
     (tmp_path / "configs").symlink_to(shipped_configs())
     (tmp_path / "campaigns").mkdir()
@@ -102,12 +104,12 @@ def test_a_replaced_value_is_taken_or_refused_with_its_place(
         for number, (mutant, text) in enumerate(mutants(campaign)):
             path = tmp_path / f"campaigns/{number}.yaml"
             path.write_text(text, encoding="utf-8")
-            code, _, said = abhv_mc("validate", path)
-            assert code == 0 or (code == 2 and mutant), (mutant, said)
+            code, _, errors = abhv_mc("validate", path)
+            assert code == 0 or (code == 2 and mutant), (mutant, errors)
             if code == 2:
                 refused += 1
-                assert re.match(rf"{re.escape(str(path))}:\d+:\d+: ", said), (mutant, said)
-                assert said.count("\n") < 12, (mutant, said)
+                assert re.match(rf"{re.escape(str(path))}:\d+:\d+: ", errors), (mutant, errors)
+                assert errors.count("\n") < 12, (mutant, errors)
     assert refused > 30
 
 
@@ -122,7 +124,7 @@ def test_a_file_of_another_kind_is_one_sentence(tmp_path, abhv_mc):
         re.sub("mission: .*", f"mission: {shipped_configs()}/control/tlc.yaml", text),
         encoding="utf-8",
     )
-    for command, file, words in (
+    for command, file, message in (
         ("validate", path, ":10:10: 'tlc.yaml', a controller file; expected a mission file"),
         ("run", path, ":10:10: 'tlc.yaml', a controller file; expected a mission file"),
         (
@@ -131,8 +133,8 @@ def test_a_file_of_another_kind_is_one_sentence(tmp_path, abhv_mc):
             "a mission file; expected a campaign file",
         ),
     ):
-        code, _, said = abhv_mc(command, file)
-        assert code == 2 and said.count("\n") == 1 and words in said, said
+        code, _, errors = abhv_mc(command, file)
+        assert code == 2 and errors.count("\n") == 1 and message in errors, errors
 
 
 READERS = {
@@ -159,26 +161,26 @@ def copies(tmp_path_factory):
 
 
 def is_refused(read, file, content):
-    """Whether a reader refuses in words; any other failure is one of the test's."""
-    whole = file.read_bytes()
+    """Return whether a reader rejects the file with an InputError."""
+    original = file.read_bytes()
     file.write_bytes(content)
     try:
         read()
     except InputError:
         return True
     finally:
-        file.write_bytes(whole)
+        file.write_bytes(original)
     return False
 
 
 def broken(file, number):
-    """Its content cut anywhere, with an odd snippet in the place."""
+    """Return the content cut at a random offset, with a random snippet inserted."""
     chance, content = random.Random(f"{file.name} {number}"), file.read_bytes()
-    place = chance.randrange(len(content))
+    offset = chance.randrange(len(content))
     return (
-        content[:place]
+        content[:offset]
         + chance.choice(SNIPPETS)
-        + content[place + chance.choice([0, 1, 9, 10**6]) :]
+        + content[offset + chance.choice([0, 1, 9, 10**6]) :]
     )
 
 

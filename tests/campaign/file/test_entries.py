@@ -1,5 +1,4 @@
-"""Requirements from a CSV file are those that the campaign could list itself, with the places of the table; what of a
-value fails them and by how much; windows of metrics by the name of a mission's phase; entries of a user's simulator."""
+"""Requirements from CSV files, phase windows of metrics, and entries of user simulators."""
 
 import json
 import math
@@ -30,11 +29,11 @@ def campaign(folder, table, **entries):
 
 
 def test_what_looks_right_and_would_be_left_out_is_refused(tmp_path):
-    for entries, words in (
+    for entries, message in (
         ({"keep": "{histories: {flights: '5'}}"}, "'5'.*or a flight's number"),
         ({"execution": "{workers: }"}, "nothing; expected 'auto' or a whole number"),
     ):
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(InputError, match=message):
             read_campaign(write_campaign(tmp_path, **entries))
 
 
@@ -58,7 +57,7 @@ def test_a_table_reads_as_a_list(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "place"),
+    ("old", "new", "location"),
     [
         (
             "50 m",
@@ -78,8 +77,8 @@ def test_a_table_reads_as_a_list(tmp_path):
         (",metric,", ",rationale,", "requirements.csv:1:1: no column 'metric'"),
     ],
 )
-def test_mistakes_are_told_with_line_and_column_of_the_table(tmp_path, old, new, place):
-    with pytest.raises(InputError, match=place):
+def test_mistakes_are_told_with_line_and_column_of_the_table(tmp_path, old, new, location):
+    with pytest.raises(InputError, match=location):
         read_campaign(campaign(tmp_path, TABLE.replace(old, new)))
 
 
@@ -117,22 +116,23 @@ def read_phases(folder, window, name="turn"):
 
 def test_a_phase_is_the_window_between_its_beginning_and_its_end(tmp_path):
     by_name, by_times = (
-        read_phases(tmp_path, each).declared[0] for each in ("phase: turn", "from: 37 s, to: 47 s")
+        read_phases(tmp_path, window).declared[0]
+        for window in ("phase: turn", "from: 37 s, to: 47 s")
     )
     assert (by_name.start, by_name.end) == (37.0, 47.0)
     assert by_name == by_times
 
 
 @pytest.mark.parametrize(
-    ("window", "name", "words"),
+    ("window", "name", "message"),
     [
         ("phase: descent", "turn", "campaign.yaml:10.*'descent'.*climb"),
         ("phase: climb, to: 9 s", "turn", "campaign.yaml:10.*'phase' beside 'from' or 'to'"),
         ("phase: climb", "climb", "mission.yaml:10.*'climb' twice"),
     ],
 )
-def test_another_phase_is_refused_with_its_place(tmp_path, window, name, words):
-    with pytest.raises(InputError, match=words):
+def test_another_phase_is_refused_with_its_place(tmp_path, window, name, message):
+    with pytest.raises(InputError, match=message):
         read_phases(tmp_path, window, name)
 
 
@@ -140,7 +140,7 @@ VALUES = np.array([2.8, 3.0, 3.1, 49.9, 50.0, 50.1, np.nan])
 
 
 @pytest.mark.parametrize(
-    ("limits", "kept", "most"),
+    ("limits", "met_indices", "most"),
     [
         (Bounds(high=50.0), [0, 1, 2, 3], 0.1),
         (Bounds(low=3.0), [2, 3, 4, 5], 0.2),
@@ -148,9 +148,9 @@ VALUES = np.array([2.8, 3.0, 3.1, 49.9, 50.0, 50.1, np.nan])
     ],
     ids=str,
 )
-def test_a_value_at_a_limit_or_none_fails(limits, kept, most):
+def test_a_value_at_a_limit_or_none_fails(limits, met_indices, most):
     failed = limits.failures(VALUES)
-    assert np.flatnonzero(~failed).tolist() == kept
+    assert np.flatnonzero(~failed).tolist() == met_indices
     beyond = limits.worse(VALUES) - limits.limit
     np.testing.assert_array_equal(failed, ~(beyond < 0.0))
     assert np.nanmax(beyond) == pytest.approx(most)
@@ -257,8 +257,8 @@ def test_seeds_are_whole_numbers_of_each_flight(tmp_path: Path) -> None:
 def test_derived_inputs_know_inputs_without_points(tmp_path: Path) -> None:
     campaign = read_campaign(dive_campaign(tmp_path, derived={"dive": "60 + 0.1 * (speed - 560)"}))
     rows = campaign.rows(campaign.make_samples().draw(0, 5))
-    place = campaign.parameters.index
-    assert np.allclose(rows[:, place["dive"]], 60.0 + 0.1 * (rows[:, place["speed"]] - 560.0))
+    index = campaign.parameters.index
+    assert np.allclose(rows[:, index["dive"]], 60.0 + 0.1 * (rows[:, index["speed"]] - 560.0))
 
 
 INPUTS = """name;unit;nominal;seed;distribution;sigma;half_width
@@ -286,7 +286,9 @@ def of_tables(folder, inputs=INPUTS, requirements=2000):
 
 def test_tables_hold_the_inputs_and_more_requirements_than_a_file(tmp_path):
     campaign = read_campaign(of_tables(tmp_path))
-    assert [(each.name, each.unit, each.nominal) for each in campaign.parameters.records] == [
+    assert [
+        (record.name, record.unit, record.nominal) for record in campaign.parameters.records
+    ] == [
         ("a", "m", 10.5),
         ("b", "-", 1.0),
         ("c", "s", 3.0),
@@ -300,7 +302,7 @@ def test_tables_hold_the_inputs_and_more_requirements_than_a_file(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    ("old", "new", "message"),
     [
         ("name;", "nam;", "inputs.csv:1:1: no column 'name'"),
         ("\nb;", "\na;", "inputs.csv:3: the input 'a'"),
@@ -308,6 +310,6 @@ def test_tables_hold_the_inputs_and_more_requirements_than_a_file(tmp_path):
         ("10.5", "ten", "inputs.csv:2:1: .*ten"),
     ],
 )
-def test_mistakes_in_a_table_of_inputs_are_told_with_their_row(tmp_path, old, new, words):
-    with pytest.raises(InputError, match=words):
+def test_mistakes_in_a_table_of_inputs_are_told_with_their_row(tmp_path, old, new, message):
+    with pytest.raises(InputError, match=message):
         read_campaign(of_tables(tmp_path, INPUTS.replace(old, new), requirements=1))

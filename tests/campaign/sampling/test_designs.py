@@ -1,4 +1,4 @@
-"""Designs and their correlation by the Gaussian copula: what each promises of its numbers; nothing moves flight k."""
+"""Designs and their correlation by the Gaussian copula."""
 
 import numpy as np
 import pytest
@@ -26,16 +26,18 @@ def test_columns_are_uniform(kind):
 
 @pytest.mark.parametrize("kind", DRAWN)
 def test_nothing_moves_flight_k(kind):
-    """Neither the range that is drawn, nor more flights, nor an added parameter."""
-    whole = draw(kind, 4200)
+    """The range, the number of flights and added parameters do not change flight k."""
+    all_flights = draw(kind, 4200)
     for first, stop in ((0, 1), (5, 12), (4090, 4100), (500, 512)):
-        np.testing.assert_array_equal(draw(kind, 4200, first=first, stop=stop), whole[first:stop])
+        np.testing.assert_array_equal(
+            draw(kind, 4200, first=first, stop=stop), all_flights[first:stop]
+        )
     if kind != "lhs":
-        np.testing.assert_array_equal(draw(kind, 300), whole[:300])
-    more = draw(
+        np.testing.assert_array_equal(draw(kind, 300), all_flights[:300])
+    extended = draw(
         kind, names=("wind.north", "aero.lift", "mass.total", "aero.drag", "atmosphere.density")
     )
-    np.testing.assert_array_equal(more[:, [4, 1, 3]], draw(kind))
+    np.testing.assert_array_equal(extended[:, [4, 1, 3]], draw(kind))
 
 
 @pytest.mark.parametrize("kind", DRAWN)
@@ -70,12 +72,12 @@ def test_corners_grid_and_one_at_a_time():
     assert len(np.unique(corners, axis=0)) == 8 and set(corners.ravel()) == {0.0, 1.0}
     grid = draw("grid", 9, names=NAMES[:2], levels=3)
     np.testing.assert_array_equal(grid[:4], [[0, 0], [0, 0.5], [0, 1], [0.5, 0]])
-    one = draw("one_at_a_time", 7)
-    np.testing.assert_array_equal(one[:4], [[-1, -1, -1], [0, -1, -1], [1, -1, -1], [-1, 0, -1]])
+    varied = draw("one_at_a_time", 7)
+    np.testing.assert_array_equal(varied[:4], [[-1, -1, -1], [0, -1, -1], [1, -1, -1], [-1, 0, -1]])
 
 
 def test_first_numbers_of_a_stream_never_change():
-    """Pinned: a change here would silently change every campaign ever flown."""
+    """Pinned: a change would silently change every existing campaign."""
     np.testing.assert_array_equal(draw("random", 2, seed=2014)[:, 0], PINNED)
 
 

@@ -1,5 +1,4 @@
-"""Each distribution of a campaign file against its own law and against what the file says: those of scipy, mixtures,
-and values that are drawn with a probability."""
+"""Distributions of campaign files against scipy, mixtures, and partial probabilities."""
 
 import math
 from pathlib import Path
@@ -32,8 +31,8 @@ def make_marginal(parameter, **entry):
     return TypeAdapter(Distribution).validate_python(entry).make_marginal(parameter)
 
 
-def make_mixture(*parts, **more):
-    return make_marginal(DENSITY, distribution="mixture", parts=list(parts), **more)
+def make_mixture(*parts, **entries):
+    return make_marginal(DENSITY, distribution="mixture", parts=list(parts), **entries)
 
 
 TRUNCATED = stats.truncnorm(-1.2, 1.2, scale=50.0)
@@ -72,8 +71,8 @@ def test_discrete_choice_has_its_weights():
         ALTITUDE, distribution="discrete", values=["5 m", "-1 m", "3 m"], weights=[1.0, 2.0, 5.0]
     )
     values = law.ppf(Design("random", 3, ("aero.lift",), 8000).draw(0, 8000)[:, 0])
-    found, counts = np.unique(values, return_counts=True)
-    np.testing.assert_array_equal(found, [-1.0, 3.0, 5.0])
+    distinct, counts = np.unique(values, return_counts=True)
+    np.testing.assert_array_equal(distinct, [-1.0, 3.0, 5.0])
     assert stats.chisquare(counts, [2000, 5000, 1000]).pvalue > 1e-3
     np.testing.assert_allclose(law.cdf(np.array([-2.0, -1.0, 4.0, 5.0])), [0.0, 0.25, 0.875, 1.0])
 
@@ -144,13 +143,13 @@ def test_what_makes_no_sense_is_refused_where_it_stands(parameter, entry, keys):
 
 def test_two_normals_are_those_of_scipy():
     law = make_mixture(NARROW, WIDE, weights=[3, 1])
-    one, other = stats.norm(0.9, 0.05), stats.norm(1.3, 0.01)
+    first, second = stats.norm(0.9, 0.05), stats.norm(1.3, 0.01)
     values = np.linspace(0.6, 1.5, 91)
     np.testing.assert_allclose(
-        law.cdf(values), 0.75 * one.cdf(values) + 0.25 * other.cdf(values), atol=1e-15
+        law.cdf(values), 0.75 * first.cdf(values) + 0.25 * second.cdf(values), atol=1e-15
     )
     np.testing.assert_allclose(
-        law.density(values), 0.75 * one.pdf(values) + 0.25 * other.pdf(values), rtol=1e-12
+        law.density(values), 0.75 * first.pdf(values) + 0.25 * second.pdf(values), rtol=1e-12
     )
     probabilities = np.array([1e-9, 0.01, 0.3, 0.7499, 0.75, 0.7501, 0.9, 1 - 1e-9])
     np.testing.assert_allclose(law.cdf(law.ppf(probabilities)), probabilities, rtol=0.0, atol=1e-12)
@@ -211,7 +210,7 @@ _ENTRY = (
 
 
 @pytest.mark.parametrize(
-    ("entries", "words"),
+    ("entries", "message"),
     [
         ({"sampling": "corners", "runs": "4"}, "a probability with the design 'corners'"),
         (
@@ -222,9 +221,9 @@ _ENTRY = (
     ],
 )
 def test_where_it_has_no_meaning_it_is_refused_with_its_place(
-    tmp_path: Path, entries: dict[str, str], words: str
+    tmp_path: Path, entries: dict[str, str], message: str
 ):
-    with pytest.raises(InputError, match=rf":\d+:\d+: .*{words}"):
+    with pytest.raises(InputError, match=rf":\d+:\d+: .*{message}"):
         read_campaign(write_campaign(tmp_path / "c", **{"dispersions": _ENTRY} | entries))
 
 

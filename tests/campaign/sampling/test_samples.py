@@ -1,4 +1,4 @@
-"""Rows of samples: those of a file, seeds of noise in columns behind them, and inputs that follow from others."""
+"""Rows of samples: files, seeds of noise, and derived inputs."""
 
 from pathlib import Path
 
@@ -115,7 +115,7 @@ def test_functions_and_infinite_values(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    "entry, words",
+    "entry, message",
     [
         ("{aero.darg: aero.lift}", "'aero.darg'.*'aero.drag'"),
         ("{aero.drag: 2 * aero.lfit}", "'aero.lfit'.*'aero.lift'"),
@@ -129,8 +129,8 @@ def test_functions_and_infinite_values(tmp_path: Path):
         ("{wind.turbulence_seed: aero.lift}", "a seed"),
     ],
 )
-def test_derived_inputs_refused(tmp_path: Path, entry: str, words: str):
-    with pytest.raises((InputError, Refusal), match=words):
+def test_derived_inputs_refused(tmp_path: Path, entry: str, message: str):
+    with pytest.raises((InputError, Refusal), match=message):
         read_campaign(write_campaign(tmp_path, derived=entry))
 
 
@@ -139,16 +139,18 @@ def test_csv_and_parquet_give_the_same(tmp_path):
     pq.write_table(
         pa.table({"aero.lift": [0.9, 1.0], "aero.drag": [1.1, 1.2]}), tmp_path / "s.parquet"
     )
-    one, two = (read_sample_file(tmp_path / name, OURS) for name in ("s.csv", "s.parquet"))
-    assert one.names == two.names == ("aero.lift", "aero.drag")
-    assert one.values.tolist() == two.values.tolist() == [[0.9, 1.1], [1.0, 1.2]]
+    from_csv, from_parquet = (
+        read_sample_file(tmp_path / name, OURS) for name in ("s.csv", "s.parquet")
+    )
+    assert from_csv.names == from_parquet.names == ("aero.lift", "aero.drag")
+    assert from_csv.values.tolist() == from_parquet.values.tolist() == [[0.9, 1.1], [1.0, 1.2]]
     (tmp_path / "s.parquet").write_text("not Parquet")
     with pytest.raises(InputError, match="Parquet"):
         read_sample_file(tmp_path / "s.parquet", OURS)
 
 
 @pytest.mark.parametrize(
-    ("text", "line", "column", "words"),
+    ("text", "line", "column", "message"),
     [
         ("aero.lift\n1.0\nx\n", 3, 1, "'x'"),
         ("aero.lift,aero.drag\n1.0,inf\n", 2, 5, "'inf'"),
@@ -156,9 +158,9 @@ def test_csv_and_parquet_give_the_same(tmp_path):
         ("flight,aero.lift\n1,1.0\n", 2, None, "does not count up"),
     ],
 )
-def test_bad_files_are_refused_in_place(tmp_path, text, line, column, words):
+def test_bad_files_are_refused_in_place(tmp_path, text, line, column, message):
     (tmp_path / "s.csv").write_text(text)
     with pytest.raises(InputError) as caught:
         read_sample_file(tmp_path / "s.csv", OURS)
     assert (caught.value.line, caught.value.column) == (line, column)
-    assert words in caught.value.found
+    assert message in caught.value.found

@@ -165,22 +165,24 @@ def _check(document: Document, model: Campaign) -> Experiment:
     _check_measured(document, model, units, errors)
     requirements = tuple(check_requirements(document, model, measured, errors))
     _check_asked(document, model, tuple(own.systems if own else model.controllers), errors)
-    others = {
+    other_roles = {
         **dict.fromkeys(model.derived, "derived"),
         **dict.fromkeys(model.dispersions, "a dispersion"),
     }
-    box = model.unknowns, model.points, others, model.sampling.design
+    box = model.unknowns, model.points, other_roles, model.sampling.design
     unknowns = check_unknowns(document, *box, parameters=parameters, errors=errors)
     data = document.entries
     unknowns = match_requirements(unknowns, model.points, data.get("requirements") or [])
     number = _check_runs(document, model, names, sample_file, errors) * len(unknowns.points)
-    by = model.keep.histories.by
+    ranking = model.keep.histories.by
     ranked = (
         BY_REQUIREMENTS,
         *(measured if model.margins and model.margins.of(number) == number else metrics),
     )
-    if by not in ranked:
-        errors.append(document.error(("keep", "histories", "by"), f"'{by}'", one_of(ranked, by)))
+    if ranking not in ranked:
+        errors.append(
+            document.error(("keep", "histories", "by"), f"'{ranking}'", one_of(ranked, ranking))
+        )
     for item in model.keep.histories.flights:
         if isinstance(item, int) and item >= number:
             where = ("keep", "histories", "flights")
@@ -189,11 +191,11 @@ def _check(document: Document, model: Campaign) -> Experiment:
             )
     check_stop(document, model, errors)
     joined = model.sampling.design == INDEPENDENT and not unknowns.names
-    if model.pooled and (not joined or sum(part.runs for part in model.pooled) > number):
-        found = f"{sum(part.runs for part in model.pooled)} pooled flights"
+    if model.pooled and (not joined or sum(pool.runs for pool in model.pooled) > number):
+        problem = f"{sum(pool.runs for pool in model.pooled)} pooled flights"
         errors.append(
             document.key_error(
-                ("pooled",), found, f"at most {number} ('runs'), of the design {INDEPENDENT}"
+                ("pooled",), problem, f"at most {number} ('runs'), of the design {INDEPENDENT}"
             )
         )
     check_margins(document, model, number, errors)
@@ -386,11 +388,11 @@ def _declare_metrics(
     states: tuple[tuple[str, str], ...],
 ) -> tuple[Metric, ...]:
     """Return the records of the campaign's own metrics without running its channels' file."""
-    place: tuple[str, ...] = ("metrics",)
-    entries, of = model.metrics, document
+    location: tuple[str, ...] = ("metrics",)
+    entries, source = model.metrics, document
     if isinstance(entries, Path):
-        of, entries = read_metrics_file(entries)
-        place = ()
+        source, entries = read_metrics_file(entries)
+        location = ()
     windows = (
         read_mission(model.mission).windows()
         if any(entry.phase for entry in entries.values())
@@ -399,8 +401,8 @@ def _declare_metrics(
     own = declare_metrics(
         entries,
         user_channels,
-        of,
-        place,
+        source,
+        location,
         errors,
         windows=windows,
         effectors=effectors,
@@ -416,12 +418,14 @@ def _check_channels(
     errors: list[InputError],
 ) -> None:
     """Check that kept histories name channels of the program or the vehicle's effectors."""
-    known = [ALL, *(channel.name for channel in (*CHANNELS, *own_channels))]
+    channel_names = [ALL, *(channel.name for channel in (*CHANNELS, *own_channels))]
     for name in model.keep.histories.channels:
-        if name not in known:
+        if name not in channel_names:
             errors.append(
                 document.error(
-                    ("keep", "histories", "channels"), f"channel '{name}'", one_of(known, name)
+                    ("keep", "histories", "channels"),
+                    f"channel '{name}'",
+                    one_of(channel_names, name),
                 )
             )
 

@@ -37,7 +37,9 @@ from abhv_mc.statistics.estimates import Criterion
 from abhv_mc.statistics.family import judge_family
 from abhv_mc.statistics.verdicts import UNSEARCHED, Verdict, judge
 
-_MIDDLE = 0.6  # of its extent, where a dispersion stands in other trials: no nominal value of a symmetric law
+_MIDDLE = (
+    0.6  # fraction of the range used as the middle; off symmetric distributions' nominal value
+)
 
 
 @dataclass(frozen=True)
@@ -49,10 +51,10 @@ class Requirement:
     probability: float
     consumer_risk: float
     producer_risk: float | None  # None: the consumer's
-    controllers: tuple[str, ...]  # that have to meet it
-    named: bool  # whether the file says which these are; else it is the campaign's first
-    early_is_failure: bool  # what a flight that ended early counts as
-    traced: dict[str, str]  # id, text, source and rationale, as far as they are given
+    controllers: tuple[str, ...]  # that must meet it
+    named: bool  # whether the file names the controllers; else it is the first one
+    early_is_failure: bool  # whether an early termination counts as a failure
+    traced: dict[str, str]  # id, text, source and rationale, if present
 
     def judge(self, failures: int, flights: int, uncomputed: int = 0) -> Verdict:
         """Return the verdict on these counts.
@@ -68,7 +70,7 @@ class System(NamedTuple):
     """Plans that a worker needs to simulate one of the compared systems."""
 
     plan: Plan
-    with_margins: Plan | None = None  # the same with stability margins of each flight
+    with_margins: Plan | None = None  # with stability margins of each flight
 
 
 @dataclass(frozen=True)
@@ -84,11 +86,11 @@ class Experiment:
     copula: Copula
     sample_file: SampleFile | None
     requirements: tuple[Requirement, ...]
-    measured: tuple[Metric, ...]  # of every flight: the program's, then those that it declares
+    measured: tuple[Metric, ...]  # of every flight: the program's metrics, then the declared ones
     declared: tuple[Metric, ...] = ()
-    user_sources: tuple[tuple[str, str], ...] = ()  # name and unit of the channels of its own file
-    effectors: tuple[str, ...] = ()  # of its vehicle, where they have actuators
-    states: tuple[tuple[str, str], ...] = ()  # names and units of its vehicle's custom states
+    user_sources: tuple[tuple[str, str], ...] = ()  # name and unit of each user channel
+    effectors: tuple[str, ...] = ()  # of the vehicle, if they have actuators
+    states: tuple[tuple[str, str], ...] = ()  # names and units of the vehicle's custom states
     systems: Mapping[str, System] = field(
         default_factory=dict
     )  # by controller, where they are ready to fly
@@ -97,11 +99,11 @@ class Experiment:
     )
     derived: Derived = ()  # parameters that follow from the others of their row
     unknowns: Unknowns = field(default_factory=Unknowns)
-    parameters: Parameters = OURS  # what its flights may be given
-    repeatability: Repeatability | None = None  # of a user's simulator, as its folder says
+    parameters: Parameters = OURS  # parameters that flights accept
+    repeatability: Repeatability | None = None  # of a user's simulator, as recorded in its folder
     file_runs: int | None = None  # of the campaign file, which an option may override
-    engine: Engine | None = None  # of the vehicle, in place of the compiled flight
-    later_choices: frozenset[int] = frozenset()  # requirements that were set after the results
+    engine: Engine | None = None  # of the vehicle, replacing the compiled flight
+    later_choices: frozenset[int] = frozenset()  # requirements set after the results
 
     @cached_property
     def simulator(self) -> Simulator:

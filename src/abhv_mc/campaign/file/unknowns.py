@@ -163,7 +163,7 @@ def points_entry(
     searches: Sequence[Search],
     flights: int,
 ) -> dict[str, object]:
-    """Return the file's `points` from those chosen in the box and the search of each controller.
+    """Return the file's `points` from the chosen points and the controllers' searches.
 
     ``flights`` is their number at each point that was tried.
     """

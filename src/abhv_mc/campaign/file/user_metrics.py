@@ -148,7 +148,7 @@ def declare_metrics(
 
     ``effectors`` are those with actuators.
     """
-    known = known_sources(pack_sources(user_channels), effectors, states)
+    sources = known_sources(pack_sources(user_channels), effectors, states)
     taken = _TAKEN | {metric.name for metric in effector_metrics(effectors)}
     if len(entries) > MAX_DECLARED:
         errors.append(
@@ -157,10 +157,10 @@ def declare_metrics(
     records = []
     for name, entry in entries.items():
         if name in taken:
-            found = f"'{name}', a metric of the program"
-            errors.append(document.key_error((*where, name), found, "another name"))
+            problem = f"'{name}', a metric of the program"
+            errors.append(document.key_error((*where, name), problem, "another name"))
         try:
-            nonnegative = compile_expression(entry.of, known).nonnegative
+            nonnegative = compile_expression(entry.of, sources).nonnegative
         except Refusal as refusal:
             errors.append(document.error((*where, name, "of"), refusal.found, refusal.expected))
             nonnegative = False
@@ -174,7 +174,7 @@ def declare_metrics(
             errors.append(document.error((*where, name, "phase"), f"'{entry.phase}'", expected))
         elif entry.phase is not None:
             window = windows[entry.phase]
-        records.append(_record(name, entry, known, nonnegative, window))
+        records.append(_record(name, entry, sources, nonnegative, window))
     return tuple(records)
 
 

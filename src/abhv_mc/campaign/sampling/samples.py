@@ -71,14 +71,14 @@ def find_seeds(names: Sequence[str], parameters: Parameters = OURS) -> tuple[str
     """Return the seeds that flights need besides ``names``; all of a user's simulator."""
     if not parameters.has_program:
         return tuple(record.name for record in parameters.records if record.seed)
-    there = {
+    noise_parameters = {
         *names,
         *(parameter.name for parameter in parameters.records if parameter.nominal != 0.0),
     }
     return tuple(
         seed
         for seed, noises in NOISE_OF_SEED.items()
-        if seed not in names and there.intersection(noises)
+        if seed not in names and noise_parameters.intersection(noises)
     )
 
 

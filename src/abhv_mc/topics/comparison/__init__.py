@@ -1,4 +1,4 @@
-"""Which controller, and by how much: medians, differences, and what each pair shows."""
+"""Section that compares controllers: medians, differences and failures."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -36,44 +36,51 @@ _BETTER = (
 )
 
 
-def comparison_section(found: Comparison, names: Names) -> Section | None:
-    """The metrics that stand first and the control usage, then each pair; None without a rival."""
-    if not found.pairs:
+def comparison_section(comparison: Comparison, names: Names) -> Section | None:
+    """Return leading metrics and control effort, then each pair; None without a rival."""
+    if not comparison.pairs:
         return None
     first = names.label(next(iter(names.controllers)))
-    words = [requirement_words(item, names.metrics) for item in names.requirements]
+    requirement_texts = [requirement_words(item, names.metrics) for item in names.requirements]
     heads = ("Metric", names.campaign.kind.capitalize(), "Median", f"{first} minus this", "Better")
     pairs = [
         Fold(
             f"{names.label(pair.a)} against {names.label(pair.b)}",
             (
                 _difference_table(pair, names, asked_of(pair, names)),
-                _failure_table(pair, names, words),
+                _failure_table(pair, names, requirement_texts),
             ),
         )
-        for pair in found.pairs.values()
+        for pair in comparison.pairs.values()
     ]
-    asked = tuple(tuple(_metric_rows(found, m, names)) for m in found.medians if m in names.asked)
-    usage = tuple(_usage_row(found, m, names) for m in found.medians if m not in names.asked)
+    required_rows = tuple(
+        tuple(_metric_rows(comparison, m, names)) for m in comparison.medians if m in names.asked
+    )
+    usage = tuple(
+        _usage_row(comparison, m, names) for m in comparison.medians if m not in names.asked
+    )
     labels = names.controllers.values()
     usage_heads = ("Metric", *labels, *(f"{first} minus {label}" for label in list(labels)[1:]))
-    lost = survival_sentences(found, names)
+    lost = survival_sentences(comparison, names)
     title, picture = "Control usage, by how much", Picture("error_against_usage")
     items: tuple[Item, ...] = (
         *([Bullets(tuple(lost))] if lost else []),
         Text(_BETTER),
-        Table("Who wins, by how much", heads, asked),
+        Table("Who wins, by how much", heads, required_rows),
         *([Fold(title, (Table(title, usage_heads, (usage,)), picture))] if usage else [picture]),
     )
     return Section(f"Which {names.campaign.kind}, and by how much", (*items, *pairs))
 
 
-def _metric_rows(found: Comparison, metric: str, names: Names) -> Iterator[Row]:
+def _metric_rows(comparison: Comparison, metric: str, names: Names) -> Iterator[Row]:
     first = next(iter(names.controllers))
     head = Cell(names.metrics[metric].label_with_unit, rows=len(names.controllers), head=True)
     for name, label in names.controllers.items():
-        pair = found.pairs.get(f"{first} - {name}")
-        cells: Row = (Cell(label, head=True), Cell(interval_cell(found.medians[metric][name]).text))
+        pair = comparison.pairs.get(f"{first} - {name}")
+        cells: Row = (
+            Cell(label, head=True),
+            Cell(interval_cell(comparison.medians[metric][name]).text),
+        )
         if pair is None:
             cells = (*cells, Cell(""), Cell(""))
         else:
@@ -82,13 +89,13 @@ def _metric_rows(found: Comparison, metric: str, names: Names) -> Iterator[Row]:
         yield (head, *cells) if name == first else cells
 
 
-def _usage_row(found: Comparison, metric: str, names: Names) -> Row:
-    """Medians of all controllers, then the first one's differences from each other: one line on paper."""
-    first, *others = names.controllers
-    pairs = [found.pairs.get(f"{first} - {name}") for name in others]
+def _usage_row(comparison: Comparison, metric: str, names: Names) -> Row:
+    """Return medians of all controllers, and differences of the first from each other."""
+    first, *rivals = names.controllers
+    pairs = [comparison.pairs.get(f"{first} - {name}") for name in rivals]
     return (
         Cell(names.metrics[metric].label_with_unit, head=True),
-        *(Cell(interval_cell(found.medians[metric][name]).text) for name in names.controllers),
+        *(Cell(interval_cell(comparison.medians[metric][name]).text) for name in names.controllers),
         *(
             interval_cell(pair.metrics[metric].median_difference) if pair else Cell("")
             for pair in pairs
@@ -110,7 +117,7 @@ def pair_tables(
     metrics: Mapping[str, ComparedMetric],
     requirements: Sequence[str],
 ) -> Iterator[Table]:
-    """The tables of a pair by itself: differences in these metrics with who is better, and failures."""
+    """Yield the tables of a pair: differences in ``metrics``, and failures."""
     table = _difference_table(pair, names, metrics)
     rows = tuple(
         (label, interval_cell(entry.median_difference), *cells, _winner_cell(entry, names))
@@ -153,13 +160,16 @@ def _difference_table(
 
 
 def _gain_words(entry: ComparedMetric) -> str:
-    """'1.4 times': how many times the flights an unpaired comparison would need; 'none' where about as many."""
+    """Return the gain of pairing: '1.4 times' the flights, or 'none'."""
     gain = entry.pairing_gain
     return f"{significant(gain, 2)} times" if gain and gain >= 1.05 else "none"
 
 
 def _failure_table(pair: ControllerPair, names: Names, requirements: Sequence[str]) -> Table:
-    """How often one alone misses each requirement, which are in words, and loses the flight."""
+    """Return failures under one controller only, by requirement and for early ends.
+
+    ``requirements`` are texts.
+    """
     a, b = names.label(pair.a), names.label(pair.b)
     ended = (
         "Reached the end of the mission"
@@ -171,19 +181,25 @@ def _failure_table(pair: ControllerPair, names: Names, requirements: Sequence[st
         f"Failures of one {names.campaign.kind} only, {a} against {b}",
         ("Requirement", "Both failed", f"Only {a}", f"Only {b}", "Neither", "p-value",
          f"Flights, only {a}", f"Flights, only {b}"),
-        (tuple(_failure_row(words, each) for words, each in missed),),
+        (tuple(_failure_row(text, failures) for text, failures in missed),),
         "Failures on the same flights, with the exact test of McNemar",
     )  # fmt: skip
 
 
-def _failure_row(label: str, found: ListedFailures) -> Row:
+def _failure_row(label: str, failures: ListedFailures) -> Row:
     def flights(listed: tuple[int, ...], count: int) -> str:
-        more = "" if count == len(listed) else ", \N{HORIZONTAL ELLIPSIS}"
-        return ", ".join(map(str, listed)) + more if listed else _DASH
+        ellipsis = "" if count == len(listed) else ", \N{HORIZONTAL ELLIPSIS}"
+        return ", ".join(map(str, listed)) + ellipsis if listed else _DASH
 
-    counts = (fixed(count, 0) for count in (found.both, found.only_a, found.only_b, found.neither))
-    only = flights(found.flights_only_a, found.only_a), flights(found.flights_only_b, found.only_b)
-    return (Cell(label, head=True), *map(Cell, (*counts, p_value(found.p_value), *only)))
+    counts = (
+        fixed(count, 0)
+        for count in (failures.both, failures.only_a, failures.only_b, failures.neither)
+    )
+    only = (
+        flights(failures.flights_only_a, failures.only_a),
+        flights(failures.flights_only_b, failures.only_b),
+    )
+    return (Cell(label, head=True), *map(Cell, (*counts, p_value(failures.p_value), *only)))
 
 
 COMPARISON = Topic(

@@ -1,4 +1,4 @@
-"""What tracking costs in control, and how far apart two controllers are, flight by flight."""
+"""Figures of tracking error against control effort, and of paired differences."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
 _MOST_POINTS = 1000  # of a controller in a scatter plot
-_TRADES = 3  # metrics of a campaign without requirements, and panels side by side
+_TRADES = 3  # metrics of a campaign without requirements, and panels per row
 _ENDS = (
     0.005,
     0.995,
@@ -34,7 +34,7 @@ _ENDS = (
 
 
 def draw(_found: Comparison, names: Names) -> Iterator[tuple[FigureText, Figure]]:
-    """Draw every required metric, or tracking errors, against usage."""
+    """Yield required metrics, or tracking errors, against control effort; differences."""
     results, records = names.results, names.metrics
     errors = [metric for metric in names.asked if records[metric].group == "tracking"]
     errors = list(names.asked) if names.requirements else errors[:_TRADES]
@@ -69,7 +69,7 @@ def draw(_found: Comparison, names: Names) -> Iterator[tuple[FigureText, Figure]
 
 @dataclass(frozen=True)
 class Trade:
-    """One tracking error of every controller."""
+    """Tracking error of every controller."""
 
     label: str
     errors: Mapping[str, Floats]  # controller -> [flight]
@@ -83,7 +83,7 @@ def plot_error_against_usage(
     labels: Mapping[str, str],
     colors: Mapping[str, str],
 ) -> Figure:
-    """Each flight as a point: how far it strayed against how much it moved its surfaces; medians marked large."""
+    """Plot tracking error against control effort of each flight; medians are large."""
     columns = min(_TRADES, len(trades))
     figure, grid = new_panels(len(trades), columns, 1.6, between=(0.68, 0.3), top=0.14, sharex=True)
     for axes, trade in zip(grid.flat, trades, strict=False):
@@ -122,7 +122,7 @@ def plot_error_against_usage(
 
 @dataclass(frozen=True)
 class DifferencePanel:
-    """One metric: the differences of each pair of controllers, and their median with its interval."""
+    """Paired differences of a metric, and their median with its interval."""
 
     label: str
     differences: Mapping[
@@ -140,9 +140,9 @@ def plot_differences(
     colors: Mapping[str, str],
     zero: str,
 ) -> Figure:
-    """Share of flights at or below each difference, a panel a metric; a mark with its interval for the median.
+    """Plot the cumulative share of differences, a panel per metric.
 
-    ``zero`` says what the line at no difference is.
+    A mark with an interval shows the median. ``zero`` labels the line at no difference.
     """
     columns = 3 if len(panels) > 4 else 2
     figure, grid = new_panels(

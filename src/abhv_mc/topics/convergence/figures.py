@@ -63,7 +63,7 @@ def plot_convergence(
     panels: Sequence[tuple[str, Mapping[str, Floats]]],
     labels: Mapping[str, str],
 ) -> Figure:
-    """Return traces [value, low, high; look] of each controller; NaN if unbounded."""
+    """Plot traces [value, low, high; look] of each controller; NaN if unbounded."""
     colors = controller_colors(tuple(labels))
     figure, grid = new_panels(len(panels), min(3, len(panels)), 1.2, between=(0.5, 0.75), top=0.4)
     for axes, (title, series) in zip(grid.flat, panels, strict=False):

@@ -1,4 +1,4 @@
-"""Flights after a failure: who still flies, and how."""
+"""Figures of flights after a failure: survival and time histories."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -42,7 +42,7 @@ Bands = Mapping[
 def plot_survival(
     times: Floats, panels: Mapping[str, Mapping[str, Floats]], labels: Mapping[str, str]
 ) -> Figure:
-    """Share still flying [time] against the time since the failure: a panel a case, a curve a controller."""
+    """Plot the share still flying [time] after a failure, a panel per case."""
     colors = controller_colors(tuple(labels))
     figure, grid = new_panels(
         len(panels), min(2, len(panels)), 1.0, between=(0.3, 0.55), sharex=True, sharey=True
@@ -71,7 +71,7 @@ def plot_survival(
 def plot_case_bands(
     times: Floats, bands: Bands, cases: Sequence[str], labels: Mapping[str, str]
 ) -> Figure:
-    """Channels after a failure: a row a channel, a column a case."""
+    """Plot channels after a failure: a row per channel, a column per case."""
     colors, count = controller_colors(tuple(labels)), len(_CHANNELS) * len(cases)
     figure, grid = new_panels(
         count, len(cases), 1.2, between=(0.2, 0.2), lettered=False, sharex=True, sharey="row"
@@ -84,34 +84,40 @@ def plot_case_bands(
         axes.axvline(0.0, color=INK, linewidth=0.5)
     for axes, case in zip(grid[0], cases, strict=True):
         axes.set_title(case, fontsize=8)
-    for axes, (_, words, _) in zip(grid[:, 0], _CHANNELS, strict=True):
-        axes.set_ylabel(words)
+    for axes, (_, axis_label, _) in zip(grid[:, 0], _CHANNELS, strict=True):
+        axes.set_ylabel(axis_label)
     label_lowest(grid, count, "time since the failure (s)")
     legend_below(figure, *grid.flat)
     return figure
 
 
 def still_flying(after: Floats, lost: NDArray[np.bool_], times: Floats) -> Floats:
-    """Share of flights still flying at ``times`` after their failure (Kaplan and Meier, JASA 53, 1958).
+    """Return the share of flights still flying at ``times``, s, after their failure.
 
-    after: time from failure to the flight's end, s, [flight]; lost: whether it was lost then, or its mission was over.
+    The estimate is that of Kaplan and Meier, JASA 53 (1958). ``after`` is the time from failure to
+    the flight's end, s, [flight]; ``lost`` tells whether it was lost then, rather than its mission
+    over.
     """
     moments = np.unique(after[lost])
-    kept = [1.0 - np.sum(lost & (after == moment)) / np.sum(after >= moment) for moment in moments]
-    result = np.cumprod([1.0, *kept])[np.searchsorted(moments, times, side="right")]
+    survival_factors = [
+        1.0 - np.sum(lost & (after == moment)) / np.sum(after >= moment) for moment in moments
+    ]
+    result = np.cumprod([1.0, *survival_factors])[np.searchsorted(moments, times, side="right")]
     return np.where((times <= after.max(initial=0.0)) | (result == 0.0), result, np.nan)
 
 
 def draw(_found: FailureCases, names: Names) -> Iterator[tuple[FigureText, Figure]]:
-    """Survival and bands of each case over the time since its first failure."""
+    """Yield survival and bands of each case over the time since its first failure."""
     results = names.results
     cases, first = drawn_cases(results)
-    shown = [case for case in cases_by_frequency(cases) if case != NO_FAILURE][:_MOST_CASES]
-    if not shown:
+    frequent_cases = [case for case in cases_by_frequency(cases) if case != NO_FAILURE][
+        :_MOST_CASES
+    ]
+    if not frequent_cases:
         return
     times = np.linspace(0.0, float(results.reference["time"][-1]), 400)
     panels: dict[str, dict[str, Floats]] = {}
-    for case in shown:
+    for case in frequent_cases:
         curves = panels[f"{case} ({int(np.sum(cases == case))} flights)"] = {}
         for name in results.controllers:
             flights = results.flights[name]
@@ -128,14 +134,18 @@ def draw(_found: FailureCases, names: Names) -> Iterator[tuple[FigureText, Figur
     )
     yield text, plot_survival(times, panels, names.controllers)
     yield from _draw_bands(
-        names, [case for case in shown if " + " not in case][:_MOST_BANDS], cases, first
+        names, [case for case in frequent_cases if " + " not in case][:_MOST_BANDS], cases, first
     )
 
 
 def _draw_bands(
-    names: Names, shown: list[str], cases: NDArray[np.str_], first: Floats
+    names: Names, selected: list[str], cases: NDArray[np.str_], first: Floats
 ) -> Iterator[tuple[FigureText, Figure]]:
-    """Kept histories about their first failure; none where the worst or the lost were kept, which stand for no case."""
+    """Yield bands of kept histories after the first failure.
+
+    There are none if the worst or the failed flights were kept, because they do not represent a
+    case.
+    """
     results, times, bands = names.results, np.arange(-2.0, 20.0, 0.25), {}
     if any(
         str(item).startswith(("worst", "failed"))
@@ -144,27 +154,27 @@ def _draw_bands(
         return
     clock = results.reference["time"]
     for name in results.controllers:
-        kept = read_histories(results.folder, name)
-        for case in shown:
-            flown = [(first[k], history) for k, history in kept.items() if cases[k] == case]
-            for row, (channel, _, given) in enumerate(_CHANNELS):
-                off = results.reference[given] if given else None
+        histories = read_histories(results.folder, name)
+        for case in selected:
+            flown = [(first[k], history) for k, history in histories.items() if cases[k] == case]
+            for row, (channel, _, reference_name) in enumerate(_CHANNELS):
+                off = results.reference[reference_name] if reference_name else None
                 values = [
                     np.interp(
                         times,
-                        h["time"] - at,
+                        h["time"] - failure_time,
                         off_reference(h["time"], h[channel], clock, off),
                         np.nan,
                         np.nan,
                     )
-                    for at, h in flown
+                    for failure_time, h in flown
                     if channel in h
                 ]
                 if len(values) >= _FEWEST_KEPT:
-                    there = np.isfinite(values).any(axis=0)
+                    has_values = np.isfinite(values).any(axis=0)
                     bands[row, case, name] = band = np.full((3, times.size), np.nan)
-                    band[:, there] = np.nanquantile(
-                        np.array(values)[:, there], (0.0, 0.5, 1.0), axis=0
+                    band[:, has_values] = np.nanquantile(
+                        np.array(values)[:, has_values], (0.0, 0.5, 1.0), axis=0
                     )
     if bands:
         caption = (
@@ -172,4 +182,4 @@ def _draw_bands(
             "time since the failure; a flight that was lost leaves the band at its end."
         )
         text = FigureText("failure_bands", "The flight after a failure", caption)
-        yield text, plot_case_bands(times, bands, shown, names.controllers)
+        yield text, plot_case_bands(times, bands, selected, names.controllers)

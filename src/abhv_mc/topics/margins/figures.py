@@ -47,7 +47,7 @@ def draw(margins: Margins, names: Names) -> Iterator[tuple[FigureText, Figure]]:
 
 @styled
 def plot_margins(margins: Margins, names: Names, label: str) -> Figure:
-    """Return exceedance against gain and phase margin; filled marks are failures."""
+    """Plot exceedance against gain and phase margin; filled marks are failures."""
     figure, grid = new_panels(2, 2, 2.1, between=(0.3, 0.0), sharey=True)
     colors, results, points = controller_colors(tuple(names.controllers)), names.results, {}
     for name in margins.flights:

@@ -1,4 +1,4 @@
-"""How the metrics of the controllers are spread."""
+"""Figures of the distributions of metrics."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -38,7 +38,7 @@ class Spread:
 def plot_distributions(
     spreads: Sequence[Spread], labels: Mapping[str, str], colors: Mapping[str, str]
 ) -> Figure:
-    """Share of flights at or below each value, one panel a metric, one line a controller."""
+    """Plot the cumulative share of flights, a panel per metric, a line per controller."""
     columns = 3 if len(spreads) > 4 else 2
     figure, grid = new_panels(
         len(spreads), columns, 1.05, between=(0.25, 0.68), top=0.16, sharey=True
@@ -82,7 +82,7 @@ _TEXT = FigureText(
 
 
 def draw(_found: Metrics, names: Names) -> Iterator[tuple[FigureText, Figure]]:
-    """The distributions of the metrics that stand first."""
+    """Yield the distributions of the leading metrics."""
     if names.asked:
         spreads = [_spread(names.results, metric) for metric in names.asked]
         yield (

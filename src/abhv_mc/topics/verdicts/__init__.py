@@ -1,4 +1,4 @@
-"""Whether each requirement is met, on each controller and jointly: in sentences and as a table."""
+"""Verdicts on requirements, for each controller and jointly."""
 
 from collections.abc import Sequence
 
@@ -15,7 +15,7 @@ from abhv_mc.topics.verdicts.model import (
 )
 from abhv_mc.topics.words import count_of, joined, percent, significant
 
-_DROPPED = 4  # verdicts that do not stand jointly, told by name
+_DROPPED = 4  # verdicts listed by name that do not hold jointly
 _DASH = "\N{EM DASH}"
 _HEADS = (
     "Verdict",
@@ -37,39 +37,44 @@ _RANDOM = "; fly the campaign with `sampling: random` for verdicts"
 
 
 def verdict_sentences(verdicts: Verdicts, names: Names) -> Sequence[str]:
-    """How many requirements each controller meets, and how many PASS stand jointly; none without requirements."""
+    """Return counts of met requirements per controller and of joint PASS verdicts.
+
+    Without requirements there are none.
+    """
     if not verdicts.requirements:
         return []
     parts = []
     for name in names.controllers:
-        words = verdicts.statuses(name)
+        statuses = verdicts.statuses(name)
         counts = [
-            f"{words.count(word)} {word}" for word in ("PASS", "FAIL", "NOT SHOWN") if word in words
+            f"{statuses.count(word)} {word}"
+            for word in ("PASS", "FAIL", "NOT SHOWN")
+            if word in statuses
         ]
-        if "ESTIMATE" in words:
-            counts = [f"{count_of(verdicts.kept(name), len(words))} kept in every flight"]
+        if "ESTIMATE" in statuses:
+            counts = [f"{count_of(verdicts.kept(name), len(statuses))} kept in every flight"]
         parts.append(f"{names.label(name)} {joined(counts)}")
     return [f"Requirements: {'; '.join(parts)}.{_together_words(verdicts, names)}"]
 
 
 def _together_words(verdicts: Verdicts, names: Names) -> str:
-    """How many of several PASS hold at one risk for all verdicts, and which do not."""
-    held = verdicts.held_together
-    if held is None or held.stand + len(held.dropped) < 2:
+    """Return how many PASS verdicts hold jointly at one risk, and which do not."""
+    joint = verdicts.held_together
+    if joint is None or joint.stand + len(joint.dropped) < 2:
         return ""
-    risk = f"at most {percent(held.risk, 2)} chance of any false PASS among {held.verdicts} verdicts (Holm)"
-    if verdicts.family_risk or not held.dropped:
+    risk = f"at most {percent(joint.risk, 2)} chance of any false PASS among {joint.verdicts} verdicts (Holm)"
+    if verdicts.family_risk or not joint.dropped:
         return f" {'They hold' if verdicts.family_risk else 'All PASS also hold'} together, with {risk}."
     dropped = [
-        f"{verdicts.requirements[i].words} ({names.label(name)})" for i, name in held.dropped
+        f"{verdicts.requirements[i].words} ({names.label(name)})" for i, name in joint.dropped
     ]
-    passed = held.stand + len(dropped)
-    named = f"; not {joined(dropped)}" if held.stand and len(dropped) <= _DROPPED else ""
-    return f" Taken together, with {risk}, {held.stand or 'none'} of the {passed} PASS would stand{named}."
+    passed = joint.stand + len(dropped)
+    named = f"; not {joined(dropped)}" if joint.stand and len(dropped) <= _DROPPED else ""
+    return f" Taken together, with {risk}, {joint.stand or 'none'} of the {passed} PASS would stand{named}."
 
 
 def verdict_section(verdicts: Verdicts, names: Names) -> Section:
-    """The rule, and each requirement with its verdicts."""
+    """Return the rule, and each requirement with its verdicts."""
     title = "What was asked and what came out"
     if not verdicts.requirements:
         return Section(title, (Text("The campaign requires nothing."),))
@@ -116,8 +121,8 @@ def _other_intervals(verdicts: Verdicts, names: Names) -> Fold:
 def _group(entry: JudgedRequirement, names: Names) -> tuple[Row, ...]:
     item, traced = entry.asked, entry.asked.traced
     note = f"in {percent(item.probability)} of the flights, consumer's risk {percent(item.consumer_risk)}"
-    told = " \N{MIDDLE DOT} ".join(traced[key] for key in TRACED if key != "id" and key in traced)
-    notes = "; ".join(filter(None, (note, told)))
+    trace = " \N{MIDDLE DOT} ".join(traced[key] for key in TRACED if key != "id" and key in traced)
+    notes = "; ".join(filter(None, (note, trace)))
     rows = [
         _row(names.label(name), name, item, verdict, names)
         for name, verdict in entry.controllers.items()
@@ -137,23 +142,23 @@ def _row(label: str, name: str, item: Requirement, verdict: ControllerVerdict, n
     )
 
 
-def _tolerance(found: ControllerVerdict, item: Requirement, names: Names) -> tuple[str, str]:
-    """The tolerance limit, and the room between it and what is required."""
-    if found.status == "ESTIMATE":
+def _tolerance(verdict: ControllerVerdict, item: Requirement, names: Names) -> tuple[str, str]:
+    """Return the tolerance limit, and its margin to the required limit."""
+    if verdict.status == "ESTIMATE":
         return _DASH, _DASH
-    if found.tolerance_limit is None:
-        return ("too many flights lost" if found.beyond_lost else "too few flights"), _DASH
-    value, limits = found.tolerance_limit, item.limits
+    if verdict.tolerance_limit is None:
+        return ("too many flights lost" if verdict.beyond_lost else "too few flights"), _DASH
+    value, limits = verdict.tolerance_limit, item.limits
     sign = "" if limits.both else "> " if limits.high is None else "< "
     limit = sign + names.metrics[item.metric].with_unit(
         significant(abs(value) if limits.both else value, 4)
     )
     if limits.both:
         limit += " outside" if value > 0.0 else " inside"
-    if found.room is None:
+    if verdict.room is None:
         return limit, _DASH
     missed = "too little" if limits.high is None else "too much"
-    return limit, f"{percent(abs(found.room), 2)} {'to spare' if found.room > 0.0 else missed}"
+    return limit, f"{percent(abs(verdict.room), 2)} {'to spare' if verdict.room > 0.0 else missed}"
 
 
 VERDICTS = Topic("verdicts", Verdicts, compute_verdicts, verdict_section, verdict_sentences)
