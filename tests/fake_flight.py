@@ -71,6 +71,8 @@ def make_plan(name: str, gain: float = 1.0, vehicle: Vehicle | None = None) -> F
         "declared": NO_METRICS,
         "user_sources": NO_SOURCES,
         "lean": False,
+        "around": "",
+        "vehicle_code": None,
         **{"source_hash": "", "channels_hash": "", "source": None, "channels_source": None},
     }
     return FlightPlan(**parts)

@@ -1,4 +1,4 @@
-"""Which code flies: the source that a process has imported, not what lies on the disk by now."""
+"""Identity of the running code: the imported source, not the files on disk."""
 
 import os
 import subprocess

@@ -51,9 +51,9 @@ def test_values_are_converted_and_checked(repository):
 
 @pytest.mark.parametrize(("flag", "bad"), [("--above", "high"), ("--below", "low"), (None, None)])
 def test_a_side_is_a_flag(flag, bad, monkeypatch):
-    asked = []
-    monkeypatch.setattr("abhv_mc.api.worst", lambda **fields: asked.append(fields) or 1 / 0)
-    words = ["worst", "wide", "--metric", "m", "-o", "out", *([flag] if flag else [])]
+    requests = []
+    monkeypatch.setattr("abhv_mc.api.worst", lambda **fields: requests.append(fields) or 1 / 0)
+    arguments = ["worst", "wide", "--metric", "m", "-o", "out", *([flag] if flag else [])]
     with pytest.raises(ZeroDivisionError):
-        typer.main.get_command(app)(words)
-    assert asked[0]["bad"] == bad and asked[0]["flights"] == 2000
+        typer.main.get_command(app)(arguments)
+    assert requests[0]["bad"] == bad and requests[0]["flights"] == 2000

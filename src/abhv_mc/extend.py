@@ -15,25 +15,31 @@ from abhv_mc.kernel.numerics.lane_math import acos, asin, atan2, exp, log, power
 from abhv_mc.user_code.law_interface import (
     Coefficients,
     Command,
+    Effect,
+    Filtered,
     Inertia,
     Measured,
     Moment,
     Onboard,
     Reference,
+    Sensed,
     Thrust,
 )
-from abhv_mc.user_code.module import CHANNEL, CONTROLLER, ChannelMark, ControllerMark
+from abhv_mc.user_code.module import CHANNEL, CONTROLLER, DYNAMICS, ChannelMark, ControllerMark
 from abhv_mc.user_code.table import Scattered as scattered  # noqa: N813  spoken as functions
 from abhv_mc.user_code.table import Table as table  # noqa: N813
 
 __all__ = [
     "Coefficients",
     "Command",
+    "Effect",
+    "Filtered",
     "Inertia",
     "Measured",
     "Moment",
     "Onboard",
     "Reference",
+    "Sensed",
     "Thrust",
     "acos",
     "allocate",
@@ -43,9 +49,11 @@ __all__ = [
     "clamp",
     "controller",
     "cos",
+    "dynamics",
     "exp",
     "larger",
     "log",
+    "measurement_filter",
     "power",
     "scattered",
     "sin",
@@ -85,6 +93,25 @@ def channel(*, unit: str) -> Callable[[F], F]:
         return function
 
     return mark
+
+
+def measurement_filter(function: F | None = None, *, units: dict[str, str] | None = None) -> Any:
+    """Mark the one function of a file that filters the measurement of TLC or LQR: it returns a :class:`Filtered`.
+
+    A filter with a class ``Memory`` returns ``Filtered(...), Memory(...)``. ``units`` as of :func:`controller`.
+    """
+
+    def mark(law: F) -> F:
+        setattr(law, CONTROLLER, ControllerMark(dict(units or {}), filters=True))
+        return law
+
+    return mark if function is None else mark(function)
+
+
+def dynamics(function: F) -> F:
+    """Mark the one function of a file that is a vehicle's custom dynamics: it returns an :class:`Effect`."""
+    setattr(function, DYNAMICS, True)
+    return function
 
 
 @scalar

@@ -1,7 +1,7 @@
-"""Requests of a run and a search, and how a function takes one.
+"""Requests of runs and searches, and their use as function arguments.
 
-A field is declared once: :func:`takes` makes it an argument in Python, and :mod:`abhv_mc.cli.request_options` an option
-of the command line.
+A field is declared once: :func:`takes` makes it an argument in Python, and
+:mod:`abhv_mc.cli.request_options` an option of the command line.
 """
 
 import functools
@@ -39,9 +39,9 @@ def options_of(request: type) -> dict[str, Option]:
 
 
 def check_count(value: int, least: int, name: str, most: int | None = None) -> int:
-    """Return a whole number from ``least`` to ``most``. Raise InputError, which calls it ``name``."""
-    whole = isinstance(value, Integral) and not isinstance(value, bool)
-    if not whole or value < least or (most is not None and value > most):
+    """Return an integer from `least` to `most`. Raise InputError with `name` otherwise."""
+    is_integer = isinstance(value, Integral) and not isinstance(value, bool)
+    if not is_integer or value < least or (most is not None and value > most):
         expected = (
             f"a whole number, {least} or more"
             if most is None
@@ -99,10 +99,10 @@ Fresh = Annotated[bool, Option("Delete what the folder holds of a campaign first
 
 
 class CheckedRequest:
-    """Record of fields that are options, converted and checked when it is made."""
+    """Record of options that are converted and checked on construction."""
 
     def __post_init__(self) -> None:
-        """Convert and check each value. Raises InputError, which calls it by its field."""
+        """Convert and check each value. Raise InputError with the name of the field."""
         for name, option in options_of(type(self)).items():
             value, check = getattr(self, name), _CHECKS.get(option.kind)
             if value is not None and check is not None:
@@ -152,7 +152,7 @@ class Request(CheckedRequest):
 
 @dataclass(frozen=True)
 class SearchRequest(CheckedRequest):
-    """Request that every search has in common."""
+    """Request fields common to all searches."""
 
     campaign: CampaignPath
     output: Annotated[
@@ -168,7 +168,7 @@ class SearchRequest(CheckedRequest):
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What only this search has: its result depends on it."""
+        """Fields specific to this kind of search, on which its result depends."""
         own = fields(self)[len(fields(SearchRequest)) :]
         return {field.name: getattr(self, field.name) for field in own}
 
@@ -205,31 +205,31 @@ class RareRequest(SearchRequest):
 
 
 def takes(request: Callable[P, R], of: str = "") -> Callable[[Callable[[R], T]], Callable[P, T]]:
-    """Make the fields of a request the arguments of a function of it, in its signature and its docstring.
+    """Make the fields of a request the arguments of a function, signature and docstring.
 
-    The field ``of`` is the object whose method the function is.
+    If the function is a method, the field ``of`` is its object.
     """
 
     def decorate(function: Callable[[R], T]) -> Callable[P, T]:
         def call(*arguments: P.args, **options: P.kwargs) -> T:
             return function(request(*arguments, **options))
 
-        words: Any = functools.update_wrapper(call, function)
-        del words.__wrapped__
+        wrapper: Any = functools.update_wrapper(call, function)
+        del wrapper.__wrapped__
         described: Any = request
         parameters = [
             parameter.replace(annotation=get_args(parameter.annotation)[0])
             for parameter in inspect.signature(request).parameters.values()
         ]
         returned = inspect.signature(function).return_annotation
-        words.__signature__ = inspect.Signature(parameters, return_annotation=returned)
+        wrapper.__signature__ = inspect.Signature(parameters, return_annotation=returned)
         lines, options = ["Parameters", "----------"], options_of(described)
         for name in (parameter.name for parameter in parameters if parameter.name != of):
             default = options[name].default
             default = f" By default: {default}." if default else ""
             lines += [name, f"    {options[name].help}{default}"]
         text, returns, after = inspect.cleandoc(function.__doc__ or "").partition("Returns\n---")
-        words.__doc__ = text + "\n".join(lines) + "\n\n" + returns + after
+        wrapper.__doc__ = text + "\n".join(lines) + "\n\n" + returns + after
         return call
 
     return decorate

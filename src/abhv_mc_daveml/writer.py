@@ -1,8 +1,7 @@
-"""A model as readable Python: its tables, its constants and one function from its inputs to its outputs; and the check
-shots that a file brings, run through it.
+"""Python text of a model: tables, constants and one function; and its check shots.
 
-The text is made of this program's own words, of identifiers and of numbers; a file's words are comments and docstrings,
-which the reader has folded so that they end neither.
+The text consists of this program's own words, identifiers and numbers; a file's words are comments
+and docstrings, which the reader folds so that they cannot end either.
 """
 
 import textwrap
@@ -37,7 +36,7 @@ from abhv_mc_daveml.look_ups import LookUp
 
 
 def write_module(model: Model, extra: Sequence[Line] = ()) -> str:
-    """The text of the module; ``extra`` stands behind the model's function."""
+    """Return the text of the module; `extra` follows the model's function."""
     tables, functions = _tables(model)
     constants: list[Line] = []
     body: list[Line] = []
@@ -47,13 +46,15 @@ def write_module(model: Model, extra: Sequence[Line] = ()) -> str:
             line = Line(f"{variable.key} = {value}", variable.words)
             (body if variable.computed or variable.is_input else constants).append(line)
     body.append(Line(f"return {call(OUTPUTS, (v.key for v in model.outputs))}"))
-    given = (v.key if v.initial is None else f"{v.key}={number(v.initial)}" for v in model.inputs)
+    parameters = (
+        v.key if v.initial is None else f"{v.key}={number(v.initial)}" for v in model.inputs
+    )
     outputs = [declare(v.key, f"{v.name}, {v.units}") for v in model.outputs]
     lines = [
         *constants,
         *tables,
         *define(f"class {OUTPUTS}(NamedTuple):", "What the model gives.", outputs),
-        *define(f"def {call(MODEL, given)}:", _docstring(model), body),
+        *define(f"def {call(MODEL, parameters)}:", _docstring(model), body),
         *extra,
     ]
     used = names_in(lines)
@@ -70,11 +71,11 @@ def _head(model: Model) -> str:
     version = f" ({model.version})" if model.version else ""
     origin = f"Imported from {fold(model.path.name)}{version}, SHA-256 {model.digest}."
     parts = filter(None, (model.name.rstrip(".") + ".", model.description, origin))
-    return "\n\n".join(textwrap.fill(part, WIDTH) for part in parts)
+    return "\n\n".join(textwrap.fill(paragraph, WIDTH) for paragraph in parts)
 
 
 def _value(variable: Variable, model: Model, functions: dict[str, str]) -> str | None:
-    """What a variable is set to; None for an input without limits."""
+    """Return the expression of a variable's value; None for an input without limits."""
     value = variable.key
     if variable.formula is not None:
         value = variable.formula
@@ -101,7 +102,7 @@ def _limited(value: str, low: float | None, high: float | None) -> str:
 
 
 def _held(model: Model, look_up: LookUp, axis: int) -> str:
-    """An argument within the function's range, where that is narrower than the table."""
+    """Return an argument clamped to the function's range if it is narrower than the table."""
     argument = look_up.arguments[axis]
     ends = (
         look_up.coordinates(axis)[[0, -1]]
@@ -117,16 +118,16 @@ def _held(model: Model, look_up: LookUp, axis: int) -> str:
 
 
 def _tables(model: Model) -> tuple[list[Line], dict[str, str]]:
-    """Breakpoints and tables, each once; and the name of each variable's table."""
+    """Return the lines of breakpoints and tables, and the table name of each variable."""
     taken = {*TAKEN, *(variable.key for variable in model.variables.values())}
-    found: dict[str, Line] = {}
+    definitions: dict[str, Line] = {}
     functions: dict[str, str] = {}
 
-    def add(expected: str, value: str, words: str = "") -> str:
+    def add(expected: str, value: str, comment: str = "") -> str:
         key = free_name(expected, taken)
-        while key in found and found[key].text != f"{key} = {value}":
+        while key in definitions and definitions[key].text != f"{key} = {value}":
             key += "_"
-        found.setdefault(key, Line(f"{key} = {value}", words))
+        definitions.setdefault(key, Line(f"{key} = {value}", comment))
         return key
 
     for identifier, variable in model.variables.items():
@@ -147,21 +148,21 @@ def _tables(model: Model) -> tuple[list[Line], dict[str, str]]:
         else:
             value = call("scattered", map(sequence, (look_up.points, look_up.values)))
         functions[identifier] = add(name, value, f"{look_up.name}: {look_up.title}")
-    return list(found.values()), functions
+    return list(definitions.values()), functions
 
 
 def _docstring(model: Model) -> str:
     lines = ["The outputs, in the units of the file.", ""]
     for variable in model.inputs:
         sign = f" ({variable.sign})" if variable.sign else ""
-        words = f" - {variable.description}" if variable.description else ""
-        text = f"{variable.key}: {variable.name}, {variable.units}{sign}{words}"
+        description = f" - {variable.description}" if variable.description else ""
+        text = f"{variable.key}: {variable.name}, {variable.units}{sign}{description}"
         lines += textwrap.wrap(text, WIDTH, initial_indent=INDENT, subsequent_indent=2 * INDENT)
     return "\n".join([*lines, INDENT]) if model.inputs else "The outputs."
 
 
 def make_function(model: Model) -> Callable[..., Any]:
-    """The written model as a function of its inputs by their Python names; it gives a named tuple of outputs."""
+    """Return the model as a function of its inputs that returns a named tuple of outputs."""
     function: Callable[..., Any] = run_module(
         UserSource(write_module(model), str(model.path))
     ).names[MODEL]
@@ -169,7 +170,10 @@ def make_function(model: Model) -> Callable[..., Any]:
 
 
 def run_shots(model: Model) -> None:
-    """Run every check shot, with what internal values have a tolerance. Raises InputErrors with all that is off."""
+    """Run all check shots, including internal values with a tolerance.
+
+    Raise InputErrors with all differences.
+    """
     checked = {signal.identifier for shot in model.shots for signal in shot.outputs}
     seen = {
         key: replace(v, is_output=v.is_output or key in checked)
@@ -183,19 +187,22 @@ def run_shots(model: Model) -> None:
 def _differences(model: Model) -> Iterator[InputError]:
     function = make_function(model)
     for shot in model.shots:
-        given = {
+        inputs = {
             v.key: shot.inputs[v.identifier] for v in model.inputs if v.identifier in shot.inputs
         }
-        missing = [v.name for v in model.inputs if v.initial is None and v.key not in given]
+        missing = [v.name for v in model.inputs if v.initial is None and v.key not in inputs]
         if missing:
-            found = f"the check shot '{shot.name}' without {', '.join(missing)}"
-            yield InputError(model.path, found, "it", shot.line)
+            problem = f"the check shot '{shot.name}' without {', '.join(missing)}"
+            yield InputError(model.path, problem, "it", shot.line)
             continue
-        found_values = function(**given)
+        found_values = function(**inputs)
         for signal in shot.outputs:
             value = float(getattr(found_values, model.variables[signal.identifier].key))
-            if not abs(value - signal.value) <= signal.tolerance:  # of no number, too
-                found = f"{value!r} for '{signal.identifier}' in the check shot '{shot.name}'"
+            if not abs(value - signal.value) <= signal.tolerance:  # also true for NaN
+                problem = f"{value!r} for '{signal.identifier}' in the check shot '{shot.name}'"
                 yield InputError(
-                    model.path, found, f"{signal.value!r} within {signal.tolerance!r}", signal.line
+                    model.path,
+                    problem,
+                    f"{signal.value!r} within {signal.tolerance!r}",
+                    signal.line,
                 )

@@ -8,14 +8,14 @@ the commands of this tick. Where slopes are taken, the states that the FMU names
 import ctypes
 import functools
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.io.input_error import InputError, Refusal, one_of
+from abhv_mc.io.input_error import InputError, InputErrors, Refusal, one_of
 from abhv_mc.io.units import parse_any, parse_unit, unit_of
 from abhv_mc.kernel.laws.user import MAX_MEMORY
 from abhv_mc.user_code.child import check_may_run
@@ -24,7 +24,7 @@ from abhv_mc.user_code.law_interface import find_unit
 from abhv_mc.user_code.native_loop import LawBackend, OpenLaw
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import filled_once, unpack
-from abhv_mc_fmu.loop import FLAGS, Wire, compile_fmu_adapter
+from abhv_mc_fmu.loop import FLAGS, FLOAT, Wire, compile_fmu_adapter, pack
 
 _FUNCTIONS = {  # by version: what sets up a flight, then what a tick calls; what makes and frees an instance
     2: (
@@ -38,11 +38,25 @@ _FUNCTIONS = {  # by version: what sets up a flight, then what a tick calls; wha
 }
 
 
+_KINDS = {  # of variables by version, as FMI 3.0 calls them
+    2: {"Real": FLOAT, "Integer": "Int32", "Enumeration": "Int32", "Boolean": "Boolean4"},
+    3: {
+        **{name: name for name in (FLOAT, "Float32")},
+        **{
+            f"{sign}Int{bits}": f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)
+        },
+        "Enumeration": "Int64",
+        "Boolean": "Boolean1",
+    },
+}
+
+
 class Fmu(NamedTuple):
     """An FMU in this process."""
 
     version: int
     functions: tuple[Any, ...]  # of what a flight calls
+    typed: tuple[Any, ...]  # of parameters, inputs and outputs that are no 64-bit floats, in turn
     instantiate: Callable[[], int]  # a new instance's address, 0 where there is none
     free: Any
     inputs: tuple[Wire, ...]
@@ -54,9 +68,8 @@ class Fmu(NamedTuple):
 
 
 @functools.lru_cache(maxsize=16)
-def load_fmu(source: UserSource) -> Fmu:
-    """Unpack an FMU and load its library into this process. Raises InputError for what cannot fly."""
-    check_may_run()
+def _describe(source: UserSource) -> tuple[Path, Any]:
+    """The folder of an unpacked FMU, and fmpy's description of it. Raises InputError."""
     try:
         import fmpy
     except ImportError:
@@ -66,9 +79,19 @@ def load_fmu(source: UserSource) -> Fmu:
     try:
         file = str(unpack(source) / recipe["file"])
         folder = filled_once(f"fmu_{source.hash[:24]}", lambda made: fmpy.extract(file, str(made)))
-        described = fmpy.read_model_description(str(folder), validate=False)
+        return folder, fmpy.read_model_description(str(folder), validate=False)
     except Exception as error:  # of zipfile, lxml and fmpy alike
         raise InputError(source.file, f"no FMU that can be read ({error})", "an FMU") from None
+
+
+@functools.lru_cache(maxsize=16)
+def load_fmu(source: UserSource) -> Fmu:
+    """Unpack an FMU and load its library into this process. Raises InputError for what cannot fly."""
+    check_may_run()
+    folder, described = _describe(source)
+    import fmpy
+
+    recipe: Any = source.recipe
     version, simulation = int(described.fmiVersion[0]), described.coSimulation
     if (
         version not in _FUNCTIONS
@@ -95,18 +118,27 @@ def load_fmu(source: UserSource) -> Fmu:
         found = f"an FMU whose library does not load here ({error})"
         raise InputError(source.file, found, "one with binaries for this platform") from None
     make.restype, free.restype, free.argtypes = ctypes.c_void_p, None, [ctypes.c_void_p]
-    wire = functools.partial(_wire, source.file, described)
+    (params, inputs, outputs), misfits = _read_wires(described, recipe, source.file)
+    if misfits:
+        raise InputErrors([InputError(source.file, *each[1:]) for each in misfits])
+    try:
+        typed = [
+            getattr(dll, f"fmi{version}{verb}{_spoken(version, wire.kind)}")
+            for verb, group in (("Set", (*params, *inputs)), ("Get", outputs))
+            for wire in group
+            if wire.kind != FLOAT
+        ]
+    except AttributeError as error:
+        raise InputError(source.file, f"an FMU without a function ({error})", "all") from None
     return Fmu(
         version,
         tuple(functions),
+        tuple(typed),
         _make_instantiate(make, version, described, folder),
         free,
-        tuple(wire(name, wired) for name, wired in recipe["inputs"].items()),
-        tuple(
-            wire(name, f"effectors.{field}" if field in recipe["effectors"] else field)
-            for field, name in recipe["outputs"].items()
-        ),
-        tuple(wire(name, "", value) for name, value in recipe["params"].items()),
+        inputs,
+        outputs,
+        params,
         {
             state.name: (
                 int(state.valueReference),
@@ -115,6 +147,53 @@ def load_fmu(source: UserSource) -> Fmu:
             for state in (rate.variable.derivative for rate in described.derivatives)
         },
     )
+
+
+def _spoken(version: int, kind: str) -> str:
+    """The end of the names of the functions of a kind."""
+    if kind.startswith("Boolean"):
+        return "Boolean"
+    return {FLOAT: "Real", "Int32": "Integer"}[kind] if version == 2 else kind
+
+
+Misfit = tuple[tuple[str, str], str, str]  # keys in the controller file, found, expected
+
+
+def _read_wires(
+    described: Any, recipe: Mapping[str, Any], file: str
+) -> tuple[tuple[tuple[Wire, ...], ...], list[Misfit]]:
+    """Parameters, inputs and outputs of a law, of each first the 64-bit floats; and what does not fit."""
+    misfits: list[Misfit] = []
+
+    def read(key: str, items: Iterable[tuple[str, str, str, Any]]) -> tuple[Wire, ...]:
+        wires = []
+        for at, name, wired, value in items:
+            try:
+                wires.append(_wire(file, described, name, wired, value))
+            except InputError as error:
+                place = "inputs" if at in recipe["constants"] and key == "params" else key
+                misfits.append(((place, at), error.found, error.expected))
+        return tuple(sorted(wires, key=lambda wire: wire.kind != FLOAT))
+
+    own = recipe["effectors"]
+    groups = (
+        read("params", ((name, name, name, value) for name, value in recipe["params"].items())),
+        read("inputs", ((name, name, wired, None) for name, wired in recipe["inputs"].items())),
+        read(
+            "outputs",
+            (
+                (field, name, f"effectors.{field}" if field in own else field, None)
+                for field, name in recipe["outputs"].items()
+            ),
+        ),
+    )
+    return groups, misfits
+
+
+def find_misfits(source: UserSource) -> list[Misfit]:
+    """What of a law's wiring does not fit its FMU, whose library is not loaded. Raises InputError for no FMU."""
+    recipe: Any = source.recipe
+    return _read_wires(_describe(source)[1], recipe, source.file)[1]
 
 
 def find_states(source: UserSource, *_: Floats) -> dict[str, float] | None:
@@ -154,17 +233,16 @@ def _wire(
     variable = variables.get(name)
     if variable is None:
         raise InputError(file, f"no variable '{name}'", one_of(variables, name))
-    if variable.type not in ("Real", "Float64") or variable.shape:
-        raise InputError(
-            file,
-            f"the variable '{name}' of the type {variable.type}",
-            "a scalar floating point number",
-        )
+    kinds = _KINDS[int(described.fmiVersion[0])]
+    kind = kinds.get(variable.type)
+    if kind is None or variable.shape:
+        found = f"the variable '{name}' of the type {variable.type}"
+        raise InputError(file, found, f"a scalar of {one_of(kinds)}")
     unit = variable.unit or (
         variable.declaredType.unit if variable.declaredType is not None else None
     )
     if not unit:
-        return Wire(wired, int(variable.valueReference), 1.0, 0.0)
+        return Wire(wired, int(variable.valueReference), 1.0, 0.0, kind)
     base = {each.name: each.baseUnit for each in described.unitDefinitions}.get(unit)
     try:
         factor, exponents = (
@@ -183,7 +261,8 @@ def _wire(
             else f"'{name}: {value}' of a parameter in {unit}"
         )
         raise InputError(file, found, f"a quantity in {expected if value is None else unit}")
-    return Wire(wired, int(variable.valueReference), factor, 0.0 if base is None else base.offset)
+    offset = 0.0 if base is None else base.offset
+    return Wire(wired, int(variable.valueReference), factor, offset, kind)
 
 
 def open_fmu(
@@ -218,7 +297,7 @@ def open_fmu(
         fmu.version,
         fmu.inputs,
         fmu.outputs,
-        len(fmu.params),
+        fmu.params,
         gains,
         width=width,
         remade=memory,
@@ -229,20 +308,36 @@ def open_fmu(
         raise InputError(
             source.file, "an FMU that makes no instance", "one for each of many flights"
         )
-    starts = [
-        (parse_any(value) - wire.offset) / wire.factor
-        for wire, value in zip(fmu.params, recipe["params"].values(), strict=True)
-    ]
-    values = np.append(starts, np.zeros(len(fmu.inputs) + len(fmu.outputs) + FLAGS + len(states)))
+    starts = {
+        wire: (parse_any(recipe["params"][wire.name]) - wire.offset) / wire.factor
+        for wire in fmu.params
+    }
+    wires = [wire for group in (fmu.params, fmu.inputs, fmu.outputs) for wire in group]
+    typed = [wire for wire in wires if wire.kind != FLOAT]
+    values = np.concatenate(
+        [
+            [value for wire, value in starts.items() if wire.kind == FLOAT],
+            np.zeros(len(fmu.outputs) + sum(wire.kind == FLOAT for wire in fmu.inputs)),
+            np.zeros(FLAGS + len(states)),
+            np.array([pack(wire.kind, starts.get(wire, 0.0)) for wire in typed], np.int64).view(
+                np.float64
+            ),
+        ]
+    )
     groups = [
-        tuple(wire.reference for wire in group) for group in (fmu.params, fmu.inputs, fmu.outputs)
+        [wire.reference for wire in group if wire.kind == FLOAT]
+        for group in (fmu.params, fmu.inputs, fmu.outputs)
     ]
     references = [np.array(group or [0], np.uint32) for group in (*groups, states)]
-    functions = [
-        int(ctypes.cast(function, ctypes.c_void_p).value or 0) for function in fmu.functions
-    ]
-    pointers = [array.ctypes.data for array in (*references, values, instances)]
-    context = np.array([*functions, *pointers, places, 0], np.int64)
+    references.append(np.array([wire.reference for wire in typed] or [0], np.uint32))
+    functions, more = (
+        [int(ctypes.cast(function, ctypes.c_void_p).value or 0) for function in group]
+        for group in (fmu.functions, fmu.typed)
+    )
+    pointers = [array.ctypes.data for array in (*references[:4], values, instances)]
+    context = np.array(
+        [*functions, *pointers, places, 0, *more, references[4].ctypes.data], np.int64
+    )
     held = loop, values, references, context
     return OpenLaw(
         int(loop.address),
@@ -252,4 +347,4 @@ def open_fmu(
     )
 
 
-FMU = LawBackend(open_fmu, find_states)
+FMU = LawBackend(open_fmu, find_states, find_misfits)

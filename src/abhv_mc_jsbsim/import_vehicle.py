@@ -46,6 +46,7 @@ _LOW_SPEED = {
     "airspeed": 102.0,
     "sideslip": 0.0,
 }
+_SURFACES = ("aileron", "rudder", "elevator")
 _PARTS = {  # of a model, that are not read
     "ground_reactions": ("contact", "landing gear and contacts"),
     "external_reactions": ("force", "external forces"),
@@ -84,11 +85,14 @@ def import_jsbsim(path: Path, folder: Path) -> Imported:
     }
     taken = (*extend.__all__, *FROM_MATH, *CONSTANTS, "SPAN", "CHORD")
     aerodynamics = Aerodynamics(node, known, values, _full_deflections(root), taken)
-    left_out = (*_left_out(root, mass, center), *aerodynamics.notes)
     origin = (
         f"Imported from {fold(path.name)} (JSBSim), SHA-256 {hashlib.sha256(content).hexdigest()}."
     )
     module = _write_module(aerodynamics, origin, known)
+    idle = [
+        f"the {name}: no function uses it" for name in _SURFACES if f"controls.{name}" not in module
+    ]
+    left_out = (*_left_out(root, mass, center), *aerodynamics.notes, *idle)
     angles = _rising_lift(module, aerodynamics)
     texts = {
         _MODULE: module,
@@ -206,7 +210,7 @@ def _rising_lift(module: str, aerodynamics: Aerodynamics) -> tuple[float, float]
     settings = SimpleNamespace(**{each.key: each.value for each in aerodynamics.settings.values()})
     controls, rates = (
         SimpleNamespace(**dict.fromkeys(names, 0.0))
-        for names in (("aileron", "rudder", "elevator"), ("roll_rate", "pitch_rate", "yaw_rate"))
+        for names in (_SURFACES, ("roll_rate", "pitch_rate", "yaw_rate"))
     )
     lift = []
     angles = np.arange(_ANGLES[0], _ANGLES[1] + 0.25, 0.5)

@@ -1,4 +1,4 @@
-"""The commands ``verify nesc``, ``verify ghame6`` and ``verify all``."""
+"""Commands ``verify nesc``, ``verify ghame6`` and ``verify all``."""
 
 from collections.abc import Callable
 from math import inf
@@ -29,9 +29,11 @@ def nesc(
     tolerance_scale: _Scale = 1.0,
     junit: Junit = None,
 ) -> None:
-    """Fly NASA's atmospheric check-cases 1 to 16, those that DIR has, and compare with each simulator given.
+    """Simulate NASA's atmospheric check-cases and compare with published simulators.
 
-    Exit code 1 where a difference is outside its tolerance.
+    Those of the cases 1 to 16 that DIR has are compared with each of its simulators.
+
+    Exit code 1 if a difference is outside its tolerance.
     """
     from abhv_mc_verification.nesc import verify_nesc
 
@@ -48,7 +50,7 @@ def ghame6(
 ) -> None:
     """Replay the recorded surfaces and throttle of a CADAC++ flight and compare the states.
 
-    Exit code 1 where a difference is outside its tolerance.
+    Exit code 1 if a difference is outside its tolerance.
     """
     from abhv_mc_verification.ghame6 import verify_ghame6
 
@@ -68,7 +70,7 @@ def everything(
     tolerance_scale: _Scale = 1.0,
     junit: Junit = None,
 ) -> None:
-    """Show all that is held against published data as one table: others' flights, and the numbers of papers."""
+    """Show the comparison with other simulators and papers as one table."""
     from abhv_mc_verification.everything import verify_everything
 
     folder = references or (_REFERENCES if _REFERENCES.is_dir() else None)
@@ -78,7 +80,7 @@ def everything(
 def _verify(
     make_rows: "Callable[[float], list[Row]]", scale: float, json: Path | None, junit: Path | None
 ) -> None:
-    """Print one table, write JSON and JUnit XML, and exit 1 where a row is not as it should be."""
+    """Print a table, write JSON and JUnit XML, and exit with 1 if a row fails."""
     from abhv_mc_verification.check_rows import all_ok, rows_record
 
     if not 0.0 < scale < inf:

@@ -35,6 +35,8 @@ def commands(group, words=()):
     for inner in group.registered_groups:
         yield from commands(inner.typer_instance, (*words, inner.name))
     for command in group.registered_commands:
+        if command.hidden:  # another name of one that is listed
+            continue
         yield (*words, command.name or command.callback.__name__), command.callback
 
 

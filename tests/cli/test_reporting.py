@@ -68,6 +68,10 @@ def test_report_on_paper(folder, tmp_path):
         str(tmp_path / "there" / f"report.{kind}") for kind in ("html", "pdf")
     ]
     assert (tmp_path / "there/report.pdf").read_bytes().startswith(b"%PDF")
+    made = run("report", folder, "-o", tmp_path / "there", "--brief")
+    assert made.stdout.split()[-1] == str(tmp_path / "there/brief.pdf")
+    brief = (tmp_path / "there/brief.pdf").read_bytes()
+    assert len(re.findall(rb"/Type\s*/Page[^s]", brief)) == 2
 
 
 def test_verdicts_have_colours_on_a_terminal_alone(monkeypatch):

@@ -4,8 +4,9 @@
 #include "lqr.c"
 
 enum { MEASURED, REFERENCE = MEASURED + sizeof(abhv_measured) / 8, GAINS = REFERENCE + sizeof(abhv_reference) / 8 };
-enum { PARAMS = GAINS + 24, OUTPUTS = PARAMS + 3, SPEED = OUTPUTS + 7, RATE, MORE, COUNT = MORE + 4 };
+enum { PARAMS = GAINS + 24, OUTPUTS = PARAMS + 3, SPEED = OUTPUTS + 7, RATE, MORE, TYPED = MORE + 4, COUNT = TYPED + 6 };
 /* SPEED: a state, m. MORE: the vehicle's pitching moment, the last rudder, and the elevons' commands */
+/* TYPED: enable, stage, gain; the elevator times the gain where enabled, whether the engine runs, and 2 */
 
 typedef struct {
     double v[COUNT];
@@ -25,6 +26,9 @@ static int tick(lqr *own, double time, double dt) {
 #endif
     own->v[MORE + 2] = v[OUTPUTS + 2] + 0.9 * v[OUTPUTS] + 1e-7 * v[MORE];
     own->v[MORE + 3] = v[OUTPUTS + 2] - v[OUTPUTS] + 0.1 * v[MORE + 1];
+    if (v[TYPED + 1] != 0.0 && v[TYPED + 1] != -3.0) return 3; /* a stage that it does not know */
+    own->v[TYPED + 3] = v[OUTPUTS + 2] * (v[TYPED] == 1.0 ? v[TYPED + 2] : 1.0);
+    own->v[TYPED + 4] = own->v[TYPED + 5] = 1.0;
     return failed;
 }
 
@@ -56,6 +60,17 @@ fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n,
     for (size_t i = 0; i < n; i++) value[i] = ((lqr *)c)->v[vr[i]];
     return fmi2OK;
 }
+#define KIND(NAME, TYPE)                                                                              \
+    fmi2Status fmi2Set##NAME(fmi2Component c, const fmi2ValueReference r[], size_t n, const TYPE x[]) { \
+        for (size_t i = 0; i < n; i++) ((lqr *)c)->v[r[i]] = x[i];                                    \
+        return fmi2OK;                                                                                \
+    }                                                                                                 \
+    fmi2Status fmi2Get##NAME(fmi2Component c, const fmi2ValueReference r[], size_t n, TYPE x[]) {     \
+        for (size_t i = 0; i < n; i++) x[i] = ((lqr *)c)->v[r[i]];                                    \
+        return fmi2OK;                                                                                \
+    }
+KIND(Integer, fmi2Integer)
+KIND(Boolean, fmi2Boolean)
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real dt, fmi2Boolean back) {
     (void)back;
     return tick(c, time, dt) ? fmi2Error : fmi2OK;
@@ -94,6 +109,21 @@ fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t 
     for (size_t i = 0; i < n; i++) value[i] = ((lqr *)c)->v[vr[i]];
     return fmi3OK;
 }
+#define KIND(NAME)                                                                                        \
+    fmi3Status fmi3Set##NAME(fmi3Instance c, const fmi3ValueReference r[], size_t n, const fmi3##NAME x[], \
+                             size_t m) {                                                                  \
+        for (size_t i = 0; i < n; i++) ((lqr *)c)->v[r[i]] = x[i];                                        \
+        return n == m ? fmi3OK : fmi3Error;                                                               \
+    }                                                                                                     \
+    fmi3Status fmi3Get##NAME(fmi3Instance c, const fmi3ValueReference r[], size_t n, fmi3##NAME x[],      \
+                             size_t m) {                                                                  \
+        for (size_t i = 0; i < n; i++) x[i] = ((lqr *)c)->v[r[i]];                                        \
+        return n == m ? fmi3OK : fmi3Error;                                                               \
+    }
+KIND(Float32)
+KIND(Int8)
+KIND(UInt16)
+KIND(Boolean)
 fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 dt, fmi3Boolean back, fmi3Boolean *event,
                       fmi3Boolean *terminate, fmi3Boolean *early, fmi3Float64 *last) {
     (void)back;

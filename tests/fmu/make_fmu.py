@@ -24,6 +24,14 @@ INPUTS = [f"measured.{name}" for name in Measured._fields] + [
 ]
 INPUTS += [f"gains.{name}" for name in GAINS]
 OUTPUTS = [f"command.{name}" for name in COMMAND_FIELDS]
+TYPED = {  # type of FMI 2.0 and 3.0
+    "enable": ("Boolean", "Boolean"),
+    "stage": ("Integer", "Int8"),
+    "gain": ("Real", "Float32"),
+    "single": ("Real", "Float32"),
+    "runs": ("Boolean", "Boolean"),
+    "one": ("Integer", "UInt16"),
+}
 SEEN, ELEVONS = ("onboard.moment.pitch", "onboard.last.rudder"), ("right", "left")
 LAYOUT = [("angle_of_attack", 2), ("bank_limit", 0)]
 
@@ -86,6 +94,15 @@ def describe(version: int, units: dict[str, str], memory: str) -> str:
                 lines.append(f"<ScalarVariable {head}><Real{unit}{start}/></ScalarVariable>")
             else:
                 lines.append(f"<Float64 {head}{unit}{start}/>")
+    for number, (name, kinds_of) in enumerate(TYPED.items(), end + 6):
+        causality = "input" if number < end + 9 else "output"
+        head = f'name="{name}" valueReference="{number}" causality="{causality}"'
+        start = ' start="0"' if causality == "input" else ""
+        kind = kinds_of[version - 2]
+        start = start.replace("0", "false") if kind == "Boolean" else start
+        discrete = "" if kind in ("Real", "Float32") else ' variability="discrete"'
+        two = f"<ScalarVariable {head}{discrete}><{kind}{start}/></ScalarVariable>"
+        lines.append(two if version == 2 else f"<{kind} {head}{discrete}{start}/>")
     structure = ""
     if memory == "named":
         of = len(lines) + 1 if version == 2 else end

@@ -1,6 +1,7 @@
 """A law as an FMU of FMI 2.0 and 3.0 flies as the program's own law, resets between flights and leaks nothing."""
 
 import shutil
+import struct
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from abhv_mc.stability.linearize import linearize
 from abhv_mc.stability.points import flown_points
 from abhv_mc.stability.probe import law_memory_rows
 from abhv_mc.user_code.child import in_child
+from abhv_mc_fmu.loop import NAMES, decode, encode, pack
 
 
 @pytest.fixture
@@ -83,6 +85,71 @@ def test_a_wrong_wiring_is_refused_by_name(make, change, units, words):
     with pytest.raises(InputError) as refused:
         make(2, units=units, change=change)
     assert words in str(refused.value)
+
+
+def test_a_wrong_wiring_is_refused_at_its_line(make, tmp_path):
+    with pytest.raises(InputErrors) as refused:
+        make(3, change=("  measured.bank: measured.bank\n", "  bank: measured.bank\n  tilt: 3\n"))
+    lines = (tmp_path / "mine.yaml").read_text().splitlines()
+    places = [(error.file, lines[error.line - 1].strip()) for error in refused.value.errors]
+    path = str(tmp_path / "mine.yaml")
+    assert places == [(path, "bank: measured.bank"), (path, "tilt: 3")]
+    assert "no variable 'bank'" in refused.value.errors[0].found
+
+
+@pytest.mark.parametrize("version", [pytest.param(2, marks=pytest.mark.thorough), 3])
+def test_other_kinds_of_numbers_and_constants_are_wired(make, tmp_path, version):
+    """The elevator in single precision, times a constant; a Boolean commands the engine."""
+    parameters = disperse(3)
+    plain = fly(make(version), parameters).metrics
+
+    def flown(gain, stage="-3", runs=False):
+        constants = f"inputs:\n  enable: true\n  stage: {stage}\n  gain: {gain}\n"
+        make(version, change=("inputs:\n", constants))
+        path = tmp_path / "mine.yaml"
+        text = path.read_text().replace("elevator: command.elevator", "elevator: single")
+        if runs:
+            text = text.replace("ratio: command.equivalence_ratio", "ratio: runs")
+        path.write_text(text)
+        return fly(short_plan(100, path), parameters)
+
+    single = flown("1.0")
+    assert single.metrics == pytest.approx(plain, rel=1e-3, abs=1e-4, nan_ok=True)
+    assert np.array_equal(single.metrics, plain, equal_nan=True) == (version == 2)
+    assert np.nanmax(np.abs(flown("50 %").metrics - plain)) > 1e-3
+    assert (flown("1.0", runs=True).metrics != plain).any()
+    assert (flown("1.0", stage="2").outcome == Outcome.LAW_FAILED).all()
+
+
+@pytest.mark.parametrize(
+    ("kind", "form", "values"),
+    [
+        ("Boolean1", "?", [0.0, 1.0]),
+        ("Boolean4", "i", [0.0, 1.0]),
+        ("Int8", "b", [-128.0, 127.0, -3.0]),
+        ("UInt8", "B", [0.0, 255.0]),
+        ("Int16", "h", [-32768.0, 32767.0]),
+        ("UInt16", "H", [65535.0]),
+        ("Int32", "i", [-(2.0**31), 2.0**31 - 1.0]),
+        ("UInt32", "I", [2.0**32 - 1.0]),
+        ("Int64", "q", [-(2.0**53), 2.0**53]),
+        ("UInt64", "Q", [2.0**53]),
+        ("Float32", "f", [0.5, -1.25, float(np.float32(0.1))]),
+    ],
+)
+def test_numbers_of_each_kind_lie_in_the_low_bytes(kind, form, values):
+    for value in values:
+        bits = pack(kind, value)
+        low = struct.pack("<q", bits)[: struct.calcsize(form)]
+        assert struct.unpack(f"<{form}", low)[0] == value
+        names = {**NAMES, "value": value, "bits": np.int64(bits)}
+        assert eval(encode(kind, "value"), names) == bits  # noqa: S307  own text
+        assert eval(decode(kind, "bits"), names) == value  # noqa: S307
+
+
+def test_integers_are_rounded_and_held_in_their_range():
+    assert [pack("Int8", value) for value in (1e9, -1e9, 2.5, -0.6)] == [127, -128, 3, -1]
+    assert pack("UInt16", -1e9) == 0
 
 
 def test_an_error_of_a_step_ends_the_flight(make):

@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from abhv_mc.cli.app import app
 from abhv_mc.io.documents import read_document
 from abhv_mc.io.input_error import InputError
 from abhv_mc.io.units import parse_any
@@ -122,9 +124,23 @@ def test_what_a_model_has_beyond_is_named(tmp_path: Path) -> None:
         "1 x engine rocket with nozzle",
         "limits of the angle of attack",
         "aero/alphadot-rad_sec of aero/CL, which is 0 here",
+        "the aileron: no function uses it",
+        "the rudder: no function uses it",
+        "the elevator: no function uses it",
     )
     text = (tmp_path / "vehicle.yaml").read_text()
     assert all(f"# - {each}\n" in text for each in imported.left_out)
+
+
+def test_the_command_names_what_it_leaves_out_and_refuses_another_file(tmp_path: Path) -> None:
+    path = tmp_path / "small.xml"
+    path.write_text(SMALL.format(lift("<p>fcs/flap-pos-deg</p>")), encoding="utf-8")
+    words = ["import", "jsbsim", str(path), "-o", str(tmp_path / "made")]
+    shown = CliRunner().invoke(app, words)
+    assert "a number in the vehicle file: fcs/flap-pos-deg" in shown.stdout
+    assert "left out: 1 x engine rocket with nozzle" in shown.stdout
+    path.write_text("<vehicle/>", encoding="utf-8")
+    assert "the element 'vehicle'" in str(CliRunner().invoke(app, words).exception)
 
 
 def test_a_flight_ends_where_the_lift_falls(tmp_path: Path) -> None:

@@ -198,7 +198,7 @@ def versions(tmp_path_factory):
 
 def test_campaigns_with_unknowns_pair_at_the_points_of_the_baseline(versions, abhv_mc, monkeypatch):
     """Their worst values differ, so their flights had other numbers, and the gate refused them."""
-    monkeypatch.setattr("abhv_mc.execution.name_points.SEARCH_FLIGHTS", 8)
+    monkeypatch.setattr("abhv_mc.statistics.unknowns.FEWEST_SEARCHED", 8)
 
     def fly(new, *words):
         code, _, err = abhv_mc(

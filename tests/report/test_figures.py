@@ -122,7 +122,9 @@ def test_altitude_errors_are_in_metres_and_a_moving_reference_is_not_the_flights
         for text, figure in Models(failing).figures(topic)
     }
     altitude = next(
-        a for a in figures["channels"].axes if a.get_title(loc="left") == "altitude error (m)"
+        a
+        for a in figures["channels"].axes
+        if a.get_title(loc="left").endswith("altitude error (m)")
     )
     assert figures["worst_flights"].axes[0].get_ylabel() == "speed error (m/s)"  # what they miss
     low, high = altitude.get_ylim()

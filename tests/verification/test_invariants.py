@@ -1,4 +1,4 @@
-"""What a flight without forces keeps: energy, angular momentum, a unit quaternion."""
+"""Invariants of a flight without forces: energy, angular momentum, unit quaternion."""
 
 import numpy as np
 from numpy.typing import ArrayLike

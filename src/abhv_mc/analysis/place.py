@@ -1,4 +1,4 @@
-"""Compare test flights with the simulated flights of a campaign: does the dispersed model cover them?"""
+"""Comparison of test flights with the simulated flights of a campaign."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -22,13 +22,13 @@ from abhv_mc.statistics.placement import (
 
 CONFIDENCE = 0.95
 FEWEST_FLIGHTS = 39  # simulated: with fewer no two-sided rank has a p-value of 5 %
-_MOST_TIMES = 500  # of a history that are compared
+_MOST_TIMES = 500  # compared times of a history
 _SUMMARIES = ("largest", "smallest", "mean", "last")
 
 
 @dataclass(frozen=True)
 class RankedMetric:
-    """A number of a test flight among those of the simulated flights."""
+    """Metric of a test flight, ranked among the simulated flights."""
 
     metric: str
     value: float
@@ -41,7 +41,7 @@ class RankedMetric:
 
 @dataclass(frozen=True)
 class Departure:
-    """Where a history first leaves the simultaneous band."""
+    """First time at which a history leaves the simultaneous band."""
 
     channel: str
     time_s: float
@@ -49,7 +49,7 @@ class Departure:
 
 @dataclass(frozen=True)
 class PlacedFlight:
-    """One test flight among the simulated ones."""
+    """Comparison of one test flight with the simulated ones."""
 
     name: str
     metrics: tuple[RankedMetric, ...]  # smallest p-value first
@@ -70,7 +70,7 @@ class ChannelBands:
 
 @dataclass(frozen=True)
 class Placement:
-    """Test flights among the simulated flights of one controller."""
+    """Comparison of test flights with the simulated flights of one controller."""
 
     controller: str
     simulated: int
@@ -90,10 +90,11 @@ def place_flights(
 ) -> Placement:
     """Compare test flights with those of a campaign.
 
-    A file with a column `time` is a history; of each channel the largest, smallest, mean and last values are ranked,
-    and the history is compared with the simultaneous band. Any other file has a row for each flight and metrics of the
-    campaign as columns. `noise` are standard deviations of measurements by channel; of other channels those that the
-    campaign declares, else the errors of its sensors. Raises InputError.
+    A file with a column `time` is a history: the largest, smallest, mean and last value of each
+    channel are ranked, and the history is compared with the simultaneous band. Any other file has a
+    row for each flight, with metrics of the campaign as columns. `noise` are standard deviations of
+    measurements by channel; for other channels those of the campaign file apply, or the errors of
+    its sensors. Raise InputError.
     """
     results = read_flown(root)
     controller = controller or results.controllers[0]
@@ -127,7 +128,7 @@ def place_flights(
             if channel in channels
         }
         simulated, sensed = measure(results, histories, channels, noise, units)
-        names = [f"{channel}, {words}" for words in _SUMMARIES for channel in channels]
+        names = [f"{channel}, {summary}" for summary in _SUMMARIES for channel in channels]
         values, own = summarize(simulated), summarize(tests)
     else:
         if noise:
@@ -139,8 +140,8 @@ def place_flights(
         own = np.vstack([_columns(table, names) for table in tables])
         labels = [f"{t.table.path.name}:{line}" for t in tables for line in t.table.lines]
     if len(values) < FEWEST_FLIGHTS:
-        found = f"{len(values)} simulated flights to compare with"
-        raise InputError(root, found, f"at least {FEWEST_FLIGHTS}")
+        problem = f"{len(values)} simulated flights to compare with"
+        raise InputError(root, problem, f"at least {FEWEST_FLIGHTS}")
     placed, bands = (
         [_place(label, names, values, row) for label, row in zip(labels, own, strict=True)],
         {},
@@ -162,7 +163,7 @@ def place_flights(
         simulated=len(values),
         noise=dict(noise or {}),
         sensed=sensed,
-        ignored=tuple(dict.fromkeys(head for each in tables for head in _unused(each, compared))),
+        ignored=tuple(dict.fromkeys(head for table in tables for head in _unused(table, compared))),
         flights=tuple(placed),
         together_p_value=set_p_value(together, len(placed)) if len(placed) > 1 else None,
         bands=bands,
@@ -170,7 +171,7 @@ def place_flights(
 
 
 def _read_table(file: Path, units: Mapping[str, str]) -> NumberTable:
-    """Read the columns of a file that a campaign knows, in its units. Raise InputError."""
+    """Read the columns of a file that the campaign records, in its units. Raise InputError."""
     table = read_foreign_table(file)
     columns = table.find(units)
     factors = [table.factor(column, units[name]) for name, column in columns.items()]
@@ -184,11 +185,11 @@ def _unused(table: NumberTable, compared: Collection[str]) -> list[str]:
     return [head for i, head in enumerate(table.table.heads) if i not in used]
 
 
-def _shared_columns(tables: Sequence[NumberTable], known: Sequence[str]) -> list[str]:
-    """Return the columns of the first file that the campaign knows; all files have to have them."""
-    names = [name for name in tables[0].names if name in known]
+def _shared_columns(tables: Sequence[NumberTable], recorded: Sequence[str]) -> list[str]:
+    """Return the recorded columns of the first file, which all files must have."""
+    names = [name for name in tables[0].names if name in recorded]
     for table in tables:
-        missing = [name for name in names or known[:1] if name not in table.names]
+        missing = [name for name in names or recorded[:1] if name not in table.names]
         if missing:
             expected = f"columns of the campaign, such as {missing[0]}"
             raise table.table.error(None, None, f"no column {missing[0]}", expected)
@@ -204,7 +205,10 @@ def _read_histories(
     controller: str,
     tables: Sequence[NumberTable],
 ) -> tuple[dict[int, Floats], Floats, Floats, list[str]]:
-    """Return simulated histories [time, channel] by flight, test histories [flight, time, channel], times, channels."""
+    """Return simulated and test histories, times and channels.
+
+    Simulated histories are [time, channel] by flight, test histories [flight, time, channel].
+    """
     histories = _random_histories(results, controller)
     if not histories:
         expected = (
@@ -240,9 +244,10 @@ def measure(
     noise: Mapping[str, float],
     units: Mapping[str, str],
 ) -> tuple[Floats, tuple[str, ...]]:
-    """Return histories [flight, time, channel] as instruments tell them, and the channels of the campaign's sensors.
+    """Return histories [flight, time, channel] with sensor errors, and the sensed channels.
 
-    A sensor has the scale, bias and white noise that the campaign draws for each flight; its lag is left out.
+    A sensor has the scale, bias and white noise that the campaign draws for each flight, without
+    its lag.
     """
     flights, simulated = list(histories), np.stack(list(histories.values()))
     sigma = np.tile([noise.get(name, 0.0) for name in channels], (len(flights), 1))
@@ -268,35 +273,37 @@ def measure(
 
 
 def _sensor_of(channel: str) -> str | None:
-    """Return the quantity of a channel for which a campaign may have a sensor."""
+    """Return the sensor's quantity of a channel, or None."""
     stem = channel if channel in ALL_SENSORS else channel.rpartition("_")[0]
     stem = stem.removesuffix("_error")
     return stem if stem in ALL_SENSORS else None
 
 
 def _sample(history: Mapping[str, Floats], channels: Sequence[str], times: Floats) -> Floats:
-    """Return channels [time, channel] at these times; NaN outside the history."""
-    at = history["time"]
-    return np.column_stack([np.interp(times, at, history[c], np.nan, np.nan) for c in channels])
+    """Return channels [time, channel] at `times`; NaN outside the history."""
+    history_times = history["time"]
+    return np.column_stack(
+        [np.interp(times, history_times, history[c], np.nan, np.nan) for c in channels]
+    )
 
 
 def _random_histories(results: FlownCampaign, controller: str) -> dict[int, dict[str, Floats]]:
-    """Return the histories by flight that are kept whatever became of it."""
+    """Return the histories by flight that are stored independently of the outcome."""
     steps = [
         1 if item == "all" else int(str(item).removeprefix("every "))
         for item in results.campaign.model.keep.histories.flights
         if str(item) == "all" or str(item).startswith("every ")
     ]
-    kept = read_histories(results.folder, controller) if steps else {}
-    return {k: kept[k] for k in sorted(kept) if any(k % step == 0 for step in steps)}
+    stored = read_histories(results.folder, controller) if steps else {}
+    return {k: stored[k] for k in sorted(stored) if any(k % step == 0 for step in steps)}
 
 
 def find_band(
     results: FlownCampaign, controller: str, channels: Sequence[str], times: Floats
 ) -> tuple[list[str], Band] | None:
-    """Return the simultaneous band of a campaign's histories and those of the channels that they have.
+    """Return the channels with histories and their simultaneous band.
 
-    None without enough random histories, or a channel.
+    None without a channel or enough random histories.
     """
     if not results.campaign.independent:
         return None
@@ -349,7 +356,7 @@ def _place(label: str, names: Sequence[str], values: Floats, row: Floats) -> Pla
 def _locate(
     flight: PlacedFlight, band: Band, history: Floats, times: Floats, channels: Sequence[str]
 ) -> PlacedFlight:
-    """Return the flight with where its history leaves the band."""
+    """Return the flight with the point at which its history leaves the band."""
     outside = band.deviations(history) > band.factor
     leaves = None
     if outside.any():

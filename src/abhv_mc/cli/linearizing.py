@@ -117,7 +117,8 @@ def _show_worst(file: Path, controllers: str | None, json: Path | None, trust_co
     from abhv_mc.topics.words import shown_value, spoken_name
 
     _, _, files = _find_flown(None, file, controllers, trust_code)
-    found = find_worst_margins(read_campaign(file), tuple(files))
+    campaign = read_campaign(file)
+    found, known = find_worst_margins(campaign, tuple(files)), campaign.parameters
 
     def in_words() -> None:
         table = new_table(("controller", "margin"), ("nominal", "least found"), None)
@@ -125,7 +126,7 @@ def _show_worst(file: Path, controllers: str | None, json: Path | None, trust_co
         for one in found:
             metric = BUILT_IN[one.metric]
             at = [
-                f"{spoken_name(name)} {shown_value(name, one.parameters[name])}"
+                f"{spoken_name(name)} {shown_value(name, one.parameters[name], known)}"
                 for name in one.moved
             ]
             more = [f"and {len(at) - _NAMED} more"] if len(at) > _NAMED else []

@@ -69,15 +69,25 @@ def _list_shipped(kind: str, json: Path | None) -> None:
 
 
 @lists.command()
-def parameters(json: Json = None) -> None:
+def parameters(
+    vehicle: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="VEHICLE",
+            help="Shipped name or file: its functions' settings and custom states, too.",
+            show_default=False,
+        ),
+    ] = None,
+    json: Json = None,
+) -> None:
     """List what a campaign may disperse. A unit of - is a factor or a number."""
     from dataclasses import asdict
 
-    from abhv_mc.plant.parameters import PARAMETERS
+    from abhv_mc.flight.vehicle_parameters import read_vehicle_parameters
+    from abhv_mc.plant.parameters import OURS
 
-    _show_records(
-        [asdict(parameter) for parameter in PARAMETERS[1:]], json
-    )  # the first is no parameter of a vehicle
+    known = read_vehicle_parameters(find_input(vehicle, "vehicle"))[0] if vehicle else OURS
+    _show_records([asdict(known[name]) for name in known.dispersible], json)
 
 
 @lists.command()

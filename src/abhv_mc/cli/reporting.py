@@ -54,6 +54,9 @@ def report(
     pdf: Annotated[
         bool, typer.Option("--pdf", help="Print report.pdf (A4), where a Chromium is found.")
     ] = False,
+    brief: Annotated[
+        bool, typer.Option("--brief", help="Print brief.pdf, two pages of it, in its place.")
+    ] = False,
     letter: Annotated[bool, typer.Option("--letter", help="Print it on US letter.")] = False,
     requirements: Requirements = None,
     junit: Junit = None,
@@ -71,7 +74,7 @@ def report(
 
     if requirements is not None and out is None:
         raise InputError("--requirements", "no -o OUT", "-o OUT: DIR keeps the report of its own")
-    browser = find_browser() if pdf or letter else None
+    browser = find_browser() if pdf or letter or brief else None
 
     store = open_store(folder)
     with store.reading() as source:
@@ -91,7 +94,7 @@ def report(
         say(page)
         if browser is not None:
             with Waiting("report: PDF"):
-                printed = print_pdf(page, browser, letter)
+                printed = print_pdf(page, browser, letter, brief)
             say(printed)
     if requirements is not None:
         judgement = json.loads(page.with_suffix(".json").read_text("utf-8"))["judgement"]

@@ -234,7 +234,10 @@ def _print_cost(file: str, cost: "Estimate") -> None:
         f"{file}: {cost.flights} flights of {cost.controllers} {cost.kind}s, blocks of {cost.batch}"
     )
     if cost.searched:
-        say(f"  search  {cost.searched} flights of each, for the worst values of the unknowns")
+        say(
+            f"  search  {cost.searched} flights of each for the unknowns' worst values, {cost.search_s:.0f} s"
+            " (fewer if --runs is below 256)"
+        )
     each = f"{1e3 * cost.flight_s:.2f} ms a flight and core"
     say(f"  time    {cost.flying_s:.0f} s with {cost.workers} workers ({each})")
     kept, flying = (

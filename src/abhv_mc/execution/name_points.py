@@ -19,11 +19,11 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.interfaces import Plan
 from abhv_mc.simulators.engine import make_ready, simulate
 from abhv_mc.statistics.unknowns import (
-    SEARCH_FLIGHTS,
     SEARCH_QUANTILE,
     Trial,
     choose_points,
     search_flights,
+    search_size,
     search_worst,
 )
 
@@ -43,9 +43,12 @@ def name_points(
     if not unknowns.names or campaign.model.points is not None:
         return campaign
     number, searches = len(unknowns.names), []
+    size = search_size(campaign.runs_at_point)
     if campaign.requirements:
         ready = make_ready(campaign, plans, margins=True)
-        total = len(plans) * search_flights(number, len(campaign.requirements))
+        total = len(plans) * search_flights(
+            number, len(campaign.requirements), campaign.runs_at_point
+        )
         print(
             f"{total} flights search the worst values of the unknowns", file=sys.stderr, flush=True
         )
@@ -64,7 +67,7 @@ def name_points(
         places = np.round(places, 12)  # the box's own corners and centre stay what they are
         others = places[np.all(np.abs(places) <= 1.0, axis=1)]
     chosen = choose_points(number, searches, others)
-    return with_points(campaign, points_entry(unknowns, chosen, tuple(plans), searches))
+    return with_points(campaign, points_entry(unknowns, chosen, tuple(plans), searches, size))
 
 
 def with_points(campaign: Experiment, points: object) -> Experiment:
@@ -79,7 +82,9 @@ def _evaluate(
     campaign: Experiment, name: str, executor: FlightRunner, progress: Progress, points: Floats
 ) -> Trial:
     """Simulate the flights of the search at each point [point, unknown] of the box."""
-    rows = campaign.search_rows(SEARCH_FLIGHTS, campaign.unknowns.values(points))
+    rows = campaign.search_rows(
+        search_size(campaign.runs_at_point), campaign.unknowns.values(points)
+    )
     margins = campaign.model.margins is not None
     block = simulate(campaign, name, rows, None, executor.fly_side_by_side, margins=margins)
     progress.add(len(rows))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.compile_metrics import Known, compile_metrics, known_sources
-from abhv_mc.flight.outcome import LIMITS, Limits
+from abhv_mc.flight.outcome import LIMITS, Outcome
 from abhv_mc.flight.plan import FlightPlan, Recording
 from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.kernel.flight.interface import (
@@ -33,7 +33,7 @@ from abhv_mc.kernel.laws.columns import (
     TLC_SETTINGS,
 )
 from abhv_mc.kernel.plant.air_data import PROFILE
-from abhv_mc.kernel.plant.state import N_PARAMETERS, N_STATES
+from abhv_mc.kernel.plant.state import CUSTOM_STATE, N_PARAMETERS, N_STATES
 
 LAWS = {"tlc": TLC, "lqr": LQR, "recorded": RECORDED, "python": PYTHON, "c": PYTHON, "fmu": PYTHON}
 _COLUMNS = {  # of the gains and of the settings
@@ -82,17 +82,18 @@ def make_kernel_plan(
 ) -> KernelPlan:
     """A plan as the kernel takes it, see :func:`conform`. Raises ValueError for an array of the wrong type or shape."""
     terms = plan.vehicle.build_up.factor.size
-    known = known_sources(plan.user_sources, plan.effectors)
+    known = known_sources(plan.user_sources, plan.effectors, plan.custom_states)
+    parameters = add_settings(plan, parameters)
     made = conform(
         KernelPlan(
-            LAWS[plan.law],
+            LAWS[plan.commanding_law],
             plan.vehicle,
             plan.trim_tables,
             plan.effectiveness,
             plan.earth,
             plan.timing,
             recording.every,
-            make_observed(plan.limits, [known[plan.channels[i].name] for i in recording.channels]),
+            make_observed(plan, [known[plan.channels[i].name] for i in recording.channels]),
             np.zeros(terms, np.int64),
             plan.initial_state,
             plan.reference,
@@ -107,12 +108,14 @@ def make_kernel_plan(
         KernelPlan,
         "plan",
     )
-    columns, settings = _COLUMNS.get(plan.law, (None, None))
-    check_shape(made.initial_state, (N_STATES,), "plan.initial_state")
-    check_shape(made.parameters, (None, N_PARAMETERS), "parameters")
+    gains, settings = _COLUMNS.get(plan.commanding_law, (None, None))
+    foreign = plan.vehicle.foreign
+    check_shape(made.initial_state, (N_STATES + foreign.states,), "plan.initial_state")
+    columns = N_PARAMETERS + foreign.settings.size + foreign.states
+    check_shape(made.parameters, (None, columns), "parameters")
     check_shape(made.start, (len(made.parameters) if start else 0, SAVED_ROWS), "start")
     check_shape(made.reference, (None, len(REFERENCE)), "plan.reference")
-    check_shape(made.gains, (None, columns), "plan.gains")
+    check_shape(made.gains, (None, gains), "plan.gains")
     check_shape(made.settings, (settings,), "plan.settings")
     check_shape(made.profile, (None, len(PROFILE)), "plan.profile")
     rows = min(len(made.reference), len(made.gains))
@@ -123,17 +126,34 @@ def make_kernel_plan(
     return made
 
 
-def make_observed(limits: Limits, recorded: Sequence[Known]) -> Observed:
+def add_settings(plan: FlightPlan, parameters: Floats) -> Floats:
+    """Rows [flight, parameter] with the vehicle file's settings, where they have none of their own."""
+    foreign = plan.vehicle.foreign
+    if not foreign.digest.any() or parameters.ndim != 2 or parameters.shape[1] != N_PARAMETERS:
+        return parameters
+    nominal = np.concatenate([foreign.settings, np.zeros(foreign.states)])
+    return np.hstack([parameters, np.tile(nominal, (len(parameters), 1))])
+
+
+def make_observed(plan: FlightPlan, recorded: Sequence[Known]) -> Observed:
     """What a flight observes at each tick: its limits, and what it records."""
+    limits = plan.limits
     bounded = [
         limit for limit in LIMITS if any(map(math.isfinite, limit.bounds(limits)))
     ]  # perhaps none
     bounds = np.array([limit.bounds(limits) for limit in bounded], np.float64).reshape(-1, 2)
+    greatest = plan.vehicle.foreign.state_limit  # of custom states, which come first
+    limited = np.flatnonzero(np.isfinite(greatest))
+    own, number = greatest[limited], float(Outcome.STATE_LIMIT)
     return Observed(
-        np.array([find_row(limit.source) for limit in bounded], np.int64),
-        np.array([float(limit.outcome) or _FLOWN for limit in bounded], np.float64),
-        bounds[:, 0].copy(),
-        bounds[:, 1].copy(),
+        np.array(
+            [*(CUSTOM_STATE + limited), *(find_row(limit.source) for limit in bounded)], np.int64
+        ),
+        np.array(
+            [number] * own.size + [float(limit.outcome) or _FLOWN for limit in bounded], np.float64
+        ),
+        np.concatenate([-own, bounds[:, 0]]),
+        np.concatenate([own, bounds[:, 1]]),
         np.array([channel.row for channel in recorded], np.int64),
         np.array([channel.factor for channel in recorded], np.float64),
     )

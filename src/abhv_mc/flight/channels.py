@@ -222,6 +222,15 @@ def effector_sources(names: Sequence[str]) -> tuple[Source, ...]:
     )
 
 
+def state_channels(states: Sequence[tuple[str, str]]) -> tuple[Channel, ...]:
+    """Of custom states, by name and SI unit; angles are in degrees as those of the vehicle are."""
+    shown = {"rad": "deg", "rad/s": "deg/s"}
+    return tuple(
+        Channel(f"state.{name}", shown.get(unit, unit), f"custom state {name}", f"custom_state+{i}")
+        for i, (name, unit) in enumerate(states)
+    )
+
+
 def effector_channels(names: Sequence[str]) -> tuple[Channel, ...]:
     """Those that are recorded."""
     return tuple(source for source in effector_sources(names) if isinstance(source, Channel))

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.flight.channels import SOURCES, Source, effector_sources
+from abhv_mc.flight.channels import SOURCES, Source, effector_sources, state_channels
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.io.input_error import Refusal, describe, one_of
 from abhv_mc.io.units import NUMBER
@@ -55,17 +55,25 @@ def _find(source: Source) -> Known:
 
 
 @cache
-def _known_sources(effectors: tuple[str, ...]) -> dict[str, Known]:
-    return {each.name: _find(each) for each in (*SOURCES.values(), *effector_sources(effectors))}
+def _known_sources(
+    effectors: tuple[str, ...], states: tuple[tuple[str, str], ...]
+) -> dict[str, Known]:
+    sources = *SOURCES.values(), *effector_sources(effectors), *state_channels(states)
+    return {each.name: _find(each) for each in sources}
 
 
 def known_sources(
-    user_channels: NDArray[np.str_], effectors: tuple[str, ...] = ()
+    user_channels: NDArray[np.str_],
+    effectors: tuple[str, ...] = (),
+    states: tuple[tuple[str, str], ...] = (),
 ) -> dict[str, Known]:
-    """The sources of the program, of ``effectors`` with actuators, and user channels [channel, 2], names and units."""
+    """The sources of the program, of ``effectors`` with actuators and custom ``states`` (names and units).
+
+    Behind them user channels [channel, 2], names and units.
+    """
     if len(user_channels) > MAX_CHANNELS:
         raise ValueError(f"{len(user_channels)} channels of the user's own")
-    return _known_sources(effectors) | {
+    return _known_sources(effectors, states) | {
         name: Known(unit, CHANNEL + i, 1.0) for i, (name, unit) in enumerate(user_channels.tolist())
     }
 
@@ -184,7 +192,8 @@ class Expression:
                 "an expression that is nested too deeply", f"at most {MAX_REGISTERS} values at once"
             )
         match node:
-            case ast.Name(id=name):
+            case ast.Name() | ast.Attribute(value=ast.Name()):  # a custom state is state.NAME
+                name = ast.unparse(node)
                 if name not in self.known:
                     raise Refusal(f"unknown channel '{name}'", one_of(self.known, name))
                 self._emit(

@@ -31,6 +31,7 @@ class Outcome(IntEnum):
     FUEL_OUT = 11
     POLE_LIMIT = 12
     SPEED_LIMIT = 13
+    STATE_LIMIT = 14
     LAW_FAILED = 50
     LAW_CRASHED = 51
     LAW_HUNG = 52
@@ -85,6 +86,7 @@ SENTENCES: dict[Outcome, str] = {
     Outcome.FUEL_OUT: "The fuel was burnt before the end of the mission.",
     Outcome.POLE_LIMIT: "The flight came nearer to a pole than the model can follow its longitude and heading.",
     Outcome.SPEED_LIMIT: "The speed exceeded the mission's limit, by default twice the largest of its reference.",
+    Outcome.STATE_LIMIT: "A state of the vehicle's custom dynamics exceeded its limit.",
     Outcome.LAW_FAILED: "The control law, one of the user's own, raised an exception or returned an error.",
     Outcome.LAW_CRASHED: "The control law, one of the user's own, ended its process (a crash), twice.",
     Outcome.LAW_HUNG: "The control law, one of the user's own, did not return in time, twice.",

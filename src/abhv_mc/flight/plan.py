@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats, Singles
-from abhv_mc.flight.channels import CHANNELS, Channel, effector_channels
+from abhv_mc.flight.channels import CHANNELS, Channel, effector_channels, state_channels
 from abhv_mc.flight.metrics import METRICS, NO_METRICS, Metric, unpack_metrics
 from abhv_mc.flight.outcome import Limits
 from abhv_mc.identity import Flyer
@@ -22,7 +22,7 @@ from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc.kernel.world.earth import Earth
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.vehicle.actuators import name_effectors
-from abhv_mc.vehicle.vehicle_code import VehicleCode
+from abhv_mc.vehicle.vehicle_code import VehicleCode, name_states
 
 NO_SOURCES: NDArray[np.str_] = np.empty((0, 2), dtype=np.str_)
 
@@ -104,6 +104,10 @@ class FlightPlan:
     period: int = (
         0  # ticks after which a user law says that it does the same again; 0 where it does not say
     )
+    around: str = (
+        ""  # the law of the program, "tlc" or "lqr", whose measurement a user's code filters
+    )
+    filter_settings: Floats = field(default_factory=lambda: np.empty(0))  # of that code
     source_hash: str = ""  # of its text, "" for the laws of the program
     channels_hash: str = ""  # of the text of user channels
     source: UserSource | None = field(
@@ -120,12 +124,15 @@ class FlightPlan:
     def lean_for(self, names: Collection[str]) -> "Self":
         """The plan for flights with dispersions of these names, whatever their values: processes compile the same."""
         vehicle, foreign = self.vehicle, self.vehicle.foreign
-        plain = self.law in ("tlc", "lqr") and not (
-            self.channels_hash or foreign.aerodynamics or foreign.propulsion
-        )
+        plain = self.law in ("tlc", "lqr") and not (self.channels_hash or foreign.digest.any())
         whole = not (vehicle.constants.inlet.unstarts or vehicle.constants.driven)
         calm = len(self.profile) == 0 and not any(name.startswith(NOT_LEAN) for name in names)
         return replace(self, lean=bool(plain and whole and calm))
+
+    @property
+    def commanding_law(self) -> str:
+        """The law that commands: a filter's is the one of the program around it."""
+        return self.around or self.law
 
     @property
     def metrics(self) -> tuple[Metric, ...]:
@@ -145,7 +152,13 @@ class FlightPlan:
     @property
     def channels(self) -> tuple[Channel, ...]:
         """What its histories may record."""
-        return (*CHANNELS, *effector_channels(self.effectors))
+        own = effector_channels(self.effectors), state_channels(self.custom_states)
+        return (*CHANNELS, *own[0], *own[1])
+
+    @property
+    def custom_states(self) -> tuple[tuple[str, str], ...]:
+        """Names and units of the vehicle's custom states."""
+        return name_states(self.vehicle_code)
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """From the three files of a flight to its plan: reference, gains, trim and start, computed once."""
 
+import functools
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,13 +24,20 @@ from abhv_mc.control.design.reference import (
     solve_reference,
 )
 from abhv_mc.control.design.tlc_design import make_limit_settings, make_tlc_gains, make_tlc_settings
-from abhv_mc.control.law_file import USER_LAWS, CController, PythonController, UserController
+from abhv_mc.control.law_file import (
+    USER_LAWS,
+    CController,
+    FmuController,
+    PythonController,
+    UserController,
+)
 from abhv_mc.control.mission import Mission, read_mission
+from abhv_mc.flight.dynamics_start import start_custom
 from abhv_mc.flight.metrics import effector_metrics, pack_metrics
 from abhv_mc.flight.native_check import check_native
 from abhv_mc.flight.outcome import EndBounds, Limits
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.flight.user_law import NATIVE, open_law, plan_source
+from abhv_mc.flight.user_law import NATIVE, open_law, plan_source, refuse_misfits
 from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.flight.interface import LANES, Timing
 from abhv_mc.kernel.flight.start import multiply
@@ -51,7 +59,7 @@ from abhv_mc.plant.trim import GRAVITY, TrimPoint
 from abhv_mc.user_code.compiled import COMMANDS, split_columns
 from abhv_mc.user_code.design import DesignModel, watched_design
 from abhv_mc.user_code.effector_commands import drive_commanded
-from abhv_mc.user_code.law_source import read_trusted_law
+from abhv_mc.user_code.law_source import check_wiring, read_trusted_law
 from abhv_mc.user_code.load_law import load_law
 from abhv_mc.user_code.module import check_closure
 from abhv_mc.user_code.settings import NO_COMMANDS, CommandSteps, make_commands, make_user_settings
@@ -105,6 +113,7 @@ class UserParts(NamedTuple):
     source: UserSource
     settings: Floats
     commands: CommandSteps = NO_COMMANDS
+    around: TlcController | LqrController | None = None  # whose measurement the code filters
 
 
 def read_law(controller: Path) -> tuple[Controller, UserParts | None]:
@@ -112,20 +121,45 @@ def read_law(controller: Path) -> tuple[Controller, UserParts | None]:
     document, law = read_controller_document(controller)
     if not isinstance(law, UserController):
         return law, None
+    if isinstance(law, FmuController):
+        check_wiring(document, law)
     source = read_trusted_law(law)
     if not isinstance(law, PythonController):
+        refuse_misfits(document, law.law, source)
         numbers = law.numbers if isinstance(law, CController) else []
         return law, UserParts(source, np.array(numbers, dtype=np.float64))
     check_closure(source)
     loaded = load_law(source)
+    around = read_around(law)
+    if loaded.mark.filters != (around is not None):
+        found = (
+            "a filter without the controller around it" if around is None else "'around' of a law"
+        )
+        wish = "'around:', a controller file of TLC or LQR, with @measurement_filter"
+        raise document.error(("file",) if around is None else ("around",), found, wish)
+    if around is not None:
+        law = law.model_copy(update={"rate": around.rate})
     commands = make_commands(document, law, loaded)
-    return law, UserParts(source, make_user_settings(document, law, loaded), commands)
+    return law, UserParts(source, make_user_settings(document, law, loaded), commands, around)
 
 
-def user_parts_of(plan: FlightPlan) -> UserParts | None:
+def read_around(law: PythonController) -> TlcController | LqrController | None:
+    """Read the controller whose measurement a law filters; None for a law that commands. Raise InputError."""
+    if law.around is None:
+        return None
+    document, around = read_controller_document(law.around)
+    if isinstance(around, UserController):
+        raise document.error(("law",), f"'{around.law}' with a filter", "tlc or lqr")
+    return around
+
+
+def user_parts_of(plan: FlightPlan, controller: Controller) -> UserParts | None:
     """A plan's own law and its settings; None for a law of the program. Raises ValueError without its source."""
     if plan.law not in USER_LAWS:
         return None
+    if isinstance(controller, PythonController) and controller.around is not None:
+        around = read_around(controller)
+        return UserParts(plan_source(plan), plan.filter_settings, NO_COMMANDS, around)
     gains, commands = split_columns(tuple(plan.gain_names.tolist()))
     columns = plan.gains[:, len(gains) :]
     times = np.arange(len(columns), dtype=np.float64) * plan.timing.tick
@@ -190,7 +224,10 @@ def make_plan(
         warnings.append(
             f"the nominal fuel lasts {lasts:.0f} s of the mission's {reference[-1, TIME]:.0f} s"
         )
-    start = make_start_trim(mission, vehicle)
+    rigid = make_start_trim(mission, vehicle)
+    make_state = functools.partial(make_initial_state, mission, vehicle)
+    start, states, slow = start_custom(mission, vehicle, make_state, rigid, timing.step)
+    warnings += slow
     if start.fault:
         warnings.append(f"at the start {start.fault}")
     names, gains, settings = make_gains(
@@ -221,7 +258,7 @@ def make_plan(
             _LEAST_FUEL if mission.limits.fuel_out and constants.burns_fuel else -np.inf,
             mission.limits.speed or _SPEED_FACTOR * float(reference[:, SPEED].max()),
         ),
-        initial_state=make_initial_state(mission, vehicle, start),
+        initial_state=np.append(make_state(start), states),
         reference=reference,
         gains=gains,
         settings=settings,
@@ -229,6 +266,8 @@ def make_plan(
         warnings=np.array(warnings, dtype=np.str_),
         gain_names=np.array(names, dtype=np.str_),
         period=controller.period if isinstance(controller, UserController) else 0,
+        around=user_code.around.law if user_code and user_code.around else "",
+        filter_settings=user_code.settings if user_code and user_code.around else np.empty(0),
         source_hash=user_code.source.hash if user_code else "",
         source=user_code.source if user_code else None,
         vehicle_code=find_code(vehicle),
@@ -252,6 +291,8 @@ def make_gains(
         return (), gains, make_limit_settings(controller.limits, model.vehicle)
     if user_code is None:
         raise ValueError("a controller of the user's own without its law")
+    if user_code.around is not None:
+        return make_gains(user_code.around, None, model)
     names, gains = watched_design(user_code.source, model, user_code.settings)
     gains = np.concatenate([gains, user_code.commands.columns(model.time)], axis=1)
     return (*names, *user_code.commands.column_names()), gains, user_code.settings

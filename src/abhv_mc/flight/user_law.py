@@ -8,14 +8,15 @@ from typing import Any
 from abhv_mc.control.law_file import USER_LAWS
 from abhv_mc.entry_points import LAW_BACKENDS, load_entry_point
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.documents import Document
+from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc.kernel.flight.interface import UserCode
 from abhv_mc.kernel.flight.memory import TOGETHER
 from abhv_mc.kernel.laws.user import MAX_MEMORY, MEMORY
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.user_code.c_law import find_c_memory, open_c_law
 from abhv_mc.user_code.child import in_child, may_run_here
-from abhv_mc.user_code.compiled import compile_law
+from abhv_mc.user_code.compiled import compile_filter, compile_law
 from abhv_mc.user_code.effector_commands import commands_effectors
 from abhv_mc.user_code.law_interface import Measured
 from abhv_mc.user_code.load_law import is_number, load_law
@@ -24,7 +25,7 @@ from abhv_mc.user_code.native_loop import LawBackend
 from abhv_mc.user_code.plain_law import PlainLaw
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.user_channels import compile_channels
-from abhv_mc.user_code.vehicle_functions import compile_functions
+from abhv_mc.user_code.vehicle_functions import Functions, compile_functions
 from abhv_mc.vehicle.actuators import name_effectors
 
 PYTHON = "python"
@@ -36,14 +37,13 @@ NATIVE = tuple(law for law in USER_LAWS if law != PYTHON)
 def open_vehicle(plan: FlightPlan, width: int) -> Iterator[UserCode]:
     """The functions of a plan's vehicle for ``width`` lanes, without its law; nothing for a vehicle of tables."""
     foreign, code = plan.vehicle.foreign, plan.vehicle_code
-    made: tuple[Any, ...] = None, None  # held while it flies
-    if foreign.aerodynamics or foreign.propulsion:
+    functions: tuple[Any, ...] = (None, None, None)  # held while it flies
+    if foreign.digest.any():
         if code is None or code.digest != foreign.digest.tobytes():
             raise ValueError("a plan of a vehicle with functions of its own without their source")
         functions = compile_functions(code, width)
-        made = functions.aerodynamics, functions.propulsion
-    aerodynamics, propulsion = (0 if one is None else int(one.address) for one in made)
-    yield UserCode(0, 0, 0, 0, aerodynamics=aerodynamics, propulsion=propulsion)
+    addresses = (0 if one is None else int(one.address) for one in functions)
+    yield UserCode(0, 0, 0, 0, **dict(zip(Functions._fields, addresses, strict=True)))
 
 
 @contextlib.contextmanager
@@ -61,7 +61,9 @@ def open_law(
         law = load_plan_law(plan)
         source, gains = law.source, tuple(plan.gain_names.tolist())
         effectors = name_effectors(plan.vehicle) if commands_effectors(source) else ()
-        if law.mark.compiled:
+        if plan.around:
+            made = compile_filter(source, tuple(plan.filter_settings.tolist()), width)
+        elif law.mark.compiled:
             made = compile_law(source, gains, width, effectors)
         else:
             made = PlainLaw(law, gains, width, memory_in_rows, effectors)
@@ -70,7 +72,7 @@ def open_law(
         places = -(-max(min(flights, TOGETHER), 1) // width) * width  # more are flown after these
         memory = len(native_memory(plan)) if memory_in_rows else None
         gains, seen = tuple(plan.gain_names.tolist()), measured_count(plan)
-        made = _find_backend(plan).open(
+        made = _find_backend(plan.law, plan_source(plan).file).open(
             plan_source(plan), gains, width, places, memory, seen, name_effectors(plan.vehicle)
         )
         address, context = made.address, made.context
@@ -145,21 +147,31 @@ def _checked(source: UserSource | None, digest: str) -> UserSource:
     return source
 
 
-def _find_backend(plan: FlightPlan) -> LawBackend:
-    """Return the backend of a plan's native law. Raises InputError if no installed package registers it."""
-    if plan.law == "c":
+def _find_backend(law: str, file: str) -> LawBackend:
+    """Return the backend of a native law. Raises InputError if no installed package registers it."""
+    if law == "c":
         return LawBackend(open_c_law, find_c_memory)
-    backend: LawBackend | None = load_entry_point(LAW_BACKENDS, plan.law)
+    backend: LawBackend | None = load_entry_point(LAW_BACKENDS, law)
     if backend is None:
-        found = f"a law of the kind '{plan.law}', which no installed package knows"
-        raise InputError(plan_source(plan).file, found, "'law: c' or 'law: python'")
+        found = f"a law of the kind '{law}', which no installed package knows"
+        raise InputError(file, found, "'law: c' or 'law: python'")
     return backend
+
+
+def refuse_misfits(document: Document, law: str, source: UserSource) -> None:
+    """Raise InputErrors with the places in a controller file that do not fit the native law that it names."""
+    find = _find_backend(law, source.file).find_misfits
+    if find and (found := in_child(find, source)):
+        raise InputErrors([document.error(*each) for each in found])
 
 
 def native_memory(plan: FlightPlan) -> dict[str, float]:
     """The numbers that a law in native code remembers, as a flight starts. Raises InputError where it hides them."""
     found = in_child(
-        _find_backend(plan).find_memory, plan_source(plan), plan.settings, plan.reference[0]
+        _find_backend(plan.law, plan_source(plan).file).find_memory,
+        plan_source(plan),
+        plan.settings,
+        plan.reference[0],
     )
     if found is None:
         raise hidden_memory(plan)

@@ -1,7 +1,7 @@
-"""An XML file as nodes that know their line. Nothing outside the file is looked at.
+"""Reader of XML files as nodes with line numbers. It resolves nothing outside the file.
 
-A document type is skipped; entity declarations, references to entities and inclusions of other files are refused.
-Words are folded as they are read, so that none can end the comment, docstring or line of YAML that it is written in.
+Document types are skipped. Entity declarations, entity references and inclusions are rejected. Text
+is folded so that it cannot end the comment, docstring or YAML line that contains it.
 """
 
 import math
@@ -20,13 +20,13 @@ _QUOTES = str.maketrans('"\\', "'/")
 
 
 def fold(text: str) -> str:
-    """Words on one line that end no comment and no string: white space and what is not printed as spaces, no quotes."""
+    """Return text on one line without quotes and control characters."""
     return " ".join("".join(c if c.isprintable() else " " for c in text.translate(_QUOTES)).split())
 
 
 @dataclass
 class Node:
-    """An element: its name without the name space, attributes, children and the text directly in it."""
+    """Element: name without namespace, attributes, children and its own text."""
 
     path: Path  # of the file
     name: str
@@ -34,11 +34,11 @@ class Node:
     line: int
     column: int
     children: list["Node"] = field(default_factory=list)
-    raw: str = ""  # the text as the file has it
+    raw: str = ""  # text as in the file
 
     @cached_property
     def text(self) -> str:
-        """The text, folded."""
+        """The folded text."""
         return fold(self.raw)
 
     @property
@@ -47,24 +47,24 @@ class Node:
         return [line for line in map(fold, self.raw.splitlines()) if line]
 
     def first(self, name: str) -> "Node | None":
-        """The first child of a name."""
+        """Return the first child with a name, or None."""
         return next((child for child in self.children if child.name == name), None)
 
     def all(self, *names: str) -> list["Node"]:
-        """The children of these names, in their order."""
+        """Return the children with these names, in document order."""
         return [child for child in self.children if child.name in names]
 
     def words(self, name: str) -> str:
-        """The text of a child; empty without the child."""
+        """Return the text of a child, empty if there is none."""
         child = self.first(name)
         return child.text if child else ""
 
-    def refuse(self, found: str, expected: str) -> InputError:
-        """The error of something in this element."""
-        return InputError(self.path, found, expected, self.line, self.column)
+    def refuse(self, problem: str, expected: str) -> InputError:
+        """Return an error located at this element."""
+        return InputError(self.path, problem, expected, self.line, self.column)
 
     def number(self, text: str) -> float:
-        """A number that the element holds. Raises :class:`InputError`."""
+        """Return text of the element as a number. Raise InputError."""
         try:
             value = float(text)
         except ValueError:
@@ -74,12 +74,12 @@ class Node:
         return value
 
     def bound(self, name: str) -> float | None:
-        """The number of an attribute; None without it."""
+        """Return an attribute as a number, or None without it."""
         return self.number(self.attributes[name]) if name in self.attributes else None
 
 
 def read_xml(path: Path, kind: str) -> tuple[Node, bytes]:
-    """The root element of a file of a kind, and the file's bytes. Raises :class:`InputError` with line and column."""
+    """Return the root element and the bytes of a file. Raise InputError with its location."""
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -97,7 +97,7 @@ class _Reader:
         self._parser.StartElementHandler = self._start
         self._parser.EndElementHandler = self._end
         self._parser.CharacterDataHandler = self._characters
-        self._parser.EntityDeclHandler = lambda name, *rest: self._refuse(
+        self._parser.EntityDeclHandler = lambda name, *details: self._refuse(
             f"the entity declaration '{name}'"
         )
         self._parser.SkippedEntityHandler = lambda name, _: self._refuse(
@@ -108,9 +108,9 @@ class _Reader:
         try:
             self._parser.Parse(content, True)
         except expat.ExpatError as error:
-            found = f"what is no XML ({expat.ErrorString(error.code)})"
+            problem = f"what is no XML ({expat.ErrorString(error.code)})"
             raise InputError(
-                self._path, found, self._kind, error.lineno, error.offset + 1
+                self._path, problem, self._kind, error.lineno, error.offset + 1
             ) from None
         return self._root
 
@@ -121,8 +121,8 @@ class _Reader:
         if len(self._open) >= _DEEPEST:
             self._refuse(f"more than {_DEEPEST} elements within each other")
         bare = {key.rpartition(_SEPARATOR)[2]: fold(value) for key, value in attributes.items()}
-        place = self._parser.CurrentLineNumber, self._parser.CurrentColumnNumber + 1
-        node = Node(self._path, plain, bare, *place)
+        location = self._parser.CurrentLineNumber, self._parser.CurrentColumnNumber + 1
+        node = Node(self._path, plain, bare, *location)
         if self._open:
             self._open[-1].children.append(node)
             self._open[-1].raw += " "  # 1<sep/>3 is two numbers
@@ -137,6 +137,6 @@ class _Reader:
         if self._open:
             self._open[-1].raw += text
 
-    def _refuse(self, found: str) -> NoReturn:
-        place = self._parser.CurrentLineNumber, self._parser.CurrentColumnNumber + 1
-        raise InputError(self._path, found, f"{self._kind} that stands alone", *place)
+    def _refuse(self, problem: str) -> NoReturn:
+        location = self._parser.CurrentLineNumber, self._parser.CurrentColumnNumber + 1
+        raise InputError(self._path, problem, f"{self._kind} that stands alone", *location)

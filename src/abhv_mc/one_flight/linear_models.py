@@ -109,7 +109,7 @@ def take_point(
     if packed.constants.surface_limit == 0.0 or packed.constants.equivalence_ratio_max == 0.0:
         found = "a vehicle without control surfaces or engine"
         raise InputError(craft.path, found, "one with both, to fly it with a controller")
-    parameters = make_parameters(dispersions)
+    parameters = make_parameters(dispersions, packed)
     warnings = []
     if time == "trim":
         record, user_code = read_law(law)
@@ -314,7 +314,7 @@ def fly_on(
     )
     if not 0 <= tick <= plan.timing.ticks:
         raise InputError("at", f"{at}", f"a time of the mission, 0 to {plan.timing.duration:g} s")
-    parameters = make_parameters(dispersions)
+    parameters = make_parameters(dispersions, plan.vehicle)
     check_rows(plan, parameters)
     states = fly_disturbed(plan, parameters, tick, change, ticks)
     times = (tick + np.arange(len(states))) * plan.timing.tick

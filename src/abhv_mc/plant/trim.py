@@ -41,6 +41,8 @@ class FlightPoint(NamedTuple):
     speed_rate: float = 0.0  # V'
     flight_path_rate: float = 0.0  # gamma'
     density_factor: float = 1.0  # on the standard atmosphere's
+    # What custom dynamics add: forces along body x and z, N; pitching moment about the centre of gravity, N m.
+    push: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 class TrimPoint(NamedTuple):
@@ -228,6 +230,7 @@ def _control(
     if vehicle.foreign.propulsion:
         moment += made[4] + vehicle.foreign.engine_z * made[0] - vehicle.foreign.engine_x * made[2]
         thrust, fuel_flow = made[0], made[6]
+    x, z, moment = x + point.push[0], z + point.push[1], moment + point.push[2]
     upward = x * sin_a - z * cos_a
     return TrimPoint(
         alpha,

@@ -1,4 +1,4 @@
-"""The full check of a file of any kind, and of what it names, without flying."""
+"""Full check of an input file of any kind and of the files that it names."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -25,7 +25,7 @@ from abhv_mc.user_code.trust import is_in_a_folder, is_trusted
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
 
-_LONGEST = 600.0  # s, compiling included
+_LONGEST = 600.0  # s, including compilation
 _BROKEN = {
     Outcome.NOT_FINITE: "a law whose command at the first tick is not a number",
     Outcome.LAW_FAILED: "a law that raises an exception at the first tick (above)",
@@ -37,7 +37,7 @@ Pending = list[
 
 @dataclass(frozen=True)
 class CheckedInput:
-    """A file that is right, and what deserves a second look nevertheless."""
+    """Valid file with its warnings."""
 
     path: Path
     kind: str
@@ -45,9 +45,9 @@ class CheckedInput:
 
 
 def check_inputs(path: Path) -> list[CheckedInput]:
-    """Check a file of any kind and every file that it names, once each.
+    """Check a file and every file that it names, once each.
 
-    Raises :class:`InputErrors` with everything that is wrong in all of them.
+    Raise InputErrors with the problems of all of them.
     """
     checked: list[CheckedInput] = []
     errors: list[InputError] = []
@@ -74,7 +74,7 @@ def check_inputs(path: Path) -> list[CheckedInput]:
 def _check(
     file: Path, kind: str, flown: tuple[Path, Path] | None, pending: Pending
 ) -> Iterator[str]:
-    """Check one file, yield its warnings and add the files that it names to ``pending``."""
+    """Check one file, yield its warnings and add referenced files to ``pending``."""
     if kind == "campaign":
         checked = read_campaign(file)
         simulator, campaign = checked.simulator, checked.model
@@ -107,12 +107,13 @@ def _check(
 def _try_law(
     file: Path, controller: UserController, flown: tuple[Path, Path] | None
 ) -> Iterator[str]:
-    """Compile a controller and fly one tick, on the campaign's vehicle and mission or shipped ones; its warnings.
+    """Compile a controller, simulate one tick and yield warnings.
 
-    Code of a campaign's folder that this user has not flown is not run. Raises InputError.
+    It uses the campaign's vehicle and mission or shipped ones. Code in a campaign's folder that
+    this user has not run is skipped. Raise InputError.
     """
-    place = law_place(controller)
-    if is_in_a_folder(place) and not is_trusted(read_law_source(controller)):
+    location = law_place(controller)
+    if is_in_a_folder(location) and not is_trusted(read_law_source(controller)):
         yield "its code was not run: it is a folder's, and you have not flown it"
         return
     configs = shipped_configs()
@@ -125,8 +126,8 @@ def _try_law(
     try:
         block = run_in_thread(lambda: fly(one_tick, nominal_parameters()), _LONGEST)
     except TimeoutError:
-        found = f"a law whose first tick is not done in {_LONGEST:g} s"
-        raise InputError(place, found, "a law whose loops end") from None
+        problem = f"a law whose first tick is not done in {_LONGEST:g} s"
+        raise InputError(location, problem, "a law whose loops end") from None
     broken = _BROKEN.get(Outcome(int(block.outcome[0])))
     if broken is not None:
-        raise InputError(place, broken, "finite commands")
+        raise InputError(location, broken, "finite commands")

@@ -1,4 +1,4 @@
-"""The program's own simulator: a vehicle that flies a mission with its controllers."""
+"""Built-in simulator: a vehicle that flies a mission with its controllers."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
@@ -8,7 +8,7 @@ from typing import Any
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import PROCESSES
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.flight.channels import CHANNELS, Signal, effector_channels
+from abhv_mc.flight.channels import CHANNELS, Signal, effector_channels, state_channels
 from abhv_mc.flight.outcome import OUTCOMES, Outcome
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.identity import code_hash
@@ -18,7 +18,7 @@ from abhv_mc.user_code.source import UserSource
 
 
 class VehicleSimulator:
-    """Plans by the vehicle's trim and its controllers' design, flown by the compiled flight."""
+    """Simulator with trimmed plans, designed controllers and the compiled simulation."""
 
     kind = "controller"
     origin = ""
@@ -34,7 +34,8 @@ class VehicleSimulator:
     def __init__(self, experiment: Experiment) -> None:
         self.experiment, model = experiment, experiment.model
         self.systems: tuple[str, ...] = tuple(model.controllers)
-        self.channels: tuple[Signal, ...] = (*CHANNELS, *effector_channels(experiment.effectors))
+        own = effector_channels(experiment.effectors), state_channels(experiment.states)
+        self.channels: tuple[Signal, ...] = (*CHANNELS, *own[0], *own[1])
 
     @cached_property
     def engine(self) -> Engine:
@@ -83,19 +84,20 @@ class VehicleSimulator:
         from abhv_mc.simulators.make_plans import check_rows
 
         varied = {*self.experiment.names, *names}
+        derived, known = self.experiment.derived, self.experiment.parameters
         for plan in plans.values():
-            check_rows(plan, full_rows(names, rows, self.experiment.derived))
+            check_rows(plan, full_rows(names, rows, derived, known))
         return {name: plan.lean_for(varied) for name, plan in plans.items()}
 
-    def find_stride(self, plan: FlightPlan, kept: str) -> int:
-        document, rate = self.experiment.document, getattr(self.experiment.model.keep, kept).rate
+    def find_stride(self, plan: FlightPlan, output: str) -> int:
+        document, rate = self.experiment.document, getattr(self.experiment.model.keep, output).rate
         ticks = 1.0 / (rate * plan.timing.tick)
         every = round(ticks)
         if every < 1 or abs(ticks - every) > 1e-9 * ticks:
             control = f"control ticks at {1.0 / plan.timing.tick:g} Hz"
-            found = f"{rate:g} Hz (keep.{kept}.rate) with {control}"
-            wish = "a rate that divides the control rate"
-            raise document.error(("keep", kept, "rate"), found, wish)
+            problem = f"{rate:g} Hz (keep.{output}.rate) with {control}"
+            expected = "a rate that divides the control rate"
+            raise document.error(("keep", output, "rate"), problem, expected)
         return every
 
     def find_warnings(self, plans: Mapping[str, FlightPlan]) -> list[str]:
@@ -137,7 +139,7 @@ class VehicleSimulator:
 
 
 def make_engine() -> Engine:
-    """The compiled flight."""
+    """Return the compiled simulation."""
     from abhv_mc.flight.prepare import prepare
     from abhv_mc.simulators.corner_margins import describe_stability
     from abhv_mc.stability.fly_with_margins import fly_with_margins

@@ -1,4 +1,4 @@
-"""Record of a linearised flight under control: plant, control law, sensors and delay at each point."""
+"""Linear models of the closed loop: plant, controller, sensors and delay at each point."""
 
 from typing import NamedTuple
 
@@ -11,14 +11,18 @@ REASONS = {STUCK: "stuck", NO_EFFECT: "no effect"}
 
 
 class Linear(NamedTuple):
-    """Linear models, one per point. Discrete models are x+ = A x + B u, y = C x + D u at the control rate."""
+    """Linear models, one per point, continuous and discrete.
+
+    Discrete models are x+ = A x + B u, y = C x + D u at the control rate.
+    """
 
     period: float  # s, of the control
-    plant_A: Floats  # [point, 10, 10] continuous, path coordinates
-    plant_B: (
-        Floats  # [point, 10, actuator] continuous; positions of surfaces or effectors, and engine
+    plant_A: (
+        Floats  # [point, 10 + custom, 10 + custom] continuous, path coordinates and custom states
     )
-    A: Floats  # [point, n, n] discrete, path coordinates and actuators: 18 states with three surfaces
+    plant_B: Floats  # [point, 10 + custom, actuator] continuous; positions of surfaces or effectors, and engine
+    # [point, n, n] discrete: path coordinates, actuators (18 states with three surfaces), custom states
+    A: Floats
     B: Floats  # [point, n, input] commands
     law_A: Floats  # [point, memory, memory], sensors' states behind the law's
     law_B: Floats  # [point, memory, 10] measurement

@@ -1,4 +1,4 @@
-"""A linear model in a file: for numpy (.npz), MATLAB (.mat) or anything else (.json)."""
+"""Linear models in files for numpy (.npz), MATLAB (.mat) and other programs (.json)."""
 
 import json
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from abhv_mc.stability.linearize import (
     closed_period,
     open_loop,
 )
-from abhv_mc.stability.plant_inputs import mix_matrix, plant_states
+from abhv_mc.stability.plant_inputs import mix_matrix, plant_states, plant_units
 from abhv_mc.stability.point_slopes import Points
 from abhv_mc.stability.probe import law_memory_rows
 from abhv_mc.stability.sensor_states import sensor_states
@@ -28,20 +28,24 @@ FORMATS = (".npz", ".mat", ".json")
 
 
 def make_model(plan: FlightPlan, points: Points, linear: Linear) -> dict[str, Any]:
-    """Matrices and names of the first point: arrays, and lists of text.
+    """Return matrices and names of the first point: arrays, and lists of text.
 
-    ``plant``: measurement from commands; ``loop``: minus the law's commands from what goes into the actuators, all
-    loops cut there; ``closed``: truth and commands from disturbances of the commands. ``plant_continuous`` has the
-    actuators' commands as inputs. All but that one are sampled with ``period``. Of a law that repeats after several
-    ``ticks`` they are those of the point's tick, and ``closed_over_ticks`` is the map of all of its ticks.
+    `plant` maps commands to the measurement; `loop` maps actuator inputs to minus the controller's
+    commands, with all loops cut there; `closed` maps disturbances of the commands to truth and
+    commands. `plant_continuous` has the actuators' commands as inputs. All but that one are sampled
+    with `period`. For a controller that repeats after several `ticks` they belong to the point's
+    tick, and `closed_over_ticks` is the map over all of its ticks.
     """
     m, d = linear.law_A.shape[1], int(linear.delay[0])
     old = [f"{name}_{age}_ago" for age in range(1, d + 1) for name in path.COORDINATES]
     actuator_A, actuator_B = actuator_matrices(plan, points.lane[:1])
-    p, k = 10 + actuator_A.shape[1], len(linear.inputs)
+    last, k = 10 + actuator_A.shape[1], len(linear.inputs)
+    p = last + linear.plant_A.shape[1] - 10
+    moved = np.array([*range(10), *range(last, p)])
     A, B = np.zeros((p, p)), np.zeros((p, k))
-    A[:10, :10], A[:10, 10::2], A[10:, 10:] = linear.plant_A[0], linear.plant_B[0], actuator_A[0]
-    B[10:] = actuator_B[0] if linear.apart is None else actuator_B[0] @ mix_matrix(plan.vehicle)
+    A[moved[:, None], moved], A[moved, 10:last:2] = linear.plant_A[0], linear.plant_B[0]
+    A[10:last, 10:last] = actuator_A[0]
+    B[10:last] = actuator_B[0] if linear.apart is None else actuator_B[0] @ mix_matrix(plan.vehicle)
     loop_A, loop_B, loop_C = open_loop(linear, 0)
     n, C, none = len(loop_A), np.eye(10, p), np.zeros((10, k))
     # Names of states, inputs and outputs with their units.
@@ -52,9 +56,7 @@ def make_model(plan: FlightPlan, points: Points, linear: Linear) -> dict[str, An
     memory = _Named(
         [*(f"law_{name}" for name in law_memory_rows(plan)), *sensor_states(plan, points)], [""] * m
     )
-    plant = _Named(
-        plant_states(plan.vehicle), [*path.UNITS, *["rad", "rad/s"] * (p // 2 - 6), "-", "1/s"]
-    )
+    plant = _Named(plant_states(plan.vehicle), plant_units(plan.vehicle))
     states = _Named(
         (*plant.names, *memory.names, *old), (*plant.units, *memory.units, *path.UNITS * d)
     )
@@ -90,8 +92,12 @@ def make_model(plan: FlightPlan, points: Points, linear: Linear) -> dict[str, An
             outputs=both,
         ),
         "point": {
-            "states": np.append(
-                points.path[0], np.pad(points.controls[0][:, None], ((0, 0), (0, 1)))
+            "states": np.concatenate(
+                [
+                    points.path[0],
+                    np.pad(points.controls[0][:, None], ((0, 0), (0, 1))).ravel(),
+                    points.custom[0],
+                ]
             ),
             "measured": points.measured[0],
             "law_memory": points.memory[0],
@@ -116,7 +122,7 @@ def _part(
 
 
 def stack_models(models: Sequence[dict[str, Any]], times: Sequence[float]) -> dict[str, Any]:
-    """Models along a flight as one: numbers and arrays have the time first, names are those of the first."""
+    """Return models along a flight as one, with time as the first dimension of arrays."""
 
     def stack(values: list[Any]) -> Any:
         if isinstance(values[0], dict):
@@ -132,7 +138,10 @@ def stack_models(models: Sequence[dict[str, Any]], times: Sequence[float]) -> di
 
 
 def write_model(file: Path, model: dict[str, Any]) -> None:
-    """As the file's ending says, in ``.npz`` with entries such as ``plant_A``. Raises InputError for another ending."""
+    """Write a model in the format of the file's suffix.
+
+    Entries of `.npz` have names such as `plant_A`. Raise InputError for another suffix.
+    """
     check_format(file)
     with atomic_write(file) as temporary, temporary.open("wb") as stream:
         _write_to(stream, file.suffix, model)
@@ -146,21 +155,21 @@ def _write_to(stream: BinaryIO, suffix: str, model: dict[str, Any]) -> None:
         flat: dict[str, Any] = {}
         for key, value in model.items():
             parts = value.items() if isinstance(value, dict) else [("", value)]
-            flat.update({f"{key}_{name}".rstrip("_"): np.array(each) for name, each in parts})
+            flat.update({f"{key}_{name}".rstrip("_"): np.array(array) for name, array in parts})
         np.savez_compressed(stream, **flat)
         return
     from scipy.io import savemat
 
     def cells(value: Any) -> Any:
         if isinstance(value, dict):
-            return {name: cells(each) for name, each in value.items()}
+            return {name: cells(array) for name, array in value.items()}
         return np.array(value, dtype=object) if isinstance(value, list) else value
 
     savemat(stream, cells(model), oned_as="column")
 
 
 def check_format(file: Path) -> None:
-    """Raise InputError for a file name with an ending that is none of FORMATS."""
+    """Raise InputError if the suffix of a file name is not in FORMATS."""
     if file.suffix not in FORMATS:
-        found = f"the ending '{file.suffix}'"
-        raise InputError(file, found, "a file name that ends in .npz, .mat or .json")
+        problem = f"the ending '{file.suffix}'"
+        raise InputError(file, problem, "a file name that ends in .npz, .mat or .json")

@@ -1,5 +1,6 @@
 """What a campaign calls its controllers and metrics, for sentences, tables and figures."""
 
+import os
 import re
 import shlex
 from collections.abc import Iterable, Mapping
@@ -52,10 +53,13 @@ class Names:
         return self.controllers.get(controller, controller)
 
 
-def names_of(results: FlownCampaign) -> Names:
-    """The names of a campaign."""
+def names_of(results: FlownCampaign, page: Path | None = None) -> Names:
+    """Return the names of a campaign; commands name its folder relative to that of the ``page``, if there is one."""
     labels, campaign = full_labels(results.folder, results.controllers), results.campaign
-    folder = shlex.quote(results.folder.as_posix())
+    place = results.folder
+    if page is not None:
+        place = Path(os.path.relpath(place.absolute(), page.absolute()))
+    folder = shlex.quote(place.as_posix())
     return Names(
         labels, campaign.metrics, results.asked, campaign.requirements, folder, campaign, results
     )

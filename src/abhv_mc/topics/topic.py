@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
 from abhv_mc.entry_points import TOPICS, find_entry_points
@@ -51,14 +52,16 @@ class Topic(Generic[M]):
 class Models:
     """The models of a campaign's topics, each computed when it is first asked for."""
 
-    def __init__(self, results: FlownCampaign) -> None:
+    def __init__(self, results: FlownCampaign, page: Path | None = None) -> None:
+        """``page``: the folder of the page that they are shown on, to which its commands are relative."""
         self.results = results
+        self._page = page
         self._held: dict[str, Any] = {}
 
     @cached_property
     def names(self) -> Names:
         """What the campaign calls its controllers and metrics."""
-        return names_of(self.results)
+        return names_of(self.results, self._page)
 
     def __getitem__(self, topic: Topic[M]) -> M:
         if topic.name not in self._held:

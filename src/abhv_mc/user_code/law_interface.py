@@ -1,5 +1,6 @@
-"""What a user law is given and what it gives back: named tuples of floats, SI and radians."""
+"""Arguments and results of custom control laws: named tuples of floats, SI and radians."""
 
+from collections import namedtuple
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
@@ -9,9 +10,11 @@ NOT_GIVEN = float("inf")  # of an optional command: then the reference's
 
 
 class Command(NamedTuple):
-    """What a law commands: the engine by its equivalence ratio or its throttle, by default its least.
+    """Command of a control law.
 
-    Path, angle of attack and bank are what metrics and figures compare with, by default the reference.
+    The engine is commanded by its equivalence ratio or its throttle; the default is the minimum.
+    Path, angle of attack and bank are the values with which metrics and figures compare; the
+    default is the reference.
     """
 
     aileron: float  # rad
@@ -31,7 +34,7 @@ MixedCommand: Any = NamedTuple("MixedCommand", [(name, float) for name in Comman
 
 
 class Measured(NamedTuple):
-    """What the sensors say."""
+    """Measurements of the sensors."""
 
     altitude: float  # m
     speed: float  # m/s
@@ -61,7 +64,7 @@ Reference: Any = NamedTuple("Reference", [(name, float) for name in REFERENCE]) 
 
 
 class Moment(NamedTuple):
-    """A moment about the centre of gravity in body axes, N m, or its slope, N m/rad."""
+    """Moment about the centre of gravity in body axes, N m, or its slope, N m/rad."""
 
     roll: float
     pitch: float
@@ -69,7 +72,7 @@ class Moment(NamedTuple):
 
 
 class Inertia(NamedTuple):
-    """The inertia matrix, kg m2; ``xz`` is its element 13."""
+    """Inertia matrix, kg m2; ``xz`` is its element 13."""
 
     xx: float
     yy: float
@@ -78,7 +81,7 @@ class Inertia(NamedTuple):
 
 
 class LastCommand(NamedTuple):
-    """What was commanded at the last tick, within the vehicle's limits."""
+    """Command of the last tick, within the vehicle's limits."""
 
     aileron: float  # rad
     rudder: float
@@ -87,7 +90,7 @@ class LastCommand(NamedTuple):
 
 
 class Onboard(NamedTuple):
-    """The nominal vehicle at the measured state and the last command."""
+    """Nominal vehicle at the measured state and the last command."""
 
     mach: float
     density: float  # kg/m3
@@ -112,9 +115,9 @@ class Onboard(NamedTuple):
 def nest(
     kind: Any,
     numbers: Iterator[Any],
-    make: Callable[[Any, list[Any]], Any] = lambda kind, of: kind(*of),
+    make: Callable[[Any, list[Any]], Any] = lambda kind, values: kind(*values),
 ) -> Any:
-    """What ``make`` gives of a named tuple and its parts, from its numbers, however deep."""
+    """Return ``make`` applied to a named tuple class and its values, recursively."""
     hints = kind.__annotations__.values()
     return make(
         kind,
@@ -126,7 +129,7 @@ def nest(
 
 
 def onboard_fields(kind: Any = Onboard) -> list[str]:
-    """Names of its numbers in their order: 'mach', 'moment.roll'."""
+    """Return names of the numbers in their order: 'mach', 'moment.roll'."""
     return [
         f"{name}.{inner}" if inner else name
         for name, hint in kind.__annotations__.items()
@@ -135,7 +138,7 @@ def onboard_fields(kind: Any = Onboard) -> list[str]:
 
 
 class Air(NamedTuple):
-    """The flow that a vehicle's functions are given."""
+    """Flow conditions passed to a vehicle's functions."""
 
     altitude: float  # m
     mach: float
@@ -149,7 +152,7 @@ class Air(NamedTuple):
 
 
 class Rates(NamedTuple):
-    """Dimensionless body rates against the air: p b / (2 V), q c / (2 V), r b / (2 V)."""
+    """Dimensionless body rates relative to the air: p b / (2 V), q c / (2 V), r b / (2 V)."""
 
     roll_rate: float
     pitch_rate: float
@@ -157,9 +160,10 @@ class Rates(NamedTuple):
 
 
 class Coefficients(NamedTuple):
-    """What an aerodynamics function returns: the forces of its frame, and the moments about its reference point.
+    """Result of an aerodynamics function: forces and moments about its reference point.
 
-    ``body``: CX, CY, CZ; ``stability``: CL, CD and CY along body y; ``wind``: CL, CD and CC to the right.
+    Forces depend on the frame. ``body``: CX, CY, CZ; ``stability``: CL, CD and CY along body y;
+    ``wind``: CL, CD and CC to the right.
     """
 
     CX: float = 0.0
@@ -174,7 +178,7 @@ class Coefficients(NamedTuple):
 
 
 class Thrust(NamedTuple):
-    """What an engine function returns, in body axes at the moment reference."""
+    """Result of an engine function, in body axes at the moment reference."""
 
     force_x: float  # N
     force_y: float = 0.0
@@ -184,6 +188,56 @@ class Thrust(NamedTuple):
     moment_y: float = 0.0
     moment_z: float = 0.0
 
+
+class Motion(NamedTuple):
+    """The motion that custom dynamics are given, body axes.
+
+    Accelerations are those of all other forces at this moment: aerodynamics, thrust and, but for the angular ones,
+    gravity. What a part feels that is carried along is ``acceleration`` minus ``gravity``.
+    """
+
+    u: float  # m/s, velocity relative to the Earth
+    v: float
+    w: float
+    q0: float  # attitude, body to north-east-down
+    q1: float
+    q2: float
+    q3: float
+    roll_rate: float  # rad/s
+    pitch_rate: float
+    yaw_rate: float
+    mass: float  # kg
+    acceleration_x: float  # m/s2, of the centre of gravity
+    acceleration_y: float
+    acceleration_z: float
+    roll_acceleration: float  # rad/s2
+    pitch_acceleration: float
+    yaw_acceleration: float
+    gravity_x: float  # m/s2
+    gravity_y: float
+    gravity_z: float
+
+
+# What sensors feel of custom states: additions to the measured quantities, in their units.
+_N_MEASURED = len(Measured._fields)
+Sensed: Any = namedtuple("Sensed", Measured._fields, defaults=[*_N_MEASURED * [0.0]])  # type: ignore[misc]
+
+
+class Effect(NamedTuple):
+    """What custom dynamics return: rates in the order of the states; force (N) and moment (N m) in body axes.
+
+    They act at and about the centre of gravity.
+    """
+
+    rates: Any
+    force: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    moment: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    sensed: Any = Sensed()
+
+
+# What a filter gives a law of the program in place of the measurement; what is left out stays as it is measured.
+Filtered: Any = namedtuple("Filtered", Measured._fields, defaults=[*_N_MEASURED * [NOT_GIVEN]])  # type: ignore[misc]
+FILTER_ARGUMENTS = ("measured", "reference", "memory", "settings", "time", "dt")
 
 # Arguments that a law may name, and the rest, which its file defines.
 GIVEN = {"measured": Measured, "reference": Reference, "onboard": Onboard}
@@ -226,9 +280,9 @@ _UNITS = {  # of measurements, reference and commands, SI; what is in no group i
 
 
 def find_unit(name: str) -> str | None:
-    """The SI unit of a quantity that a law is given or gives: measured.altitude, time, elevator.
+    """Return the SI unit of an argument or a command, such as measured.altitude.
 
-    None for a gain and what is onboard.
+    The unit is None for a gain and onboard quantities.
     """
     group, _, field = name.rpartition(".")
     if group.startswith(("gains", "onboard")) or not field:

@@ -1,7 +1,7 @@
-"""Python modules that an importer writes of another format: names, numbers, statements, lay-out, files.
+"""Writing of Python modules by importers: names, numbers, statements, layout, files.
 
-A statement is of the importer's own words, of identifiers and of numbers. The words of what is imported are comments
-and docstrings, which :func:`abhv_mc.io.xml_reader.fold` has made to end neither.
+A statement consists of the importer's own text, identifiers and numbers. Texts of the imported file
+are comments and docstrings, which :func:`abhv_mc.io.xml_reader.fold` has made safe.
 """
 
 import ast
@@ -20,13 +20,13 @@ from abhv_mc.io.atomic_write import atomic_write
 
 WIDTH = 116
 INDENT = "    "
-_LONGEST = 60  # letters of a name
+_LONGEST = 60  # maximum length of a name
 _BUILTINS = frozenset(dir(builtins))
 _UNEDITED = "# A second import replaces this file unless it is edited. SHA-256 of the text above: "
 
 
 class Line(NamedTuple):
-    """A statement or head, and the words about it: one line, printable."""
+    """Statement or head with its comment: one line, printable."""
 
     text: str
     words: str = ""
@@ -34,71 +34,68 @@ class Line(NamedTuple):
 
 
 def call(function: str, arguments: Iterable[str]) -> str:
-    """A call."""
+    """Return a call."""
     return f"{function}({', '.join(arguments)})"
 
 
 def define(head: str, docstring: str, body: Iterable[Line]) -> list[Line]:
-    """A function or class of the module."""
+    """Return a function or class of the module."""
     inner = [Line(f'"""{docstring}"""'), *body]
     return [Line(head), *(line._replace(indent=INDENT) for line in inner)]
 
 
-def declare(field: str, words: str, value: float | None = None) -> Line:
-    """A field of a class of floats."""
-    return Line(f"{field}: float" + ("" if value is None else f" = {number(value)}"), words)
+def declare(field: str, comment: str, value: float | None = None) -> Line:
+    """Return a field of a class of floats."""
+    return Line(f"{field}: float" + ("" if value is None else f" = {number(value)}"), comment)
 
 
 def names_in(lines: Iterable[Line]) -> set[str]:
-    """Every name that is read."""
+    """Return every name in the statements."""
     tree = ast.parse("\n".join(line.indent + line.text for line in lines))
     return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
 
 
 def free_name(text: str, taken: Collection[str] = ()) -> str:
-    """A Python name for a text, its own where that is possible."""
-    found = re.sub(r"\W", "_", text, flags=re.ASCII)[:_LONGEST]
-    found = found if found[:1].isalpha() else f"x{found}"
+    """Return a free Python name for a text, unchanged if possible."""
+    name = re.sub(r"\W", "_", text, flags=re.ASCII)[:_LONGEST]
+    name = name if name[:1].isalpha() else f"x{name}"
     while (
-        found in _BUILTINS
-        or keyword.iskeyword(found)
-        or keyword.issoftkeyword(found)
-        or found in taken
+        name in _BUILTINS or keyword.iskeyword(name) or keyword.issoftkeyword(name) or name in taken
     ):
-        found += "_"
-    return found
+        name += "_"
+    return name
 
 
 def number(value: float) -> str:
-    """A number as Python reads it."""
+    """Return a number as Python source."""
     return repr(float(value)).replace("inf", "1e309")
 
 
 def sequence(values: Any) -> str:
-    """Numbers, however nested, as tuples."""
+    """Return nested numbers as Python tuples."""
     return str(tuple(map(sequence, values))).replace("'", "") if np.ndim(values) else number(values)
 
 
 def import_names(
     used: Collection[str], modules: Iterable[tuple[str, Iterable[str]]]
 ) -> Iterator[Line]:
-    """The lines that import what is used of modules, each given with its names."""
-    for module, known in modules:
-        if found := sorted(set(used) & set(known)):
-            yield Line(f"from {module} import {', '.join(found)}")
+    """Yield the lines that import what is used of modules, each given with its names."""
+    for module, exported in modules:
+        if imported := sorted(set(used) & set(exported)):
+            yield Line(f"from {module} import {', '.join(imported)}")
 
 
 def lay_out(docstring: str, statements: Iterable[Line]) -> str:
-    """The text of a module, in lines of at most ``WIDTH`` where that is possible."""
+    """Return the text of a module, in lines of at most ``WIDTH`` if possible."""
     lines, before = [f'"""{docstring}\n"""'], ""
-    for text, words, indent in statements:
+    for text, comment, indent in statements:
         kind = next(
             (kind for kind in ("from", "@", "class", "def") if text.startswith(kind)), "name"
         )
         broken = [indent + text] if text.startswith('"""') else _break(text, indent)
-        beside = f"{broken[0]}  # {words}" if words else broken[0]
+        beside = f"{broken[0]}  # {comment}" if comment else broken[0]
         above = textwrap.wrap(
-            words, WIDTH, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}# "
+            comment, WIDTH, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}# "
         )
         if len(broken) == 1 and len(beside) <= WIDTH:
             broken, above = [beside], []
@@ -112,7 +109,7 @@ def lay_out(docstring: str, statements: Iterable[Line]) -> str:
 
 
 def _break(text: str, indent: str) -> list[str]:
-    """A statement on lines of its own; one that is too long is broken within its brackets, which its first opens."""
+    """Return the lines of a statement; a long one is broken within its brackets."""
     if len(indent + text) <= WIDTH:
         return [indent + text]
     first, last, inner = text.index("(") + 1, text.rindex(")"), indent + INDENT
@@ -126,7 +123,7 @@ def _break(text: str, indent: str) -> list[str]:
     )
     return [
         indent + text[:first],
-        *(line for part in parts for line in wrapper.wrap(part)),
+        *(line for argument in parts for line in wrapper.wrap(argument)),
         indent + text[last:],
     ]
 
@@ -134,17 +131,20 @@ def _break(text: str, indent: str) -> list[str]:
 def write_unless_edited(
     folder: Path, texts: Mapping[str, str]
 ) -> tuple[list[Path], tuple[Path, ...]]:
-    """Write files that end with a hash of their text; leave one whose hash is not right, and write beside it."""
+    """Write files that end with a hash of their text, except edited ones.
+
+    The new version of an edited file is written next to it.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    paths, kept = [], []
+    paths, edited = [], []
     for name, text in texts.items():
         path = folder / name
         if path.exists() and _is_edited(path):
-            kept.append(path)
+            edited.append(path)
             path = path.with_suffix(f".new{path.suffix}")
         write_text(path, text + _UNEDITED + hashlib.sha256(text.encode()).hexdigest() + "\n")
         paths.append(path)
-    return paths, tuple(kept)
+    return paths, tuple(edited)
 
 
 def _is_edited(path: Path) -> bool:
@@ -153,6 +153,6 @@ def _is_edited(path: Path) -> bool:
 
 
 def write_text(path: Path, text: str) -> None:
-    """A file, whole or not at all."""
+    """Write a file atomically."""
     with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

@@ -1,5 +1,6 @@
-"""A vehicle's own functions: run, checked, compiled as loops over lanes, and evaluated on the launching side."""
+"""Custom vehicle functions: run, checked, compiled to loops and evaluated."""
 
+import ast
 import ctypes
 import functools
 from collections import namedtuple
@@ -14,14 +15,15 @@ from abhv_mc.io.input_files import made_once
 from abhv_mc.io.units import parse_in_unit
 from abhv_mc.kernel.numerics.lane_math import sincos
 from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.foreign import NOMINAL
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.kernel.plant.state import aligned_zeros, variable_row
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, VARIABLES, Foreign, Vehicle
 from abhv_mc.plant.effectiveness import count_rows
-from abhv_mc.user_code.compiled import build, compiled_names, lane_of, loop_text
-from abhv_mc.user_code.law_interface import Air, Rates
-from abhv_mc.user_code.load_law import check_functions, is_number
-from abhv_mc.user_code.module import Module, refuse_in_words, run_module
+from abhv_mc.user_code.compiled import build, compiled_names, lane_of, loop_text, tuple_text
+from abhv_mc.user_code.law_interface import Air, Effect, Measured, Motion, Rates, Sensed
+from abhv_mc.user_code.load_law import check_fields, check_functions, is_number
+from abhv_mc.user_code.module import DYNAMICS, Module, refuse_in_words, run_module
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.trust import check_trusted, is_in_a_folder
 from abhv_mc.vehicle.file import pack_vehicle, read_vehicle_file
@@ -30,34 +32,36 @@ from abhv_mc.vehicle.vehicle_code import N_THRUST, FunctionCode, VehicleCode, re
 WIDTH = 32  # points of a call on the launching side
 WANTED = "floats, named tuples and functions of them"
 _AXES = ("aileron", "rudder", "elevator")
-_AERODYNAMICS = ("air", "controls", "rates", "settings")
-_PROPULSION = ("air", "throttle", "controls", "rates", "settings")
+_ARGUMENTS = {
+    "aerodynamics": ("air", "controls", "rates", "settings"),
+    "propulsion": ("air", "throttle", "controls", "rates", "settings"),
+    "dynamics": ("states", "motion", "air", "controls", "settings"),
+}
 
 
 class Functions(NamedTuple):
-    """A vehicle's compiled functions; None where it has tables."""
+    """A vehicle's compiled functions; None for one that it does not have."""
 
     aerodynamics: Any
     propulsion: Any
-    aerodynamics_settings: Floats
-    propulsion_settings: Floats
+    dynamics: Any
 
 
 @made_once
 def load_vehicle(path: str | Path) -> Vehicle:
-    """Read and pack a vehicle file; functions of its own are run, if they are its user's own.
+    """Read and pack a vehicle file; run its functions if they are trusted.
 
-    Raises :class:`abhv_mc.io.documents.InputError`.
+    Raise :class:`abhv_mc.io.documents.InputError`.
     """
     file = read_vehicle_file(path)
     vehicle = pack_vehicle(file, PARAMETER_INDEX)
     rows, axes = count_rows(vehicle), vehicle.tables.axis_variable.size
     if rows > s.MAX_TABLE_ROWS:
-        found = (
+        problem = (
             f"tables that fill {rows} rows (those on equal axes share rows in eights; slopes "
             f"with deflections count)"
         )
-        raise InputError(file.path, found, f"at most {s.MAX_TABLE_ROWS}")
+        raise InputError(file.path, problem, f"at most {s.MAX_TABLE_ROWS}")
     if axes > s.MAX_AXES:
         raise InputError(file.path, f"tables on {axes} different grids", f"at most {s.MAX_AXES}")
     if file.code is None:
@@ -67,7 +71,7 @@ def load_vehicle(path: str | Path) -> Vehicle:
 
 
 def check_vehicle_trusted(path: str | Path, trusted: bool = False) -> None:
-    """Raise InputError for functions in a folder that this user has not flown, unless he says that he trusts them."""
+    """Raise InputError for untrusted functions of a vehicle in a results folder."""
     code = read_vehicle_file(path).code
     for function in code.functions() if code else ():
         if is_in_a_folder(Path(function.file)):
@@ -78,54 +82,103 @@ _codes: dict[bytes, VehicleCode] = {}
 
 
 def find_code(vehicle: Vehicle) -> VehicleCode | None:
-    """The code of a loaded vehicle; None for one of tables."""
+    """Return the code of a loaded vehicle, or None for tables."""
     return _codes.get(vehicle.foreign.digest.tobytes())
 
 
 def load_functions(code: VehicleCode, vehicle: Vehicle) -> Foreign:
-    """Compile a vehicle's functions for the launching side and register them; what the vehicle packs of them."""
+    """Compile a vehicle's functions for the launching side and register them; return their record."""
     functions = compile_functions(code, WIDTH)
     _codes[code.digest] = code
-    register(code.digest, functools.partial(_evaluate, functions))
-    return vehicle.foreign._replace(
-        aerodynamics_settings=functions.aerodynamics_settings,
-        propulsion_settings=functions.propulsion_settings,
-    )
+    register(code.digest, functools.partial(_evaluate, functions, vehicle.foreign.settings))
+    return vehicle.foreign
 
 
 @functools.lru_cache(maxsize=16)
 def compile_functions(code: VehicleCode, width: int) -> Functions:
-    """The compiled loops over ``width`` lanes. Raises InputError, with the user's line, for what does not compile."""
-    loops: list[Any] = [None, None]
-    settings = [np.zeros(1), np.zeros(1)]
-    for i, of in enumerate((code.aerodynamics, code.propulsion)):
+    """Return the compiled loops over ``width`` lanes.
+
+    Raise InputError, with the user's line, for code that does not compile.
+    """
+    loops = dict.fromkeys(_ARGUMENTS)
+    first = 0  # of the function's settings among those of all functions
+    for key, of in code.named_functions():
         if of is None:
             continue
         source = UserSource(of.text, of.file)
         module = run_module(source)
         with refuse_in_words(source, "a function of the vehicle", WANTED):
-            if of.function not in module.texts:
+            function = of.function or _find_marked(module)
+            if function not in module.texts:
                 raise InputError(
-                    source.file, f"no function '{of.function}'", one_of(module.texts, of.function)
+                    source.file, f"no function '{function}'", one_of(module.texts, function)
                 )
-            given = module.check_arguments(of.function, (_AERODYNAMICS, _PROPULSION)[i])
-            check_functions(module, of.function)
-            values = _settings(module, of)
+            given = module.check_arguments(function, _ARGUMENTS[key])
+            check_functions(module, function)
+            kinds: dict[str, Any] = {"air": Air, "rates": Rates, "controls": _controls(code)}
+            if key == "dynamics":
+                kinds["settings"] = namedtuple("Settings", dict(of.settings))
+                kinds |= {"states": _states(code), "motion": Motion}
+                values: dict[str, float | None] = {name: None for name, _ in of.settings}
+                check_fields(module, function, {name: kinds[name] for name in given})
+                _try_out(module, function, code, [kinds[name] for name in given])
+            else:
+                kinds["settings"] = module.names.get("Settings")
+                values = _settings(module, of)
             names = compiled_names(module)
-            names |= {
-                "_Air": Air,
-                "_Rates": Rates,
-                "_function": names[of.function],
-                "_sincos": sincos,
-            }
-            names |= {"_Settings": module.names.get("Settings"), "_Controls": _controls(code)}
-        held = ", ".join(f"given[{k}]" for k in range(len(values)))
-        once = [f"settings = {f'_Settings({held})' if names['_Settings'] else '0.0'}"]
-        body = [*_read_lane(width, code), f"made = _function({', '.join(given)})"]
-        body += (_write_coefficients, _write_thrust)[i](width, code)
-        loops[i] = build(module, loop_text(width, once, body), names, of.function)
-        settings[i] = np.array(values or (0.0,))
-    return Functions(*loops, *settings)
+            names |= {f"_{name}": kind for name, kind in kinds.items()}
+            names |= {"_function": names[function], "_sincos": sincos}
+        places = {name: first + k for k, (name, _) in enumerate(of.settings)}
+        first += len(places)
+        flow = (s.RHO, s.AIRSPEED) if key == "dynamics" else (s.F_DENSITY, s.F_AIRSPEED)
+        reads = _read_settings(width, values, places, key == "dynamics")
+        body = [*_read_lane(width, code, *flow), reads]
+        if key == "dynamics":
+            body += _read_motion(width, code)
+        body.append(f"made = _function({', '.join(given)})")
+        body += _WRITERS[key](width, code, module)
+        text = loop_text(width, [f"nominal = tick == {NOMINAL}"], body)
+        loops[key] = build(module, text, names, function)
+    return Functions(**loops)
+
+
+def _find_marked(module: Module) -> str:
+    """Return the name of the one function that is custom dynamics. Raise InputError."""
+    marked = module.marked(DYNAMICS)
+    if len(marked) != 1:
+        found = f"{len(marked) or 'no'} functions with @dynamics"
+        raise InputError(module.source.file, found, "one: from abhv_mc.extend import dynamics")
+    return next(iter(marked))
+
+
+def _try_out(module: Module, function: str, code: VehicleCode, kinds: list[Any]) -> None:
+    """Raise InputError if custom dynamics do not return an Effect with a rate for each state.
+
+    Arithmetic that fails at the numbers of this trial says nothing.
+    """
+    try:
+        made: Any = module.names[function](*(kind(*[1.0] * len(kind._fields)) for kind in kinds))
+    except (ArithmeticError, ValueError):
+        return
+    text = module.texts[function]
+    returns = [node.lineno for node in ast.walk(text) if isinstance(node, ast.Return)]
+    line = (returns or [text.lineno])[0]
+    if type(made) is not Effect:
+        found = f"custom dynamics that return {type(made).__name__}"
+        raise InputError(module.source.file, found, "return Effect(rates=(...), ...)", line)
+    count = len(made.rates) if isinstance(made.rates, tuple) else 1
+    if count != len(code.states):
+        names = ", ".join(state.name for state in code.states)
+        found = f"{count} rate{'s' if count != 1 else ''} for {len(code.states)} states"
+        raise InputError(module.source.file, found, f"a tuple, one of each state: {names}", line)
+
+
+def function_line(code: VehicleCode) -> int | None:
+    """The line at which a vehicle's custom dynamics are defined."""
+    if code.dynamics is None:
+        return None
+    module = run_module(UserSource(code.dynamics.text, code.dynamics.file))
+    return int(module.texts[_find_marked(module)].lineno)
 
 
 @functools.cache
@@ -134,12 +187,20 @@ def _controls(code: VehicleCode) -> Any:
     return namedtuple("Controls", (*_AXES, *names, "equivalence_ratio", "throttle"))
 
 
-def _settings(module: Module, of: FunctionCode) -> tuple[float, ...]:
-    """The numbers of the file's class ``Settings``; none without one. Raises InputError."""
+@functools.cache
+def _states(code: VehicleCode) -> Any:
+    return namedtuple("States", [state.name for state in code.states])
+
+
+def _settings(module: Module, of: FunctionCode) -> dict[str, float | None]:
+    """The fields of the file's class ``Settings``: None for one of the vehicle file, else its default.
+
+    None without such a class. Raises InputError.
+    """
     kind: Any = module.names.get("Settings")
     given, units = dict(of.settings), module.names.get("UNITS", {})
     known = kind._fields if kind is not None else ()
-    values = []
+    values: dict[str, float | None] = {}
     for name in given:
         if name not in known:
             expected = one_of(known, name) if known else "a class Settings(NamedTuple) in the file"
@@ -155,12 +216,40 @@ def _settings(module: Module, of: FunctionCode) -> tuple[float, ...]:
             raise InputError(of.file, f"{name}: {refusal.found}", refusal.expected) from None
         if not is_number(number):
             raise InputError(of.file, f"no number for the setting '{name}'", "one, or a default")
-        values.append(float(number))
-    return tuple(values)
+        values[name] = None if name in given else float(number)
+    return values
 
 
-def _read_lane(width: int, code: VehicleCode) -> list[str]:
-    """Lines that make a lane's arguments of the rows of the lane memory."""
+def _read_settings(
+    width: int, values: dict[str, float | None], places: dict[str, int], dispersed: bool
+) -> str:
+    """A line that makes the function's settings: of the flight, or if nominal of the vehicle file.
+
+    ``dispersed``: the function is part of the plant alone, and no controller calls it.
+    """
+
+    def read(place: int) -> str:
+        of_flight = lane_of(width, s.SETTING + place)
+        return of_flight if dispersed else f"given[{place}] if nominal else {of_flight}"
+
+    parts = [
+        read(places[name]) if default is None else repr(default) for name, default in values.items()
+    ]
+    return f"settings = {tuple_text('settings', parts) if parts else '0.0'}"
+
+
+def _read_motion(width: int, code: VehicleCode) -> list[str]:
+    """Lines that make the states and the motion that custom dynamics are given."""
+    states = [lane_of(width, s.CUSTOM_STAGE + i) for i in range(len(code.states))]
+    motion = [lane_of(width, s.MOTION + i) for i in range(len(Motion._fields))]
+    return [
+        f"states = {tuple_text('states', states)}",
+        f"motion = {tuple_text('motion', motion)}",
+    ]
+
+
+def _read_lane(width: int, code: VehicleCode, density: int, airspeed: int) -> list[str]:
+    """Return lines that build a lane's arguments from rows of the lane memory."""
 
     lane = functools.partial(lane_of, width)
 
@@ -175,36 +264,61 @@ def _read_lane(width: int, code: VehicleCode) -> list[str]:
         of("equivalence_ratio"),
     ]
     return [
-        f"speed, density, mach = {lane(s.F_AIRSPEED)}, {lane(s.F_DENSITY)}, {of('mach')}",
+        f"speed, density, mach = {lane(airspeed)}, {lane(density)}, {of('mach')}",
         "sound = speed / mach if mach > 0.0 else 340.0",
         "pressure = density * sound * sound / 1.4",
-        f"air = _Air({of('altitude')}, mach, density, pressure, sound, 0.5 * density * speed * speed, speed, "
+        f"air = _air({of('altitude')}, mach, density, pressure, sound, 0.5 * density * speed * speed, speed, "
         f"{of('angle_of_attack')}, {of('sideslip')})",
-        f"rates = _Rates({of('roll_rate_hat')}, {of('pitch_rate_hat')}, {of('yaw_rate_hat')})",
-        f"controls = _Controls({', '.join(controls)})",
+        f"rates = _rates({of('roll_rate_hat')}, {of('pitch_rate_hat')}, {of('yaw_rate_hat')})",
+        f"controls = _controls({', '.join(controls)})",
         f"throttle = {of('equivalence_ratio')}",
     ]
 
 
-def _write_coefficients(width: int, code: VehicleCode) -> list[str]:
-    """Lines that put coefficients of any frame into their rows, in stability axes."""
+def _write_coefficients(width: int, code: VehicleCode, _: Module) -> list[str]:
+    """Return lines that store coefficients of any frame as stability axes."""
     names = ("lift", "drag", "side", "made.Cl", "made.Cm", "made.Cn")
     return _FRAMES[code.frame] + [
         f"{lane_of(width, s.COEF + i)} = {name}" for i, name in enumerate(names)
     ]
 
 
-def _write_thrust(width: int, code: VehicleCode) -> list[str]:
-    """Lines that put an engine's force, moment and fuel flow into their rows."""
+def _write_thrust(width: int, code: VehicleCode, _: Module) -> list[str]:
+    """Return lines that store an engine's force, moment and fuel flow."""
     first = {"force": s.F_THRUST, "moment": s.F_MOMENT}
     lines = [
-        f"{lane_of(width, first[of] + i)} = made.{of}_{axis}"
-        for of in first
+        f"{lane_of(width, first[quantity] + i)} = made.{quantity}_{axis}"
+        for quantity in first
         for i, axis in enumerate("xyz")
     ]
     return [*lines, f"{lane_of(width, s.F_FUEL_FLOW)} = made.fuel_flow"]
 
 
+def _write_effect(width: int, code: VehicleCode, module: Module) -> list[str]:
+    """Lines that put rates, force, moment and what sensors feel into their rows."""
+    rows = {f"made.rates[{i}]": s.CUSTOM_RATE + i for i in range(len(code.states))}
+    rows |= {f"made.force[{i}]": s.CUSTOM_FORCE + i for i in range(3)}
+    rows |= {f"made.moment[{i}]": s.CUSTOM_MOMENT + i for i in range(3)}
+    # What no call of Sensed names stays zero, and is not written at every stage.
+    called = {name for name, value in module.names.items() if value is Sensed}
+    calls = [
+        node
+        for node in ast.walk(ast.parse(module.source.text))
+        if isinstance(node, ast.Call)
+        and (getattr(node.func, "id", "") in called or getattr(node.func, "attr", "") == "Sensed")
+    ]
+    named = {keyword.arg for call in calls for keyword in call.keywords}
+    for i, name in enumerate(Measured._fields):
+        if name in named or None in named or any(call.args for call in calls):
+            rows[f"made.sensed.{name}"] = s.SENSED + i
+    return [f"{lane_of(width, row)} = {name}" for name, row in rows.items()]
+
+
+_WRITERS = {
+    "aerodynamics": _write_coefficients,
+    "propulsion": _write_thrust,
+    "dynamics": _write_effect,
+}
 _FRAMES = {
     "body": [
         "sin_a, cos_a = _sincos(air.angle_of_attack)",
@@ -223,9 +337,9 @@ _FRAMES = {
 
 
 def _evaluate(
-    functions: Functions, variables: Floats, density: Floats, speed: Floats
+    functions: Functions, settings: Floats, variables: Floats, density: Floats, speed: Floats
 ) -> tuple[Floats, Floats]:
-    """What :func:`abhv_mc.vehicle.vehicle_code.register` wants."""
+    """Return coefficients and thrust [row, point] for the registered vehicle."""
     points = variables.shape[1]
     coefficients, thrust = np.zeros((len(COEFFICIENTS), points)), np.zeros((N_THRUST, points))
     Z = aligned_zeros((s.LAW, WIDTH))
@@ -235,16 +349,17 @@ def _evaluate(
         Z[s.VAR : s.VAR + len(VARIABLES)] = variables[:, here]
         Z[s.F_DENSITY], Z[s.F_AIRSPEED] = density[here], speed[here]
         if functions.aerodynamics is not None:
-            _call(functions.aerodynamics, Z, functions.aerodynamics_settings)
+            call_loop(functions.aerodynamics, Z, settings)
             coefficients[:, first : first + n] = Z[s.COEF : s.COEF + len(COEFFICIENTS), :n]
         if functions.propulsion is not None:
-            _call(functions.propulsion, Z, functions.propulsion_settings)
+            call_loop(functions.propulsion, Z, settings)
             thrust[:6, first : first + n] = Z[s.F_THRUST : s.F_THRUST + 6, :n]
             thrust[6, first : first + n] = Z[s.F_FUEL_FLOW, :n]
     return coefficients, thrust
 
 
-def _call(made: Any, Z: Floats, settings: Floats) -> None:
+def call_loop(made: Any, Z: Floats, settings: Floats) -> None:
+    """Call a compiled function for the lanes of ``Z``, with the vehicle file's settings."""
     pointer = ctypes.POINTER(ctypes.c_double)
     given = settings.ctypes.data_as(pointer)
-    made.ctypes(None, Z.ctypes.data_as(pointer), given, given, given, 0, 0.0)
+    made.ctypes(None, Z.ctypes.data_as(pointer), given, given, given, NOMINAL, 0.0)

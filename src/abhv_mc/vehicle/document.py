@@ -17,6 +17,8 @@ from abhv_mc.io.units import (
     Inertia,
     Length,
     Mass,
+    dimension_of,
+    parse_quantity,
     parse_unit,
 )
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, MAX_EFFECTORS
@@ -29,6 +31,7 @@ from abhv_mc.vehicle.actuator_keys import (
     PythonFunction,
     SurfaceKeys,
 )
+from abhv_mc.vehicle.dynamics_keys import Dynamics, Number
 from abhv_mc.vehicle.shared_keys import AngleRange, LoadLimits, Positive, SensingKeys
 
 REDUCED_RATES = ("roll_rate", "pitch_rate", "yaw_rate")  # p b/(2 V), q c/(2 V), r b/(2 V)
@@ -228,6 +231,23 @@ class FlightLimits(LoadLimits):
 
     angle_of_attack: AngleRange = Field(description="least and greatest")
     sideslip: Annotated[Angle, Positive] = Field(description="greatest, to either side")
+    states: dict[str, Number] = Field(
+        default_factory=dict,
+        description="greatest value of a custom state, to either side; written as state.NAME",
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _gather_states(cls, data: Any) -> Any:
+        if not isinstance(data, dict) or "states" in data:
+            return data
+        named = {
+            key: value
+            for key, value in data.items()
+            if isinstance(key, str) and key.startswith("state.")
+        }
+        states = {key.removeprefix("state."): value for key, value in named.items()}
+        return {key: value for key, value in data.items() if key not in named} | {"states": states}
 
 
 class VehicleDocument(StrictModel):
@@ -260,6 +280,26 @@ class VehicleDocument(StrictModel):
         Discriminator(_aerodynamics_kind),
     ] = Field(Aerodynamics(), description="terms of the six coefficients, or a function")
 
+    dynamics: Dynamics | None = Field(
+        default=None, description="custom states, integrated with the vehicle; left out: none"
+    )
+
+    def state_limits(self) -> dict[str, float]:
+        """Return the limits of custom states by name. Raise Refusal."""
+        states = self.dynamics.states if self.dynamics else {}
+        limits = {}
+        for name, value in (self.limits.states if self.limits else {}).items():
+            place = ("limits", f"state.{name}")
+            if name not in states:
+                raise Refusal(f"a limit of '{name}'", one_of(states, name), place)
+            try:
+                limits[name] = parse_quantity(value, dimension_of(states[name].unit))
+            except Refusal as refusal:
+                raise Refusal(refusal.found, refusal.expected, place) from None
+            if limits[name] <= 0.0:
+                raise Refusal(f"a limit of {value}", "one above zero", place)
+        return limits
+
     def uses(self) -> list[tuple[str, str | None, tuple[str | int, ...]]]:
         """Every use of a table: its name, what it is (a propulsion quantity or the ``times`` of a term), the place."""
         found: list[tuple[str, str | None, tuple[str | int, ...]]] = []
@@ -273,6 +313,7 @@ class VehicleDocument(StrictModel):
 
     @model_validator(mode="after")
     def _check(self) -> "VehicleDocument":
+        self.state_limits()
         for name, effector in self.effectors.items():
             if name in FACTORS or not name.isidentifier():
                 raise Refusal(

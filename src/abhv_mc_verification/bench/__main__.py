@@ -1,4 +1,4 @@
-"""Speed on this machine, printed: python -m abhv_mc_verification.bench [--json FILE] [--repetitions N]."""
+"""Benchmark of this machine: python -m abhv_mc_verification.bench [--json FILE]."""
 
 import os
 import sys
@@ -16,7 +16,10 @@ def bench(
         int, typer.Option(min=1, help="Of each measurement; medians are shown.")
     ] = 9,
 ) -> None:
-    """Measure flights per second and core, starts and memory, with the default campaign; takes a minute or two."""
+    """Measure flights per second and core, start-up times and memory.
+
+    The default campaign is used; it takes a minute or two.
+    """
     from abhv_mc_verification.bench.speed import measure_speed, measure_start, read_operations
 
     announce_compiling()
@@ -38,17 +41,19 @@ def _print_figures(figures: dict[str, Any], operations: dict[str, dict[str, floa
     say(
         f"steps of {1e3 * figures['step_s']:g} ms (RK4), control at {figures['control_rate_hz']:g} Hz"
     )
-    for name, one in figures["controllers"].items():
+    for name, speed in figures["controllers"].items():
         counts = ", ".join(
             f"{n / 1e6:.2f} M {kind.replace('_', ' ')}" for kind, n in operations[name].items()
         )
-        rate, floor = one["flights_per_second_per_core"], one["flops_per_flight"] / 1e6
+        rate, floor = speed["flights_per_second_per_core"], speed["flops_per_flight"] / 1e6
         say(f"\n{name}")
-        say(f"  {rate:.0f} flights per second and core, {one['ms_per_flight']:.2f} ms each")
+        say(f"  {rate:.0f} flights per second and core, {speed['ms_per_flight']:.2f} ms each")
         say(
-            f"  {one['one_at_a_time_ms']:.2f} ms one at a time: batched {one['batched_over_one']:.2f} times as fast"
+            f"  {speed['one_at_a_time_ms']:.2f} ms one at a time: batched {speed['batched_over_one']:.2f} times as fast"
         )
-        say(f"  {one['times_the_floor']:.2f} times the floor of {floor:.1f} M operations: {counts}")
+        say(
+            f"  {speed['times_the_floor']:.2f} times the floor of {floor:.1f} M operations: {counts}"
+        )
     say(f"\ntwo workers fly {figures['two_workers_over_one']:.2f} times as many as one")
     say(
         f"start to first flight {figures['cold_start_s']:.1f} s cold, {figures['warm_start_s']:.2f} s from the cache"

@@ -120,8 +120,13 @@ def on_glide_path(mission: Mission, vehicle: Vehicle) -> Mission:
 
 
 @kept
-def make_start_trim(mission: Mission, vehicle: Vehicle) -> TrimPoint:
-    """Controls at the start: steady flight, on the full tables, the Earth still as in the reference."""
+def make_start_trim(
+    mission: Mission, vehicle: Vehicle, push: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> TrimPoint:
+    """Controls at the start: steady flight, on the full tables, the Earth still as in the reference.
+
+    ``push``: of custom dynamics, as of :class:`FlightPoint`; that of the rigid vehicle is zero.
+    """
     start = mission.start
     still = mission.make_earth()._replace(rotation_rate=0.0)
     point = FlightPoint(
@@ -132,5 +137,6 @@ def make_start_trim(mission: Mission, vehicle: Vehicle) -> TrimPoint:
         start.heading,
         start.flight_path_angle,
         density_factor=float(density_factor(mission.make_air(), np.array([start.altitude]))[0]),
+        push=push,
     )
     return trim(vehicle, still, point)

@@ -37,7 +37,7 @@ from abhv_mc.kernel.jit_pointer import call_address
 from abhv_mc.kernel.laws import columns as ref
 from abhv_mc.kernel.laws.lqr import lqr_tick
 from abhv_mc.kernel.laws.tlc import tlc_tick
-from abhv_mc.kernel.laws.user import own_tick
+from abhv_mc.kernel.laws.user import call_user, own_tick
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.actuators import (
     command_ideal,
@@ -55,6 +55,14 @@ from abhv_mc.kernel.plant.disturbance import (
     any_lane,
     calm,
     disturb,
+)
+from abhv_mc.kernel.plant.dynamics import (
+    add_sensed,
+    finish_states,
+    keep_motion,
+    load_settings,
+    run_dynamics,
+    start_states,
 )
 from abhv_mc.kernel.plant.effectors import (
     begin_effectors,
@@ -124,6 +132,7 @@ def instruments(plan, Z, width, active, tick):
         plan.vehicle.constants.sensing,
         plan.user_code.more > 0 or active.sensor_errors.changed,
     )
+    dynamic = plan.user_code.dynamics != 0
     against_air = active.windy and sensing.angle_of_attack + sensing.sideslip + sensing.speed > 0
     if active.windy and (against_air or more):
         move_air(Z, width, plan.profile)
@@ -131,11 +140,20 @@ def instruments(plan, Z, width, active, tick):
         measure_air(Z, width, sensing)
     if more:
         measure_more(Z, width, plan.reference, tick)
+    if dynamic:
+        add_sensed(Z, width, s.N_SEEN if more else s.N_MEASURED)
 
 
 @lanes
 def begin_tick(plan, memory, width, active, tick):
-    """Motion, air and measurement at a control tick."""
+    """Motion, air and measurement at a control tick, with what sensors last felt of custom dynamics."""
+    move(plan, memory, width, active, tick)
+    measure(plan, memory, width, active, tick)
+
+
+@lanes
+def move(plan, memory, width, active, tick):
+    """Motion and air at a control tick."""
     Z, tick_length = memory.Z, plan.timing.step * plan.timing.steps_per_tick
     navigate(Z, width, tick_length, tick == 0)
     calm(Z, width)
@@ -143,6 +161,13 @@ def begin_tick(plan, memory, width, active, tick):
         span = plan.vehicle.constants.span
         disturb(Z, width, span, active.disturbances, tick * tick_length, tick_length, tick == 0)
         nominal_density(Z, width, plan.profile)
+
+
+@lanes
+def measure(plan, memory, width, active, tick):
+    """Measurement at a control tick."""
+    Z, tick_length = memory.Z, plan.timing.step * plan.timing.steps_per_tick
+    if active is not None:
         instruments(plan, Z, width, active, tick)
         if active.sensor_errors.changed:
             lag_and_scale(Z, width, tick_length, tick)
@@ -172,9 +197,13 @@ def evaluate(plan, memory, width, stage, active):
         build_up(Z, T, width, vehicle.build_up, vehicle.build_up.factor)
     if active is not None and plan.user_code.propulsion != 0:
         foreign_thrust(Z, width, vehicle, plan.user_code)
+    if active is not None and plan.user_code.dynamics != 0:
+        keep_motion(Z, width)
     equations_of_motion(Z, width, vehicle, plan.earth, stage, active)
     if active is not None and plan.user_code.propulsion != 0:
         add_thrust(Z, width, stage)
+    if active is not None and plan.user_code.dynamics != 0:
+        run_dynamics(Z, width, vehicle, plan.user_code, stage)
 
 
 @lanes
@@ -191,7 +220,9 @@ def recorded_tick(plan, memory, width, tick):
 
 @lanes
 def control(plan, memory, width, law, active, tick):
-    """The commands of the plan's law at a control tick."""
+    """The commands of the plan's law at a control tick; a user's filter changes the measurement before it."""
+    if active is not None and law != PYTHON and plan.user_code.address != 0:
+        call_user(plan, memory, tick)
     if law == TLC:
         tlc_tick(plan, memory, width, active, tick)
     elif law == LQR or active is None:
@@ -218,7 +249,7 @@ def observe_tick(plan, memory, results, width, active, flights, n, tick):
     follow_ripples(Z, width, reference[tick, ref.SETTLED], tick, dt)
     if active is not None and plan.user_code.channels != 0:
         call_address(plan.user_code.channels, 0, Z, reference, plan.gains, plan.settings, tick, dt)
-    ended = check_limits(Z, O, width, plan.observed, tick)
+    ended = check_limits(Z, O, width, plan.observed, plan.vehicle.foreign.states, tick)
     if ended > 0.0 or tick == plan.timing.ticks:
         finish_flights(Z, O, width, tick == plan.timing.ticks, dt)
     count_tick(memory, width, plan, results.samples, flights, n, tick, observe.FIRST_METRIC)
@@ -251,6 +282,21 @@ def bin_tick(plan, memory, results, width, tick, first, last):
 
 
 @lanes
+def begin_control(plan, memory, width, law, active, tick):
+    """Measurement and commands of a control tick, and what fails then."""
+    Z, A, tick_length = memory.Z, memory.A, plan.timing.step * plan.timing.steps_per_tick
+    measure(plan, memory, width, active, tick)
+    control(plan, memory, width, law, active, tick)
+    pass_commands(Z, width)
+    if active is not None:
+        fail_plant(Z, A, width, active.failures, plan.vehicle, tick * tick_length, tick_length)
+    if law != RECORDED:
+        command_ideal(Z, width, plan.vehicle.constants)
+    if active is not None:
+        begin_effectors(Z, A, width, plan.vehicle)
+
+
+@lanes
 def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flights, n):
     """One group of flights from ``first_tick`` to before tick ``end``, or until all of them have ended."""
     Z, O, A, step, steps_per_tick = (
@@ -260,20 +306,16 @@ def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flight
         plan.timing.step,
         plan.timing.steps_per_tick,
     )
-    tick_length = step * steps_per_tick
+    first = 0
+    if active is not None and plan.user_code.dynamics != 0:
+        first = -1  # sensors feel custom dynamics at the state of the tick
     for tick in range(first_tick, end):
-        begin_tick(plan, memory, width, active, tick)
-        control(plan, memory, width, law, active, tick)
-        pass_commands(Z, width)
-        if active is not None:
-            fail_plant(Z, A, width, active.failures, plan.vehicle, tick * tick_length, tick_length)
-        if law != RECORDED:
-            command_ideal(Z, width, plan.vehicle.constants)
-        if active is not None:
-            begin_effectors(Z, A, width, plan.vehicle)
+        move(plan, memory, width, active, tick)
         flying = True
-        for evaluation in range(4 * steps_per_tick):  # one loop, so that its code is there once
-            stage = evaluation % 4
+        for evaluation in range(first, 4 * steps_per_tick):  # one loop: its code is there once
+            stage = evaluation % 4 if evaluation >= 0 else -1
+            if evaluation == 0:
+                begin_control(plan, memory, width, law, active, tick)
             evaluate(plan, memory, width, runge_kutta_stage(stage, step), active)
             if evaluation == 0:
                 observe_tick(plan, memory, results, width, active, flights, n, tick)
@@ -301,6 +343,7 @@ def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flight
             elif stage == 3:
                 finish_step(Z, width, step, O[observe.ALIVE])
                 if active is not None:
+                    finish_states(Z, width, plan.vehicle.foreign.states, step, O[observe.ALIVE])
                     finish_effectors(Z, A, width, plan.vehicle, O[observe.ALIVE])
         if not flying:
             break
@@ -317,7 +360,8 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
     """
     saved, order, keeps = memory.saved, memory.order, results.kept.shape[1] > 0
     O, dt = memory.O, plan.timing.step * plan.timing.steps_per_tick
-    driven = count_driven(plan.vehicle) > 0
+    driven, custom = count_driven(plan.vehicle) > 0, has_functions(plan)
+    own = plan.user_code.address != 0
     start, last = plan.first_tick, plan.timing.ticks if keeps else plan.timing.ticks + 1
     compacted = (
         1 < width < last_flight - first_flight
@@ -335,9 +379,9 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
                 n = min(width, flying - group)
                 flights = order[group : group + n]
                 if first_tick > start:
-                    restore_lanes(memory, width, saved, group, n, driven)
+                    restore_lanes(memory, width, saved, group, n, driven, custom, own)
                 elif plan.start.shape[0] > 0:
-                    restore_lanes(memory, width, plan.start, first + group, n, driven)
+                    restore_lanes(memory, width, plan.start, first + group, n, driven, custom, own)
                 else:
                     start_lanes(plan, memory, width, find, flights, n)
                 active = find(memory.Z, width, plan)
@@ -346,7 +390,7 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
                     flight = flights[lane]
                     if O[observe.ALIVE, lane] > 0.0 and end < last:
                         # At or before its own place, which has been restored.
-                        save_lane(memory, lane, saved[still_flying], driven)
+                        save_lane(memory, lane, saved[still_flying], driven, custom, own)
                         order[still_flying] = flight
                         still_flying += 1
                     else:
@@ -357,8 +401,15 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
                         results.outcome[flight] = int(O[observe.OUTCOME, lane])
                         results.end_tick[flight] = int(O[observe.END, lane])
                         if keeps:
-                            save_lane(memory, lane, results.kept[flight], driven)
+                            save_lane(memory, lane, results.kept[flight], driven, custom, own)
             flying = still_flying
+
+
+@lanes
+def has_functions(plan):
+    """Whether the vehicle has functions, which use rows of their own."""
+    code = plan.user_code
+    return code.aerodynamics != 0 or code.propulsion != 0 or code.dynamics != 0
 
 
 @lanes
@@ -372,6 +423,7 @@ def start_lanes(plan, memory, width, find, flights, n):
         flight = flights[min(lane, n - 1)]
         for i in range(s.N_PARAMETERS):
             Z[s.P + i, lane] = plan.parameters[flight, i]
+    load_settings(Z, width, plan.parameters, flights, n)
     start_flights(Z, width, plan.initial_state)
     start_failures(Z, width)
     prepare_actuators(Z, width, plan.vehicle.constants, plan.timing.step)
@@ -390,6 +442,8 @@ def start_active(plan, memory, width, active):
             face_air(Z, width)
         if plan.user_code.aerodynamics != 0:
             find_dispersed(Z, width)
+        foreign = plan.vehicle.foreign
+        start_states(Z, width, foreign.states, foreign.settings.size, plan.initial_state)
         start_effectors(Z, memory.A, width, plan.vehicle, plan.timing.step)
 
 

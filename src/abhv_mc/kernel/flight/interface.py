@@ -56,6 +56,7 @@ class UserCode(NamedTuple):
     context: int = 0  # address of what the law's machine code works on, 0 for none
     aerodynamics: int = 0  # addresses of the vehicle's own functions, 0 for tables
     propulsion: int = 0
+    dynamics: int = 0
 
 
 class KernelPlan(NamedTuple):
@@ -70,12 +71,12 @@ class KernelPlan(NamedTuple):
     record_every: int  # control ticks between samples, 0 for no history
     observed: Observed
     unit_factors: Ints  # [term] the parameter that is 1, for the nominal vehicle
-    initial_state: Floats  # [state]
+    initial_state: Floats  # [state] custom ones behind the vehicle's
     reference: Floats  # [tick, column]
     gains: Floats  # [tick, gain]
     settings: Floats  # [setting]
     profile: Floats  # [knot, column] nominal air, see abhv_mc.kernel.plant.air_data; no knots: still standard air
-    parameters: Floats  # [flight, parameter]
+    parameters: Floats  # [flight, parameter] settings of functions and starts of states behind them
     counted: Counted
     first_tick: int  # at which the flights start
     start: Floats  # [flight, row] their memories then, see abhv_mc.flight.fly; no flights: the mission's start

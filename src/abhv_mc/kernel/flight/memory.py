@@ -8,6 +8,7 @@ from abhv_mc.array_types import Floats, Ints
 from abhv_mc.kernel.flight import observe
 from abhv_mc.kernel.jit import lanes
 from abhv_mc.kernel.laws.trim_lookup import TrimCells, make_trim_cells
+from abhv_mc.kernel.laws.user import MEMORY, ONBOARD
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.aerodynamics import TableCells, make_cells
 from abhv_mc.kernel.plant.effectors import A_ROWS
@@ -72,12 +73,17 @@ def has_width(memory, width):
 
 
 @lanes
-def save_lane(memory, lane, row, driven):
+def save_lane(memory, lane, row, driven, custom, own):
     """Save everything that a flight carries from tick to tick, to ``row`` [SAVED_ROWS].
 
-    ``driven``: effectors with actuators of their own are part of it.
+    ``driven``: effectors with actuators of their own are part of it; ``custom``: functions of the vehicle; ``own``: the
+    memory of a user's law.
     """
-    for i in range(Z_ROWS):
+    for i in range(s.CUSTOM_STATE if not custom else s.LAW):
+        row[i] = memory.Z[i, lane]
+    for i in range(s.LAW, MEMORY if not own else ONBOARD):
+        row[i] = memory.Z[i, lane]
+    for i in range(ONBOARD, Z_ROWS):
         row[i] = memory.Z[i, lane]
     for i in range(O_ROWS):
         row[Z_ROWS + i] = memory.O[i, lane]
@@ -87,11 +93,15 @@ def save_lane(memory, lane, row, driven):
 
 
 @lanes
-def restore_lanes(memory, width, saved, first, n, driven):
+def restore_lanes(memory, width, saved, first, n, driven, custom, own):
     """Flights from ``saved`` [flight, SAVED_ROWS] back into the lanes; spare lanes repeat the last."""
     for lane in range(width):
         row = saved[first + min(lane, n - 1)]
-        for i in range(Z_ROWS):
+        for i in range(s.CUSTOM_STATE if not custom else s.LAW):
+            memory.Z[i, lane] = row[i]
+        for i in range(s.LAW, MEMORY if not own else ONBOARD):
+            memory.Z[i, lane] = row[i]
+        for i in range(ONBOARD, Z_ROWS):
             memory.Z[i, lane] = row[i]
         for i in range(O_ROWS):
             memory.O[i, lane] = row[Z_ROWS + i]

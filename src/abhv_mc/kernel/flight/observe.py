@@ -50,8 +50,11 @@ def start_observing(Z, O, width, counted):
 
 
 @lanes
-def check_limits(Z, O, width, observed, tick):
-    """End the flights that left their limits or are no longer finite: how many. Metrics keep what was counted."""
+def check_limits(Z, O, width, observed, states, tick):
+    """End the flights that left their limits or are no longer finite: how many. Metrics keep what was counted.
+
+    ``states``: how many custom states there are.
+    """
     ended = 0.0
     for lane in range(width):
         Z[VERDICT, lane] = 0.0
@@ -67,6 +70,8 @@ def check_limits(Z, O, width, observed, tick):
         total = 0.0
         for i in range(s.N_STATES):
             total += Z[X + i, lane]
+        for i in range(states):
+            total += Z[s.CUSTOM_STATE + i, lane]
         finite = total - total == 0.0
         verdict = Z[FAULT, lane] if Z[FAULT, lane] > 0.0 else Z[VERDICT, lane]
         verdict = verdict if finite else NOT_FINITE

@@ -24,7 +24,7 @@ from abhv_mc.kernel.plant.effectors import count_driven, leave_effectors, share_
 from abhv_mc.kernel.plant.equations import thrust
 from abhv_mc.kernel.plant.state import LAW
 
-MAX_MEMORY = 64  # numbers that a law may keep between ticks
+MAX_MEMORY = 256  # numbers that a law may keep between ticks
 
 # Rows of the lane memory, behind TLC's, whose rows of the nominal vehicle serve here, too.
 FAULT = LAW + N_TLC_ROWS  # outcome with which the law ends the flight, 0 for none
@@ -42,24 +42,22 @@ _STEP = 1e-6  # rad, and of the equivalence ratio: tables are linear in a cell, 
 
 
 @lanes
+def call_user(plan, memory, tick):
+    """Call the user's code at a control tick: a law, or what changes the measurement before a law of the program."""
+    code, dt = plan.user_code, plan.timing.step * plan.timing.steps_per_tick
+    reference, gains, settings = plan.reference, plan.gains, plan.settings
+    call_address(code.address, code.context, memory.Z, reference, gains, settings, tick, dt)
+
+
+@lanes
 def own_tick(plan, memory, width, tick):
     """Commands from the measurement at a control tick."""
     Z, user_code = memory.Z, plan.user_code
-    dt = plan.timing.step * plan.timing.steps_per_tick
     if user_code.onboard > 0:
         nominal_onboard(plan, memory, width, tick)
     leave_effectors(Z, width, plan.vehicle)
     if user_code.address != 0:
-        call_address(
-            user_code.address,
-            user_code.context,
-            Z,
-            plan.reference,
-            plan.gains,
-            plan.settings,
-            tick,
-            dt,
-        )
+        call_user(plan, memory, tick)
     finish_commands(
         Z, width, plan.vehicle.constants, count_driven(plan.vehicle), plan.reference, tick
     )

@@ -73,10 +73,14 @@ class Stage(NamedTuple):
 
 @scalar
 def runge_kutta_stage(stage, step):
-    """The four stages of the classical method of order 4; :func:`finish_step` makes the step of their sum."""
+    """The four stages of the classical method of order 4; :func:`finish_step` makes the step of their sum.
+
+    Stage -1 leaves sum and state as they are: the forces at the state of a control tick, for its measurement.
+    """
+    moves = 0.0 if stage < 0 else 1.0
     return Stage(
-        2.0 if abs(stage - 1.5) < 1.0 else 1.0,  # the two in the middle
-        step if stage == 2 else 0.5 * step,
+        moves * (2.0 if abs(stage - 1.5) < 1.0 else 1.0),  # the two in the middle
+        moves * (step if stage == 2 else 0.5 * step),
     )
 
 
@@ -164,6 +168,10 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
         accumulate(Z, lane, s.ROLL_RATE, p_dot, stage)
         accumulate(Z, lane, s.PITCH_RATE, q_dot, stage)
         accumulate(Z, lane, s.YAW_RATE, r_dot, stage)
+        if active is not None:
+            Z[s.ANGULAR_ACCELERATION, lane] = p_dot
+            Z[s.ANGULAR_ACCELERATION + 1, lane] = q_dot
+            Z[s.ANGULAR_ACCELERATION + 2, lane] = r_dot
 
         # Translation over the ellipsoid.
         sin_lat, cos_lat = Z[s.SIN_LAT, lane], Z[s.COS_LAT, lane]
@@ -171,6 +179,8 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
         v_n, v_e, v_d = rotate_to_ned(q0, q1, q2, q3, u, v, w)
         g_n, g_d = gravity_ned(earth, altitude, sin_lat, cos_lat)
         g_x, g_y, g_z = rotate_meridional(q0, q1, q2, q3, g_n, g_d)
+        if active is not None:
+            Z[s.GRAVITY, lane], Z[s.GRAVITY + 1, lane], Z[s.GRAVITY + 2, lane] = g_x, g_y, g_z
         we_x, we_y, we_z = Z[s.EARTH_X, lane], Z[s.EARTH_Y, lane], Z[s.EARTH_Z, lane]
         # Body rate to inertial plus Earth rate: transport and Coriolis terms together.
         a, b, c = p + we_x, q + we_y, r + we_z

@@ -14,6 +14,8 @@ from abhv_mc.kernel.plant.slopes import N_INPUTS
 from abhv_mc.kernel.plant.state import N_COEFFICIENTS, XS, parameter_row
 
 STEP = 1e-5  # rad: slopes by central differences
+# Settings that a function is called with: of the vehicle file, or of each flight, the rows from ``SETTING``.
+NOMINAL, DISPERSED = range(2)
 _K_PART = parameter_row(
     "aero.lift.sideslip"
 )  # and so on for each coefficient, in the order of the variables
@@ -31,10 +33,10 @@ def find_dispersed(Z, width):
 
 
 @lanes
-def call_aerodynamics(Z, foreign, user_code):
-    """Coefficients at the variables, in stability axes."""
-    given = foreign.aerodynamics_settings
-    call_address(user_code.aerodynamics, 0, Z, given, given, given, 0, 0.0)
+def call_aerodynamics(Z, foreign, user_code, settings):
+    """Coefficients at the variables, in stability axes; ``settings``: NOMINAL or DISPERSED."""
+    given = foreign.settings
+    call_address(user_code.aerodynamics, 0, Z, given, given, given, settings, 0.0)
 
 
 @lanes
@@ -42,7 +44,7 @@ def foreign_coefficients(Z, A, width, vehicle, user_code, failing):
     """Coefficients of the stage with their dispersions, at the deflections that are there."""
     for lane in range(width):
         Z[s.F_DENSITY, lane], Z[s.F_AIRSPEED, lane] = Z[s.RHO, lane], Z[s.AIRSPEED, lane]
-    call_aerodynamics(Z, vehicle.foreign, user_code)
+    call_aerodynamics(Z, vehicle.foreign, user_code, DISPERSED)
     if not any_lane(Z, width, s.F_DISPERSED, 1, 0.0):
         return
     for c in range(N_COEFFICIENTS):
@@ -72,7 +74,7 @@ def add_part(Z, A, width, vehicle, user_code, failing, part):
     for c in range(N_COEFFICIENTS):
         for lane in range(width):
             Z[base + c, lane] = Z[s.COEF + c, lane]
-    call_aerodynamics(Z, vehicle.foreign, user_code)
+    call_aerodynamics(Z, vehicle.foreign, user_code, DISPERSED)
     for lane in range(width):
         Z[row, lane] = Z[s.F_MASS, lane]
     if part >= 4:
@@ -90,7 +92,7 @@ def nominal_coefficients(Z, width, vehicle, user_code, density_row, speed_row):
     """Coefficients of the nominal vehicle at the variables, at a density and a speed."""
     for lane in range(width):
         Z[s.F_DENSITY, lane], Z[s.F_AIRSPEED, lane] = Z[density_row, lane], Z[speed_row, lane]
-    call_aerodynamics(Z, vehicle.foreign, user_code)
+    call_aerodynamics(Z, vehicle.foreign, user_code, NOMINAL)
 
 
 @lanes
@@ -110,7 +112,7 @@ def nominal_slopes(Z, width, vehicle, user_code, first_row):
             for lane in range(width):
                 Z[row, lane] = Z[s.F_MASS, lane] + (STEP if side == 0 else -STEP)
             set_effectors(Z, width, vehicle.effector_mix)
-            call_aerodynamics(Z, vehicle.foreign, user_code)
+            call_aerodynamics(Z, vehicle.foreign, user_code, NOMINAL)
             for c in range(N_COEFFICIENTS):
                 slope = first_row + c * N_INPUTS + i
                 for lane in range(width):
@@ -126,14 +128,20 @@ def nominal_slopes(Z, width, vehicle, user_code, first_row):
 
 @lanes
 def nominal_thrust(Z, width, vehicle, user_code, density_row, speed_row):
-    """Thrust, moment and fuel flow of the nominal engine: the rows from ``F_THRUST``.
+    """Thrust, moment and fuel flow of the nominal engine: the rows from ``F_THRUST``."""
+    call_propulsion(Z, width, vehicle, user_code, density_row, speed_row, NOMINAL)
+
+
+@lanes
+def call_propulsion(Z, width, vehicle, user_code, density_row, speed_row, settings):
+    """Thrust, moment and fuel flow of the engine function: the rows from ``F_THRUST``.
 
     The moment is about the point about which the aerodynamics' is.
     """
     for lane in range(width):
         Z[s.F_DENSITY, lane], Z[s.F_AIRSPEED, lane] = Z[density_row, lane], Z[speed_row, lane]
-    given = vehicle.foreign.propulsion_settings
-    call_address(user_code.propulsion, 0, Z, given, given, given, 0, 0.0)
+    given = vehicle.foreign.settings
+    call_address(user_code.propulsion, 0, Z, given, given, given, settings, 0.0)
     x, z = vehicle.foreign.engine_x, vehicle.foreign.engine_z
     if x != 0.0 or z != 0.0:
         for lane in range(width):
@@ -149,7 +157,7 @@ def foreign_thrust(Z, width, vehicle, user_code):
 
     The moment is about the centre of gravity, with that of engines which have failed.
     """
-    nominal_thrust(Z, width, vehicle, user_code, s.RHO, s.AIRSPEED)
+    call_propulsion(Z, width, vehicle, user_code, s.RHO, s.AIRSPEED, DISPERSED)
     constants = vehicle.constants
     for lane in range(width):
         mass = Z[XS + s.MASS, lane]

@@ -100,9 +100,18 @@ ANY_SATURATED = EFFECTOR_SATURATED + MAX_ACTUATORS
 ENGINE_WHOLE = (
     ANY_SATURATED + 1
 )  # factor on the thrust of all engines, then of each; where the rest of it acts
-LAW = (
-    ENGINE_WHOLE + 1 + len(ENGINES) + 3
-)  # the rows of control and flight follow: the law's own memory first
+# Of custom dynamics (abhv_mc.kernel.plant.dynamics): states at the beginning of the step and at the stage, the weighted
+# sum of their rates, their rates; what the function is given of the motion, and what it returns; settings by flight.
+MAX_STATES = 32  # of a vehicle's custom dynamics
+MAX_SETTINGS = 128  # of a vehicle's functions, with the starts of its states
+CUSTOM_STATE = ENGINE_WHOLE + 1 + len(ENGINES) + 3
+CUSTOM_STAGE, CUSTOM_SUM, CUSTOM_RATE, MOTION = (CUSTOM_STATE + i * MAX_STATES for i in range(1, 5))
+MOTION_ACCELERATION = MOTION + 11  # behind velocity, attitude, rates and mass
+ANGULAR_ACCELERATION, GRAVITY = MOTION_ACCELERATION + 3, MOTION_ACCELERATION + 6
+CUSTOM_FORCE, CUSTOM_MOMENT = GRAVITY + 3, GRAVITY + 6
+SENSED = CUSTOM_MOMENT + 3  # additions to the measured quantities
+SETTING = SENSED + N_SEEN
+LAW = SETTING + MAX_SETTINGS  # the rows of control and flight follow: the law's own memory first
 
 CMD_AILERON, CMD_RUDDER, CMD_ELEVATOR, CMD_ETA = range(CMD, AIR)
 

@@ -127,20 +127,21 @@ class Inlet(NamedTuple):
 
 
 class Foreign(NamedTuple):
-    """Functions of the vehicle's own in place of tables; their code is known by its digest."""
+    """Functions of the vehicle's own; their code is known by its digest."""
 
     aerodynamics: int  # 1 where they give the coefficients
     propulsion: int  # 1 where they give the thrust
     engine_x: float  # m, where the thrust's moments are given, from the moment reference
     engine_z: float
     digest: Ints  # [4] SHA-256 of the code and of how it is called; zeros without code
-    aerodynamics_settings: Floats  # [setting]
-    propulsion_settings: Floats
+    settings: Floats  # [setting] of aerodynamics, propulsion and dynamics, one after another
+    states: int  # of custom dynamics
+    state_limit: Floats  # [state] greatest value to either side; a flight ends above
 
 
 def no_functions() -> Foreign:
     """A vehicle of tables."""
-    return Foreign(0, 0, 0.0, 0.0, np.zeros(4, np.int64), np.zeros(1), np.zeros(1))
+    return Foreign(0, 0, 0.0, 0.0, np.zeros(4, np.int64), np.zeros(0), 0, np.zeros(0))
 
 
 class Constants(NamedTuple):

@@ -33,6 +33,7 @@ class PlantAnswer(NamedTuple):
     """What the plant makes of states, and the sensors."""
 
     rates: Floats  # [point, 14] of the states before the actuators'
+    custom_rates: Floats  # [point, state] of custom dynamics
     variables: Floats  # [point, variable] of the tables
     measured: (
         Floats  # [point, measured] without bias, noise and delay; a frozen measurement as it is
@@ -133,18 +134,23 @@ def _answer(plan, memory, width, active, held, tick, answer, start, n):
         if active.failures.sensors:
             fail_sensors(Z, width, tick * tick_length)
     _store(Z, SUM, answer.rates, start, n)
+    _store(Z, s.CUSTOM_RATE, answer.custom_rates, start, n)
     _store(Z, s.VAR, answer.variables, start, n)
     _store(Z, s.MEASURED, answer.measured, start, n)
 
 
 @lanes
-def _answer_all(plan, memory, held, acting, flight, states, positions, numbers, find, tick, answer):
+def _answer_all(
+    plan, memory, held, acting, flight, states, custom, positions, numbers, find, tick, answer
+):
     Z, width = memory.Z, memory.Z.shape[1]
     for start in range(0, states.shape[0], width):
         n = min(width, states.shape[0] - start)
         _load(Z, 0, width, acting, flight, start, n)
         _load(Z, X, width, states, numbers, start, n)
         _load(Z, XS, width, states, numbers, start, n)
+        _load(Z, s.CUSTOM_STATE, width, custom, numbers, start, n)
+        _load(Z, s.CUSTOM_STAGE, width, custom, numbers, start, n)
         for lane in range(width):
             for e in range(positions.shape[1]):
                 memory.A[e * N_EFFECTOR_ROWS + STAGE, lane] = positions[
@@ -156,17 +162,30 @@ def _answer_all(plan, memory, held, acting, flight, states, positions, numbers, 
 def make_probe_plant(lean: bool) -> Callable[..., Any]:
     """The plant at states; see :func:`abhv_mc.kernel.flight.fly_lanes.make_fly_lanes` of ``lean``."""
 
-    def probe_plant(plan, memory, held, acting, flight, states, positions, numbers, tick, answer):
+    def probe_plant(
+        plan, memory, held, acting, flight, states, custom, positions, numbers, tick, answer
+    ):
         """Fill ``answer`` for ``states`` [point, state] of flights with the lane memory ``acting`` [flight, row].
 
-        ``positions`` [point, effector] are those of effectors with actuators. ``flight`` [point] says whose;
-        ``numbers`` [point] counts the points. Slow effectors stay where they are or, with ``held``, are where the
-        state's mix puts them at the beginning of a tick.
+        ``custom`` [point, state] are custom states; ``positions`` [point, effector] are those of
+        effectors with actuators. ``flight`` [point] says whose; ``numbers`` [point] counts the points. Slow effectors
+        stay where they are or, with ``held``, are where the state's mix puts them at the beginning of a tick.
         """
         if has_width(memory, LANES):
             find = nothing_active if lean else find_active
             _answer_all(
-                plan, memory, held, acting, flight, states, positions, numbers, find, tick, answer
+                plan,
+                memory,
+                held,
+                acting,
+                flight,
+                states,
+                custom,
+                positions,
+                numbers,
+                find,
+                tick,
+                answer,
             )
 
     return named_kernel(probe_plant, lean)

@@ -16,6 +16,7 @@ from abhv_mc.topics.figure_style import (
     GREEN,
     INK,
     MARKERS,
+    PERCENT,
     SKY,
     VERMILION,
     label_lowest,
@@ -244,7 +245,7 @@ def plot_planned(planned: Planned) -> Figure:
         axes.set_title("all requirements PASS at some flight (bounds)", fontsize=8)
     for axes in grid.flat[:count]:
         axes.axvline(1.0, color=INK, linewidth=0.8)
-        axes.yaxis.set_major_formatter(PercentFormatter(1.0))
+        axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=PERCENT))
     for row in grid:
         row[0].set_ylabel("chance of PASS")
     label_lowest(grid, count, "true failure rate over the allowed one")

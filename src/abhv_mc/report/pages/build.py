@@ -152,7 +152,7 @@ def build_report(
     refuse_search(folder, read_manifest(CampaignFolder(folder).manifest))
     key = make_key(folder, baseline)  # as it is now: a run may go on meanwhile
     results = read_flown(folder, requirements)
-    models = Models(results)
+    models = Models(results, page=out or folder)
     held = compare_baseline(results, baseline) if baseline else None
     with stage("report: statistics"):
         numbers = {**make_numbers(models, held), "files": hash_files(folder)}

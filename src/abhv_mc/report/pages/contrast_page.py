@@ -22,6 +22,7 @@ from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.figure_style import (
     CYCLE,
     INK,
+    PERCENT,
     distribution_steps,
     log_if_wide,
     new_panels,
@@ -250,7 +251,7 @@ def plot_contrast(
             axes.axvline(limit, color=INK, linewidth=0.8)
         log_if_wide(axes, "x", drawn)
         axes.set_xlabel(panel.label)
-        axes.yaxis.set_major_formatter(PercentFormatter(1.0))
+        axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=PERCENT))
     entries = [Line2D([], [], color=CYCLE[i % len(CYCLE)]) for i in range(len(labels))]
     entries += [Line2D([], [], color=INK, linestyle=style) for style in _STYLES]
     put_legend(figure, entries, [*labels, *titles])

@@ -168,6 +168,7 @@ def make_page(
     packed_library = (template / "plotly-basic.min.js.gz").read_bytes()
     envelopes, arrays = envelope_data(results, names.controllers, colors)
     flights, columns = make_flights_view(results, names.controllers, colors)
+    flights["folder"] = names.folder
     places, packed = pack_arrays({**arrays, **columns})
     verdicts, state = models[VERDICTS], results.manifest.state
     seeds = (

@@ -1,4 +1,4 @@
-"""Simulators of the user's own: a Python function or a program, and tables that one has written."""
+"""User simulators: Python functions, programs, and imported tables."""
 
 import hashlib
 import json
@@ -35,7 +35,7 @@ _BY_ORDER = (
 
 
 class ExternalSimulator:
-    """A Python function, or a program that speaks JSON lines."""
+    """Python function, or program that exchanges JSON lines."""
 
     kind = "system"
     origin = method = ""
@@ -53,16 +53,18 @@ class ExternalSimulator:
         return Engine(None, fly_user_simulator, code_hash(), checked=True, close=end_processes)
 
     def check(self, feature: str) -> None:
-        found = f"a user's simulator, which has nothing for {feature}"
-        wish = "a campaign of our own: with vehicle, mission and controllers"
-        raise self.experiment.document.error((), found, wish)
+        problem = f"a user's simulator, which has nothing for {feature}"
+        expected = "a campaign of our own: with vehicle, mission and controllers"
+        raise self.experiment.document.error((), problem, expected)
 
     def find_simulator(self) -> tuple[Simulator, Path]:
-        """What computes flights, and the folder that it lies in. Raises InputError where nothing does."""
+        """Return the simulator's settings and folder. Raise InputError if there is none."""
         document = self.experiment.document
         if self.model.simulator is None:
-            wish = "'simulator' here; abhv-mc import flights TABLE takes flights that were flown"
-            raise document.error((), "a campaign without a simulator: nothing can fly", wish)
+            expected = (
+                "'simulator' here; abhv-mc import flights TABLE takes flights that were flown"
+            )
+            raise document.error((), "a campaign without a simulator: nothing can fly", expected)
         return self.model.simulator, document.path.parent / self.model.simulator.folder
 
     def find_code(self) -> list[tuple[Path, UserSource]]:
@@ -76,12 +78,12 @@ class ExternalSimulator:
         entries: dict[str, Any] = {SYSTEMS: self.model.systems}
         if self.model.simulator is None:
             return entries
-        place, (simulator, base) = "inputs/simulator", self.find_simulator()
+        target, (simulator, base) = "inputs/simulator", self.find_simulator()
         for name, path in simulator.find_files(base).items():
-            copies[f"{place}/{name}"] = path
+            copies[f"{target}/{name}"] = path
         written = self.experiment.document.entries
-        data = {**written["simulator"], "folder": place}
-        if folders := simulator.find_folders(base):  # the results folder holds files alone
+        data = {**written["simulator"], "folder": target}
+        if folders := simulator.find_folders(base):  # results folders contain only files
             data["files"] = [
                 f"{entry.rstrip('/')}/" if entry in folders else entry for entry in simulator.files
             ]
@@ -98,11 +100,11 @@ class ExternalSimulator:
         check_trusted(source, trusted)
         if self.model.systems.keys() >= set(names):
             return self._make_plans(names, self.model)
-        # flown before, and not asked for now
+        # simulated before, and not requested now
         return self._make_plans(names, read_folder_campaign(CampaignFolder(root)).model)
 
     def _make_plans(self, names: Sequence[str], model: Any) -> dict[str, UserPlan]:
-        """Plans of systems with the settings of ``model``."""
+        """Return plans of systems with the settings of ``model``."""
         (simulator, base), experiment = self.find_simulator(), self.experiment
         ((_, source),) = self.find_code()
         records, keep = experiment.parameters.records, experiment.model.keep
@@ -112,7 +114,10 @@ class ExternalSimulator:
                 controller=name,
                 command=simulator.command or (),
                 folder=str(base.resolve()),
-                files=tuple((at, hashlib.sha256(data).hexdigest()) for at, data in source.files),
+                files=tuple(
+                    (name_in_folder, hashlib.sha256(data).hexdigest())
+                    for name_in_folder, data in source.files
+                ),
                 python=simulator.python or "",
                 settings=json.dumps(model.systems[name]),
                 inputs=tuple(record.name for record in records),
@@ -139,7 +144,7 @@ class ExternalSimulator:
     ) -> Mapping[str, UserPlan]:
         return plans
 
-    def find_stride(self, plan: UserPlan, kept: str) -> int:
+    def find_stride(self, plan: UserPlan, output: str) -> int:
         return 1
 
     def find_warnings(self, plans: Mapping[str, UserPlan]) -> list[str]:
@@ -178,15 +183,18 @@ class ExternalSimulator:
         try:
             Process(plan).end()
         except (LostFlightError, OSError) as error:
-            found, wish = f"{error}{plan.name_undeclared(str(error))}", "a simulator that starts"
-            place = self.experiment.document.key_error(("simulator",), found, wish)
-            raise InputErrors([place]) from None
+            problem, expected = (
+                f"{error}{plan.name_undeclared(str(error))}",
+                "a simulator that starts",
+            )
+            error_in_file = self.experiment.document.key_error(("simulator",), problem, expected)
+            raise InputErrors([error_in_file]) from None
         if self.model.simulator and self.model.simulator.command:
             yield _BY_ORDER
 
 
 class ImportedTable(ExternalSimulator):
-    """Flights that another simulator has computed."""
+    """Flights computed by another simulator."""
 
     origin = "a table"
     capabilities = ExternalSimulator.capabilities._replace(can_rerun=False)
@@ -196,6 +204,6 @@ class ImportedTable(ExternalSimulator):
 
 
 def make_simulator(experiment: Experiment) -> ExternalSimulator:
-    """The simulator of one campaign."""
+    """Return the simulator of one campaign."""
     model: Any = experiment.model
     return (ExternalSimulator if model.simulator else ImportedTable)(experiment, model)

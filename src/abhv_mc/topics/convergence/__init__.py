@@ -1,4 +1,4 @@
-"""How each number of a report settled as flights came in."""
+"""Convergence of each estimate with the number of flights."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -32,13 +32,13 @@ from abhv_mc.topics.section import (
 )
 from abhv_mc.topics.topic import Topic, figures_of
 
-_FEWEST = 100  # flights of a figure: of fewer, the intervals are wider than what settles
-_PARTS = {0.25: "A quarter", 0.5: "Half", 1.0: "All flights"}  # of the flights, in the table
+_FEWEST = 100  # minimum for a figure; with fewer the intervals are wider than the trend
+_PARTS = {0.25: "A quarter", 0.5: "Half", 1.0: "All flights"}  # shares of the flights in the table
 
 
 @dataclass(frozen=True)
 class Settling:
-    """An estimate and its 95 % interval after so many flights, [look]; open ends are infinite."""
+    """Estimate and its 95 % interval after each number of flights [look]; infinite if open."""
 
     value: tuple[float, ...]
     low: tuple[float, ...]
@@ -47,7 +47,7 @@ class Settling:
 
 @dataclass(frozen=True)
 class ControllerSettling:
-    """All estimates of one controller."""
+    """Convergence of all estimates of one controller."""
 
     flights: tuple[int, ...]  # [look]
     metrics: Mapping[str, Mapping[str, Settling]]  # metric -> level
@@ -56,18 +56,23 @@ class ControllerSettling:
 
 @dataclass(frozen=True)
 class Convergence:
-    """Quantiles of every metric and failures of every requirement against the number of flights, in flight order."""
+    """Quantiles of metrics and failures of requirements against the number of flights.
+
+    Flights count in their order.
+    """
 
     controllers: Mapping[str, ControllerSettling]
 
     @property
     def is_drawn(self) -> bool:
         """Return whether there are enough flights for a figure."""
-        return any(max(one.flights, default=0) >= _FEWEST for one in self.controllers.values())
+        return any(
+            max(estimates.flights, default=0) >= _FEWEST for estimates in self.controllers.values()
+        )
 
 
 def compute_convergence(results: FlownCampaign) -> Convergence:
-    """The traces of every controller."""
+    """Return the traces of every controller."""
     return Convergence({name: _of(results, name) for name in results.controllers})
 
 
@@ -87,35 +92,38 @@ def _of(results: FlownCampaign, controller: str) -> ControllerSettling:
 
 
 def _settling(trace: Iterable[Interval], bad: Sense = "high") -> Settling:
-    found = [one.in_sense(bad) for one in trace]
+    estimates = [interval.in_sense(bad) for interval in trace]
     return Settling(
-        *(tuple(getattr(one, part) for one in found) for part in ("value", "low", "high"))
+        *(
+            tuple(getattr(interval, bound) for interval in estimates)
+            for bound in ("value", "low", "high")
+        )
     )
 
 
-def _section(found: Convergence, names: Names) -> Section:
-    words = "How each statistic converged. `report.json` holds these curves for every metric and requirement."
-    if not found.is_drawn:
-        words = f"A figure of how each statistic converged takes {_FEWEST} flights; `report.json` holds the curves."
+def _section(convergence: Convergence, names: Names) -> Section:
+    text = "How each statistic converged. `report.json` holds these curves for every metric and requirement."
+    if not convergence.is_drawn:
+        text = f"A figure of how each statistic converged takes {_FEWEST} flights; `report.json` holds the curves."
     table = Table(
         "Estimates as flights came in",
         ("Quantile", names.campaign.kind.capitalize(), *_PARTS.values()),
-        tuple(_groups(found, names)),
+        tuple(_groups(convergence, names)),
         caption="Estimates as flights came in, with 95 % intervals",
     )
-    items: list[Item] = [Text(words), Picture("convergence")]
+    items: list[Item] = [Text(text), Picture("convergence")]
     items += [table] if table.groups else []
     return Section("How sure", (Fold("How the numbers settled", tuple(items)),))
 
 
-def _groups(found: Convergence, names: Names) -> Iterator[tuple[Row, ...]]:
-    """Yield the rows of each metric that stands first: a quarter, half and all of each controller's flights."""
+def _groups(convergence: Convergence, names: Names) -> Iterator[tuple[Row, ...]]:
+    """Return rows of each leading metric after a quarter, half and all of the flights."""
     for metric in names.asked:
-        level, words = settled_level(found, metric)
+        level, quantile_name = settled_level(convergence, metric)
         rows = []
-        for name, part in found.controllers.items():
-            trace = part.metrics[metric][level]
-            counts = np.array(part.flights)
+        for name, estimates_of in convergence.controllers.items():
+            trace = estimates_of.metrics[metric][level]
+            counts = np.array(estimates_of.flights)
             if not counts.size:
                 continue
             looks = [int(np.abs(counts - share * counts[-1]).argmin()) for share in _PARTS]
@@ -123,15 +131,15 @@ def _groups(found: Convergence, names: Names) -> Iterator[tuple[Row, ...]]:
             rows.append((Cell(names.label(name)), *map(interval_cell, estimates)))
         if rows:
             yield grouped(
-                rows, Cell(f"{names.metrics[metric].label_with_unit}, {words}", head=True)
+                rows, Cell(f"{names.metrics[metric].label_with_unit}, {quantile_name}", head=True)
             )
 
 
-def settled_level(found: Convergence, metric: str) -> tuple[str, str]:
-    """Return the quantile that every controller reached, by its name in the model and in words."""
-    tables = (part.metrics[metric] for part in found.controllers.values())
-    reached = all(bool(np.isfinite(table["q95"].value[-1:]).all()) for table in tables)
-    return ("q95", "95 % quantile") if reached else ("q50", "median")
+def settled_level(convergence: Convergence, metric: str) -> tuple[str, str]:
+    """Return the quantile that every controller reached, as its name and in words."""
+    tables = (trace.metrics[metric] for trace in convergence.controllers.values())
+    is_reached = all(bool(np.isfinite(table["q95"].value[-1:]).all()) for table in tables)
+    return ("q95", "95 % quantile") if is_reached else ("q50", "median")
 
 
 CONVERGENCE = Topic(

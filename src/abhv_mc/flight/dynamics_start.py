@@ -1,0 +1,230 @@
+"""The start of custom dynamics: states whose rates are zero at the trim, solved together with it."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from abhv_mc.array_types import Floats, Ints, Mask
+from abhv_mc.control.design.reference import make_start_trim
+from abhv_mc.control.mission import Mission
+from abhv_mc.io.input_error import InputError
+from abhv_mc.kernel.numerics.quaternion import rotate_meridional
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.state import aligned_zeros, variable_row
+from abhv_mc.kernel.plant.vehicle import Vehicle
+from abhv_mc.kernel.world.atmosphere import atmosphere
+from abhv_mc.kernel.world.earth import gravity_ned
+from abhv_mc.plant.trim import GRAVITY, TrimPoint
+from abhv_mc.user_code.vehicle_functions import (
+    WIDTH,
+    call_loop,
+    compile_functions,
+    find_code,
+    function_line,
+)
+from abhv_mc.vehicle.evaluate import evaluate_fixed, evaluate_tables, make_variables
+from abhv_mc.vehicle.vehicle_code import VehicleCode
+
+MakeState = Callable[[TrimPoint], Floats]
+
+_ITERATIONS = 30
+_STEP = 1e-4  # of a state or of the push, relative, for slopes
+_SMALLEST = 1e-6  # of a state, for the size of that step
+_CONVERGED = 1e-10  # of a Newton step, relative
+_SINGULAR = 1e-12  # singular value of the scaled slopes, of the largest
+_NOTED, _REJECTED = 0.4, 2.0  # |eigenvalue| times step
+
+
+def start_custom(
+    mission: Mission, vehicle: Vehicle, make_state: MakeState, rigid: TrimPoint, step_length: float
+) -> tuple[TrimPoint, Floats, list[str]]:
+    """The trim with the static deflection, the custom states at the start, and warnings about the step.
+
+    ``rigid`` is that of the rigid vehicle; ``make_state`` makes the state of a trim. Raises InputError.
+    """
+    code = find_code(vehicle)
+    if code is None or code.dynamics is None:
+        return rigid, np.zeros(0), []
+    point, push = _StartPoint(mission, vehicle, code, make_state), np.zeros(3)
+    states = np.array([state.start or 0.0 for state in code.states])
+    weight = vehicle.constants.mass_start * GRAVITY
+    scale = weight * np.array([1.0, 1.0, vehicle.constants.chord])
+
+    def left(push: Floats) -> Floats:
+        states[:] = _solve_states(code, point, states, push)
+        return np.asarray(point.evaluate(states, push)[1] - push)
+
+    # What the states push with depends little on the trim, so that Broyden's method is done in a few trims.
+    value, J = left(push), -np.eye(3)
+    for _ in range(_ITERATIONS):
+        if (np.abs(value) <= _CONVERGED * scale).all():
+            break
+        step = -np.linalg.solve(J, value)
+        push = push + step
+        later = left(push)
+        size = step / scale
+        J += np.outer(later - value - J @ step, size / scale) / (size @ size)
+        value = later
+    else:
+        raise _no_equilibrium(code, "states that find no equilibrium with the trim")
+    return point.trim(push), states, _check_step(code, point, states, push, step_length)
+
+
+def _solve_states(code: VehicleCode, point: "_StartPoint", states: Floats, push: Floats) -> Floats:
+    """The states with zero rates at the trim with ``push``, from ``states`` on. Raises InputError."""
+    free, x = np.array([state.start is None for state in code.states]), states.copy()
+    if not free.any():
+        _check_finite(code, point, x, push)
+        return x
+
+    def rates(x: Floats) -> Floats:
+        return point.evaluate(x, push)[0][free]
+
+    for _ in range(_ITERATIONS):
+        _check_finite(code, point, x, push)
+        steps = _STEP * np.maximum(np.abs(x[free]), _SMALLEST)
+        J = _slopes(rates, x, free, steps)
+        _check_equilibrium(code, J, np.flatnonzero(free))
+        change = np.linalg.solve(J, rates(x))
+        x[free] -= change
+        if (np.abs(change) <= _CONVERGED * np.maximum(np.abs(x[free]), _SMALLEST)).all():
+            return x
+    raise _no_equilibrium(code, "states that find no equilibrium at the start of the mission")
+
+
+def _no_equilibrium(code: VehicleCode, found: str) -> InputError:
+    wish = "'start:' in the vehicle file for those that have none"
+    return InputError(_file_of(code), found, wish, function_line(code))
+
+
+def _file_of(code: VehicleCode) -> str:
+    return code.dynamics.file if code.dynamics else ""
+
+
+def _slopes(
+    function: Callable[[Floats], Floats], at: Floats, unknown: Mask, steps: Floats
+) -> Floats:
+    """Slopes [value, unknown] by central differences."""
+    columns = []
+    for i, step in zip(np.flatnonzero(unknown), steps, strict=True):
+        ends = [at.copy(), at.copy()]
+        ends[0][i] += step
+        ends[1][i] -= step
+        columns.append((function(ends[0]) - function(ends[1])) / (2.0 * step))
+    return np.stack(columns, axis=1)
+
+
+def _check_equilibrium(code: VehicleCode, J: Floats, places: Ints) -> None:
+    """Raise InputError, which names the state, if the slopes leave one undetermined."""
+    sizes = np.abs(J).max(axis=1, keepdims=True)
+    scaled = J / np.where(sizes > 0.0, sizes, 1.0)
+    _, singular, rows = np.linalg.svd(scaled / np.linalg.norm(scaled, axis=0).clip(1e-300))
+    if singular[-1] > _SINGULAR * singular[0]:
+        return
+    state = code.states[int(places[np.abs(rows[-1]).argmax()])]
+    raise InputError(
+        _file_of(code),
+        f"the state '{state.name}', which has no equilibrium at the start of the mission",
+        f"{state.name}: {{unit: {state.unit}, start: ...}} in the vehicle file",
+        function_line(code),
+    )
+
+
+def _check_finite(code: VehicleCode, point: "_StartPoint", states: Floats, push: Floats) -> None:
+    """Raise InputError for a rate, force or moment that is not a number at the start."""
+    rates, made = point.evaluate(states, push)
+    if np.isfinite(rates).all() and np.isfinite(made).all():
+        return
+    wrong = [state.name for state, rate in zip(code.states, rates, strict=True) if rate - rate != 0]
+    found = f"a rate of '{wrong[0]}'" if wrong else "a force or moment"
+    words = f"{found} that is not finite at the start"
+    raise InputError(_file_of(code), words, "finite numbers", function_line(code))
+
+
+def _check_step(
+    code: VehicleCode, point: "_StartPoint", states: Floats, push: Floats, step: float
+) -> list[str]:
+    """Warnings for eigenvalues that the integrator's step hardly follows. Raise InputError beyond its stability."""
+    steps = _STEP * np.maximum(np.abs(states), _SMALLEST)
+    free = np.ones(len(states), bool)
+    J = _slopes(lambda x: point.evaluate(x, push)[0], states, free, steps)
+    fastest = float(np.abs(np.linalg.eigvals(J)).max())
+    words = f"an eigenvalue of {fastest:.3g} rad/s at a step of {1e3 * step:g} ms"
+    longest = f"{1e3 * _NOTED / fastest:.2g} ms" if fastest > 0.0 else ""
+    if fastest * step > _REJECTED:
+        expected = f"'step:' in the mission of at most {longest}"
+        found = f"custom dynamics with {words}"
+        raise InputError(_file_of(code), found, expected, function_line(code))
+    if fastest * step <= _NOTED:
+        return []
+    return [
+        f"the custom dynamics have {words}, which adds damping: a step of at most {longest} follows them"
+    ]
+
+
+class _StartPoint:
+    """The user's function at the start of a mission, given the states and what they push with."""
+
+    def __init__(
+        self, mission: Mission, vehicle: Vehicle, code: VehicleCode, make_state: MakeState
+    ) -> None:
+        self.mission, self.vehicle = mission, vehicle
+        self.loop = compile_functions(code, WIDTH).dynamics
+        self.make_state, self.states = make_state, len(code.states)
+        self.trims: dict[bytes, TrimPoint] = {}
+
+    def trim(self, push: Floats) -> TrimPoint:
+        """The trim of the vehicle that is pushed so."""
+        if push.tobytes() not in self.trims:
+            x, z, moment = push.tolist()
+            self.trims[push.tobytes()] = make_start_trim(self.mission, self.vehicle, (x, z, moment))
+        return self.trims[push.tobytes()]
+
+    def evaluate(self, states: Floats, push: Floats) -> tuple[Floats, Floats]:
+        """Rates of the states, and the push along body x and z and about y, at the trim with ``push``."""
+        trim, start = self.trim(push), self.mission.start
+        x, alpha, mass = (
+            self.make_state(trim),
+            trim.angle_of_attack,
+            self.vehicle.constants.mass_start,
+        )
+        around = gravity_ned(
+            self.mission.make_earth(),
+            start.altitude,
+            math.sin(start.latitude),
+            math.cos(start.latitude),
+        )
+        q0, q1, q2, q3 = x[s.Q0 : s.Q3 + 1].tolist()
+        gravity = rotate_meridional(q0, q1, q2, q3, around[0], around[1])
+        # Of all forces but the push: what the trim needs without it.
+        force_x = trim.forward * math.cos(alpha) + trim.upward * math.sin(alpha) - push[0]
+        force_z = trim.forward * math.sin(alpha) - trim.upward * math.cos(alpha) - push[1]
+        variables = make_variables(
+            self.vehicle,
+            mach=trim.mach,
+            angle_of_attack=alpha,
+            elevator=trim.elevator,
+            equivalence_ratio=trim.equivalence_ratio,
+            altitude=start.altitude,
+            mass=mass,
+        )
+        fixed = evaluate_fixed(
+            self.vehicle, variables, evaluate_tables(self.vehicle.tables, variables)
+        )
+        Z = aligned_zeros((s.LAW, WIDTH))
+        Z[s.VAR : s.VAR + len(variables)] = variables[:, :1]
+        Z[s.AIRSPEED] = start.speed
+        Z[s.RHO] = 2.0 * trim.dynamic_pressure / start.speed**2
+        Z[variable_row("mach")] = start.speed / atmosphere(start.altitude)[3]
+        Z[s.MOTION : s.MOTION_ACCELERATION] = x[s.U : s.MASS + 1, None]
+        acceleration = np.array([force_x / mass, 0.0, force_z / mass]) + gravity
+        Z[s.MOTION_ACCELERATION : s.ANGULAR_ACCELERATION] = acceleration[:, None]
+        Z[s.ANGULAR_ACCELERATION + 1] = -push[2] / float(fixed["inertia_yy"][0])
+        Z[s.GRAVITY : s.GRAVITY + 3] = np.array(gravity)[:, None]
+        Z[s.CUSTOM_STAGE : s.CUSTOM_STAGE + self.states] = states[:, None]
+        settings = self.vehicle.foreign.settings
+        Z[s.SETTING : s.SETTING + settings.size] = settings[:, None]
+        call_loop(self.loop, Z, settings)
+        made = Z[[s.CUSTOM_FORCE, s.CUSTOM_FORCE + 2, s.CUSTOM_MOMENT + 1], 0]
+        return Z[s.CUSTOM_RATE : s.CUSTOM_RATE + self.states, 0].copy(), made

@@ -1,0 +1,98 @@
+"""Custom dynamics of a vehicle: states of the user's function, integrated with the vehicle by the same method.
+
+The function is called once a stage, after all other forces, and sees the acceleration that these cause. Its force and
+moment are added to the derivatives, which are linear in them.
+"""
+
+from abhv_mc.kernel.jit import lanes
+from abhv_mc.kernel.jit_pointer import call_address
+from abhv_mc.kernel.numerics.lane_math import reciprocals
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.equations import angular_acceleration
+from abhv_mc.kernel.plant.foreign import DISPERSED, add_derivative
+from abhv_mc.kernel.plant.state import N_PARAMETERS, N_STATES, XS
+
+_N_MOTION = s.MASS - s.U + 1  # velocity, attitude, rates and mass
+
+
+@lanes
+def start_states(Z, width, states, settings, initial_state):
+    """States at the start of a flight, with their initial dispersions, which follow the settings."""
+    for i in range(states):
+        for lane in range(width):
+            start = initial_state[N_STATES + i] + Z[s.SETTING + settings + i, lane]
+            Z[s.CUSTOM_STATE + i, lane], Z[s.CUSTOM_STAGE + i, lane] = start, start
+
+
+@lanes
+def load_settings(Z, width, parameters, flights, n):
+    """Settings and initial dispersions of each flight, which are the columns behind the parameters."""
+    for lane in range(width):
+        flight = flights[min(lane, n - 1)]
+        for i in range(parameters.shape[1] - N_PARAMETERS):
+            Z[s.SETTING + i, lane] = parameters[flight, N_PARAMETERS + i]
+
+
+@lanes
+def keep_motion(Z, width):
+    """Keep the motion of the stage for the function; the equations of motion put the next stage's in its place."""
+    for i in range(_N_MOTION):
+        for lane in range(width):
+            Z[s.MOTION + i, lane] = Z[XS + s.U + i, lane]
+
+
+@lanes
+def run_dynamics(Z, width, vehicle, user_code, stage):
+    """Call the function; add its force and moment to the vehicle, and its rates to the integrator's sums."""
+    for i in range(3):
+        for lane in range(width):
+            Z[s.MOTION_ACCELERATION + i, lane] = Z[s.SPECIFIC_X + i, lane] + Z[s.GRAVITY + i, lane]
+    given = vehicle.foreign.settings
+    call_address(user_code.dynamics, 0, Z, given, given, given, DISPERSED, 0.0)
+    for lane in range(width):
+        per_mass, _ = reciprocals(Z[s.MOTION + _N_MOTION - 1, lane], 1.0)
+        for i in range(3):
+            specific = Z[s.CUSTOM_FORCE + i, lane] * per_mass
+            Z[s.SPECIFIC_X + i, lane] += specific
+            add_derivative(Z, lane, s.U + i, specific, stage)
+        p_dot, q_dot, r_dot = angular_acceleration(
+            Z[s.INERTIA_XX, lane] * Z[s.K_XX, lane],
+            Z[s.INERTIA_YY, lane] * Z[s.K_YY, lane],
+            Z[s.INERTIA_ZZ, lane] * Z[s.K_ZZ, lane],
+            Z[s.INERTIA_13, lane] * Z[s.K_13, lane],
+            0.0,
+            0.0,
+            0.0,
+            Z[s.CUSTOM_MOMENT, lane],
+            Z[s.CUSTOM_MOMENT + 1, lane],
+            Z[s.CUSTOM_MOMENT + 2, lane],
+        )
+        add_derivative(Z, lane, s.ROLL_RATE, p_dot, stage)
+        add_derivative(Z, lane, s.PITCH_RATE, q_dot, stage)
+        add_derivative(Z, lane, s.YAW_RATE, r_dot, stage)
+    for i in range(vehicle.foreign.states):
+        for lane in range(width):
+            rate = Z[s.CUSTOM_RATE + i, lane]
+            Z[s.CUSTOM_SUM + i, lane] += stage.weight * rate
+            Z[s.CUSTOM_STAGE + i, lane] = Z[s.CUSTOM_STATE + i, lane] + stage.ahead * rate
+
+
+@lanes
+def finish_states(Z, width, states, step, alive):
+    """States after the step. A flight that has ended (``alive`` 0) keeps its own."""
+    sixth = step / 6.0
+    for i in range(states):
+        for lane in range(width):
+            before = Z[s.CUSTOM_STATE + i, lane]
+            after = before + sixth * Z[s.CUSTOM_SUM + i, lane]
+            kept = after if alive[lane] > 0.0 else before
+            Z[s.CUSTOM_SUM + i, lane] = 0.0
+            Z[s.CUSTOM_STATE + i, lane], Z[s.CUSTOM_STAGE + i, lane] = kept, kept
+
+
+@lanes
+def add_sensed(Z, width, measured):
+    """Add to the first ``measured`` quantities what the function says that sensors feel of its states."""
+    for i in range(measured):
+        for lane in range(width):
+            Z[s.MEASURED + i, lane] += Z[s.SENSED + i, lane]

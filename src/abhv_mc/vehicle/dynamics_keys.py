@@ -1,0 +1,62 @@
+"""Custom dynamics in the vehicle file: states of a Python function that are integrated with the vehicle."""
+
+import keyword
+from typing import Annotated
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from abhv_mc.io.documents import File, Refusal, StrictModel, describe
+from abhv_mc.io.units import dimension_of, parse_any, parse_quantity
+from abhv_mc.kernel.plant.state import MAX_STATES
+
+Number = float | str
+
+
+class CustomState(StrictModel):
+    """One state: its unit, and its start if it has no equilibrium."""
+
+    unit: str = Field(description="SI unit, such as m, rad/s or K; - for a number")
+    start: Number | None = Field(
+        default=None, description="value at the start; left out: the equilibrium at the trim"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> "CustomState":
+        dimension_of(self.unit)
+        if self.start is not None:
+            parse_quantity(self.start, dimension_of(self.unit))
+        return self
+
+
+def _state(value: object) -> object:
+    return {"unit": value} if isinstance(value, str) else value
+
+
+class Dynamics(StrictModel):
+    """States that are integrated with the vehicle, push it, and are felt by its sensors."""
+
+    file: File = Field(
+        description="Python file with one function that is marked with dynamics, relative to this file"
+    )
+    states: dict[
+        str,
+        Annotated[CustomState, BeforeValidator(_state, json_schema_input_type=str | CustomState)],
+    ] = Field(min_length=1, max_length=MAX_STATES, description="units of the states by name")
+    settings: dict[str, Number] = Field(
+        default_factory=dict, description="numbers that the function is given, dispersible"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> "Dynamics":
+        for key in ("states", "settings"):
+            for name in getattr(self, key):
+                if not name.isidentifier() or keyword.iskeyword(name) or name.startswith("_"):
+                    raise Refusal(
+                        f"the name {describe(name)}", "a word such as mode_1", (key, name)
+                    )
+        for name, value in self.settings.items():
+            try:
+                parse_any(value)
+            except Refusal as refusal:
+                raise Refusal(refusal.found, refusal.expected, ("settings", name)) from None
+        return self
