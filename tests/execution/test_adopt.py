@@ -151,7 +151,7 @@ def test_tables_and_campaigns_that_do_not_fit_are_refused(flown: Path, tmp_path:
         ("a third table", lambda: adopt_tables([flown] * 3, asked(tmp_path), out)),
         ("2 columns 'altitude_min'", lambda: adopt_table(twice, asked(tmp_path), out)),
         ("a campaign whose flights abhv-mc computes", lambda: adopt_table(flown, flies, out)),
-        ("adopt", lambda: run_campaign(Request(asked(tmp_path, runs=300), out))),
+        ("import flights", lambda: run_campaign(Request(asked(tmp_path, runs=300), out))),
     ):
         with pytest.raises(InputError, match=words):
             ask()

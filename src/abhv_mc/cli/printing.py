@@ -185,12 +185,10 @@ def print_section_table(table: "SectionTable") -> None:
             if any(cell.columns > 1 for cell in cells):
                 notes.append(": ".join(dict.fromkeys(row)))
                 continue
-            shown = [row[k].strip("`") for k in kept]
-            if (
-                number and group[0][0].rows > number
-            ):  # the group's first cell stands in its first row
-                shown[0] = ""
-            drawn.add_row(*shown)
+            # A cell that stands for several rows is printed in its first one.
+            spans = [cell.rows for cell in group[0]]
+            spans += [1] * (len(table.heads) - len(spans))
+            drawn.add_row(*("" if 0 < number < spans[k] else row[k].strip("`") for k in kept))
     is_grouped = any(group[0][0].rows > 1 for group in table.groups if group)
     print_table(drawn, keys=1 + (is_grouped and len(kept) > 2))
     say(*notes, sep="\n", end="\n" * bool(notes))

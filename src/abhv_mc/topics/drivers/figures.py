@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -96,7 +97,12 @@ def plot_tornado(charts: Sequence[Tornado], labels: Mapping[str, str]) -> Figure
     for axes, chart in zip(grid.flat, charts, strict=False):
         _draw_panel(axes, chart, colors)
     entries = [Line2D([], [], color=color, linewidth=3.0) for color in colors]
-    open_mark = {"color": INK, "marker": "o", "markersize": 4.0, "linestyle": "none"}
+    open_mark: dict[str, Any] = {
+        "color": INK,
+        "marker": "o",
+        "markersize": 4.0,
+        "linestyle": "none",
+    }
     entries += [Line2D([], [], markerfacecolor="white", **open_mark), Line2D([], [], **open_mark)]
     put_legend(figure, entries, [*labels.values(), "lowest tenth", "highest tenth"])
     return figure
