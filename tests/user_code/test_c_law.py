@@ -114,7 +114,7 @@ def test_lqr_in_c_is_the_built_in_lqr_to_the_bit_and_has_its_margins(repository)
 
 
 def test_a_law_with_a_state_does_not_depend_on_lanes_company_or_compaction_and_is_linearised(make):
-    """The same holds for its twin in Python."""
+    """A version in plain Python behaves identically."""
     seconds = 5.5  # past a compaction
     plan, python = make(PLAIN, seconds), make(PYTHON, seconds)
     parameters = disperse(300)  # more than share a compaction

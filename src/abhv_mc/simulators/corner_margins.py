@@ -30,9 +30,9 @@ def make_corners(campaign: Experiment) -> Floats:
     else:
         sides = np.random.default_rng(campaign.model.seed).integers(0, 2, (_SOME, count))
     values = ends[np.arange(count), sides]
-    nominal, known = campaign.parameters.nominal[None], campaign.parameters
+    nominal, parameters = campaign.parameters.nominal[None], campaign.parameters
     return (
-        np.vstack([nominal, full_rows(campaign.names, values, campaign.derived, known)])
+        np.vstack([nominal, full_rows(campaign.names, values, campaign.derived, parameters)])
         if count
         else nominal
     )

@@ -84,9 +84,9 @@ class VehicleSimulator:
         from abhv_mc.simulators.make_plans import check_rows
 
         varied = {*self.experiment.names, *names}
-        derived, known = self.experiment.derived, self.experiment.parameters
+        derived, parameters = self.experiment.derived, self.experiment.parameters
         for plan in plans.values():
-            check_rows(plan, full_rows(names, rows, derived, known))
+            check_rows(plan, full_rows(names, rows, derived, parameters))
         return {name: plan.lean_for(varied) for name, plan in plans.items()}
 
     def find_stride(self, plan: FlightPlan, output: str) -> int:
