@@ -1,4 +1,4 @@
-"""Why a flight failed: the smallest set of its dispersions that still fails with all others nominal."""
+"""Smallest set of dispersions that makes a flight fail, all others nominal."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,12 +23,12 @@ from abhv_mc.plant.parameters import OURS, Parameters
 from abhv_mc.simulators.engine import make_ready, simulate
 from abhv_mc.simulators.stored_plans import open_flown
 
-_MOST_SAMPLES = 10_000  # flights that tell how unusual a value is
+_MOST_SAMPLES = 10_000  # flights from which the rarity of a value is estimated
 
 
 @dataclass(frozen=True)
 class Failure:
-    """What counts as failing: ending early, or missing one requirement."""
+    """Failure criterion: early termination, or one missed requirement."""
 
     requirement: Requirement | None
     column: int = 0  # of its metric
@@ -41,11 +41,14 @@ class Failure:
 
     @property
     def of_margin(self) -> bool:
-        """Whether it is a stability margin that was missed."""
+        """True if a stability margin was missed."""
         return self.requirement is not None and self.requirement.metric in MARGIN_NAMES
 
     def severity(self, outcome: NDArray[np.int64], end_time: Floats, metrics: Floats) -> Floats:
-        """How badly flights fail, larger being worse; -inf where they do not. ``metrics`` is [flight, metric]."""
+        """Return the severity of failures [flight], -inf without failure.
+
+        `metrics` is [flight, metric].
+        """
         early = outcome != Outcome.OK
         if self.requirement is None:
             return np.where(early, -end_time, -np.inf)
@@ -57,7 +60,7 @@ class Failure:
 
 @dataclass(frozen=True)
 class Explanation:
-    """The smallest set of dispersions with which a flight still fails."""
+    """Smallest set of dispersions that makes a flight fail."""
 
     controller: str
     flight: int
@@ -67,7 +70,7 @@ class Explanation:
     causes: tuple[str, ...]  # those that suffice; empty where the nominal flight fails, too
     others: tuple[tuple[str, ...], ...]  # other sets of the same size that fail
     smallest: bool  # no smaller set fails; else: none of the causes can be left out
-    tried: int  # flights flown to find it
+    tried: int  # flights simulated for the analysis
     rows: Floats  # [flight, dispersion] nominal, with the causes alone, as flown
     block: FlightBlock  # those three flights
     known: Parameters = OURS
@@ -82,32 +85,33 @@ def explain_flight(
     every: int = 1,
     trust_code: bool = False,
 ) -> Explanation:
-    """Shrink the dispersions of a failing flight of the campaign in ``root`` to those that it takes to fail.
+    """Shrink the dispersions of a failed flight to those that are needed to fail.
 
-    ``requirement`` names the metric of the requirement to explain; by default it is the early end of the flight, or
-    else the first requirement that it missed. Raises InputError for a flight that is not there or did not fail.
+    `root` is the campaign's folder. `requirement` names the metric of the requirement to explain;
+    the default is an early termination, or else the first missed requirement. Raise InputError if
+    the flight does not exist or did not fail.
     """
     folder = CampaignFolder(root)
     campaign = open_flown(folder, [controller], trust_code)
     (row,) = find_rows(folder, controller, [flight])
     failure = find_failure(root, campaign, row, requirement)
     campaign, margins = with_margins(campaign, controller, [failure])
-    (found,) = smallest_sets(
+    (shrunk,) = smallest_sets(
         folder, campaign, controller, row.samples, [failure], fly=fly, margins=margins
     )
-    if found is None:
+    if shrunk is None:
         again = simulate(campaign, controller, row.samples, None, fly, margins=margins)
         if again.outcome[0] == Outcome.FAILED_TO_RUN:
             reason = again.reasons.get(0, "no reason is known")
             raise InputError(root, f"flight {flight} failed to run: {reason}", "a flight that runs")
-        wish = "the version of the program that flew it (see manifest.json)"
-        raise InputError(root, f"a flight {flight} that does not fail when flown again", wish)
+        expected = "the version of the program that flew it (see manifest.json)"
+        raise InputError(root, f"a flight {flight} that does not fail when flown again", expected)
     names = campaign.dimensions
     nominal, values, seeds = (
         campaign.parameters.nominal_of(names),
         *np.split(row.samples[0], [len(names)]),
     )
-    sets = [tuple(names[i] for i in members) for members in found.sets]
+    sets = [tuple(names[i] for i in members) for members in shrunk.sets]
     alone = np.isin(names, sets[0])
     flown = campaign.outcomes.numbers[row.outcome[0]]
     rows = np.stack([nominal, np.where(alone, values, nominal), values])
@@ -119,8 +123,8 @@ def explain_flight(
         dict(zip(names, values.tolist(), strict=True)),
         sets[0],
         tuple(sets[1:]),
-        found.smallest,
-        found.tried,
+        shrunk.smallest,
+        shrunk.tried,
         rows,
         simulate(
             campaign,
@@ -137,7 +141,7 @@ def explain_flight(
 def with_margins(
     campaign: Experiment, controller: str, failures: Sequence[Failure]
 ) -> tuple[Experiment, bool]:
-    """The campaign ready to fly such failures again, and whether with the margins of each flight."""
+    """Return the campaign ready to re-run failures, and whether it includes margins."""
     if not any(failure.of_margin for failure in failures):
         return campaign, False
     return make_ready(campaign, {controller: campaign.systems[controller].plan}, margins=True), True
@@ -154,7 +158,10 @@ def smallest_sets(
     margins: bool,
     budget: int = BUDGET,
 ) -> list[Shrunk | None]:
-    """The smallest sets of dispersions with which each flight ``[failure, parameter]`` still fails as it did."""
+    """Return the smallest sets of dispersions that make each flight fail.
+
+    `samples` is [failure, parameter].
+    """
     names = campaign.dimensions
     nominal, values, seeds = (
         campaign.parameters.nominal_of(names),
@@ -166,51 +173,59 @@ def smallest_sets(
             [np.where(keep, values[owners], nominal), seeds[owners]]
         )  # the noise is as it was flown
         block = simulate(campaign, controller, rows, None, fly, margins=margins)
-        found = np.full(owners.size, -np.inf)
-        for who in np.unique(owners).tolist():
-            its = owners == who
-            found[its] = failures[who].severity(
-                block.outcome[its], block.end_time[its], block.metrics[its]
+        severities = np.full(owners.size, -np.inf)
+        for index in np.unique(owners).tolist():
+            mask = owners == index
+            severities[mask] = failures[index].severity(
+                block.outcome[mask], block.end_time[mask], block.metrics[mask]
             )
-        return np.where(block.outcome == Outcome.FAILED_TO_RUN, -np.inf, found)
+        return np.where(block.outcome == Outcome.FAILED_TO_RUN, -np.inf, severities)
 
     drawn = SampleReader(folder.samples)
-    return shrink(len(names), severity, [mildest_first(drawn, each) for each in values], budget)
+    return shrink(len(names), severity, [mildest_first(drawn, row) for row in values], budget)
 
 
-def find_failure(root: Path, campaign: Experiment, row: FlightRows, asked: str | None) -> Failure:
-    """What to explain of a flight: its early end, else the first requirement that it missed, or the one ``asked``."""
+def find_failure(
+    root: Path, campaign: Experiment, row: FlightRows, requirement: str | None
+) -> Failure:
+    """Return the early termination, the first missed requirement, or the required one.
+
+    Raise InputError if the flight did not fail in this way.
+    """
     outcome = campaign.outcomes.numbers[row.outcome[0]]
     if outcome == Outcome.FAILED_TO_RUN:
-        found = f"flight {row.first}, which could not be computed"
-        raise InputError(root, found, "a flight that was flown")
-    places = [i for i, name in enumerate(row.columns) if name != END_TIME.name]  # margins follow it
-    columns = [row.columns[i] for i in places]
-    state = np.array([outcome]), row.end_time, row.values[:, places]
+        problem = f"flight {row.first}, which could not be computed"
+        raise InputError(root, problem, "a flight that was flown")
+    positions = [
+        i for i, name in enumerate(row.columns) if name != END_TIME.name
+    ]  # margins follow it
+    columns = [row.columns[i] for i in positions]
+    state = np.array([outcome]), row.end_time, row.values[:, positions]
     metrics = [item.metric for item in campaign.requirements]
-    if asked is not None and asked not in metrics:
-        found = f"no requirement on '{asked}'"
+    if requirement is not None and requirement not in metrics:
+        problem = f"no requirement on '{requirement}'"
         raise InputError(
-            "--requirement", found, one_of(metrics, asked) if metrics else "no requirement"
+            "--requirement", problem, one_of(metrics, requirement) if metrics else "no requirement"
         )
     failures = [
         Failure(item, columns.index(item.metric))
         for item in campaign.requirements
-        if asked in (None, item.metric)
+        if requirement in (None, item.metric)
     ]
-    for failure in failures if asked is not None else [Failure(None), *failures]:
+    for failure in failures if requirement is not None else [Failure(None), *failures]:
         if failure.severity(*state)[0] > -np.inf:
             return failure
-    found = f"flight {row.first} of {row.controller}, which {f'kept {asked}' if asked else 'did not fail'}"
+    reason = f"kept {requirement}" if requirement else "did not fail"
+    problem = f"flight {row.first} of {row.controller}, which {reason}"
     raise InputError(
         root,
-        found,
+        problem,
         "a flight that ended early or missed a requirement, of the controller that you name",
     )
 
 
 def mildest_first(samples: SampleReader, values: Floats) -> NDArray[np.intp]:
-    """The parameters, those whose values are the most usual among the campaign's first."""
+    """Return parameter indices, those with the most common values first."""
     drawn = samples.rows(0, min(samples.flights, _MOST_SAMPLES))[:, : values.size]
     middle = np.median(drawn, axis=0)  # infinite where most flights are without a failure
 

@@ -1,4 +1,4 @@
-"""A map of a campaign's failures: the few dispersions with which its failed flights still fail, none of them spare."""
+"""Failure map of a campaign: groups of flights that fail with the same few dispersions."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,26 +19,25 @@ from abhv_mc.interfaces import Engine, Fly
 from abhv_mc.io.documents import InputError
 from abhv_mc.simulators.stored_plans import open_flown
 
-MOST_CAUSES = (
-    3  # of a set that explains a flight, none of which can be left out; larger ones say little
-)
+MOST_CAUSES = 3  # dispersions of a set that explains a flight; larger sets are not informative
 
 
 @dataclass(frozen=True)
 class Cause:
-    """A set of inputs, each on one side, and the failures (numbers in the list given) that it is enough for."""
+    """Set of inputs with their signs, and the failures (indices) that it explains."""
 
     inputs: tuple[int, ...]
     high: tuple[bool, ...]  # on which side of nominal each is
     failures: tuple[int, ...]
 
 
-def group_failures(found: Sequence[Shrunk | None], high: Mask) -> list[Cause]:
-    """Causes, those of most failures first; of failures that no small set explains there is none.
+def group_failures(explanations: Sequence[Shrunk | None], high: Mask) -> list[Cause]:
+    """Return causes, those of most failures first; unexplained failures have none.
 
-    ``high`` says which inputs lie above nominal, ``[failure, input]``: too much of one is another cause than too
-    little. Where several sets are enough for a failure it goes to the one that explains most failures (greedy
-    set cover): a set that is the smallest for one flight alone is often a border case of another's cause.
+    `high` [failure, input] is the mask of inputs above nominal: too large and too small are
+    different causes. If several sets explain a failure, it is assigned to the one that explains
+    most failures (greedy set cover), because the smallest set of a single flight is often a border
+    case of another cause.
     """
     sets = {
         failure: {
@@ -46,7 +45,7 @@ def group_failures(found: Sequence[Shrunk | None], high: Mask) -> list[Cause]:
             for members in shrunk.sets
             if 0 < len(members) <= MOST_CAUSES
         }
-        for failure, shrunk in enumerate(found)
+        for failure, shrunk in enumerate(explanations)
         if shrunk is not None
     }
     left = {failure for failure, members in sets.items() if members}
@@ -69,7 +68,7 @@ _BUDGET = 400  # sets tried in order of size for a flight: all pairs of up to 27
 
 @dataclass(frozen=True)
 class Dispersed:
-    """One dispersion of a set that suffices, and its values in the flights; SI."""
+    """Dispersion of a cause with its values in the flights, in SI units."""
 
     parameter: str
     high: bool  # above nominal in all of them; else below
@@ -80,7 +79,7 @@ class Dispersed:
 
 @dataclass(frozen=True)
 class FailureGroup:
-    """Flights that fail in the same way with the same set of dispersions alone."""
+    """Flights that fail in the same way with the same set of dispersions."""
 
     failure: str  # in words
     dispersions: tuple[Dispersed, ...]
@@ -89,17 +88,17 @@ class FailureGroup:
 
 @dataclass(frozen=True)
 class ControllerFailures:
-    """What was found of one controller."""
+    """Failure groups of one controller."""
 
-    failed: int  # flights that ended early or missed a requirement, those not looked at among them
-    groups: tuple[FailureGroup, ...]  # each way to fail by itself, the groups of most flights first
+    failed: int  # flights that ended early or missed a requirement, including those not analysed
+    groups: tuple[FailureGroup, ...]  # by kind of failure, largest groups first
     nominal: tuple[int, ...]  # flights that fail with nothing dispersed
     unexplained: tuple[int, ...]  # flights for which no small set was found
-    tried: int  # flights flown to find it
+    tried: int  # flights simulated for the analysis
 
     @property
     def looked_at(self) -> int:
-        """Flights that were shrunk."""
+        """Number of analysed flights."""
         return (
             sum(len(group.flights) for group in self.groups)
             + len(self.nominal)
@@ -109,7 +108,7 @@ class ControllerFailures:
 
 @dataclass(frozen=True)
 class FailureMap:
-    """The map of a campaign whose flights have this digest."""
+    """Failure map of a campaign with the digest of its flights."""
 
     digest: str
     controllers: dict[str, ControllerFailures]
@@ -124,18 +123,18 @@ def map_failures(
     engine: Engine | None = None,
     trust_code: bool = False,
 ) -> FailureMap:
-    """Shrink the dispersions of each controller's first ``MOST_FLIGHTS`` failed flights, and group what is left."""
+    """Shrink the dispersions of each controller's first MOST_FLIGHTS failures and group them."""
     folder = CampaignFolder(root)
     campaign = open_flown(folder, failed, trust_code)
-    found = {}
+    controllers = {}
     with open_executor(
         engine or campaign.simulator.engine, campaign.model.execution, None
     ) as executor:
         for name, flights in failed.items():
-            found[name] = _map_controller(
+            controllers[name] = _map_controller(
                 folder, campaign, name, flights, executor.fly_side_by_side
             )
-    return FailureMap(str(read_manifest(folder.manifest).digest), found)
+    return FailureMap(str(read_manifest(folder.manifest).digest), controllers)
 
 
 def _map_controller(
@@ -153,19 +152,25 @@ def _map_controller(
         return ControllerFailures(0, (), (), (), 0)
     campaign, margins = with_margins(campaign, controller, failures)
     samples = np.concatenate([row.samples for row in rows])
-    found = smallest_sets(
+    explanations = smallest_sets(
         folder, campaign, controller, samples, failures, fly=fly, margins=margins, budget=_BUDGET
     )
     values = samples[:, : len(names)]
-    groups, told = _group(names, flights, failures, values, values > nominal, found=found)
+    groups, grouped = _group(names, flights, failures, values, values > nominal, found=explanations)
     bare = tuple(
         flight
-        for flight, each in zip(flights, found, strict=True)
-        if each is not None and () in each.sets
+        for flight, explanation in zip(flights, explanations, strict=True)
+        if explanation is not None and () in explanation.sets
     )
-    rest = tuple(flight for flight in flights if flight not in told and flight not in bare)
+    unexplained = tuple(
+        flight for flight in flights if flight not in grouped and flight not in bare
+    )
     return ControllerFailures(
-        len(failed), groups, bare, rest, sum(each.tried for each in found if each)
+        len(failed),
+        groups,
+        bare,
+        unexplained,
+        sum(explanation.tried for explanation in explanations if explanation),
     )
 
 
@@ -176,40 +181,40 @@ def _group(
     values: Floats,
     high: Mask,
     *,
-    found: Sequence[Shrunk | None],
+    explanations: Sequence[Shrunk | None],
 ) -> tuple[tuple[FailureGroup, ...], set[int]]:
-    """Groups for each way to fail by itself, and the flights in them."""
+    """Return groups for each kind of failure, and the flights in them."""
     groups = []
-    for words in dict.fromkeys(failure.words for failure in failures):
-        members = [k for k, failure in enumerate(failures) if failure.words == words]
-        for cause in group_failures([found[k] for k in members], high[members]):
+    for description in dict.fromkeys(failure.words for failure in failures):
+        members = [k for k, failure in enumerate(failures) if failure.words == description]
+        for cause in group_failures([explanations[k] for k in members], high[members]):
             rows = [members[k] for k in cause.failures]
             low, middle, top = np.quantile(
                 values[np.ix_(rows, cause.inputs)], (0.0, 0.5, 1.0), axis=0
             ).tolist()
             ends = zip(low, middle, top, strict=True)
-            held = zip((names[i] for i in cause.inputs), cause.high, ends, strict=True)
-            dispersions = tuple(Dispersed(name, side, *three) for name, side, three in held)
-            groups.append(FailureGroup(words, dispersions, tuple(flights[k] for k in rows)))
+            columns = zip((names[i] for i in cause.inputs), cause.high, ends, strict=True)
+            dispersions = tuple(Dispersed(name, side, *three) for name, side, three in columns)
+            groups.append(FailureGroup(description, dispersions, tuple(flights[k] for k in rows)))
     return tuple(groups), {flight for group in groups for flight in group.flights}
 
 
-def write_map(root: Path, found: FailureMap) -> Path:
-    """Keep it in the campaign's folder, where the report finds it; the path."""
+def write_map(root: Path, failure_map: FailureMap) -> Path:
+    """Write the map into the campaign's folder for the report; return its path."""
     path = CampaignFolder(root).failure_map
     path.parent.mkdir(exist_ok=True)
-    write_bytes(path, _ADAPTER.dump_json(found, indent=1) + b"\n")
+    write_bytes(path, _ADAPTER.dump_json(failure_map, indent=1) + b"\n")
     return path
 
 
 def read_map(root: Path, digest: str | None) -> FailureMap | None:
-    """The map that a folder keeps; None where there is none of the flights with this digest."""
+    """Return the map in a folder, or None if there is none with this digest."""
     path = CampaignFolder(root).failure_map
     if not path.is_file():
         return None
     try:
-        found = _ADAPTER.validate_json(path.read_bytes())
+        failure_map = _ADAPTER.validate_json(path.read_bytes())
     except ValidationError as error:
         expected = f"what 'abhv-mc explain {root} --all' writes; it makes it again"
         raise InputError(path, str(error.errors()[0]["msg"]), expected) from None
-    return found if found.digest == digest else None
+    return failure_map if failure_map.digest == digest else None

@@ -40,15 +40,15 @@ _FREQUENCIES = 1000
 
 
 class Place(NamedTuple):
-    """Where a flight is linearized."""
+    """Point at which a flight is linearized."""
 
-    plan: "FlightPlan"  # whose reference and gains belong to the point
-    points: "Points"  # one
-    warnings: list[str]  # where it is doubtful
+    plan: "FlightPlan"  # with the reference and gains of the point
+    points: "Points"  # a single point
+    warnings: list[str]
 
 
 class StateSpace(NamedTuple):
-    """A linear system: tables with the names of states, inputs and outputs, ``attrs["units"]`` by name."""
+    """Linear system as tables with names; ``attrs["units"]`` holds the units by name."""
 
     A: "pd.DataFrame"  # [state, state]
     B: "pd.DataFrame"  # [state, input]
@@ -58,9 +58,10 @@ class StateSpace(NamedTuple):
 
 @dataclass(frozen=True)
 class LinearModel:
-    """The flight under control about a point, SI and radians. ``control.ss(*model.loop, model.period_s)`` takes a part.
+    """Closed loop about a point, in SI units and radians.
 
-    All parts but ``plant_continuous`` are sampled: ``x+ = A x + B u``, ``y = C x + D u`` once a control period.
+    ``control.ss(*model.loop, model.period_s)`` accepts each system. All but ``plant_continuous``
+    are sampled: ``x+ = A x + B u``, ``y = C x + D u`` once a control period.
     """
 
     plant_continuous: (
@@ -68,7 +69,7 @@ class LinearModel:
     )
     plant: StateSpace  # the same under held commands
     law: StateSpace  # its memory; from the measurement to the commands
-    loop: StateSpace  # all loops cut at the actuators: from what goes in there to minus what the law commands
+    loop: StateSpace  # all loops cut at the actuators: from actuator inputs to minus the commands
     closed: StateSpace  # from disturbances of the commands to path coordinates and commands
     period_s: float  # of the control
     measurement_delay_periods: int
@@ -85,7 +86,10 @@ def take_point(
     *,
     dispersions: Mapping[str, Quantity] | None = None,
 ) -> Place:
-    """The point of one flight: its steady turn, or a time of it; see :func:`abhv_mc.linearize`. Raises InputError."""
+    """Return the linearization point: a steady turn, or a time of a flight.
+
+    See :func:`abhv_mc.linearize`. Raise InputError.
+    """
     import numpy as np
 
     from abhv_mc.control.mission import read_mission
@@ -104,30 +108,32 @@ def take_point(
         raise InputError("bank", f"{angle:g} rad", "-80 to 80 deg")
     law: Any = make_document("control", controller)  # read as the files that they stand for
     craft: Any = make_document("vehicle", vehicle)
-    asked: Any = make_document("mission", mission)
+    mission_document: Any = make_document("mission", mission)
     name, packed = law.path.stem, load_vehicle(craft)
     if packed.constants.surface_limit == 0.0 or packed.constants.equivalence_ratio_max == 0.0:
-        found = "a vehicle without control surfaces or engine"
-        raise InputError(craft.path, found, "one with both, to fly it with a controller")
+        problem = "a vehicle without control surfaces or engine"
+        raise InputError(craft.path, problem, "one with both, to fly it with a controller")
     parameters = make_parameters(dispersions, packed)
     warnings = []
     if time == "trim":
         record, user_code = read_law(law)
         try:
-            plan = make_steady_plan(packed, read_mission(asked), record, name, angle, user_code)
+            plan = make_steady_plan(
+                packed, read_mission(mission_document), record, name, angle, user_code
+            )
             plan = plan.lean_for(dispersions or ())
             taken = trim_points(plan, parameters)
         except np.linalg.LinAlgError as error:
-            words = (
+            message = (
                 f"a vehicle that its controls do not rule in steady flight ({str(error).lower()})"
             )
             expected = "surfaces with moments of their own, and a weight that they can hold"
-            raise InputError(craft.path, words, expected) from None
+            raise InputError(craft.path, message, expected) from None
         if taken.faults[0]:
             expected = "a start that this vehicle can be trimmed at, or a time of the flight instead of the trim"
-            raise InputError(asked.path, f"a start at which {taken.faults[0]}", expected)
+            raise InputError(mission_document.path, f"a start at which {taken.faults[0]}", expected)
     else:
-        plan = prepare(craft, asked, law, name).lean_for(dispersions or ())
+        plan = prepare(craft, mission_document, law, name).lean_for(dispersions or ())
         if not 0.0 <= time <= plan.timing.duration:
             raise InputError(
                 "at", f"{time:g} s", f"a time of the mission, 0 to {plan.timing.duration:g} s"
@@ -141,7 +147,7 @@ def take_point(
                 f"{name} at {time:g} s: {taken.faults[0]}; what is linearized knows no limits"
             )
     check_rows(plan, parameters)
-    warnings += [f"{name}: {words}" for words in near_nodes(plan, taken.points)]
+    warnings += [f"{name}: {message}" for message in near_nodes(plan, taken.points)]
     warnings += [
         f"{name}: linearized with {mode}, as small changes leave it"
         for mode in find_period(plan).modes
@@ -149,12 +155,12 @@ def take_point(
     return Place(plan, taken.points, warnings)
 
 
-def analyse_place(place: Place) -> "tuple[Linear, Stability]":
-    """The linear model there, and its margins."""
+def analyse_place(location: Place) -> "tuple[Linear, Stability]":
+    """Return the linear model at a point, and its margins."""
     from abhv_mc.stability.analysis import analyse
     from abhv_mc.stability.linearize import linearize
 
-    linear = linearize(place.plan, place.points)
+    linear = linearize(location.plan, location.points)
     return linear, analyse(linear, _FREQUENCIES, apart=True)
 
 
@@ -167,46 +173,49 @@ def linearize(
     bank: Quantity = 0.0,
     dispersions: Mapping[str, Quantity] | None = None,
 ) -> LinearModel:
-    """Plant, law, open and closed loop about the trim or a time of a flight, as ``abhv-mc linearize`` writes them.
+    """Return plant, law, open and closed loop about the trim or a time of a flight.
+
+    ``abhv-mc linearize`` writes the same.
 
     Parameters
     ----------
     mission, vehicle, controller, dispersions
-        As of :func:`abhv_mc.fly`; a user law is run.
+        See :func:`abhv_mc.fly`; custom controllers are run.
     at
         ``trim``, the trim of the true plant at the mission's start, or a time of the flight (s, or text with a unit).
     bank
-        Of the steady turn to trim for (rad, or text with a unit).
+        Bank of the steady turn to trim for (rad, or text with a unit).
 
     Returns
     -------
     LinearModel
-        With a law that remembers m numbers and a measurement that is d control periods old, A is [18, 18] of the plant,
-        [m, m] of the law and [18 + m + 10 d, 18 + m + 10 d] of loop and closed loop.
+        For a controller with m memory values and a measurement delay of d control periods, A is
+        [18, 18] for the plant, [m, m] for the law and [18 + m + 10 d, 18 + m + 10 d] for the loop
+        and the closed loop.
 
     Raises
     ------
     InputError
-        For what is wrong with an input, and where there is no such point.
+        If an input is invalid or the point does not exist.
     """
     import pandas as pd
 
     from abhv_mc.stability.linearize import linearize
     from abhv_mc.stability.model_file import make_model
 
-    place = take_point(mission, vehicle, controller, at, bank, dispersions=dispersions)
-    model = make_model(place.plan, place.points, linearize(place.plan, place.points))
+    location = take_point(mission, vehicle, controller, at, bank, dispersions=dispersions)
+    model = make_model(location.plan, location.points, linearize(location.plan, location.points))
     point = pd.Series(model["point"]["states"], model["plant"]["states"], name="point")
     point.attrs["units"] = dict(
         zip(model["plant"]["states"], model["plant"]["state_units"], strict=True)
     )
     parts = ("plant_continuous", "plant", "law", "loop", "closed")
     return LinearModel(
-        **{part: _make_tables(model[part]) for part in parts},
+        **{system: _make_tables(model[system]) for system in parts},
         period_s=model["period_s"],
         measurement_delay_periods=model["measurement_delay_periods"],
         point=point,
-        warnings=tuple(place.warnings),
+        warnings=tuple(location.warnings),
     )
 
 
@@ -219,7 +228,7 @@ def margins(
     bank: Quantity = 0.0,
     dispersions: Mapping[str, Quantity] | None = None,
 ) -> "pd.DataFrame":
-    """Stability margins, as ``abhv-mc margins`` prints them.
+    """Return stability margins, as ``abhv-mc margins`` prints them.
 
     Parameters
     ----------
@@ -244,8 +253,8 @@ def margins(
 
     from abhv_mc.stability.analysis import cut_loops, margin_values
 
-    place = take_point(mission, vehicle, controller, at, bank, dispersions=dispersions)
-    _, stability = analyse_place(place)
+    location = take_point(mission, vehicle, controller, at, bank, dispersions=dispersions)
+    _, stability = analyse_place(location)
     table = pd.DataFrame.from_dict(
         margin_values(stability), orient="index", columns=list(_MARGIN_UNITS)
     )
@@ -255,7 +264,7 @@ def margins(
         "stable": bool(stability.stable[0]),
         "poles": stability.poles[0].tolist(),
         "reasons": cut_loops(stability),
-        "warnings": place.warnings,
+        "warnings": location.warnings,
     }
     return table
 
@@ -270,7 +279,7 @@ def fly_on(
     duration: Quantity = 1.0,
     dispersions: Mapping[str, Quantity] | None = None,
 ) -> "pd.DataFrame":
-    """Go on with a flight from what it is at a time, disturbed: the full flight that a linear model approximates.
+    """Continue a flight from a time with a disturbance, as a linear model approximates it.
 
     Parameters
     ----------
@@ -279,9 +288,9 @@ def fly_on(
     at
         The time (s, or text with a unit).
     disturbance
-        What is added to states of ``linearize(...).closed`` there, by name, SI and radians.
+        Increments of states of ``linearize(...).closed``, by name, SI and radians.
     duration
-        How long it flies on (s, or text with a unit).
+        Duration of the continuation (s, or text with a unit).
 
     Returns
     -------
@@ -321,22 +330,22 @@ def fly_on(
     return pd.DataFrame(states, columns=names, index=pd.Index(times, name="time"))
 
 
-def _make_tables(part: dict[str, Any]) -> StateSpace:
-    """Tables of a part of :func:`abhv_mc.stability.model_file.make_model`."""
+def _make_tables(system: dict[str, Any]) -> StateSpace:
+    """Return tables of a system of :func:`abhv_mc.stability.model_file.make_model`."""
     import pandas as pd
 
     kinds = ("state", "input", "output")
     units = {
         name: unit
         for kind in kinds
-        for name, unit in zip(part[f"{kind}s"], part[f"{kind}_units"], strict=True)
+        for name, unit in zip(system[f"{kind}s"], system[f"{kind}_units"], strict=True)
         if unit
     }
 
     def table(name: str, rows: str, columns: str) -> "pd.DataFrame":
-        made = pd.DataFrame(part[name], index=part[rows], columns=part[columns])
-        made.attrs["units"] = units
-        return made
+        frame = pd.DataFrame(system[name], index=system[rows], columns=system[columns])
+        frame.attrs["units"] = units
+        return frame
 
     return StateSpace(
         table("A", "states", "states"),

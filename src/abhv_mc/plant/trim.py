@@ -1,7 +1,8 @@
-"""Steady flight from the full tables: angle of attack, elevator and equivalence ratio that balance the vehicle.
+"""Trim from the full tables: angle of attack, elevator and equivalence ratio.
 
-The forces along the velocity and along the lift's plane and the pitching moment about the centre of gravity are
-balanced exactly; no aileron, rudder or sideslip. Zhu & Shen (2014), section 4.3, without its trimmed tables.
+The forces along the velocity and in the lift's plane and the pitching moment about the centre of
+gravity are balanced exactly, without aileron, rudder or sideslip. Zhu & Shen (2014), section 4.3,
+without its trimmed tables.
 """
 
 import math
@@ -30,7 +31,7 @@ _STEP = 1e-13  # rad and equivalence ratio: the roots are found to it
 
 
 class FlightPoint(NamedTuple):
-    """Where and how the vehicle flies, SI and radians. Accelerations: 0 for steady flight."""
+    """Flight condition in SI units and radians; accelerations are 0 for steady flight."""
 
     altitude: float
     speed: float
@@ -46,7 +47,7 @@ class FlightPoint(NamedTuple):
 
 
 class TrimPoint(NamedTuple):
-    """Controls at a flight point and what they give there, SI and radians."""
+    """Controls at a flight point with the resulting forces, in SI units and radians."""
 
     angle_of_attack: float
     elevator: float
@@ -69,14 +70,15 @@ class TrimPoint(NamedTuple):
 def trim(
     vehicle: Vehicle, earth: Earth, point: FlightPoint, mass: float | None = None
 ) -> TrimPoint:
-    """Balance a flight point; mass (kg) is the vehicle's at the start by default.
+    """Balance a flight point; the default mass (kg) is the vehicle's at the start.
 
-    A vehicle without an engine is balanced on its glide path, whatever flight path angle the point has. Where none
-    holds the speed, lift and moment are balanced at the point's own.
+    A vehicle without an engine is balanced on its glide path, whatever flight path angle the point
+    has. If no glide path holds the speed, lift and moment are balanced at the point's own angle.
 
-    The Earth's rotation counts as its record says, Coriolis acceleration included. The aerodynamics feel the pitch
-    rate of the turn over the ground, not that of the local frame itself, which is worth 0.03 deg of elevator. A point
-    without a balance within the vehicle's limits is returned with its ``fault`` and the controls nearest to one.
+    The Earth's rotation is included as in its record, with the Coriolis acceleration. The
+    aerodynamic pitch rate is that of the turn over the ground, without that of the local frame,
+    which is worth 0.03 deg of elevator. A point without a balance within the vehicle's limits is
+    returned with its ``fault`` and the nearest controls.
     """
     mass = vehicle.constants.mass_start if mass is None else mass
     if vehicle.constants.equivalence_ratio_max > 0.0:
@@ -93,7 +95,10 @@ def trim(
 def _balance(
     vehicle: Vehicle, earth: Earth, point: FlightPoint, mass: float
 ) -> tuple[TrimPoint, float]:
-    """The trim at the point's own flight path angle, and what is left along the velocity, as a share of the weight."""
+    """Return the trim at the point's flight path angle, and the residual along the velocity.
+
+    The residual is a share of the weight.
+    """
     constants = vehicle.constants
     along, across = _specific_force(earth, point)
     sin_s, cos_s = math.sin(point.bank), math.cos(point.bank)
@@ -101,16 +106,16 @@ def _balance(
     limits = deflection_range(vehicle, 2)
 
     def unbalance(alpha: float, elevator: float, eta: float) -> tuple[float, float, float]:
-        """Along, across and about the pitch axis, as shares of the weight."""
-        found = _control(vehicle, point, mass, pitch_rate, alpha, elevator=elevator, eta=eta)
+        """Return residuals along, across and about the pitch axis, as shares of the weight."""
+        trial = _control(vehicle, point, mass, pitch_rate, alpha, elevator=elevator, eta=eta)
         weight = mass * GRAVITY
         return (
-            found.forward / weight - along / GRAVITY,
-            found.upward * cos_s / weight - across / GRAVITY,
-            found.moment / (weight * constants.chord),
+            trial.forward / weight - along / GRAVITY,
+            trial.upward * cos_s / weight - across / GRAVITY,
+            trial.moment / (weight * constants.chord),
         )
 
-    # Nested, each equation in the control that rules it: robust where the tables have kinks.
+    # Nested, each equation solved for its dominant control: robust at kinks of the tables.
     def eta_of(alpha: float, elevator: float) -> float:
         ends = (constants.equivalence_ratio_min, constants.equivalence_ratio_max)
         return _root(lambda eta: unbalance(alpha, elevator, eta)[0], *ends)
@@ -143,23 +148,26 @@ def _balance(
 def _root(
     function: Callable[[float], float], low: float, high: float, step: float = _STEP
 ) -> float:
-    """A root between two ends; without a change of sign the end that comes nearer."""
+    """Return a root between two ends, or the end with the smaller value without one."""
     from scipy.optimize import brentq
 
-    known = {low: function(low), high: function(high)}
-    if known[low] * known[high] > 0.0 or low == high:
-        return low if abs(known[low]) < abs(known[high]) else high
+    end_values = {low: function(low), high: function(high)}
+    if end_values[low] * end_values[high] > 0.0 or low == high:
+        return low if abs(end_values[low]) < abs(end_values[high]) else high
 
     def once(
         x: float,
-    ) -> float:  # Brent asks for the ends again, which nested three deep is most of the work
-        return known[x] if x in known else function(x)
+    ) -> float:  # Brent evaluates the ends again, which is most of the work in three nested loops
+        return end_values[x] if x in end_values else function(x)
 
     return float(brentq(once, low, high, xtol=step, rtol=1e-14))
 
 
 def _specific_force(earth: Earth, point: FlightPoint) -> tuple[float, float]:
-    """What forces other than gravity must give, m/s2: along the velocity, and across it in the vertical plane, up."""
+    """Return the required non-gravitational specific force, m/s2.
+
+    It is along the velocity, and across it in the vertical plane, upward.
+    """
     sin_lat, cos_lat = math.sin(point.latitude), math.cos(point.latitude)
     meridian, vertical = radii(earth, sin_lat)
     sin_g, cos_g = math.sin(point.flight_path_angle), math.cos(point.flight_path_angle)
@@ -190,7 +198,7 @@ def _control(
     elevator: float,
     eta: float,
 ) -> TrimPoint:
-    """What these controls give, balanced or not."""
+    """Return the forces for given controls, balanced or not."""
     constants = vehicle.constants
     density, _, _, sound = atmosphere(point.altitude)
     density *= point.density_factor
@@ -220,16 +228,20 @@ def _control(
     z = -lift * cos_a - drag * sin_a - thrust * constants.thrust_sin
     impulse = fixed["specific_impulse"]
     fuel_flow = thrust / (constants.standard_gravity * impulse) if impulse > 0.0 else 0.0
-    made = [0.0] * N_THRUST
+    propulsion = [0.0] * N_THRUST
     if vehicle.foreign.propulsion:
-        made = evaluate_functions(vehicle, variables, density, point.speed)[1][:, 0].tolist()
-        x, z = x + made[0], z + made[2]
+        propulsion = evaluate_functions(vehicle, variables, density, point.speed)[1][:, 0].tolist()
+        x, z = x + propulsion[0], z + propulsion[2]
     cg_x, cg_z = fixed["center_of_gravity_x"], fixed["center_of_gravity_z"]
     moment = q_bar * constants.area * constants.chord * coefficients["pitching_moment"]
     moment += thrust * constants.thrust_cos * constants.thrust_offset_z + cg_x * z - cg_z * x
     if vehicle.foreign.propulsion:
-        moment += made[4] + vehicle.foreign.engine_z * made[0] - vehicle.foreign.engine_x * made[2]
-        thrust, fuel_flow = made[0], made[6]
+        moment += (
+            propulsion[4]
+            + vehicle.foreign.engine_z * propulsion[0]
+            - vehicle.foreign.engine_x * propulsion[2]
+        )
+        thrust, fuel_flow = propulsion[0], propulsion[6]
     x, z, moment = x + point.push[0], z + point.push[1], moment + point.push[2]
     upward = x * sin_a - z * cos_a
     return TrimPoint(
